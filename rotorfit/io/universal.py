@@ -26,13 +26,8 @@ from rotorfit.data.experiments import Experiment, PerturbationTest, perturbation
 from rotorfit.estimators.file_reading import reading
 from rotorfit.io.universal_foreign import (
     AXES,
-    DISPLACEMENT,
-    FORCE,
-    FREQUENCY,
-    FRF,
-    GENERAL,
-    ORDER,
-    SPEED,
+    DataType,
+    FunctionType,
     read_foreign,
     turned,
 )
@@ -103,24 +98,31 @@ def _records(test: PerturbationTest, rows: Index, planes: Sequence[str], number:
         "ref_ent_name": force_plane[:10], "ref_node": planes.index(force_plane) + 1,
         "ref_dir": 2 if part.force_direction[0] == "y" else 1,
         "orddenom_spec_data_type": 0,
-        "z_axis_spec_data_type": ORDER if swept else SPEED,
+        "z_axis_spec_data_type": DataType.ORDER if swept else DataType.SPEED,
         "z_axis_value": 1.0 if swept else float(part.speed[0]) / RAD_S_PER_RPM,
     }  # fmt: skip
     hertz = np.abs(part.frequency) / (2 * np.pi)
-    over_frequency = {**common, "abscissa_spec_data_type": FREQUENCY, "abscissa_axis_units_lab": "Hz"}
-    frf = {"func_type": FRF, "id5": f"frf {direction}", "ordinate_spec_data_type": DISPLACEMENT}
+    over_frequency = {**common, "abscissa_spec_data_type": DataType.FREQUENCY, "abscissa_axis_units_lab": "Hz"}
+    frf = {"func_type": FunctionType.FRF, "id5": f"frf {direction}", "ordinate_spec_data_type": DataType.DISPLACEMENT}
     labels = {"ordinate_axis_units_lab": "rad" if direction[0] == "r" else "m", "orddenom_axis_units_lab": "N"}
     yield _function(
-        {**over_frequency, **frf, **labels, "orddenom_spec_data_type": FORCE}, hertz, part.response / part.force
+        {**over_frequency, **frf, **labels, "orddenom_spec_data_type": DataType.FORCE},
+        hertz,
+        part.response / part.force,
     )
-    force = {"func_type": GENERAL, "id5": "force", "ordinate_spec_data_type": FORCE, "ordinate_axis_units_lab": "N"}
+    force = {
+        "func_type": FunctionType.GENERAL,
+        "id5": "force",
+        "ordinate_spec_data_type": DataType.FORCE,
+        "ordinate_axis_units_lab": "N",
+    }
     yield _function({**over_frequency, **force}, hertz, part.force)
     further = {"row": rows.astype(float), "frequency": part.frequency, "speed": part.speed, "sigma": part.sigma}
     for name, values in (further | {f"attribute {name}": v for name, v in part.attributes.items()}).items():
         present = np.isfinite(values)
         if present.any() or name.startswith("attribute"):
             index = np.flatnonzero(present)
-            general = {"func_type": GENERAL, "id5": name, "ordinate_spec_data_type": 0}
+            general = {"func_type": FunctionType.GENERAL, "id5": name, "ordinate_spec_data_type": 0}
             yield _function({**common, **general}, index.astype(float), values[present].astype(float))
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -21,9 +22,27 @@ from rotorfit.units import UNITS, find_unit
 DIRECTIONS = {1: ("x", 1.0), 2: ("y", 1.0), 5: ("rx", 1.0), 4: ("ry", -1.0)}
 """Direction and sign of a positive UFF direction; a negative one turns the sign."""
 
-DISPLACEMENT, VELOCITY, ACCELERATION, FORCE, FREQUENCY, SPEED, ORDER = 8, 11, 12, 13, 18, 19, 20
-DERIVATIVES = {DISPLACEMENT: 0, VELOCITY: 1, ACCELERATION: 2}
-FRF, GENERAL = 4, 0
+
+class DataType(IntEnum):
+    """What an axis of a function holds, by the format's own numbers."""
+
+    DISPLACEMENT = 8
+    VELOCITY = 11
+    ACCELERATION = 12
+    FORCE = 13
+    FREQUENCY = 18
+    SPEED = 19
+    ORDER = 20
+
+
+class FunctionType(IntEnum):
+    """What a function is, by the format's own numbers."""
+
+    GENERAL = 0
+    FRF = 4
+
+
+DERIVATIVES = {DataType.DISPLACEMENT: 0, DataType.VELOCITY: 1, DataType.ACCELERATION: 2}
 AXES = {1: "x", 2: "y"}
 
 
@@ -60,7 +79,7 @@ def read_foreign(
     functions: Sequence[dict[str, Any]], scales: dict[str, Any], speed: float | None, source: str
 ) -> PerturbationTest:
     """The test that FRFs of another program make."""
-    frfs = [record for record in functions if record["func_type"] == FRF]
+    frfs = [record for record in functions if record["func_type"] == FunctionType.FRF]
     if not frfs:
         kinds = sorted({record["func_type"] for record in functions})
         raise ValueError(f"{source} has functions of type {kinds} but no frequency response (type 4); nothing to read")
@@ -136,12 +155,12 @@ def _receptance(
         words = "left out, not lateral (where the shaft is not along z: axes, --axes)"
         notes.append(f"{words}: {what.partition(', ')[2]}")
         return None
-    if record["abscissa_spec_data_type"] not in (0, 1, FREQUENCY, SPEED):
+    if record["abscissa_spec_data_type"] not in (0, 1, DataType.FREQUENCY, DataType.SPEED):
         kind = record["abscissa_spec_data_type"]
         raise ValueError(f"{what}: the abscissa is of type {kind}; needed is frequency (18)")
     w = _rate(record, "abscissa") * np.asarray(record["x"], dtype=float)
     kind = record["ordinate_spec_data_type"]
-    if kind not in DERIVATIVES or record["orddenom_spec_data_type"] not in (0, FORCE):
+    if kind not in DERIVATIVES or record["orddenom_spec_data_type"] not in (0, DataType.FORCE):
         raise ValueError(
             f"{what}: the ordinate is of type {kind} over {record['orddenom_spec_data_type']}; needed is displacement "
             "(8), velocity (11) or acceleration (12) over force (13)"
@@ -190,7 +209,7 @@ def _scale(
 def _rate(record: dict[str, Any], axis: str) -> float:
     """Factor to rad/s of an axis from its label, else from its type: rpm (19), anything else Hz."""
     label = str(record.get(f"{axis}_axis_units_lab", "")).strip("()[] ").lower().replace("/", "_")
-    kind = "rpm" if record[f"{axis}_spec_data_type"] == SPEED else "hz"
+    kind = "rpm" if record[f"{axis}_spec_data_type"] == DataType.SPEED else "hz"
     return UNITS["frequency"].get(label, UNITS["frequency"][kind])
 
 
@@ -199,7 +218,7 @@ def _speed(record: dict[str, Any], speed: float | None, what: str) -> float:
         return speed
     kind = record["z_axis_spec_data_type"]
     label = str(record.get("z_axis_axis_units_lab", "")).strip("()[] ").lower().replace("/", "_")
-    if kind not in (FREQUENCY, SPEED) and label not in UNITS["frequency"]:
+    if kind not in (DataType.FREQUENCY, DataType.SPEED) and label not in UNITS["frequency"]:
         raise ValueError(
             f"{what}: no rotative speed on the z axis (type {kind}); give it, read(path, speed=...) in rad/s"
         )
