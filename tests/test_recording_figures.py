@@ -182,4 +182,4 @@ def test_look_says_what_is_wrong_with_a_recording(tmp_path: Path, capsys: pytest
     assert "error [whirl-reversed]" in said
     whole.write_bytes(whole.read_bytes()[:5000])
     assert main(["look", str(whole)]) == 2
-    assert "not a whole HDF5 file" in capsys.readouterr().err
+    assert "run.h5 is not a readable HDF5 file: " in capsys.readouterr().err
