@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -405,3 +406,22 @@ def test_velocities_and_accelerations_are_seen_by_a_fit(quantity: str, draws: in
             assert quantity not in {f.code for f in rf.fit(model, clean, known=known).findings}, (name, seed)
             named += quantity in {f.code for f in rf.fit(model, read_through(clean, seen), known=known).findings}
     assert named > 2 * draws
+
+
+def seconds_to_check(runs: int) -> float:
+    """Processor time for runs of four frequencies, read in x and y."""
+    w = np.tile(np.repeat([40.0, 80.0, 120.0, 160.0], 2), runs)
+    direction = np.tile(["x", "y"], 4 * runs)
+    test = rf.perturbation_test(
+        run=np.repeat([f"r{i}" for i in range(runs)], 8), speed=100.0, frequency=w,
+        force_plane=np.full(w.size, "journal"), force=1.0, plane=np.full(w.size, "journal"), direction=direction,
+        response=1e-6 / (1 - w**2 / 1e4 + 0.1j) * np.where(direction == "x", 1, -1j),
+    )  # fmt: skip
+    begin = time.process_time()
+    check(test)
+    return time.process_time() - begin
+
+
+def test_the_time_of_a_check_is_in_proportion_to_the_runs() -> None:
+    """Eight times the runs take 64 times as long where every run looks at all rows, and 8 times where none does."""
+    assert seconds_to_check(4000) < 20 * seconds_to_check(500)

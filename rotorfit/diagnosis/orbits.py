@@ -40,32 +40,32 @@ class Orbits:
     right: ComplexArray  # component in the direction of the force, m
     wrong: ComplexArray  # component against it, m
 
-    @property
+    @cached_property
     def run(self) -> NDArray[np.str_]:
         """Run of each."""
         return self.test.run[self.first]
 
-    @property
+    @cached_property
     def plane(self) -> NDArray[np.str_]:
         """Measured plane of each."""
         return self.test.plane[self.first]
 
-    @property
+    @cached_property
     def force_plane(self) -> NDArray[np.str_]:
         """Plane of the force of each."""
         return self.test.force_plane[self.first]
 
-    @property
+    @cached_property
     def speed(self) -> Float:
         """Rotative speed of each, rad/s."""
         return self.test.speed[self.first]
 
-    @property
+    @cached_property
     def x(self) -> ComplexArray:
         """Reading x of each, NaN where there is none."""
         return self._read(0)
 
-    @property
+    @cached_property
     def y(self) -> ComplexArray:
         """Reading y of each, NaN where there is none."""
         return self._read(1)

@@ -98,7 +98,12 @@ def _frequencies(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]
         )
         yield Finding("warning", "one-direction", text)
     w = np.round(test.frequency, 6)
-    single = [run for run in test.runs if np.ptp(w[test.run == run]) == 0]
+    names, number = np.unique(test.run, return_inverse=True)
+    lowest, highest = np.full(names.size, np.inf), np.full(names.size, -np.inf)
+    np.minimum.at(lowest, number, w)
+    np.maximum.at(highest, number, w)
+    constant = set(names[lowest == highest].tolist())
+    single = [run for run in test.runs if run in constant]
     if single and (forced is None or solved_together(forced) is None):
         text = f"Runs with one frequency only: {listed(single)}; they cannot show how dynamic stiffness varies with it."
         yield Finding("warning", "single-frequency", text, rows_of(np.isin(test.run, single)))
