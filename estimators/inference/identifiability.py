@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import Bool, Float
-from rotorfit.models.tolerances import RANK_TOLERANCE
+from rotorfit.models.array_types import RANK_TOLERANCE, Bool, Float
 
 UNRESOLVED_ERROR = 1.0
 """A direction is unresolved when its standard error exceeds this multiple of the parameters' own size."""

@@ -11,8 +11,7 @@ from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.kernels import Batch
 from rotorfit.estimators.misfit.priors import LogPriors, within_support
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.models.array_types import Float
-from rotorfit.models.tolerances import ROUND_OFF
+from rotorfit.models.array_types import ROUND_OFF, Float
 
 Noise = Literal["marginal", "fixed", "sampled"]
 

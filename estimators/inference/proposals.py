@@ -9,8 +9,7 @@ import emcee
 import numpy as np
 from scipy.stats import multivariate_t
 
-from rotorfit.models.array_types import Float
-from rotorfit.models.tolerances import RANK_TOLERANCE
+from rotorfit.models.array_types import RANK_TOLERANCE, Float
 
 DEGREES_OF_FREEDOM = 5.0
 """Tails of the independence proposal, heavy enough to reach the arms of a curved posterior."""

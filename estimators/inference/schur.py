@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rotorfit.models.array_types import Float, Index
-from rotorfit.models.tolerances import RANK_TOLERANCE
+from rotorfit.models.array_types import RANK_TOLERANCE, Float, Index
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

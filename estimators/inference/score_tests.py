@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.models.tolerances import RANK_TOLERANCE
+from rotorfit.models.array_types import RANK_TOLERANCE, ComplexArray, Float
 
 _SMALLEST_REMAINDER = 1e-6  # length left of a column, over its own, at which parameters took up all of it
 

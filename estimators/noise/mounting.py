@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.models.array_types import ComplexArray, Float, Index
-from rotorfit.models.tolerances import COLLINEAR
+from rotorfit.models.array_types import COLLINEAR, ComplexArray, Float, Index
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

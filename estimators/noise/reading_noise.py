@@ -9,8 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rotorfit.models.array_types import ComplexArray, Float, Index
-from rotorfit.models.tolerances import ROUND_OFF
+from rotorfit.models.array_types import ROUND_OFF, ComplexArray, Float, Index
 
 NOISE_FLOOR = 1e-9
 """Smallest noise, as a fraction of a channel's rms amplitude: exact data would otherwise weigh infinitely."""

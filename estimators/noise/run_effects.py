@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rotorfit.models.array_types import ComplexArray, Float, Index
-from rotorfit.models.tolerances import COLLINEAR
+from rotorfit.models.array_types import COLLINEAR, ComplexArray, Float, Index
 
 _LIKELIHOOD_OF_ALTERNATIVES = 1.5
 """Log likelihood below that of the best kind within which another is possible: its weight is a fifth, exp(-1.5)."""

@@ -17,8 +17,7 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.starting.lumped_graph import LumpedGraph, lumped_graph
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import Bool, Float, Index
-from rotorfit.models.tolerances import COLLINEAR
+from rotorfit.models.array_types import COLLINEAR, Bool, Float, Index
 
 _NEITHER, _LINEAR, _RECIPROCAL = 0, 1, 2
 

@@ -23,8 +23,7 @@ from rotorfit.estimators.starting.start_points import (
     random_starts,
 )
 from rotorfit.estimators.starting.unread_starts import unread_starts
-from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.models.tolerances import RANK_TOLERANCE
+from rotorfit.models.array_types import RANK_TOLERANCE, ComplexArray, Float
 
 LOCAL_MINIMUM = "perhaps a local minimum"
 """How a note begins that says so."""

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import ROUND_OFF, ComplexArray, Float
 from rotorfit.models.model import RotorModel
 from rotorfit.models.shafts.angular_rates import angular_rate, angular_rates
 from rotorfit.models.shafts.turning import unstable_bands
-from rotorfit.models.tolerances import ROUND_OFF
 
 _SPEEDS = 600  # speeds searched for an onset
 

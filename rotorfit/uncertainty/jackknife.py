@@ -18,10 +18,9 @@ from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import ROUND_OFF, Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.text_table import text_table
-from rotorfit.models.tolerances import ROUND_OFF
 
 _LARGEST_GROWTH = 100.0  # times by which an error grows without a run that alone determines the quantity
 
