@@ -62,8 +62,9 @@ def test_summary_profile_and_budget_have_one_unit_and_say_what_is_extrapolated(o
     rpm = float(found[1])
     told = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
     profile = str(told.profile("threshold_speed"))
-    assert profile.startswith(f"threshold_speed: {rpm:.1f}, 95 % [")
-    assert "] rpm" in profile
+    exact = re.match(r"threshold_speed: ([\d.]+), 95 % \[[\d., ]+\] rpm", profile)
+    assert exact
+    assert abs(float(exact[1]) - rpm) <= 0.5  # the summary rounds by the systematic share, too
     row = next(line for line in str(open_sum.calibration(mr=0.005)).splitlines() if line.startswith("threshold speed"))
     assert row.endswith("rpm")
     assert abs(float(row.split()[2]) - rpm) < 2

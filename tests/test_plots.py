@@ -315,7 +315,7 @@ def test_boxes_of_dynamic_stiffness_hide_no_fit(rig_refinement):
     figure.canvas.draw()
     boxes = [(axis, text) for axis in figure.axes for text in axis.texts if "at 0" in text.get_text()]
     boxes += [(axis, text) for axis in figure.axes for text in axis.texts if "slope" in text.get_text()]
-    assert len(boxes) == 8
+    assert len(boxes) == 6  # the model that is kept has no damping between the planes
     for axis, text in boxes:
         covered = text.get_window_extent()
         for line in (line for line in axis.lines if line.get_linestyle() == "-" and line.get_linewidth() > 1):

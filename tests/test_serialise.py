@@ -29,7 +29,7 @@ def parts(value):
     if hasattr(value, "dist"):
         return {"name": value.dist.name, "args": value.args, "kwds": value.kwds}
     if is_dataclass(value):
-        return {f.name: getattr(value, f.name) for f in fields(value) if f.name != "problem"}
+        return {f.name: getattr(value, f.name) for f in fields(value) if f.name not in ("problem", "fit")}
     if isinstance(value, (tuple, list)):
         return dict(enumerate(value))
     return value if isinstance(value, Mapping) else None
