@@ -75,6 +75,7 @@ def test_closed_form_states_its_error(rigs, name):
     np.testing.assert_allclose(np.sqrt(np.diag(covar)), expected, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_misses_are_reported(rigs):
     """The benchmark's verdict turns on an estimator whose variance is twice what it should be."""
     from closed_form_vs_optimised import misses, study

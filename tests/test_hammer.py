@@ -96,6 +96,7 @@ def test_one_blow_a_file(tmp_path: Path, setup: Path) -> None:
     honest([together])
 
 
+@pytest.mark.slow
 def test_several_blows_in_a_file(tmp_path: Path, setup: Path) -> None:
     files = [strike(tmp_path / f"{k}.h5", [0.3, 1.5, 2.7], seconds=4.0, seed=k) for k in range(2)]
     honest([rf.responses(rf.read_recording(file, setup)) for file in files])

@@ -243,6 +243,7 @@ def test_scale_factors_and_their_sensitivities(rig):
         np.testing.assert_allclose(jacobian[:, i], difference, atol=1e-5 * np.abs(difference).max())
 
 
+@pytest.mark.slow
 def test_sensitivities_of_eigenvalues_and_threshold():
     model = scaled_rig()
     theta = model.vector(FITTED | {"E_scale": 0.98, "disk_scale": 1.05})

@@ -88,7 +88,7 @@ def plausible(parameter: Parameter) -> float:
 SAVED = [(name, options) for name, options in CASES if "law" not in options]
 
 
-@pytest.mark.parametrize(("name", "options"), slow_but(SAVED, *SAVED[::3]), ids=str)
+@pytest.mark.parametrize(("name", "options"), slow_but(SAVED, *SAVED[::5]), ids=str)
 def test_a_fit_is_saved_and_read_back(name: str, options: dict[str, Any]) -> None:
     model = MODELS[name]().variant(**options)
     values = {parameter.name: plausible(parameter) for parameter in model}

@@ -99,6 +99,7 @@ def test_runs_that_scatter_more_than_their_noise_are_not_blamed(seed: int) -> No
     assert not said(fit)
 
 
+@pytest.mark.slow
 def test_what_one_run_alone_differs_by_is_said_with_its_name(rig: PerturbationTest) -> None:
     """A speed label 5 % off, which the lumped model hides and refinement lays bare."""
     fit = rf.refine(rf.fit(rf.models.WhirlWhip(), in_one_run(rig, "speed", 1.05), known={"K3": 6000.0})).best

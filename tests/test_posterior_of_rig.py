@@ -237,7 +237,7 @@ def test_files_of_something_else_are_refused(tmp_path, rig, rig_fit):
     with pytest.raises(ValueError, match="holds no posterior"):
         rf.load_posterior(tmp_path / "test.nc", fit)
     (tmp_path / "text.nc").write_text("not netCDF")
-    with pytest.raises(ValueError, match="holds no posterior"):
+    with pytest.raises(ValueError, match=r"text\.nc is not a readable netCDF file|holds no posterior"):
         rf.load_posterior(tmp_path / "text.nc", fit)
     with pytest.raises(FileNotFoundError):
         rf.load_posterior(tmp_path / "missing.nc", fit)

@@ -128,7 +128,7 @@ MIRRORED = {
 }
 
 
-@pytest.mark.parametrize("case", slow_but(MIRRORED, "probes exchanged", "y inverted", "lag as lead"))
+@pytest.mark.parametrize("case", slow_but(MIRRORED, "y inverted", "lag as lead"))
 def test_mirrored_orbits_are_an_error_that_a_fit_explains(rig: PerturbationTest, case: str) -> None:
     change, code, words = MIRRORED[case]
     wrong = change(thinned(rig, 4))

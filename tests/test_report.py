@@ -12,6 +12,7 @@ import law_data
 import numpy as np
 import pytest
 from report_pages import Page, made_profile, normal_draws, report_of
+from slow_cases import slow_but
 from synthetic import (
     KNOWN,
     MODELS,
@@ -284,7 +285,7 @@ KNOWN_ONE_MODE = {"K": 8000.0, "Ds": 8.0}
 
 
 @pytest.mark.usefixtures("sketched")
-@pytest.mark.parametrize("kind", ["sweep", "static", "impulse", "linear static", "joint"])
+@pytest.mark.parametrize("kind", slow_but(["sweep", "static", "impulse", "linear static", "joint"], "sweep", "joint"))
 def test_every_kind_of_experiment_has_a_report(kind: str, tmp_path: Path) -> None:
     values = law_data.ONE_MODE
     sweep, static = law_data.sweep(values, levels=(2.0, 10.0, 20.0)), law_data.static(values)

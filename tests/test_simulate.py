@@ -169,6 +169,7 @@ def test_synchronous_start_ups_give_the_two_disk_rotor_back_whatever_its_residua
             assert abs(parameter.value - values[name]) < 3.5 * parameter.stderr, name
 
 
+@pytest.mark.slow
 def test_models_with_x_and_y_apart_and_with_tilts_are_simulated_too() -> None:
     for name, model in (("anisotropic", rf.models.Anisotropic()), ("overhung", rf.models.Overhung())):
         rpm = np.array([-2500.0, -900.0, 1200.0, 3000.0])

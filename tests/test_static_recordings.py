@@ -56,6 +56,7 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> list[rf.Recording]:
     return loaded(tmp_path_factory.mktemp("static"))
 
 
+@pytest.mark.slow
 def test_positions_are_those_of_the_loaded_rotor_and_errors_hold(tmp_path: Path, records: list[rf.Recording]) -> None:
     """From the centre's voltage: 5 draws of 8 complex positions, 80 numbers, whose rms is known to 8 %.
 

@@ -70,9 +70,21 @@ def load_dataset(path: Path, group: str | None = None) -> xr.Dataset:
         check_seal(path, path.name)
         if not classic:
             check_hdf5(path)
+        if group is not None and not _has_group(path, group):
+            raise ValueError(f"{path.name} holds no {group}")
         engine = "scipy" if classic else "h5netcdf"
         with xr.open_dataset(path, group=group, engine=engine, decode_times=False) as stored:
             return stored.load()
+
+
+def _has_group(path: Path, group: str) -> bool:
+    """True if a file is netCDF 4 and has a group of that name."""
+    import h5py
+
+    if not h5py.is_hdf5(path):
+        return False
+    with h5py.File(path) as file:
+        return group in file
 
 
 def read_netcdf(path: str | Path) -> Experiment:
