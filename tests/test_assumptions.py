@@ -164,7 +164,7 @@ def test_external_damping_at_the_journal_moves_what_the_summary_says_and_not_the
 
 def test_what_rests_on_the_data_alone_is_not_in_the_summary(plain):
     """Every line names what moves a result by more than its error."""
-    named = {words.partition("], ")[0] + "]" * ("], " in words) for words in plain.foundations}
+    named = {words.partition("], ")[0] + "]" * ("], " in words) for words in plain.assumptions().foundations}
     named = {name.partition(",")[0] if "[" not in name else name for name in named}
     assert {"rest[journal]", "Ds[journal]", "K3"} <= named
     for entry in plain.assumptions().entries:

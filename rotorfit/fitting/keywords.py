@@ -53,6 +53,19 @@ class SampleKeywords(SamplerKeywords, total=False):
     checkpoint: str | os.PathLike[str] | None
 
 
+class PredictKeywords(TypedDict, total=False):
+    """Keywords of :meth:`rotorfit.FitResult.predict`; see there."""
+
+    force_plane: str | None
+    force: complex | None
+    mr: complex | None
+    plane: str | None
+    direction: str | None
+    level: float
+    whole: bool
+    at: Mapping[str, Any] | None
+
+
 def check_keywords(function: str, given: Iterable[str], keywords: type, *own: str) -> None:
     """Refuse a keyword that a function does not take."""
     allowed = (*own, *keywords.__annotations__)

@@ -21,7 +21,7 @@ from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.reading_noise import READINGS_OF_NOISE
 from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN
-from rotorfit.fitting.keywords import SampleKeywords, check_keywords
+from rotorfit.fitting.keywords import PredictKeywords, SampleKeywords, check_keywords
 from rotorfit.fitting.noise.residual_study import ResidualStudy, is_misfit, largest_redchi
 from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity, ResponseQuality
 from rotorfit.fitting.settings import FitSettings
@@ -221,13 +221,13 @@ class FitResult:
 
     @property
     def foundations(self) -> tuple[str, ...]:
-        """What the data cannot tell although it moves a result by more than its error, in words, weightiest first.
+        """What the data do not show although it moves a result by more than its error, in words: the weightiest.
 
         Example:
             >>> any(words.startswith("Ds[journal]") for words in fit.foundations)
             True
         """
-        return self._assumed.foundations
+        return self._assumed.main_foundations
 
     @cached_property
     def _assumed(self) -> Assumptions:
@@ -306,9 +306,7 @@ class FitResult:
             unit: its unit.
         """
         slope = self.problem.space.pull_back(np.asarray(gradient), group)
-        null = self.identifiability.null_space
-        leak = float(np.abs(slope[: null.shape[0]] @ null).max(initial=0.0)) if null.size else 0.0
-        if leak > 1e-4 * abs(value):  # a change by the parameters' own size that no datum notices
+        if self.identifiability.leaves_open(np.abs(value), slope[None]).any():
             return Quantity(value, math.inf, unit)
         if not self.success:
             return Quantity(value, math.nan, unit)
@@ -506,37 +504,22 @@ class FitResult:
 
         return profiles(self, names, level=level, points=points, at=at)
 
-    def predict(
-        self,
-        frequency: ArrayLike | None,
-        speed: ArrayLike,
-        *,
-        force_plane: str | None = None,
-        force: complex | None = None,
-        mr: complex | None = None,
-        plane: str | None = None,
-        direction: str | None = None,
-        level: float = 0.95,
-        whole: bool = False,
-        at: Mapping[str, Any] | None = None,
-    ) -> Prediction:
+    def predict(self, frequency: ArrayLike | None, speed: ArrayLike, **options: Unpack[PredictKeywords]) -> Prediction:
         """Responses at frequencies, speeds and planes that need not have been tested, with their bands.
 
         Args:
             frequency: of the force, rad/s, negative turns backward; ``None`` is once per turn, the response to an
                 unbalance.
             speed: rotative speed, rad/s; scalars and vectors ``(N,)`` may be mixed.
-            force_plane: where the force acts; may be left out of models of one plane.
-            force: ``F exp(j delta)``, N; 1 N where neither it nor ``mr`` is given.
-            mr: an unbalance, kg m, whose force is ``mr w^2``.
-            plane: where the motion is predicted, a plane of the model, with a probe or without; by default that of the
-                force.
-            direction: ``z`` for x + j y, or of models of both directions ``x`` or ``y``.
-            level: probability that a band holds.
-            whole: bands that hold whole curves at once, in place of each point by itself.
-            at: group of parameters, for fits with one value a group.
+            **options: ``force_plane``: where the force acts; may be left out of models of one plane. ``force``:
+                ``F exp(j delta)``, N; 1 N where neither it nor ``mr`` is given. ``mr``: an unbalance, kg m, whose force
+                is ``mr w^2``. ``plane``: where the motion is predicted, a plane of the model, with a probe or without;
+                by default that of the force. ``direction``: ``z`` for x + j y, or of models of both directions ``x`` or
+                ``y``. ``level``: probability that a band holds, 0.95. ``whole``: bands that hold whole curves at once,
+                in place of each point by itself. ``at``: group of parameters, for fits with one value a group.
 
         Raises:
+            TypeError: a keyword that is none of these.
             ValueError: no such plane, no force, a level that is no probability, a speed at which the rotor is unstable.
 
         Example:
@@ -546,10 +529,8 @@ class FitResult:
         """
         from rotorfit.uncertainty.prediction import predict
 
-        return predict(
-            self, frequency, speed, force_plane=force_plane, force=force, mr=mr, plane=plane, direction=direction,
-            level=level, whole=whole, at=at,
-        )  # fmt: skip
+        check_keywords("predict", options, PredictKeywords)
+        return predict(self, frequency, speed, **options)
 
     def derive(
         self, quantity: Callable[[Any], Any], *, unit: str = "", at: Mapping[str, Any] | None = None

@@ -12,7 +12,7 @@ import numpy as np
 from rotorfit.data.findings import errors_in
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.misfit.parameter_space import DATUM
-from rotorfit.estimators.starting.start_points import GIVEN
+from rotorfit.estimators.starting.start_points import EARLIER_FIT, GIVEN
 from rotorfit.fitting.assumptions.anisotropy import lines_cut_off
 from rotorfit.fitting.digits import plus_minus, with_error
 from rotorfit.fitting.noise.record import NoiseVerdict, is_run_effect
@@ -99,7 +99,7 @@ def _folded_line(fit: FitResult) -> list[str]:
 
 def start_words(fit: FitResult) -> str:
     """Where the search began, with the names of the values that the user gave."""
-    some = ", ".join(fit.settings.start) if fit.start != GIVEN else ""
+    some = ", ".join(fit.settings.start) if fit.start not in (GIVEN, EARLIER_FIT) else ""
     return f"{fit.start}, with {some} given" if some else fit.start
 
 
@@ -134,7 +134,7 @@ def _foundation_lines(fit: FitResult) -> list[str]:
     words = fit.foundations
     if not words:
         return []
-    head = "rests on what these data do not tell, in the systematic share by these sizes (replace them: assumptions=)"
+    head = "rests on what these data do not show, in the systematic share by these sizes (replace them: assumptions=)"
     return [f"{head}:", *(f"  {line}" for line in words)]
 
 

@@ -60,7 +60,7 @@ def verdict_section(material: ReportInput) -> Html:
         content.append(bullets((sentence(w) for w in warnings), class_="warnings"))
     reduced = structure_error(fit)
     caveats = [*fit.model.caveats, *([str(reduced)] if reduced else [])]
-    caveats += [f"not told by these data: {words}" for words in assumed.foundations]
+    caveats += [f"not shown by these data: {words}" for words in assumed.main_foundations]
     if caveats:
         content.append(bullets((sentence(c) for c in caveats), class_="note"))
     return section("Verdict", *content)

@@ -7,11 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rotorfit.fitting.keywords import PredictKeywords, check_keywords
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Float
 from rotorfit.models.shafts.angular_rates import angular_rate, angular_rates
@@ -127,32 +128,16 @@ class Posterior(Draws):
         found = self._onsets(at)
         return Derived(name="threshold speed", unit="rad/s", samples=found.speed, note=found.note)
 
-    def predict(
-        self,
-        frequency: ArrayLike | None,
-        speed: ArrayLike,
-        *,
-        force_plane: str | None = None,
-        force: complex | None = None,
-        mr: complex | None = None,
-        plane: str | None = None,
-        direction: str | None = None,
-        level: float = 0.95,
-        whole: bool = False,
-        at: Mapping[str, Any] | None = None,
-    ) -> Prediction:
+    def predict(self, frequency: ArrayLike | None, speed: ArrayLike, **options: Unpack[PredictKeywords]) -> Prediction:
         """Responses elsewhere, mean and spread over the draws; see :meth:`FitResult.predict`.
 
         Args:
-            frequency, speed, force_plane, force, mr, plane, direction, level, whole, at: as there.
+            frequency, speed, **options: as there.
         """
         from rotorfit.uncertainty.prediction import predict
 
-        return predict(
-            self.fit, frequency, speed, force_plane=force_plane, force=force, mr=mr, plane=plane,
-            direction=direction, level=level, whole=whole, at=at,
-            thetas=self.thetas(at),
-        )  # fmt: skip
+        check_keywords("predict", options, PredictKeywords)
+        return predict(self.fit, frequency, speed, thetas=self.thetas(options.get("at")), **options)
 
     def whirl_ratio(self, at: Mapping[str, Any] | None = None) -> Derived:
         """Frequency of the self-excited whirl at onset over the threshold speed, NaN for draws without a threshold.

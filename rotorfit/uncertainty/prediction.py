@@ -28,9 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-_UNSEEN = 1e-4
-"""Relative change of a response by parameters' own sizes that no datum notices, from which it is not determined."""
-
 _DRAWS = 4000
 """Simulated curves from which the width of a band of whole curves is read: its 95 % quantile is known to 1 %."""
 
@@ -182,7 +179,7 @@ class Prediction:
         what = "of whole curves" if self.whole else "at each frequency"
         head = (
             f"response at {self.plane} to a force at {self.force_plane}, {self.response.size} points; first, largest "
-            f"and last; {self.level:.0%} bands {what}"
+            f"and last; {self.level:.0%} bands {what}, by statistical errors"
         )
         return "\n".join([head, *text_table(rows, ">8 >10 >10 >20 >20 >11"), *self.notes])
 
@@ -239,38 +236,25 @@ def predict(
     test = _planned(fit, frequency, speed, force_plane, force, mr, plane, direction)
     _refuse_unstable(fit, group, np.unique(test.speed))
     block = _block(fit, test, group)
-    if thetas is None:
-        response, slope = block.predict_jacobian(fit.thetas)
-        slopes = np.stack([fit.problem.space.pull_back(part, group) for part in (slope.real, slope.imag)], axis=1)
-        covariance = slopes @ fit.covar @ slopes.transpose(0, 2, 1)
-        covariance[_undetermined(fit, slopes, response)] = np.inf
-        freedom = _freedom(fit, slopes)
-        spread = _draws_of_errors(fit.covar, slopes) if whole else None
-    else:
-        drawn = np.array([block.predict(np.broadcast_to(t, fit.thetas.shape)) for t in thetas])
-        response = drawn.mean(axis=0)
-        parts = np.stack([drawn.real, drawn.imag], axis=2) - np.column_stack([response.real, response.imag])
-        covariance = np.einsum("wni,wnj->nij", parts, parts) / (len(parts) - 1)
-        freedom = np.full(response.size, np.inf)
-        spread = parts if whole else None
-    noise = _noise(fit, test, model.coordinate(test.plane[0], _axis(test)), response)
-    each = np.array([quantile(level, float(one)) for one in freedom])
-    reach = reach_new = each
-    if spread is not None:
-        scale = each / quantile(level, math.inf)  # of t over that of the normal distribution
-        rng = np.random.default_rng(0)
-        own = rng.normal(size=spread.shape) * np.nan_to_num(noise)[:, None]
-        new = covariance + np.nan_to_num(noise)[:, None, None] ** 2 * np.eye(2)
-        reach = scale * _largest(response, covariance, spread, level)
-        reach_new = scale * _largest(response, new, spread + own, level)
+    mean = _by_covariance(fit, block, group) if thetas is None else _by_draws(fit, block, thetas)
+    noise = _noise(fit, test, model.coordinate(test.plane[0], _axis(test)), mean.response)
+    reach = reach_new = np.array([quantile(level, float(one)) for one in mean.freedom])
+    if whole:
+        scale = reach / quantile(level, math.inf)  # of t over that of the normal distribution
+        errors = _draws_of_errors(fit.covar, mean.slopes) if mean.errors is None else mean.errors
+        known = np.nan_to_num(noise)[:, None]
+        own = np.random.default_rng(0).normal(size=errors.shape) * known
+        new = mean.covariance + known[:, None] ** 2 * np.eye(2)
+        reach = scale * _largest(mean.response, mean.covariance, errors, level)
+        reach_new = scale * _largest(mean.response, new, errors + own, level)
     return Prediction(
         frequency=test.frequency,
         speed=test.speed,
         plane=str(test.plane[0]),
         direction=str(test.direction[0]),
         force_plane=str(test.force_plane[0]),
-        response=response,
-        covariance=covariance,
+        response=mean.response,
+        covariance=mean.covariance,
         noise=noise,
         reach=reach,
         reach_new=reach_new,
@@ -278,6 +262,35 @@ def predict(
         whole=whole,
         notes=_notes(fit, test, noise),
     )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Mean:
+    """Responses ``(N,)`` with the covariance of their parts, its degrees of freedom, and what whole curves vary by."""
+
+    response: ComplexArray
+    covariance: Float
+    freedom: Float
+    slopes: Float
+    errors: Float | None = None
+
+
+def _by_covariance(fit: FitResult, block: Block, group: int) -> _Mean:
+    response, slope = block.predict_jacobian(fit.thetas)
+    slopes = np.stack([fit.problem.space.pull_back(part, group) for part in (slope.real, slope.imag)], axis=1)
+    covariance = slopes @ fit.covar @ slopes.transpose(0, 2, 1)
+    undetermined = fit.identifiability.leaves_open(np.abs(response), slopes) if fit.success else np.s_[:]
+    covariance[undetermined] = np.inf
+    return _Mean(response=response, covariance=covariance, freedom=_freedom(fit, slopes), slopes=slopes)
+
+
+def _by_draws(fit: FitResult, block: Block, thetas: Float) -> _Mean:
+    drawn = np.array([block.predict(np.broadcast_to(t, fit.thetas.shape)) for t in thetas])
+    response = drawn.mean(axis=0)
+    errors = np.stack([drawn.real, drawn.imag], axis=2) - np.column_stack([response.real, response.imag])
+    covariance = np.einsum("wni,wnj->nij", errors, errors) / (len(errors) - 1)
+    freedom = np.full(response.size, np.inf)
+    return _Mean(response=response, covariance=covariance, freedom=freedom, slopes=np.zeros(0), errors=errors)
 
 
 def _planned(
@@ -358,17 +371,6 @@ def _refuse_unstable(fit: FitResult, group: int, speeds: Float) -> None:
             )
 
 
-def _undetermined(fit: FitResult, slopes: Float, response: ComplexArray) -> Any:
-    """Points that a change of parameters moves which no datum notices, or all where the search did not converge."""
-    null = fit.identifiability.null_space
-    if not fit.success:
-        return np.ones(response.size, dtype=bool)
-    if not null.size:
-        return np.zeros(response.size, dtype=bool)
-    leak = np.abs(slopes[:, :, : null.shape[0]] @ null).max(axis=(1, 2))
-    return leak > _UNSEEN * np.abs(response)
-
-
 def _freedom(fit: FitResult, slopes: Float) -> Float:
     """Degrees of freedom of the errors at each point: the fewer of those of real and imaginary part."""
     if fit.noise is None:
@@ -388,9 +390,12 @@ def _largest(response: ComplexArray, covariance: Float, errors: Float, level: fl
     """Quantile of the largest error of a curve, over standard errors, in amplitude or phase."""
     unit = np.exp(1j * np.angle(response))
     turned = (errors[..., 0] + 1j * errors[..., 1]) / unit
-    along, across = _along_and_across(response, np.where(np.isfinite(covariance), covariance, 0.0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        worst = np.nanmax(np.maximum(np.abs(turned.real) / along, np.abs(turned.imag) / across), axis=1)
+    determined = np.isfinite(covariance).all(axis=(1, 2)) & (np.abs(response) > 0)
+    if not determined.any():
+        return np.asarray(np.inf)
+    along, across = _along_and_across(response[determined], covariance[determined])
+    turned = turned[:, determined]
+    worst = np.maximum(np.abs(turned.real) / along, np.abs(turned.imag) / across).max(axis=1)
     return np.asarray(np.quantile(worst, level))
 
 

@@ -13,6 +13,7 @@ from rotorfit.units import RPM_PER_RAD_S
 THRESHOLD_COLUMN = "threshold speed"
 _NOTHING = 1e-3  # of a standard error: a shift below it is shown as none
 _TOLD = 3.0  # uncertainty over standard error from which data narrow it; less clear information is curvature's too
+_NOTABLE_FALL = 0.95  # of a combined error without one entry, above which that entry is not named by itself
 _MISSING = 4.0  # standard errors at which the data ask for a term; a dozen are tested at once
 
 
@@ -103,6 +104,20 @@ class Assumptions:
     def foundations(self) -> tuple[str, ...]:
         """What the data do not tell well enough, each in words with how far it moves results."""
         return tuple(_foundation(entry) for entry in self.entries if entry.bears)
+
+    @property
+    def main_foundations(self) -> tuple[str, ...]:
+        """Those of :attr:`foundations` that an error notably rests on, and how many others there are."""
+        bearing = [entry for entry in self.entries if entry.bears]
+        results = [name for name in self.entries[0].errors if 0 < self.combined(name) < math.inf] if bearing else []
+        main = [entry for entry in bearing if any(self._fall(name, entry) < _NOTABLE_FALL for name in results)]
+        others = len(bearing) - len(main)
+        more = (f"and {others} of less weight, see fit.assumptions()",) if others else ()
+        return (*(_foundation(entry) for entry in main), *more)
+
+    def _fall(self, result: str, entry: Assumption) -> float:
+        """Combined error of a result without an entry, over that with it."""
+        return math.sqrt(max(1 - (entry.shifts[result] * entry.left / self.combined(result)) ** 2, 0.0))
 
     def with_priors(self, priors: Mapping[str, float]) -> Assumptions:
         """With standard uncertainties given for some terms.
