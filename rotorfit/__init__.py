@@ -52,6 +52,9 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.monitoring.trend import MachineTrend as MachineTrend
     from rotorfit.monitoring.trend import trend as trend
     from rotorfit.observing.measured_stiffness import dynamic_stiffness as dynamic_stiffness
+    from rotorfit.planning.design import Design as Design
+    from rotorfit.planning.plan import plan as plan
+    from rotorfit.planning.record import Plan as Plan
     from rotorfit.recordings.recording import Recording as Recording
     from rotorfit.recordings.recording import read_recording as read_recording
     from rotorfit.recordings.reduction.responses import responses as responses
@@ -74,6 +77,9 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.uncertainty.sampling import sample as sample
 
 _HOME = {
+    "Design": "rotorfit.planning.design",
+    "Plan": "rotorfit.planning.record",
+    "plan": "rotorfit.planning.plan",
     "join_runs": "rotorfit.data.joined",
     "ObservedStiffness": "rotorfit.monitoring.observed_stiffness",
     "observed_stiffness": "rotorfit.monitoring.observed_stiffness",

@@ -35,7 +35,7 @@ FLOORS = (
     ("fitting",),
     ("diagnosis", "options", "plots"),
     ("uncertainty", "campaigns", "monitoring"),
-    ("report",),
+    ("planning", "report"),
     ("studies",),
     ("cli",),
 )

@@ -11,6 +11,8 @@ import numpy as np
 
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.result import FitResult
+from rotorfit.models import RotorModel
+from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
 
 
@@ -28,9 +30,13 @@ class _Symbols:
 
 def derive(fit: FitResult, quantity: Callable[[Any], Any], unit: str, at: Mapping[str, Any] | None) -> Quantity:
     """See :meth:`FitResult.derive`."""
-    names = fit.model.parameter_names
-    symbols = [ca.SX.sym(name) for name in names]
-    made = quantity(_Symbols(dict(zip(names, symbols, strict=True))))
+    return fit.propagate(*value_and_gradient(fit.model, quantity)(fit.theta(at)), unit, at)
+
+
+def value_and_gradient(model: RotorModel, quantity: Callable[[Any], Any]) -> Callable[[Float], tuple[float, Float]]:
+    """The value of a quantity and its derivatives at parameter vectors, shape ``(P,)``."""
+    symbols = [ca.SX.sym(name) for name in model.parameter_names]
+    made = quantity(_Symbols(dict(zip(model.parameter_names, symbols, strict=True))))
     try:
         expression = ca.SX(made)
     except NotImplementedError:
@@ -39,7 +45,11 @@ def derive(fit: FitResult, quantity: Callable[[Any], Any], unit: str, at: Mappin
         raise ValueError(f"the quantity has shape {expression.shape}; one number is needed, derive each by itself")
     vector = ca.vertcat(*symbols)
     function = ca.Function("quantity", [vector], [expression, ca.gradient(expression, vector)])
-    value, gradient = (np.asarray(part, dtype=float).reshape(-1) for part in function(fit.theta(at)))
-    if not (math.isfinite(value[0]) and np.isfinite(gradient).all()):
-        raise ValueError(f"the quantity is {value[0]} at the fitted values, or has no derivative there")
-    return fit.propagate(float(value[0]), gradient, unit, at)
+
+    def at(theta: Float) -> tuple[float, Float]:
+        value, gradient = (np.asarray(part, dtype=float).reshape(-1) for part in function(theta))
+        if not (math.isfinite(value[0]) and np.isfinite(gradient).all()):
+            raise ValueError(f"the quantity is {value[0]} at these values, or has no derivative there")
+        return float(value[0]), gradient
+
+    return at

@@ -75,7 +75,7 @@ def linearise(problem: Problem, x: Float) -> LinearisedFit | None:
     for one in problem.priors:
         prior[one.entry] += one.terms(float(x[one.entry]))[2]
     runs, rows = _runs_of(problem)
-    columns = _effects(problem, x, predicted / sigma, J) if runs else {}
+    columns = effects_of_runs(problem, x, predicted / sigma, J) if runs else {}
     offsets = _offset_entries(problem) if runs else {}
     for entry, run in offsets.items():
         own = rows[runs.index(run)]
@@ -107,7 +107,7 @@ def _runs_of(problem: Problem) -> tuple[tuple[str, ...], list[Index]]:
     return tuple(names), rows
 
 
-def _effects(problem: Problem, x: Float, whitened: ComplexArray, J: ComplexArray) -> dict[str, ComplexArray]:
+def effects_of_runs(problem: Problem, x: Float, whitened: ComplexArray, J: ComplexArray) -> dict[str, ComplexArray]:
     """Change of whitened predictions by a unit of each kind of effect of runs."""
     backward = []
     for block in map(responses_of, problem.blocks):

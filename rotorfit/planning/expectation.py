@@ -1,0 +1,223 @@
+"""A test that was not made yet, as the problem that its fit will solve: errors to expect, and what stays open."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, RingDownTest, StaticTest
+from rotorfit.data.mountings import dwells
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.observations import Block, OnResponses
+from rotorfit.estimators.inference import covariance
+from rotorfit.estimators.inference.identifiability import Identifiability, diagnose
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.noise.correlation import scatter
+from rotorfit.estimators.noise.run_effects import real_rows
+from rotorfit.fitting.noise.linearised import channels_of, lines_in
+from rotorfit.fitting.problem_setup import build_problem
+from rotorfit.fitting.settings import FitSettings
+from rotorfit.models import RotorModel, threshold_speed
+from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.motion.stability import growth_rate
+from rotorfit.planning.guesses import Guess, Values, guess
+from rotorfit.planning.noise import PlannedNoise, with_differences
+from rotorfit.units import RPM_PER_RAD_S
+
+_PLACEHOLDER = 1e-9
+"""Reading, m or N, in place of those of a test that was not made: inside any clearance."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Expectation:
+    """The problem of a test that was not made yet, its readings those that the guessed rotor would give."""
+
+    problem: Problem
+    guess: Guess
+    noise: PlannedNoise
+    constant: Float  # noise of each reading that does not depend on it, shape ``(R,)``
+    relative: Float  # noise of each reading over its size, shape ``(R,)``
+
+    @property
+    def line(self) -> Index:
+        """Line of each reading, shape ``(R,)``."""
+        return lines_in(self.problem)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the fitted vector's entries."""
+        return (*self.problem.space.names, *self.problem.space.nuisance)
+
+    def longer(self, factor: Float) -> Expectation:
+        """The same test with each reading averaged so many times as long, shape ``(R,)``."""
+        stops = np.cumsum([block.measured.size for block in self.problem.blocks])[:-1].tolist()
+        parts = np.split(1 / np.sqrt(factor), stops)
+        blocks = tuple(block.with_noise(part) for block, part in zip(self.problem.blocks, parts, strict=True))
+        root = 1 / np.sqrt(factor)
+        return replace(
+            self,
+            problem=replace(self.problem, blocks=blocks),
+            constant=self.constant * root,
+            relative=self.relative * root,
+        )
+
+    def errors(self) -> tuple[Float, Identifiability]:
+        """Covariance of the estimate at the guess, shape ``(p, p)``, and what the test leaves open."""
+        problem, x = self.problem, self.guess.centre
+        residuals, jacobian = problem.jacobian(x)
+        root, _ = covariance.information(problem, x, residuals, jacobian)
+        space = problem.space
+        base = (*space.base, *space.nuisance)
+        covar, verdict = diagnose(space.model, self.names, base, x, root, covariance.parameter_scales(problem, x))
+        added = self._scatter(jacobian)
+        return covar + covar @ added @ covar, verdict
+
+    def _scatter(self, jacobian: ComplexArray) -> Float:
+        """Addition to the scatter of the cost's gradient by errors that readings have in common, shape ``(p, p)``."""
+        added = np.zeros((jacobian.shape[1], jacobian.shape[1]))
+        if self.noise.memory:
+            sweeps = [sweep for sweeps in channels_of(self.problem) for sweep in sweeps]
+            added += scatter(jacobian, sweeps, self.noise.lags())
+        if self.noise.common:
+            sigma = np.concatenate([block.sigma for block in self.problem.blocks])
+            predicted = np.concatenate(self.problem.predict(self.guess.centre))
+            own = jacobian.conj() * (self.noise.common * predicted / sigma)[:, None]
+            line = self.line
+            together = np.zeros((int(line.max()) + 1, own.shape[1]), dtype=complex)
+            np.add.at(together, line, own)
+            for part, sign in ((together, 1.0), (own, -1.0)):
+                added += sign * (part.T @ part.conj()).real
+        return added
+
+    def rows(self, draws: Float) -> Float:
+        """Derivatives of whitened readings at vectors ``(D, p)``, real and imaginary parts, shape ``(D, 2 R, p)``.
+
+        Those at which the rotor is unstable at the speed of a response are zero: such a line gives nothing.
+        """
+        problem = self.problem
+        sigma = np.concatenate([block.sigma for block in problem.blocks])
+        found = []
+        for x in draws:
+            jacobian = problem.jacobian(x)[1]
+            size = np.abs(np.concatenate(problem.predict(x)))
+            own = np.hypot(self.constant, self.relative * size)
+            jacobian = jacobian * (sigma / own * self._steady(x))[:, None]
+            found.append(real_rows(jacobian).T)
+        return np.array(found)
+
+    @property
+    def row_line(self) -> Index:
+        """Line of each row of :meth:`rows`."""
+        return np.repeat(self.line, 2)
+
+    def _steady(self, x: Float) -> Float:
+        """One for readings whose rotor is stable, zero for others, shape ``(R,)``."""
+        theta = self.problem.space.theta(x)
+        parts = []
+        for block in self.problem.blocks:
+            steady, base = np.ones(block.measured.size), responses_of(block)
+            if base is not None and not base.imposed:
+                _, group, speed = base.condition
+                for number, rows in enumerate(base.condition_readings):
+                    if growth_rate(base.model, theta[group[number]], speed[number]) > 0:
+                        steady[rows] = 0.0
+            parts.append(steady)
+        return np.concatenate(parts)
+
+    def prior(self) -> Float:
+        """Information of the priors, shape ``(p, p)``."""
+        return np.diag(covariance.prior_curvature(self.problem, self.guess.centre))
+
+
+def expect(
+    model: RotorModel,
+    tests: Sequence[Experiment],
+    settings: FitSettings,
+    values: Values,
+    noise: PlannedNoise,
+    draws: int,
+    seed: int,
+) -> Expectation:
+    """The problem of tests that were not made yet."""
+    planned = [_unread(test, noise.of_rows(test)) for test in tests]
+    problem = build_problem(model, planned, settings)
+    vectors = guess(problem.space, values, draws, seed)
+    problem = replace(problem, blocks=tuple(_from_rest(block) for block in problem.blocks))
+    _refuse_unstable(problem, vectors.centre)
+    predicted = problem.predict(vectors.centre)
+    unit = build_problem(model, [_unread(test, np.ones(len(test))) for test in tests], settings)
+    constant = np.concatenate([block.sigma for block in problem.blocks])
+    pairs = np.concatenate([block.sigma for block in unit.blocks])  # below one where two probes share a reading
+    relative = np.hypot(pairs * noise.share, noise.common)
+    sizes = np.abs(np.concatenate(predicted))
+    stops = np.cumsum([block.measured.size for block in problem.blocks])[:-1].tolist()
+    factors = np.split(np.hypot(constant, relative * sizes) / constant, stops)
+    blocks = tuple(
+        _with_readings(block.with_noise(factor), values)
+        for block, factor, values in zip(problem.blocks, factors, predicted, strict=True)
+    )
+    problem, centre = with_differences(replace(problem, blocks=blocks), vectors.centre, noise.runs)
+    wider = np.zeros((len(vectors.draws), centre.size))
+    wider[:, : vectors.centre.size] = vectors.draws
+    return Expectation(
+        problem=problem,
+        guess=Guess(centre=centre, draws=wider),
+        noise=noise,
+        constant=constant,
+        relative=relative,
+    )
+
+
+def _unread(test: Experiment, sigma: Float) -> Experiment:
+    """A test without its readings, but those that say where a journal rests and which mode an impulse excites."""
+    match test:
+        case PerturbationTest():
+            if test.synchronous and dwells(test):
+                raise ValueError(
+                    f"{test.source or 'the test'}: weights at dwell speeds are solved for influences, whose errors "
+                    "come from repeats; plan start-ups, or responses at other frequencies than 1x"
+                )
+            return replace(test, response=np.full(len(test), _PLACEHOLDER + 0j), sigma=sigma)
+        case StaticTest():
+            return replace(test, displacement=np.full(len(test), _PLACEHOLDER + 0j), sigma=sigma)
+        case DisplacementTest():
+            unread = np.full(len(test), _PLACEHOLDER + 0j)
+            return replace(test, force_x=unread, force_y=np.where(test.frequency < 0, 1j, -1j) * unread, sigma=sigma)
+        case RingDownTest():
+            return test
+    return replace(test, sigma=sigma)
+
+
+def _from_rest(block: Block) -> Block:
+    """Orbits followed from rest, as no reading says which it is."""
+    if isinstance(block, OrbitResponses) and block.mode == "nearest":
+        return replace(block, mode="followed")
+    return block
+
+
+def _with_readings(block: Block, values: ComplexArray) -> Block:
+    if isinstance(block, OnResponses):
+        return replace(block, base=replace(block.base, measured=values))
+    return replace(block, measured=values)  # type: ignore[type-var]
+
+
+def _refuse_unstable(problem: Problem, x: Float) -> None:
+    theta = problem.space.theta(x)
+    for base in map(responses_of, problem.blocks):
+        if base is None or base.imposed:
+            continue
+        _, group, speed = base.condition
+        rate = growth_rate(base.model, theta[group], speed)
+        for number in np.flatnonzero(rate > 0)[:1].tolist():
+            refuse_speed(base.model, theta[group[number]], float(speed[number]))
+
+
+def refuse_speed(model: RotorModel, theta: Float, speed: float) -> None:
+    """Refuse a speed at which the guessed rotor whirls by itself."""
+    onset = threshold_speed(model, theta)
+    limit = f"; speeds are allowed below the threshold of {onset.speed * RPM_PER_RAD_S:.5g} rpm" if onset else ""
+    raise ValueError(
+        f"the guessed rotor is unstable at {speed * RPM_PER_RAD_S:.5g} rpm and has no steady response there{limit}"
+    )

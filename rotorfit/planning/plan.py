@@ -1,0 +1,116 @@
+"""Plan a test: the errors to expect, the best use of its time, and what it leaves open."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from rotorfit.data.experiments import Experiment
+from rotorfit.fitting.assumptions.calibration import Calibration
+from rotorfit.fitting.problem_setup import as_tuple
+from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.settings import FitSettings, PhaseOffsets
+from rotorfit.models import RotorModel
+from rotorfit.planning.design import Design
+from rotorfit.planning.guesses import Values
+from rotorfit.planning.noise import PlannedNoise
+from rotorfit.planning.record import Plan
+from rotorfit.planning.speed_choice import with_best_speeds
+from rotorfit.planning.suggestions import suggest
+from rotorfit.planning.targets import Wanted
+from rotorfit.planning.task import Task
+from rotorfit.uncertainty.posterior import Posterior
+
+
+def plan(
+    model: RotorModel,
+    values: Values,
+    tests: Experiment | Design | Sequence[Experiment | Design],
+    *,
+    noise_um: float | Mapping[str, float] | None = None,
+    noise_share: float = 0.0,
+    common_share: float = 0.0,
+    memory: float = 0.0,
+    runs: Mapping[str, float] | None = None,
+    quantity: Wanted = None,
+    wanted: float | None = None,
+    known: Mapping[str, float | None] | None = None,
+    priors: Mapping[str, Any] | None = None,
+    per: Mapping[str, str] | None = None,
+    phase_offsets: PhaseOffsets = False,
+    calibration: Calibration | None = None,
+    even: float = 0.3,
+    draws: int = 16,
+    seed: int = 0,
+) -> Plan:
+    """Say before a test which errors it will give, what it leaves open, and how its time is best spent.
+
+    The test is laid out as the problem that its fit will solve, with the readings that the guessed rotor would give.
+
+    Args:
+        model: the rotor.
+        values: its parameters by name, SI: a number, a range ``(low, high)`` or a frozen ``scipy.stats`` distribution;
+            or an earlier fit or posterior.
+        tests: experiments as patterns, whose readings do not count, and at most one :class:`Design`: what the rig can
+            do beyond these. Frequencies of an impulse test say which mode it excites.
+        noise_um: standard deviation of the real and of the imaginary part of a reading, um (urad for slopes), one or by
+            plane; unless given, the patterns' sigma, which other tests than those of responses need in any case.
+        noise_share: further noise of each reading, over its size.
+        common_share: the same, common to all probes of a line: jitter of force or speed.
+        memory: correlation of the noise of neighbouring lines, as by overlapping filters.
+        runs: standard deviations of differences from run to run, by kind: force, phase (rad), K0, D, lam, fluid.
+        quantity: what the test is for: a name, several, a function of the parameters, or functions by name; unless
+            given, all parameters together.
+        wanted: relative standard error that the quantity is to have.
+        known, priors, per, phase_offsets, calibration: as the fit will have them; see :func:`rotorfit.fit`.
+        even: part of the averaging time that is spread over all lines alike, against errors of the model.
+        draws: vectors drawn where values are not numbers.
+        seed: of the draws.
+
+    Raises:
+        TypeError: values or tests of another kind.
+        KeyError: unknown parameters or quantities; the message names the nearest.
+        ValueError: a speed at which the rotor is unstable, planes that the model has not, limits that nothing can meet,
+            noise that is not known.
+
+    Example:
+        >>> design = rf.Design(speed_rpm=[1000, 1500, 2000], frequency_rpm=range(200, 2001, 200), force_N=5.0)
+        >>> plan = rf.plan(rf.models.WhirlWhip(), fit, design, noise_um=0.5, quantity="lam", known={"K3": 6000.0})
+        >>> plan.certificate.optimal, plan.expected["lam"].stderr < plan.even["lam"].stderr
+        (True, True)
+    """
+    if not (isinstance(even, int | float) and 0 < even <= 1):
+        raise ValueError(f"even is {even!r}; it is a part of the time, above 0 and up to 1")
+    if wanted is not None and not (isinstance(wanted, int | float) and 0 < wanted < math.inf):
+        raise ValueError(f"wanted is {wanted!r}; a relative standard error above zero is needed, 0.01 for 1 %")
+    if not isinstance(model, RotorModel):
+        raise TypeError(f"the model must be an instance such as rf.models.WhirlWhip(), not {model!r}")
+    patterns, design = _apart(tests)
+    earlier = values.fit if isinstance(values, Posterior) else values
+    if known is None and isinstance(earlier, FitResult):
+        known = earlier.settings.known
+    settings = FitSettings(
+        known=known or {}, priors=priors or {}, per=per or {}, phase_offsets=phase_offsets, calibration=calibration
+    )
+    noise = PlannedNoise(additive=noise_um, share=noise_share, common=common_share, memory=memory, runs=runs or {})
+    task = Task(
+        model=model, values=values, patterns=patterns, settings=settings, noise=noise, quantity=quantity,
+        even=float(even), draws=draws, seed=seed,
+    )  # fmt: skip
+    chosen, alternatives = (design, None) if design is None else with_best_speeds(task, design)
+    made = task.solved(chosen)
+    return replace(made, suggestions=suggest(task, made, chosen, alternatives, wanted))
+
+
+def _apart(tests: Any) -> tuple[tuple[Experiment, ...], Design | None]:
+    """Patterns and the design."""
+    several = tuple(tests) if isinstance(tests, Sequence) and not isinstance(tests, str) else (tests,)
+    designs = [one for one in several if isinstance(one, Design)]
+    patterns = [one for one in several if not isinstance(one, Design)]
+    if len(designs) > 1:
+        raise ValueError(f"{len(designs)} designs; give one, with all speeds, planes and frequencies that are possible")
+    if not designs or patterns:
+        patterns = list(as_tuple(patterns))
+    return tuple(patterns), designs[0] if designs else None

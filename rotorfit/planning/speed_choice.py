@@ -1,0 +1,70 @@
+"""Which of the possible speeds of a test to run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+from math import comb
+
+import numpy as np
+
+from rotorfit.estimators.inference.optimal_shares import Lines
+from rotorfit.models.array_types import Float
+from rotorfit.planning.design import Design
+from rotorfit.planning.targets import all_targets
+from rotorfit.planning.task import Task
+from rotorfit.units import RPM_PER_RAD_S
+
+_MOST_CHOICES = 2000
+"""Choices of speeds that are all compared; of more, speeds are exchanged one by one."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Alternatives:
+    """Choices of speeds, best first, each with the standard errors of an even test over that of the best one."""
+
+    speeds: tuple[tuple[float, ...], ...]  # rad/s
+    ratio: tuple[float, ...]
+
+
+def with_best_speeds(task: Task, design: Design) -> tuple[Design, Alternatives | None]:
+    """The design with as many speeds as can be run, those of the even test with the least errors, and other choices."""
+    count = design.speed_count
+    if count is None or count == design.speeds.size:
+        return design, None
+    whole = replace(design, speed_count=None)
+    found, test = task.expectation(whole)
+    targets, names = all_targets(found.problem.space, task.quantity)
+    first = sum(block.measured.size for block in found.problem.blocks[: len(task.patterns)])
+    lines = task.lines(found, [targets[name] for name in names], first)
+    if test is None:
+        raise ValueError("a choice of speeds needs a design")
+    speed = test.speed[test.lines.apart()[1]]
+    choices = _compared(lines, speed, design.speeds, count)
+    order = sorted(choices, key=lambda chosen: choices[chosen])
+    best = choices[order[0]]
+    # The criterion is a mean logarithm of variances.
+    ratio = tuple(float(np.exp((choices[chosen] - best) / 2)) for chosen in order)
+    kept = replace(whole, speed_rpm=np.array(order[0]) * RPM_PER_RAD_S)
+    return kept, Alternatives(speeds=tuple(order), ratio=ratio)
+
+
+def _compared(lines: Lines, speed: Float, speeds: Float, count: int) -> dict[tuple[float, ...], float]:
+    """Criterion of an even test at each choice of speeds."""
+
+    def criterion(chosen: tuple[float, ...]) -> float:
+        return lines.criterion(np.isin(speed, chosen).astype(float))
+
+    possible = speeds.tolist()
+    if comb(len(possible), count) <= _MOST_CHOICES:
+        return {chosen: criterion(chosen) for chosen in combinations(possible, count)}
+    spread = np.unique(np.round(np.linspace(0, len(possible) - 1, count)).astype(int))
+    best = tuple(possible[i] for i in spread.tolist())
+    found = {best: criterion(best)}
+    while True:
+        near = [tuple(sorted({*best, new} - {old})) for old in best for new in possible if new not in best]
+        found |= {chosen: criterion(chosen) for chosen in near if chosen not in found}
+        better = min(near, key=lambda chosen: found[chosen])
+        if found[better] >= found[best]:
+            return found
+        best = better

@@ -1,0 +1,113 @@
+"""Sentences of a plan: what to measure, what to add and what that costs, what stays open."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rotorfit.planning.candidates import too_fast
+from rotorfit.planning.design import Design
+from rotorfit.planning.record import Plan, duration
+from rotorfit.planning.speed_choice import Alternatives
+from rotorfit.planning.task import Task
+from rotorfit.units import RPM_PER_RAD_S
+
+
+def suggest(
+    task: Task, plan: Plan, design: Design | None, alternatives: Alternatives | None, wanted: float | None
+) -> tuple[str, ...]:
+    """All sentences of a plan."""
+    found: list[str] = []
+    if alternatives is not None:
+        found.append(_speeds(plan, alternatives))
+    if design is not None:
+        found += _runs(plan)
+        slow = too_fast(design, task.model, task.vector())
+        found += [slow] if slow else []
+    else:
+        found += _reshared(plan)
+    found += _for_wanted(plan, wanted)
+    found += _open(plan)
+    return tuple(found)
+
+
+def _aim(plan: Plan) -> str:
+    return " and ".join(plan.quantity) if plan.quantity else "all parameters together"
+
+
+def _speeds(plan: Plan, alternatives: Alternatives) -> str:
+    best = _listed(alternatives.speeds[0])
+    worst = _listed(alternatives.speeds[-1])
+    return (
+        f"Run at {best} rpm: of {len(alternatives.speeds)} choices of {len(alternatives.speeds[0])} speeds these leave "
+        f"the smallest errors of {_aim(plan)}; with {worst} rpm they are {alternatives.ratio[-1]:.2g} times as large."
+    )
+
+
+def _listed(speeds: tuple[float, ...]) -> str:
+    words = [f"{speed * RPM_PER_RAD_S:.5g}" for speed in speeds]
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+_NAMED = 3  # runs and bands that a sentence names
+_CLEAR_SHARE = 2.0
+"""Share of a line over that of an even test from which it is named as worth its time."""
+
+
+def _runs(plan: Plan) -> list[str]:
+    """Runs that deserve most of the time, and the lines in them."""
+    runs = np.array(plan.lines.run)
+    names = list(dict.fromkeys(plan.lines.run))
+    share = np.array([plan.share[runs == name].sum() for name in names])
+    sentences = []
+    for number in np.argsort(-share, kind="stable")[:_NAMED].tolist():
+        own = np.flatnonzero(runs == names[number])
+        rich = own[plan.share[own] * plan.share.size > _CLEAR_SHARE]
+        at = sorted({float(f"{abs(w) * RPM_PER_RAD_S:.4g}") for w in plan.lines.frequency[rich].tolist()})
+        where = f", most at {', '.join(f'{w:g}' for w in at[:_NAMED])} rpm" if at else ""
+        sentences.append(f"{names[number]}: {share[number]:.0%} of the averaging time{where}.")
+    if plan.quantity:
+        gains = [plan.even[name].stderr / plan.expected[name].stderr for name in plan.quantity]
+        if all(math.isfinite(gain) for gain in gains):
+            factor = math.exp(sum(map(math.log, gains)) / len(gains))
+            sentences.append(
+                f"With as much time for every line the errors of {_aim(plan)} would be {factor:.2g} times as large."
+            )
+    return sentences
+
+
+def _reshared(plan: Plan) -> list[str]:
+    """What other shares of the time would do for tests that are given as they are."""
+    runs = np.array(plan.lines.run)
+    names = list(dict.fromkeys(plan.lines.run))
+    share = np.array([plan.share[runs == name].sum() for name in names])
+    best = int(np.argmax(share))
+    if len(names) < 2:
+        return []
+    return [f"Most is told of {_aim(plan)} by {names[best]}: of the time to spare give it {share[best]:.0%}."]
+
+
+def _for_wanted(plan: Plan, wanted: float | None) -> list[str]:
+    if wanted is None:
+        return []
+    sentences = []
+    for name in plan.quantity or tuple(plan.expected):
+        one = plan.expected[name]
+        if not math.isfinite(one.stderr):
+            sentences.append(f"No averaging brings {name} to {wanted:.2g}: this test leaves it open.")
+            continue
+        factor = (one.relative / wanted) ** 2
+        if factor <= 1:
+            sentences.append(f"{name} is known to {one.relative:.2%}, within the {wanted:.2%} that are wanted.")
+            continue
+        average = float(plan.lines.average.sum())
+        more = "" if math.isnan(average) else f", {duration(average * (factor - 1))} more"
+        sentences.append(
+            f"{name} comes to {one.relative:.2%}; {wanted:.2%} take {factor:.3g} times the averaging{more}."
+        )
+    return sentences
+
+
+def _open(plan: Plan) -> list[str]:
+    return [f"Open whatever is averaged: {one.message}" for one in plan.identifiability.combinations]

@@ -1,0 +1,206 @@
+"""A plan worked out: the problem of patterns and design, shares of its time, and the errors that these leave."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.estimators.inference.covariance import standard_error
+from rotorfit.estimators.inference.optimal_shares import Lines, optimal_shares
+from rotorfit.estimators.misfit.parameter_space import parameter_space
+from rotorfit.fitting.settings import FitSettings
+from rotorfit.models import RotorModel
+from rotorfit.models.array_types import Float, Index
+from rotorfit.observing.circular import first_rows
+from rotorfit.planning.candidates import candidate_test, line_times
+from rotorfit.planning.design import Design
+from rotorfit.planning.expectation import Expectation, expect
+from rotorfit.planning.guesses import Values, guess
+from rotorfit.planning.noise import PlannedNoise
+from rotorfit.planning.record import ExpectedError, Plan, PlannedLines
+from rotorfit.planning.targets import Target, Wanted, all_targets
+
+_LEAK = 1e-4
+"""Change of a quantity, over its value, along a direction that no datum notices, from which it is not determined."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Task:
+    """What a plan is made of."""
+
+    model: RotorModel
+    values: Values
+    patterns: tuple[Experiment, ...]
+    settings: FitSettings
+    noise: PlannedNoise
+    quantity: Wanted
+    even: float
+    draws: int
+    seed: int
+
+    def expectation(self, design: Design | None) -> tuple[Expectation, PerturbationTest | None]:
+        """The problem of the patterns and all lines of a design."""
+        tests: tuple[Experiment, ...] = self.patterns
+        test = None
+        if design is not None:
+            test = candidate_test(design, self.model, self.vector())
+            tests = (*tests, test)
+        return expect(self.model, tests, self.settings, self.values, self.noise, self.draws, self.seed), test
+
+    def vector(self) -> Float:
+        """The likeliest parameters, shape ``(P,)``."""
+        space = parameter_space(self.model, known=self.settings.known, bounds={}, groups=[{}])
+        return np.asarray(space.theta(guess(space, self.values, self.draws, self.seed).centre)[0])
+
+    def lines(self, found: Expectation, asked: Sequence[Target], first: int) -> Lines:
+        """Lines from the first reading of the design on, those before it as information that is there."""
+        draws = found.guess.draws
+        rows, line = found.rows(draws), found.row_line
+        own = slice(2 * first, None)
+        earlier = rows[:, : 2 * first]
+        fixed = found.prior() + np.swapaxes(earlier, 1, 2) @ earlier
+        gradients = np.array([[target.at(x)[1] for target in asked] for x in draws])
+        return Lines(
+            rows=rows[:, own],
+            line=line[own] - line[own].min(),
+            fixed=fixed,
+            gradients=gradients.reshape(len(draws), len(asked), draws.shape[1]),
+        )
+
+    def solved(self, design: Design | None) -> Plan:
+        """The plan without suggestions."""
+        found, test = self.expectation(design)
+        targets, names = all_targets(found.problem.space, self.quantity)
+        first = 0 if test is None else sum(b.measured.size for b in found.problem.blocks[: len(self.patterns)])
+        alike = errors_of(found, targets)
+        open_ = [name for name in names if not math.isfinite(alike[name].stderr)]
+        asked = [targets[name] for name in names if name not in open_]
+        lines = self.lines(found, asked, first)
+        shares = optimal_shares(lines, self.even if not open_ or asked else 1.0)
+        factor = np.ones(found.constant.size)
+        table = _table(found, first)
+        expected, planned, weight = alike, None, np.ones(shares.share.size)
+        if design is not None and test is not None:
+            weight = shares.share * shares.share.size
+            factor[first:] = weight[lines.line[::2]]
+            found = found.longer(factor)
+            expected = errors_of(found, targets)
+            table, planned = _timed(self, design, test, table, weight)
+        runs = len(dict.fromkeys(table.run))
+        total = math.nan if design is None else float(table.time.sum()) + design.change_s * runs
+        return Plan(
+            model=self.model,
+            quantity=names,
+            expected=_with_ranges(expected, targets, lines, weight, found),
+            even=alike,
+            lines=table,
+            share=shares.share,
+            certificate=shares,
+            identifiability=found.errors()[1],
+            suggestions=(),
+            notes=_notes(found, open_),
+            time_s=total,
+            test=planned,
+            expectation=found,
+        )
+
+
+def errors_of(found: Expectation, targets: Mapping[str, Target]) -> dict[str, ExpectedError]:
+    """Expected errors of quantities, infinite where the test leaves them open."""
+    covar, verdict = found.errors()
+    null = verdict.null_space
+    result = {}
+    for name, target in targets.items():
+        value, slope = target.at(found.guess.centre)
+        leak = float(np.abs(slope[: null.shape[0]] @ null).max(initial=0.0)) if null.size else 0.0
+        undetermined = leak > _LEAK * abs(value) or name in verdict.unresolved or math.isnan(value)
+        error = math.inf if undetermined else float(standard_error(slope, covar))
+        result[name] = ExpectedError(value, error, target.unit)
+    return result
+
+
+def _with_ranges(
+    expected: Mapping[str, ExpectedError],
+    targets: Mapping[str, Target],
+    lines: Lines,
+    weight: Float,
+    found: Expectation,
+) -> dict[str, ExpectedError]:
+    """The errors with their ranges over the draws."""
+    draws = found.guess.draws
+    if len(draws) == 1:
+        return {name: replace(one, low=one.stderr, high=one.stderr) for name, one in expected.items()}
+    covar = lines.covariance(weight)
+    result = {}
+    for name, one in expected.items():
+        slopes = np.array([targets[name].at(x)[1] for x in draws])
+        errors = np.sqrt(np.einsum("di,dij,dj->d", slopes, covar, slopes))
+        known = math.isfinite(one.stderr)
+        low, high = (float(errors.min()), float(errors.max())) if known else (math.inf, math.inf)
+        result[name] = replace(one, low=low, high=high)
+    return result
+
+
+def _table(found: Expectation, first: int) -> PlannedLines:
+    """Lines from a reading on, without times."""
+    rows: list[tuple[str, float, float]] = []
+    line = found.line
+    start = 0
+    for block in found.problem.blocks:
+        own = line[start : start + block.measured.size]
+        for reading in np.unique(own, return_index=True)[1].tolist():
+            if start + reading >= first:
+                rows.append((str(block.run[reading]), *_place(block, reading)))
+        start += block.measured.size
+    nothing = np.full(len(rows), np.nan)
+    return PlannedLines(
+        run=tuple(row[0] for row in rows),
+        speed=np.array([row[1] for row in rows]),
+        frequency=np.array([row[2] for row in rows]),
+        settle=nothing,
+        average=nothing,
+    )
+
+
+def _place(block: Any, reading: int) -> tuple[float, float]:
+    """Speed and frequency of a reading; of free vibration its own frequency."""
+    base = responses_of(block)
+    if base is None and hasattr(block, "frequency") and hasattr(block, "line"):
+        base = block
+    if base is not None:
+        return float(base.speed[base.line[reading]]), float(base.frequency[base.line[reading]])
+    speed = getattr(block, "speed", None)
+    at = math.nan if speed is None or np.size(speed) != block.measured.size else float(speed[reading])
+    return at, float(np.imag(block.measured[reading]))
+
+
+def _timed(
+    task: Task, design: Design, test: PerturbationTest, table: PlannedLines, weight: Float
+) -> tuple[PlannedLines, PerturbationTest]:
+    """The lines with their times, and the test with averaging times and the noise that these leave."""
+    first = first_rows(test)
+    settle, average = line_times(design, task.model, task.vector(), test, first)
+    line: Index = test.lines.apart()[0]
+    shared = (average * weight)[line]
+    sigma = task.noise.of_rows(test) / np.sqrt(weight[line])
+    planned = replace(test, sigma=sigma, attributes={"average_s": shared}, source="plan")
+    return replace(table, settle=settle, average=average * weight), planned
+
+
+def _notes(found: Expectation, open_: Sequence[str]) -> tuple[str, ...]:
+    notes = [f"{name} stays open: see below, and what would settle it." for name in open_]
+    draws = found.guess.draws
+    if len(draws) > 1:
+        idle = [x for x in draws if not found._steady(x).all()]
+        if idle:
+            notes.append(
+                f"At {len(idle)} of {len(draws)} draws of the values the rotor is unstable at a speed of the test: "
+                "begin below and go up only as far as the first results allow."
+            )
+    return tuple(notes)

@@ -1,0 +1,163 @@
+"""Plans of tests: the errors that simulated fits scatter by, optimal shares that are known otherwise, and refusals."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+from synthetic import TYPICAL, circular_test, covering_frequencies, known_of
+
+import rotorfit as rf
+from rotorfit.estimators.inference.optimal_shares import GAP, Lines, optimal_shares
+from rotorfit.models.array_types import Float
+
+ONE = rf.models.OneMode()
+TRUTH = TYPICAL["one-mode"]
+KNOWN = known_of("one-mode", TRUTH)
+FREE = {name: value for name, value in TRUTH.items() if name not in KNOWN}
+THETA = ONE.vector(TRUTH)
+SPEEDS = (100.0, 180.0)
+DRAWS = 60
+
+
+def swept(seed: int) -> rf.PerturbationTest:
+    w = covering_frequencies(ONE, THETA, SPEEDS, 30)
+    return circular_test(ONE, THETA, speeds=SPEEDS, frequency=w, noise=0.01, seed=seed, sigma_known=True)
+
+
+def test_errors_are_those_that_fits_scatter_by() -> None:
+    plan = rf.plan(ONE, FREE, swept(0), known=KNOWN, quantity="lam")
+    fits = [rf.fit(ONE, swept(seed), known=KNOWN) for seed in range(DRAWS)]
+    low, high = stats.chi2.ppf([0.5e-4, 1 - 0.5e-4], DRAWS)
+    for name, one in plan.expected.items():
+        pulls = [
+            (float(f.threshold_speed() if name == "threshold_speed" else f.params[name].value) - one.value)
+            for f in fits
+        ]
+        assert low < np.sum(np.square(pulls)) / one.stderr**2 < high, name
+
+
+def test_readings_of_a_pattern_do_not_count() -> None:
+    one, other = (rf.plan(ONE, FREE, swept(seed), known=KNOWN, quantity="lam") for seed in (1, 2))
+    assert one.expected["lam"].stderr == other.expected["lam"].stderr
+
+
+def polynomial(powers: int, x: Float, gradient: Float | None = None) -> Lines:
+    rows = x[:, None] ** np.arange(powers)
+    gradients = np.zeros((1, 0, powers)) if gradient is None else gradient[None, None]
+    return Lines(rows=rows[None], line=np.arange(x.size), fixed=np.zeros((1, powers, powers)), gradients=gradients)
+
+
+def test_shares_of_polynomials_are_those_of_the_literature() -> None:
+    """D-optimal: thirds at -1, 0, 1 of a parabola (Fedorov 1972). c-optimal: a line extrapolated to 2, by Elfving."""
+    x = np.linspace(-1.0, 1.0, 41)
+    lines = polynomial(3, x)
+    found = optimal_shares(lines, even=1e-9)
+    assert found.optimal
+    thirds = np.isin(np.arange(x.size), (0, 20, 40)) / 3
+    assert 0 <= lines.criterion(found.share) - lines.criterion(thirds) <= GAP
+    # 1 + 2 x = 3/2 (1 + x at 1) - 1/2 (at -1): shares 3/4 and 1/4, variance (3/2 + 1/2)^2.
+    lines = polynomial(2, x, np.array([1.0, 2.0]))
+    found = optimal_shares(lines, even=1e-9)
+    np.testing.assert_allclose([found.share[-1], found.share[0]], [0.75, 0.25], atol=0.02)
+    assert float(lines.variances(found.share)[0, 0]) == pytest.approx(4.0, rel=0.015)
+    mixed = optimal_shares(lines, even=0.3)
+    assert float(lines.variances(mixed.share)[0, 0]) <= 4.0 / mixed.efficiency
+    assert mixed.share.min() >= 0.3 / x.size * (1 - 1e-12)
+
+
+def evening(**more: object) -> rf.Plan:
+    model = rf.models.WhirlWhip()
+    values = {name: (0.8 * value, 1.2 * value) for name, value in TYPICAL["whirl-whip"].items()}
+    values |= {"lam": (0.45, 0.49), "sigma": 0.95, "K3": 6000.0}
+    design = rf.Design(
+        speed_rpm=[600, 1000, 1400, 1800, 2200, 2500],
+        frequency_rpm=np.linspace(100, 3000, 40),
+        force_N=5.0,
+        clearance_share=0.1,
+        clearance_um=200.0,
+        speed_count=3,
+    )
+    options: dict[str, object] = {"noise_um": 0.5, "quantity": ("lam", "threshold_speed"), **more}
+    return rf.plan(model, values, design, known={"K3": 6000.0}, **options)
+
+
+def test_an_evening_of_three_speeds(tmp_path: Path) -> None:
+    begin = time.perf_counter()
+    plan = evening()
+    assert time.perf_counter() - begin < 5.0
+    assert plan.certificate.optimal
+    assert len(np.unique(plan.lines.speed)) == 3
+    assert any("Run at" in sentence and "of 20 choices of 3 speeds" in sentence for sentence in plan.suggestions)
+    for name in plan.quantity:
+        one = plan.expected[name]
+        assert one.stderr < plan.even[name].stderr
+        assert one.low < one.stderr < one.high
+    assert len(plan.to_dataframe()) == plan.share.size == 3 * 2 * 2 * 40
+    assert plan.share.sum() == pytest.approx(1.0)
+    plan.to_csv(tmp_path / "planned.csv")
+    head = (tmp_path / "planned.csv").read_text(encoding="utf-8").splitlines()[:3]
+    assert "amplitude_um" in head[1]
+    plan.plot()
+
+
+def test_what_stays_open_is_said() -> None:
+    """Without a known support stiffness, static and fluid stiffness are one sum, whatever is measured."""
+    design = rf.Design(speed_rpm=[900, 1700], frequency_rpm=np.linspace(200, 2400, 20), force_N=5.0)
+    plan = rf.plan(ONE, {**FREE, "K": TRUTH["K"]}, design, noise_um=0.1, known={"Ds": TRUTH["Ds"]}, quantity="K")
+    assert not np.isfinite(plan.expected["K"].stderr)
+    assert np.isfinite(plan.expected["M"].stderr)
+    assert any("K + K0 only as a sum" in sentence for sentence in plan.suggestions)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"speed_rpm": 9000}, "unstable at 9000 rpm.*below the threshold of"),
+        ({"force_planes": "disk"}, "unknown force plane of one-mode 'disk'"),
+        ({"probes": "coupling"}, "unknown probe of one-mode 'coupling'"),
+        ({"force_N": -1.0}, "force_N is -1.0; it must be a positive number"),
+        ({"force_N": None}, "needs a limit of the force"),
+        ({"clearance_share": 1.5, "clearance_um": 100}, "moves within its clearance: below 1"),
+        ({"clearance_share": 0.1}, "needs clearance_um"),
+        ({"speed_count": 2}, "speed_count is 2 of 1 possible speeds"),
+        ({"directions": "sideways"}, "unknown direction 'sideways'"),
+        ({"frequency_rpm": [-100.0, 100.0]}, "must be positive"),
+        ({"frequency_rpm": []}, "at least one"),
+    ],
+)
+def test_impossible_designs_are_refused_in_one_sentence(change: dict[str, object], message: str) -> None:
+    options: dict[str, object] = {"speed_rpm": 1000, "frequency_rpm": [400.0, 800.0, 1200.0], "force_N": 5.0, **change}
+    with pytest.raises(ValueError, match=message) as refused:
+        rf.plan(ONE, FREE, rf.Design(**options), noise_um=0.1, known=KNOWN, quantity="lam")
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"noise_um": None}, ValueError, "give noise_um= or noise_share="),
+        ({"noise_um": -1.0}, ValueError, "positive number of micrometres"),
+        ({"noise_um": {"disk": 0.1}}, ValueError, "noise_um has no value for journal"),
+        ({"quantity": "lamb"}, KeyError, "did you mean 'lam'"),
+        ({"quantity": "K"}, ValueError, "K is known here"),
+        ({"values": {**FREE, "D": (2.0, 1.0)}}, ValueError, "low below high"),
+        ({"values": {**FREE, "M": -5.0}}, ValueError, "outside the physical limits"),
+        ({"values": {"lam": 0.4}}, ValueError, "no value for"),
+        ({"values": {**FREE, "Q": 0.4}}, KeyError, "unknown parameter of one-mode 'Q'"),
+        ({"values": 3.0}, TypeError, "values are a mapping"),
+        ({"even": 0.0}, ValueError, "even is 0.0"),
+        ({"wanted": -1.0}, ValueError, "wanted is -1.0"),
+        ({"runs": {"torque": 0.1}}, ValueError, "unknown difference of runs 'torque'"),
+    ],
+)
+def test_impossible_wishes_are_refused_in_one_sentence(
+    change: dict[str, object], error: type[Exception], message: str
+) -> None:
+    design = rf.Design(speed_rpm=1000, frequency_rpm=[400.0, 800.0, 1200.0, 1600.0], force_N=5.0)
+    options: dict[str, object] = {"values": FREE, "noise_um": 0.1, "quantity": "lam", **change}
+    with pytest.raises(error, match=message):
+        rf.plan(ONE, tests=design, known=KNOWN, **options)
