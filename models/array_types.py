@@ -11,6 +11,8 @@ Index = NDArray[np.intp]
 """Places in another array."""
 Bool = NDArray[np.bool_]
 Text = NDArray[np.str_]
+Records = NDArray[np.object_]
+"""One Python object a row."""
 
 ROUND_OFF = 1e-13
 """Relative size of zero after rounding in sums and factorisations: some hundred times the machine's epsilon."""

@@ -76,7 +76,7 @@ def same(again: Experiment, test: Experiment, rtol: float) -> None:
 
 
 def _same(again: NDArray[Any], values: NDArray[Any], rtol: float) -> None:
-    if values.dtype.kind == "U":
+    if values.dtype.kind in "UO":
         assert again.tolist() == values.tolist()
     elif rtol == 0:
         np.testing.assert_array_equal(again, values)

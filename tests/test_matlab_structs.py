@@ -72,7 +72,7 @@ def test_every_layout_is_the_test_of_the_csv(
     assert isinstance(test, PerturbationTest)
     for name in test._columns():
         mine, theirs = getattr(test, name), getattr(told, name)
-        if mine.dtype.kind == "U":
+        if mine.dtype.kind in "UO":
             assert mine.tolist() == theirs.tolist(), name
         else:
             np.testing.assert_allclose(mine, theirs, rtol=1e-14, err_msg=name)

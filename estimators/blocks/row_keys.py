@@ -13,18 +13,18 @@ _MOST = int(np.iinfo(np.intp).max) // 2
 
 
 def numbers(column: NDArray[Any]) -> Index:
-    """Number of each entry among the distinct ones: of text in the order of the rows, of numbers in ascending order.
+    """Number of each entry among the distinct ones: of numbers in ascending order, of others in the order of the rows.
 
     Equal entries that follow one another in long stretches, as names of runs do, are compared with their neighbours
     only.
     """
     heads, lengths = _stretches(column)
-    return _spread(_first_places(heads)[1] if column.dtype.kind == "U" else _ranks(heads), lengths)
+    return _spread(_first_places(heads)[1] if column.dtype.kind in "UO" else _ranks(heads), lengths)
 
 
 def words(column: NDArray[Any]) -> tuple[list[Any], Index]:
     """Distinct entries in the order of the rows, and the number of each row's entry among them."""
-    if column.dtype.kind != "U":
+    if column.dtype.kind not in "UO":
         first, number = in_order(numbers(column))
         return column[first].tolist(), number
     heads, lengths = _stretches(column)
@@ -34,6 +34,8 @@ def words(column: NDArray[Any]) -> tuple[list[Any], Index]:
 
 def _stretches(column: NDArray[Any]) -> tuple[NDArray[Any], Index | None]:
     """First entries of the stretches of equal ones, and how long these are; the column itself where most are short."""
+    if column.dtype.kind == "O":  # tuples, which NumPy would compare as arrays
+        return column, None
     changes = _changes(column) if column.size else np.zeros(0, dtype=np.intp)
     if 2 * changes.size + 2 > column.size:
         return column, None
@@ -58,9 +60,9 @@ def _changes(column: NDArray[Any]) -> Index:
     return np.flatnonzero(differs)
 
 
-def _first_places(column: NDArray[Any]) -> tuple[list[str], Index]:
-    """Distinct words in the order of the rows, and the number of each row's."""
-    place: dict[str, int] = {}
+def _first_places(column: NDArray[Any]) -> tuple[list[Any], Index]:
+    """Distinct words or records in the order of the rows, and the number of each row's."""
+    place: dict[Any, int] = {}
     number = np.array([place.setdefault(word, len(place)) for word in column.tolist()], dtype=np.intp)
     return list(place), number
 

@@ -6,12 +6,19 @@ import numpy as np
 
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.row_keys import combined
-from rotorfit.models.array_types import Float, Index
+from rotorfit.models.array_types import Bool, Float, Index
 
 
 def force_plane(block: Responses) -> Index:
     """Coordinate that the force of each reading acts at, shape ``(R,)``."""
     return np.asarray(np.argmax(np.abs(block.force), axis=1))[block.line]
+
+
+def acts_alone(block: Responses) -> Bool:
+    """True if the force of a line acts at one plane, shape ``(L,)``."""
+    planes = [coordinate.plane for coordinate in block.model.coordinates]
+    forced = [block.force[:, [p == plane for p in planes]].any(axis=1) for plane in dict.fromkeys(planes)]
+    return np.asarray(np.sum(forced, axis=0) == 1)
 
 
 def sweeps_of(block: Responses, *, synchronous: bool = False) -> list[Index]:

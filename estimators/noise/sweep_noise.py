@@ -153,8 +153,8 @@ def _repeated(block: Responses, w: Float, condition: Sequence[Float | Index]) ->
 def _repeats(block: Responses, w: Float, condition: Sequence[Float | Index]) -> Index | None:
     """Number of each reading among those that differ in what was done; None where none is repeated, and no sweep."""
     plane = force_plane(block)
-    force = block.force[block.line, plane]
-    drive = [plane, np.round(force.real, 12), np.round(force.imag, 12)]
+    forces = block.force[block.line].T
+    drive = [plane, *[np.round(part, 12) for force in forces if force.any() for part in (force.real, force.imag)]]
     columns = [block.coordinate, block.reading_group, *condition, np.round(w, 9), *drive]
     _, number = in_order(combined(*map(numbers, columns)))
     return None if int(number.max(initial=-1)) + 1 == number.size else number

@@ -83,7 +83,7 @@ def _lines_along(model: Modal, blocks: Sequence[Responses], axis: str) -> Lines:
         force = block.force[:, at]
         plane = np.argmax(np.abs(force), axis=1)
         strength = force[np.arange(plane.size), plane][block.line]
-        keep = np.isin(block.coordinate, at) & (strength != 0)
+        keep = np.isin(block.coordinate, at) & (strength != 0) & (np.count_nonzero(force, axis=1) == 1)[block.line]
         line, drive = block.line[keep], strength[keep]
         w = block.frequency[line] if axis == "z" else np.abs(block.frequency[line])
         probe = np.array([at.index(place) for place in block.coordinate[keep].tolist()], dtype=np.intp)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -14,5 +13,6 @@ def at_common_zero(experiments: Sequence[Experiment], datum: float) -> tuple[Exp
     """Experiments with their turning forces counted from the zero of the readings."""
     turn = np.exp(1j * datum)
     return tuple(
-        replace(test, force=test.force * turn) if isinstance(test, PerturbationTest) else test for test in experiments
+        test.with_forces(lambda force: force * turn) if isinstance(test, PerturbationTest) else test
+        for test in experiments
     )

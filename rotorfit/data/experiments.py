@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from itertools import repeat
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.lines import Lines, lines_of
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
-from rotorfit.models.array_types import Bool, ComplexArray, Float, Text
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Records, Text
 from rotorfit.units import RPM_PER_RAD_S
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
@@ -135,6 +136,8 @@ class PerturbationTest(_Rows):
         force: ``F exp(j delta)`` of eq. (2), N; along an axis, the phasor of that component relative to exp(+j|w|t).
         force_direction: one of :data:`FORCE_DIRECTIONS`; left out, every force is circular. Readings x and y under a
             force along an axis have positive frequencies.
+        further_forces: forces that act at once with ``force`` and turn or not as it does: a tuple of pairs (plane, N)
+            for each row, empty where ``force`` acts alone; left out, no row has any.
         plane: plane of the probe.
         direction: one of :data:`DIRECTIONS`.
         response: phasor, m (rad for slopes), 0-peak, phase lead.
@@ -155,10 +158,13 @@ class PerturbationTest(_Rows):
     response: ComplexArray
     sigma: Float
     force_direction: Text = field(default_factory=lambda: np.array([], dtype=str))
+    further_forces: Records = field(default_factory=lambda: np.array([], dtype=object))
 
     def __post_init__(self) -> None:
         if not self.force_direction.size:
             object.__setattr__(self, "force_direction", np.full(len(self.run), "circular"))
+        if not self.further_forces.size:
+            object.__setattr__(self, "further_forces", none_further(len(self.run)))
         super().__post_init__()
         for name, allowed in (("direction", DIRECTIONS), ("force_direction", FORCE_DIRECTIONS)):
             unknown = sorted(set(words(getattr(self, name))[0]) - set(allowed))
@@ -183,9 +189,48 @@ class PerturbationTest(_Rows):
 
     @property
     def forces(self) -> tuple[str, ...]:
-        """Planes of the force in order of appearance, with the axis of those that do not turn: ``disk along x``."""
-        pairs = dict.fromkeys(zip(self.force_plane.tolist(), self.force_direction.tolist(), strict=True))
-        return tuple(plane if along == "circular" else f"{plane} along {along}" for plane, along in pairs)
+        """Planes of the force in order of appearance, with the axis of those that do not turn: ``disk along x``; of
+        forces that act at once all: ``disk + journal``."""
+        distinct = dict.fromkeys(
+            (" + ".join([plane, *[at for at, _ in further]]), along)
+            for plane, further, along in zip(
+                self.force_plane.tolist(), self.further_forces.tolist(), self.force_direction.tolist(), strict=True
+            )
+        )
+        return tuple(planes if along == "circular" else f"{planes} along {along}" for planes, along in distinct)
+
+    @cached_property
+    def several(self) -> Bool:
+        """Rows on which several forces act at once, shape ``(R,)``."""
+        return np.array([bool(further) for further in self.further_forces.tolist()], dtype=bool)
+
+    @cached_property
+    def forces_by_plane(self) -> ComplexArray:
+        """Forces of each row at each of ``force_planes``, N, shape ``(R, planes)``."""
+        planes = self.force_planes
+        found = np.zeros((len(self), len(planes)), dtype=complex)
+        names, number = words(self.force_plane)
+        place = np.array([planes.index(name) for name in names], dtype=np.intp)
+        found[np.arange(len(self)), place[number]] = self.force
+        for row in np.flatnonzero(self.several).tolist():
+            for plane, force in self.further_forces[row]:
+                found[row, planes.index(plane)] += force
+        return found
+
+    def with_forces(self, change: Callable[[ComplexArray], ComplexArray]) -> PerturbationTest:
+        """The test with each row's forces changed.
+
+        Args:
+            change: from one force of each row, N, shape ``(R,)``, to another.
+        """
+        further = [list(pairs) for pairs in self.further_forces.tolist()]
+        for k in range(max(map(len, further), default=0)):
+            own = [row for row, pairs in enumerate(further) if len(pairs) > k]
+            column = np.zeros(len(self), dtype=complex)
+            column[own] = [further[row][k][1] for row in own]
+            for row, force in zip(own, change(column)[own].tolist(), strict=True):
+                further[row][k] = (further[row][k][0], force)
+        return replace(self, force=change(self.force), further_forces=records(tuple(pairs) for pairs in further))
 
     @property
     def linear(self) -> Bool:
@@ -194,8 +239,9 @@ class PerturbationTest(_Rows):
 
     @property
     def force_planes(self) -> tuple[str, ...]:
-        """Planes of the force in order of appearance."""
-        return tuple(words(self.force_plane)[0])
+        """Planes of the forces in order of appearance."""
+        further = [plane for pairs in words(self.further_forces)[0] for plane, _ in pairs]
+        return tuple(dict.fromkeys([*words(self.force_plane)[0], *further]))
 
     @property
     def synchronous(self) -> bool:
@@ -233,6 +279,16 @@ class PerturbationTest(_Rows):
         seen = np.where(np.char.endswith(self.direction, "z"), self.frequency, np.abs(self.frequency))
         at_1x = np.abs(seen - self.speed) <= SYNCHRONOUS_TOLERANCE * np.abs(self.speed)
         return replace(self, response=self.response - np.where(at_1x, vector, 0.0))
+
+
+def records(values: Iterable[Any]) -> Records:
+    """One object a row, tuples being left as they are."""
+    return np.fromiter(values, dtype=object)
+
+
+def none_further(rows: int) -> Records:
+    """Further forces of rows on which one force acts alone."""
+    return records(repeat((), rows))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -460,19 +516,24 @@ def perturbation_test(
     response: Any,
     sigma: Any = np.nan,
     force_direction: str | Sequence[str] | Text = "circular",
+    further_forces: Sequence[tuple[tuple[str, complex], ...]] | Records = (),
     attributes: Mapping[str, Any] | None = None,
     source: str = "",
 ) -> PerturbationTest:
     """Build a :class:`PerturbationTest` from arrays or scalars, scalars spread over all rows.
 
+    A reading under several forces at once is written once for each: rows that agree in run, speed, frequency, plane,
+    direction and response, with different planes of the force.
+
     Args:
         run, speed, frequency, force_plane, force, plane, direction, response, sigma, force_direction: SI units, shape
             ``(R,)`` or scalar, see :class:`PerturbationTest`.
+        further_forces: pairs (plane, N) of each row, in place of rows written once for each force.
         attributes: further columns by name.
         source: where the data came from, for messages.
 
     Raises:
-        ValueError: columns of unequal length, or an unknown direction.
+        ValueError: columns of unequal length, an unknown direction, or a reading that contradicts itself.
 
     Example:
         >>> test = rf.perturbation_test(
@@ -501,11 +562,15 @@ def perturbation_test(
         raise ValueError(f"{source or 'the test'}: columns must be single values or lists of one length; got {listed}")
     shape = np.broadcast_shapes((1,), *[column.shape for column in columns.values()])
     spread: dict[str, Any] = {name: np.broadcast_to(column, shape).copy() for name, column in columns.items()}
-    return PerturbationTest(
+    from rotorfit.data.several_forces import gathered
+
+    test = PerturbationTest(
         **spread,
         attributes={name: np.broadcast_to(np.asarray(v), shape).copy() for name, v in (attributes or {}).items()},
         source=source,
+        further_forces=records(further_forces),
     )
+    return test if len(further_forces) else gathered(test)
 
 
 def _column(name: str, values: Any, kind: type) -> NDArray[Any]:
@@ -518,8 +583,10 @@ def _column(name: str, values: Any, kind: type) -> NDArray[Any]:
 def plane_groups(test: PerturbationTest) -> list[list[str]]:
     """Groups of planes that runs connect, a run connecting the plane of its force with those it measures."""
     groups: list[set[str]] = []
-    first, _ = in_order(combined(numbers(test.force_plane), numbers(test.plane)))
-    for pair in zip(test.force_plane[first].tolist(), test.plane[first].tolist(), strict=True):
-        joined = set(pair).union(*[group for group in groups if group & set(pair)])
+    first, _ = in_order(combined(numbers(test.force_plane), numbers(test.plane), numbers(test.several)))
+    columns = (test.force_plane, test.plane, test.further_forces)
+    for forced, measured, further in zip(*[column[first].tolist() for column in columns], strict=True):
+        connected = {forced, measured, *[plane for plane, _ in further]}
+        joined = connected.union(*[group for group in groups if group & connected])
         groups = [group for group in groups if not group & joined] + [joined]
     return [sorted(group) for group in groups]

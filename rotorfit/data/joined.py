@@ -39,7 +39,7 @@ def join_runs(tests: Sequence[PerturbationTest], *, difference: bool = True) -> 
             raise TypeError(f"runs of perturbation tests can be joined, not a {type(test).__name__}")
     if not tests:
         raise ValueError("there are no tests to join")
-    _check_planes(tests)
+    check_planes_spelt(tests)
     shared = set.intersection(*(set(test.attributes) for test in tests))
     taken = Counter(run for test in tests for run in set(test.run.tolist()))
     parts = []
@@ -53,7 +53,7 @@ def join_runs(tests: Sequence[PerturbationTest], *, difference: bool = True) -> 
     return differenced(whole) if difference and whole.synchronous else whole
 
 
-def _check_planes(tests: Sequence[PerturbationTest]) -> None:
+def check_planes_spelt(tests: Sequence[PerturbationTest]) -> None:
     """Refuse names that differ only in capitals: as two planes they would share nothing."""
     spelt: dict[str, tuple[str, str]] = {}
     for test in tests:

@@ -62,8 +62,8 @@ def probe_pairs(test: PerturbationTest, rows: Bool) -> tuple[Index, Index]:
     Repeats pair in order of appearance.
     """
     found: dict[Any, tuple[list[int], list[int]]] = {}
-    columns = (test.run, test.speed, test.frequency, test.force_plane, test.force, test.force_direction, test.plane)
-    keys = zip(*[column.tolist() for column in columns], strict=True)
+    names = ("run", "speed", "frequency", "force_plane", "force", "force_direction", "further_forces", "plane")
+    keys = zip(*[getattr(test, name).tolist() for name in names], strict=True)
     for row, (key, direction, wanted) in enumerate(zip(keys, test.direction.tolist(), rows.tolist(), strict=True)):
         if wanted and direction[-1] in "xy":
             found.setdefault((key, direction[:-1]), ([], []))["xy".index(direction[-1])].append(row)

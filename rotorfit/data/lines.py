@@ -14,7 +14,7 @@ from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, wor
 from rotorfit.models.array_types import Float, Index
 
 _TEXT = ("run", "force_plane", "force_direction", "plane", "direction")
-_LINE = ("run", "speed", "frequency", "force_plane", "force", "force_direction")
+_LINE = ("run", "speed", "frequency", "force_plane", "force", "force_direction", "further_forces")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -57,7 +57,7 @@ def lines_of(columns: Mapping[str, NDArray[Any]]) -> Lines:
     """Lines of the columns of a test."""
     text = {name: words(columns[name]) for name in _TEXT}
     number = {name: own for name, (_, own) in text.items()}
-    number |= {name: numbers(columns[name]) for name in ("speed", "frequency", "force")}
+    number |= {name: numbers(columns[name]) for name in ("speed", "frequency", "force", "further_forces")}
     first, line = in_order(combined(*[number[name] for name in _LINE]))
     names = {name: found for name, (found, _) in text.items()}
     return Lines(names=names, number=number, line=line, first=first, frequency=columns["frequency"])

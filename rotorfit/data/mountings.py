@@ -56,14 +56,14 @@ def mountings(test: PerturbationTest) -> list[str]:
     else:
         found = [(run, _REPEAT.fullmatch(run)) for run in test.run.tolist()]
         names = [run if match is None else match[1] for run, match in found]
-    weight = test.force / test.speed**2
+    weights = test.forces_by_plane / test.speed[:, None] ** 2
     result: list[str] = []
-    seen: dict[str, list[tuple[str, complex]]] = {}
-    for name, plane, u in zip(names, test.force_plane.tolist(), weight.tolist(), strict=True):
+    seen: dict[str, list[tuple[str, list[complex]]]] = {}
+    for name, plane, own in zip(names, test.force_plane.tolist(), weights.tolist(), strict=True):
         kinds = seen.setdefault(name, [])
-        place = next((i for i, (at, v) in enumerate(kinds) if at == plane and _same(u, v)), len(kinds))
+        place = next((i for i, (at, v) in enumerate(kinds) if at == plane and all(map(_same, own, v))), len(kinds))
         if place == len(kinds):
-            kinds.append((plane, u))
+            kinds.append((plane, own))
         if place and given:
             raise ValueError(
                 f"{test.source or 'the test'}: mounting {name} has different weights; a weight that was moved is "

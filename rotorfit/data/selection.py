@@ -64,6 +64,8 @@ def _matches(test: Experiment, name: str, wanted: Wanted) -> Bool:
             hit = np.isclose(values.astype(float), number, rtol=1e-6)
         else:
             hit = np.asarray(values == str(one))
+            if name == "force_plane" and isinstance(test, PerturbationTest):
+                hit |= np.array([str(one) in dict(pairs) for pairs in test.further_forces.tolist()], dtype=bool)
         if not hit.any():
             distinct = [str(v) for v in dict.fromkeys(values.tolist())]
             raise ValueError(f"{test.source or 'the test'}: {unknown_name(name, str(one), distinct[:40])}")

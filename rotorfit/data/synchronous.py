@@ -65,7 +65,7 @@ def difference_synchronous(test: PerturbationTest) -> PerturbationTest:
 
     A start-up without an opposite one is compared with a reference run, one without a weight (force zero), if there is
     one, and of several with that of its own plane; several start-ups may be compared with the same, whose noise they
-    then share.
+    then share. Start-ups under several weights at once are compared with a reference run only.
 
     Runs without a partner, and readings that only one run of a pair has, stay as they are; the attribute
     :data:`DIFFERENCED` tells them apart. Rows differenced before are left alone, so doing it twice changes nothing.
@@ -135,7 +135,7 @@ def _pairs(test: PerturbationTest, rows: Bool) -> Iterator[tuple[NDArray[Any], N
     keys = list(zip(test.run.tolist(), test.force_plane.tolist(), _merge(sectors), strict=True))
     runs: dict[Any, list[int]] = {}
     for row, key in enumerate(keys):
-        if rows[row] and test.force[row] != 0 and test.speed[row] != 0 and not test.linear[row]:
+        if rows[row] and test.force[row] != 0 and test.speed[row] != 0 and not (test.linear[row] or test.several[row]):
             runs.setdefault(key, []).append(row)
     free = list(runs)
     while free:

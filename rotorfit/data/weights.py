@@ -75,6 +75,11 @@ class Influences:
             if repeat.size:
                 sentence += f", repeats by {np.sqrt(np.mean(repeat**2)):.2g} um"
             found.append(sentence)
+        elif np.isnan(self.test.sigma).any():
+            found.append(
+                "no error is known: there are no more mountings than unknowns and no repeats, and no noise was given; "
+                "give sigma_um, repeat the runs, or mount a weight at one angle more"
+            )
         else:
             found.append(
                 "there are no more mountings than unknowns: how far mounting a weight again moves vectors cannot be "
@@ -103,7 +108,7 @@ class Influences:
             speed = self.solved.speed[dwell] * RPM_PER_RAD_S
             row = [" ".join(self.channels[channel]), f"{speed:.0f}", _polar(self.solved.residual[cell] * 1e6)]
             for value, error in zip(self.solved.influence[cell], errors[cell], strict=True):
-                row += [_polar(value), f"+- {error:.1g}"]
+                row += [_polar(value), f"+- {error:.1g}" if np.isfinite(error) else "+- ?"]
             rows.append(row)
         lines = text_table(rows, "<14 >8 >18" + " >18 <8" * size)
         seen = [self.modes_told] if self.modes_told else []
@@ -173,19 +178,24 @@ def differenced(test: PerturbationTest) -> PerturbationTest:
     return paired if whole and len(set(mountings(test))) == len(test.runs) else test
 
 
-def weighed(experiment: Experiment) -> Influences | None:
-    """Influences of an experiment that has to be solved for them before it can be fitted, None of all others."""
+def solved_together(experiment: Experiment) -> Influences | None:
+    """Influences of weights at dwell speeds, also where their noise is not known; None where none are to be solved."""
     if not isinstance(experiment, PerturbationTest) or not _unsolved(experiment):
         return None
     try:
-        found = influence(experiment)
+        return influence(experiment)
     except UndeterminedError:
         if _noise_is_known(experiment):
             return None  # a check says what the readings contain, and a fit takes them as they are
         raise
-    if np.isnan(found.test.sigma).any():
+
+
+def weighed(experiment: Experiment) -> Influences | None:
+    """Influences of an experiment that has to be solved for them before it can be fitted, None of all others."""
+    found = solved_together(experiment)
+    if found is not None and np.isnan(found.test.sigma).any():
         raise ValueError(
-            f"{experiment.source or 'the test'}: neither repeats nor more mountings than unknowns tell the noise of "
+            f"{found.test.source or 'the test'}: neither repeats nor more mountings than unknowns tell the noise of "
             "the readings; give a column sigma_um, repeat the runs (A-1, A-2), or mount the weight at one angle more"
         )
     return found
@@ -207,8 +217,9 @@ def _unsolved(test: PerturbationTest) -> bool:
 def _readings(
     test: PerturbationTest,
 ) -> tuple[Readings, tuple[tuple[str, str], ...], tuple[str, ...], tuple[str, ...]]:
-    loaded = test.force != 0
-    planes = tuple(dict.fromkeys(test.force_plane[loaded].tolist()))
+    forces = test.forces_by_plane
+    acting = np.flatnonzero(forces.any(axis=0))
+    planes = tuple(test.force_planes[k] for k in acting.tolist())
     if not planes:
         raise ValueError(f"{test.source or 'the test'}: every run is without a weight; an influence needs one with")
     pairs = list(zip(test.plane.tolist(), test.direction.tolist(), strict=True))
@@ -216,14 +227,10 @@ def _readings(
     names = mountings(test)
     order = tuple(dict.fromkeys(names))
     mounting = np.array([order.index(name) for name in names], dtype=np.intp)
+    count = np.bincount(mounting, minlength=len(order))[:, None]
     unbalance = np.zeros((len(order), len(planes)), dtype=complex)
-    weight = test.force / test.speed**2
-    for column, plane in enumerate(planes):
-        mine = loaded & (test.force_plane == plane)
-        count = np.bincount(mounting[mine], minlength=len(order))
-        total = np.bincount(mounting[mine], weight.real[mine], len(order)).astype(complex)
-        total += 1j * np.bincount(mounting[mine], weight.imag[mine], len(order))
-        unbalance[count > 0, column] = total[count > 0] / count[count > 0]
+    np.add.at(unbalance, mounting, forces[:, acting] / test.speed[:, None] ** 2)
+    unbalance /= count
     readings = Readings(
         value=test.response,
         speed=test.speed,

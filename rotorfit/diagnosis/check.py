@@ -16,11 +16,12 @@ from rotorfit.data.experiments import (
     StaticTest,
 )
 from rotorfit.data.findings import Finding, errors_first
+from rotorfit.data.mountings import dwells
 from rotorfit.diagnosis.forces import force_along_axis, turning_force
 from rotorfit.diagnosis.imposed_orbits import imposed_orbits
 from rotorfit.diagnosis.orbits import orbits_of
 from rotorfit.diagnosis.phase_flips import half_turns
-from rotorfit.diagnosis.plan import plan, solved_together
+from rotorfit.diagnosis.plan import plan
 from rotorfit.diagnosis.probe_pairs import uneven_probes
 from rotorfit.diagnosis.readings import amplitudes, clipped, copied_readings, rows_of, unread
 from rotorfit.diagnosis.reciprocity import reciprocity
@@ -74,9 +75,9 @@ def _physics(test: PerturbationTest) -> Iterator[Finding]:
     yield from unread(test)
     yield from clipped(test)
     yield from turning_force(test)
-    forced = np.flatnonzero(test.force != 0)
+    forced = np.flatnonzero((test.force != 0) & ~test.several)
     if not forced.size:
-        return  # a reference run alone
+        return  # a reference run alone, or several forces at once, of which none has an orbit of its own
     orbits = orbits_of(test if forced.size == len(test) else test.select(forced), forced)
     if not orbits.frequency.size:
         return
@@ -102,6 +103,11 @@ def _finite(test: Any) -> Bool:
     return np.logical_and.reduce(columns) if columns else np.ones(len(test), dtype=bool)
 
 
+def _beside_weights(test: PerturbationTest) -> bool:
+    """True if runs without a weight are references of others at the same few speeds."""
+    return test.synchronous and bool(test.force.any()) and dwells(test)
+
+
 _REFERENCE = (
     "This is a reference run: no reading has a force. Alone it says nothing of the rotor; put it together with the "
     "runs that have a trial weight, rf.join_runs([reference, trial])."
@@ -120,7 +126,7 @@ def _numbers(test: Experiment, finite: Bool) -> Iterator[Finding]:
         text = f"The noise sigma is not positive in {(sigma <= 0).sum()} rows; NaN stands for unknown noise."
         yield Finding("error", "sigma", text, rows_of(sigma <= 0))
     # Runs without a weight are what the others are compared with, where weights are solved together.
-    if isinstance(test, PerturbationTest) and (test.force == 0).any() and solved_together(test) is None:
+    if isinstance(test, PerturbationTest) and (test.force == 0).any() and not _beside_weights(test):
         if (test.force == 0).all() and test.synchronous:
             yield Finding("warning", "reference-run", _REFERENCE)
             return

@@ -9,7 +9,7 @@ import numpy as np
 from rotorfit.data.experiments import DisplacementTest, PerturbationTest, plane_groups
 from rotorfit.data.findings import Finding, listed
 from rotorfit.data.synchronous import DIFFERENCED
-from rotorfit.data.weights import Influences, weighed
+from rotorfit.data.weights import Influences, solved_together
 from rotorfit.diagnosis.orbits import SYNCHRONOUS_DISTANCE
 from rotorfit.diagnosis.readings import rows_of
 from rotorfit.estimators.signals.ramp import fit_ramp
@@ -37,10 +37,10 @@ def plan(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
             yield from _ramps(test)
 
 
-def solved_together(test: PerturbationTest) -> Influences | None:
+def _influences(test: PerturbationTest) -> Influences | None:
     """Influences of weights at dwell speeds, None where there are none to solve for."""
     try:
-        return weighed(test)
+        return solved_together(test)
     except ValueError:  # a fit says why; what else is odd about the test is worth knowing
         return None
 
@@ -104,7 +104,7 @@ def _frequencies(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]
     np.maximum.at(highest, number, w)
     constant = set(names[lowest == highest].tolist())
     single = [run for run in test.runs if run in constant]
-    if single and (forced is None or solved_together(forced) is None):
+    if single and (forced is None or _influences(forced) is None):
         text = f"Runs with one frequency only: {listed(single)}; they cannot show how dynamic stiffness varies with it."
         yield Finding("warning", "single-frequency", text, rows_of(np.isin(test.run, single)))
 
@@ -130,7 +130,7 @@ def _planes(test: PerturbationTest) -> Iterator[Finding]:
 
 
 def _start_ups(test: PerturbationTest) -> Iterator[Finding]:
-    found = solved_together(test)
+    found = _influences(test)
     if found is not None:
         yield Finding("note", "mountings", f"Weights are solved together: {'; '.join(found.remarks)}.")
         if found.modes_told:

@@ -47,7 +47,7 @@ _EARLIER: dict[str, tuple[str, dict[str, str | None]]] = {
 }
 """Records and fields as version 0.1.0 called them, and their names today; sentences are no longer saved."""
 
-_KINDS = {"f": "float64", "c": "complex128", "i": "int64", "b": "bool", "U": "str"}
+_KINDS = {"f": "float64", "c": "complex128", "i": "int64", "b": "bool", "U": "str", "O": "object"}
 
 
 class UserDefinedError(ValueError):
@@ -91,6 +91,8 @@ def _encode_array(array: NDArray[Any]) -> Any:
     if array.dtype.kind not in _KINDS:
         raise ValueError(f"an array of {array.dtype} cannot be written to a file; give numbers, truth values or text")
     flat = array.ravel()
+    if array.dtype.kind == "O":
+        return {"array": "object", "shape": list(array.shape), "data": [encode(item) for item in flat.tolist()]}
     if array.dtype.kind == "c":
         flat = flat.astype(complex).view(float)
     if array.dtype.kind in "fc":
@@ -107,6 +109,8 @@ def _decode_array(value: Mapping[str, Any]) -> NDArray[Any]:
     if kind == "str":
         check_text("an array", [str(item) for item in data])
     try:
+        if kind == "object":
+            return np.fromiter(map(decode, data), dtype=object).reshape(shape)
         if kind == "complex128":
             return np.array(data, dtype=float).view(complex).reshape(shape)
         return np.array(data, dtype=kind).reshape(shape)

@@ -9,7 +9,8 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.data.experiments import Experiment
+from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.data.several_forces import gathered, written_per_force
 from rotorfit.models.parameters import unknown_name
 
 STORABLE: dict[str, type[Any]] = {kind.__name__: kind for kind in get_args(Experiment)}
@@ -20,7 +21,9 @@ _TYPES = {"Text": str, "Float": float, "ComplexArray": complex}
 
 def column_types(kind: type[Any]) -> dict[str, type]:
     """Columns of an experiment class and whether they are text, real or complex."""
-    return {f.name: _TYPES[str(f.type)] for f in fields(kind) if f.name not in ("source", "attributes")}
+    return {
+        f.name: _TYPES[str(f.type)] for f in fields(kind) if f.name not in ("source", "attributes", "further_forces")
+    }
 
 
 def build(kind: str, columns: Mapping[str, Any], attributes: Mapping[str, Any], source: str) -> Experiment:
@@ -50,9 +53,14 @@ def build(kind: str, columns: Mapping[str, Any], attributes: Mapping[str, Any], 
             attributes={name: _spread(values, size) for name, values in (extra | dict(attributes)).items()},
             source=source,
         )
+        return gathered(experiment) if isinstance(experiment, PerturbationTest) else experiment
     except ValueError as error:
         raise ValueError(str(error) if str(error).startswith(source) else f"{source}: {error}") from error
-    return experiment
+
+
+def as_stored(experiment: Experiment) -> Experiment:
+    """An experiment as files hold it, with a row for each force of a reading."""
+    return written_per_force(experiment) if isinstance(experiment, PerturbationTest) else experiment
 
 
 def _spread(values: NDArray[Any], size: int) -> NDArray[Any]:

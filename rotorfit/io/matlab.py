@@ -19,7 +19,7 @@ from rotorfit.data.experiments import Experiment
 from rotorfit.data.synchronous import SPEED_TOLERANCE
 from rotorfit.estimators.file_limits import check_mat
 from rotorfit.estimators.file_reading import reading
-from rotorfit.io.columns import build, column_types
+from rotorfit.io.columns import as_stored, build, column_types
 from rotorfit.io.csv_table import Table
 from rotorfit.io.tidy_csv import experiment_of
 
@@ -32,6 +32,7 @@ def write_mat(experiment: Experiment, path: str | Path) -> None:
     """
     from scipy.io import savemat
 
+    experiment = as_stored(experiment)
     names = list(experiment.attributes)
     variables: dict[str, Any] = {
         "kind": type(experiment).__name__,

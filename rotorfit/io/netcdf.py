@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.file_limits import check_hdf5
 from rotorfit.estimators.file_reading import check_seal, reading, seal
-from rotorfit.io.columns import build, column_types
+from rotorfit.io.columns import as_stored, build, column_types
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import find_unit, units_of
 
@@ -41,6 +41,7 @@ def write_netcdf(experiment: Experiment, path: str | Path) -> None:
     """
     import xarray as xr
 
+    experiment = as_stored(experiment)
     variables: dict[str, Any] = {}
     for name, kind in column_types(type(experiment)).items():
         values = getattr(experiment, name)

@@ -11,6 +11,7 @@ import numpy as np
 from rotorfit.data.findings import Finding
 from rotorfit.io.cells import NOT_TAKEN
 from rotorfit.io.csv_table import MOTION, Table, floats
+from rotorfit.models.array_types import Bool
 from rotorfit.units import RPM_PER_RAD_S, UNITS
 
 _MARK = re.compile(r"[+-]?9{3,5}(\.(0+|9+))?")
@@ -36,6 +37,7 @@ def without_empty(table: Table) -> tuple[Table, list[Finding]]:
     empty = np.array(list(lacking))
     if not empty.any() or empty.all():
         return table, []
+    _refuse_halves(table, empty)
     lines = [table.lines[i] for i in np.flatnonzero(empty).tolist()]
     distinct = list(dict.fromkeys(lines))
     where = ", ".join(map(str, distinct[:5])) + (", ..." if len(distinct) > 5 else "")
@@ -44,6 +46,32 @@ def without_empty(table: Table) -> tuple[Table, list[Finding]]:
         f"(line{'s' * (len(distinct) > 1)} {where})"
     )
     return _kept(table, np.flatnonzero(~empty).tolist()), [Finding("note", "empty", words)]
+
+
+_READING = ("run", "plane", "direction")
+_FORCE = ("force", "mr")
+
+
+def _refuse_halves(table: Table, empty: Bool) -> None:
+    """Refuse an empty reading that another row of its run has, under a force at another plane.
+
+    Several forces at once are written with the reading in each row; without one of them the others are wrong.
+    """
+    if not {*_READING, "force_plane"} <= set(table.cells):
+        return
+    conditions = [*table.find("speed", UNITS["frequency"]), *table.find("frequency", UNITS["frequency"])]
+    keys = list(zip(*[table.cells[name] for name in (*_READING, *conditions)], strict=True))
+    taken = {keys[row]: row for row in np.flatnonzero(~empty).tolist()}
+    for row in np.flatnonzero(empty).tolist():
+        other = taken.get(keys[row])
+        if other is not None and table.cells["force_plane"][row] != table.cells["force_plane"][other]:
+            cells = table.cells
+            raise ValueError(
+                f"{table.source}: line {table.lines[row]}, {cells['plane'][row]} {cells['direction'][row]} of run "
+                f"{cells['run'][row]} under a force at {cells['force_plane'][row]} is empty, and line "
+                f"{table.lines[other]} has it under one at {cells['force_plane'][other]}. If both acted at once, "
+                "write the reading in both rows; if one was not read, name the runs apart or leave its row out"
+            )
 
 
 def _refuse_marks(table: Table) -> None:
@@ -87,8 +115,26 @@ def completed(table: Table, *, forced: bool) -> Table:
         add("force_plane", cells["plane"])
     by = "force_plane" if forced else "plane"
     if "run" not in cells and by in cells:
+        if forced:
+            _refuse_same_readings(table)
         add("run", _runs(table, cells[by]))
     return replace(table, cells=cells, names=names)
+
+
+def _refuse_same_readings(table: Table) -> None:
+    """Refuse one reading under forces at two planes in a table without runs: in one run they act at once."""
+    if "force_plane" not in table.cells:
+        return
+    names = [name for name in table.cells if name != "force_plane" and name.partition("_")[0] not in _FORCE]
+    first: dict[tuple[str, ...], int] = {}
+    for row, key in enumerate(zip(*[table.cells[name] for name in names], strict=True)):
+        other = first.setdefault(key, row)
+        planes = [table.cells["force_plane"][k] for k in (other, row)]
+        if planes[0] != planes[1]:
+            raise ValueError(
+                f"{table.source}: lines {table.lines[other]} and {table.lines[row]} have the same reading under forces "
+                f"at {planes[0]} and at {planes[1]}; add a column run that says whether they acted at once, in one run"
+            )
 
 
 def _runs(table: Table, forced: Sequence[str]) -> list[str]:

@@ -31,6 +31,8 @@ from rotorfit.data.experiments import (
     plane_groups,
 )
 from rotorfit.data.findings import Finding
+from rotorfit.data.joined import check_planes_spelt
+from rotorfit.data.several_forces import gathered, written_per_force
 from rotorfit.data.synchronous import SPEED_TOLERANCE, group_speeds
 from rotorfit.io.csv_columns import Columns, columns_for, optional, quantity, words
 from rotorfit.io.csv_kinds import BUILDERS, columns_of
@@ -139,7 +141,7 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
     omega = group_speeds(columns.number("speed"), w, run, speed_tolerance)
     for name, values in {"force": force, "response": response, "frequency": w, "speed": omega}.items():
         columns.refuse(~np.isfinite(values), "run", f"is a row whose {name} overflows; check its units")
-    test = PerturbationTest(
+    written = PerturbationTest(
         run=run,
         force_plane=force_plane,
         plane=plane,
@@ -153,13 +155,14 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
         attributes=columns.attributes,
         source=table.source,
     )
-    if len(groups := plane_groups(test)) > 1 and max(map(len, groups)) > 1:
+    check_planes_spelt([written])
+    if len(groups := plane_groups(written)) > 1 and max(map(len, groups)) > 1:
         listed = "; ".join(", ".join(group) for group in groups)
         raise ValueError(
-            f"{test.source}: no run connects these groups of planes: {listed}. If they are two rigs, put them in two "
+            f"{table.source}: no run connects these groups of planes: {listed}. If they are two rigs, put them in two "
             f"files; if a plane goes by two names, use one"
         )
-    return test
+    return gathered(written, lambda row: f"{table.source}: line {table.lines[row]}")
 
 
 def _perturbation_columns(table: Table) -> Columns:
@@ -367,6 +370,7 @@ def _written_displacement(test: DisplacementTest) -> dict[str, Any]:
 def write_csv(experiment: Experiment, path: str | Path) -> None:
     """Write a tidy CSV in rpm, um (urad for slopes), N and degrees, 15 significant digits."""
     if isinstance(experiment, PerturbationTest):
+        experiment = written_per_force(experiment)
         columns = _written_perturbation(experiment)
     elif isinstance(experiment, DisplacementTest):
         columns = _written_displacement(experiment)

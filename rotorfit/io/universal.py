@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment, PerturbationTest, perturbation_test
+from rotorfit.data.several_forces import refuse_several
 from rotorfit.estimators.file_reading import reading
 from rotorfit.io.universal_foreign import (
     AXES,
@@ -62,6 +63,7 @@ def _refuse(test: PerturbationTest) -> None:
     for name in ("response", "force", "frequency", "speed"):
         if not np.isfinite(getattr(test, name)).all():
             raise ValueError(f"cannot write a universal file: {name} is not finite everywhere; remove those readings")
+    refuse_several(test, "a universal file")
     if (test.force == 0).any():
         raise ValueError("cannot write FRFs: the force is zero in some readings; remove them")
     text = [name for name, values in test.attributes.items() if values.dtype.kind not in "iufb"]

@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
+from rotorfit.data.several_forces import refuse_several
 from rotorfit.estimators.inference.covariance import widening
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import MATRIX_UNITS
@@ -95,6 +96,7 @@ def observed_stiffness(
     where = test.source or "the test"
     if not test.synchronous:
         raise ValueError(f"{where} is not synchronous: observed stiffness needs frequency = speed on all rows")
+    refuse_several(test, "observed stiffness")
     rows = (test.force != 0) & (test.speed > 0)
     if speed_rpm is not None:
         low, high = (limit * RAD_S_PER_RPM for limit in speed_rpm)

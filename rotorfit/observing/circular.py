@@ -32,7 +32,7 @@ def observe(model: RotorModel, experiment: Experiment, group: Index) -> Response
         return _observe_displacement(model, experiment, group)
     _check_finite(experiment)
     names = experiment.lines.names
-    check_planes(model, experiment, names["plane"], names["force_plane"], forces="force planes")
+    check_planes(model, experiment, names["plane"], experiment.force_planes, forces="force planes")
     if model.frame != "z":
         return _observe_xy(model, experiment, group)
     parts, origin = whirl_parts(experiment)
@@ -191,7 +191,7 @@ def _assemble(
         model=model,
         speed=test.speed[first],
         frequency=frequency,
-        force=_forces(model, lines, first, frequency, test.force[first]),
+        force=_forces(model, test, lines, first),
         group=group[first],
         line=line,
         coordinate=coordinate,
@@ -207,14 +207,19 @@ def _assemble(
     return block
 
 
-def _forces(model: RotorModel, lines: Lines, first: Index, frequency: Float, force: ComplexArray) -> ComplexArray:
-    """Generalised force of each line, shape ``(L, n)``."""
+def _forces(model: RotorModel, test: PerturbationTest, lines: Lines, first: Index) -> ComplexArray:
+    """Generalised force of each line, shape ``(L, n)``: the sum over the forces that act at once."""
+    frequency, force = test.frequency[first], test.force[first]
     planes, axes = lines.names["force_plane"], lines.names["force_direction"]
     kind = lines.number["force_plane"][first] * len(axes) + lines.number["force_direction"][first]
     found = np.zeros((first.size, len(model.coordinates)), dtype=complex)
     for one in np.flatnonzero(np.bincount(kind)).tolist():
         at = np.flatnonzero(kind == one)
         found[at] = model.force_vector(planes[one // len(axes)], frequency[at], force[at], axes[one % len(axes)])
+    for line in np.flatnonzero(test.several[first]).tolist():
+        w, axis = frequency[line : line + 1], str(test.force_direction[first[line]])
+        for plane, further in test.further_forces[first[line]]:
+            found[line] += model.force_vector(plane, w, np.array([further]), axis)[0]
     return found
 
 

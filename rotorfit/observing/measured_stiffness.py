@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
+from rotorfit.data.several_forces import refuse_several
 from rotorfit.estimators.starting.stiffness_inversion import StiffnessMatrices, stiffness_matrices
 from rotorfit.models import Anisotropic, RotorModel
 from rotorfit.observing.circular import observe
@@ -58,6 +59,7 @@ def dynamic_stiffness(
     """
     names = tuple(planes or test.planes)
     model: RotorModel = isotropic_planes(names) if isotropic else Anisotropic(names)
+    refuse_several(test, "the inversion by eq. (7)")
     chosen = test.select(np.isin(test.plane, names) & np.isin(test.force_plane, names))
     if not len(chosen):
         raise ValueError(f"no readings at planes {', '.join(names)} under a force there; the test has {test.planes}")

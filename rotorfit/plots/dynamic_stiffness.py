@@ -10,6 +10,7 @@ import numpy as np
 
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.blocks.sweeps import acts_alone
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
@@ -133,10 +134,10 @@ def _measured(block: Responses, fit: FitResult) -> list[_Points]:
 def _drive_points(block: Responses) -> list[_Points]:
     """Force over response at the forced coordinate (or measured force over imposed displacement)."""
     line = block.line
-    plane = np.argmax(np.abs(block.force), axis=1)[line]
+    plane, alone = np.argmax(np.abs(block.force), axis=1)[line], acts_alone(block)[line]
     points = []
     for p in np.unique(plane).tolist():
-        rows = np.flatnonzero((plane == p) & (block.coordinate == p))
+        rows = np.flatnonzero((plane == p) & (block.coordinate == p) & alone)
         if not rows.size:
             continue
         drive, value = block.force[line[rows], p], block.measured[rows]
@@ -150,11 +151,11 @@ def _along_the_data(fit: FitResult, block: OrbitResponses, group: int) -> Iterat
     """Drive-point stiffness of a nonlinear rotor at the orbits that the fit has at the data's lines."""
     base = block.base
     value, slope = block.predict_jacobian(fit.thetas)
-    plane = np.argmax(np.abs(base.force), axis=1)[base.line]
+    plane, alone = np.argmax(np.abs(base.force), axis=1)[base.line], acts_alone(base)[base.line]
     w = base.frequency[base.line]
     for p in np.unique(plane).tolist():
         for forward in (False, True):
-            rows = np.flatnonzero((plane == p) & (base.coordinate == p) & ((w > 0) == forward))
+            rows = np.flatnonzero((plane == p) & (base.coordinate == p) & ((w > 0) == forward) & alone)
             if not rows.size:
                 continue
             rows = rows[np.argsort(w[rows], kind="stable")]

@@ -15,7 +15,7 @@ from rotorfit.plots.eccentricity import plot_law, plot_nonlinear_stiffness
 from rotorfit.plots.stability import plot_stability
 from rotorfit.plots.static_and_impulse import plot_static_locus, plot_static_stiffness, plot_velocity_ratio
 from rotorfit.plots.style import GREY, SMALL_TYPE, decade_ticks, grid, legend_below, literal
-from rotorfit.plots.sweeps import SweepCondition, SweepCurve, curves, joined
+from rotorfit.plots.sweeps import SweepCondition, SweepCurve, curves, forced_planes, joined
 from rotorfit.plots.uncertainty import plot_corner, plot_traces
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -79,9 +79,9 @@ def _response_unit(fit: FitResult, coordinate: int) -> tuple[float, str]:
 
 
 def _cell_title(fit: FitResult, coordinate: int, force_plane: int) -> str:
-    probe, force = fit.model.coordinates[coordinate], fit.model.coordinates[force_plane]
+    probe = fit.model.coordinates[coordinate]
     reading = {"r": "tilt at ", "x": "x at ", "y": "y at "}.get(probe.axis, "")
-    return literal(f"{reading}{probe.plane}, force at {force.plane}")
+    return literal(f"{reading}{probe.plane}, {forced_planes(fit.model, force_plane)}")
 
 
 def plot_bode(fit: FitResult) -> Figure:

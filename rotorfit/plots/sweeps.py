@@ -16,6 +16,7 @@ from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.fitting.summary import natural
+from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.plots.journal import group_label, half_width
 from rotorfit.plots.style import colour_of, literal
@@ -165,7 +166,7 @@ class SweepCurve:
     """One probe's response to one force in one condition and one direction of whirl, frequencies ascending."""
 
     coordinate: int  # places in the model's coordinates
-    force_plane: int  # places in the model's coordinates
+    force_plane: int  # places in the model's coordinates; of forces at several planes see `forced_planes`
     condition: SweepCondition  # what it was measured in
     frequency: Float  # of the readings, rad/s
     measured: ComplexArray  # response over force (or force over imposed displacement)
@@ -216,7 +217,8 @@ def _curves(fit: FitResult, conditions: Sequence[SweepCondition], part: Sweeps) 
     drive = base.force[base.line, plane]
     share = np.round(base.force[base.line] / drive[:, None], 9)  # forces at several planes at once
     _, direction = np.unique(share, axis=0, return_inverse=True)
-    keys = np.column_stack([base.coordinate, plane, part.condition[base.line], w < 0, direction.reshape(-1)])
+    load = np.array([_load(base, row) for row in base.force])[base.line]
+    keys = np.column_stack([base.coordinate, load, part.condition[base.line], w < 0, direction.reshape(-1)])
     for key in np.unique(keys[w != 0], axis=0):
         rows = np.flatnonzero((keys == key).all(axis=1))
         rows = rows[np.argsort(w[rows], kind="stable")]
@@ -236,6 +238,24 @@ def _curves(fit: FitResult, conditions: Sequence[SweepCondition], part: Sweeps) 
             fitted=fitted,
             band=_band(fit, condition.group, fitted, slope),
         )
+
+
+def _load(base: Responses, force: ComplexArray) -> int:
+    """Place of a line's force, or a number beyond the places for forces at several planes."""
+    coordinates, largest = base.model.coordinates, int(np.argmax(np.abs(force)))
+    places = np.flatnonzero(force).tolist()
+    if len({coordinates[place].plane for place in places}) <= 1:
+        return largest
+    return len(coordinates) + sum(1 << place for place in places)
+
+
+def forced_planes(model: RotorModel, force_plane: int) -> str:
+    """Planes of the force of a curve, in words."""
+    coordinates, beyond = model.coordinates, force_plane - len(model.coordinates)
+    if beyond < 0:
+        return f"force at {coordinates[force_plane].plane}"
+    planes = dict.fromkeys(c.plane for place, c in enumerate(coordinates) if beyond >> place & 1)
+    return f"forces at {' and '.join(planes)}"
 
 
 def _fine(fit: FitResult, block: Responses, rows: Index) -> tuple[Float, ComplexArray, ComplexArray]:

@@ -88,7 +88,7 @@ def mirrored_orbits(orbits: Sequence[Orbits]) -> Iterator[DataError]:
         code="lag-as-lead",
         message="phases of lag are given as lead",
         undo="phase_lag_deg and force_phase_lag_deg in place of phase_deg and force_phase_deg",
-        correct=lambda test: replace(test, response=test.response.conj(), force=test.force.conj()),
+        correct=lambda test: replace(test.with_forces(np.conj), response=test.response.conj()),
     )
     planes = [plane for plane, wrong in against.items() if wrong]
     where = " and ".join(planes)
@@ -111,14 +111,14 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
             message="the forces are those of an unbalance, which grow with the square of the frequency, and are given "
             "as constant",
             undo="give the unbalance (mr_g_mm) in place of force_N",
-            correct=lambda test: replace(test, force=test.force * test.frequency**2),
+            correct=lambda test: test.with_forces(lambda force: force * test.frequency**2),
         )
     if all(_is_constant(test, np.abs(test.force) / test.frequency**2) for test in tests):
         yield DataError(
             code="constant-as-unbalance",
             message="the forces are constant, and are given as those of an unbalance",
             undo="give force_N in place of mr_g_mm",
-            correct=lambda test: replace(test, force=test.force / test.frequency**2),
+            correct=lambda test: test.with_forces(lambda force: force / test.frequency**2),
         )
     yield from _exchanges(tests)
     yield from _exchanged_runs(tests)
@@ -266,7 +266,7 @@ def _turned_back(test: PerturbationTest, *, planes: Sequence[str], degrees: floa
 
 
 def _forces_turned(test: PerturbationTest, *, degrees: float) -> PerturbationTest:
-    return replace(test, force=test.force * np.exp(1j * np.radians(degrees)))
+    return test.with_forces(lambda force: force * np.exp(1j * np.radians(degrees)))
 
 
 def _with_speeds(test: PerturbationTest, *, factor: float) -> PerturbationTest:

@@ -16,6 +16,7 @@ import numpy as np
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.estimators.blocks.observations import Block, Responses
+from rotorfit.estimators.blocks.sweeps import acts_alone
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
 
@@ -206,7 +207,13 @@ def _force_columns(given: Uncertainty, pairs: Sequence[tuple[PerturbationTest, R
 
 def _forced_at(plane: str, block: Responses) -> ComplexArray:
     at = [i for i, coordinate in enumerate(block.model.coordinates) if coordinate.plane == plane]
-    return np.asarray((np.abs(block.force[:, at]).sum(axis=1) > 0)[block.line], dtype=complex)
+    forced = np.abs(block.force[:, at]).sum(axis=1) > 0
+    if (forced & ~acts_alone(block)).any():
+        raise ValueError(
+            f"mr names {plane}, where forces act at once with others: how far one of them moves a reading is not in "
+            "the reading; give one number for all forces"
+        )
+    return np.asarray(forced[block.line], dtype=complex)
 
 
 def _refuse_unknown(option: str, given: Mapping[str, Any], names: Sequence[str]) -> None:

@@ -1,0 +1,165 @@
+"""Readings under several forces at once: written once per force, one row of a test.
+
+Two-plane balancing leaves the first trial weight in: rows that agree in run, speed, frequency, plane, direction and
+reading, and name different planes of the force, are one reading under the sum of these forces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rotorfit.data.experiments import PerturbationTest, records
+
+_PROBE = ("run", "speed", "frequency", "plane", "direction")
+"""Columns that rows of one reading share, beside the reading itself."""
+
+Where = Callable[[int], str]
+"""The place of a row, for messages."""
+
+
+def gathered(test: PerturbationTest, where: Where | None = None) -> PerturbationTest:
+    """The test with the rows of each reading under several forces put together.
+
+    Only a run in which some reading stands under several planes of the force is one with several forces; there all
+    readings have to stand under the same planes. Rows of other runs stay as they are, also where a run forces one plane
+    after the other.
+
+    Raises:
+        ValueError: a reading that contradicts another of the same run, two forces at one plane, forces of which some
+            turn and some do not.
+    """
+    named = where or (lambda row: f"row {row + 1}")
+    groups = _groups(test)
+    runs = {str(test.run[rows[0]]) for rows in groups if _forced_anew(test, rows)}
+    if not runs:
+        _refuse_two_readings(test, named)
+        return test
+    inside = np.isin(test.run, list(runs))
+    kept: list[int] = []
+    forces: dict[int, tuple[Any, ...]] = {}
+    for rows in groups:
+        if inside[rows[0]]:
+            _refuse_one_plane_twice(test, rows, named)
+            _refuse_both_kinds(test, rows, named)
+            first, *further = _loaded(test, rows)
+            kept.append(first)
+            forces[first] = tuple((str(test.force_plane[row]), complex(test.force[row])) for row in further)
+        else:
+            kept += rows
+    kept.sort()
+    _refuse_unequal_planes(test, [rows for rows in groups if inside[rows[0]]], named)
+    found = replace(test, further_forces=records(forces.get(row, ()) for row in range(len(test))))
+    return found.select(np.array(kept, dtype=np.intp))
+
+
+def written_per_force(test: PerturbationTest) -> PerturbationTest:
+    """The test with a row for each force, as files hold it; :func:`gathered` undoes it."""
+    if not test.several.any():
+        return test
+    rows: list[int] = []
+    forces: list[tuple[str, complex]] = []
+    for row, further in enumerate(test.further_forces.tolist()):
+        own = [(str(test.force_plane[row]), complex(test.force[row])), *further]
+        rows += [row] * len(own)
+        forces += own
+    spread = test.select(np.array(rows, dtype=np.intp))
+    planes, values = zip(*forces, strict=True)
+    return replace(
+        spread,
+        force_plane=np.array(planes),
+        force=np.array(values, dtype=complex),
+        further_forces=np.array([], dtype=object),
+    )
+
+
+def refuse_several(test: PerturbationTest, what: str) -> None:
+    """Refuse readings under several forces at once where ``what``, a noun with its article, does not take them."""
+    if test.several.any():
+        row = int(np.flatnonzero(test.several)[0])
+        planes = " and ".join([str(test.force_plane[row]), *[plane for plane, _ in test.further_forces[row]]])
+        raise ValueError(
+            f"{test.source or 'the test'}: in run {test.run[row]} forces act at {planes} at once, which {what} does "
+            "not take; leave such runs out, exclude={'run': ...}"
+        )
+
+
+def _groups(test: PerturbationTest) -> list[list[int]]:
+    """Rows that share run, speed, frequency, probe and reading, in order of appearance."""
+    columns = [getattr(test, name).tolist() for name in (*_PROBE, "response")]
+    found: dict[Any, list[int]] = {}
+    for row, key in enumerate(zip(*columns, strict=True)):
+        found.setdefault(key, []).append(row)
+    return list(found.values())
+
+
+def _forced_anew(test: PerturbationTest, rows: list[int]) -> bool:
+    """True if rows give one reading under forces at several planes; a reading of zero is none."""
+    reading = complex(test.response[rows[0]])
+    return np.isfinite(reading) and reading != 0 and len({str(test.force_plane[row]) for row in rows}) > 1
+
+
+def _loaded(test: PerturbationTest, rows: list[int]) -> list[int]:
+    """Rows of one reading whose force is not zero, the first of all where there is none."""
+    return [row for row in rows if test.force[row] != 0] or rows[:1]
+
+
+def _refuse_one_plane_twice(test: PerturbationTest, rows: list[int], named: Where) -> None:
+    seen: dict[str, int] = {}
+    for row in rows:
+        plane = str(test.force_plane[row])
+        if plane in seen:
+            same = test.force[row] == test.force[seen[plane]]
+            raise ValueError(
+                f"{named(row)}: the {'same force' if same else 'second force'} at {plane} for one reading of run "
+                f"{test.run[row]} ({named(seen[plane])} has the first); "
+                + ("write it once" if same else "write two weights of one plane as one, their sum by size and angle")
+            )
+        seen[plane] = row
+
+
+def _refuse_both_kinds(test: PerturbationTest, rows: list[int], named: Where) -> None:
+    kinds = dict.fromkeys(test.force_direction[rows].tolist())
+    if len(kinds) > 1:
+        raise ValueError(
+            f"{named(rows[-1])}: forces that act at once are all circular or all along one axis; this reading of run "
+            f"{test.run[rows[0]]} has {' and '.join(kinds)}"
+        )
+
+
+def _refuse_unequal_planes(test: PerturbationTest, groups: list[list[int]], named: Where) -> None:
+    """Refuse runs whose readings do not all stand under the same forces."""
+    most: dict[str, set[str]] = {}
+    for rows in groups:
+        planes = {str(test.force_plane[row]) for row in rows}
+        run = str(test.run[rows[0]])
+        most[run] = max(most.get(run, set()), planes, key=len)
+    for rows in groups:
+        run = str(test.run[rows[0]])
+        planes, expected = {str(test.force_plane[row]) for row in rows}, most[run]
+        if planes != expected:
+            row = rows[0]
+            lacking = " and ".join(sorted(expected - planes or planes))
+            raise ValueError(
+                f"{named(row)}: in run {run} forces act at {' and '.join(sorted(expected))} at once, but this reading "
+                f"of {test.plane[row]} {test.direction[row]} stands under {' and '.join(sorted(planes))} alone; write "
+                f"the same reading again for {lacking}, or name runs apart"
+            )
+
+
+def _refuse_two_readings(test: PerturbationTest, named: Where) -> None:
+    """Refuse synchronous runs in which one probe reads twice at one speed, under different planes of the force."""
+    if not test.synchronous:
+        return
+    first: dict[Any, int] = {}
+    for row, key in enumerate(zip(*[getattr(test, name).tolist() for name in _PROBE], strict=True)):
+        other = first.setdefault(key, row)
+        if test.force_plane[row] != test.force_plane[other] and test.force[row] != 0 and test.force[other] != 0:
+            raise ValueError(
+                f"{named(row)}: run {test.run[row]} has two readings of {test.plane[row]} {test.direction[row]} at one "
+                f"speed, under a weight at {test.force_plane[other]} ({named(other)}) and at {test.force_plane[row]}. "
+                "If both weights were in, write the same reading for each; otherwise name the runs apart"
+            )
