@@ -12,6 +12,8 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit import models as models
     from rotorfit.campaigns.campaign import Campaign as Campaign
     from rotorfit.campaigns.campaign import campaign as campaign
+    from rotorfit.data.balancing import Balance as Balance
+    from rotorfit.data.balancing import balance as balance
     from rotorfit.data.experiments import CoefficientTable as CoefficientTable
     from rotorfit.data.experiments import DisplacementTest as DisplacementTest
     from rotorfit.data.experiments import ImpulseTest as ImpulseTest
@@ -81,6 +83,8 @@ _HOME = {
     "Plan": "rotorfit.planning.record",
     "plan": "rotorfit.planning.plan",
     "join_runs": "rotorfit.data.joined",
+    "Balance": "rotorfit.data.balancing",
+    "balance": "rotorfit.data.balancing",
     "ObservedStiffness": "rotorfit.monitoring.observed_stiffness",
     "observed_stiffness": "rotorfit.monitoring.observed_stiffness",
     "DatedValues": "rotorfit.monitoring.trend",

@@ -54,6 +54,8 @@ class Influence:
         influence: per kg m, shape ``(C, planes)``.
         covariance: of the influences, without any assumption on what a mounting does to which channels, shape
             ``(C planes, C planes)``; its rank may be too small to weigh by.
+        whole: the same of residuals and influences, shape ``(C (1 + planes), C (1 + planes))``.
+        given: standard deviation that was given with the readings of each cell, NaN where it was not, shape ``(C,)``.
         working: the same where channels are independent and speeds are correlated alike in all of them; it weighs.
         mounting, repeat: standard deviations between mountings and between repeats in each cell, shape ``(C,)``, NaN
             where they are not known.
@@ -69,6 +71,8 @@ class Influence:
     residual: ComplexArray
     influence: ComplexArray
     covariance: ComplexArray
+    whole: ComplexArray
+    given: Float
     working: ComplexArray
     mounting: Float
     repeat: Float
@@ -94,6 +98,7 @@ def solve_influence(readings: Readings) -> Influence:
     cells: list[MountingFit] = []
     places: list[tuple[int, int]] = []
     left_out: list[tuple[int, int]] = []
+    given: list[float] = []
     freedoms: list[float] = []
     for channel, dwell in sorted(set(zip(readings.channel.tolist(), readings.dwell.tolist(), strict=True))):
         rows = np.flatnonzero((readings.channel == channel) & (readings.dwell == dwell))
@@ -105,13 +110,14 @@ def solve_influence(readings: Readings) -> Influence:
         cell = solve(mean, count, design, repeat)
         cells.append(cell)
         places.append((channel, dwell))
+        given.append(float(np.sqrt(np.mean(readings.sigma[rows] ** 2))))
         freedoms.append(2.0 * cell.freedom if cell.freedom else within)
     if not cells:
         raise UndeterminedError(
             "the weights do not determine an influence: each forced plane needs a second angle, another weight, or a "
             "run without one"
         )
-    return _assembled(cells, places, left_out, speed, min(freedoms))
+    return _assembled(cells, places, left_out, speed, given, min(freedoms))
 
 
 def _assembled(
@@ -119,6 +125,7 @@ def _assembled(
     places: list[tuple[int, int]],
     left_out: list[tuple[int, int]],
     speed: Float,
+    given: list[float],
     freedom: float,
 ) -> Influence:
     channel, dwell = np.array(places, dtype=np.intp).T
@@ -132,13 +139,16 @@ def _assembled(
     planes = len(cells[0].beta) - 1
     kept = np.tile(np.arange(planes + 1) > 0, len(cells))
     square = np.ix_(kept, kept)
+    whole = coefficient_covariance(cells, between)
     return Influence(
         channel=channel,
         dwell=dwell,
         speed=speed,
         residual=np.array([cell.beta[0] for cell in cells]),
         influence=np.array([cell.beta[1:] for cell in cells]),
-        covariance=coefficient_covariance(cells, between)[square],
+        covariance=whole[square],
+        whole=whole,
+        given=np.array(given),
         working=coefficient_covariance(cells, assumed.astype(complex))[square],
         mounting=np.sqrt([cell.mounting for cell in cells]),
         repeat=np.sqrt([cell.repeat for cell in cells]),

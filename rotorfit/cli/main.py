@@ -17,7 +17,7 @@ from pathlib import Path
 from shutil import copyfile
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from rotorfit.cli import campaign, join, laws, predict, recordings, simulate, trend, vectors
+from rotorfit.cli import balance, campaign, join, laws, predict, recordings, simulate, trend, vectors
 from rotorfit.cli.answer import say
 from rotorfit.cli.arguments import (
     add_figure_format,
@@ -195,6 +195,7 @@ COMMANDS = {
     "trend": trend.run,
     "vectors": vectors.run,
     "join": join.run,
+    "balance": balance.run,
     "models": _models,
     "info": _info,
     "completion": _completion,
@@ -207,6 +208,7 @@ _MODULES = (
     ("simulate", simulate),
     ("vectors", vectors),
     ("join", join),
+    ("balance", balance),
     ("predict", predict),
 )
 

@@ -29,6 +29,7 @@ class Influences:
         planes: forced planes.
         mountings: names of the mountings.
         weight: unbalance that the rows of ``test`` are responses to, kg m, one a plane.
+        measured: the readings that they come from.
         by_name: whether the file tells which runs are repeats of one mounting.
     """
 
@@ -38,6 +39,7 @@ class Influences:
     planes: tuple[str, ...]
     mountings: tuple[str, ...]
     weight: Float
+    measured: PerturbationTest
     by_name: bool
 
     @cached_property
@@ -159,6 +161,7 @@ def influence(test: PerturbationTest) -> Influences:
         planes=planes,
         mountings=mountings,
         weight=weight,
+        measured=test,
         by_name=tells_mountings(test),
     )
 

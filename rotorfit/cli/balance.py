@@ -1,0 +1,153 @@
+"""``rotorfit balance``: correction weights from runs with trial weights."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rotorfit.cli.answer import finite, give
+from rotorfit.cli.arguments import add_files, add_output
+from rotorfit.options.kinds import number_word, pairs, words
+from rotorfit.units import RPM_PER_RAD_S
+
+if TYPE_CHECKING:
+    from rotorfit.data.balancing import Balance
+    from rotorfit.data.weights import Influences
+
+DESCRIPTION = "correction weights with their errors, from a reference run and runs with trial weights at dwell speeds"
+
+
+def add_options(to: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    add_files(to)
+    to.add_argument(
+        "--reference",
+        metavar="RUN",
+        help="run whose vibration is to be corrected; its weights stay in [the rotor without any weight]",
+    )
+    to.add_argument("--planes", type=words, metavar="A,B", help="planes to put weights in [all that were tried]")
+    to.add_argument(
+        "--max-g-mm",
+        action="append",
+        default=[],
+        metavar="[PLANE=]G_MM",
+        help="largest weight, mass times radius, of every plane or of one; again for a further plane",
+    )
+    to.add_argument(
+        "--holes",
+        action="append",
+        default=[],
+        metavar="[PLANE=]N",
+        help="split weights over N even holes, the first at zero degrees of force_phase_deg",
+    )
+    to.add_argument("--out", type=Path, help="folder for weights.csv, readings.csv and summary.txt")
+    add_output(to)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do what the command line says; returns the exit code."""
+    from rotorfit.cli.errors import ExitCode, checked
+
+    influences, found = checked(lambda: _balance(options))
+    text = f"influences of weights\n{influences}\n\n{found}"
+    give(options, partial(_write, found, text), lambda: _plain(found), text, found.remarks)
+    return ExitCode.DONE
+
+
+def _balance(options: argparse.Namespace) -> tuple[Influences, Balance]:
+    from rotorfit.cli.join import joined_runs
+    from rotorfit.data.balancing import balance
+    from rotorfit.data.weights import influence
+
+    limits = _by_plane("--max-g-mm", options.max_g_mm, _positive)
+    holes = _by_plane("--holes", options.holes, _count)
+    influences = influence(joined_runs(options))
+    return influences, balance(influences, options.reference, planes=options.planes, limits=limits, holes=holes)
+
+
+def _positive(word: str) -> float:
+    """A weight in g mm as kg m."""
+    if not number_word(word) > 0:
+        raise ValueError("a weight is above zero")
+    return number_word(word) * 1e-6
+
+
+def _count(word: str) -> int:
+    if not word.isdecimal():
+        raise ValueError(f"{word!r} is not a number of holes")
+    return int(word)
+
+
+def _by_plane(option: str, given: Sequence[str], parse: Callable[[str], Any]) -> Any:
+    """One value for all planes, or values by plane; None where the option was not given."""
+    if len(given) == 1 and "=" not in given[0]:
+        try:
+            return parse(given[0])
+        except ValueError as problem:
+            raise ValueError(f"{option} {given[0]}: {problem}") from problem
+    return pairs(option, given, parse) or None
+
+
+def _write(found: Balance, text: str, folder: Path) -> None:
+    for name, rows in (("weights.csv", _weights(found)), ("readings.csv", _readings(found))):
+        with (folder / name).open("w", newline="", encoding="utf-8") as stream:
+            table = csv.DictWriter(stream, list(rows[0]))
+            table.writeheader()
+            table.writerows(rows)
+    (folder / "summary.txt").write_text(f"{text}\n", encoding="utf-8")
+
+
+def _weights(found: Balance) -> list[dict[str, Any]]:
+    rows = []
+    for plane, weight in zip(found.planes, found.weight.tolist(), strict=True):
+        (low, high), (early, late) = found.interval(plane)
+        rows.append(
+            {
+                "plane": plane,
+                "mr_g_mm": abs(weight) * 1e6,
+                "mr_low_g_mm": finite(low * 1e6),
+                "mr_high_g_mm": finite(high * 1e6),
+                "force_phase_deg": float(np.degrees(np.angle(weight))),
+                "phase_low_deg": finite(float(np.degrees(early))),
+                "phase_high_deg": finite(float(np.degrees(late))),
+                "at_limit": plane in found.at_limit,
+            }
+        )
+    return rows
+
+
+def _readings(found: Balance) -> list[dict[str, Any]]:
+    columns = zip(found.readings, found.speed, found.before, found.expected, found.stderr, strict=True)
+    return [
+        {
+            "plane": plane,
+            "direction": direction,
+            "speed_rpm": float(np.round(speed * RPM_PER_RAD_S, 6)),
+            "before_um": float(abs(before) * 1e6),
+            "before_phase_deg": float(np.degrees(np.angle(before))),
+            "expected_um": float(abs(expected) * 1e6),
+            "expected_phase_deg": float(np.degrees(np.angle(expected))),
+            "stderr_um": finite(float(error * 1e6)),
+        }
+        for (plane, direction), speed, before, expected, error in columns
+    ]
+
+
+def _plain(found: Balance) -> dict[str, Any]:
+    holes = {
+        plane: [{"angle_deg": float(np.degrees(angle)), "mr_g_mm": mr * 1e6} for angle, mr in pair]
+        for plane, pair in found.holes.items()
+    }
+    return {
+        "weights": _weights(found),
+        "holes": holes,
+        "readings": _readings(found),
+        "freedom": finite(found.freedom),
+        "remarks": list(found.remarks),
+    }

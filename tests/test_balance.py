@@ -1,0 +1,199 @@
+"""Correction weights: least squares, limits, holes, and intervals that hold the weights exact influences would give."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import binom
+
+import rotorfit as rf
+from rotorfit.cli import main as cli
+from rotorfit.data.balancing import Balance
+from rotorfit.estimators.blocks.correlated import quantile
+
+Complex = NDArray[np.complex128]
+SPEEDS = np.array([300.0, 377.0])
+PROBES = (("aft", "x"), ("aft", "y"), ("fwd", "x"), ("fwd", "y"))
+SIGMA = 2e-7
+
+
+def random_rig(rng: np.random.Generator) -> tuple[Complex, Complex]:
+    """Vibration of four probes at two speeds, m, and influences of two planes, m/(kg m): shapes (8,) and (8, 2)."""
+    residual = 15e-6 * (rng.normal(size=8) + 1j * rng.normal(size=8))
+    return residual, 0.9 * (rng.normal(size=(8, 2)) + 1j * rng.normal(size=(8, 2)))
+
+
+def runs(
+    rng: np.random.Generator, residual: Complex, influence: Complex, further: tuple[Complex, ...] = (), *, given: bool
+) -> rf.PerturbationTest:
+    """A reference, a weight aft, a second one forward while the first stays in; readings probe by probe, speed by
+    speed."""
+    first, second = (1e-5 * np.exp(1j * rng.uniform(0, 6.28)) for _ in range(2))
+    rows: dict[str, list[object]] = {}
+    states = ([0, 0], [first, 0], [first, second], *further)
+    for number, weights in enumerate(states):
+        noise = SIGMA * (rng.normal(size=8) + 1j * rng.normal(size=8))
+        for cell, response in enumerate((residual + influence @ np.array(weights) + noise).tolist()):
+            (plane, direction), speed = PROBES[cell // 2], float(SPEEDS[cell % 2])
+            for force_plane, weight in zip(("aft", "fwd"), weights, strict=True):
+                cells = {"run": f"run {number}", "speed": speed, "frequency": speed, "force_plane": force_plane}
+                cells |= {"force": weight * speed**2, "plane": plane, "direction": direction, "response": response}
+                for name, value in cells.items():
+                    rows.setdefault(name, []).append(value)
+    return rf.perturbation_test(**rows, sigma=SIGMA if given else np.nan)  # type: ignore[arg-type]
+
+
+def best_weights(residual: Complex, influence: Complex, limit: float = np.inf) -> Complex:
+    """Least squares on real and imaginary parts; with a limit by projected gradients."""
+    A = np.block([[influence.real, -influence.imag], [influence.imag, influence.real]])
+    b = np.concatenate([residual.real, residual.imag])
+    x = -np.linalg.lstsq(A, b, rcond=None)[0]
+    step = 1 / np.linalg.eigvalsh(A.T @ A)[-1]
+    for _ in range(0 if np.isinf(limit) else 600):
+        x = x - step * (A.T @ (A @ x + b))
+        size = np.hypot(x[:2], x[2:])
+        x = x * np.tile(np.minimum(1.0, limit / size), 2)
+    return x[:2] + 1j * x[2:]
+
+
+def held(found: Balance, truth: Complex) -> list[bool]:
+    """True where the interval of a weight's size, and of its angle, holds the truth; a size at its limit has none."""
+    inside = []
+    for plane, true in zip(found.planes, truth.tolist(), strict=True):
+        (low, high), (early, late) = found.interval(plane)
+        if plane not in found.at_limit:
+            inside.append(low <= abs(true) <= high)
+        inside.append(abs(np.angle(true * np.exp(-0.5j * (early + late)))) <= (late - early) / 2)
+    return inside
+
+
+MORE = (np.array([-1e-5j, 3e-6]), np.array([2e-6, -9e-6]))
+
+
+@pytest.mark.parametrize("draws", [60, pytest.param(500, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("given", "further", "limit"),
+    [(True, (), np.inf), (False, MORE, np.inf), (True, (), 6e-6)],
+    ids=["noise given", "noise from two runs more", "limits"],
+)
+def test_intervals_of_correction_weights_cover(
+    draws: int, given: bool, further: tuple[Complex, ...], limit: float
+) -> None:
+    rng = np.random.default_rng(5)
+    inside: list[bool] = []
+    residuals: list[bool] = []
+    for _ in range(draws):
+        residual, influence = random_rig(rng)
+        found = rf.balance(rf.influence(runs(rng, residual, influence, further, given=given)), limits=limit)
+        inside += held(found, best_weights(residual, influence, limit))
+        off = (residual + influence @ found.weight - found.expected) / found.stderr
+        within = quantile(0.95, found.freedom)
+        residuals += [*(np.abs(off.real) <= within), *(np.abs(off.imag) <= within)]
+    # the four intervals of a draw share its noise: as many independent ones as draws, the 0.1 % point of the binomial
+    assert np.mean(inside) >= binom.ppf(0.001, draws, 0.95) / draws
+    assert np.mean(residuals) >= binom.ppf(0.001, draws, 0.95) / draws
+    if draws > 100:  # and no wider than they need be
+        assert np.mean(inside) <= binom.ppf(0.999, draws, 0.95) / draws
+
+
+def test_weights_of_the_field_case_are_least_squares() -> None:
+    test = rf.read(rf.datasets.path("field_balance.csv"))
+    influences = rf.influence(test)
+    found = rf.balance(influences, "trial 2")
+    before = test.response[test.run == "trial 2"]
+    expected = best_weights(before, influences.solved.influence)
+    np.testing.assert_allclose(found.weight, expected, rtol=1e-9)
+    np.testing.assert_allclose(found.before, before, rtol=1e-9)
+    np.testing.assert_allclose(found.expected, before + influences.solved.influence @ expected, rtol=1e-9)
+    assert "trial 2 stay in: 11.1 g mm at -35.0 deg in aft, 3.7 g mm at -135.0 deg in fwd" in found.summary()
+    assert "no error of the weights is known" in found.summary()
+    # from the reference the same weights are those in trial 2 and what comes on top of them
+    kept = np.array([11.1 * np.exp(-1j * np.radians(35)), 3.7 * np.exp(-1j * np.radians(135))]) * 1e-6
+    np.testing.assert_allclose(rf.balance(influences).weight, kept + expected, rtol=1e-9)
+
+
+def test_limits_are_kept_and_no_allowed_weight_is_better() -> None:
+    rng = np.random.default_rng(8)
+    influences = rf.influence(runs(rng, *random_rig(rng), given=True))
+    limit = 0.4 * abs(rf.balance(influences).weight[0])
+    found = rf.balance(influences, limits={"aft": limit})
+    assert found.at_limit == ("aft",)
+    (low, high), _ = found.interval("aft")
+    np.testing.assert_allclose([abs(found.weight[0]), low, high], limit, rtol=1e-6)
+    least = np.sum(np.abs(found.expected) ** 2)
+    for _ in range(2000):
+        other = found.weight + 1e-7 * (rng.normal(size=2) + 1j * rng.normal(size=2))
+        if abs(other[0]) <= limit:
+            left = influences.solved.residual + influences.solved.influence @ other
+            assert np.sum(np.abs(left) ** 2) >= least * (1 - 1e-9)
+
+
+def test_holes_beside_the_angle_carry_the_weight() -> None:
+    influences = rf.influence(rf.read(rf.datasets.path("field_balance.csv")))
+    for holes in (24, 3, [10.0, 95.0, 140.0, 222.0, 318.0], {"aft": 8, "fwd": [0.0, 120.0, 240.0]}):
+        found = rf.balance(influences, holes=holes)
+        for plane, weight in zip(found.planes, found.weight.tolist(), strict=True):
+            pair = found.holes[plane]
+            assert sum(mr * np.exp(1j * angle) for angle, mr in pair) == pytest.approx(weight, rel=1e-12)
+            assert all(mr >= 0 for _, mr in pair)
+    for bad in (2, 0, [0.0, 90.0, 180.0]):
+        with pytest.raises(ValueError, match="less than 180 degrees from one to the next"):
+            rf.balance(influences, holes=bad)
+
+
+def test_planes_that_act_alike_are_named() -> None:
+    rng = np.random.default_rng(2)
+    residual, influence = random_rig(rng)
+    influence[:, 1] = influence[:, 0] * 1.3 * np.exp(0.4j) * (1 + 0.01 * rng.normal(size=8))
+    found = rf.balance(rf.influence(runs(rng, residual, influence, given=True)))
+    assert any("planes aft and fwd act alike on these readings" in remark for remark in found.remarks)
+    one = rf.balance(rf.influence(runs(rng, residual, influence, given=True)), planes=["aft"])
+    assert one.planes == ("aft",)
+    assert not any("alike" in remark for remark in one.remarks)
+
+
+def test_readings_of_today_with_influences_of_then() -> None:
+    rng = np.random.default_rng(4)
+    residual, influence = random_rig(rng)
+    influences = rf.influence(runs(rng, residual, influence, given=True))
+    now, _ = random_rig(rng)
+    today = runs(rng, now, influence, given=True)
+    today = today.select((today.run == "run 0") & (today.plane == "aft"))
+    found = rf.balance(influences, today)
+    assert held(found, best_weights(now[:4], influence[:4])) == [True] * 4
+    assert "no reading of them: fwd x at 2865 rpm, fwd x at 3600 rpm, fwd y" in found.summary()
+    with pytest.raises(ValueError, match="no reading of the probes and speeds of the influences"):
+        rf.balance(influences, rf.read(rf.datasets.path("two_disk.csv")))  # type: ignore[arg-type]
+
+
+AWKWARD = {
+    "run mistyped": (["--reference", "trial2"], "did you mean 'trial 2'?"),
+    "plane mistyped": (["--planes", "aft,fwb"], "unknown plane of a trial weight 'fwb', did you mean 'fwd'?"),
+    "negative limit": (["--max-g-mm", "-3"], "--max-g-mm -3: a weight is above zero"),
+    "limit of no plane": (["--max-g-mm", "mid=3"], "unknown plane 'mid'"),
+    "two holes": (["--holes", "2"], "holes at aft: three or more are needed"),
+    "start-ups": (None, "has runs over many speeds"),
+    "no reference": (["--exclude", "run=reference"], "the weights do not determine an influence"),
+}
+
+
+@pytest.mark.parametrize(("words", "sentence"), AWKWARD.values(), ids=list(AWKWARD))
+def test_awkward_questions_are_one_sentence(
+    words: list[str] | None, sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = "field_balance.csv" if words is not None else "two_disk.csv"
+    assert cli.main(["balance", str(rf.datasets.path(name)), *(words or [])]) == 2
+    said = capsys.readouterr().err
+    assert sentence in said
+    assert said.count("\n") == 1
+
+
+def test_the_command_writes_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["balance", str(rf.datasets.path("field_balance.csv")), "--reference", "reference", "--json"]
+    assert cli.main([*words, "--constant", "sigma_mil_pp=0.02", "--holes", "12", "--out", str(tmp_path / "out")]) == 0
+    assert '"mr_g_mm": 15.3' in capsys.readouterr().out
+    assert {"readings.csv", "summary.txt", "weights.csv"} <= {path.name for path in (tmp_path / "out").iterdir()}
+    assert (tmp_path / "out" / "weights.csv").read_text().startswith("plane,mr_g_mm,mr_low_g_mm")
