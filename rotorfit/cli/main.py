@@ -17,7 +17,7 @@ from pathlib import Path
 from shutil import copyfile
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from rotorfit.cli import balance, campaign, join, laws, predict, recordings, simulate, trend, vectors
+from rotorfit.cli import balance, campaign, join, laws, plan, predict, recordings, simulate, trend, vectors
 from rotorfit.cli.answer import say
 from rotorfit.cli.arguments import (
     add_figure_format,
@@ -71,7 +71,7 @@ def _carry_out(options: argparse.Namespace) -> int:
         return ExitCode.DONE
     except BadInputError as problem:
         said = spoken(str(problem))
-        print(f"rotorfit: {said if options.command is _run else in_options(said)}", file=sys.stderr)
+        print(f"rotorfit: {said if options.command in (_run, plan.run) else in_options(said)}", file=sys.stderr)
         return ExitCode.BAD_INPUT
     except KeyboardInterrupt as stop:
         print(f"rotorfit: interrupted, {stop.args[0] if stop.args else 'nothing was written'}", file=sys.stderr)
@@ -191,6 +191,7 @@ COMMANDS = {
     "simulate": simulate.run,
     "template": recordings.run_template,
     "look": recordings.run_look,
+    "plan": plan.run,
     "predict": predict.run,
     "trend": trend.run,
     "vectors": vectors.run,
@@ -210,6 +211,7 @@ _MODULES = (
     ("join", join),
     ("balance", balance),
     ("predict", predict),
+    ("plan", plan),
 )
 
 

@@ -77,9 +77,9 @@ class Expectation:
     def _scatter(self, jacobian: ComplexArray) -> Float:
         """Addition to the scatter of the cost's gradient by errors that readings have in common, shape ``(p, p)``."""
         added = np.zeros((jacobian.shape[1], jacobian.shape[1]))
-        if self.noise.memory:
+        if lags := self.noise.lags():
             sweeps = [sweep for sweeps in channels_of(self.problem) for sweep in sweeps]
-            added += scatter(jacobian, sweeps, self.noise.lags())
+            added += scatter(jacobian, sweeps, lags)
         if self.noise.common:
             sigma = np.concatenate([block.sigma for block in self.problem.blocks])
             predicted = np.concatenate(self.problem.predict(self.guess.centre))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any
@@ -29,11 +29,14 @@ class PlannedNoise:
     additive: float | Mapping[str, float] | None = None  # um (urad for slopes), of all probes or by plane
     share: float = 0.0  # of each reading, by itself
     common: float = 0.0  # share of the readings, the same for all probes of a line: jitter of force or speed
-    memory: float = 0.0  # correlation of the readings of neighbouring lines, as by overlapping filters
+    # correlation of the readings of neighbouring lines, falling as its powers, or those at distances of 1, 2, ... lines
+    memory: float | Sequence[float] = 0.0
     runs: Mapping[str, float] = field(default_factory=dict)  # relative differences of runs (rad for phase), by kind
 
     def __post_init__(self) -> None:
-        for name, value in (("noise_share", self.share), ("common_share", self.common), ("memory", self.memory)):
+        memory = self.memory if isinstance(self.memory, Sequence) else (self.memory,)
+        shares = [("noise_share", self.share), ("common_share", self.common), *(("memory", one) for one in memory)]
+        for name, value in shares:
             if not (isinstance(value, Real) and 0 <= float(value) < 1):
                 raise ValueError(f"{name} is {value!r}; it is a share, from 0 to below 1")
         given = self.additive.values() if isinstance(self.additive, Mapping) else (self.additive,)
@@ -70,6 +73,8 @@ class PlannedNoise:
 
     def lags(self) -> tuple[float, ...]:
         """Correlations along a sweep at distances of 1, 2, ... lines, as long as they count."""
+        if isinstance(self.memory, Sequence):
+            return tuple(self.memory)
         counted = 0.01  # least correlation that counts: each adds itself to a variance, twice
         found = [self.memory]
         while found[-1] * self.memory > counted:

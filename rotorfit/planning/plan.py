@@ -32,7 +32,7 @@ def plan(
     noise_um: float | Mapping[str, float] | None = None,
     noise_share: float = 0.0,
     common_share: float = 0.0,
-    memory: float = 0.0,
+    memory: float | Sequence[float] = 0.0,
     runs: Mapping[str, float] | None = None,
     quantity: Wanted = None,
     wanted: float | None = None,
@@ -59,7 +59,8 @@ def plan(
             plane; unless given, the patterns' sigma, which other tests than those of responses need in any case.
         noise_share: further noise of each reading, over its size.
         common_share: the same, common to all probes of a line: jitter of force or speed.
-        memory: correlation of the noise of neighbouring lines, as by overlapping filters.
+        memory: correlation of the noise of neighbouring lines, as by overlapping filters, falling as its powers; or the
+            correlations at distances of 1, 2, ... lines.
         runs: standard deviations of differences from run to run, by kind: force, phase (rad), K0, D, lam, fluid.
         quantity: what the test is for: a name, several, a function of the parameters, or functions by name; unless
             given, all parameters together.

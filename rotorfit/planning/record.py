@@ -148,8 +148,8 @@ class Plan:
         for name, one in self.expected.items():
             value, error = with_error(one.value, one.stderr)
             found = math.isfinite(one.stderr)
-            cells = [value, error if found else "open", f"{one.relative:.2%}" if found else "-"]
-            rows.append([name, *cells, f"{self.even[name].relative:.2%}" if found else "-", one.unit])
+            shares = [f"{100 * which.relative:.2g} %" if found else "-" for which in (one, self.even[name])]
+            rows.append([name, value, error if found else "open", *shares, one.unit])
         aim = " and ".join(self.quantity) if self.quantity else "all parameters together"
         hours = "" if math.isnan(self.time_s) else f", {duration(self.time_s)}"
         head = f"plan of a test of {self.model.name} for {aim}: {self.share.size} lines{hours}"

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from rotorfit.planning.additions import additions, percent
 from rotorfit.planning.candidates import too_fast
 from rotorfit.planning.design import Design
 from rotorfit.planning.record import Plan, duration
@@ -28,7 +29,7 @@ def suggest(
     else:
         found += _reshared(plan)
     found += _for_wanted(plan, wanted)
-    found += _open(plan)
+    found += additions(task, plan, design, wanted)
     return tuple(found)
 
 
@@ -95,19 +96,15 @@ def _for_wanted(plan: Plan, wanted: float | None) -> list[str]:
     for name in plan.quantity or tuple(plan.expected):
         one = plan.expected[name]
         if not math.isfinite(one.stderr):
-            sentences.append(f"No averaging brings {name} to {wanted:.2g}: this test leaves it open.")
+            sentences.append(f"No averaging brings {name} to {100 * wanted:.2g} %: this test leaves it open.")
             continue
         factor = (one.relative / wanted) ** 2
         if factor <= 1:
-            sentences.append(f"{name} is known to {one.relative:.2%}, within the {wanted:.2%} that are wanted.")
+            sentences.append(f"{name} comes to {percent(one)}, within the {100 * wanted:.2g} % that are wanted.")
             continue
         average = float(plan.lines.average.sum())
         more = "" if math.isnan(average) else f", {duration(average * (factor - 1))} more"
         sentences.append(
-            f"{name} comes to {one.relative:.2%}; {wanted:.2%} take {factor:.3g} times the averaging{more}."
+            f"{name} comes to {percent(one)}; {100 * wanted:.2g} % take {factor:.3g} times the averaging{more}."
         )
     return sentences
-
-
-def _open(plan: Plan) -> list[str]:
-    return [f"Open whatever is averaged: {one.message}" for one in plan.identifiability.combinations]

@@ -104,7 +104,7 @@ class Task:
             certificate=shares,
             identifiability=found.errors()[1],
             suggestions=(),
-            notes=_notes(found, open_),
+            notes=(*_notes(found, open_), *([] if design is None else [_largest_motion(found, first, design)])),
             time_s=total,
             test=planned,
             expectation=found,
@@ -191,6 +191,18 @@ def _timed(
     sigma = task.noise.of_rows(test) / np.sqrt(weight[line])
     planned = replace(test, sigma=sigma, attributes={"average_s": shared}, source="plan")
     return replace(table, settle=settle, average=average * weight), planned
+
+
+def _largest_motion(found: Expectation, first: int, design: Design) -> str:
+    """How far the planned forces move the rotor."""
+    size = np.abs(np.concatenate([block.measured for block in found.problem.blocks])[first:])
+    block = responses_of(found.problem.blocks[-1])
+    if block is not None:
+        size = np.where([block.model.coordinates[i].axis == "r" for i in block.coordinate.tolist()], 0.0, size)
+    top = int(np.argmax(size))
+    run = found.problem.blocks[-1].run[top]
+    limit = "" if design.clearance_share is not None else "; clearance_share= limits it"
+    return f"The largest motion is {size[top] * 1e6:.3g} um 0-peak, in {run}{limit}."
 
 
 def _notes(found: Expectation, open_: Sequence[str]) -> tuple[str, ...]:

@@ -1,0 +1,80 @@
+"""``rotorfit plan``: which errors a test will give, and how its time is best spent, before it is made."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rotorfit.cli.answer import finite, give
+from rotorfit.cli.arguments import add_figure_format, add_output
+
+if TYPE_CHECKING:
+    from rotorfit.planning.record import Plan
+
+DESCRIPTION = "plan a test: the errors that it will give, the speeds and lines that deserve its time"
+
+
+def add_options(to: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    to.add_argument("study", type=Path, metavar="PLAN.toml", help="rotor, noise and what the rig can do, as TOML keys")
+    to.add_argument(
+        "--out", type=Path, help="folder for plan.csv to fill in, lines.csv, summary.txt and plan.png, in place of the "
+        "file's",
+    )  # fmt: skip
+    add_figure_format(to)
+    add_output(to)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do what the command line says; returns the exit code."""
+    from rotorfit.cli.errors import ExitCode, checked
+    from rotorfit.studies.plan_file import read_plan, run_plan
+
+    study = checked(lambda: read_plan(options.study))
+    if options.out is None:
+        options.out = study.out
+    found = checked(lambda: run_plan(replace(study, out=options.out)))
+
+    def write(folder: Path) -> None:
+        from rotorfit.plots.style import picture_of
+
+        if found.test is not None:
+            found.to_csv(folder / "plan.csv")
+        found.to_dataframe().to_csv(folder / "lines.csv", index=False)
+        (folder / "summary.txt").write_text(f"{found}\n", encoding="utf-8")
+        figure = folder / f"plan.{options.figure_format}"
+        figure.write_bytes(picture_of(found.plot(), options.figure_format))
+
+    give(options, write, lambda: _plain(found), str(found), found.notes)
+    return ExitCode.DONE
+
+
+def _plain(found: Plan) -> dict[str, Any]:
+    """The plan as JSON, no infinities."""
+    lines = found.to_dataframe().astype(object)
+    return {
+        "model": found.model.name,
+        "quantity": list(found.quantity),
+        "expected": {
+            name: {
+                "value": finite(one.value),
+                "stderr": finite(one.stderr),
+                "stderr_low": finite(one.low),
+                "stderr_high": finite(one.high),
+                "stderr_all_lines_alike": finite(found.even[name].stderr),
+                "unit": one.unit,
+            }
+            for name, one in found.expected.items()
+        },
+        "certificate": {
+            "optimal": found.certificate.optimal,
+            "gap": found.certificate.gap,
+            "efficiency": found.certificate.efficiency,
+        },
+        "time_s": finite(found.time_s),
+        "suggestions": list(found.suggestions),
+        "notes": list(found.notes),
+        "lines": lines.where(lines.notna(), None).to_dict("records"),
+    }

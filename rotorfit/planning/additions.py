@@ -1,0 +1,188 @@
+"""Runs that would be worth adding to a test, what each brings and costs, and what would settle what stays open."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.models.array_types import Float
+from rotorfit.models.motion.stability import growth_rate
+from rotorfit.observing.circular import first_rows
+from rotorfit.planning.candidates import candidate_test, line_times
+from rotorfit.planning.design import Design
+from rotorfit.planning.expectation import expect
+from rotorfit.planning.record import ExpectedError, Plan, duration
+from rotorfit.planning.targets import all_targets
+from rotorfit.planning.task import Task, errors_of
+from rotorfit.units import RPM_PER_RAD_S
+
+_MOST_LINES = 40  # of a run that is suggested
+_MOST_RUNS = 24  # that are tried
+_MOST_SPEEDS = 4  # of the tests that runs are tried at
+_STEP = 1.3
+"""Ratio of a speed that is tried to the lowest and highest of the tests, and room below the threshold speed."""
+_NAMED = 3  # runs that are suggested
+_LEAST_GAIN = 1.05
+"""Ratio of an error to that with a run added from which the run is suggested."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Addition:
+    """A run that could be added."""
+
+    test: PerturbationTest
+    time_s: float
+    errors: dict[str, ExpectedError]  # with it
+    open: int  # combinations that it leaves open
+
+    @property
+    def name(self) -> str:
+        """Plane, speed and direction."""
+        return self.test.runs[0]
+
+
+def additions(task: Task, plan: Plan, design: Design | None, wanted: float | None) -> list[str]:
+    """Sentences on runs that would be worth adding, best first, and on what would settle what stays open."""
+    if design is not None:
+        return _whole_rig(task, plan, design)
+    tests = [t for t in task.patterns if isinstance(t, PerturbationTest) and not t.synchronous and t.force.any()]
+    tests = [t for t in tests if t.static_position is None and not t.linear.any()]
+    if not tests:
+        return _settled(plan, [], False)
+    candidates = _candidates(task, tests)
+    tried = [_with(task, (), run, time) for run, time in candidates]
+    names = plan.quantity or tuple(plan.expected)
+    sentences = _settled(plan, tried, bool(plan.identifiability.combinations))
+    errors, added = dict(plan.expected), list[PerturbationTest]()
+    rounds = _NAMED if wanted is not None else 1
+    for _ in range(rounds):
+        if not tried or (wanted is not None and _worst(errors, names) <= wanted):
+            break
+        order = sorted(tried, key=lambda one: _size(one.errors, names))
+        worth = [one for one in order if _size(errors, names) - _size(one.errors, names) > math.log(_LEAST_GAIN)]
+        for one in worth[: 1 if wanted is not None else _NAMED]:
+            sentences.append(_sentence(one, errors, names))
+        if not worth:
+            break
+        errors, added = worth[0].errors, [*added, worth[0].test]
+        left = [(one.test, one.time_s) for one in tried if one.name != worth[0].name]
+        tried = [_with(task, added, run, time) for run, time in left] if wanted is not None else []
+    return sentences
+
+
+def _candidates(task: Task, tests: Sequence[PerturbationTest]) -> list[tuple[PerturbationTest, float]]:
+    """Runs like those of the tests, at planes, speeds and in directions that these have not, and their times."""
+    model, theta = task.model, task.vector()
+    speeds = np.unique(np.concatenate([np.round(test.speed, 6) for test in tests]))
+    speeds = np.unique([*_some(speeds, _MOST_SPEEDS), speeds[0] / _STEP, speeds[-1] * _STEP])
+    speeds = speeds[[float(growth_rate(model, theta, _STEP * speed)) < 0 for speed in speeds.tolist()]]
+    w = _some(np.unique(np.concatenate([np.round(np.abs(test.frequency), 6) for test in tests])), _MOST_LINES)
+    if not speeds.size:
+        return []
+    read = {(plane, d) for t in tests for plane, d in zip(t.plane.tolist(), t.direction.tolist(), strict=True)}
+    probes = tuple(dict.fromkeys(p if d in ("x", "y", "z") else f"{p} {d.replace('z', 'x')}" for p, d in sorted(read)))
+    force = np.concatenate([np.abs(test.force) for test in tests])
+    like = Design(
+        speed_rpm=speeds * RPM_PER_RAD_S,
+        frequency_rpm=w * RPM_PER_RAD_S,
+        probes=probes,
+        force_N=float(np.median(force[force > 0])),
+    )
+    whole = candidate_test(like, model, theta)
+    there = {
+        (plane, round(speed, 4), frequency > 0)
+        for test in tests
+        for plane, speed, frequency in zip(
+            test.force_plane.tolist(), test.speed.tolist(), test.frequency.tolist(), strict=True
+        )
+    }
+    found = []
+    for name in whole.runs:
+        run = whole.select(whole.run == name)
+        if (str(run.force_plane[0]), round(float(run.speed[0]), 4), bool(run.frequency[0] > 0)) in there:
+            continue
+        settle, average = line_times(like, model, theta, run, first_rows(run))
+        found.append((_with_noise(task, run, tests), float(settle.sum() + average.sum())))
+    return found[:_MOST_RUNS]
+
+
+def _some(values: Float, most: int) -> Float:
+    """Some of ascending values, evenly chosen."""
+    return np.asarray(values[np.linspace(0, values.size - 1, min(values.size, most)).round().astype(int)])
+
+
+def _with_noise(task: Task, run: PerturbationTest, tests: Sequence[PerturbationTest]) -> PerturbationTest:
+    """A run with the noise that the tests have at each plane, where it is not given for all."""
+    if task.noise.additive is not None:
+        return run
+    sigma = np.full(len(run), np.nan)
+    for plane in run.planes:
+        known = np.concatenate([test.sigma[test.plane == plane] for test in tests])
+        if np.isfinite(known).any():
+            sigma[run.plane == plane] = np.nanmedian(known)
+    return replace(run, sigma=sigma)
+
+
+def _with(task: Task, added: Sequence[Experiment], run: PerturbationTest, time_s: float) -> Addition:
+    tests = (*task.patterns, *added, run)
+    found = expect(task.model, tests, task.settings, task.values, task.noise, 1, task.seed)
+    targets, _ = all_targets(found.problem.space, task.quantity)
+    return Addition(test=run, time_s=time_s, errors=errors_of(found, targets), open=len(found.errors()[1].combinations))
+
+
+def _size(errors: dict[str, ExpectedError], names: Sequence[str]) -> float:
+    """Mean logarithm of the relative errors; those that are open count as a hundred times the value."""
+    open_ = 100.0
+    return float(np.mean([math.log(min(max(errors[name].relative, 1e-300), open_)) for name in names]))
+
+
+def _worst(errors: dict[str, ExpectedError], names: Sequence[str]) -> float:
+    return max(errors[name].relative for name in names)
+
+
+def _sentence(one: Addition, before: dict[str, ExpectedError], names: Sequence[str]) -> str:
+    changes = [f"{name} {percent(before[name])} -> {percent(one.errors[name])}" for name in names[:_NAMED]]
+    lines = len(np.unique(one.test.frequency))
+    return f"Add {one.name} ({lines} lines, {duration(one.time_s)}): {', '.join(changes)}."
+
+
+def percent(error: ExpectedError) -> str:
+    """A relative error in words."""
+    return f"{100 * error.relative:.2g} %" if math.isfinite(error.relative) else "open"
+
+
+def _settled(plan: Plan, tried: Sequence[Addition], asked: bool) -> list[str]:
+    """What stays open, and the runs that would settle it."""
+    count = len(plan.identifiability.combinations)
+    sentences = [f"Open, however long is averaged: {one.message}" for one in plan.identifiability.combinations]
+    if asked:
+        settling = [one.name for one in tried if one.open < count]
+        it = "it" if count == 1 else "some of it"
+        sentences.append(
+            f"One run more would settle {it}: {'; '.join(settling[:_NAMED])}."
+            if settling
+            else "No further run of rotating forces at these speeds settles it."
+        )
+    return sentences
+
+
+def _whole_rig(task: Task, plan: Plan, design: Design) -> list[str]:
+    """What a design leaves open, and whether forces at all planes, all probes and both directions would settle it."""
+    sentences = _settled(plan, (), False)
+    whole = replace(design, force_planes=None, probes=None, directions=("forward", "backward"))
+    if not sentences or whole == design:
+        return sentences
+    found, _ = task.expectation(whole)
+    left = len(found.errors()[1].combinations)
+    if left < len(sentences):
+        sentences.append(
+            "Forces at all planes, all probes and both directions would settle "
+            + ("it." if not left else "some of it.")
+        )
+    else:
+        sentences.append("Neither more planes and probes nor the other direction settle it.")
+    return sentences

@@ -1,0 +1,197 @@
+"""Plans of tests as TOML files: every key checked, relative paths relative to the file.
+
+::
+
+    model = "whirl-whip"
+    known = {K3 = 6000.0}
+    quantity = ["lam", "threshold_speed"]
+    noise_um = 0.5                      # or by plane, {disk = 0.3, journal = 0.5}
+    wanted = 0.01                       # relative standard error
+    tests = ["last_year.csv"]           # patterns: made in any case, their readings do not count
+    out = "planned"
+
+    [values]                            # or fit = "results/fit.json"
+    Md = 0.95
+    K1 = [12e3, 16e3]                   # a range
+    D = {norm = [450.0, 50.0]}          # a distribution of scipy.stats
+
+    [design]
+    speed_rpm = [600, 1000, 1400, 1800, 2200, 2500]
+    speed_count = 3
+    frequency_rpm = {from = 100, to = 3000, count = 40}
+    force_N = 5.0
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rotorfit.data.experiments import Experiment
+from rotorfit.estimators.file_reading import read_toml, reading
+from rotorfit.models.parameters import unknown_name
+from rotorfit.options.kinds import Parser, count, number, prior, table, text
+from rotorfit.options.table import FIT, LAW, MODEL
+from rotorfit.planning.design import Design
+from rotorfit.planning.plan import plan
+from rotorfit.planning.record import Plan
+from rotorfit.studies.data_files import DataFile, no_progress, read_files
+from rotorfit.studies.study import Study
+from rotorfit.studies.study_model import build_model
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanStudy:
+    """Settings of a plan, by the names of the TOML keys."""
+
+    path: Path  # of the file
+    settings: Mapping[str, Any]  # arguments of rf.plan
+    study: Study  # model with its options, and files of patterns
+    fit: Path | None  # saved fit that values come from
+    out: Path | None  # folder for the results
+
+
+def read_plan(path: str | Path) -> PlanStudy:
+    """Read a plan's settings from a TOML file."""
+    path = Path(path)
+    with reading(str(path), "TOML file"):
+        content = read_toml(path, str(path))
+        try:
+            return _settings(path, content)
+        except ValueError as reason:
+            raise ValueError(f"{path}: {reason}") from reason
+
+
+def run_plan(study: PlanStudy) -> Plan:
+    """Make the plan."""
+    from rotorfit.fitting.fit_file import load_fit
+
+    tests: list[Experiment | Design] = []
+    if study.study.files:
+        tests += read_files(study.study.files, no_progress)[0]
+    model = build_model(study.study, [test for test in tests if isinstance(test, Experiment)])
+    settings = dict(study.settings)
+    if study.fit is not None:
+        settings["values"] = load_fit(study.fit)
+    if "design" in settings:
+        tests.append(settings.pop("design"))
+    try:
+        return plan(model, tests=tests, **settings)
+    except (ValueError, KeyError) as reason:
+        raise ValueError(f"{study.path}: {reason.args[0] if reason.args else reason}") from reason
+
+
+def _settings(path: Path, content: Mapping[str, Any]) -> PlanStudy:
+    for key in content:
+        if key not in _KEYS:
+            raise ValueError(unknown_name("key", key, _KEYS))
+    if "model" not in content:
+        raise ValueError("the key 'model' is missing")
+    found = {key: _KEYS[key](key, value) for key, value in content.items()}
+    if ("values" in found) == ("fit" in found):
+        raise ValueError("give the values of the rotor: a table [values], or fit = the path of a saved fit.json")
+    if not ({"tests", "design"} & set(found)):
+        raise ValueError("nothing to plan: give a table [design], or tests = a list of files as patterns")
+    base = path.parent
+    model = {name: found.pop(name) for name in ("model", *_MODEL) if name in found}
+    files = tuple(DataFile(base / name) for name in found.pop("tests", ()))
+    out, fit = found.pop("out", None), found.pop("fit", None)
+    return PlanStudy(
+        path=path,
+        settings=found,
+        study=Study(files=files, **model),
+        fit=None if fit is None else base / fit,
+        out=None if out is None else base / out,
+    )
+
+
+# ---- values of keys -----------------------------------------------------------------------------
+
+
+def _texts(key: str, value: Any) -> tuple[str, ...]:
+    several = value if isinstance(value, list) else [value]
+    return tuple(text(key, one) for one in several)
+
+
+def _numbers(key: str, value: Any) -> Any:
+    """Numbers, one, or evenly spaced ones, ``{from = 100, to = 3000, count = 40}``."""
+    if isinstance(value, dict):
+        if set(value) != {"from", "to", "count"}:
+            raise ValueError(f"{key} as a table is {{from = 100, to = 3000, count = 40}}, got {value!r}")
+        ends = [number(f"{key}.{end}", value[end]) for end in ("from", "to")]
+        return np.linspace(ends[0], ends[1], count(f"{key}.count", value["count"]))
+    return [number(key, one) for one in (value if isinstance(value, list) else [value])]
+
+
+def _value(key: str, value: Any) -> Any:
+    """A number, a range ``[low, high]`` or a distribution."""
+    if isinstance(value, dict):
+        return prior(key, value)
+    if isinstance(value, list):
+        return tuple(number(key, one) for one in value)
+    return number(key, value)
+
+
+def _by_plane(key: str, value: Any) -> Any:
+    return table(number)(key, value) if isinstance(value, dict) else number(key, value)
+
+
+def _memory(key: str, value: Any) -> Any:
+    return tuple(number(key, one) for one in value) if isinstance(value, list) else number(key, value)
+
+
+_DESIGN: dict[str, Parser] = {
+    "speed_rpm": _numbers,
+    "frequency_rpm": _numbers,
+    "directions": _texts,
+    "force_planes": _texts,
+    "probes": _texts,
+    "speed_count": count,
+    "force_N": number,
+    "mr_g_mm": number,
+    "clearance_share": number,
+    "clearance_um": number,
+    "average_s": number,
+    "sweep_rpm_per_s": number,
+    "change_s": number,
+}
+"""Keys of the table ``[design]``: the attributes of :class:`~rotorfit.planning.design.Design`."""
+
+
+def _design(key: str, value: Any) -> Design:
+    if not isinstance(value, dict):
+        raise ValueError(f"{key} must be a table, got {value!r}")
+    for name in value:
+        if name not in _DESIGN:
+            raise ValueError(unknown_name(f"key of [{key}]", name, _DESIGN))
+    for field in fields(Design)[:2]:
+        if field.name not in value:
+            raise ValueError(f"[{key}] needs {field.name}")
+    return Design(**{name: _DESIGN[name](f"{key}.{name}", item) for name, item in value.items()})
+
+
+_MODEL = (*MODEL, *LAW, "modes", "gains", "apart")
+_KEYS: dict[str, Parser] = {
+    "model": text,
+    **{name: FIT[name].kind.toml for name in (*_MODEL, "known", "priors", "per", "phase_offsets")},
+    "values": table(_value),
+    "fit": text,
+    "tests": _texts,
+    "design": _design,
+    "quantity": _texts,
+    "wanted": number,
+    "noise_um": _by_plane,
+    "noise_share": number,
+    "common_share": number,
+    "memory": _memory,
+    "runs": table(number),
+    "even": number,
+    "draws": count,
+    "seed": FIT["seed"].kind.toml,
+    "out": text,
+}
+"""Keys of the file and what their values must be."""
