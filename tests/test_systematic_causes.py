@@ -29,11 +29,91 @@ def test_printed_intervals_hold_the_truth_where_statistical_ones_do_not(cause: s
     """12 rigs: intervals that hold 95 % fail the bound once in five hundred."""
     rows = study(cause, 12, seed=2)
     assert all(row.printed >= PROMISED for row in rows), rows
+    assert min(row.statistical for row in rows) < 0.7
+
+
+FOUND = (
+    "lam +5 % a half threshold, four speeds",
+    "low-pass on all channels, 20 times the band, one mode",
+    "D drifts by 10 %, one mode",
+    "probes read 2 % too much, one mode",
+    "fluid stiffens, eps 0.15, one mode",
+    "anisotropy of 5 %, one probe",
+    "second seal at the disk, 1 %",
+)
+
+
+RANDOM = ("none, noise estimated, one mode", "noise in proportion, 1 %", "force jitters by 1 %")
+
+
+@pytest.mark.parametrize("cause", FOUND)
+def test_a_fixed_cause_is_named_and_its_shift_holds_the_truth(cause: str) -> None:
+    """6 rigs: the right name in eight of ten, by the table of the benchmark, fails once in a thousand."""
+    rows = study(cause, 6, seed=4)
+    assert all(row.found >= PROMISED - 1 / 6 for row in rows), rows
+    assert rows[0].named >= 0.5
     assert min(row.statistical for row in rows) < 0.6
 
 
+@pytest.mark.parametrize(
+    "cause", ["none, noise estimated, one mode", "noise in proportion, 1 %", "force jitters by 1 %"]
+)
+def test_random_errors_are_given_no_fixed_cause(cause: str) -> None:
+    """12 rigs at one in a thousand each."""
+    rows = study(cause, 12, seed=5)
+    assert rows[0].named == 0
+    assert all(row.found > 0.7 for row in rows)  # 95 %, and the bound once in some thousand
+
+
+def test_a_found_cause_is_a_warning_that_says_what_to_do() -> None:
+    rng = np.random.default_rng(1)
+    rig, test = CAUSES["lam +5 % a half threshold, four speeds"][1](one_mode(rng), rng)
+    fit = rf.fit(rf.models.OneMode(), measured(rig, test, rng), known=rig.known)
+    assert fit.noise is not None
+    assert [cause.name for cause in fit.noise.causes] == ["change with speed[lam]"]
+    assert not fit.noise.effects
+    assert fit.model_limited
+    assert any('per={"lam": "speed_rpm"}' in warning for warning in fit.warnings)
+    assert "runs differ" not in str(fit)
+    entry = fit.assumptions()["change with speed[lam]"]
+    truth = rig.truth()["threshold_speed"]
+    moved = fit.threshold_of(0).value + entry.shifts["threshold speed"] * entry.estimate
+    assert moved == pytest.approx(truth, rel=0.01)  # to first order: 5 % squared, and what lam bends
+    assert abs(fit.threshold_of(0).value / truth - 1) > 0.02
+
+
+def test_a_found_cause_comes_back_from_its_file(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    rig, test = CAUSES["fluid stiffens, eps 0.15, one mode"][1](one_mode(rng), rng)
+    fit = rf.fit(rf.models.OneMode(), measured(rig, test, rng), known=rig.known)
+    fit.save(tmp_path / "fit.json")
+    again = rf.load_fit(tmp_path / "fit.json")
+    assert fit.noise is not None
+    assert again.noise is not None
+    assert fit.noise.causes
+    assert again.noise.causes == fit.noise.causes
+    assert again.interval("K0") == fit.interval("K0")
+
+
+def test_one_speed_leaves_a_plausible_change_that_the_user_may_replace() -> None:
+    rng = np.random.default_rng(3)
+    rig, test = CAUSES["lam +5 % a half threshold, one speed"][1](one_mode(rng), rng)
+    data = measured(rig, test, rng)
+    fit = rf.fit(rf.models.OneMode(), data, known=rig.known)
+    entry = fit.assumptions()["change with speed[lam]"]
+    assert not entry.tested
+    zero = {e.name: 0.0 for e in fit.assumptions().entries}
+    steady = rf.fit(rf.models.OneMode(), data, known=rig.known, assumptions=zero)
+    rising = rf.fit(rf.models.OneMode(), data, known=rig.known, assumptions={**zero, entry.name: 0.05})
+    assert steady.threshold_speed().systematic == 0
+    onset = rising.threshold_speed()
+    # The threshold is (1/lam) sqrt((K + K0)/M) but for Ds: lam changes by 5 % of the way beyond the tested speed.
+    assert onset.systematic == pytest.approx(0.05 * (onset.value / test.speeds[0] - 1) * onset.value, rel=0.1)
+    assert rising.systematic("lam") == 0
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("cause", sorted(set(CAUSES) - set(SHORT)))
+@pytest.mark.parametrize("cause", sorted(set(CAUSES) - set(SHORT) - {"second seal at the disk, 10 %"}))
 def test_the_other_causes(cause: str) -> None:
     assert all(row.printed >= PROMISED for row in study(cause, 20, seed=3))
 
@@ -49,7 +129,7 @@ def rows_of(test: Campaign) -> dict[str, float]:
 def test_gains_have_a_row_where_nothing_compares_them() -> None:
     assert not {"gain", "gain[journal]"} & set(rows_of(Campaign()))
     assert rows_of(Campaign(one_run=True))["gain"] == 0.015
-    assert rows_of(Campaign(direction="x"))["gain[journal]"] == 0.015
+    assert rows_of(Campaign(directions="x"))["gain[journal]"] == 0.015
     assert {"rest[journal]", "ci[journal]"} <= set(rows_of(Campaign()))
 
 

@@ -13,6 +13,7 @@ from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
+from rotorfit.estimators.inference.smooth_causes import Cause, cause_change
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.motion.neglected_terms import LeftOut
@@ -47,9 +48,9 @@ class Rest:
     eccentricity: float  # of which that is the secant
 
 
-Term: TypeAlias = LeftOut | Offset | Clearance | Gain | Rest | int
-"""A term of the equation of motion, an offset, the clearance, a gain, the place at rest, or the place of a known
-parameter of the model."""
+Term: TypeAlias = LeftOut | Offset | Clearance | Gain | Rest | Cause | int
+"""A term of the equation of motion, an offset, the clearance, a gain, the place at rest, a smooth cause by a unit of
+its size, or the place of a known parameter of the model."""
 
 
 def whitened_columns(problem: Problem, x: Float, terms: Sequence[Term]) -> ComplexArray:
@@ -57,7 +58,12 @@ def whitened_columns(problem: Problem, x: Float, terms: Sequence[Term]) -> Compl
     theta = problem.space.theta(x)
     parts = []
     for number, block in enumerate(problem.blocks):
-        changes = np.array([_change(block, theta, term) for term in terms]).reshape(len(terms), block.measured.size)
+        changes = np.array(
+            [
+                cause_change(block, theta, term) if isinstance(term, Cause) else _change(block, theta, term)
+                for term in terms
+            ]
+        ).reshape(len(terms), block.measured.size)
         if problem.factors and problem.factors[number] is not None:
             nuisance = np.asarray(problem.factors[number]) @ x[len(problem.space.names) :]
             changes = changes * np.exp(nuisance)

@@ -7,11 +7,12 @@ estimate moves with it (the score, or Lagrange multiplier, test of Rao 1948).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.models.array_types import RANK_TOLERANCE, ComplexArray, Float
+from rotorfit.models.array_types import RANK_TOLERANCE, ComplexArray, Float, Index
 
 _SMALLEST_REMAINDER = 1e-6  # length left of a column, over its own, at which parameters took up all of it
 
@@ -27,10 +28,7 @@ class Scores:
 
 def score_tests(residuals: ComplexArray, jacobian: ComplexArray, columns: ComplexArray, priors: Float) -> Scores:
     """Test terms that are left out of a model, and tell how far each would move the estimate."""
-    known = np.zeros((priors.size, columns.shape[1]))
-    J = np.concatenate([jacobian.real, jacobian.imag, np.diag(np.sqrt(priors))])
-    c = np.concatenate([columns.real, columns.imag, known])
-    r = np.concatenate([residuals.real, residuals.imag, np.zeros(priors.size)])
+    r, c, J = _stacked(residuals, jacobian, columns, priors)
     size = np.linalg.norm(J, axis=0)
     size = np.where(size > 0, size, 1.0)
     left, singular, right = np.linalg.svd(J / size, full_matrices=False)
@@ -46,3 +44,48 @@ def score_tests(residuals: ComplexArray, jacobian: ComplexArray, columns: Comple
         stderr=np.where(seen, 1.0 / np.sqrt(power), np.inf),
         shift=-taken.T,
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gains:
+    """What groups of columns explain of residuals beside the fitted parameters, one entry a group."""
+
+    gain: Float  # fall of the sum of squares
+    rank: Float  # columns that parameters do not take up
+    square: float  # sum of squares without any
+    freedom: int  # its degrees of freedom
+
+
+def joint_gains(
+    residuals: ComplexArray, jacobian: ComplexArray, columns: ComplexArray, priors: Float, groups: Sequence[Index]
+) -> Gains:
+    """Sums of squares that groups of columns explain, each group on its own."""
+    r, c, J = _stacked(residuals, jacobian, columns, priors)
+    left = _basis(J)
+    rest, whole = c - left @ (left.T @ c), np.linalg.norm(c, axis=0)
+    r = r - left @ (left.T @ r)
+    seen = np.linalg.norm(rest, axis=0) > _SMALLEST_REMAINDER * whole
+    bases = [_basis(rest[:, own[seen[own]]]) for own in groups]
+    return Gains(
+        gain=np.array([float(np.sum((basis.T @ r) ** 2)) for basis in bases]),
+        rank=np.array([float(basis.shape[1]) for basis in bases]),
+        square=float(r @ r),
+        freedom=2 * residuals.size - left.shape[1],
+    )
+
+
+def _basis(columns: Float) -> Float:
+    """Orthonormal basis of what columns span."""
+    size = np.linalg.norm(columns, axis=0)
+    left, singular, _ = np.linalg.svd(columns / np.where(size > 0, size, 1.0), full_matrices=False)
+    return np.asarray(left[:, singular > RANK_TOLERANCE * singular.max(initial=0.0)])
+
+
+def _stacked(
+    residuals: ComplexArray, jacobian: ComplexArray, columns: ComplexArray, priors: Float
+) -> tuple[Float, Float, Float]:
+    """Residuals, columns and derivatives as real numbers, with a row for each prior."""
+    known = np.zeros((priors.size, columns.shape[1]))
+    J = np.concatenate([jacobian.real, jacobian.imag, np.diag(np.sqrt(priors))])
+    c = np.concatenate([columns.real, columns.imag, known])
+    return np.concatenate([residuals.real, residuals.imag, np.zeros(priors.size)]), c, J

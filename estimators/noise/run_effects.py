@@ -83,9 +83,16 @@ class MixedModel:
     def log_likelihood(self, variance: Float) -> float:
         """Restricted log likelihood, up to a constant."""
         solved = self.solve(variance)
+        return self._profile(variance, solved) - 0.5 * _log_det(solved.matrix)
+
+    def profile_likelihood(self, variance: Float) -> float:
+        """Log likelihood at the best fitted values, up to a constant: that of models with other fitted values."""
+        return self._profile(variance, self.solve(variance))
+
+    def _profile(self, variance: Float, solved: MixedSolution) -> float:
         root = np.sqrt(variance)
         spread = np.eye(root.size) + root[:, None] * self.gram * root
-        return -0.5 * float(np.linalg.slogdet(spread)[1].sum() + _log_det(solved.matrix) + solved.square)
+        return -0.5 * float(np.linalg.slogdet(spread)[1].sum() + solved.square)
 
     def score_p_values(self) -> Float:
         """Probability, kind by kind, of scores at least as large where runs do not differ, shape ``(k,)``.

@@ -27,6 +27,7 @@ _HOMES = (
     "rotorfit.fitting.noise.record",
     "rotorfit.fitting.noise.residual_study",
     "rotorfit.estimators.inference.identifiability",
+    "rotorfit.estimators.inference.smooth_causes",
 )
 """Modules whose records a file may name; nothing else is ever imported or called for a file."""
 

@@ -118,7 +118,7 @@ class Quantity:
 
         Example:
             >>> print(fit.threshold_speed().to("rpm"))
-            2667 +- 75 rpm (1.3 statistical, 75 systematic)
+            2667 +- 76 rpm (1.3 statistical, 76 systematic)
         """
         own, other = (si_factor("frequency", name.replace("/", "_")) for name in (self.unit, unit))
         value, stderr, systematic = (part * own / other for part in (self.value, self.stderr, self.systematic))

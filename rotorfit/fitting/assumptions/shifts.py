@@ -22,6 +22,15 @@ from rotorfit.estimators.inference.left_out_columns import (
     whitened_columns,
 )
 from rotorfit.estimators.inference.score_tests import score_tests
+from rotorfit.estimators.inference.smooth_causes import (
+    MEANINGS,
+    UNITS,
+    Cause,
+    Kind,
+    changed_values,
+    changes_with_speed,
+    onset_terms,
+)
 from rotorfit.estimators.misfit.losses import robust_weights
 from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN, Assumption, Assumptions
 from rotorfit.fitting.result import FitResult
@@ -38,6 +47,9 @@ _CLEARANCE = 0.02  # of the clearance, which heat and wear change
 _REST = 0.05  # eccentricity at which a journal that is taken as centred may well rest
 _GAIN = 0.015  # of a channel and of an unbalance, which calibration leaves: chains of probes hold 1 to 2 per cent
 _DAMPER = 0.03  # of the fluid's damping, by which a support or the surroundings may well damp the journal too
+_WITH_SPEED = {"K0": 0.3, "D": 0.1, "lam": 0.05}
+"""Share by which values of the fluid may well change when the speed doubles: K0 of seals grows by a power of about 0.3,
+lam and D change with swirl and temperature. Chosen."""
 _CLEARLY = 4.0  # standard errors from zero at which a fitted coupling damping says that there is a damper
 
 
@@ -47,7 +59,9 @@ def assumptions_of(fit: FitResult, priors: Mapping[str, float] | None = None) ->
         raise ValueError(
             "assumptions are tested where all tests share their parameters; these were fitted per attribute"
         )
-    terms: list[Term] = [*_structure(fit), *_offsets(fit), *_clearance(fit), *_known(fit), *_gains(fit), *_rest(fit)]
+    terms: list[Term] = [
+        *_structure(fit), *_offsets(fit), *_clearance(fit), *_known(fit), *_gains(fit), *_rest(fit), *_causes(fit)
+    ]  # fmt: skip
     entries = _entries(fit, terms)
     found = Assumptions(tuple(sorted(entries, key=lambda e: (not e.missing, -abs(e.z) if e.missing else -e.weight))))
     return found.with_priors(priors) if priors else found
@@ -64,7 +78,10 @@ def assuming(fit: FitResult, given: Mapping[str, float], *, also_fitted: bool = 
 
 
 def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
-    """Entries of the table for some terms."""
+    """Entries of the table for some terms; of found causes with the size that the study of residuals gave them.
+
+    Effects of runs, which the fit may have since, take up a part of a cause.
+    """
     if not terms:
         return []
     problem = fit.problem
@@ -89,7 +106,7 @@ def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
                 name=name,
                 meaning=meaning,
                 unit=unit,
-                estimate=float(scores.estimate[number]),
+                estimate=term.size if isinstance(term, Cause) and term.sizes else float(scores.estimate[number]),
                 stderr=float(scores.stderr[number]) * math.sqrt(fit.widening),
                 plausible=plausible,
                 shifts={
@@ -112,6 +129,13 @@ def _onset_change(fit: FitResult, onset: Threshold | None, term: Term, shift: Fl
     change = float(fit.problem.space.pull_back(np.asarray(onset.gradient), 0) @ shift)
     if isinstance(term, LeftOut):
         return change + onset_shift(fit.model, fit.theta(), onset, term)
+    if isinstance(term, Cause):
+        for part in term.parts:
+            if part.kind is Kind.SPEED:
+                beyond = (onset.speed - part.centre) / part.reach
+                change += beyond * float(onset.gradient @ changed_values(fit.model, fit.theta(), part.value))
+        terms = onset_terms(term, onset.whirl_frequency)
+        return change + sum(onset_shift(fit.model, fit.theta(), onset, own) for own in terms)
     return change + (float(onset.gradient[term]) if isinstance(term, int) else 0.0)
 
 
@@ -182,6 +206,13 @@ def _gains(fit: FitResult) -> list[Gain]:
     return [*[Gain()] * (len(runs) == 1), *alone]
 
 
+def _causes(fit: FitResult) -> list[Cause]:
+    """Causes that explain what the fit misses, and values of the fluid that may change with speed, found or not."""
+    found = [] if fit.noise is None else list(fit.noise.causes)
+    there = [cause.parts for cause in found]
+    return [*found, *(cause for cause in changes_with_speed(fit.problem) if cause.parts not in there)]
+
+
 def _known(fit: FitResult) -> list[int]:
     """Places of known parameters that are not zero."""
     place = fit.model.parameter_names.index
@@ -199,6 +230,8 @@ def _described(fit: FitResult, term: Term) -> tuple[str, str, str, float]:
         case Gain():
             name = "gain" if term.at is None else f"gain[{planes[term.at]}]"
             described = name, f"gain of the only {'run' if term.at is None else 'probe'}", "1", _GAIN
+        case Cause():
+            described = _described_cause(term)
         case Rest():
             described = _rest_name(fit), "eccentricity of the journal at rest, taken as centred", "1", _REST
         case Offset():
@@ -214,6 +247,15 @@ def _described(fit: FitResult, term: Term) -> tuple[str, str, str, float]:
             damper = _damper(fit) if p.name.startswith("Ds") else 0.0
             described = p.name, f"{p.meaning}, taken as known", p.unit, max(_SHARE * abs(p.value), damper)
     return described
+
+
+def _described_cause(cause: Cause) -> tuple[str, str, str, float]:
+    """Name, meaning, unit and plausible size of a smooth cause."""
+    part = cause.parts[0]
+    if part.kind is Kind.SPEED:
+        meaning = f"share by which {part.value} changes when the mean tested speed doubles"
+        return cause.name, meaning, "1", max(_WITH_SPEED[part.value], abs(cause.size) if cause.sizes else 0.0)
+    return cause.name, MEANINGS[cause.kind], UNITS.get(cause.kind, "1"), abs(cause.size)
 
 
 def _damper(fit: FitResult) -> float:

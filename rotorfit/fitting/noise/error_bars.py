@@ -88,7 +88,7 @@ def with_scatter(
     widening: float,
 ) -> tuple[Float, ResidualStudy]:
     """The covariance with what residuals that follow one another, or scatter unevenly, add to it."""
-    if study.verdict is NoiseVerdict.MISFIT:
+    if study.verdict is NoiseVerdict.MISFIT or study.causes:  # the residuals hold more than noise
         return covar, study
     if study.verdict is NoiseVerdict.CORRELATED:
         sweeps = [sweep for sweeps in channels_of(problem) for sweep in sweeps]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rotorfit.estimators.inference.smooth_causes import Cause
 from rotorfit.fitting.noise import words
 from rotorfit.fitting.noise.record import FoundNoise, Miss, NoiseVerdict, ResponseNoise, RunEffect
 from rotorfit.models.array_types import Float
@@ -26,7 +27,8 @@ class ResidualStudy:
     """Study of the residuals of a fit, and the basis of its error bars.
 
     Attributes:
-        verdict: what the residuals are.
+        verdict: what the residuals are, beside ``causes``.
+        causes: fixed causes that explain what the fit misses; the results are those of the model without them.
         correlation: of residuals at neighbouring lines of a sweep: near zero for noise, whatever its shape.
         lags: the same at distances 1, 2, ... as far as it is more than chance.
         response_noise: noise of the responses by restricted likelihood, where it replaced that of the data alone.
@@ -43,6 +45,7 @@ class ResidualStudy:
     """
 
     verdict: NoiseVerdict
+    causes: tuple[Cause, ...] = ()
     correlation: float = 0.0
     lags: tuple[float, ...] = ()
     response_noise: tuple[ResponseNoise, ...] = ()
@@ -92,13 +95,16 @@ class ResidualStudy:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Differences of runs and uneven scatter in words."""
-        return words.sentences(self.effects, self.possible_effects, self.run_count, robust=self.robust)
+        """Fixed causes, differences of runs and uneven scatter in words."""
+        return (
+            *words.causes(self.causes),
+            *words.sentences(self.effects, self.possible_effects, self.run_count, robust=self.robust),
+        )
 
     @property
     def notable(self) -> tuple[str, ...]:
         """Those of them that are warnings."""
-        return words.differences(self.effects)
+        return (*words.causes(self.causes), *words.differences(self.effects))
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -138,8 +144,11 @@ class ResidualStudy:
 
 
 def is_misfit(study: ResidualStudy | None, widening: float) -> bool:
-    """True if the model, not the noise, limits a fit: by its residuals' memory, or else by their size alone."""
-    return widening > MODEL_LIMITED_REDCHI if study is None else study.verdict is NoiseVerdict.MISFIT
+    """True if the model, not the noise, limits a fit: by a fixed cause that it lacks, by its residuals' memory, or else
+    by their size alone."""
+    if study is None:
+        return widening > MODEL_LIMITED_REDCHI
+    return study.verdict is NoiseVerdict.MISFIT or bool(study.causes)
 
 
 def largest_redchi(study: ResidualStudy | None, nfree: int, known_from: float) -> float:

@@ -2,14 +2,12 @@
 
 A difference from run to run enters the error bar in two steps: :func:`random_effects` estimates its variance here,
 ``error_bars.py`` fits the problem with it, or adds its share to the covariance where it is only possible. Sigma of the
-readings is that of the data until :func:`_sigma_of_residuals` replaces it.
+readings is that of the data until :func:`sigma_of_residuals` replaces it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -17,20 +15,28 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import Block
+from rotorfit.estimators.inference.smooth_causes import Cause
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.noise.correlation import Memory, memory
-from rotorfit.estimators.noise.noise_levels import Shape, fit_probes, likelihood
+from rotorfit.estimators.noise.correlation import Memory
+from rotorfit.estimators.noise.noise_levels import Shape
 from rotorfit.estimators.noise.odd_run import odd_run
 from rotorfit.estimators.noise.run_effects import (
-    LEAST_RESIDUAL_SHARE,
     MixedModel,
-    MixedSolution,
-    Residuals,
     select_effects,
     shared_variances,
 )
 from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
+from rotorfit.fitting.noise.causes import fixed_causes, with_sizes
 from rotorfit.fitting.noise.linearised import LinearisedFit, linearise
+from rotorfit.fitting.noise.noise_fit import (
+    RESPONSE,
+    SPEED,
+    NoiseFit,
+    explains,
+    reweighted,
+    sigma_of_residuals,
+    weighing_sigma,
+)
 from rotorfit.fitting.noise.record import FoundNoise, Miss, NoiseVerdict, ResponseNoise, RunEffect
 from rotorfit.fitting.noise.residual_study import ResidualStudy
 from rotorfit.models.array_types import Float
@@ -52,55 +58,10 @@ forces differ by 1 %: two that agree are then 1.4 to 2.1 times as wide on averag
 _MEMORY_CORRELATION = 0.25
 """Memory along the sweeps counts where the correlation of neighbours is significant, and widens standard errors by a
 fifth at least."""
-_LEAST_SHAPE_GAIN = 12.0
-"""Twice the gain in log likelihood, for each probe, from which noise by residuals replaces that of the data alone: the
-99.75 % point of chi-squared with the two parts of a shape as degrees of freedom."""
 _MISS_LINES = 5
 """Lines over which residuals are averaged to see where the model misses, and places that are named."""
 
-RESPONSE, SPEED = "of the response", "of the speed, as it moves the response"
-"""Quantities that noise may grow with."""
-
 _Number = TypeVar("_Number", np.float64, np.complex128)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class NoiseFit:
-    """A mixed model solved with given noise and effects of runs."""
-
-    data: LinearisedFit
-    sigma: Float  # noise that weighed the readings, in their units
-    solution: MixedSolution
-    residuals: Residuals  # in units of sigma
-
-    @classmethod
-    def of(cls, data: LinearisedFit, sigma: Float, variance: Float) -> NoiseFit:
-        """Solve with variances of the effects by kind, zero for those that runs do not have."""
-        kinds = np.flatnonzero(variance)
-        r, J, Z = data.weighed(sigma)
-        solution = MixedModel.of(r, J, Z[:, kinds], data.rows, data.prior).solve(variance[kinds])
-        residuals = solution.residuals(r, J, Z[:, kinds], data.rows)
-        return cls(data=data, sigma=sigma, solution=solution, residuals=residuals)
-
-    @cached_property
-    def weight(self) -> Float:
-        """One less the leverage of each reading."""
-        return np.clip(1 - self.residuals.leverage, LEAST_RESIDUAL_SHARE, 1.0)
-
-    @cached_property
-    def power(self) -> Float:
-        """Squared residuals, leverage-corrected, in units of the readings."""
-        return np.asarray(np.abs(self.residuals.values) ** 2 / 2 * self.sigma**2 / self.weight)
-
-    @property
-    def redchi(self) -> float:
-        """Mean squared residual over the noise of the data."""
-        return float(np.sum(self.weight * self.power / self.data.sigma**2) / np.sum(self.weight))
-
-    def memory(self, sigma: Float) -> Memory:
-        """Correlation along the sweeps of residuals in units of a noise."""
-        values = self.residuals.values * (self.sigma / sigma)
-        return memory(values, self.residuals.sensitivities, self.solution.outer, self.data.sweeps)
 
 
 def study_residuals(problem: Problem, x: Float) -> ResidualStudy | None:
@@ -108,11 +69,18 @@ def study_residuals(problem: Problem, x: Float) -> ResidualStudy | None:
     data = linearise(problem, x)
     if data is None:
         return None
+    causes, beside = fixed_causes(problem, x, data)
+    study = _study(problem, x, beside, causes)
+    return _study(problem, x, data, ()) if causes and study.verdict is NoiseVerdict.MISFIT else study
+
+
+def _study(problem: Problem, x: Float, data: LinearisedFit, causes: tuple[Cause, ...]) -> ResidualStudy:
+    """The study beside fixed causes, columns of which the linearised fit has after those of its values."""
     variance, possible = random_effects(data)
-    fit = _reweighted(data, variance)
-    shapes, sigma = _sigma_of_residuals(fit, (RESPONSE, SPEED))
+    fit = reweighted(data, variance)
+    shapes, sigma = sigma_of_residuals(fit, (RESPONSE, SPEED))
     remembered = fit.memory(fit.sigma)
-    verdict = _verdict(fit, remembered, as_found=data.sigma_given or _explains(fit, shapes))
+    verdict = _verdict(fit, remembered, as_found=data.sigma_given or explains(fit, shapes))
     if verdict is not NoiseVerdict.SHAPED:
         # Readings that effects of runs share are weighed by redchi, which no longer widens the covariance.
         sigma = data.sigma * (np.sqrt(max(1.0, fit.redchi)) if variance.any() else 1.0)
@@ -125,6 +93,7 @@ def study_residuals(problem: Problem, x: Float) -> ResidualStudy | None:
         found = FoundNoise(factors=factors, effects=tuple(e for e in effects if e.values), before=x)
     return ResidualStudy(
         verdict=verdict,
+        causes=with_sizes(causes, fit.solution.step),
         correlation=remembered.first,
         lags=remembered.lags,
         response_noise=_response_noise(problem, shapes) if verdict is NoiseVerdict.SHAPED else (),
@@ -162,7 +131,7 @@ def random_effects(data: LinearisedFit) -> tuple[Float, Float]:
         return found, possible
     separate = np.array([kind != "run_fluid" for kind in data.kinds])
     within = NoiseFit.of(data, data.sigma, np.where(separate, np.inf, 0.0))  # each run with effects of its own
-    sigma = _weighing_sigma(within)
+    sigma = weighing_sigma(within)
     remembered = within.memory(sigma)
     if _follows(remembered):
         if within.redchi >= NOISE_LIKE_REDCHI:
@@ -206,52 +175,6 @@ def _run_effects(
 
 
 # ---- sigma of the readings ---------------------------------------------------------------------------------------
-
-
-def _reweighted(data: LinearisedFit, variance: Float) -> NoiseFit:
-    """The mixed model weighed by the noise of its own residuals."""
-    fit = NoiseFit.of(data, data.sigma, variance)
-    # Times that the fit is weighed anew by the noise of its residuals: in nineteen of twenty fits of
-    # ``benchmarks/honest_errors.py`` a third would change sigma by less than a percent.
-    for _ in range(2):
-        sigma = _weighing_sigma(fit)
-        if np.array_equal(sigma, fit.sigma):
-            break
-        fit = NoiseFit.of(data, sigma, variance)
-    return fit
-
-
-def _weighing_sigma(fit: NoiseFit) -> Float:
-    """Noise to weigh by: as given, but not less than residuals ask; else as they have it."""
-    if fit.data.sigma_given:
-        return np.asarray(fit.data.sigma * np.sqrt(max(1.0, fit.redchi)))
-    return _sigma_of_residuals(fit, (RESPONSE,))[1]
-
-
-def _sigma_of_residuals(fit: NoiseFit, along: Sequence[str]) -> tuple[list[Shape], Float]:
-    """Noise of all probes by restricted likelihood, and sigma of each reading; that of the data where it was given."""
-    data, sigma = fit.data, fit.data.sigma.copy()
-    if data.sigma_given:
-        return [], sigma
-    sizes = {RESPONSE: np.abs(data.predicted) ** 2}  # as by a force that jitters
-    if "run_lam" in data.kinds:
-        sizes[SPEED] = np.abs(data.Z[:, data.kinds.index("run_lam")] * data.sigma) ** 2
-    shapes: list[Shape] = []
-    trials_along = [fit_probes(data.channels, fit.power, fit.weight, sizes[a], along=a) for a in along if a in sizes]
-    for trials in zip(*trials_along, strict=True):
-        gains = [sum(shape.log_likelihood for shape in trial) for trial in trials]
-        best = int(np.argmax(gains))
-        shapes += trials[best if 2 * (gains[best] - gains[0]) > _LEAST_SHAPE_GAIN else 0]
-    for shape in shapes:
-        sigma[shape.rows] = np.sqrt(shape.variance(sizes[shape.along]))
-    return shapes, sigma
-
-
-def _explains(fit: NoiseFit, shapes: Sequence[Shape]) -> bool:
-    """True if the residuals are about as likely under the noise of the data as under one of their own."""
-    now = sum(shape.log_likelihood for shape in shapes)
-    given = likelihood(fit.power, fit.weight, fit.data.sigma**2)
-    return 2 * (now - given) < _LEAST_SHAPE_GAIN * len(fit.data.channels)
 
 
 def _scatter_freedom(fit: NoiseFit, verdict: NoiseVerdict, shapes: Sequence[Shape], remembered: Memory) -> float:

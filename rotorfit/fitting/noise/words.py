@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
+from rotorfit.estimators.inference.smooth_causes import Cause, Kind
 from rotorfit.estimators.noise.odd_run import FEWEST_RUNS
 from rotorfit.fitting.noise.record import Miss, NoiseVerdict, RunEffect
 from rotorfit.units import RPM_PER_RAD_S
@@ -31,6 +33,17 @@ _KINDS = {
     "run_fluid": "viscosity (K0 and D together)",
 }
 
+_REMEDY = {
+    Kind.PROBE: "Check the probe's characteristic, or test with less motion",
+    Kind.FLUID: "Fit a law of eccentricity (law=, --law), or test with less motion",
+    Kind.DELAY: "Undo the delay or filter of the channels, or give phase_offsets where the reference drifted",
+    Kind.DRIFT: "Let temperatures settle, and repeat the sweep the other way",
+    Kind.HYSTERESIS: "A model with viscous damping alone follows it at one frequency only",
+    Kind.SUPPORT: "Read both probes, x and y, or fit the model Anisotropic",
+    Kind.ELSEWHERE: "Fit a model that has a fluid there too",
+}
+"""Advice for each fixed cause."""
+
 _IN_ERRORS = "Standard errors include that, and intervals have the quantile of Student's t"
 
 _TWO_RUNS = (
@@ -51,6 +64,55 @@ def sentences(
     """All that is worth saying of differences of runs, and of residuals that scatter unevenly."""
     few = (_TWO_RUNS,) if run_count == 2 else ()
     return (*differences(effects), *_possible_differences(possible), *few, *((_SCATTER,) if robust else ()))
+
+
+def causes(found: Sequence[Cause]) -> tuple[str, ...]:
+    """Fixed causes that explain what a fit misses, each a warning."""
+    share = "The results are those of the model without it; their systematic share holds by how much it shifts them"
+    return tuple(f"{_cause(cause)}. {share}. {_remedy(cause)}" for cause in found)
+
+
+def _cause(cause: Cause) -> str:
+    """What a cause is, and its size."""
+    part, size = cause.parts[0], cause.size
+    where = f" at {part.plane}" if part.plane else ""
+    match cause.kind:
+        case Kind.PROBE:
+            words = f"a probe{where} that is not linear, reading {100 * size:+.2g} % at the largest amplitude"
+        case Kind.FLUID:
+            words = f"a fluid{where} that changes with amplitude, {_fluid(cause)} at the largest"
+        case Kind.DELAY:
+            who = f"the channels{where}" if where else "all channels"
+            words = f"a delay, filter or drifting phase reference of {who}, {1e3 * size:+.2g} ms"
+        case Kind.DRIFT:
+            words = f"a drift along the sweep, D by {100 * size:+.2g} % from its middle to its end"
+        case Kind.HYSTERESIS:
+            words = f"damping that does not grow with frequency (hysteresis){where}, {size:+.2g} N/m"
+        case Kind.SUPPORT:
+            words = (
+                f"stiffness that differs in x and y{where}, by {2 * math.hypot(*cause.sizes):.2g} N/m, and one probe"
+            )
+        case Kind.ELSEWHERE:
+            words = f"a fluid{where} too, {_fluid(cause)}"
+        case _:
+            words = f"{part.value} that changes with speed, by {100 * size:+.2g} % when the mean tested speed doubles"
+    return f"what the model misses is explained by {words}"
+
+
+def _fluid(cause: Cause) -> str:
+    """Stiffness, damping and cross-coupled damping of a fluid that the model lacks."""
+    K, D, cross = cause.sizes
+    return f"K0 {K:+.2g} N/m, D {D:+.2g} N s/m, D lam {-cross:+.2g} N s/m"
+
+
+def _remedy(cause: Cause) -> str:
+    if cause.kind is Kind.SPEED:
+        value = cause.parts[0].value
+        return (
+            f'Give {value} a value for each speed (per={{"{value}": "speed_rpm"}}, --per {value}=speed_rpm), and test '
+            "nearer to the threshold speed"
+        )
+    return _REMEDY[cause.kind]
 
 
 def differences(effects: Sequence[RunEffect]) -> tuple[str, ...]:

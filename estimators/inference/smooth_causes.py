@@ -1,0 +1,241 @@
+"""Smooth causes that a test may have beside the model, as changes of its predictions: few columns each.
+
+Residuals that exceed the noise, and runs that differ, have a fixed cause more often than a random one: a probe that is
+not linear, a fluid that stiffens with amplitude, a filter, a damping that drifts or is not viscous, values that change
+with speed. To first order each is a column or a few beside those of the fitted values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from rotorfit.estimators.blocks.correlated import whiten
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.observations import Block, Responses
+from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.model import RotorModel
+from rotorfit.models.motion.neglected_terms import LeftOut, fluid_coordinates
+
+FLUID = ("K0", "D", "lam")
+"""Values of the fluid that may change with speed; lam stands for lam_D and lam_M too, as they turn together."""
+
+
+class Kind(StrEnum):
+    """Smooth cause."""
+
+    PROBE = "probe amplitude"  # a probe that is not linear
+    FLUID = "fluid amplitude"  # a fluid that changes with the journal's amplitude
+    DELAY = "delay"  # a delay or a low-pass filter, also a phase reference that drifts along the sweep
+    DRIFT = "drift"  # damping that changes while a sweep goes on
+    HYSTERESIS = "hysteresis"  # damping that does not grow with frequency
+    SUPPORT = "supports"  # stiffness that differs in x and y, seen by one probe
+    ELSEWHERE = "fluid elsewhere"  # a second seal
+    SPEED = "change with speed"  # of a value of the fluid
+
+
+MEANINGS = {
+    Kind.PROBE: "probe that is not linear, share at the largest amplitude",
+    Kind.FLUID: "change of the fluid with the largest amplitude",
+    Kind.DELAY: "delay, filter or drifting phase reference",
+    Kind.DRIFT: "drift along a sweep, share from its middle to its end",
+    Kind.HYSTERESIS: "damping that does not grow with frequency",
+    Kind.SUPPORT: "half the difference of stiffness in x and y, seen by one probe",
+    Kind.ELSEWHERE: "fluid where the model has none",
+}
+"""What the size of a cause is of."""
+
+UNITS = {Kind.DELAY: "s", Kind.HYSTERESIS: "N/m", Kind.SUPPORT: "N/m"}
+"""Unit of a size that is no share."""
+
+_AT_PROBES = ((Kind.PROBE, 1), (Kind.DELAY, 1), (Kind.SUPPORT, 2))
+"""Causes at planes that are read, and their columns."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """One column of a cause, by a unit of its size."""
+
+    kind: Kind
+    at: int | None = None  # coordinate, none for all
+    plane: str = ""  # its name
+    power: int = 0  # which of several columns: stiffness, damping, cross-coupled damping; real and imaginary part
+    value: str = ""  # parameter that changes
+    centre: float = 0.0  # of the speeds or frequencies that it changes with, rad/s
+    reach: float = 1.0  # largest amplitude, m, or the speeds' or frequencies' reach, rad/s, at which the size holds
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "kind", Kind(self.kind))  # files hold its value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cause:
+    """Columns that stand for one cause together, with the size of each once it is known."""
+
+    parts: tuple[Part, ...]
+    sizes: tuple[float, ...] = ()
+
+    @property
+    def kind(self) -> Kind:
+        """What it is."""
+        return self.parts[0].kind
+
+    @property
+    def name(self) -> str:
+        """Its name in tables."""
+        part = self.parts[0]
+        return f"{self.kind.value}[{part.value or part.plane or 'all channels'}]"
+
+    @property
+    def size(self) -> float:
+        """Largest of the sizes."""
+        return max(self.sizes, key=abs, default=1.0)
+
+    @property
+    def shares(self) -> Float:
+        """Size of each part by a unit of :attr:`size`."""
+        return np.array([size / self.size for size in self.sizes]) if self.sizes else np.ones(len(self.parts))
+
+
+def causes_of(problem: Problem, x: Float) -> list[Cause]:
+    """Causes that the tests of a linear rotor in complex coordinates could show."""
+    blocks = [base for base in map(_base, problem.blocks) if base is not None]
+    model = problem.space.model
+    if len(blocks) != len(problem.blocks) or model.frame != "z" or any(c.axis != "z" for c in model.coordinates):
+        return []
+    read = sorted({int(k) for base in blocks for k in np.unique(base.coordinate)})
+    fluid = fluid_coordinates(model)
+    theta = problem.space.theta(x)
+    motion = np.concatenate([np.abs(_motion(base, theta)[1]) for base in blocks]).max(axis=0)
+    w = np.abs(np.concatenate([base.frequency for base in blocks]))
+    middle, half = float(w.max() + w.min()) / 2, float(w.max() - w.min()) / 2
+    planes = [c.plane for c in model.coordinates]
+    asked: list[tuple[Kind, int | None, int]] = [(Kind.DELAY, None, 1)]
+    for at in range(len(planes)):
+        asked += [(kind, at, columns) for kind, columns in _AT_PROBES if at in read]
+        asked += [(Kind.HYSTERESIS, at, 1), (Kind.FLUID if at in fluid else Kind.ELSEWHERE, at, 3)]
+    found = []
+    for kind, place, columns in asked:
+        where = Part(kind=kind)
+        if place is not None:
+            where = Part(kind=kind, at=place, plane=planes[place], reach=float(motion[place]))
+        found.append(Cause(parts=tuple(replace(where, power=power) for power in range(columns))))
+    if fluid and half > 0:
+        found.append(Cause(parts=(Part(kind=Kind.DRIFT, value="D", centre=middle, reach=half),)))
+    return [*found, *changes_with_speed(problem)]
+
+
+def changes_with_speed(problem: Problem) -> list[Cause]:
+    """A change of each value of the fluid in proportion to the speed, its size the share at twice the mean speed."""
+    blocks = [base for base in map(_base, problem.blocks) if base is not None]
+    model = problem.space.model
+    if not blocks or not model.speed_dependent or problem.space.index.shape[0] > 1:
+        return []
+    speeds = np.unique(np.concatenate([base.speed for base in blocks]))
+    mean = float(speeds.mean())
+    if mean == 0:
+        return []
+    there = {name.partition("_")[0] for name in model.parameter_names}
+    return [
+        Cause(parts=(Part(kind=Kind.SPEED, value=name, centre=mean, reach=mean),)) for name in FLUID if name in there
+    ]
+
+
+def cause_columns(problem: Problem, x: Float, causes: Sequence[Cause]) -> ComplexArray:
+    """Change of the whitened residuals by a unit of each part, causes in a row, shape ``(R, parts)``."""
+    theta, rows = problem.space.theta(x), []
+    parts = [part for cause in causes for part in cause.parts]
+    for number, block in enumerate(problem.blocks):
+        changes = _changes(block, theta, parts)
+        if problem.factors and problem.factors[number] is not None:
+            changes = changes * np.exp(np.asarray(problem.factors[number]) @ x[len(problem.space.names) :])
+        rows.append(whiten(block, changes).T)
+    return np.concatenate(rows)
+
+
+def cause_change(block: Block, theta: Float, cause: Cause) -> ComplexArray:
+    """Change of the predictions of a block by a unit of the size of a cause, shape ``(R,)``."""
+    return np.asarray(cause.shares @ _changes(block, theta, cause.parts))
+
+
+def changed_values(model: RotorModel, theta: Float, value: str) -> Float:
+    """The values of parameter vectors that change where one of the fluid does, zero for the others, ``(..., P)``."""
+    return np.where([name.partition("_")[0] == value for name in model.parameter_names], theta, 0.0)
+
+
+def onset_terms(cause: Cause, whirl: float) -> list[LeftOut]:
+    """Terms of the equation of motion that a unit of the size of a cause is at the onset of instability."""
+    terms = []
+    for part, share in zip(cause.parts, cause.shares.tolist(), strict=True):
+        if part.at is None or part.kind not in (Kind.HYSTERESIS, Kind.ELSEWHERE):
+            continue
+        term = LeftOut(name="", meaning="", unit="", entries=((part.at, part.at, share),), power=int(part.power == 1))
+        if part.kind is Kind.HYSTERESIS:
+            terms.append(replace(term, constant=1j * np.sign(whirl)))
+        else:
+            terms.append(replace(term, by_speed=1j) if part.power == 2 else replace(term, constant=1.0))
+    return terms
+
+
+def _changes(block: Block, theta: Float, parts: Sequence[Part]) -> ComplexArray:
+    """Change of the predictions of a block by a unit of each part, shape ``(parts, R)``."""
+    base = _base(block)
+    if base is None:
+        return np.zeros((len(parts), block.measured.size), dtype=complex)
+    motion = _motion(base, theta)
+    return np.array([_change(base, theta, part, *motion) for part in parts]).reshape(len(parts), -1)
+
+
+def _base(block: Block) -> Responses | None:
+    """Responses of a linear rotor to circular forces; nothing for other blocks."""
+    base = responses_of(block)
+    if not isinstance(base, Responses) or isinstance(block, OrbitResponses) or base.imposed:
+        return None
+    return base if base.frequency.any() else None
+
+
+def _motion(base: Responses, theta: Float) -> tuple[ComplexArray, ComplexArray]:
+    """Receptance of each line, shape ``(L, n, n)``, and motion, shape ``(L, n)``."""
+    H = inverse(dynamic_stiffness(base, theta))
+    return H, np.einsum("lij,lj->li", H, base.force)
+
+
+def _change(base: Responses, theta: Float, part: Part, H: ComplexArray, motion: ComplexArray) -> ComplexArray:
+    """Change of the predictions of a block by a unit of a part of a cause, shape ``(R,)``."""
+    line, read, at, s = base.line, base.coordinate, part.at, base.s
+    factors = base.model.functions.factors(theta)[base.reading_group, read] if _factors(base) else 1.0
+    seen = motion[line, read] * factors
+    match part.kind:
+        case Kind.PROBE:
+            return np.asarray(np.where(read == at, seen * np.abs(motion[line, read] / part.reach) ** 2, 0.0))
+        case Kind.DELAY:
+            return np.asarray(np.where(read == (read if at is None else at), -s[line] * seen, 0.0))
+        case Kind.DRIFT | Kind.SPEED:
+            tested = np.abs(base.frequency) if part.kind is Kind.DRIFT else base.speed
+            own = changed_values(base.model, theta[base.group], part.value)[line]
+            by_theta = base.predict_jacobian(theta)[1]
+            return np.asarray(np.sum(by_theta * own, axis=1) * ((tested - part.centre) / part.reach)[line])
+        case Kind.FLUID:
+            pressed = np.abs(motion[:, at] / part.reach) ** 2 * _fluid(base, part.power) * motion[:, at]
+        case Kind.ELSEWHERE:
+            pressed = _fluid(base, part.power) * motion[:, at]
+        case Kind.SUPPORT:  # stiffness of z conj couples w with -w, and one probe reads A + conj(B)
+            mirrored = inverse(dynamic_stiffness(replace(base, frequency=-base.frequency), theta)).conj()
+            return np.asarray(-(mirrored[:, :, at] * (1j**part.power * motion[:, at])[:, None])[line, read] * factors)
+        case _:
+            pressed = 1j * np.sign(base.frequency) * motion[:, at]
+    return np.asarray(-(H[:, :, at] * pressed[:, None])[line, read] * factors)
+
+
+def _factors(base: Responses) -> bool:
+    return bool(base.model.functions.has_probe_factors)
+
+
+def _fluid(base: Responses, power: int) -> ComplexArray:
+    """Stiffness, damping and cross-coupled damping of a fluid, by a unit of each."""
+    return np.asarray((np.ones(base.s.size), base.s, 1j * base.speed)[power], dtype=complex)

@@ -1,0 +1,89 @@
+"""Fixed causes of what a fit misses, asked before random ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rotorfit.estimators.inference.score_tests import joint_gains
+from rotorfit.estimators.inference.smooth_causes import Cause, cause_columns, causes_of
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.noise.run_effects import MixedModel, select_effects
+from rotorfit.fitting.noise.linearised import LinearisedFit
+from rotorfit.fitting.noise.noise_fit import RESPONSE, NoiseFit, sigma_of_residuals, weighing_sigma
+from rotorfit.models.array_types import ComplexArray, Float, Index
+
+_P_CAUSE = 0.001
+"""Probability that a fit that misses nothing is given a fixed cause. Chosen, as of other warnings."""
+_MOST_CAUSES = 3
+"""Causes that are looked for one after the other; where more act, the model is another one."""
+
+
+def fixed_causes(problem: Problem, x: Float, data: LinearisedFit) -> tuple[tuple[Cause, ...], LinearisedFit]:
+    """Smooth causes that explain what the fit misses, and the linearised fit with their columns beside its values."""
+    causes = causes_of(problem, x)
+    if not causes:
+        return (), data
+    columns = cause_columns(problem, x, causes)
+    own = np.split(np.arange(columns.shape[1]), np.cumsum([len(cause.parts) for cause in causes])[:-1])
+    found: tuple[Cause, ...] = ()
+    while len(found) < _MOST_CAUSES:
+        best = _most_likely(data, columns, own)
+        if best is None:
+            break
+        beside = _beside(data, columns[:, own[best]])
+        if data.kinds and not _better_than_runs(data, beside):
+            break
+        data, found = beside, (*found, causes[best])
+    return found, data
+
+
+def with_sizes(causes: Sequence[Cause], step: Float) -> tuple[Cause, ...]:
+    """Causes with their sizes, which the step to the optimum has last."""
+    sizes = step[step.size - sum(len(cause.parts) for cause in causes) :].tolist()
+    found = []
+    for cause in causes:
+        found.append(replace(cause, sizes=tuple(sizes[: len(cause.parts)])))
+        sizes = sizes[len(cause.parts) :]
+    return tuple(found)
+
+
+def _beside(data: LinearisedFit, columns: ComplexArray) -> LinearisedFit:
+    """The linearised fit with more columns, of which nothing is known beforehand."""
+    prior = np.concatenate([data.prior, np.zeros(columns.shape[1])])
+    return replace(data, J=np.hstack([data.J, columns]), prior=prior)
+
+
+def _most_likely(data: LinearisedFit, columns: ComplexArray, own: Sequence[Index]) -> int | None:
+    """The cause that explains most by an F test, its residuals weighed by the size that they have; none by chance."""
+    from scipy.special import fdtrc  # late: loading it takes longer than a fit
+
+    fit = NoiseFit.of(replace(data, sigma_given=False), data.sigma, np.zeros(len(data.kinds)))
+    sigma = sigma_of_residuals(fit, (RESPONSE,))[1]
+    scale = (sigma / data.sigma)[:, None]
+    gains = joint_gains(data.r / scale[:, 0], data.J / scale, columns / scale, data.prior, own)
+    F = gains.gain / np.maximum(gains.rank, 1) / ((gains.square - gains.gain) / (gains.freedom - gains.rank))
+    p = np.where(gains.rank > 0, fdtrc(np.maximum(gains.rank, 1), gains.freedom - gains.rank, F), 1.0)
+    best = int(np.argmin(p))
+    if p[best] > _P_CAUSE / len(own):
+        return None
+    beside = NoiseFit.of(_beside(data, columns[:, own[best]]), sigma, np.zeros(len(data.kinds)))
+    shared = 1 + 2 * sum(beside.memory(sigma).lags)  # neighbours that correlate are fewer readings
+    chance = fdtrc(gains.rank[best], (gains.freedom - gains.rank[best]) / shared, F[best] / shared)
+    return best if chance < _P_CAUSE / len(own) else None
+
+
+def _better_than_runs(data: LinearisedFit, beside: LinearisedFit) -> bool:
+    """True if Akaike's criterion prefers the cause to runs that differ at random, with or without it."""
+    separate = np.array([kind != "run_fluid" for kind in data.kinds])
+    sigma = weighing_sigma(NoiseFit.of(beside, data.sigma, np.where(separate, np.inf, 0.0)))
+    criteria = []
+    for one in (data, beside):
+        model = MixedModel.of(*one.weighed(sigma), one.rows, one.prior)
+        variance = select_effects(model, level=_P_CAUSE, forced=one.forced)
+        some = np.flatnonzero(variance)
+        likelihood = model.part(some).profile_likelihood(variance[some])
+        criteria.append(2 * (some.size + one.prior.size) - 2 * likelihood)
+    return criteria[1] < criteria[0]
