@@ -39,7 +39,6 @@ Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 LINES = 40
-NOISE = 0.005
 PROMISED = 0.85
 QUANTITIES = ("D", "lam", "K0", "threshold_speed")
 
@@ -120,6 +119,7 @@ class Campaign:
     directions: str = "z"  # of probes: "z", "x" or "xy"
     one_run: bool = False
     sigma_given: bool = True
+    noise: float = 0.005  # of each probe, over the rms of its readings
     gain: float = 1.0  # that nobody knows of
     gain_scatter: float = 0.0  # standard deviation from run to run
     jitter: float = 0.0  # of the force, from line to line
@@ -187,7 +187,7 @@ def measured(rig: Rig, test: Campaign, rng: np.random.Generator) -> rf.Perturbat
             for read, probe in enumerate(planes):
                 for way in test.directions:
                     z = _read(test, way, w, along[:, read], against[:, read], float(largest[read]))
-                    sigma = NOISE * float(np.sqrt(np.mean(np.abs(z) ** 2)))
+                    sigma = test.noise * float(np.sqrt(np.mean(np.abs(z) ** 2)))
                     spread = np.hypot(sigma, test.proportional * np.abs(z))
                     z = z + spread * (rng.normal(size=w.size) + 1j * rng.normal(size=w.size))
                     run = np.where(w > 0, f"{plane} {speed:g} forward", f"{plane} {speed:g} backward")
@@ -266,9 +266,9 @@ def _hysteresis(rig: Rig, rng: np.random.Generator) -> tuple[Rig, Campaign]:
     return replace(rig, hysteresis=0.01 * float(rig.K[0])), Campaign()
 
 
-def _uneven(share: float, directions: str, rig: Rig, rng: np.random.Generator) -> tuple[Rig, Campaign]:
+def _uneven(share: float, directions: str, noise: float, rig: Rig, rng: np.random.Generator) -> tuple[Rig, Campaign]:
     """Stiffness of the supports that differs in x and y by a share."""
-    return replace(rig, uneven=share * float(rig.K[0]) / 2), Campaign(directions=directions)
+    return replace(rig, uneven=share * float(rig.K[0]) / 2), Campaign(directions=directions, noise=noise)
 
 
 CAUSES: dict[str, tuple[Callable[[np.random.Generator], Rig], Draw]] = {
@@ -313,9 +313,11 @@ CAUSES: dict[str, tuple[Callable[[np.random.Generator], Rig], Draw]] = {
     },
     "hysteresis of 1 %, one mode": (one_mode, _hysteresis),
     "hysteresis of 1 %, chain": (chain, _hysteresis),
-    "anisotropy of 5 %, one probe": (one_mode, partial(_uneven, 0.05, "x")),
-    "anisotropy of 5 %, both probes": (one_mode, partial(_uneven, 0.05, "xy")),
-    "anisotropy of 1 %, both probes": (one_mode, partial(_uneven, 0.01, "xy")),
+    "anisotropy of 5 %, one probe": (one_mode, partial(_uneven, 0.05, "x", 0.005)),
+    "anisotropy of 10 %, both probes, noise 0.1 %": (one_mode, partial(_uneven, 0.1, "xy", 0.001)),
+    "anisotropy of 5 %, both probes, noise 0.1 %": (one_mode, partial(_uneven, 0.05, "xy", 0.001)),
+    "anisotropy of 1 %, both probes": (one_mode, partial(_uneven, 0.01, "xy", 0.005)),
+    "anisotropy of 10 %, both probes, chain": (chain, partial(_uneven, 0.1, "xy", 0.002)),
     "second seal at the disk, 1 %": (chain, lambda rig, rng: (replace(rig, second_seal=0.01), Campaign())),
     "second seal at the disk, 10 %": (chain, lambda rig, rng: (replace(rig, second_seal=0.1), Campaign())),
     "none, noise estimated, one mode": (one_mode, partial(_read_through, sigma_given=False)),
@@ -336,7 +338,9 @@ NAMES = {
     "probes": "probe amplitude",
     "fluid stiff": "fluid amplitude",
     "hyst": "hysteresis",
-    "anisotropy of 5 %, one": "supports",
+    "anisotropy of 5 %, one": "supports[",
+    "anisotropy of 5 %, both": "supports by both probes",
+    "anisotropy of 10 %": "supports by both probes",
     "second": "fluid elsewhere",
 }
 """Fixed cause that the fit should say, by the beginning of a row's name; none for the others."""
@@ -366,6 +370,7 @@ def study(cause: str, rigs: int, seed: int) -> list[Row]:
         fit = rf.fit(MODELS[kind](), measured(rig, test, rng), known=rig.known)
         truth = rig.truth()
         said = [cause.name for cause in fit.noise.causes] if fit.noise else []
+        said += [entry.name for entry in fit.assumptions().entries if entry.name.startswith("supports by both")]
         plausible = {entry.name: 0.0 for entry in fit.assumptions().entries if entry.name not in said}
         alone = assuming(fit, plausible)
         ends = np.array(

@@ -35,6 +35,7 @@ class Kind(StrEnum):
     DRIFT = "drift"  # damping that changes while a sweep goes on
     HYSTERESIS = "hysteresis"  # damping that does not grow with frequency
     SUPPORT = "supports"  # stiffness that differs in x and y, seen by one probe
+    PAIR = "supports by both probes"  # the same, of which pairs of probes see the square
     ELSEWHERE = "fluid elsewhere"  # a second seal
     SPEED = "change with speed"  # of a value of the fluid
 
@@ -46,14 +47,15 @@ MEANINGS = {
     Kind.DRIFT: "drift along a sweep, share from its middle to its end",
     Kind.HYSTERESIS: "damping that does not grow with frequency",
     Kind.SUPPORT: "half the difference of stiffness in x and y, seen by one probe",
+    Kind.PAIR: "square of half the difference of stiffness in x and y, by both probes",
     Kind.ELSEWHERE: "fluid where the model has none",
 }
 """What the size of a cause is of."""
 
-UNITS = {Kind.DELAY: "s", Kind.HYSTERESIS: "N/m", Kind.SUPPORT: "N/m"}
+UNITS = {Kind.DELAY: "s", Kind.HYSTERESIS: "N/m", Kind.SUPPORT: "N/m", Kind.PAIR: "N^2/m^2"}
 """Unit of a size that is no share."""
 
-_AT_PROBES = ((Kind.PROBE, 1), (Kind.DELAY, 1), (Kind.SUPPORT, 2))
+_AT_PROBES = ((Kind.PROBE, 1), (Kind.DELAY, 1), (Kind.SUPPORT, 2), (Kind.PAIR, 1))
 """Causes at planes that are read, and their columns."""
 
 
@@ -224,12 +226,19 @@ def _change(base: Responses, theta: Float, part: Part, H: ComplexArray, motion: 
             pressed = np.abs(motion[:, at] / part.reach) ** 2 * _fluid(base, part.power) * motion[:, at]
         case Kind.ELSEWHERE:
             pressed = _fluid(base, part.power) * motion[:, at]
-        case Kind.SUPPORT:  # stiffness of z conj couples w with -w, and one probe reads A + conj(B)
-            mirrored = inverse(dynamic_stiffness(replace(base, frequency=-base.frequency), theta)).conj()
-            return np.asarray(-(mirrored[:, :, at] * (1j**part.power * motion[:, at])[:, None])[line, read] * factors)
+        case Kind.SUPPORT:  # dK conj(z) couples w with -w, and one probe reads A + conj(B)
+            against = _mirrored(base, theta)[:, :, at] * motion[:, at, None]
+            return np.asarray(-(1j**part.power) * against[line, read] * factors)
+        case Kind.PAIR:
+            pressed = -_mirrored(base, theta)[:, at, at] * motion[:, at]
         case _:
             pressed = 1j * np.sign(base.frequency) * motion[:, at]
     return np.asarray(-(H[:, :, at] * pressed[:, None])[line, read] * factors)
+
+
+def _mirrored(base: Responses, theta: Float) -> ComplexArray:
+    """Conjugate of the receptance at -w."""
+    return np.asarray(inverse(dynamic_stiffness(replace(base, frequency=-base.frequency), theta)).conj())
 
 
 def _factors(base: Responses) -> bool:

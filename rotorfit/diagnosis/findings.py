@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from rotorfit.data.common_zero import at_common_zero
 from rotorfit.data.findings import Finding, attributed
 from rotorfit.diagnosis.check import check
+from rotorfit.diagnosis.probe_pairs import UNEVEN
 from rotorfit.diagnosis.trials.explanations import explained
+from rotorfit.estimators.inference.smooth_causes import Kind
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.fitting.fit import fitted
 from rotorfit.fitting.result import FitResult
@@ -19,8 +22,20 @@ def findings_of(fit: FitResult) -> tuple[Finding, ...]:
     datum = fit.params[DATUM].value if DATUM in fit.params else 0.0
     experiments = at_common_zero(fit.experiments, datum) if datum else fit.experiments
     sources = [test.source or test.title for test in experiments]
-    shown = attributed([check(test) for test in experiments], sources)
+    shown = _with_weight(fit, attributed([check(test) for test in experiments], sources))
     return (*explained(_as_given(fit), {finding.code for finding in shown}), *shown)
+
+
+def _with_weight(fit: FitResult, shown: Sequence[Finding]) -> list[Finding]:
+    """Findings, of which anisotropy is a warning where an isotropic fit does not bear it, and nothing where it does."""
+    if fit.model.frame != "z" or not fit.success or len(fit.thetas) > 1:
+        return list(shown)
+    weighty = any(entry.name.startswith(Kind.PAIR.value) for entry in fit.assumptions().entries)
+    return [
+        replace(finding, severity="warning") if finding.code == UNEVEN else finding
+        for finding in shown
+        if finding.code != UNEVEN or weighty
+    ]
 
 
 def _as_given(fit: FitResult) -> FitResult:

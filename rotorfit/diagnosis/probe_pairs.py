@@ -21,6 +21,9 @@ from rotorfit.estimators.blocks.row_keys import combined
 from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
+UNEVEN = "anisotropy"
+"""Code of the finding that x and y differ as on an anisotropic rotor."""
+
 LARGEST_REDCHI = 1.5**2
 """Mean square of misfit over noise up to which a statement explains the readings; their noise is uncertain itself."""
 
@@ -104,7 +107,7 @@ def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
             "amplitude of that along it, and is no noise: anisotropy, probes that differ, or a force that does not "
             f"turn (force_direction).{unclear} Compare with the model Anisotropic before trusting an isotropic one."
         )
-        yield Finding("note", "anisotropy", text)
+        yield Finding("note", UNEVEN, text)
 
 
 def uneven_planes(orbits: Orbits) -> dict[str, FilteredProbe | None]:

@@ -33,6 +33,7 @@ from rotorfit.estimators.inference.smooth_causes import (
 )
 from rotorfit.estimators.misfit.losses import robust_weights
 from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN, Assumption, Assumptions
+from rotorfit.fitting.assumptions.supports import uneven_supports
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import Threshold
 from rotorfit.models.array_types import Float
@@ -47,6 +48,8 @@ _CLEARANCE = 0.02  # of the clearance, which heat and wear change
 _REST = 0.05  # eccentricity at which a journal that is taken as centred may well rest
 _GAIN = 0.015  # of a channel and of an unbalance, which calibration leaves: chains of probes hold 1 to 2 per cent
 _DAMPER = 0.03  # of the fluid's damping, by which a support or the surroundings may well damp the journal too
+_LARGEST_SHIFT = 0.5
+"""Shift over the standard error up to which intervals of 95 % hold the truth in 92 % and more."""
 _WITH_SPEED = {"K0": 0.3, "D": 0.1, "lam": 0.05}
 """Share by which values of the fluid may well change when the speed doubles: K0 of seals grows by a power of about 0.3,
 lam and D change with swirl and temperature. Chosen."""
@@ -62,7 +65,7 @@ def assumptions_of(fit: FitResult, priors: Mapping[str, float] | None = None) ->
     terms: list[Term] = [
         *_structure(fit), *_offsets(fit), *_clearance(fit), *_known(fit), *_gains(fit), *_rest(fit), *_causes(fit)
     ]  # fmt: skip
-    entries = _entries(fit, terms)
+    entries = [entry for entry in _entries(fit, terms) if not _borne(entry)]
     found = Assumptions(tuple(sorted(entries, key=lambda e: (not e.missing, -abs(e.z) if e.missing else -e.weight))))
     return found.with_priors(priors) if priors else found
 
@@ -207,10 +210,15 @@ def _gains(fit: FitResult) -> list[Gain]:
 
 
 def _causes(fit: FitResult) -> list[Cause]:
-    """Causes that explain what the fit misses, and values of the fluid that may change with speed, found or not."""
+    """Causes that the data show, and values of the fluid that may change with speed, found or not."""
     found = [] if fit.noise is None else list(fit.noise.causes)
-    there = [cause.parts for cause in found]
-    return [*found, *(cause for cause in changes_with_speed(fit.problem) if cause.parts not in there)]
+    there = {cause.name for cause in found}
+    return [*found, *(c for c in (*uneven_supports(fit), *changes_with_speed(fit.problem)) if c.name not in there)]
+
+
+def _borne(entry: Assumption) -> bool:
+    """True if an isotropic fit bears what pairs of probes show of the supports: it moves nothing by half its error."""
+    return entry.name.startswith(Kind.PAIR.value) and entry.weight < _LARGEST_SHIFT
 
 
 def _known(fit: FitResult) -> list[int]:

@@ -40,6 +40,7 @@ _REMEDY = {
     Kind.DRIFT: "Let temperatures settle, and repeat the sweep the other way",
     Kind.HYSTERESIS: "A model with viscous damping alone follows it at one frequency only",
     Kind.SUPPORT: "Read both probes, x and y, or fit the model Anisotropic",
+    Kind.PAIR: "Fit the model Anisotropic",
     Kind.ELSEWHERE: "Fit a model that has a fluid there too",
 }
 """Advice for each fixed cause."""
@@ -88,10 +89,9 @@ def _cause(cause: Cause) -> str:
             words = f"a drift along the sweep, D by {100 * size:+.2g} % from its middle to its end"
         case Kind.HYSTERESIS:
             words = f"damping that does not grow with frequency (hysteresis){where}, {size:+.2g} N/m"
-        case Kind.SUPPORT:
-            words = (
-                f"stiffness that differs in x and y{where}, by {2 * math.hypot(*cause.sizes):.2g} N/m, and one probe"
-            )
+        case Kind.SUPPORT | Kind.PAIR:
+            dK = math.hypot(*cause.sizes) if cause.kind is Kind.SUPPORT else math.sqrt(abs(size))
+            words = f"stiffness unequal in x and y{where}, by {2 * dK:.2g} N/m"
         case Kind.ELSEWHERE:
             words = f"a fluid{where} too, {_fluid(cause)}"
         case _:
