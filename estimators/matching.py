@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rotorfit.models.array_types import Float, Index
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
 
 def cheapest_rows(cost: Float) -> Index:
@@ -16,3 +16,14 @@ def cheapest_rows(cost: Float) -> Index:
 
     columns: Index = linear_sum_assignment(cost.T)[1]
     return columns
+
+
+def matched(values: ComplexArray, reference: ComplexArray) -> ComplexArray:
+    """Values of each row ``(N, n)`` that belong to those of a reference ``(m,)``, each used once."""
+    distance = np.abs(values[:, :, None] - reference)
+    distance = np.where(np.isfinite(distance), distance, 1e300)
+    order = distance.argmin(axis=1)
+    ranked = np.sort(order, axis=1)
+    for row in np.flatnonzero((ranked[:, 1:] == ranked[:, :-1]).any(axis=1)):
+        order[row] = cheapest_rows(distance[row])
+    return np.asarray(np.take_along_axis(values, order, axis=1))

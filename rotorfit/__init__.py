@@ -75,13 +75,19 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.uncertainty.model_average import sample_models as sample_models
     from rotorfit.uncertainty.posterior import Posterior as Posterior
     from rotorfit.uncertainty.posterior_file import load_posterior as load_posterior
+    from rotorfit.uncertainty.prediction import Prediction as Prediction
     from rotorfit.uncertainty.profile import Profile as Profile
     from rotorfit.uncertainty.sampling import sample as sample
+    from rotorfit.uncertainty.stability_report import Criterion as Criterion
+    from rotorfit.uncertainty.stability_report import StabilityReport as StabilityReport
 
 _HOME = {
     "Design": "rotorfit.planning.design",
     "Plan": "rotorfit.planning.record",
     "plan": "rotorfit.planning.plan",
+    "Criterion": "rotorfit.uncertainty.stability_report",
+    "Prediction": "rotorfit.uncertainty.prediction",
+    "StabilityReport": "rotorfit.uncertainty.stability_report",
     "join_runs": "rotorfit.data.joined",
     "Balance": "rotorfit.data.balancing",
     "balance": "rotorfit.data.balancing",

@@ -212,14 +212,31 @@ def onset_shift(model: RotorModel, theta: Float, onset: Threshold, term: LeftOut
         term: the term.
     """
     s = 1j * onset.whirl_frequency
-    coefficients = model.motion(theta, onset.speed)
-    powers = s ** np.arange(model.order + 1)
-    left, _, right = np.linalg.svd(np.einsum("k,kij->ij", powers, coefficients))
-    u, v = left[:, -1].conj(), right[-1].conj()
-    slope = np.einsum("k,kij->ij", np.arange(1, model.order + 1) * powers[:-1], coefficients[1:])
-    at = np.arange(u.size) if model.shaft is None else model.shaft.at
-    factor = term.factor(np.asarray(s), np.asarray(onset.speed))
-    pressed = sum(weight * u[at[i]] * v[at[j]] for i, j, weight in term.entries) * factor
-    by_term = -pressed / (u @ slope @ v)
+    by_term = eigenvalue_shift(model, model.motion(theta, onset.speed), onset.speed, np.asarray(s), [term])[0]
     by_speed, _ = eigenvalue_gradient(model, theta, onset.speed, s)
-    return float(-complex(by_term).real / by_speed.real)
+    return float(-by_term.real / by_speed.real)
+
+
+def eigenvalue_shift(
+    model: RotorModel, coefficients: ComplexArray, speed: float, s: ComplexArray, terms: Sequence[LeftOut]
+) -> ComplexArray:
+    """Change of eigenvalues by one unit of left-out terms, 1/s, shape ``(..., T)``.
+
+    Args:
+        model: the rotor.
+        coefficients: of free motion, shape ``(..., order + 1, n, n)``.
+        speed: rotative speed, rad/s.
+        s: an eigenvalue of each, shape ``(...)``.
+        terms: the terms.
+    """
+    order = np.arange(coefficients.shape[-3])
+    powers = s[..., None] ** order
+    left, _, right = np.linalg.svd(np.einsum("...k,...kij->...ij", powers, coefficients))
+    u, v = left[..., -1].conj(), right[..., -1, :].conj()
+    slope = np.einsum("...k,...kij->...ij", order[1:] * powers[..., :-1], coefficients[..., 1:, :, :])
+    at = np.arange(u.shape[-1]) if model.shaft is None else model.shaft.at
+    pressed = [
+        sum(weight * u[..., at[i]] * v[..., at[j]] for i, j, weight in term.entries) * term.factor(s, np.asarray(speed))
+        for term in terms
+    ]
+    return np.asarray(-np.stack(pressed, axis=-1) / np.einsum("...i,...ij,...j->...", u, slope, v)[..., None])

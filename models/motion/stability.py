@@ -78,12 +78,17 @@ def eigenvalues(model: RotorModel, theta: ArrayLike, speed: ArrayLike) -> Comple
     Raises:
         ValueError: speeds that are not finite numbers, or none.
     """
-    s = _spectrum(model, model.motion(theta, angular_rates(speed)))
+    s = spectrum(model, model.motion(theta, angular_rates(speed)))
     return np.asarray(np.take_along_axis(s, np.argsort(s.imag, axis=-1), axis=-1))
 
 
-def _spectrum(model: RotorModel, coefficients: ComplexArray) -> ComplexArray:
-    """Eigenvalues of free motion with given coefficients, in no order."""
+def spectrum(model: RotorModel, coefficients: ComplexArray) -> ComplexArray:
+    """Eigenvalues of free motion with given coefficients, in no order.
+
+    Args:
+        model: the rotor.
+        coefficients: shape ``(..., order + 1, n, n)``.
+    """
     if model.shaft is not None and model.shaft.has_mass:
         # Its many high modes would carry the round-off of s^2 over the lowest one.
         matrix, scale = companion(coefficients[..., ::-1, :, :])
@@ -124,7 +129,7 @@ def growth_rate(model: RotorModel, theta: ArrayLike, speed: ArrayLike, band: flo
         speed: rotative speed, rad/s, one or as many as vectors.
         band: modulus beyond which eigenvalues do not count, rad/s.
     """
-    s = _spectrum(model, model.motion(theta, speed))
+    s = spectrum(model, model.motion(theta, speed))
     counted = np.isfinite(s) & (np.abs(s) <= band)
     return np.asarray(np.where(counted, s.real, -np.inf).max(axis=-1))
 
@@ -180,7 +185,7 @@ def least_stable(
         parameters, shape ``(N, P)``.
     """
     coefficients = model.motion(theta, speed)
-    s = _spectrum(model, coefficients)
+    s = spectrum(model, coefficients)
     growth = np.where(np.isfinite(s) & (np.abs(s) <= band), s.real, -np.inf)
     rows, place = np.arange(len(s)), growth.argmax(axis=-1)
     counted = np.isfinite(growth[rows, place])

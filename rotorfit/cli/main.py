@@ -17,7 +17,7 @@ from pathlib import Path
 from shutil import copyfile
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from rotorfit.cli import balance, campaign, join, laws, plan, predict, recordings, simulate, trend, vectors
+from rotorfit.cli import balance, campaign, join, judge, laws, plan, predict, recordings, simulate, trend, vectors
 from rotorfit.cli.answer import say
 from rotorfit.cli.arguments import (
     add_figure_format,
@@ -193,6 +193,7 @@ COMMANDS = {
     "look": recordings.run_look,
     "plan": plan.run,
     "predict": predict.run,
+    "judge": judge.run,
     "trend": trend.run,
     "vectors": vectors.run,
     "join": join.run,
@@ -212,6 +213,7 @@ _MODULES = (
     ("balance", balance),
     ("predict", predict),
     ("plan", plan),
+    ("judge", judge),
 )
 
 

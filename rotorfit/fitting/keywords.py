@@ -66,6 +66,23 @@ class PredictKeywords(TypedDict, total=False):
     at: Mapping[str, Any] | None
 
 
+class JudgeKeywords(TypedDict, total=False):
+    """Keywords of :meth:`rotorfit.FitResult.stability_report`; see there."""
+
+    max_speed_rpm: float | None
+    min_speed_rpm: float | None
+    min_decrement: float
+    min_threshold_ratio: float
+    cross_coupling: Mapping[str, float] | None
+    min_cross_coupling_ratio: float
+    unbalance_g_mm: Mapping[str, float] | None
+    plane: str | None
+    max_amplitude_um: float | None
+    cases: Mapping[str, Mapping[str, float]] | None
+    level: float
+    at: Mapping[str, Any] | None
+
+
 def check_keywords(function: str, given: Iterable[str], keywords: type, *own: str) -> None:
     """Refuse a keyword that a function does not take."""
     allowed = (*own, *keywords.__annotations__)

@@ -21,7 +21,7 @@ from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.reading_noise import READINGS_OF_NOISE
 from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN
-from rotorfit.fitting.keywords import PredictKeywords, SampleKeywords, check_keywords
+from rotorfit.fitting.keywords import JudgeKeywords, PredictKeywords, SampleKeywords, check_keywords
 from rotorfit.fitting.noise.residual_study import ResidualStudy, is_misfit, largest_redchi
 from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity, ResponseQuality
 from rotorfit.fitting.settings import FitSettings
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from rotorfit.uncertainty.posterior import Posterior
     from rotorfit.uncertainty.prediction import Prediction
     from rotorfit.uncertainty.profile import Profile
+    from rotorfit.uncertainty.stability_report import StabilityReport
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -217,7 +218,7 @@ class FitResult:
         Args:
             name: a fitted or known parameter, or "threshold_speed", rad/s.
         """
-        return self._assumed.systematic(THRESHOLD_COLUMN if name == THRESHOLD else name)
+        return self.assumed.systematic(THRESHOLD_COLUMN if name == THRESHOLD else name)
 
     @property
     def foundations(self) -> tuple[str, ...]:
@@ -227,10 +228,11 @@ class FitResult:
             >>> any(words.startswith("Ds[journal]") for words in fit.foundations)
             True
         """
-        return self._assumed.main_foundations
+        return self.assumed.main_foundations
 
     @cached_property
-    def _assumed(self) -> Assumptions:
+    def assumed(self) -> Assumptions:
+        """:meth:`assumptions`, empty where these are not known: no convergence, parameters per attribute."""
         from rotorfit.fitting.assumptions.assumption_table import Assumptions
 
         return self.assumptions() if self.success and len(self.thetas) == 1 else Assumptions(())
@@ -531,6 +533,34 @@ class FitResult:
 
         check_keywords("predict", options, PredictKeywords)
         return predict(self, frequency, speed, **options)
+
+    def stability_report(self, **options: Unpack[JudgeKeywords]) -> StabilityReport:
+        """Criteria of stability at running speed, each with its interval and the probability that it is met.
+
+        Args:
+            **options: ``max_speed_rpm``, ``min_speed_rpm``: the running speeds; by default the highest tested one.
+                ``min_decrement``: logarithmic decrement that the least stable forward mode should have, 0.1.
+                ``min_threshold_ratio``: threshold speed over the highest running speed, 1. ``cross_coupling``:
+                anticipated cross-coupled stiffness, ``{"disk": 2e5}``, N/m; ``min_cross_coupling_ratio``: factor on it
+                that the rotor should bear, 2. ``unbalance_g_mm``: ``{"disk": 30.0}``, for amplification factors and
+                separation margins of critical speeds of ``plane``, by default that of the unbalance;
+                ``max_amplitude_um``: largest 0-peak deflection allowed there at running speeds. ``cases``: factors on
+                parameters by name of a case, ``{"smallest clearance": {"K0": 1.3, "D": 1.5}}``. ``level``: probability
+                of the intervals, 0.95. ``at``: group of parameters, for fits with one value a group.
+
+        Raises:
+            TypeError: a keyword that is none of these.
+            ValueError: a speed, plane or limit that is impossible, a fit that did not converge.
+
+        Example:
+            >>> report = fit.stability_report(max_speed_rpm=2000, min_decrement=0.1)
+            >>> report.criteria[0].probability
+            1.0
+        """
+        from rotorfit.uncertainty.stability_report import stability_report
+
+        check_keywords("stability_report", options, JudgeKeywords)
+        return stability_report(self, **options)
 
     def derive(
         self, quantity: Callable[[Any], Any], *, unit: str = "", at: Mapping[str, Any] | None = None

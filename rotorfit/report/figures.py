@@ -180,6 +180,22 @@ def _stability(material: ReportInput) -> Iterator[Html]:
     if rows and not rows[0][0]:
         head, rows = head[1:], [row[1:] for row in rows]
     yield table(head, rows, numeric=range(len(head) - 5, len(head)))
+    yield from _criteria(material)
+
+
+def _criteria(material: ReportInput) -> Iterator[Html]:
+    """The rotor judged at its running speed; nothing where it has none or cannot be judged."""
+    fit, speed = material.fit, material.operating_speed
+    top = float(fit.speeds.max(initial=0.0)) if speed is None else speed
+    if not top or fit.model.turns or not fit.success or len(fit.thetas) > 1:
+        return
+    draws = fit if material.posterior is None else material.posterior
+    found = draws.stability_report(max_speed_rpm=top * RPM_PER_RAD_S)
+    head, *rows = found.rows()
+    where = "running speed" if speed is not None else "highest tested speed"
+    yield element("h3", f"Criteria at the {where}, {top * RPM_PER_RAD_S:.5g} rpm")
+    yield table(head, rows, numeric=(1, 5))
+    yield note(*map(sentence, found.remarks))
 
 
 def _draw_stability(fit: FitResult, group: int) -> Figure:

@@ -8,11 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.estimators.matching import cheapest_rows
+from rotorfit.estimators.matching import matched
 from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.notebook import text_html
 from rotorfit.models import RotorModel, eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
+
+DERIVED_DRAWS = 2000
+"""Draws from which derived quantities are computed, evenly spaced over the chain; a quantile of so many is within a
+twentieth of a standard deviation."""
+SHAFT_DRAWS = 100  # the same for models with the matrices of a whole shaft
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -147,7 +152,7 @@ def modes(model: RotorModel, theta: Float, speed: float, band: float) -> list[Mo
     if model.shaft is not None:  # as many of the shaft's many modes as the coordinates can follow
         lowest = np.argsort(np.abs(reference))[: model.order * len(model.coordinates)]
         reference, at = reference[np.sort(lowest)], model.shaft.at
-    s = _matched(eigenvalues(model, theta, speed), reference)
+    s = matched(eigenvalues(model, theta, speed), reference)
     coefficients = model.motion(theta, speed)
     result = []
     for k in range(reference.size):
@@ -174,11 +179,3 @@ def _null_vector(coefficients: ComplexArray, s: Any) -> ComplexArray:
     powers = np.asarray(s)[..., None] ** np.arange(coefficients.shape[-3])
     kappa = np.einsum("...k,...kij->...ij", powers, coefficients)
     return np.asarray(np.linalg.svd(kappa)[2][..., -1, :].conj())
-
-
-def _matched(s: ComplexArray, reference: ComplexArray) -> ComplexArray:
-    """Eigenvalues of each draw in the order of the reference, each used once, shape ``(N, modes)``."""
-    distance = np.abs(s[:, :, None] - reference)
-    distance = np.where(np.isfinite(distance), distance, 1e300)
-    order = np.array([cheapest_rows(cost) for cost in distance])
-    return np.asarray(np.take_along_axis(s, order, axis=1))

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.fitting.keywords import PredictKeywords, check_keywords
+from rotorfit.fitting.keywords import JudgeKeywords, PredictKeywords, check_keywords
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Float
 from rotorfit.models.shafts.angular_rates import angular_rate, angular_rates
-from rotorfit.uncertainty.derived import Derived, Draws, Mode, StiffnessBand, modes
+from rotorfit.uncertainty.derived import DERIVED_DRAWS, SHAFT_DRAWS, Derived, Draws, Mode, StiffnessBand, modes
 from rotorfit.uncertainty.onsets import Onsets, onsets_of
 
 if TYPE_CHECKING:
@@ -24,12 +24,7 @@ if TYPE_CHECKING:
 
     from rotorfit.estimators.inference.log_posterior import Noise
     from rotorfit.uncertainty.prediction import Prediction
-
-
-DERIVED_DRAWS = 2000
-"""Draws from which derived quantities are computed, evenly spaced over the chain; a quantile of so many is within a
-twentieth of a standard deviation."""
-_SHAFT_DRAWS = 100  # the same for models with the matrices of a whole shaft
+    from rotorfit.uncertainty.stability_report import StabilityReport
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +108,7 @@ class Posterior(Draws):
             at: group of parameters, ``{"speed_rpm": 1000}``, where some were fitted per attribute.
             draws: how many at most, by default :data:`DERIVED_DRAWS`, fewer for models with a whole shaft.
         """
-        limit = draws or (DERIVED_DRAWS if self.fit.model.shaft is None else _SHAFT_DRAWS)
+        limit = draws or (DERIVED_DRAWS if self.fit.model.shaft is None else SHAFT_DRAWS)
         samples, space = self.samples, self.fit.problem.space
         chosen = np.unique(np.linspace(0, len(samples) - 1, min(limit, len(samples))).astype(np.intp))
         return np.asarray(space.theta(samples[chosen, : space.size])[:, space.group(at)])
@@ -138,6 +133,17 @@ class Posterior(Draws):
 
         check_keywords("predict", options, PredictKeywords)
         return predict(self.fit, frequency, speed, thetas=self.thetas(options.get("at")), **options)
+
+    def stability_report(self, **options: Unpack[JudgeKeywords]) -> StabilityReport:
+        """Criteria of stability over the draws; see :meth:`FitResult.stability_report`.
+
+        Args:
+            **options: as there.
+        """
+        from rotorfit.uncertainty.stability_report import stability_report
+
+        check_keywords("stability_report", options, JudgeKeywords)
+        return stability_report(self.fit, thetas=self.thetas(options.get("at")), **options)
 
     def whirl_ratio(self, at: Mapping[str, Any] | None = None) -> Derived:
         """Frequency of the self-excited whirl at onset over the threshold speed, NaN for draws without a threshold.

@@ -428,7 +428,7 @@ def _notes(fit: FitResult, test: PerturbationTest, noise: Float) -> tuple[str, .
         ("speeds", test.speed, [base.speed for base in bases]),
         ("frequencies", test.frequency, [base.frequency for base in bases]),
     ):
-        found += _extrapolation(what, values, tested)
+        found += extrapolation(what, values, tested)
     if np.isnan(noise).any():
         found.append(f"No readings at {test.plane[0]} were fitted: the noise of a new reading there is not known.")
     if fit.model_limited:
@@ -438,7 +438,7 @@ def _notes(fit: FitResult, test: PerturbationTest, noise: Float) -> tuple[str, .
     return tuple(found)
 
 
-def _extrapolation(what: str, values: Float, tested: Sequence[Float]) -> list[str]:
+def extrapolation(what: str, values: Float, tested: Sequence[Float]) -> list[str]:
     """A sentence where values lie outside the tested ones of their sign."""
     if not tested:
         return [f"The fit has no responses to forces that turn: all {what} are extrapolated."]

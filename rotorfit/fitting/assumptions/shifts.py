@@ -121,6 +121,7 @@ def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
                 errors=errors,
                 implied=name.startswith("Ds[") and _coupled(fit) > 0,
                 prior=fit.settings.assumptions.get(name, math.nan),
+                acts=term if isinstance(term, LeftOut | int) else None,
             )
         )
     return entries

@@ -1,0 +1,79 @@
+"""``rotorfit judge``: whether an identified rotor is stable enough, with the probability of each criterion."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rotorfit.cli.answer import finite, give, say
+from rotorfit.cli.arguments import add_figure_format, add_output
+from rotorfit.options.kinds import pairs, positive_word
+
+if TYPE_CHECKING:
+    from rotorfit.uncertainty.stability_report import StabilityReport
+
+DESCRIPTION = "judge the stability of an identified rotor at running speed, with the probability of each criterion"
+
+
+def add_options(to: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    to.add_argument("fit", type=Path, metavar="FIT.json", help="a saved fit, fit.json of a folder with results")
+    to.add_argument("--max-speed", type=positive_word, metavar="RPM", help="highest running speed [highest tested]")
+    to.add_argument("--min-speed", type=positive_word, metavar="RPM", help="lowest running speed [the highest]")
+    to.add_argument("--min-decrement", type=positive_word, default=0.1, help="log. decrement asked for [%(default)g]")
+    to.add_argument("--min-threshold-ratio", type=positive_word, default=1.0, help="over running speed [%(default)g]")
+    to.add_argument("--cross-coupling", action="append", default=[], metavar="PLANE=N/M", help="anticipated at a plane")
+    to.add_argument("--min-cross-coupling-ratio", type=positive_word, default=2.0, help="Q0/Qa [%(default)g]")
+    to.add_argument("--unbalance", action="append", default=[], metavar="PLANE=G_MM", help="unbalance at a plane")
+    to.add_argument("--plane", metavar="PLANE", help="where unbalance responses are judged [that of the unbalance]")
+    to.add_argument("--max-amplitude", type=positive_word, metavar="UM", help="largest deflection at running speeds")
+    to.add_argument("--level", type=positive_word, default=0.95, help="probability of the intervals [%(default)g]")
+    to.add_argument("--out", type=Path, help="folder for stability.csv, summary.txt and stability.png")
+    add_figure_format(to)
+    add_output(to)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do what the command line says; returns the exit code."""
+    from rotorfit.cli.errors import ExitCode, checked
+    from rotorfit.data.findings import errors_in
+    from rotorfit.fitting.fit_file import load_fit
+
+    fit = checked(lambda: load_fit(options.fit))
+    found = checked(
+        lambda: fit.stability_report(
+            max_speed_rpm=options.max_speed,
+            min_speed_rpm=options.min_speed,
+            min_decrement=options.min_decrement,
+            min_threshold_ratio=options.min_threshold_ratio,
+            cross_coupling=pairs("--cross-coupling", options.cross_coupling, float),
+            min_cross_coupling_ratio=options.min_cross_coupling_ratio,
+            unbalance_g_mm=pairs("--unbalance", options.unbalance, float),
+            plane=options.plane,
+            max_amplitude_um=options.max_amplitude,
+            level=options.level,
+        )
+    )
+    errors = errors_in(fit.findings)
+    text = "\n".join([*(f"ERROR in the data, nothing below can be relied on: {words}" for words in errors), str(found)])
+
+    def write(folder: Path) -> None:
+        from rotorfit.plots.style import picture_of
+
+        found.to_dataframe().to_csv(folder / "stability.csv", index=False)
+        (folder / "summary.txt").write_text(f"{text}\n", encoding="utf-8")
+        figure = folder / f"stability.{options.figure_format}"
+        figure.write_bytes(picture_of(found.plot(), options.figure_format))
+
+    give(options, write, lambda: {"errors": list(errors), **_plain(found)}, text, found.notes)
+    for words in errors:
+        say(f"error in the data: {words}")
+    return ExitCode.NOT_CONVERGED if errors else ExitCode.DONE
+
+
+def _plain(found: StabilityReport) -> dict[str, Any]:
+    """The report as JSON, no infinities."""
+    rows = found.to_dataframe().to_dict("records")
+    plain = [{k: finite(v) if isinstance(v, float) else v for k, v in row.items()} for row in rows]
+    return {"criteria": plain, "met": found.met, "level": found.level, "notes": list(found.notes)}

@@ -1,0 +1,213 @@
+"""Many rotors of one model: what a fit or a posterior leaves open, and what the model leaves out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rotorfit.estimators.matching import matched
+from rotorfit.fitting.result import FitResult
+from rotorfit.models import RotorModel
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
+from rotorfit.models.motion.neglected_terms import LeftOut, eigenvalue_shift
+from rotorfit.models.motion.stability import spectrum
+from rotorfit.models.parameters import unknown_name
+
+_BLOCK = 200
+"""Rotors whose responses at all speeds are computed together, some tens of megabytes."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Rotors:
+    """Rotors of one model.
+
+    Attributes:
+        model: the model.
+        theta: parameter vectors, shape ``(W, P)``.
+        terms: of the equation of motion that the model leaves out.
+        sizes: of these terms in each rotor, shape ``(W, T)``.
+        coupling: cross-coupled stiffness at planes, N/m, which drives forward whirl; by plane, each shape ``(W,)``.
+    """
+
+    model: RotorModel
+    theta: Float
+    terms: tuple[LeftOut, ...]
+    sizes: Float
+    coupling: Mapping[str, Float]
+
+    def part(self, rows: Index | slice) -> Rotors:
+        """Some of the rotors."""
+        coupling = {plane: stiffness[rows] for plane, stiffness in self.coupling.items()}
+        return replace(self, theta=self.theta[rows], sizes=self.sizes[rows], coupling=coupling)
+
+    def scaled(self, factors: Mapping[str, float]) -> Rotors:
+        """With parameters multiplied by factors."""
+        names = self.model.parameter_names
+        for name in factors:
+            if name not in names:
+                raise ValueError(unknown_name("parameter", name, names))
+        return replace(self, theta=self.theta * np.array([factors.get(name, 1.0) for name in names]))
+
+    def coupled(self, coupling: Mapping[str, Float]) -> Rotors:
+        """With cross-coupled stiffness at planes, N/m."""
+        return replace(self, coupling={p: np.broadcast_to(q, (len(self.theta),)) for p, q in coupling.items()})
+
+    def eigenvalues(self, speed: float, reference: ComplexArray) -> ComplexArray:
+        """Those of each rotor that belong to the reference ones, shape ``(W, modes)``.
+
+        Left-out terms, which are small, move them to first order: some would bring roots far above the band along.
+        """
+        motion = self._motion(speed)
+        found = matched(spectrum(self.model, motion), reference)
+        return found + self._shifts(motion[:, None], speed, found)
+
+    def growth(self, speed: float, band: float) -> Float:
+        """Real part of the least stable eigenvalue up to ``|s| = band`` of each rotor, shape ``(W,)``."""
+        motion = self._motion(speed)
+        s = spectrum(self.model, motion)
+        rate = np.where(counted(self.model, s, band), s.real, -np.inf)
+        least = s[np.arange(len(s)), rate.argmax(axis=1)]
+        return np.asarray(rate.max(axis=1) + self._shifts(motion, speed, least).real)
+
+    def _shifts(self, motion: ComplexArray, speed: float, s: ComplexArray) -> ComplexArray:
+        """Change of eigenvalues ``(W, ...)`` by the left-out terms."""
+        if not self.terms:
+            return np.zeros_like(s)
+        by_term = eigenvalue_shift(self.model, motion, speed, s, self.terms)
+        return np.asarray(np.einsum("w...t,wt->w...", by_term, self.sizes))
+
+    def _motion(self, speed: float) -> ComplexArray:
+        """Coefficient matrices of free motion with the coupling, shape ``(W, order + 1, n, n)``."""
+        model = self.model
+        motion = np.array(model.motion(self.theta, np.full(len(self.theta), speed)))
+        at = np.arange(motion.shape[-1]) if model.shaft is None else model.shaft.at
+        for plane, stiffness in self.coupling.items():
+            for i, j, unit in _skew(model, plane):
+                motion[:, 0, at[i], at[j]] += unit * stiffness
+        return motion
+
+    def response(self, speed: Float, plane: str, unbalance: Mapping[str, float]) -> Float:
+        """Largest deflection, m, over a turn, by unbalances, kg m at planes, at speeds ``(S,)``; shape ``(W, S)``."""
+        model = self.model
+        force = sum((model.force_vector(at, speed, mr * speed**2) for at, mr in unbalance.items()), start=np.zeros(1))
+        read = [i for i, c in enumerate(model.coordinates) if c.plane == plane and c.axis in "zxy"]
+        blocks = []
+        for first in range(0, len(self.theta), _BLOCK):
+            some = slice(first, first + _BLOCK)
+            stiffness: ComplexArray = model.dynamic_stiffness(self.theta[some, None], speed, speed)
+            stiffness = stiffness + self._added(np.asarray(1j * speed), speed, some)
+            phasors = np.linalg.solve(stiffness, np.broadcast_to(force[..., None], (*stiffness.shape[:-1], 1)))
+            blocks.append(_deflection(np.asarray(phasors[..., read, 0])))
+        return np.concatenate(blocks)
+
+    def _added(self, s: ComplexArray, speed: Float, some: slice) -> ComplexArray:
+        """Dynamic stiffness of the terms and the coupling at the coordinates, shape ``(W, S, n, n)``."""
+        size = len(self.model.coordinates)
+        total = np.zeros((len(self.theta[some]), s.size, size, size), dtype=complex)
+        for number, term in enumerate(self.terms):
+            factor = self.sizes[some, number, None] * term.factor(s, speed)
+            for i, j, weight in term.entries:
+                total[..., i, j] += weight * factor
+        for plane, stiffness in self.coupling.items():
+            for i, j, unit in _skew(self.model, plane):
+                total[..., i, j] += unit * stiffness[some, None]
+        return total
+
+
+def _skew(model: RotorModel, plane: str) -> list[tuple[int, int, complex]]:
+    """Entries of a unit cross-coupled stiffness, Kxy = -Kyx = 1, which is -j in complex coordinates."""
+    if model.frame == "z":
+        at = model.coordinate(plane, "z")
+        return [(at, at, -1j)]
+    x, y = model.coordinate(plane, "x"), model.coordinate(plane, "y")
+    return [(x, y, 1.0), (y, x, -1.0)]
+
+
+def _deflection(phasors: ComplexArray) -> Float:
+    """Major half-axis of the orbit, of phasors of z or of x and y."""
+    if phasors.shape[-1] == 1:
+        return np.abs(phasors[..., 0])
+    x, y = phasors[..., 0], phasors[..., 1]
+    return np.asarray((np.abs(x + 1j * y) + np.abs(x - 1j * y)) / 2)
+
+
+def counted(model: RotorModel, s: ComplexArray, band: float) -> Bool:
+    """Eigenvalues ``(..., modes)`` that count: up to a band, of a whole shaft as many as its planes can follow."""
+    size = np.where(np.isfinite(s), np.abs(s), np.inf)
+    limit = np.asarray(band)
+    if model.shaft is not None:
+        lowest = np.sort(size, axis=-1)[..., min(model.order * len(model.coordinates), s.shape[-1]) - 1]
+        limit = np.minimum(lowest, band)[..., None]
+    return np.asarray((size <= limit) & np.isfinite(size))
+
+
+def has_planes(model: RotorModel) -> bool:
+    """True if free motion is written in displacements of planes, and not in modes."""
+    motion = model.motion(model.vector({q.name: q.scale for q in model.parameters}), 1.0)
+    return model.shaft is not None or motion.shape[-1] == len(model.coordinates)
+
+
+# ---- of a fit ----------------------------------------------------------------------------------------------------
+
+
+def fitted_rotor(fit: FitResult, group: int) -> Rotors:
+    """The fitted rotor alone."""
+    theta = fit.thetas[group][None]
+    return Rotors(model=fit.model, theta=theta, terms=(), sizes=np.zeros((1, 0)), coupling={})
+
+
+def unseen_rotors(fit: FitResult, group: int, step: float) -> Rotors:
+    """Rotors that no datum tells from the fitted one: steps, as shares of the parameters' own sizes."""
+    null = fit.identifiability.null_space
+    x = fit.x[: null.shape[0]] + step * null.T
+    theta = fit.problem.space.theta(x)[:, group] if null.size else fit.thetas[:0, :]
+    return Rotors(model=fit.model, theta=theta, terms=(), sizes=np.zeros((len(theta), 0)), coupling={})
+
+
+def drawn_rotors(fit: FitResult, group: int, draws: int, thetas: Float | None = None) -> Rotors:
+    """Rotors within the errors of a fit, or of a posterior's draws ``thetas`` of shape ``(W, P)``.
+
+    What the model leaves out or takes as known takes the sizes of the table of assumptions at random; what the tests
+    would have made of it moves the parameters along.
+    """
+    rng = np.random.default_rng(0)
+    theta = _scattered(fit, group, draws, rng) if thetas is None else thetas.copy()
+    names, terms, sizes, planes = fit.model.parameter_names, [], [], has_planes(fit.model)
+    for entry in fit.assumed.entries:
+        size = entry.left * rng.normal(size=len(theta))
+        for name, shift in entry.shifts.items():
+            if name in names:
+                theta[:, names.index(name)] += shift * size
+        if isinstance(entry.acts, int):
+            theta[:, entry.acts] += size
+        elif entry.acts is not None and planes:
+            terms.append(entry.acts)
+            sizes.append(size)
+    columns = np.column_stack(sizes) if sizes else np.zeros((len(theta), 0))
+    return Rotors(model=fit.model, theta=theta, terms=tuple(terms), sizes=columns, coupling={})
+
+
+def _scattered(fit: FitResult, group: int, draws: int, rng: np.random.Generator) -> Float:
+    """Parameter vectors by the covariance, with the tails of Student's t where an error has few degrees of freedom."""
+    values, vectors = np.linalg.eigh(fit.covar)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    errors = rng.normal(size=(draws, root.shape[1])) @ root.T
+    freedom = min((p.freedom for p in fit.params.values() if p.vary and p.resolved), default=math.inf)
+    if math.isfinite(freedom):
+        errors *= np.sqrt(freedom / rng.chisquare(freedom, size=(draws, 1)))
+    return np.asarray(fit.problem.space.theta(fit.x + errors)[:, group])
+
+
+def is_forward(model: RotorModel, theta: Float, speed: float, s: ComplexArray) -> Bool:
+    """True for modes ``(modes,)`` that whirl with the rotation, or for all where speed does not matter."""
+    if model.frame == "z" or not model.speed_dependent:
+        return np.asarray(s.imag > 0)
+    coefficients = model.motion(theta, speed)
+    kappa = np.einsum("mk,kij->mij", s[:, None] ** np.arange(len(coefficients)), coefficients)
+    shape, half = np.linalg.svd(kappa)[2][:, -1].conj(), kappa.shape[-1] // 2
+    x, y = shape[:, :half], shape[:, half:]
+    turn = np.sum(np.abs(x + 1j * y) ** 2 - np.abs(x - 1j * y) ** 2, axis=1)
+    return np.asarray((turn > 0) & (s.imag > 0))

@@ -1,0 +1,86 @@
+"""Figure of a stability report: decrements and the unbalance response, with bands, limits and running speeds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rotorfit.models.array_types import Float
+from rotorfit.plots.style import colour_of, grid, legend_below, literal, prefix
+from rotorfit.units import RPM_PER_RAD_S
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from rotorfit.uncertainty.stability_report import Curve, StabilityReport
+
+_WELL_DAMPED = 3.0  # decrement above which curves are cut off: such a mode is no question of stability
+
+
+def plot_stability_report(report: StabilityReport) -> Figure:
+    """One panel for each kind of curve that the report has."""
+    panels = [_decrements, *([_unbalance] if report.unbalance else []), *([_coupling] if report.cross_coupling else [])]
+    figure, axes = grid(len(panels), 1, f"Stability, with {report.level:.0%} bands", size=(6.6, 2.4))
+    for panel, axis in zip(panels, axes[:, 0], strict=True):
+        panel(report, axis)
+    found = [axis.get_legend_handles_labels() for axis in axes[:, 0]]
+    handles = {label: handle for some in found for handle, label in zip(*some, strict=True)}
+    legend_below(figure, list(handles.values()), list(handles))
+    return figure
+
+
+def _draw(axis: Any, curves: Sequence[Curve], x: float, y: float, first: int = 0) -> None:
+    for number, curve in enumerate(curves, first):
+        colour, label = colour_of(number), literal(curve.label)
+        axis.plot(x * curve.x, _clipped(y * curve.y), color=colour, lw=1.2, label=label)
+        axis.fill_between(x * curve.x, *_clipped(y * curve.band).T, color=colour, alpha=0.25, lw=0)
+
+
+def _clipped(values: Float) -> Float:
+    """Values that a figure can draw, whatever is infinite."""
+    return np.asarray(np.clip(values, -1e9, 1e9))
+
+
+def _running(report: StabilityReport, axis: Any) -> None:
+    low, high = (RPM_PER_RAD_S * speed for speed in report.running)
+    if low < high:
+        axis.axvspan(low, high, color="0.5", alpha=0.15, lw=0, label="running speeds")
+    else:
+        axis.axvline(high, color="0.4", lw=0.9, ls="--", label="running speed")
+
+
+def _limit(report: StabilityReport, axis: Any) -> None:
+    asked = report.criteria[0].limit
+    axis.axhline(asked, color="C3", lw=0.9, ls=":", label=f"limit {asked:g}")
+    axis.axhline(0.0, color="0.2", lw=0.7)
+
+
+def _decrements(report: StabilityReport, axis: Any) -> None:
+    shown = [curve for curve in report.decrement if np.min(curve.y) < _WELL_DAMPED]
+    _draw(axis, shown, RPM_PER_RAD_S, 1.0)
+    _running(report, axis)
+    _limit(report, axis)
+    top = max([report.criteria[0].limit, *(float(np.max(np.minimum(c.y, _WELL_DAMPED))) for c in shown)])
+    low = min([0.0, *(float(np.min(c.y)) for c in shown)])
+    axis.set_ylim(max(low, -0.5 * top) - 0.1 * top, 1.15 * top)
+    axis.set_xlabel("speed, rpm", fontsize=8)
+    axis.set_ylabel("log. decrement", fontsize=8)
+
+
+def _unbalance(report: StabilityReport, axis: Any) -> None:
+    scale, unit = prefix(np.concatenate([curve.y for curve in report.unbalance]), "m")
+    _draw(axis, report.unbalance, RPM_PER_RAD_S, scale, first=len(report.decrement))
+    _running(report, axis)
+    axis.set_ylim(0.0, None)
+    axis.set_xlabel("speed, rpm", fontsize=8)
+    axis.set_ylabel(f"amplitude, {unit} 0-pk", fontsize=8)
+
+
+def _coupling(report: StabilityReport, axis: Any) -> None:
+    scale, unit = prefix(report.cross_coupling[0].x, "N/m")
+    _draw(axis, report.cross_coupling, scale, 1.0, first=len(report.decrement) + 1)
+    _limit(report, axis)
+    axis.set_xlabel(f"cross-coupled stiffness, {unit}", fontsize=8)
+    axis.set_ylabel("log. decrement", fontsize=8)

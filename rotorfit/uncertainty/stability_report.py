@@ -1,0 +1,635 @@
+"""Whether a fitted rotor is stable enough: each criterion with its interval and the probability that it is met."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rotorfit.fitting.notebook import text_html
+from rotorfit.fitting.result import FitResult
+from rotorfit.models import eigenvalues, threshold_speed
+from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.motion.neglected_terms import onset_shift
+from rotorfit.models.motion.stability import threshold_speeds
+from rotorfit.models.parameters import unknown_name
+from rotorfit.models.text_table import text_table
+from rotorfit.uncertainty.derived import DERIVED_DRAWS, SHAFT_DRAWS
+from rotorfit.uncertainty.onsets import onsets_of
+from rotorfit.uncertainty.prediction import extrapolation
+from rotorfit.uncertainty.rotors import (
+    Rotors,
+    counted,
+    drawn_rotors,
+    fitted_rotor,
+    has_planes,
+    is_forward,
+    unseen_rotors,
+)
+from rotorfit.uncertainty.unbalance import Peaks, margin, margin_asked, peaks_near, peaks_of
+from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+_CITED = "as code in public cites API 617 and 684; the standards were not read"
+_OVERDAMPED = 1 / math.sqrt(2)
+"""Damping ratio from which a mode has no resonance: the amplitude of a forced response has no peak."""
+_CURVE_DRAWS = 300
+"""Rotors from which bands of curves are read: a limit of 95 % is known to a tenth of a standard deviation."""
+_STEP = 0.1
+"""Step along what no datum notices, in parameters' own sizes, and the relative change that shows a criterion open."""
+_OPEN = 1e-4
+_DOUBLINGS = 12  # of the expected cross-coupling, up to which an onset is searched
+_MARGIN_OF_CURVES = 1.25  # highest speed of curves, over the highest running or tested speed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Criterion:
+    """One question about the rotor with its answer.
+
+    Attributes:
+        name: what is asked.
+        case: of the rotor, empty for as identified.
+        value: of the fitted rotor, in ``unit``.
+        interval: in which the true value lies with the report's probability, NaN where the data do not determine it.
+        unit: of value and limit.
+        limit: that the value should reach, or of amplitudes should not exceed.
+        at_least: whether the value should be at least, or at most, the limit.
+        probability: that the criterion is met; NaN where the data do not determine it.
+        source: name of a limit that is cited from a standard, empty for limits of the user's.
+    """
+
+    name: str
+    case: str
+    value: float
+    interval: tuple[float, float]
+    unit: str
+    limit: float
+    at_least: bool
+    probability: float
+    source: str
+
+    @property
+    def met(self) -> bool:
+        """Whether the fitted rotor itself meets it."""
+        return self.value >= self.limit if self.at_least else self.value <= self.limit
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModeDamping:
+    """One mode of free vibration at the highest running speed.
+
+    Attributes:
+        frequency: rad/s, signed.
+        decrement: logarithmic decrement, with its interval.
+        interval: of the decrement.
+        damping_ratio: share of critical damping.
+        direction: ``forward`` or ``backward``.
+    """
+
+    frequency: float
+    decrement: float
+    interval: tuple[float, float]
+    damping_ratio: float
+    direction: str
+
+    @property
+    def overdamped(self) -> bool:
+        """True for a mode without a resonance of its own."""
+        return self.damping_ratio >= _OVERDAMPED
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Curve:
+    """A quantity against another with its band.
+
+    Attributes:
+        label: what it is.
+        x: shape ``(N,)``.
+        y: of the fitted rotor, shape ``(N,)``.
+        band: lower and upper limit, shape ``(N, 2)``.
+    """
+
+    label: str
+    x: Float
+    y: Float
+    band: Float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StabilityReport:
+    """Criteria of a fitted rotor at running speed; see :meth:`FitResult.stability_report`.
+
+    Attributes:
+        criteria: with intervals and probabilities.
+        modes: at the highest running speed, the least damped first.
+        running: lowest and highest running speed, rad/s.
+        level: probability of intervals and bands.
+        draws: number of rotors drawn, which limits how near to one a probability is known.
+        decrement: of each forward mode against speed, rad/s.
+        unbalance: amplitude against speed, rad/s and m; empty without an unbalance.
+        cross_coupling: decrement of the least stable forward mode against cross-coupled stiffness, N/m; likewise.
+        notes: what a reader must know.
+    """
+
+    criteria: tuple[Criterion, ...]
+    modes: tuple[ModeDamping, ...]
+    running: tuple[float, float]
+    level: float
+    draws: int
+    decrement: tuple[Curve, ...]
+    unbalance: tuple[Curve, ...]
+    cross_coupling: tuple[Curve, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def met(self) -> bool:
+        """Whether the fitted rotor meets every criterion.
+
+        Example:
+            >>> fit.stability_report(max_speed_rpm=2000).met
+            True
+        """
+        return all(criterion.met for criterion in self.criteria)
+
+    def to_dataframe(self) -> DataFrame:
+        """The criteria as a table.
+
+        Example:
+            >>> list(fit.stability_report(max_speed_rpm=2000).to_dataframe().columns[:3])
+            ['criterion', 'case', 'value']
+        """
+        from pandas import DataFrame
+
+        rows = [
+            {
+                "criterion": c.name,
+                "case": c.case,
+                "value": c.value,
+                "low": c.interval[0],
+                "high": c.interval[1],
+                "unit": c.unit,
+                "limit": c.limit,
+                "sense": "at least" if c.at_least else "at most",
+                "probability": c.probability,
+                "met": c.met,
+                "source": c.source,
+            }
+            for c in self.criteria
+        ]
+        return DataFrame(rows)
+
+    def plot(self) -> Figure:
+        """Decrement against speed, unbalance response, decrement against cross-coupling, each with its band.
+
+        Example:
+            >>> figure = fit.stability_report(max_speed_rpm=2000).plot()
+        """
+        from rotorfit.uncertainty.stability_figure import plot_stability_report
+
+        return plot_stability_report(self)
+
+    def rows(self, case: str = "") -> list[list[str]]:
+        """The criteria of a case in words, head first.
+
+        Args:
+            case: its name, empty for as identified.
+
+        Example:
+            >>> fit.stability_report(max_speed_rpm=2000).rows()[1][4]
+            'met'
+        """
+        head = [case or "as identified", "value", f"{self.level:.0%} interval", "limit", "", "probability"]
+        return [head, *(self._row(c) for c in self.criteria if c.case == case)]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Where limits come from, and :attr:`notes`."""
+        cited = ", ".join(dict.fromkeys(c.source for c in self.criteria if c.source))
+        return (*([f"limits of {cited}: {_CITED}"] if cited else []), *self.notes)
+
+    def __str__(self) -> str:
+        low, high = (RPM_PER_RAD_S * speed for speed in self.running)
+        where = f"{high:.5g} rpm" if low == high else f"{low:.5g} to {high:.5g} rpm"
+        lines = [f"stability at {where}"]
+        layout = f"<{max(len(c.name) for c in self.criteria)} >9 >18 >11 <8 >11"
+        for case in dict.fromkeys(c.case for c in self.criteria):
+            lines += [*text_table(self.rows(case), layout), ""]
+        return "\n".join([*lines, *self._mode_lines(), *self.remarks])
+
+    def _row(self, c: Criterion) -> list[str]:
+        low, high = c.interval
+        ends = "" if math.isinf(low) else f"{low:.4g} or more" if math.isinf(high) else f"{low:.4g} to {high:.4g}"
+        ends = "not determined" if math.isnan(c.probability) else ends
+        limit = f"{'>=' if c.at_least else '<='} {c.limit:.4g} {c.unit}".rstrip()
+        value = "none" if math.isinf(c.value) else f"{c.value:.4g}"
+        return [c.name, value, ends, limit, "met" if c.met else "NOT MET", self._chance(c)]
+
+    def _chance(self, criterion: Criterion) -> str:
+        """A probability in words; nearer to 0 or 1 than the draws show it is a bound."""
+        known = 3 / self.draws  # of an event seen in no draw, with 95 % certainty
+        if math.isnan(criterion.probability):
+            return "not known"
+        if criterion.probability > 1 - known:
+            return f"> {100 * (1 - known):.1f} %"
+        if criterion.probability < known:
+            return f"< {100 * known:.1f} %"
+        return f"{100 * criterion.probability:.1f} %"
+
+    def _mode_lines(self) -> list[str]:
+        rows = [["mode, rpm", "", "damping ratio", "log. decrement", f"{self.level:.0%} interval", ""]]
+        for mode in self.modes:
+            ends = "" if mode.overdamped else f"{mode.interval[0]:.3g} to {mode.interval[1]:.3g}"
+            words = "overdamped, no resonance" if mode.overdamped else "unstable" if mode.decrement < 0 else ""
+            frequency = f"{abs(mode.frequency) * RPM_PER_RAD_S:.5g}"
+            ratio, decrement = f"{mode.damping_ratio:.3g}", "" if mode.overdamped else f"{mode.decrement:.3g}"
+            rows.append([frequency, mode.direction, ratio, decrement, ends, words])
+        return text_table(rows, ">10 <9 >13 >14 >20 <1")
+
+    def _repr_html_(self) -> str:
+        """Table for a notebook."""
+        return text_html(str(self))
+
+
+# ---- how it is made ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Question:
+    """A criterion before it is answered: values and limits of many rotors, each shape ``(W,)`` or a number."""
+
+    name: str
+    unit: str
+    source: str
+    ask: Callable[[Rotors], tuple[Float, Float | float]]
+    at_least: bool = True
+
+
+def stability_report(
+    fit: FitResult,
+    *,
+    max_speed_rpm: float | None = None,
+    min_speed_rpm: float | None = None,
+    min_decrement: float = 0.1,
+    min_threshold_ratio: float = 1.0,
+    cross_coupling: Mapping[str, float] | None = None,
+    min_cross_coupling_ratio: float = 2.0,
+    unbalance_g_mm: Mapping[str, float] | None = None,
+    plane: str | None = None,
+    max_amplitude_um: float | None = None,
+    cases: Mapping[str, Mapping[str, float]] | None = None,
+    level: float = 0.95,
+    at: Mapping[str, Any] | None = None,
+    thetas: Float | None = None,
+) -> StabilityReport:
+    """Judge a fitted rotor, by the fit's covariance or over parameter vectors of draws, shape ``(W, P)``."""
+    group = fit.group(at)
+    running = _running(fit, min_speed_rpm, max_speed_rpm, level)
+    coupling = _at_planes(fit, cross_coupling, "cross_coupling")
+    if coupling and not has_planes(fit.model):
+        raise ValueError(f"{fit.model.name} is written in modes, where a cross-coupling at a plane has no place")
+    unbalance = {where: mr * 1e-6 for where, mr in _at_planes(fit, unbalance_g_mm, "unbalance_g_mm").items()}
+    seen = _seen(fit, plane, unbalance, max_amplitude_um)
+    one, unseen = fitted_rotor(fit, group), unseen_rotors(fit, group, _STEP)
+    many = drawn_rotors(fit, group, DERIVED_DRAWS if fit.model.shaft is None else SHAFT_DRAWS, thetas)
+    questions = [_decrement_question(fit, running[1], min_decrement, {}, "")]
+    if fit.model.speed_dependent:
+        questions.append(
+            _Question(
+                name="threshold speed over running speed",
+                unit="",
+                source="",
+                ask=lambda rotors: (_thresholds(fit, group, rotors) / running[1], min_threshold_ratio),
+            )
+        )
+    if coupling:
+        questions.append(
+            _Question(
+                name="cross-coupling at onset over that expected, Q0/Qa",
+                unit="",
+                source="Q0/Qa",
+                ask=lambda rotors: (_ratio_to_onset(fit, rotors, running[1], coupling), min_cross_coupling_ratio),
+            )
+        )
+        questions.append(_decrement_question(fit, running[1], min_decrement, coupling, " with Qa"))
+    speeds = _speeds_of_curves(fit, one, running[1]) if unbalance else np.zeros(0)
+    if unbalance:
+        questions += _unbalance_questions(one, speeds, running, seen, unbalance, max_amplitude_um)
+    criteria = [
+        _answer(question, case, one.scaled(factors), many.scaled(factors), unseen.scaled(factors), level)
+        for case, factors in {"": {}, **(cases or {})}.items()
+        for question in questions
+    ]
+    return StabilityReport(
+        criteria=tuple(criteria),
+        modes=_modes(fit, one, many, running[1], level),
+        running=running,
+        level=level,
+        draws=len(many.theta),
+        decrement=_decrement_curves(fit, one, many, running[1], level),
+        unbalance=_unbalance_curves(one, many, speeds, seen, unbalance, level),
+        cross_coupling=_coupling_curve(fit, one, many, running[1], coupling, level),
+        notes=_notes(fit, one, running, speeds),
+    )
+
+
+def _running(fit: FitResult, lowest: float | None, highest: float | None, level: float) -> tuple[float, float]:
+    """Lowest and highest running speed, rad/s, with the refusals."""
+    if not 0 < level < 1:
+        raise ValueError(f"level is {level!r}; an interval has a probability between 0 and 1")
+    if not fit.success:
+        raise ValueError(f"the fit did not converge, its rotor is not judged: {fit.message}")
+    if fit.model.turns:
+        raise ValueError(f"{fit.model.name} turns with the shaft; see its unstable bands in fit.summary()")
+    if highest is None:
+        if not fit.speeds.any():
+            raise ValueError("max_speed_rpm is needed: the tests were at rest, or name no speeds")
+        highest = float(fit.speeds.max()) * RPM_PER_RAD_S
+    lowest = highest if lowest is None else lowest
+    if not (math.isfinite(lowest) and math.isfinite(highest) and 0 < lowest <= highest):
+        raise ValueError(
+            f"running speeds are positive, the lowest first: min_speed_rpm is {lowest:g}, max_speed_rpm {highest:g}"
+        )
+    return lowest * RAD_S_PER_RPM, highest * RAD_S_PER_RPM
+
+
+def _at_planes(fit: FitResult, given: Mapping[str, float] | None, what: str) -> dict[str, float]:
+    for where, size in (given or {}).items():
+        if where not in fit.model.planes:
+            raise ValueError(unknown_name(f"plane of {what}", where, fit.model.planes))
+        if not 0 < size < math.inf:
+            raise ValueError(f"{what} at {where} is {size:g}; it is positive and finite")
+    return dict(given or {})
+
+
+def _seen(fit: FitResult, plane: str | None, unbalance: Mapping[str, float], limit: float | None) -> str:
+    """Plane whose motion is judged."""
+    if not unbalance and (plane is not None or limit is not None):
+        raise ValueError("plane and max_amplitude_um are of the unbalance response: give unbalance_g_mm too")
+    seen = next(iter(unbalance), "") if plane is None else plane
+    if plane is not None and plane not in fit.model.planes:
+        raise ValueError(unknown_name("plane", plane, fit.model.planes))
+    return seen
+
+
+def _answer(question: _Question, case: str, one: Rotors, many: Rotors, unseen: Rotors, level: float) -> Criterion:
+    values, limits = (np.asarray(part, dtype=float) for part in question.ask(one))
+    value, limit = float(values[0]), float(limits.ravel()[0])
+    drawn, asked = question.ask(many)
+    met = drawn >= asked if question.at_least else drawn <= asked
+    probability, ends = float(np.mean(met)), _quantiles(drawn, level)
+    if unseen.theta.size:
+        other = question.ask(unseen)[0]
+        moved = ~np.isclose(other, value, rtol=_OPEN, atol=0.0)
+        if moved.any():
+            probability, ends = math.nan, np.full(2, math.nan)
+    return Criterion(
+        name=question.name,
+        case=case,
+        value=value,
+        interval=(float(ends[0]), float(ends[1])),
+        unit=question.unit,
+        limit=limit,
+        at_least=question.at_least,
+        probability=probability,
+        source=question.source,
+    )
+
+
+def _quantiles(drawn: Float, level: float) -> Float:
+    """Equal shares outside on both sides, along the first axis; infinities are in order."""
+    drawn = np.where(np.isnan(drawn), np.inf, drawn)
+    return np.asarray(np.quantile(drawn, [(1 - level) / 2, (1 + level) / 2], axis=0, method="inverted_cdf"))
+
+
+# ---- free vibration ----------------------------------------------------------------------------------------------
+
+
+def _decrement(s: ComplexArray) -> Float:
+    """Logarithmic decrement of eigenvalues; that of overdamped motion without oscillation is infinite."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(-2 * math.pi * s.real / np.abs(s.imag))
+
+
+def _reference(fit: FitResult, rotor: Rotors, speed: float) -> ComplexArray:
+    """Modes of one rotor that count, in order of frequency."""
+    model = fit.model
+    found = eigenvalues(model, rotor.theta[0], speed)
+    found = found[counted(model, found, fit.stability_band)]
+    if model.frame == "xy":
+        found = found[found.imag >= 0]
+    return np.asarray(found[np.argsort(found.imag)])
+
+
+def _least_decrement(fit: FitResult, rotors: Rotors, speed: float) -> Float:
+    """Logarithmic decrement of the least stable forward mode of each rotor, shape ``(W,)``."""
+    reference = _reference(fit, rotors.part(slice(1)), speed)
+    forward = reference[is_forward(fit.model, rotors.theta[0], speed, reference)]
+    if not forward.size:
+        return np.full(len(rotors.theta), np.inf)
+    return np.asarray(_decrement(rotors.eigenvalues(speed, forward)).min(axis=1))
+
+
+def _decrement_question(
+    fit: FitResult, speed: float, limit: float, coupling: Mapping[str, float], words: str
+) -> _Question:
+    def ask(rotors: Rotors) -> tuple[Float, float]:
+        driven = rotors.coupled({where: np.array(q) for where, q in coupling.items()}) if coupling else rotors
+        return _least_decrement(fit, driven, speed), limit
+
+    name = f"log. decrement of the least stable forward mode{words}"
+    return _Question(name=name, unit="", source="log. decrement", ask=ask)
+
+
+def _thresholds(fit: FitResult, group: int, rotors: Rotors) -> Float:
+    """Threshold speeds, infinite for rotors that are stable at every speed searched."""
+    if len(rotors.theta) == 1 and np.array_equal(rotors.theta[0], fit.thetas[group]):
+        speed = np.array([fit.threshold_of(group).value])
+    elif len(rotors.theta) == 1:
+        speed = threshold_speeds(fit.model, rotors.theta, band=fit.stability_band)[0]
+    else:
+        speed = onsets_of(fit, rotors.theta, group, seed=0).speed
+    onset = threshold_speed(fit.model, fit.thetas[group], band=fit.stability_band) if rotors.terms else None
+    if onset is not None:
+        shifts = [onset_shift(fit.model, fit.thetas[group], onset, term) for term in rotors.terms]
+        speed = speed + rotors.sizes @ np.array(shifts)
+    return np.where(np.isnan(speed), np.inf, speed)
+
+
+def _ratio_to_onset(fit: FitResult, rotors: Rotors, speed: float, coupling: Mapping[str, float]) -> Float:
+    """Factor on the expected cross-coupling at which each rotor becomes unstable, infinite where none is found."""
+    from scipy.optimize.elementwise import bracket_root, find_root
+
+    def growth(factor: Float, at: Float) -> Float:
+        some = rotors.part(at.astype(np.intp).ravel())
+        driven = some.coupled({where: q * np.ravel(factor) for where, q in coupling.items()})
+        return driven.growth(speed, fit.stability_band).reshape(np.shape(factor))
+
+    number = np.arange(len(rotors.theta), dtype=float)
+    start = np.zeros(number.size)
+    stable = growth(start, number) < 0
+    bracket = bracket_root(growth, start, start + 1.0, xmin=start, args=(number,), maxiter=_DOUBLINGS)
+    root = find_root(growth, bracket.bracket, args=(number,), tolerances={"xrtol": 1e-6})
+    return np.where(stable, np.where(bracket.success & root.success, root.x, np.inf), 0.0)
+
+
+def _modes(fit: FitResult, one: Rotors, many: Rotors, speed: float, level: float) -> tuple[ModeDamping, ...]:
+    reference = _reference(fit, one, speed)
+    bands = _quantiles(_decrement(many.eigenvalues(speed, reference)), level).T
+    forward = is_forward(fit.model, one.theta[0], speed, reference)
+    found = [
+        ModeDamping(
+            frequency=float(s.imag),
+            decrement=float(_decrement(np.array(s))),
+            interval=(float(band[0]), float(band[1])),
+            damping_ratio=float(-s.real / abs(s)),
+            direction="forward" if ahead else "backward",
+        )
+        for s, band, ahead in zip(reference, bands, forward, strict=True)
+    ]
+    return tuple(sorted(found, key=lambda mode: mode.decrement))
+
+
+def _few(rotors: Rotors) -> Rotors:
+    """Rotors for bands of curves."""
+    return rotors.part(slice(_CURVE_DRAWS))
+
+
+def _decrement_curves(fit: FitResult, one: Rotors, many: Rotors, top: float, level: float) -> tuple[Curve, ...]:
+    """Decrement of the forward modes against speed, those that the highest running speed has."""
+    few = _few(many)
+    tested = float(fit.speeds.max(initial=0.0))
+    speeds = np.linspace(0.1, 1.0, 28) * _MARGIN_OF_CURVES * max(top, tested)
+    at = _reference(fit, one, top)
+    start = at[is_forward(fit.model, one.theta[0], top, at)]
+    values, bands = np.zeros((speeds.size, start.size)), np.zeros((speeds.size, start.size, 2))
+    first = int(np.argmin(np.abs(speeds - top)))
+    for order in (range(first, speeds.size), range(first - 1, -1, -1)):
+        last = start
+        for k in order:
+            last = one.eigenvalues(float(speeds[k]), last)[0]
+            values[k] = _decrement(last)
+            bands[k] = _quantiles(_decrement(few.eigenvalues(float(speeds[k]), last)), level).T
+    return tuple(
+        Curve(
+            label=f"forward mode, {s.imag * RPM_PER_RAD_S:.0f} rpm at {top * RPM_PER_RAD_S:.0f} rpm",
+            x=speeds,
+            y=values[:, k],
+            band=bands[:, k],
+        )
+        for k, s in enumerate(start)
+    )
+
+
+def _coupling_curve(
+    fit: FitResult, one: Rotors, many: Rotors, speed: float, coupling: Mapping[str, float], level: float
+) -> tuple[Curve, ...]:
+    """Decrement of the least stable forward mode against the cross-coupling, at Qa over one plane."""
+    if not coupling:
+        return ()
+    onset = float(_ratio_to_onset(fit, one, speed, coupling)[0])
+    factors = np.linspace(0.0, 1.25 * max(onset if math.isfinite(onset) else 1.0, 1.0), 16)
+    few, total = _few(many), sum(coupling.values())
+    values, bands = np.zeros(factors.size), np.zeros((factors.size, 2))
+    for k, factor in enumerate(factors.tolist()):
+        driven = {where: np.array(q * factor) for where, q in coupling.items()}
+        values[k] = _least_decrement(fit, one.coupled(driven), speed)[0]
+        bands[k] = _quantiles(_least_decrement(fit, few.coupled(driven), speed), level)
+    return (Curve(label=f"at {', '.join(coupling)}", x=factors * total, y=values, band=bands),)
+
+
+# ---- unbalance response ------------------------------------------------------------------------------------------
+
+
+def _speeds_of_curves(fit: FitResult, one: Rotors, top: float) -> Float:
+    """Speeds of unbalance responses, close to one another at resonances, below the threshold speed."""
+    group = int(np.flatnonzero((fit.thetas == one.theta[0]).all(axis=1))[0])
+    threshold = fit.threshold_of(group).value if fit.model.speed_dependent else math.nan
+    end = 2.5 * top
+    if threshold > top:
+        end = min(end, threshold)
+    grid = [np.linspace(0.02, 1.0, 240) * end]
+    for speed in grid[0][::4].tolist():
+        s = _reference(fit, one, speed)
+        s = s[np.abs(s.imag - speed) < 0.02 * end]  # resonances, which the next of these speeds would find too
+        grid += [z.imag + abs(z.real) * np.linspace(-4.0, 4.0, 41) for z in s if abs(z.real) < 0.02 * end]
+    every = np.unique(np.concatenate(grid))
+    return np.asarray(every[(every > 0.02 * end) & (every <= end)])
+
+
+def _unbalance_questions(
+    one: Rotors,
+    speeds: Float,
+    running: tuple[float, float],
+    seen: str,
+    unbalance: Mapping[str, float],
+    max_amplitude_um: float | None,
+) -> list[_Question]:
+    curve = one.response(speeds, seen, unbalance)[0]
+    near = peaks_near(curve)
+    found = peaks_of(speeds, curve[None], near) if near.size else []
+
+    @lru_cache(maxsize=8)
+    def peaks(rotors: Rotors) -> list[Peaks]:
+        return peaks_of(speeds, rotors.response(speeds, seen, unbalance), near)
+
+    def separation(rotors: Rotors, number: int) -> tuple[Float, Float]:
+        peak = peaks(rotors)[number]
+        there = margin(np.where(np.isnan(peak.speed), np.inf, peak.speed), *running)
+        return 100 * there, 100 * margin_asked(np.nan_to_num(peak.amplification), peak.speed < running[0])
+
+    questions = [
+        _Question(
+            name=f"margin of critical speed {float(peak.speed[0]) * RPM_PER_RAD_S:.0f} rpm at {seen}, "
+            + (f"AF {float(peak.amplification[0]):.3g}" if peak.amplification[0] else "AF not defined"),
+            unit="%",
+            source="separation margin",
+            ask=partial(separation, number=number),
+        )
+        for number, peak in enumerate(found)
+    ]
+    if max_amplitude_um is not None:
+        inside = np.unique([*running, *speeds[(speeds >= running[0]) & (speeds <= running[1])]])
+        questions.append(
+            _Question(
+                name=f"largest amplitude at {seen}",
+                unit="um",
+                source="",
+                ask=lambda rotors: (1e6 * rotors.response(inside, seen, unbalance).max(axis=1), max_amplitude_um),
+                at_least=False,
+            )
+        )
+    return questions
+
+
+def _unbalance_curves(
+    one: Rotors, many: Rotors, speeds: Float, seen: str, unbalance: Mapping[str, float], level: float
+) -> tuple[Curve, ...]:
+    if not unbalance:
+        return ()
+    band = _quantiles(_few(many).response(speeds, seen, unbalance), level).T
+    weights = ", ".join(f"{mr * 1e6:.3g} g mm at {where}" for where, mr in unbalance.items())
+    return (Curve(label=f"{seen}, {weights}", x=speeds, y=one.response(speeds, seen, unbalance)[0], band=band),)
+
+
+def _notes(fit: FitResult, one: Rotors, running: tuple[float, float], speeds: Float) -> tuple[str, ...]:
+    known = [fit.speeds] if fit.speeds.size else []
+    found = extrapolation("running speeds", np.unique(running), known) if known else []
+    least = [s for s in _reference(fit, one, running[1]) if s.imag > fit.band]
+    if least:
+        found.append(f"{len(least)} of the modes lie above the tested frequencies: they are extrapolated.")
+    if fit.model.eccentricity_dependent:
+        found.append("The rotor is judged for small motion about the centre of its bearings.")
+    if fit.model_limited:
+        found.append("The model misses the data beyond their noise: intervals may be too narrow.")
+    if len(fit.thetas) > 1:
+        found.append("Intervals hold the statistical errors only: parameters were fitted per attribute.")
+    elif fit.assumed.entries:
+        found.append("Intervals hold the systematic share of fit.assumptions() too.")
+    return tuple(found)
