@@ -188,6 +188,52 @@ def test_runs_that_are_worth_adding_are_named_with_their_time() -> None:
     assert both.expected["lam"].stderr < plan.expected["lam"].stderr
 
 
+def test_a_virtual_run_is_fitted_as_planned() -> None:
+    """Integrated in time, read with the planned noise: pulls and redchi as the plan promises, lines unequally long."""
+    design = rf.Design(speed_rpm=[900, 1700], frequency_rpm=np.linspace(200, 2400, 12), force_N=3.0)
+    noise = {"noise_um": 0.5, "noise_share": 0.004, "common_share": 0.003}
+    plan = rf.plan(ONE, FREE, design, known=KNOWN, quantity="lam", **noise)
+    test = plan.virtual_run(seed=5)
+    fit = rf.fit(ONE, test, known=KNOWN)
+    limits = stats.chi2.ppf([0.5e-4, 1 - 0.5e-4], fit.nfree) / fit.nfree
+    assert limits[0] < fit.redchi < limits[1]
+    for name, value in FREE.items():
+        assert abs(fit.params[name].value - value) < 4.5 * plan.expected[name].stderr, name
+    other = plan.virtual_run(values={"lam": 0.40}, seed=5)
+    assert rf.fit(ONE, other, known=KNOWN).params["lam"].value == pytest.approx(0.40, rel=0.01)
+
+
+def test_one_level_of_motion_leaves_a_law_of_eccentricity_open() -> None:
+    """At one eccentricity stiffness and exponent are one number; several levels of force tell them apart."""
+    model = rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=200.0)
+    values = {**TRUTH, "n_K": 2.0, "n_D": 1.4, "b": 0.5}
+    lines = {"speed_rpm": [900, 1700], "frequency_rpm": np.linspace(200, 2000, 12), "clearance_share": 0.5}
+    options = {"noise_um": 0.5, "known": KNOWN, "quantity": "b"}
+    one = rf.plan(model, values, rf.Design(**lines), **options)
+    assert not np.isfinite(one.expected["b"].stderr)
+    assert any("lam, b only in combination" in said for said in one.suggestions)
+    several = rf.plan(model, values, rf.Design(**lines, levels=(0.3, 1.0)), **options)
+    assert several.expected["b"].relative < 0.1
+
+
+def test_a_plan_that_is_filled_in_is_read_back(tmp_path: Path) -> None:
+    design = rf.Design(speed_rpm=900, frequency_rpm=np.linspace(200, 2400, 12), force_N=3.0)
+    plan = rf.plan(ONE, FREE, design, known=KNOWN, quantity="lam", noise_um=0.5)
+    plan.to_csv(tmp_path / "plan.csv")
+    lines = (tmp_path / "plan.csv").read_text(encoding="utf-8").splitlines()
+    head = lines[1].split(",")
+    run = plan.virtual_run(seed=2)
+    filled = []
+    for line, reading in zip(lines[2:], run.response.tolist(), strict=True):
+        cells = dict(zip(head, line.split(","), strict=True))
+        cells["amplitude_um"], cells["phase_deg"] = f"{abs(reading) * 1e6}", f"{np.degrees(np.angle(reading))}"
+        filled.append(",".join(cells[name] for name in head))
+    (tmp_path / "filled.csv").write_text("\n".join([lines[1], *filled]), encoding="utf-8")
+    back = rf.read(tmp_path / "filled.csv")
+    np.testing.assert_allclose(back.response, run.response, rtol=1e-9)
+    np.testing.assert_allclose(back.sigma, plan.test.sigma, rtol=1e-9)
+
+
 PLAN = """
 model = "one-mode"
 known = {K = 8000.0, Ds = 8.0}

@@ -100,6 +100,8 @@ class Shares:
         return self.gap <= GAP
 
     def __str__(self) -> str:
+        if self.even == 1:
+            return "the time is spread evenly over all lines"
         verdict = "optimal" if self.optimal else "not optimal"
         return (
             f"shares {verdict} by the equivalence theorem (gap {self.gap:.2g} after {self.steps} steps); with "

@@ -33,10 +33,10 @@ def candidate_test(design: Design, model: RotorModel, theta: Float) -> Perturbat
             refuse_speed(model, theta, speed)
     channels = _channels(design, model)
     columns: dict[str, list[Any]] = {}
-    for plane, speed, way in product(planes, design.speeds.tolist(), design.words("directions")):
+    for plane, speed, way, level in product(planes, design.speeds.tolist(), design.words("directions"), design.levels):
         w = SENSE[way] * design.frequencies
-        name = f"{plane} {speed * RPM_PER_RAD_S:.5g} rpm {way}"
-        force = _force(design, model, theta, plane, speed, w)
+        name = f"{plane} {speed * RPM_PER_RAD_S:.5g} rpm {way}" + (f" {level:.0%}" if len(design.levels) > 1 else "")
+        force = level * _force(design, model, theta, plane, speed, w)
         for where, direction in channels:
             for key, cell in (
                 ("run", name), ("speed", speed), ("frequency", w), ("force_plane", plane), ("force", force),

@@ -28,6 +28,7 @@ class Design:
         mr_g_mm: unbalance of the perturbator, whose force is m r w^2, up to ``force_N``.
         clearance_share: largest motion at the fluid as a share of the clearance.
         clearance_um: radial clearance there; that of the model unless given.
+        levels: shares of the largest force, each a run of its own: several tell how a fluid changes with eccentricity.
         speed_count: how many of the speeds can be run; all unless given.
         average_s: averaging time at each line in an even test, s: the noise of the plan is that of such a reading.
         sweep_rpm_per_s: rate of a sweep in place of dwells; a line then lasts as long as the sweep takes to the next.
@@ -46,6 +47,7 @@ class Design:
     mr_g_mm: float | None = None
     clearance_share: float | None = None
     clearance_um: float | None = None
+    levels: Sequence[float] = (1.0,)
     speed_count: int | None = None
     average_s: float = 1.0
     sweep_rpm_per_s: float | None = None
@@ -64,6 +66,8 @@ class Design:
             )
         if self.force_N is None and self.mr_g_mm is None and self.clearance_share is None:
             raise ValueError("a design needs a limit of the force: force_N, mr_g_mm or clearance_share")
+        if not len(self.levels) or not all(isinstance(v, int | float) and 0 < v <= 1 for v in self.levels):
+            raise ValueError(f"levels is {self.levels!r}; shares of the largest force are needed, above 0 and up to 1")
         if (self.speeds < 0).any():
             raise ValueError("speed_rpm must not be negative; directions of the force are relative to the rotation")
         if (self.frequencies <= 0).any():

@@ -103,7 +103,7 @@ class Expectation:
             jacobian = problem.jacobian(x)[1]
             size = np.abs(np.concatenate(problem.predict(x)))
             own = np.hypot(self.constant, self.relative * size)
-            jacobian = jacobian * (sigma / own * self._steady(x))[:, None]
+            jacobian = jacobian * (sigma / own * self.steady(x))[:, None]
             found.append(real_rows(jacobian).T)
         return np.array(found)
 
@@ -112,7 +112,7 @@ class Expectation:
         """Line of each row of :meth:`rows`."""
         return np.repeat(self.line, 2)
 
-    def _steady(self, x: Float) -> Float:
+    def steady(self, x: Float) -> Float:
         """One for readings whose rotor is stable, zero for others, shape ``(R,)``."""
         theta = self.problem.space.theta(x)
         parts = []

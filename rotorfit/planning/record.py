@@ -15,6 +15,7 @@ from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
+from rotorfit.models.parameters import unknown_name
 from rotorfit.models.text_table import text_table
 from rotorfit.planning.expectation import Expectation
 from rotorfit.units import RPM_PER_RAD_S
@@ -132,6 +133,36 @@ class Plan:
         if self.test is None:
             raise ValueError("the plan holds experiments that exist; give a Design for a test to fill in")
         write_csv(self.test, path)
+
+    def virtual_run(self, *, values: Mapping[str, float] | None = None, seed: int = 0) -> PerturbationTest:
+        """The planned test as the rotor would fill it in: integrated in time, read with the planned noise.
+
+        Args:
+            values: true parameters, SI, where they are not the guessed ones.
+            seed: of the noise.
+
+        Raises:
+            ValueError: only experiments were given as patterns; a rotor that is unstable at a speed of the test.
+            KeyError: an unknown parameter.
+
+        Example:
+            >>> design = rf.Design(speed_rpm=1000, frequency_rpm=range(200, 2001, 100), force_N=5.0)
+            >>> plan = rf.plan(fit.model, fit, design, noise_um=0.2, quantity="lam")
+            >>> found = rf.fit(fit.model, plan.virtual_run(seed=1), known={"K3": 6000.0})
+            >>> abs(found.params["lam"].value - fit.params["lam"].value) < 4 * plan.expected["lam"].stderr
+            True
+        """
+        from rotorfit.planning.virtual_run import virtual_run
+
+        if self.test is None:
+            raise ValueError("the plan holds experiments that exist; give a Design for a test to run")
+        theta = self.expectation.problem.space.theta(self.expectation.guess.centre)[0]
+        for name, value in (values or {}).items():
+            if name not in self.model.parameter_names:
+                raise KeyError(unknown_name(f"parameter of {self.model.name}", name, self.model.parameter_names))
+            theta[self.model.parameter_names.index(name)] = value
+        weight = self.share * self.share.size
+        return virtual_run(self.model, theta, self.test, self.expectation.noise, weight, seed)
 
     def plot(self) -> Figure:
         """Share of the time of each line, and the gain by which the equivalence theorem judges it.

@@ -91,7 +91,7 @@ class Task:
             factor[first:] = weight[lines.line[::2]]
             found = found.longer(factor)
             expected = errors_of(found, targets)
-            table, planned = _timed(self, design, test, table, weight)
+            table, planned = _timed(self, design, test, table, weight, _sizes(found, test))
         runs = len(dict.fromkeys(table.run))
         total = math.nan if design is None else float(table.time.sum()) + design.change_s * runs
         return Plan(
@@ -181,16 +181,35 @@ def _place(block: Any, reading: int) -> tuple[float, float]:
 
 
 def _timed(
-    task: Task, design: Design, test: PerturbationTest, table: PlannedLines, weight: Float
+    task: Task, design: Design, test: PerturbationTest, table: PlannedLines, weight: Float, sizes: Float
 ) -> tuple[PlannedLines, PerturbationTest]:
     """The lines with their times, and the test with averaging times and the noise that these leave."""
     first = first_rows(test)
     settle, average = line_times(design, task.model, task.vector(), test, first)
     line: Index = test.lines.apart()[0]
     shared = (average * weight)[line]
-    sigma = task.noise.of_rows(test) / np.sqrt(weight[line])
+    sigma = np.hypot(task.noise.of_rows(test), _relative(task.noise) * sizes) / np.sqrt(weight[line])
     planned = replace(test, sigma=sigma, attributes={"average_s": shared}, source="plan")
     return replace(table, settle=settle, average=average * weight), planned
+
+
+def _relative(noise: PlannedNoise) -> float:
+    """Noise of a reading over its size."""
+    return math.hypot(noise.share, noise.common)
+
+
+def _sizes(found: Expectation, test: PerturbationTest) -> Float:
+    """Expected size of each row of the design's test, m."""
+    model, block = found.problem.space.model, responses_of(found.problem.blocks[-1])
+    if block is None:
+        raise ValueError(f"a design needs a model with responses to turning forces, which {model.name} has not")
+    size = np.zeros((block.speed.size, len(model.coordinates)))
+    size[block.line, block.coordinate] = np.abs(block.measured)
+    turned = model.frame == "z"
+    kinds = set(zip(test.plane.tolist(), test.direction.tolist(), strict=True))
+    at = {(p, d): model.coordinate(p, (d[:-1] or "z") if turned else d) for p, d in kinds}
+    channel = [at[one] for one in zip(test.plane.tolist(), test.direction.tolist(), strict=True)]
+    return np.asarray(size[test.lines.apart()[0], channel])
 
 
 def _largest_motion(found: Expectation, first: int, design: Design) -> str:
@@ -209,7 +228,7 @@ def _notes(found: Expectation, open_: Sequence[str]) -> tuple[str, ...]:
     notes = [f"{name} stays open: see below, and what would settle it." for name in open_]
     draws = found.guess.draws
     if len(draws) > 1:
-        idle = [x for x in draws if not found._steady(x).all()]
+        idle = [x for x in draws if not found.steady(x).all()]
         if idle:
             notes.append(
                 f"At {len(idle)} of {len(draws)} draws of the values the rotor is unstable at a speed of the test: "

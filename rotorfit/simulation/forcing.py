@@ -217,7 +217,7 @@ def _test(rig: VirtualRig, lines: _Lines, steady: Steady, *, off_centre: bool) -
     columns: dict[str, list[NDArray[np.generic]]] = {}
     for number, coordinate in enumerate(rig.model.coordinates):
         forward, backward = (part[:, number] * factors[number] for part in (steady.forward, steady.backward))
-        for direction, exact in _probes(rig.model, coordinate.axis, lines.frequency, forward, backward):
+        for direction, exact in probes(rig.model, coordinate.axis, lines.frequency, forward, backward):
             sigma = rig.sigma(exact, lines.sweep // 2)
             cells = {
                 "run": lines.run,
@@ -240,7 +240,7 @@ def _test(rig: VirtualRig, lines: _Lines, steady: Steady, *, off_centre: bool) -
     return perturbation_test(**whole, attributes=attributes, source="simulated")  # type: ignore[arg-type]
 
 
-def _probes(
+def probes(
     model: RotorModel, axis: str, frequency: Float, along: ComplexArray, against: ComplexArray
 ) -> list[tuple[str, ComplexArray]]:
     """Phasors, relative to exp(+j|w|t), of the probes that see a coordinate.

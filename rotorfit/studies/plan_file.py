@@ -140,8 +140,12 @@ def _by_plane(key: str, value: Any) -> Any:
     return table(number)(key, value) if isinstance(value, dict) else number(key, value)
 
 
+def _list(key: str, value: Any) -> tuple[float, ...]:
+    return tuple(number(key, one) for one in (value if isinstance(value, list) else [value]))
+
+
 def _memory(key: str, value: Any) -> Any:
-    return tuple(number(key, one) for one in value) if isinstance(value, list) else number(key, value)
+    return _list(key, value) if isinstance(value, list) else number(key, value)
 
 
 _DESIGN: dict[str, Parser] = {
@@ -150,6 +154,7 @@ _DESIGN: dict[str, Parser] = {
     "directions": _texts,
     "force_planes": _texts,
     "probes": _texts,
+    "levels": _list,
     "speed_count": count,
     "force_N": number,
     "mr_g_mm": number,
