@@ -175,16 +175,18 @@ class Plan:
         return plot_plan(self)
 
     def __str__(self) -> str:
-        rows = [["", "value", "std error", "relative", "all lines alike", "unit"]]
+        rows = [["", "value", "std error", "relative", "over the draws", "all lines alike", "unit"]]
         for name, one in self.expected.items():
             value, error = with_error(one.value, one.stderr)
             found = math.isfinite(one.stderr)
             shares = [f"{100 * which.relative:.2g} %" if found else "-" for which in (one, self.even[name])]
-            rows.append([name, value, error if found else "open", *shares, one.unit])
+            ends = [f"{100 * abs(end / one.value):.2g}" if one.value else "-" for end in (one.low, one.high)]
+            span = f"{ends[0]} to {ends[1]} %" if found and one.low < one.high else "-"
+            rows.append([name, value, error if found else "open", shares[0], span, shares[1], one.unit])
         aim = " and ".join(self.quantity) if self.quantity else "all parameters together"
         hours = "" if math.isnan(self.time_s) else f", {duration(self.time_s)}"
         head = f"plan of a test of {self.model.name} for {aim}: {self.share.size} lines{hours}"
-        table = text_table(rows, "<16 >12 >12 >10 >16 <8")
+        table = text_table(rows, "<16 >12 >12 >10 >18 >16 <8")
         return "\n".join([head, *table, f"{self.certificate}", *self.suggestions, *self.notes])
 
 

@@ -219,9 +219,11 @@ def _largest_motion(found: Expectation, first: int, design: Design) -> str:
     if block is not None:
         size = np.where([block.model.coordinates[i].axis == "r" for i in block.coordinate.tolist()], 0.0, size)
     top = int(np.argmax(size))
-    run = found.problem.blocks[-1].run[top]
+    where = "" if block is None else f" at {block.model.coordinates[int(block.coordinate[top])].plane}"
     limit = "" if design.clearance_share is not None else "; clearance_share= limits it"
-    return f"The largest motion is {size[top] * 1e6:.3g} um 0-peak, in {run}{limit}."
+    return (
+        f"The largest motion is {size[top] * 1e6:.3g} um 0-peak{where}, in {found.problem.blocks[-1].run[top]}{limit}."
+    )
 
 
 def _notes(found: Expectation, open_: Sequence[str]) -> tuple[str, ...]:
