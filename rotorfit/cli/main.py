@@ -98,10 +98,9 @@ def _demo(options: argparse.Namespace) -> int:
     from rotorfit.studies.recording_files import RecordingFiles
     from rotorfit.studies.study import Study
 
-    name = "volts" if options.from_volts else "rig_open"
-    rig = (
-        RecordingFiles(paths=tuple(datasets.volts())) if options.from_volts else DataFile(datasets.path("rig_open.csv"))
-    )
+    name = "volts" if options.from_volts else "rig_open" if options.finite_elements else "rig_lumped"
+    volts = RecordingFiles(paths=tuple(datasets.volts())) if options.from_volts else None
+    rig = volts or DataFile(datasets.path(f"{name}.csv"))
     study = Study(files=(rig,), model="whirl-whip", known={"K3": 6000.0}, refine=True, out=options.out)
     return _identify(study, options, rig=name)
 
@@ -242,7 +241,11 @@ def build_parser() -> argparse.ArgumentParser:
         return added
 
     demo = command("demo", "identify the bundled rig and compare with its truth")
-    demo.add_argument("--from-volts", action="store_true", help="begin with the raw signals of bundled recordings")
+    what = demo.add_mutually_exclusive_group()
+    what.add_argument("--from-volts", action="store_true", help="begin with the raw signals of bundled recordings")
+    what.add_argument(
+        "--finite-elements", action="store_true", help="a rig of 56 degrees of freedom, which no chain of two masses is"
+    )
     demo.add_argument("--out", type=Path, default=Path("rotorfit-demo"), help="folder for the results [%(default)s]")
     add_figure_format(demo, may_lack=True)
     add_output(demo)

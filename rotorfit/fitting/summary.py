@@ -27,10 +27,12 @@ from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.estimators.inference.identifiability import Combination
+    from rotorfit.fitting.noise.residual_study import ResidualStudy
     from rotorfit.fitting.quantities import FittedParameter
     from rotorfit.fitting.result import FitResult
 
 _NOTABLE_CORRELATION = 0.9
+_FEW_RESPONSES = 6  # whose noise is listed one by one
 _FEW = 15  # degrees of freedom below which 1.96 standard errors are well short of a 95 % interval
 
 
@@ -109,11 +111,7 @@ def _noise_lines(fit: FitResult) -> list[str]:
     if noise is None or (noise.verdict is NoiseVerdict.AS_FOUND and not noise.sentences):
         return []
     lines = [f"noise: {VERDICTS[noise.verdict]} (neighbouring lines correlate by {noise.correlation:+.2f})"]
-    for level in noise.response_noise:
-        more = f" and {len(level.responses) - 3} more" if level.responses[3:] else ""
-        where = ", ".join(level.responses[:3]) + more
-        share = f", and {100 * level.share:.2g} % {level.along}" if level.share else ""
-        lines.append(f"  {where}: {_small(level.constant, level.unit)} (rms){share}")
+    lines += _levels(noise)
     lines += [f"  {sentence}" for sentence in noise.sentences if sentence not in fit.warnings]
     lines += _without_runs(fit)
     few = [p for p in fit.params.values() if p.vary and p.resolved and p.freedom < _FEW]
@@ -121,6 +119,26 @@ def _noise_lines(fit: FitResult) -> list[str]:
         low, high = p.interval(0.95, statistical=True)
         how = f"(Student's t, {p.freedom:.2g} degrees of freedom)"
         lines.append(f"  {p.name}: 95 % interval {low:.6g} to {high:.6g} {p.unit} {how}")
+    return lines
+
+
+def _levels(noise: ResidualStudy) -> list[str]:
+    """Noise of each response, or of many the range by plane."""
+    if len(noise.response_noise) > _FEW_RESPONSES:
+        by_plane: dict[tuple[str, str], list[float]] = {}
+        for level in noise.response_noise:
+            for response in level.responses:
+                by_plane.setdefault((response.rpartition(" / ")[2], level.unit), []).append(level.constant)
+        return [
+            f"  {where}: {_small(min(sizes), unit)} to {_small(max(sizes), unit)} (rms), {len(sizes)} responses"
+            for (where, unit), sizes in by_plane.items()
+        ]
+    lines = []
+    for level in noise.response_noise:
+        more = f" and {len(level.responses) - 3} more" if level.responses[3:] else ""
+        where = ", ".join(level.responses[:3]) + more
+        share = f", and {100 * level.share:.2g} % {level.along}" if level.share else ""
+        lines.append(f"  {where}: {_small(level.constant, level.unit)} (rms){share}")
     return lines
 
 

@@ -38,11 +38,9 @@ def summary(outcome: Outcome, rig: str = "") -> str:
         parts.append(f"no closed form: {outcome.closed}")
     else:
         parts.append(_comparison(outcome.closed, outcome.fit))
-    parts.append(fit_table(outcome.fit))
     if outcome.refinement is not None:
         parts.append("structural refinement\n" + outcome.refinement.table())
-        if outcome.refinement.best is not outcome.fit:
-            parts.append(fit_table(outcome.refinement.best))
+    parts.append(fit_table(best))
     if best.settings.calibration is not None:
         parts.append(str(Budget(best, best.settings.calibration)))
     if outcome.profiles:
