@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import time
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 from scipy import stats
+from slow_cases import slow_but
 from synthetic import TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
@@ -40,6 +43,30 @@ def test_errors_are_those_that_fits_scatter_by() -> None:
             for f in fits
         ]
         assert low < np.sum(np.square(pulls)) / one.stderr**2 < high, name
+
+
+def benchmark(name: str) -> ModuleType:
+    path = Path(__file__).parent.parent / "benchmarks"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(path))
+        return importlib.import_module(name)
+
+
+@pytest.mark.parametrize(
+    "case", slow_but(benchmark("plan_errors").CASES, "sweeps, jitter of the force 1 %", "static loads", "impulses")
+)
+def test_errors_of_every_kind_of_test_and_noise(case: str) -> None:
+    """The short form of benchmarks/plan_errors.py: a standard deviation of 40 fits has an error of 11 %."""
+    for row in benchmark("plan_errors").study(case, 40):
+        assert row.failures == 0
+        assert abs(np.log(row.ratio)) < 0.1 + 4.4 * row.ratio_error, row
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rig", benchmark("plan_gain").CASES)
+def test_planned_tests_are_better_than_even_ones_as_predicted(rig: str) -> None:
+    for row in benchmark("plan_gain").study(rig, 60):
+        assert abs(np.log(row.gain / row.predicted)) < 0.1 + 4.4 * row.gain_error / row.gain, row
 
 
 def test_readings_of_a_pattern_do_not_count() -> None:

@@ -110,6 +110,9 @@ def _apart(tests: Any) -> tuple[tuple[Experiment, ...], Design | None]:
     several = tuple(tests) if isinstance(tests, Sequence) and not isinstance(tests, str) else (tests,)
     designs = [one for one in several if isinstance(one, Design)]
     patterns = [one for one in several if not isinstance(one, Design)]
+    for one in several:
+        if not isinstance(one, Design | Experiment):
+            raise TypeError(f"a plan needs experiments such as rf.read returns, or an rf.Design, not {one!r:.80}")
     if len(designs) > 1:
         raise ValueError(f"{len(designs)} designs; give one, with all speeds, planes and frequencies that are possible")
     if not designs or patterns:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.diagnosis.orbits import SYNCHRONOUS_DISTANCE
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.inference.optimal_shares import Lines, optimal_shares
@@ -25,6 +26,7 @@ from rotorfit.planning.guesses import Values, guess
 from rotorfit.planning.noise import PlannedNoise
 from rotorfit.planning.record import ExpectedError, Plan, PlannedLines
 from rotorfit.planning.targets import Target, Wanted, all_targets
+from rotorfit.units import RPM_PER_RAD_S
 
 _LEAK = 1e-4
 """Change of a quantity, over its value, along a direction that no datum notices, from which it is not determined."""
@@ -104,7 +106,7 @@ class Task:
             certificate=shares,
             identifiability=found.errors()[1],
             suggestions=(),
-            notes=(*_notes(found, open_), *([] if design is None else [_largest_motion(found, first, design)])),
+            notes=(*_notes(found, open_), *([] if design is None else _of_design(found, first, design))),
             time_s=total,
             test=planned,
             expectation=found,
@@ -224,6 +226,14 @@ def _largest_motion(found: Expectation, first: int, design: Design) -> str:
     return (
         f"The largest motion is {size[top] * 1e6:.3g} um 0-peak{where}, in {found.problem.blocks[-1].run[top]}{limit}."
     )
+
+
+def _of_design(found: Expectation, first: int, design: Design) -> list[str]:
+    """What to watch in a test by a design."""
+    speeds = [v for v in design.speeds.tolist() if (np.abs(design.frequencies - v) <= SYNCHRONOUS_DISTANCE * v).any()]
+    near = ", ".join(f"{v * RPM_PER_RAD_S:.5g}" for v in speeds if v)
+    both = [f"Lines at once-per-turn frequency ({near} rpm) hold the residual unbalance too: leave them out."]
+    return [*(both if near else []), _largest_motion(found, first, design)]
 
 
 def _notes(found: Expectation, open_: Sequence[str]) -> tuple[str, ...]:
