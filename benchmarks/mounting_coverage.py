@@ -111,6 +111,8 @@ def main() -> int:
     head = [field.name for field in fields(Row)]
     cells = [[f"{v:.3g}" if isinstance(v, float) else v for v in vars(row).values()] for row in rows]
     lines = [
+        "# Weights mounted a few times",
+        "",
         f"{options.campaigns} campaigns of each kind, {environment('numpy', 'scipy')}.",
         "",
         *table(head, cells),

@@ -104,6 +104,8 @@ def main() -> None:
     options = parser.parse_args()
     begin = perf_counter()
     lines = [
+        "# Changes found in histories of start-ups",
+        "",
         f"Made by `python benchmarks/trend_detection.py --histories {options.histories}` on "
         f"{environment('numpy', 'scipy')}.",
         "",

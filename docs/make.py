@@ -1,4 +1,4 @@
-"""Run the Python blocks of README.md and docs/*.md; put what they print and draw into the documents.
+"""Run the Python blocks of README.md and the pages of docs/; put what they print and draw into the documents.
 
 A page's blocks run top to bottom in an empty folder that holds the bundled rig as ``rig.csv``. A ``text`` block right
 after a Python block is what that prints; pictures that a block saves are those of docs/.
@@ -23,7 +23,7 @@ from PIL import Image
 
 ROOT = Path(__file__).parent.parent
 RIG = ROOT / "rotorfit" / "datasets" / "rig_open.csv"
-PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("[!_]*.md")), *sorted((ROOT / "docs").glob("[!_]*/*.md")))
 _BLOCK = re.compile(r"^```python\n(?P<code>.*?)^```\n(?:\n```text\n(?P<shown>.*?)^```\n)?", re.MULTILINE | re.DOTALL)
 
 

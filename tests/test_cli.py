@@ -349,16 +349,19 @@ def test_folder_without_permission(run: Run, tmp_path: Path, monkeypatch: pytest
     assert list(tmp_path.iterdir()) == []
 
 
-# ---- README -----------------------------------------------------------------------------------
+# ---- README and the first tutorial ---------------------------------------------------------------
 
 
-def readme_blocks(language: str) -> list[str]:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+FIRST_TUTORIAL = "docs/tutorials/your_file.md"
+
+
+def blocks(page: str, language: str) -> list[str]:
+    text = (ROOT / page).read_text(encoding="utf-8")
     return re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
 
 
-def test_accuracy_in_the_readme_is_what_the_demo_prints(demo: tuple[Path, str]) -> None:
-    (shown,) = [block for block in readme_blocks("text") if "against the rig's truth" in block]
+def test_accuracy_on_the_page_is_what_the_demo_prints(demo: tuple[Path, str]) -> None:
+    (shown,) = [block for block in blocks("docs/theory/numbers.md", "text") if "against the rig's truth" in block]
     printed = demo[1]
     printed = printed[printed.index("against the rig's truth") :].partition("\n\n")[0]
     assert len(shown.split()) == len(printed.split())
@@ -370,15 +373,16 @@ def test_accuracy_in_the_readme_is_what_the_demo_prints(demo: tuple[Path, str]) 
             assert new == old
 
 
-def test_commands_of_the_readme_run(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_of_the_readme_and_of_the_first_tutorial_run(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "rig.csv").write_bytes(Path(RIG).read_bytes())
     (tmp_path / "rk4_sync.csv").write_bytes(Path(rotorfit.datasets.path("rk4_sync.csv")).read_bytes())
-    for block in readme_blocks("toml"):
-        (tmp_path / "study.toml").write_text(block, encoding="utf-8")
-    commands = [
-        line.split()[1:] for block in readme_blocks("sh") for line in block.splitlines() if line.startswith("rotorfit ")
-    ]
+    (study,) = blocks(FIRST_TUTORIAL, "toml")
+    (tmp_path / "study.toml").write_text(study, encoding="utf-8")
+    lines = "".join(blocks("README.md", "sh") + blocks(FIRST_TUTORIAL, "sh")).splitlines()
+    commands = [line.split()[1:] for line in dict.fromkeys(lines) if line.startswith("rotorfit ")]
     assert {words[0] for words in commands} >= {"info", "models", "fit", "run"}
     commands.remove(FROM_VOLTS)  # run word for word elsewhere
     for name in ("disk-fwd", "journal-fwd"):

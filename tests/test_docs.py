@@ -14,7 +14,7 @@ from slow_cases import slow_but
 from rotorfit.cli.main import main
 
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("[!_]*.md")), *sorted((ROOT / "docs").glob("[!_]*/*.md"))]
 
 
 LONG_PAGES = ("real_rig.md", "anisotropic_shaft.md", "volts.md", "uncertainty.md")
@@ -63,7 +63,9 @@ def test_comparison_of_printed_text() -> None:
 
 
 @pytest.mark.parametrize(
-    "page", slow_but(PAGES, *(page for page in PAGES if page.name not in LONG_PAGES)), ids=lambda page: page.name
+    "page",
+    slow_but(PAGES, *(page for page in PAGES if page.name not in LONG_PAGES)),
+    ids=lambda page: f"{page.parent.name}-{page.name}",
 )
 def test_blocks_run_and_print_what_is_shown(
     make: ModuleType, page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -72,7 +74,7 @@ def test_blocks_run_and_print_what_is_shown(
         if outcome.shown is not None:
             assert same(outcome.shown, outcome.printed), f"python docs/make.py\n{outcome.code}\n{outcome.printed}"
     pictures = list(tmp_path.glob("*.png"))
-    if page.parent == ROOT / "docs":  # those of the README are tested with the command line
+    if page.parent == ROOT / "docs":  # others are tested with the command line
         monkeypatch.chdir(tmp_path)  # where the blocks have written the files that the commands read
         shell = re.findall(r"^```sh\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
         for command in "".join(shell).splitlines():
