@@ -69,15 +69,15 @@ def _velocity_ratios(p: Any, two_lam: bool) -> tuple[Any, Any]:
 
 
 def fluid_at(law: Law, p: Any, two_lam: bool, speed: Any, eccentricity: Any) -> FluidForce:
-    """Fluid force of eq. (13) with the coefficients that a law gives at an eccentricity; one factor for both ratios.
+    """Fluid force of eq. (13) with the coefficients that a law gives; one factor for both ratios.
 
     Args:
-        law: of eccentricity.
+        law: of eccentricity or speed.
         p: parameters by name, CasADi symbols: ``p.K0``.
         two_lam: whether damping and inertia turn at ratios of their own.
         speed: rotative speed Omega, rad/s, symbolic.
         eccentricity: orbit radius over clearance, symbolic.
     """
-    fluid = law.at(p, eccentricity)
+    fluid = law.at_speed(p, eccentricity, speed)
     lam_D, lam_M = _velocity_ratios(p, two_lam)
     return fluid_force(fluid.K0, fluid.D, p.Mf, lam_D * fluid.ratio, lam_M * fluid.ratio, speed)

@@ -6,6 +6,7 @@ or seal. K0, D and lam keep their names and are the values at ``eps = 0``.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,14 +33,16 @@ class Fluid(NamedTuple):
 
 
 class Law(ABC):
-    """A law K0(eps), D(eps), lam(eps).
+    """A law K0(eps), D(eps), lam(eps), or of the speed.
 
     Attributes:
         name: name for tables and files.
+        of_eccentricity: whether it needs a clearance.
         parameters: what the law adds to a model's parameters.
     """
 
     name: ClassVar[str]
+    of_eccentricity: ClassVar[bool] = True
 
     @property
     @abstractmethod
@@ -54,6 +57,16 @@ class Law(ABC):
             p: all parameters by name, symbolic, K0 and D among them.
             eccentricity: eps, symbolic, 0 <= eps < 1.
         """
+
+    def at_speed(self, p: Any, eccentricity: Any, speed: Any) -> Fluid:
+        """Fluid at an eccentricity and a speed, that of :meth:`at` unless overridden.
+
+        Args:
+            p: all parameters by name, symbolic.
+            eccentricity: eps, symbolic.
+            speed: rotative speed, rad/s, symbolic.
+        """
+        return self.at(p, eccentricity)
 
     @abstractmethod
     def start(self, K0: float, D: float) -> dict[str, float]:
@@ -70,6 +83,7 @@ class Constant(Law):
     """Linear fluid: nothing changes with eccentricity."""
 
     name: ClassVar[str] = "constant"
+    of_eccentricity: ClassVar[bool] = False
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -249,7 +263,57 @@ def i_spline(nodes: Sequence[float], number: int, x: Any) -> Any:
     return total
 
 
-LAWS: dict[str, type[Law]] = {law.name: law for law in (Constant, Muszynska, EvenPolynomial, MonotoneSpline)}
+@dataclass(frozen=True)
+class LinearInSpeed(Law):
+    """``lam (1 + lam_speed (Om/Om0 - 1))``, K0 and D likewise: values that change in proportion to the speed.
+
+    K0, D and lam are those at the reference speed Om0. Tests at two speeds or more tell the changes, and the threshold
+    speed extrapolates them with their errors. There is no clearance, and nothing changes with eccentricity.
+
+    Args:
+        values: which of K0, D and lam change.
+        speed_rpm: reference speed, best one amid those tested.
+    """
+
+    name: ClassVar[str] = "linear-in-speed"
+    of_eccentricity: ClassVar[bool] = False
+    values: tuple[str, ...] = ("K0", "D", "lam")
+    speed_rpm: float = 1000.0
+
+    def __post_init__(self) -> None:
+        given = (self.values,) if isinstance(self.values, str) else tuple(self.values)
+        if not given or len(set(given)) != len(given) or not set(given) <= {"K0", "D", "lam"}:
+            raise ValueError(f"values that change with speed are K0, D and lam, each once, got {given}")
+        if not 0 < self.speed_rpm < float("inf"):
+            raise ValueError(f"speed_rpm must be positive, got {self.speed_rpm}")
+        object.__setattr__(self, "values", given)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """See :attr:`Law.parameters`."""
+        meaning = f"share by which %s changes from {self.speed_rpm:g} rpm to twice that"
+        return tuple(
+            Parameter(f"{value}_speed", "1", meaning % value, scale=0.1, lower=-3.0, upper=3.0) for value in self.values
+        )
+
+    def at(self, p: Any, eccentricity: Any) -> Fluid:
+        """See :meth:`Law.at`; at the reference speed."""
+        return Fluid(p.K0, p.D, 1.0)
+
+    def at_speed(self, p: Any, eccentricity: Any, speed: Any) -> Fluid:
+        """See :meth:`Law.at_speed`."""
+        beyond = speed / (self.speed_rpm * math.pi / 30) - 1
+        factor = {v: 1 + getattr(p, f"{v}_speed") * beyond if v in self.values else 1.0 for v in ("K0", "D", "lam")}
+        return Fluid(p.K0 * factor["K0"], p.D * factor["D"], factor["lam"])
+
+    def start(self, K0: float, D: float) -> dict[str, float]:
+        """See :meth:`Law.start`."""
+        return {parameter.name: 0.0 for parameter in self.parameters}
+
+
+LAWS: dict[str, type[Law]] = {
+    law.name: law for law in (Constant, Muszynska, EvenPolynomial, MonotoneSpline, LinearInSpeed)
+}
 """Laws by name."""
 
 
@@ -265,7 +329,7 @@ def clearance_of(law: Law, clearance_um: float | None, model: str) -> float | No
         ValueError: a law that changes with eccentricity without a clearance, or one that is not positive.
     """
     if clearance_um is None:
-        if law.parameters:
+        if law.of_eccentricity:
             raise ValueError(
                 f"{model}: law {law.name} depends on eccentricity = |journal displacement| / clearance; give "
                 f"clearance_um, the radial clearance in micrometres"

@@ -73,13 +73,39 @@ def test_a_found_cause_is_a_warning_that_says_what_to_do() -> None:
     assert [cause.name for cause in fit.noise.causes] == ["change with speed[lam]"]
     assert not fit.noise.effects
     assert fit.model_limited
-    assert any('per={"lam": "speed_rpm"}' in warning for warning in fit.warnings)
+    assert any('LinearInSpeed(("lam",))' in warning for warning in fit.warnings)
     assert "runs differ" not in str(fit)
     entry = fit.assumptions()["change with speed[lam]"]
     truth = rig.truth()["threshold_speed"]
     moved = fit.threshold_of(0).value + entry.shifts["threshold speed"] * entry.estimate
     assert moved == pytest.approx(truth, rel=0.01)  # to first order: 5 % squared, and what lam bends
     assert abs(fit.threshold_of(0).value / truth - 1) > 0.02
+
+
+@pytest.mark.parametrize("speeds", ["four", "two"])
+def test_a_law_of_speed_extrapolates_to_the_threshold_with_its_error(speeds: str) -> None:
+    """12 rigs: 95 % intervals that hold the truth in 8 or fewer come once in ten thousand."""
+    rng = np.random.default_rng(5)
+    held, off = 0, []
+    for _ in range(12):
+        rig, test = CAUSES[f"lam +5 % a half threshold, {speeds} speeds"][1](one_mode(rng), rng)
+        law = rf.models.LinearInSpeed(("lam",), speed_rpm=rig.speed * 30 / np.pi)
+        fit = rf.fit(rf.models.OneMode(law=law), measured(rig, test, rng), known=rig.known)
+        low, high = fit.interval("threshold_speed", statistical=True)
+        truth = rig.truth()["threshold_speed"]
+        held += low <= truth <= high
+        off.append(fit.threshold_speed().value / truth - 1)
+        assert fit.noise is not None
+        assert not fit.noise.causes
+    assert held > 8
+    assert np.abs(off).max() < 0.003  # six standard errors; without the law it is 5 % off
+
+
+def test_a_law_of_speed_refuses_what_it_does_not_know() -> None:
+    with pytest.raises(ValueError, match="K0, D and lam"):
+        rf.models.LinearInSpeed(("Mf",))
+    with pytest.raises(ValueError, match="speed_rpm must be positive"):
+        rf.models.LinearInSpeed(speed_rpm=0.0)
 
 
 def test_a_found_cause_comes_back_from_its_file(tmp_path: Path) -> None:

@@ -142,9 +142,11 @@ def changes_with_speed(problem: Problem) -> list[Cause]:
     mean = float(speeds.mean())
     if mean == 0:
         return []
-    there = {name.partition("_")[0] for name in model.parameter_names}
+    names = set(model.parameter_names)
     return [
-        Cause(parts=(Part(kind=Kind.SPEED, value=name, centre=mean, reach=mean),)) for name in FLUID if name in there
+        Cause(parts=(Part(kind=Kind.SPEED, value=name, centre=mean, reach=mean),))
+        for name in FLUID
+        if names & {name, f"{name}_D"} and f"{name}_speed" not in names
     ]
 
 
@@ -167,7 +169,8 @@ def cause_change(block: Block, theta: Float, cause: Cause) -> ComplexArray:
 
 def changed_values(model: RotorModel, theta: Float, value: str) -> Float:
     """The values of parameter vectors that change where one of the fluid does, zero for the others, ``(..., P)``."""
-    return np.where([name.partition("_")[0] == value for name in model.parameter_names], theta, 0.0)
+    own = {value, f"{value}_D", f"{value}_M"}
+    return np.where([name in own for name in model.parameter_names], theta, 0.0)
 
 
 def onset_terms(cause: Cause, whirl: float) -> list[LeftOut]:

@@ -109,8 +109,8 @@ def _remedy(cause: Cause) -> str:
     if cause.kind is Kind.SPEED:
         value = cause.parts[0].value
         return (
-            f'Give {value} a value for each speed (per={{"{value}": "speed_rpm"}}, --per {value}=speed_rpm), and test '
-            "nearer to the threshold speed"
+            f'Fit it with the law of speed (law=rf.models.LinearInSpeed(("{value}",)), --law linear-in-speed), which '
+            f'the threshold speed follows, or with a value for each speed (per={{"{value}": "speed_rpm"}})'
         )
     return _REMEDY[cause.kind]
 
