@@ -38,6 +38,7 @@ UNITS: dict[str, dict[str, float]] = {
         "g_in": 0.0254e-3,
         "oz_in": 0.028349523125 * 0.0254,
     },
+    "angle": {"deg": math.pi / 180, "rad": 1.0},
     "phase": {"deg": math.pi / 180, "rad": 1.0, "lag_deg": -math.pi / 180, "lag_rad": -1.0},
 }
 """Factor to SI (rad/s, m, rad, N, kg m; amplitudes 0-peak, phases lead) by quantity and unit, units in lower case

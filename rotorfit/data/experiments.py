@@ -133,7 +133,9 @@ class PerturbationTest(_Rows):
         speed: rotative speed Omega, rad/s.
         frequency: perturbation frequency w, rad/s; negative is backward whirl.
         force_plane: plane of the force.
-        force: ``F exp(j delta)`` of eq. (2), N; along an axis, the phasor of that component relative to exp(+j|w|t).
+        force: ``F exp(j delta)`` of eq. (2), N: the phasor of Fx relative to exp(+j|w|t), beside readings z too. A
+            force that points at an angle a from x towards y at t = 0 has delta = a forward and delta = -a backward.
+            Along an axis, the phasor of that component.
         force_direction: one of :data:`FORCE_DIRECTIONS`; left out, every force is circular. Readings x and y under a
             force along an axis have positive frequencies.
         further_forces: forces that act at once with ``force`` and turn or not as it does: a tuple of pairs (plane, N)
@@ -516,6 +518,7 @@ def perturbation_test(
     response: Any,
     sigma: Any = np.nan,
     force_direction: str | Sequence[str] | Text = "circular",
+    force_angle: Any = None,
     further_forces: Sequence[tuple[tuple[str, complex], ...]] | Records = (),
     attributes: Mapping[str, Any] | None = None,
     source: str = "",
@@ -528,6 +531,9 @@ def perturbation_test(
     Args:
         run, speed, frequency, force_plane, force, plane, direction, response, sigma, force_direction: SI units, shape
             ``(R,)`` or scalar, see :class:`PerturbationTest`.
+        force_angle: angles at which circular forces point at t = 0, from x towards y, forward and backward alike, rad;
+            ``force`` is then their size. It goes with readings z: ``z = H(w) F exp(j force_angle)`` at signed w. Left
+            out, ``force`` is ``F exp(j delta)`` of eq. (2), whose delta is minus that angle where w < 0.
         further_forces: pairs (plane, N) of each row, in place of rows written once for each force.
         attributes: further columns by name.
         source: where the data came from, for messages.
@@ -555,6 +561,8 @@ def perturbation_test(
         "sigma": (sigma, float),
         "force_direction": (force_direction, str),
     }
+    if force_angle is not None:
+        given["force"] = (_phasor(force, force_angle, frequency, force_direction), complex)
     columns = {name: _column(name, values, kind) for name, (values, kind) in given.items()}
     lengths = {name: column.shape for name, column in columns.items() if column.size != 1}
     if len(set(lengths.values())) > 1 or any(len(shape) > 1 for shape in lengths.values()):
@@ -571,6 +579,16 @@ def perturbation_test(
         further_forces=records(further_forces),
     )
     return test if len(further_forces) else gathered(test)
+
+
+def _phasor(size: Any, angle: Any, frequency: Any, along: Any) -> ComplexArray:
+    """``F exp(j delta)`` of forces that point at an angle at t = 0."""
+    if np.any(np.asarray(along) != "circular"):
+        raise ValueError("force_angle is the angle of a circular force; along an axis give the phasor as force")
+    if np.iscomplexobj(size):
+        raise ValueError("force_angle goes with the size of the force; force is complex and has an angle already")
+    turn = np.where(np.asarray(frequency, dtype=float) < 0, -1j, 1j)
+    return np.asarray(np.asarray(size, dtype=float) * np.exp(turn * np.asarray(angle, dtype=float)))
 
 
 def _column(name: str, values: Any, kind: type) -> NDArray[Any]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ PREFIXES = {
     "speed": UNITS["frequency"],
     "frequency": UNITS["frequency"],
     "force_phase": UNITS["phase"],
+    "force_angle": UNITS["angle"],
     "phase": UNITS["phase"],
     "force": UNITS["force"],
     "mr": UNITS["unbalance"],
@@ -75,6 +76,22 @@ def optional(prefix: str, units: Mapping[str, float], *, name: str = "", several
     return Wanted(name=name or prefix, prefix=prefix, units=units, several=several)
 
 
+def phase_or_angle(table: Table) -> tuple[Wanted, Wanted]:
+    """The columns of a turning force's angle, of which a file has one: see :meth:`Columns.force_phase`."""
+    for name in table.cells:
+        if name.startswith("force_angle_lag"):
+            raise ValueError(
+                f"{table.source}: column {table.spelled(name)!r}: an angle from x towards y does not lag; give "
+                "force_angle_deg with its sign, or force_phase_lag_deg"
+            )
+    given = table.find("force_angle", UNITS["angle"])
+    if given and (phases := table.find("force_phase", UNITS["phase"])):
+        both = " and ".join(table.names[next(iter(found))] for found in (phases, given))
+        raise ValueError(f"{table.source}: both {both} are given; keep one of them")
+    phase = optional if given else partial(quantity, usual="deg")
+    return phase("force_phase", units=UNITS["phase"]), optional("force_angle", UNITS["angle"])
+
+
 @dataclass(frozen=True, kw_only=True)
 class Columns:
     """Columns of a table under the names by which a test asks for them; made by :func:`columns_for`."""
@@ -118,6 +135,16 @@ class Columns:
         if not self.found[name]:
             return np.full(self.rows, np.nan)
         return self.table.number(next(iter(self.found[name].items())), blank=blank)
+
+    def force_phase(self, frequency: Float) -> Float:
+        """Phases of turning forces, the delta of eq. (2), rad.
+
+        ``force_angle`` is the angle at which a force points at the time of the mark, from x towards y: it counts with
+        the turning of a forward force and against that of a backward one. ``force_phase`` is the phase itself.
+        """
+        if self.has("force_angle"):
+            return np.where(frequency < 0, -1.0, 1.0) * self.number("force_angle")
+        return self.number("force_phase")
 
     def where(self, row: int, name: str) -> str:
         """Place of a cell of a column that is there, for messages."""

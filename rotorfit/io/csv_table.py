@@ -16,9 +16,9 @@ from rotorfit.models.array_types import Bool, Float
 from rotorfit.units import find_unit, units_of
 
 PERTURBATION_COLUMNS = (
-    "run, speed_rpm, frequency_rpm, force_plane, force_N (or mr_g_mm), force_phase_deg, plane, direction, "
-    "amplitude_um, phase_deg (or real_um, imag_um), optional sigma_um, probe_radius_mm, force_direction (circular, x, "
-    "y); "
+    "run, speed_rpm, frequency_rpm, force_plane, force_N (or mr_g_mm), force_phase_deg (or force_angle_deg), plane, "
+    "direction, amplitude_um, phase_deg (or real_um, imag_um), optional sigma_um, probe_radius_mm, force_direction "
+    "(circular, x, y); "
     "other units by suffix, further columns are attributes"
 )
 MOTION = units_of("displacement", "tilt")

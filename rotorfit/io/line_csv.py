@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import LineTest
 from rotorfit.data.synchronous import group_speeds
-from rotorfit.io.csv_columns import Columns, columns_for, optional, quantity, words
+from rotorfit.io.csv_columns import Columns, columns_for, optional, phase_or_angle, quantity, words
 from rotorfit.models.array_types import Bool, Float
 from rotorfit.units import UNITS, si_factor
 
@@ -34,7 +34,7 @@ def line_test(table: Table, speed_tolerance: float) -> LineTest:
             quantity("speed", "rpm", UNITS["frequency"]),
             quantity("frequency", "rpm", UNITS["frequency"]),
             quantity("force", "N", UNITS["force"]),
-            quantity("force_phase", "deg", UNITS["phase"]),
+            *phase_or_angle(table),
             *(quantity(part, "um", UNITS["length"]) for part in _PARTS),
             *(optional(part, _TURNS, name=f"{part} of twist") for part in _PARTS),
         ),
@@ -45,14 +45,14 @@ def line_test(table: Table, speed_tolerance: float) -> LineTest:
     if wrong.size:
         row = int(wrong[0])
         raise ValueError(f"{table.where(row, 'direction')}: {str(direction[row])!r} unknown; allowed: z, twist")
-    speed = columns.number("speed")
+    speed, frequency = columns.number("speed"), columns.number("frequency")
     parts = {part: _either(columns, direction == "twist", part) for part in _PARTS}
     return LineTest(
         run=run,
         speed=group_speeds(speed, np.zeros(run.size), run, speed_tolerance),
-        frequency=columns.number("frequency"),
+        frequency=frequency,
         force_plane=columns.words("force_plane"),
-        force=columns.number("force") * np.exp(1j * columns.number("force_phase")),
+        force=columns.number("force") * np.exp(1j * columns.force_phase(frequency)),
         plane=columns.words("plane"),
         direction=direction,
         line=columns.words("line"),

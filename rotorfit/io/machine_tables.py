@@ -119,7 +119,7 @@ def with_weight(table: Table) -> Table:
     weighted = any(name.startswith(_WEIGHT) and not name.startswith("force_plane") for name in cells)
     if not weighted:
         added |= {"mr_g_mm": ["0"] * count, "force_phase_deg": ["0"] * count}
-    elif not any(name.startswith("force_phase_") for name in cells):
+    elif not any(name.startswith(("force_phase_", "force_angle_")) for name in cells):
         raise ValueError(
             f"{table.source}: the angle of the weight is not told; add force_phase_deg to the constants, degrees of "
             "lead from the Keyphasor's mark"

@@ -15,13 +15,14 @@ _PERTURBATION = """\
 # run            name of the sweep; a run has one force. Left out: one for each forced plane and speed.
 # frequency_rpm  of the perturbation, negative for backward whirl.
 # force_N        size of the rotating force, or in its place an unbalance mr_g_mm (mr_kg_m, mr_oz_in).
-# force_phase_deg  angle of the force at the time of the phase mark.
+# force_angle_deg  where the force points at the time of the phase mark, from x towards y, forward and backward alike;
+#                or in its place force_phase_deg, the lead in time of its x component (backward minus the angle).
 # plane, direction  where the probe is; x or y (one probe), or z = x + jy already combined.
 # sigma_um       standard deviation of real and imaginary part of the reading; may be left out.
 # force_direction  circular (left out: that), or x, y for a shaker or one axis of a magnetic bearing.
 """
 _PERTURBATION_ROWS = """\
-run,speed_rpm,frequency_rpm,force_plane,force_N,force_phase_deg,plane,direction,amplitude_um,phase_deg,oil_C
+run,speed_rpm,frequency_rpm,force_plane,force_N,force_angle_deg,plane,direction,amplitude_um,phase_deg,oil_C
 forward,1500,600,journal,2.0,30,journal,x,41.2,-18.5,45.1
 forward,1500,600,journal,2.0,30,journal,y,40.9,-108.9,45.1
 forward,1500,900,journal,2.0,30,journal,x,55.6,-61.0,45.2
@@ -38,7 +39,7 @@ _WIDE = """\
 # and what the table does not say, constants = {force_plane = "journal", speed_rpm = 1500}.
 """
 _WIDE_ROWS = """\
-run,speed_rpm,frequency_rpm,force_plane,mr_g_mm,force_phase_deg,disk_x_um,disk_x_lag_deg,disk_y_um,disk_y_lag_deg
+run,speed_rpm,frequency_rpm,force_plane,mr_g_mm,force_angle_deg,disk_x_um,disk_x_lag_deg,disk_y_um,disk_y_lag_deg
 forward,1500,600,disk,150,30,12.2,18.5,12.1,108.9
 forward,1500,900,disk,150,30,37.0,61.0,36.7,151.3
 backward,1500,-600,disk,150,30,6.6,-51.7,6.7,-141.2
@@ -48,6 +49,7 @@ _SYNCHRONOUS = """\
 # Synchronous test: start-ups or shut-downs with a calibration weight, frequency = speed on every row.
 # Each plane is run with the weight at an angle and turned by 180 degrees; half the difference is what is fitted, so
 # that residual unbalance, bow and run-out drop out. force_phase_deg is the angle of the weight from the mark.
+# Weights that are in at once (a trial weight that was kept): a row for each, with the same reading.
 """
 _DISPLACEMENT = """\
 # A circular orbit is imposed (squeeze film, seal rig) and the forces along x and y are measured: one row a frequency.

@@ -34,7 +34,7 @@ from rotorfit.data.findings import Finding
 from rotorfit.data.joined import check_planes_spelt
 from rotorfit.data.several_forces import gathered, written_per_force
 from rotorfit.data.synchronous import SPEED_TOLERANCE, group_speeds
-from rotorfit.io.csv_columns import Columns, columns_for, optional, quantity, words
+from rotorfit.io.csv_columns import Columns, columns_for, optional, phase_or_angle, quantity, words
 from rotorfit.io.csv_kinds import BUILDERS, columns_of
 from rotorfit.io.csv_table import MOTION, PERTURBATION_COLUMNS, Table, read_table
 from rotorfit.io.headers import quantity_meant, refuse_doubtful, understood
@@ -137,7 +137,10 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
     response = _response(columns, direction)
     noise = _motion(columns, "sigma", direction, blank=True) if columns.has("sigma") else np.full(run.shape, np.nan)
     columns.refuse(noise <= 0, "sigma", "must be positive, or blank where the noise is not known")
-    force = size * np.exp(1j * columns.number("force_phase"))
+    force = size * np.exp(1j * columns.force_phase(w))
+    if columns.has("force_angle"):
+        still = force_direction != "circular"
+        columns.refuse(still, "force_angle", "is the angle of a force along an axis; give its phase, force_phase_deg")
     omega = group_speeds(columns.number("speed"), w, run, speed_tolerance)
     for name, values in {"force": force, "response": response, "frequency": w, "speed": omega}.items():
         columns.refuse(~np.isfinite(values), "run", f"is a row whose {name} overflows; check its units")
@@ -179,7 +182,7 @@ def _perturbation_columns(table: Table) -> Columns:
             quantity("frequency", "rpm", UNITS["frequency"]),
             optional("mr", UNITS["unbalance"]),
             optional("force", UNITS["force"]) if unbalance else quantity("force", "N", UNITS["force"]),
-            quantity("force_phase", "deg", UNITS["phase"]),
+            *phase_or_angle(table),
             *(quantity(p, "um", MOTION, several=True) for p in (("amplitude",) if polar else ("real", "imag"))),
             *((quantity("phase", "deg", UNITS["phase"]),) if polar else ()),
             optional("sigma", MOTION, several=True),

@@ -22,6 +22,7 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.units import RPM_PER_RAD_S
 
 _CONSTANT_SPREAD = 0.01  # relative spread of what is taken as constant
+_LEAST_SINE = 0.02  # of the angle of a force, about a degree, from which the sense of counting matters
 _TURN_IN_RADIANS = 6.3  # degrees: what a whole turn in radians is, read as degrees
 
 _MISFIT_OF_LEVELS = 0.03
@@ -73,6 +74,18 @@ def filtered_probes(uneven: Mapping[str, FilteredProbe | None]) -> Iterator[Data
                 undo=undo,
                 correct=partial(_unfiltered, plane=plane, probe=one),
             )
+
+
+def backward_angles(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
+    """Angles of backward forces given as phases: twice the angle, of which D and lam take up the most."""
+    if any(((test.frequency < 0) & (np.abs(np.sin(np.angle(test.force))) > _LEAST_SINE)).any() for test in tests):
+        yield DataError(
+            code="backward-angles",
+            message="the angles of backward forces are those of a protractor, from x towards y, and are given as "
+            "phases, which count along the turning of the force",
+            undo="give force_angle_deg in place of force_phase_deg",
+            correct=_with_backward_angles,
+        )
 
 
 def mirrored_orbits(orbits: Sequence[Orbits]) -> Iterator[DataError]:
@@ -263,6 +276,10 @@ def _turned_back(test: PerturbationTest, *, planes: Sequence[str], degrees: floa
     sense = np.where(np.char.endswith(test.direction, "z") | (test.frequency > 0), 1.0, -1.0)
     turn = np.exp(1j * np.radians(degrees) * sense)
     return replace(test, response=np.where(np.isin(test.plane, planes), turn, 1.0) * test.response)
+
+
+def _with_backward_angles(test: PerturbationTest) -> PerturbationTest:
+    return test.with_forces(lambda force: np.where(test.frequency < 0, force.conj(), force))
 
 
 def _forces_turned(test: PerturbationTest, *, degrees: float) -> PerturbationTest:

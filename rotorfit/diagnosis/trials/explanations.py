@@ -17,7 +17,13 @@ from rotorfit.data.findings import Finding
 from rotorfit.diagnosis.check import check
 from rotorfit.diagnosis.orbits import Orbits, orbits_of
 from rotorfit.diagnosis.probe_pairs import uneven_planes
-from rotorfit.diagnosis.trials.data_errors import DataError, data_errors, filtered_probes, mirrored_orbits
+from rotorfit.diagnosis.trials.data_errors import (
+    DataError,
+    backward_angles,
+    data_errors,
+    filtered_probes,
+    mirrored_orbits,
+)
 from rotorfit.diagnosis.trials.filters import filters
 from rotorfit.diagnosis.trials.groups import factors_of_groups
 from rotorfit.diagnosis.trials.trial_fits import EXPLAINED_MISFIT_SHARE, Explanation, Hint, Readings, readings_of, trial
@@ -79,7 +85,7 @@ def _explanations(fit: FitResult, tests: Sequence[PerturbationTest], orbits: Seq
     problem = build_problem(fit.model, fit.experiments, settings) if rescaled else fit.problem
     far = fit.chisqr > _UNEXPLAINED_SHARE * _power(problem)
     uneven = {plane: probe for of_test in orbits for plane, probe in uneven_planes(of_test).items()}
-    candidates = [*filtered_probes(uneven), *(data_errors(tests) if far else ())]
+    candidates = [*filtered_probes(uneven), *backward_angles(tests), *(data_errors(tests) if far else ())]
     missed = min(fit.chisqr, trial(problem)[0]) if candidates else fit.chisqr  # a search that went astray is no error
     for error in candidates:
         corrected = _corrected(fit, error)
