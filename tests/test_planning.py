@@ -243,6 +243,51 @@ def test_one_level_of_motion_leaves_a_law_of_eccentricity_open() -> None:
     assert several.expected["b"].relative < 0.1
 
 
+def test_what_is_measured_already_counts_and_moves_the_plan_elsewhere() -> None:
+    """Planned beside sweeps at one speed: errors as of a fit of both, and less time where the sweeps have been."""
+    done = swept(0).select(swept(0).speed == SPEEDS[0])
+    design = rf.Design(speed_rpm=np.array(SPEEDS) * 30 / np.pi, frequency_rpm=np.linspace(200, 2400, 12), force_N=5.0)
+    options = {"known": KNOWN, "noise_um": 5.0, "quantity": "threshold_speed"}
+    alone, beside = rf.plan(ONE, FREE, design, **options), rf.plan(ONE, FREE, [done, design], **options)
+    assert beside.expected["threshold_speed"].stderr < alone.expected["threshold_speed"].stderr
+    slow = np.isclose(alone.lines.speed, SPEEDS[0])
+    assert beside.share[slow].sum() <= alone.share[slow].sum() + 0.01
+    errors = rf.plan(ONE, FREE, [done, beside.virtual_run(seed=1)], known=KNOWN, quantity="threshold_speed")
+    assert beside.test is not None
+    assert len(beside.lines.run) == 2 * 2 * 12
+    assert errors.expected["lam"].stderr > 0
+
+
+def test_a_quantity_that_is_weak_is_planned_for() -> None:
+    """What little averaging leaves at more than its own size is not open: shares and time are found for it."""
+    design = rf.Design(speed_rpm=900, frequency_rpm=np.linspace(200, 1200, 8), force_N=0.01)
+    plan = rf.plan(ONE, FREE, design, known=KNOWN, noise_um=0.5, quantity="Mf", wanted=0.1)
+    assert plan.certificate.optimal
+    assert 1 < plan.expected["Mf"].relative < plan.even["Mf"].relative
+    assert any(sentence.startswith("Weak") for sentence in plan.suggestions)
+    assert any("times the averaging" in sentence for sentence in plan.suggestions)
+
+
+def test_a_speed_that_leaves_the_quantity_open_is_not_chosen() -> None:
+    """At rest nothing turns the fluid: lam is not seen there."""
+    lines = {"frequency_rpm": np.linspace(200, 2400, 12), "force_N": 3.0}
+    design = rf.Design(speed_rpm=[0, 900], speed_count=1, **lines)
+    plan = rf.plan(ONE, FREE, design, known=KNOWN, noise_um=0.5, quantity="lam")
+    assert set(np.round(plan.lines.speed * 30 / np.pi)) == {900}
+
+
+def test_draws_that_are_unstable_do_not_make_errors_small() -> None:
+    """Over a wide range the rotor whirls by itself at some draws: these tell nothing, and are counted in a sentence."""
+    values = {**FREE, "D": stats.norm(450.0, 400.0)}
+    design = rf.Design(speed_rpm=1000, frequency_rpm=np.linspace(100, 3000, 20), force_N=1e3)
+    for quantity in (None, "lam"):
+        plan = rf.plan(ONE, values, design, known=KNOWN, noise_um=0.5, quantity=quantity)
+        assert any("of 16 draws of the values the rotor is unstable" in note for note in plan.notes)
+        assert 0 < plan.expected["lam"].low < plan.expected["lam"].high < np.inf
+        assert np.isfinite(plan.share).all()
+        assert any("beyond what probes read" in note for note in plan.notes)
+
+
 def test_a_plan_that_is_filled_in_is_read_back(tmp_path: Path) -> None:
     design = rf.Design(speed_rpm=900, frequency_rpm=np.linspace(200, 2400, 12), force_N=3.0)
     plan = rf.plan(ONE, FREE, design, known=KNOWN, quantity="lam", noise_um=0.5)

@@ -11,12 +11,12 @@ that many times as large.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rotorfit.estimators.noise.run_effects import inverse_of_determined
-from rotorfit.models.array_types import Float, Index
+from rotorfit.models.array_types import Bool, Float, Index
 
 GAP = 0.01
 """Excess of the largest phi over the mean of measured lines at which a search ends: variances are the least to 1 %."""
@@ -51,14 +51,25 @@ class Lines:
         """Variances of the quantities, shape ``(D, q)``."""
         return np.asarray(np.einsum("dqi,dij,dqj->dq", self.gradients, self.covariance(weight), self.gradients))
 
+    def rank(self) -> Index:
+        """Number of combinations of parameters that all lines together determine at each draw, shape ``(D,)``."""
+        return np.asarray(np.sum(self._spread(np.ones(self.count)) > _ABSENT, axis=1), dtype=np.intp)
+
+    def of_draws(self, kept: Bool) -> Lines:
+        """The lines at some of the draws."""
+        return replace(self, rows=self.rows[kept], fixed=self.fixed[kept], gradients=self.gradients[kept])
+
+    def _spread(self, weight: Float) -> Float:
+        """Eigenvalues of the information, parameters scaled by that of all lines alike, shape ``(D, p)``."""
+        size = np.sqrt(np.einsum("dpp->dp", self.information(np.ones(self.count))))
+        size = np.where(size > 0, size, 1.0)
+        return np.asarray(np.linalg.eigvalsh(self.information(weight) / (size[:, :, None] * size[:, None, :])))
+
     def criterion(self, weight: Float) -> float:
         """Mean logarithm of the variances, or of the volume of all errors a parameter."""
         if self.gradients.shape[1]:
             return float(np.mean(np.log(self.variances(weight))))
-        size = np.sqrt(np.einsum("dpp->dp", self.information(np.ones(self.count))))
-        size = np.where(size > 0, size, 1.0)
-        spread = np.linalg.eigvalsh(self.information(weight) / (size[:, :, None] * size[:, None, :]))
-        return float(-np.mean(np.log(np.maximum(spread, _ABSENT))))
+        return float(-np.mean(np.log(np.maximum(self._spread(weight), _ABSENT))))
 
     def phi(self, weight: Float) -> Float:
         """Gain of the criterion by a unit of weight of each line, shape ``(K,)``."""

@@ -158,7 +158,10 @@ def percent(error: ExpectedError) -> str:
 def _settled(plan: Plan, tried: Sequence[Addition], asked: bool) -> list[str]:
     """What stays open, and the runs that would settle it."""
     count = len(plan.identifiability.combinations)
-    sentences = [f"Open, however long is averaged: {one.message}" for one in plan.identifiability.combinations]
+    sentences = [
+        f"{'Weak' if math.isfinite(one.stderr) else 'Open, however long is averaged'}: {one.message}"
+        for one in plan.identifiability.combinations
+    ]
     if asked:
         settling = [one.name for one in tried if one.open < count]
         it = "it" if count == 1 else "some of it"

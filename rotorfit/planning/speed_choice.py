@@ -15,6 +15,8 @@ from rotorfit.planning.targets import all_targets
 from rotorfit.planning.task import Task
 from rotorfit.units import RPM_PER_RAD_S
 
+_TRACE = 1e-9
+"""Weight of lines at other speeds, so that a quantity that the chosen ones do not determine has a huge variance."""
 _MOST_CHOICES = 2000
 """Choices of speeds that are all compared; of more, speeds are exchanged one by one."""
 
@@ -36,7 +38,7 @@ def with_best_speeds(task: Task, design: Design) -> tuple[Design, Alternatives |
     found, test = task.expectation(whole)
     targets, names = all_targets(found.problem.space, task.quantity)
     first = sum(block.measured.size for block in found.problem.blocks[: len(task.patterns)])
-    lines = task.lines(found, [targets[name] for name in names], first)
+    lines, _ = task.lines(found, [targets[name] for name in names], first)
     if test is None:
         raise ValueError("a choice of speeds needs a design")
     speed = test.speed[test.lines.apart()[1]]
@@ -53,7 +55,7 @@ def _compared(lines: Lines, speed: Float, speeds: Float, count: int) -> dict[tup
     """Criterion of an even test at each choice of speeds."""
 
     def criterion(chosen: tuple[float, ...]) -> float:
-        return lines.criterion(np.isin(speed, chosen).astype(float))
+        return lines.criterion(np.where(np.isin(speed, chosen), 1.0, _TRACE))
 
     possible = speeds.tolist()
     if comb(len(possible), count) <= _MOST_CHOICES:

@@ -28,6 +28,8 @@ from rotorfit.planning.record import ExpectedError, Plan, PlannedLines
 from rotorfit.planning.targets import Target, Wanted, all_targets
 from rotorfit.units import RPM_PER_RAD_S
 
+_PROBE_RANGE = 1e-3
+"""Motion, m, beyond the linear range of usual eddy-current probes, 80 mil or 2 mm from end to end."""
 _LEAK = 1e-4
 """Change of a quantity, over its value, along a direction that no datum notices, from which it is not determined."""
 
@@ -60,20 +62,26 @@ class Task:
         space = parameter_space(self.model, known=self.settings.known, bounds={}, groups=[{}])
         return np.asarray(space.theta(guess(space, self.values, self.draws, self.seed).centre)[0])
 
-    def lines(self, found: Expectation, asked: Sequence[Target], first: int) -> Lines:
-        """Lines from the first reading of the design on, those before it as information that is there."""
+    def lines(self, found: Expectation, asked: Sequence[Target], first: int) -> tuple[Lines, Float]:
+        """Lines from the first reading of the design on, those before it as information that is there; and their draws.
+
+        Draws at which less is determined than at others, because the rotor is unstable, are left out.
+        """
         draws = found.guess.draws
         rows, line = found.rows(draws), found.row_line
         own = slice(2 * first, None)
         earlier = rows[:, : 2 * first]
         fixed = found.prior() + np.swapaxes(earlier, 1, 2) @ earlier
         gradients = np.array([[target.at(x)[1] for target in asked] for x in draws])
-        return Lines(
+        whole = Lines(
             rows=rows[:, own],
             line=line[own] - line[own].min(),
             fixed=fixed,
             gradients=gradients.reshape(len(draws), len(asked), draws.shape[1]),
         )
+        rank = whole.rank()
+        kept = rank == rank.max()
+        return whole.of_draws(kept), draws[kept]
 
     def solved(self, design: Design | None) -> Plan:
         """The plan without suggestions."""
@@ -83,7 +91,7 @@ class Task:
         alike = errors_of(found, targets)
         open_ = [name for name in names if not math.isfinite(alike[name].stderr)]
         asked = [targets[name] for name in names if name not in open_]
-        lines = self.lines(found, asked, first)
+        lines, draws = self.lines(found, asked, first)
         shares = optimal_shares(lines, self.even if not open_ or asked else 1.0)
         factor = np.ones(found.constant.size)
         table = _table(found, first)
@@ -99,7 +107,7 @@ class Task:
         return Plan(
             model=self.model,
             quantity=names,
-            expected=_with_ranges(expected, targets, lines, weight, found),
+            expected=_with_ranges(expected, targets, lines, weight, draws),
             even=alike,
             lines=table,
             share=shares.share,
@@ -121,7 +129,7 @@ def errors_of(found: Expectation, targets: Mapping[str, Target]) -> dict[str, Ex
     for name, target in targets.items():
         value, slope = target.at(found.guess.centre)
         leak = float(np.abs(slope[: null.shape[0]] @ null).max(initial=0.0)) if null.size else 0.0
-        undetermined = leak > _LEAK * abs(value) or name in verdict.unresolved or math.isnan(value)
+        undetermined = leak > _LEAK * abs(value) or math.isnan(value)
         error = math.inf if undetermined else float(standard_error(slope, covar))
         result[name] = ExpectedError(value, error, target.unit)
     return result
@@ -132,10 +140,9 @@ def _with_ranges(
     targets: Mapping[str, Target],
     lines: Lines,
     weight: Float,
-    found: Expectation,
+    draws: Float,
 ) -> dict[str, ExpectedError]:
     """The errors with their ranges over the draws."""
-    draws = found.guess.draws
     if len(draws) == 1:
         return {name: replace(one, low=one.stderr, high=one.stderr) for name, one in expected.items()}
     covar = lines.covariance(weight)
@@ -222,10 +229,10 @@ def _largest_motion(found: Expectation, first: int, design: Design) -> str:
         size = np.where([block.model.coordinates[i].axis == "r" for i in block.coordinate.tolist()], 0.0, size)
     top = int(np.argmax(size))
     where = "" if block is None else f" at {block.model.coordinates[int(block.coordinate[top])].plane}"
-    limit = "" if design.clearance_share is not None else "; clearance_share= limits it"
-    return (
-        f"The largest motion is {size[top] * 1e6:.3g} um 0-peak{where}, in {found.problem.blocks[-1].run[top]}{limit}."
-    )
+    said = f"The largest motion is {size[top] * 1e6:.3g} um 0-peak{where}, in {found.problem.blocks[-1].run[top]}"
+    if size[top] > _PROBE_RANGE:
+        return f"{said}, beyond what probes read: reduce the force, or set clearance_share=."
+    return f"{said}." if design.clearance_share is not None else f"{said}; clearance_share= limits it."
 
 
 def _of_design(found: Expectation, first: int, design: Design) -> list[str]:
