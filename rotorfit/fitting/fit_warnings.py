@@ -39,7 +39,7 @@ def fit_warnings(
     advice = _advice(problem.space.model, identifiability, rescaled)
     nfree = problem.n_data - problem.space.size
     misfit = covariance.widening(redchi, problem.loss, nfree=nfree, freedom=freedom_of(problem.blocks))
-    if is_misfit(noise, misfit) and not (noise is not None and noise.causes):
+    if is_misfit(noise, misfit) and not (noise is not None and noise.explained):
         where = f". It misses most: {', '.join(noise.places)}" if noise is not None and noise.places else ""
         wider = "each response as its residuals ask" if rescaled else f"{np.sqrt(redchi):.2g}"
         found.append(

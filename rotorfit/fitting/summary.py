@@ -110,7 +110,8 @@ def _noise_lines(fit: FitResult) -> list[str]:
     noise = fit.noise
     if noise is None or (noise.verdict is NoiseVerdict.AS_FOUND and not noise.sentences):
         return []
-    lines = [f"noise: {VERDICTS[noise.verdict]} (neighbouring lines correlate by {noise.correlation:+.2f})"]
+    beside = "beside what explains the misfit, " if noise.causes else ""
+    lines = [f"noise: {beside}{VERDICTS[noise.verdict]} (neighbouring lines correlate by {noise.correlation:+.2f})"]
     lines += _levels(noise)
     lines += [f"  {sentence}" for sentence in noise.sentences if sentence not in fit.warnings]
     lines += _without_runs(fit)

@@ -260,11 +260,11 @@ def _described(fit: FitResult, term: Term) -> tuple[str, str, str, float]:
 
 def _described_cause(cause: Cause) -> tuple[str, str, str, float]:
     """Name, meaning, unit and plausible size of a smooth cause."""
-    part = cause.parts[0]
+    part, shown = cause.parts[0], ", shown by the data" if cause.sizes else ""
     if part.kind is Kind.SPEED:
-        meaning = f"share by which {part.value} changes when the mean tested speed doubles"
+        meaning = f"share by which {part.value} changes when the mean tested speed doubles{shown}"
         return cause.name, meaning, "1", max(_WITH_SPEED[part.value], abs(cause.size) if cause.sizes else 0.0)
-    return cause.name, MEANINGS[cause.kind], UNITS.get(cause.kind, "1"), abs(cause.size)
+    return cause.name, f"{MEANINGS[cause.kind]}{shown}", UNITS.get(cause.kind, "1"), abs(cause.size)
 
 
 def _damper(fit: FitResult) -> float:

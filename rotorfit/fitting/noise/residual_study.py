@@ -69,6 +69,11 @@ class ResidualStudy:
         return () if self.found is None else self.found.effects
 
     @property
+    def explained(self) -> bool:
+        """True if fixed causes explain what the fit misses."""
+        return bool(self.causes) and self.verdict is not NoiseVerdict.MISFIT
+
+    @property
     def between(self) -> tuple[tuple[str, float], ...]:
         """Kind and standard deviation of each difference from run to run."""
         return tuple((effect.kind, effect.sd) for effect in self.effects)
@@ -97,14 +102,14 @@ class ResidualStudy:
     def sentences(self) -> tuple[str, ...]:
         """Fixed causes, differences of runs and uneven scatter in words."""
         return (
-            *words.causes(self.causes),
+            *words.causes(self.causes, whole=self.explained),
             *words.sentences(self.effects, self.possible_effects, self.run_count, robust=self.robust),
         )
 
     @property
     def notable(self) -> tuple[str, ...]:
         """Those of them that are warnings."""
-        return (*words.causes(self.causes), *words.differences(self.effects))
+        return (*words.causes(self.causes, whole=self.explained), *words.differences(self.effects))
 
     @property
     def places(self) -> tuple[str, ...]:

@@ -58,6 +58,8 @@ forces differ by 1 %: two that agree are then 1.4 to 2.1 times as wide on averag
 _MEMORY_CORRELATION = 0.25
 """Memory along the sweeps counts where the correlation of neighbours is significant, and widens standard errors by a
 fifth at least."""
+_LARGEST_REST = 0.1
+"""Share of redchi that a fixed cause may leave where that is a misfit still: large causes are not linear. Chosen."""
 _MISS_LINES = 5
 """Lines over which residuals are averaged to see where the model misses, and places that are named."""
 
@@ -71,7 +73,15 @@ def study_residuals(problem: Problem, x: Float) -> ResidualStudy | None:
         return None
     causes, beside = fixed_causes(problem, x, data)
     study = _study(problem, x, beside, causes)
-    return _study(problem, x, data, ()) if causes and study.verdict is NoiseVerdict.MISFIT else study
+    if causes and study.verdict is NoiseVerdict.MISFIT and not _explain_most(data, beside):
+        return _study(problem, x, data, ())
+    return study
+
+
+def _explain_most(data: LinearisedFit, beside: LinearisedFit) -> bool:
+    """True if causes beside the fit leave little of its misfit, if still more than noise."""
+    left, whole = (NoiseFit.of(one, one.sigma, np.zeros(len(one.kinds))).redchi for one in (beside, data))
+    return left < _LARGEST_REST * whole
 
 
 def _study(problem: Problem, x: Float, data: LinearisedFit, causes: tuple[Cause, ...]) -> ResidualStudy:

@@ -54,6 +54,8 @@ _TWO_RUNS = (
 
 _SCATTER = "the residuals scatter more along some changes than equal noise does; standard errors follow them (HC3)"
 
+_LARGEST_LABEL_ERROR = 0.05
+"""Relative error of a speed label beyond which none is likely: a tachometer that slips is off by parts of a percent."""
 _SINGLE_RUN_RATIO = 8.0
 """Times the rms effect of the other runs from which a difference is said to be of one run alone: of six runs with
 normal effects one exceeds it once in eighty sets, of twelve once in four thousand."""
@@ -67,10 +69,11 @@ def sentences(
     return (*differences(effects), *_possible_differences(possible), *few, *((_SCATTER,) if robust else ()))
 
 
-def causes(found: Sequence[Cause]) -> tuple[str, ...]:
+def causes(found: Sequence[Cause], *, whole: bool) -> tuple[str, ...]:
     """Fixed causes that explain what a fit misses, each a warning."""
     share = "The results are those of the model without it; their systematic share holds by how much it shifts them"
-    return tuple(f"{_cause(cause)}. {share}. {_remedy(cause)}" for cause in found)
+    begin = f"{'what' if whole else 'most of what'} the model misses is explained by"
+    return tuple(f"{begin} {_cause(cause)}. {share}. {_remedy(cause)}" for cause in found)
 
 
 def _cause(cause: Cause) -> str:
@@ -96,7 +99,7 @@ def _cause(cause: Cause) -> str:
             words = f"a fluid{where} too, {_fluid(cause)}"
         case _:
             words = f"{part.value} that changes with speed, by {100 * size:+.2g} % when the mean tested speed doubles"
-    return f"what the model misses is explained by {words}"
+    return words
 
 
 def _fluid(cause: Cause) -> str:
@@ -118,15 +121,20 @@ def _remedy(cause: Cause) -> str:
 def differences(effects: Sequence[RunEffect]) -> tuple[str, ...]:
     """Differences from run to run, each a warning; two runs do not say of which of several kinds theirs is."""
     if len(effects) > 1 and all(len(effect.runs) == 2 and effect.kind in _KINDS for effect in effects):
-        sizes = " or ".join(f"{_KINDS[effect.kind]} by {_amount(effect, effect.sd)}" for effect in effects)
+        sizes = " or ".join(f"{_kind(effect)} by {_amount(effect, effect.sd)}" for effect in effects)
         both = f"runs differ in {sizes} (standard deviations, by how likely each is: two runs hardly separate them)"
         return (f"{both}. {_IN_ERRORS}",)
     return tuple(f"{_difference(effect)}. {_IN_ERRORS}{_of_one_run(effect)}" for effect in effects)
 
 
+def _kind(effect: RunEffect) -> str:
+    """What runs differ in; no speed label is that far off."""
+    return "lam" if effect.kind == "run_lam" and effect.sd > _LARGEST_LABEL_ERROR else _KINDS[effect.kind]
+
+
 def _difference(effect: RunEffect) -> str:
     phase = "the phase reference, that of the first run included, differs from run to run"
-    who = phase if effect.kind == "phase" else f"runs differ in {_KINDS[effect.kind]}"
+    who = phase if effect.kind == "phase" else f"runs differ in {_kind(effect)}"
     between = f"standard deviation between {len(effect.runs)} runs, {effect.freedom:.2g} degrees of freedom"
     return f"{who} by {_amount(effect, effect.sd)} ({between})"
 
@@ -145,7 +153,7 @@ def _of_one_run(effect: RunEffect) -> str:
 def _possible_differences(effects: Sequence[RunEffect]) -> tuple[str, ...]:
     if not effects:
         return ()
-    sizes = " or ".join(f"in {_KINDS[effect.kind]} by {_amount(effect, effect.sd)}" for effect in effects)
+    sizes = " or ".join(f"in {_kind(effect)} by {_amount(effect, effect.sd)}" for effect in effects)
     runs = f"the {len(effects[0].runs)} runs may differ {sizes} (standard deviation), or by chance alone"
     return (f"{runs}; standard errors allow for it",)
 

@@ -176,9 +176,12 @@ def _told_of_hidden(plain: FitResult, chosen: FitResult) -> list[str]:
     if not names:
         return []
     size = chosen.settings.priors[names[0]].std()
+    data, more = "these data", "tests at speeds further apart would"
+    if chosen.speeds.size == 1:
+        data, more = "these data, as those at one speed,", "tests at another speed would"
     return [
-        f"these data, as those at one speed, cannot tell {', '.join(names)} from the fluid's inertia: taken to be 0 +- "
-        f"{size:.2g} kg, which the errors of K0, Mf and the threshold speed hold; tests at another speed would tell"
+        f"{data} cannot tell {', '.join(names)} from the fluid's inertia: taken to be 0 +- "
+        f"{size:.2g} kg, which the errors of K0, Mf and the threshold speed hold; {more} tell"
     ]
 
 
