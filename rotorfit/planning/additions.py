@@ -20,12 +20,9 @@ from rotorfit.planning.targets import all_targets
 from rotorfit.planning.task import Task, errors_of
 from rotorfit.units import RPM_PER_RAD_S
 
-_MOST_LINES = 40  # of a run that is suggested
-_MOST_RUNS = 24  # that are tried
-_MOST_SPEEDS = 4  # of the tests that runs are tried at
 _STEP = 1.3
 """Ratio of a speed that is tried to the lowest and highest of the tests, and room below the threshold speed."""
-_NAMED = 3  # runs that are suggested
+NAMED = 3  # runs, lines and quantities that a sentence names
 _LEAST_GAIN = 1.05
 """Ratio of an error to that with a run added from which the run is suggested."""
 
@@ -58,13 +55,13 @@ def additions(task: Task, plan: Plan, design: Design | None, wanted: float | Non
     names = plan.quantity or tuple(plan.expected)
     sentences = _settled(plan, tried, bool(plan.identifiability.combinations))
     errors, added = dict(plan.expected), list[PerturbationTest]()
-    rounds = _NAMED if wanted is not None else 1
+    rounds = NAMED if wanted is not None else 1
     for _ in range(rounds):
         if not tried or (wanted is not None and _worst(errors, names) <= wanted):
             break
         order = sorted(tried, key=lambda one: _size(one.errors, names))
         worth = [one for one in order if _size(errors, names) - _size(one.errors, names) > math.log(_LEAST_GAIN)]
-        for one in worth[: 1 if wanted is not None else _NAMED]:
+        for one in worth[: 1 if wanted is not None else NAMED]:
             sentences.append(_sentence(one, errors, names))
         if not worth:
             break
@@ -77,10 +74,11 @@ def additions(task: Task, plan: Plan, design: Design | None, wanted: float | Non
 def _candidates(task: Task, tests: Sequence[PerturbationTest]) -> list[tuple[PerturbationTest, float]]:
     """Runs like those of the tests, at planes, speeds and in directions that these have not, and their times."""
     model, theta = task.model, task.vector()
+    most_lines, most_speeds, most_runs = 40, 4, 24  # of a run, of the tests, and of all that are tried
     speeds = np.unique(np.concatenate([np.round(test.speed, 6) for test in tests]))
-    speeds = np.unique([*_some(speeds, _MOST_SPEEDS), speeds[0] / _STEP, speeds[-1] * _STEP])
+    speeds = np.unique([*_some(speeds, most_speeds), speeds[0] / _STEP, speeds[-1] * _STEP])
     speeds = speeds[[float(growth_rate(model, theta, _STEP * speed)) < 0 for speed in speeds.tolist()]]
-    w = _some(np.unique(np.concatenate([np.round(np.abs(test.frequency), 6) for test in tests])), _MOST_LINES)
+    w = _some(np.unique(np.concatenate([np.round(np.abs(test.frequency), 6) for test in tests])), most_lines)
     if not speeds.size:
         return []
     read = {(plane, d) for t in tests for plane, d in zip(t.plane.tolist(), t.direction.tolist(), strict=True)}
@@ -107,7 +105,7 @@ def _candidates(task: Task, tests: Sequence[PerturbationTest]) -> list[tuple[Per
             continue
         settle, average = line_times(like, model, theta, run, first_rows(run))
         found.append((_with_noise(task, run, tests), float(settle.sum() + average.sum())))
-    return found[:_MOST_RUNS]
+    return found[:most_runs]
 
 
 def _some(values: Float, most: int) -> Float:
@@ -145,7 +143,7 @@ def _worst(errors: dict[str, ExpectedError], names: Sequence[str]) -> float:
 
 
 def _sentence(one: Addition, before: dict[str, ExpectedError], names: Sequence[str]) -> str:
-    changes = [f"{name} {percent(before[name])} -> {percent(one.errors[name])}" for name in names[:_NAMED]]
+    changes = [f"{name} {percent(before[name])} -> {percent(one.errors[name])}" for name in names[:NAMED]]
     lines = len(np.unique(one.test.frequency))
     return f"Add {one.name} ({lines} lines, {duration(one.time_s)}): {', '.join(changes)}."
 
@@ -166,7 +164,7 @@ def _settled(plan: Plan, tried: Sequence[Addition], asked: bool) -> list[str]:
         settling = [one.name for one in tried if one.open < count]
         it = "it" if count == 1 else "some of it"
         sentences.append(
-            f"One run more would settle {it}: {'; '.join(settling[:_NAMED])}."
+            f"One run more would settle {it}: {'; '.join(settling[:NAMED])}."
             if settling
             else "No further run of rotating forces at these speeds settles it."
         )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.models import RotorModel
+from rotorfit.models import AnisotropicShaft, RotorModel, Turning
 from rotorfit.models.array_types import Float, Index
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.stability import growth_rate
@@ -25,6 +25,11 @@ _TRANSIENT = 0.01
 def candidate_test(design: Design, model: RotorModel, theta: Float) -> PerturbationTest:
     """All lines with forces as large as the limits allow, to be read; runs are named by plane, speed and direction."""
     planes = model.planes if design.force_planes is None else design.words("force_planes")
+    if model.turns or isinstance(model, AnisotropicShaft | Turning):
+        raise ValueError(
+            f"{model.name} shows itself in images and twist, and a design has responses at the force's frequency "
+            "only; give LineTests as patterns"
+        )
     for plane in planes:
         if plane not in model.planes:
             raise ValueError(unknown_name(f"force plane of {model.name}", plane, model.planes))

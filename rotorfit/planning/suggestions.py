@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from rotorfit.planning.additions import additions, percent
+from rotorfit.planning.additions import NAMED, additions, percent
 from rotorfit.planning.candidates import too_fast
 from rotorfit.planning.design import Design
 from rotorfit.planning.record import Plan, duration
@@ -51,22 +51,18 @@ def _listed(speeds: tuple[float, ...]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
-_NAMED = 3  # runs and bands that a sentence names
-_CLEAR_SHARE = 2.0
-"""Share of a line over that of an even test from which it is named as worth its time."""
-
-
 def _runs(plan: Plan) -> list[str]:
     """Runs that deserve most of the time, and the lines in them."""
     runs = np.array(plan.lines.run)
     names = list(dict.fromkeys(plan.lines.run))
     share = np.array([plan.share[runs == name].sum() for name in names])
+    clear = 2.0  # share of a line over that of an even test from which it is named
     sentences = []
-    for number in np.argsort(-share, kind="stable")[:_NAMED].tolist():
+    for number in np.argsort(-share, kind="stable")[:NAMED].tolist():
         own = np.flatnonzero(runs == names[number])
-        rich = own[plan.share[own] * plan.share.size > _CLEAR_SHARE]
+        rich = own[plan.share[own] * plan.share.size > clear]
         at = sorted({float(f"{abs(w) * RPM_PER_RAD_S:.4g}") for w in plan.lines.frequency[rich].tolist()})
-        where = f", most at {', '.join(f'{w:g}' for w in at[:_NAMED])} rpm" if at else ""
+        where = f", most at {', '.join(f'{w:g}' for w in at[:NAMED])} rpm" if at else ""
         sentences.append(f"{names[number]}: {share[number]:.0%} of the averaging time{where}.")
     if plan.quantity:
         gains = [plan.even[name].stderr / plan.expected[name].stderr for name in plan.quantity]

@@ -178,15 +178,13 @@ def _table(found: Expectation, first: int) -> PlannedLines:
 
 
 def _place(block: Any, reading: int) -> tuple[float, float]:
-    """Speed and frequency of a reading; of free vibration its own frequency."""
-    base = responses_of(block)
-    if base is None and hasattr(block, "frequency") and hasattr(block, "line"):
-        base = block
-    if base is not None:
-        return float(base.speed[base.line[reading]]), float(base.frequency[base.line[reading]])
-    speed = getattr(block, "speed", None)
-    at = math.nan if speed is None or np.size(speed) != block.measured.size else float(speed[reading])
-    return at, float(np.imag(block.measured[reading]))
+    """Speed and frequency of a reading; of free vibration its own frequency, NaN where it has none."""
+    base = responses_of(block) or block
+    line = getattr(base, "line", None)
+    at = int(line[reading]) if line is not None and line.dtype.kind == "i" else reading
+    speed, frequency = getattr(base, "speed", None), getattr(base, "frequency", None)
+    own = float(np.imag(block.measured[reading])) if frequency is None else float(frequency[at])
+    return math.nan if speed is None else float(speed[at]), own
 
 
 def _timed(
@@ -211,7 +209,7 @@ def _sizes(found: Expectation, test: PerturbationTest) -> Float:
     """Expected size of each row of the design's test, m."""
     model, block = found.problem.space.model, responses_of(found.problem.blocks[-1])
     if block is None:
-        raise ValueError(f"a design needs a model with responses to turning forces, which {model.name} has not")
+        raise ValueError(f"a design needs responses to turning forces, which {model.name} does not give")
     size = np.zeros((block.speed.size, len(model.coordinates)))
     size[block.line, block.coordinate] = np.abs(block.measured)
     turned = model.frame == "z"
@@ -244,7 +242,7 @@ def _of_design(found: Expectation, first: int, design: Design) -> list[str]:
 
 
 def _notes(found: Expectation, open_: Sequence[str]) -> tuple[str, ...]:
-    notes = [f"{name} stays open: see below, and what would settle it." for name in open_]
+    notes = [f"{name} stays open." for name in open_]
     draws = found.guess.draws
     if len(draws) > 1:
         idle = [x for x in draws if not found.steady(x).all()]
