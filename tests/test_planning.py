@@ -10,7 +10,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import optimize, stats
 from slow_cases import slow_but
 from synthetic import TYPICAL, circular_test, covering_frequencies, known_of
 
@@ -100,6 +100,19 @@ def test_shares_of_polynomials_are_those_of_the_literature() -> None:
     assert mixed.share.min() >= 0.3 / x.size * (1 - 1e-12)
 
 
+def test_shares_for_a_quantity_are_those_of_a_linear_programme() -> None:
+    """Elfving's theorem: the least variance is the square of the least sum of |u_k| with sum u_k x_k = g."""
+    rng = np.random.default_rng(7)
+    for _ in range(5):
+        x, g = rng.normal(size=(40, 4)), rng.normal(size=4)
+        found = optimize.linprog(np.ones(80), A_eq=np.hstack([x.T, -x.T]), b_eq=g)
+        lines = Lines(rows=x[None], line=np.arange(40), fixed=np.zeros((1, 4, 4)), gradients=g[None, None])
+        shares = optimal_shares(lines, even=1e-6)
+        variance = float(lines.variances(shares.share)[0, 0])
+        assert found.fun**2 <= variance <= found.fun**2 * (1 + 2 * GAP)
+        assert variance * shares.efficiency <= found.fun**2
+
+
 def evening(**more: object) -> rf.Plan:
     model = rf.models.WhirlWhip()
     values = {name: (0.8 * value, 1.2 * value) for name, value in TYPICAL["whirl-whip"].items()}
@@ -182,6 +195,10 @@ def test_impossible_designs_are_refused_in_one_sentence(change: dict[str, object
         ({"values": 3.0}, TypeError, "values are a mapping"),
         ({"even": 0.0}, ValueError, "even is 0.0"),
         ({"wanted": -1.0}, ValueError, "wanted is -1.0"),
+        ({"draws": 0}, ValueError, "draws is 0"),
+        ({"noise_share": 2.0}, ValueError, "noise_share is 2.0"),
+        ({"memory": (0.5, 1.5)}, ValueError, "memory is 1.5"),
+        ({"runs": {"K0": 0.0}}, ValueError, "K0 is 0.0"),
         ({"runs": {"torque": 0.1}}, ValueError, "unknown difference of runs 'torque'"),
     ],
 )
@@ -274,6 +291,22 @@ def test_lines_of_a_shaft_that_is_not_round_are_patterns_and_no_design() -> None
     design = rf.Design(speed_rpm=900, frequency_rpm=[500, 1500], force_N=1.0)
     with pytest.raises(ValueError, match=r"images and twist.*give LineTests"):
         rf.plan(shaft, values, design, known=known, noise_um=1.0)
+
+
+def test_noise_of_motion_is_none_of_eigenvalues() -> None:
+    """A share of a probe's reading and differences of runs say nothing of the decay of an impulse."""
+    model = rf.models.OneMode()
+    hit = rf.ImpulseTest(
+        run=np.array(["a", "b", "c"]), speed=np.array([50.0, 100.0, 150.0]), frequency=np.full(3, 60.0),
+        damping_ratio=np.full(3, 0.3), eccentricity=np.zeros(3), position=np.full(3, np.nan + 0j),
+        sigma=np.full(3, 0.3),
+    )  # fmt: skip
+    known = {**KNOWN, "M": 1.2, "Mf": 0.4}
+    values = {name: TRUTH[name] for name in ("K0", "D", "lam")}
+    plain, shared = (rf.plan(model, values, hit, known=known, noise_share=s) for s in (0.0, 0.05))
+    assert plain.expected["D"].stderr == shared.expected["D"].stderr
+    with pytest.raises(ValueError, match="responses to forces"):
+        rf.plan(model, values, hit, known=known, runs={"force": 0.01})
 
 
 def test_a_quantity_that_is_weak_is_planned_for() -> None:

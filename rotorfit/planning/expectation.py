@@ -9,8 +9,10 @@ import numpy as np
 
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, RingDownTest, StaticTest
 from rotorfit.data.mountings import dwells
+from rotorfit.estimators.blocks.coefficients import JournalCoefficients
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block, OnResponses
+from rotorfit.estimators.blocks.small_motion import FreeVibrations
 from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.inference.identifiability import Identifiability, diagnose
 from rotorfit.estimators.misfit.problem import Problem
@@ -83,7 +85,7 @@ class Expectation:
         if self.noise.common:
             sigma = np.concatenate([block.sigma for block in self.problem.blocks])
             predicted = np.concatenate(self.problem.predict(self.guess.centre))
-            own = jacobian.conj() * (self.noise.common * predicted / sigma)[:, None]
+            own = jacobian.conj() * (self.noise.common * _of_motion(self.problem) * predicted / sigma)[:, None]
             line = self.line
             together = np.zeros((int(line.max()) + 1, own.shape[1]), dtype=complex)
             np.add.at(together, line, own)
@@ -150,7 +152,7 @@ def expect(
     unit = build_problem(model, [_unread(test, np.ones(len(test))) for test in tests], settings)
     constant = np.concatenate([block.sigma for block in problem.blocks])
     pairs = np.concatenate([block.sigma for block in unit.blocks])  # below one where two probes share a reading
-    relative = np.hypot(pairs * noise.share, noise.common)
+    relative = np.hypot(pairs * noise.share, noise.common) * _of_motion(problem)
     sizes = np.abs(np.concatenate(predicted))
     stops = np.cumsum([block.measured.size for block in problem.blocks])[:-1].tolist()
     factors = np.split(np.hypot(constant, relative * sizes) / constant, stops)
@@ -168,6 +170,12 @@ def expect(
         constant=constant,
         relative=relative,
     )
+
+
+def _of_motion(problem: Problem) -> Float:
+    """One for readings of motion or force, whose noise may grow with them, zero for eigenvalues and coefficients."""
+    kinds = (FreeVibrations, JournalCoefficients)
+    return np.concatenate([np.full(b.measured.size, 0.0 if isinstance(b, kinds) else 1.0) for b in problem.blocks])
 
 
 def _unread(test: Experiment, sigma: Float) -> Experiment:

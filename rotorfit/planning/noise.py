@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, RingDownTest, StaticTest
+from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.noise.error_bars import with_noise
 from rotorfit.fitting.noise.linearised import effects_of_runs
@@ -86,6 +87,8 @@ def with_differences(problem: Problem, x: Float, runs: Mapping[str, float]) -> t
     """The problem and a vector of it with differences of runs as entries that have priors, as fits have them."""
     if not runs:
         return problem, x
+    if any(responses_of(block) is None for block in problem.blocks):
+        raise ValueError("runs= is for responses to forces; give the sigma of eigenvalues and the like as it is")
     names = tuple(dict.fromkeys(run for block in problem.blocks for run in block.run.tolist()))
     predicted, jacobian = np.concatenate(problem.predict(x)), problem.jacobian(x)[1]
     sigma = np.concatenate([block.sigma for block in problem.blocks])

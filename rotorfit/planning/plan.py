@@ -84,6 +84,8 @@ def plan(
     """
     if not (isinstance(even, int | float) and 0 < even <= 1):
         raise ValueError(f"even is {even!r}; it is a part of the time, above 0 and up to 1")
+    if isinstance(draws, bool) or not isinstance(draws, int) or draws < 1:
+        raise ValueError(f"draws is {draws!r}; a whole number from 1 is needed")
     if wanted is not None and not (isinstance(wanted, int | float) and 0 < wanted < math.inf):
         raise ValueError(f"wanted is {wanted!r}; a relative standard error above zero is needed, 0.01 for 1 %")
     if not isinstance(model, RotorModel):
