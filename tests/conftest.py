@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 import os
+import shutil
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -62,6 +64,28 @@ def rig_refinement(rig_fit: FitResult) -> Refinement:
     from rotorfit.fitting.structure.refine import refine
 
     return refine(rig_fit)
+
+
+@pytest.fixture
+def chromium(tmp_path: Path) -> Callable[..., tuple[str, list[str]]]:
+    """Run a headless browser: what it printed, and the lines of its console.
+
+    Skips on a machine without one, unless ROTORFIT_BROWSER=required says that there has to be one.
+    """
+    browser = shutil.which("chromium")
+    if browser is None:
+        missing = "these tests drive the browser chromium: install it (Debian package chromium)"
+        pytest.fail(missing) if os.environ.get("ROTORFIT_BROWSER") == "required" else pytest.skip(missing)
+
+    def call(page: Path, *options: str) -> tuple[str, list[str]]:
+        options = (
+            "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--hide-scrollbars",
+            "--enable-logging=stderr", "--v=0", f"--user-data-dir={tmp_path / 'profile'}", *options, page.as_uri(),
+        )  # fmt: skip
+        done = subprocess.run([browser, *options], capture_output=True, text=True, timeout=120, check=True)
+        return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+
+    return call
 
 
 def pytest_collection_finish() -> None:

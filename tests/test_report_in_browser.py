@@ -1,14 +1,11 @@
 """The report in a browser: nothing on the console, nothing cut, a few pages of paper.
 
-Skipped on a machine without one, unless ROTORFIT_BROWSER=required says that there has to be one.
+Skipped on a machine without one, see the fixture ``chromium``.
 """
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,7 +15,6 @@ from report_pages import normal_draws
 
 import rotorfit as rf
 
-CHROMIUM = shutil.which("chromium")
 MEASURE = """<script>
 window.onload = () => {
   const wide = [...document.querySelectorAll('.table, .equation, pre, .card, figure')]
@@ -40,24 +36,6 @@ def browsed(rig_refinement: rf.Refinement, tmp_path_factory: pytest.TempPathFact
         refinement=rig_refinement,
         posterior=normal_draws(rig_refinement.best),
     )
-
-
-@pytest.fixture
-def chromium(tmp_path: Path) -> Callable[..., tuple[str, list[str]]]:
-    """Run a headless browser: what it printed, and the lines of its console."""
-    if CHROMIUM is None:
-        missing = "these tests drive the browser chromium: install it (Debian package chromium)"
-        pytest.fail(missing) if os.environ.get("ROTORFIT_BROWSER") == "required" else pytest.skip(missing)
-
-    def call(page: Path, *options: str) -> tuple[str, list[str]]:
-        options = (
-            "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--hide-scrollbars",
-            "--enable-logging=stderr", "--v=0", f"--user-data-dir={tmp_path / 'profile'}", *options, page.as_uri(),
-        )  # fmt: skip
-        done = subprocess.run([str(CHROMIUM), *options], capture_output=True, text=True, timeout=120, check=True)
-        return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
-
-    return call
 
 
 def test_renders_without_a_word_on_the_console(

@@ -127,7 +127,7 @@ class Posterior(Draws):
         """Responses elsewhere, mean and spread over the draws; see :meth:`FitResult.predict`.
 
         Args:
-            frequency, speed, **options: as there.
+            frequency, speed, options: as there.
         """
         from rotorfit.uncertainty.prediction import predict
 
