@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 
@@ -113,7 +114,7 @@ def causes_of(problem: Problem, x: Float) -> list[Cause]:
     read = sorted({int(k) for base in blocks for k in np.unique(base.coordinate)})
     fluid = fluid_coordinates(model)
     theta = problem.space.theta(x)
-    motion = np.concatenate([np.abs(_motion(base, theta)[1]) for base in blocks]).max(axis=0)
+    motion = np.concatenate([np.abs(_Motion(base=base, theta=theta).planes) for base in blocks]).max(axis=0)
     w = np.abs(np.concatenate([base.frequency for base in blocks]))
     middle, half = float(w.max() + w.min()) / 2, float(w.max() - w.min()) / 2
     planes = [c.plane for c in model.coordinates]
@@ -138,8 +139,7 @@ def changes_with_speed(problem: Problem) -> list[Cause]:
     model = problem.space.model
     if not blocks or not model.speed_dependent or problem.space.index.shape[0] > 1:
         return []
-    speeds = np.unique(np.concatenate([base.speed for base in blocks]))
-    mean = float(speeds.mean())
+    mean = float(np.unique(np.abs(np.concatenate([base.speed for base in blocks]))).mean())
     if mean == 0:
         return []
     names = set(model.parameter_names)
@@ -192,8 +192,8 @@ def _changes(block: Block, theta: Float, parts: Sequence[Part]) -> ComplexArray:
     base = _base(block)
     if base is None:
         return np.zeros((len(parts), block.measured.size), dtype=complex)
-    motion = _motion(base, theta)
-    return np.array([_change(base, theta, part, *motion) for part in parts]).reshape(len(parts), -1)
+    motion = _Motion(base=base, theta=theta)
+    return np.array([_change(motion, part) for part in parts]).reshape(len(parts), -1)
 
 
 def _base(block: Block) -> Responses | None:
@@ -204,50 +204,68 @@ def _base(block: Block) -> Responses | None:
     return base if base.frequency.any() else None
 
 
-def _motion(base: Responses, theta: Float) -> tuple[ComplexArray, ComplexArray]:
-    """Receptance of each line, shape ``(L, n, n)``, and motion, shape ``(L, n)``."""
-    H = inverse(dynamic_stiffness(base, theta))
-    return H, np.einsum("lij,lj->li", H, base.force)
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Motion:
+    """Predicted motion of a block, and what changes of it are made of, each worked out once."""
+
+    base: Responses
+    theta: Float
+
+    @cached_property
+    def receptance(self) -> ComplexArray:
+        """Shape ``(L, n, n)``."""
+        return inverse(dynamic_stiffness(self.base, self.theta))
+
+    @cached_property
+    def mirrored(self) -> ComplexArray:
+        """Conjugate of the receptance at -w, likewise."""
+        other = replace(self.base, frequency=-self.base.frequency)
+        return np.asarray(inverse(dynamic_stiffness(other, self.theta)).conj())
+
+    @cached_property
+    def planes(self) -> ComplexArray:
+        """Motion of all planes, shape ``(L, n)``."""
+        return np.asarray(np.einsum("lij,lj->li", self.receptance, self.base.force))
+
+    @cached_property
+    def factors(self) -> ComplexArray:
+        """Factor of the probe of each reading, shape ``(R,)``."""
+        functions = self.base.model.functions
+        if not functions.has_probe_factors:
+            return np.ones(self.base.line.size, dtype=complex)
+        return np.asarray(functions.factors(self.theta)[self.base.reading_group, self.base.coordinate])
+
+    @cached_property
+    def by_theta(self) -> ComplexArray:
+        """Derivatives of the predictions by the parameters, shape ``(R, P)``."""
+        return self.base.predict_jacobian(self.theta)[1]
 
 
-def _change(base: Responses, theta: Float, part: Part, H: ComplexArray, motion: ComplexArray) -> ComplexArray:
+def _change(motion: _Motion, part: Part) -> ComplexArray:
     """Change of the predictions of a block by a unit of a part of a cause, shape ``(R,)``."""
-    line, read, at, s = base.line, base.coordinate, part.at, base.s
-    factors = base.model.functions.factors(theta)[base.reading_group, read] if _factors(base) else 1.0
-    seen = motion[line, read] * factors
+    base, z, at = motion.base, motion.planes, part.at
+    line, read = base.line, base.coordinate
+    pressed: ComplexArray
     match part.kind:
         case Kind.PROBE:
-            return np.asarray(np.where(read == at, seen * np.abs(motion[line, read] / part.reach) ** 2, 0.0))
+            own = z[line, read] * np.abs(z[line, read] / part.reach) ** 2
+            return np.asarray(np.where(read == at, own * motion.factors, 0.0))
         case Kind.DELAY:
-            return np.asarray(np.where(read == (read if at is None else at), -s[line] * seen, 0.0))
+            own = -base.s[line] * z[line, read] * motion.factors
+            return np.asarray(np.where(read == (read if at is None else at), own, 0.0))
         case Kind.DRIFT | Kind.SPEED:
-            tested = np.abs(base.frequency) if part.kind is Kind.DRIFT else base.speed
-            own = changed_values(base.model, theta[base.group], part.value)[line]
-            by_theta = base.predict_jacobian(theta)[1]
-            return np.asarray(np.sum(by_theta * own, axis=1) * ((tested - part.centre) / part.reach)[line])
-        case Kind.FLUID:
-            pressed = np.abs(motion[:, at] / part.reach) ** 2 * _fluid(base, part.power) * motion[:, at]
-        case Kind.ELSEWHERE:
-            pressed = _fluid(base, part.power) * motion[:, at]
+            tested = np.abs(base.frequency if part.kind is Kind.DRIFT else base.speed)
+            values = changed_values(base.model, motion.theta[base.group], part.value)[line]
+            return np.asarray(np.sum(motion.by_theta * values, axis=1) * ((tested - part.centre) / part.reach)[line])
         case Kind.SUPPORT:  # dK conj(z) couples w with -w, and one probe reads A + conj(B)
-            against = _mirrored(base, theta)[:, :, at] * motion[:, at, None]
-            return np.asarray(-(1j**part.power) * against[line, read] * factors)
+            against = motion.mirrored[:, :, at] * z[:, at, None]
+            return np.asarray(-(1j**part.power) * against[line, read] * motion.factors)
         case Kind.PAIR:
-            pressed = -_mirrored(base, theta)[:, at, at] * motion[:, at]
-        case _:
-            pressed = 1j * np.sign(base.frequency) * motion[:, at]
-    return np.asarray(-(H[:, :, at] * pressed[:, None])[line, read] * factors)
-
-
-def _mirrored(base: Responses, theta: Float) -> ComplexArray:
-    """Conjugate of the receptance at -w."""
-    return np.asarray(inverse(dynamic_stiffness(replace(base, frequency=-base.frequency), theta)).conj())
-
-
-def _factors(base: Responses) -> bool:
-    return bool(base.model.functions.has_probe_factors)
-
-
-def _fluid(base: Responses, power: int) -> ComplexArray:
-    """Stiffness, damping and cross-coupled damping of a fluid, by a unit of each."""
-    return np.asarray((np.ones(base.s.size), base.s, 1j * base.speed)[power], dtype=complex)
+            pressed = -motion.mirrored[:, at, at]
+        case Kind.HYSTERESIS:
+            pressed = 1j * np.sign(base.frequency)
+        case _:  # stiffness, damping and cross-coupled damping of a fluid
+            pressed = np.array([np.ones(base.s.size), base.s, 1j * base.speed])[part.power]
+            if part.kind is Kind.FLUID:
+                pressed = pressed * np.abs(z[:, at] / part.reach) ** 2
+    return np.asarray(-(motion.receptance[:, :, at] * (pressed * z[:, at])[:, None])[line, read] * motion.factors)

@@ -136,7 +136,7 @@ def _onset_change(fit: FitResult, onset: Threshold | None, term: Term, shift: Fl
     if isinstance(term, Cause):
         for part in term.parts:
             if part.kind is Kind.SPEED:
-                beyond = (onset.speed - part.centre) / part.reach
+                beyond = (abs(onset.speed) - part.centre) / part.reach
                 change += beyond * float(onset.gradient @ changed_values(fit.model, fit.theta(), part.value))
         terms = onset_terms(term, onset.whirl_frequency)
         return change + sum(onset_shift(fit.model, fit.theta(), onset, own) for own in terms)
