@@ -7,6 +7,7 @@ with speed. To first order each is a column or a few beside those of the fitted 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -43,17 +44,24 @@ class Kind(StrEnum):
 
 MEANINGS = {
     Kind.PROBE: "probe that is not linear, share at the largest amplitude",
-    Kind.FLUID: "change of the fluid with the largest amplitude",
+    Kind.FLUID: "change of K0 at the largest amplitude, of D and D lam with it",
     Kind.DELAY: "delay, filter or drifting phase reference",
     Kind.DRIFT: "drift along a sweep, share from its middle to its end",
     Kind.HYSTERESIS: "damping that does not grow with frequency",
     Kind.SUPPORT: "half the difference of stiffness in x and y, seen by one probe",
     Kind.PAIR: "square of half the difference of stiffness in x and y, by both probes",
-    Kind.ELSEWHERE: "fluid where the model has none",
+    Kind.ELSEWHERE: "D lam of a fluid where the model has none",
 }
 """What the size of a cause is of."""
 
-UNITS = {Kind.DELAY: "s", Kind.HYSTERESIS: "N/m", Kind.SUPPORT: "N/m", Kind.PAIR: "N^2/m^2"}
+UNITS = {
+    Kind.FLUID: "N/m",
+    Kind.ELSEWHERE: "N s/m",
+    Kind.DELAY: "s",
+    Kind.HYSTERESIS: "N/m",
+    Kind.SUPPORT: "N/m",
+    Kind.PAIR: "N^2/m^2",
+}
 """Unit of a size that is no share."""
 
 _AT_PROBES = ((Kind.PROBE, 1), (Kind.DELAY, 1), (Kind.SUPPORT, 2), (Kind.PAIR, 1))
@@ -96,8 +104,10 @@ class Cause:
 
     @property
     def size(self) -> float:
-        """Largest of the sizes."""
-        return max(self.sizes, key=abs, default=1.0)
+        """Size of the first column, of both of supports."""
+        if not self.sizes:
+            return 1.0
+        return math.hypot(*self.sizes) if self.kind is Kind.SUPPORT else self.sizes[0]
 
     @property
     def shares(self) -> Float:
@@ -127,7 +137,8 @@ def causes_of(problem: Problem, x: Float) -> list[Cause]:
         where = Part(kind=kind)
         if place is not None:
             where = Part(kind=kind, at=place, plane=planes[place], reach=float(motion[place]))
-        found.append(Cause(parts=tuple(replace(where, power=power) for power in range(columns))))
+        powers = range(columns)[:: -1 if kind is Kind.ELSEWHERE else 1]  # what is there may have stiffness and damping
+        found.append(Cause(parts=tuple(replace(where, power=power) for power in powers)))
     if fluid and half > 0:
         found.append(Cause(parts=(Part(kind=Kind.DRIFT, value="D", centre=middle, reach=half),)))
     return [*found, *changes_with_speed(problem)]
@@ -183,7 +194,7 @@ def onset_terms(cause: Cause, whirl: float) -> list[LeftOut]:
         if part.kind is Kind.HYSTERESIS:
             terms.append(replace(term, constant=1j * np.sign(whirl)))
         else:
-            terms.append(replace(term, by_speed=1j) if part.power == 2 else replace(term, constant=1.0))
+            terms.append(replace(term, by_speed=-1j) if part.power == 2 else replace(term, constant=1.0))
     return terms
 
 
@@ -265,7 +276,7 @@ def _change(motion: _Motion, part: Part) -> ComplexArray:
         case Kind.HYSTERESIS:
             pressed = 1j * np.sign(base.frequency)
         case _:  # stiffness, damping and cross-coupled damping of a fluid
-            pressed = np.array([np.ones(base.s.size), base.s, 1j * base.speed])[part.power]
+            pressed = np.array([np.ones(base.s.size), base.s, -1j * base.speed])[part.power]
             if part.kind is Kind.FLUID:
                 pressed = pressed * np.abs(z[:, at] / part.reach) ** 2
     return np.asarray(-(motion.receptance[:, :, at] * (pressed * z[:, at])[:, None])[line, read] * motion.factors)

@@ -84,7 +84,9 @@ def _cause(cause: Cause) -> str:
         case Kind.PROBE:
             words = f"a probe{where} that is not linear, reading {100 * size:+.2g} % at the largest amplitude"
         case Kind.FLUID:
-            words = f"a fluid{where} that changes with amplitude, {_fluid(cause)} at the largest"
+            K, D, cross = cause.sizes
+            change = f"K0 {K:+.2g} N/m, D {D:+.2g} N s/m, D lam {cross:+.2g} N s/m"
+            words = f"a fluid{where} that changes with amplitude, {change} at the largest"
         case Kind.DELAY:
             who = f"the channels{where}" if where else "all channels"
             words = f"a delay, filter or drifting phase reference of {who}, {1e3 * size:+.2g} ms"
@@ -96,16 +98,10 @@ def _cause(cause: Cause) -> str:
             dK = math.hypot(*cause.sizes) if cause.kind is Kind.SUPPORT else math.sqrt(abs(size))
             words = f"stiffness unequal in x and y{where}, by {2 * dK:.2g} N/m"
         case Kind.ELSEWHERE:
-            words = f"a fluid{where} too, {_fluid(cause)}"
+            words = f"a fluid{where} too, D lam {size:.2g} N s/m"
         case _:
             words = f"{part.value} that changes with speed, by {100 * size:+.2g} % when the mean tested speed doubles"
     return words
-
-
-def _fluid(cause: Cause) -> str:
-    """Stiffness, damping and cross-coupled damping of a fluid that the model lacks."""
-    K, D, cross = cause.sizes
-    return f"K0 {K:+.2g} N/m, D {D:+.2g} N s/m, D lam {-cross:+.2g} N s/m"
 
 
 def _remedy(cause: Cause) -> str:
