@@ -327,6 +327,19 @@ def test_a_speed_that_leaves_the_quantity_open_is_not_chosen() -> None:
     assert set(np.round(plan.lines.speed * 30 / np.pi)) == {900}
 
 
+def test_draws_without_a_threshold_are_left_out() -> None:
+    """Without swirl the rotor is stable at every speed: the plan is made for the others."""
+    design = rf.Design(speed_rpm=[600, 900], speed_count=1, frequency_rpm=np.linspace(200, 2400, 12), force_N=3.0)
+    plan = rf.plan(
+        ONE, {**FREE, "lam": (-0.03, 0.5)}, design, known=KNOWN, noise_um=0.5, quantity=("threshold_speed", "lam")
+    )
+    assert np.isfinite(plan.share).all()
+    assert plan.certificate.optimal
+    stable = rf.plan(ONE, {**FREE, "lam": 0.0}, design, known=KNOWN, noise_um=0.5, quantity="threshold_speed")
+    assert not np.isfinite(stable.expected["threshold_speed"].stderr)
+    assert "threshold_speed stays open." in stable.notes
+
+
 def test_draws_that_are_unstable_do_not_make_errors_small() -> None:
     """Over a wide range the rotor whirls by itself at some draws: these tell nothing, and are counted in a sentence."""
     values = {**FREE, "D": stats.norm(450.0, 400.0)}

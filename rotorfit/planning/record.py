@@ -12,6 +12,7 @@ from rotorfit.data.experiments import PerturbationTest
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.inference.optimal_shares import Shares
 from rotorfit.fitting.digits import with_error
+from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
@@ -188,6 +189,10 @@ class Plan:
         head = f"plan of a test of {self.model.name} for {aim}: {self.share.size} lines{hours}"
         table = text_table(rows, "<16 >12 >12 >10 >18 >16 <8")
         return "\n".join([head, *table, f"{self.certificate}", *self.suggestions, *self.notes])
+
+    def _repr_html_(self) -> str:
+        """Table for a notebook."""
+        return text_html(str(self))
 
 
 def duration(seconds: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from itertools import combinations
 from math import comb
@@ -12,7 +13,7 @@ from rotorfit.estimators.inference.optimal_shares import Lines
 from rotorfit.models.array_types import Float
 from rotorfit.planning.design import Design
 from rotorfit.planning.targets import all_targets
-from rotorfit.planning.task import Task
+from rotorfit.planning.task import Task, errors_of
 from rotorfit.units import RPM_PER_RAD_S
 
 _TRACE = 1e-9
@@ -38,7 +39,8 @@ def with_best_speeds(task: Task, design: Design) -> tuple[Design, Alternatives |
     found, test = task.expectation(whole)
     targets, names = all_targets(found.problem.space, task.quantity)
     first = sum(block.measured.size for block in found.problem.blocks[: len(task.patterns)])
-    lines, _ = task.lines(found, [targets[name] for name in names], first)
+    errors = errors_of(found, targets)
+    lines, _ = task.lines(found, [targets[name] for name in names if math.isfinite(errors[name].stderr)], first)
     if test is None:
         raise ValueError("a choice of speeds needs a design")
     speed = test.speed[test.lines.apart()[1]]

@@ -65,7 +65,8 @@ class Task:
     def lines(self, found: Expectation, asked: Sequence[Target], first: int) -> tuple[Lines, Float]:
         """Lines from the first reading of the design on, those before it as information that is there; and their draws.
 
-        Draws at which less is determined than at others, because the rotor is unstable, are left out.
+        Draws at which less is determined than at others, because the rotor is unstable, are left out, and those without
+        a threshold speed where it is asked for.
         """
         draws = found.guess.draws
         rows, line = found.rows(draws), found.row_line
@@ -73,14 +74,20 @@ class Task:
         earlier = rows[:, : 2 * first]
         fixed = found.prior() + np.swapaxes(earlier, 1, 2) @ earlier
         gradients = np.array([[target.at(x)[1] for target in asked] for x in draws])
+        gradients = gradients.reshape(len(draws), len(asked), draws.shape[1])
         whole = Lines(
             rows=rows[:, own],
             line=line[own] - line[own].min(),
             fixed=fixed,
-            gradients=gradients.reshape(len(draws), len(asked), draws.shape[1]),
+            gradients=gradients,
         )
         rank = whole.rank()
-        kept = rank == rank.max()
+        kept = np.asarray((rank == rank.max()) & np.all(np.any(gradients != 0, axis=2), axis=1))
+        if not kept.any():
+            raise ValueError(
+                f"at none of {len(draws)} draws of the values the test determines the quantity: narrow the ranges, or "
+                "begin at lower speeds"
+            )
         return whole.of_draws(kept), draws[kept]
 
     def solved(self, design: Design | None) -> Plan:
