@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from rotorfit.models.fluid import fluid_at, fluid_parameters
@@ -10,6 +10,7 @@ from rotorfit.models.laws import Constant, Law, clearance_of
 from rotorfit.models.model import Matrix, RotorModel
 from rotorfit.models.one_mode import one_per_coordinate
 from rotorfit.models.parameters import Parameter
+from rotorfit.models.probes import check_probes, probe_parameters
 from rotorfit.models.structure import add_blocks, block_parameters, check_blocks
 
 MOST_MASSES = 20
@@ -30,6 +31,10 @@ class Chain(RotorModel):
         two_lam: let damping and inertia of the fluid turn at ratios of their own, lam_D and lam_M.
         law: how the fluid changes with eccentricity, for instance ``rf.models.Muszynska()``.
         clearance_um: radial clearance at the fluid, micrometres; needed by a law.
+        betas: factors of the probes, ``beta1``, ... in the order of the planes, known to be 1 unless freed; naming one
+            in a fit, ``known={"beta2": None}``, asks for them too.
+        probes: probes between the planes, ``{"quarter": {"disk": 0.6, "journal": 0.4}}``: shares of the planes' motion;
+            their factors follow those of the planes.
 
     Raises:
         ValueError: n out of range or not that of the planes, the fluid at a plane that the chain does not have, or a
@@ -48,6 +53,8 @@ class Chain(RotorModel):
         two_lam: bool = False,
         law: Law | None = None,
         clearance_um: float | None = None,
+        betas: bool = False,
+        probes: Mapping[str, Mapping[str, float]] | None = None,
     ) -> None:
         count = n if n is not None else 2 if planes is None else len(planes)
         if not 1 <= count <= MOST_MASSES:
@@ -64,6 +71,8 @@ class Chain(RotorModel):
         self.law = law or Constant()
         self.clearance_um = clearance_um
         self.clearance = clearance_of(self.law, clearance_um, self.name)
+        self.betas = betas
+        self.probes = check_probes(probes, self.planes, self.name)
         self.blocks = check_blocks(blocks)
         self.two_lam = two_lam
         places = range(1, count + 1)
@@ -76,6 +85,7 @@ class Chain(RotorModel):
             *(Parameter(f"Ds{i}", "N s/m", f"external damping at mass {i}", scale=10.0) for i in places),
             *(() if fluid is None else (*fluid_parameters(two_lam), *self.law.parameters)),
             *block_parameters(self.blocks, count),
+            *(probe_parameters(self.planes, self.probes) if betas or probes else ()),
         )
 
     def options(self) -> dict[str, Any]:
@@ -87,6 +97,8 @@ class Chain(RotorModel):
             "two_lam": self.two_lam,
             "law": self.law,
             "clearance_um": self.clearance_um,
+            "betas": self.betas,
+            "probes": {name: dict(shares) for name, shares in self.probes},
         }
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:

@@ -17,6 +17,7 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.compiled import array_function
 from rotorfit.models.complexes import Complex, Number
 from rotorfit.models.parameters import Parameter, unknown_name
+from rotorfit.models.probes import Probes, with_probes
 from rotorfit.models.shafts.angular_rates import angular_rates
 from rotorfit.models.text_table import text_table
 
@@ -78,6 +79,7 @@ class RotorModel(ABC):
     parameters: tuple[Parameter, ...]
     clearance: float | None = None
     caveats: tuple[str, ...] = ()  # sentences that belong beside the numbers of this model
+    probes: Probes = ()  # between the planes, with their shares of the planes' motion
     shaft: SeenShaft | None = None  # a structure whose matrices are known
     ratios: Mapping[str, tuple[str, ...]] = MappingProxyType({})  # what data may tell only over a positive parameter
     line_count: int = 2  # coordinates of each motion that turns: its own and those of its image
@@ -103,18 +105,24 @@ class RotorModel(ABC):
         return [[0.0] * size for _ in range(size)]
 
     def probe_factors(self, p: Any) -> Sequence[Number]:
-        """Factor by which each coordinate's reading is multiplied (the paper's beta); one unless overridden.
+        """Factor by which each coordinate's reading is multiplied: ``beta1``, ... of the probes, where there are any.
 
         Args:
             p: parameters by name, CasADi symbols: ``p.K0``.
         """
-        return [1.0] * len(self.coordinates)
+        names = {plane: f"beta{i}" for i, plane in enumerate(self.read_planes, 1)}
+        return [getattr(p, names.get(c.plane, ""), 1.0) if c.axis != "r" else 1.0 for c in self.coordinates]
+
+    @property
+    def read_planes(self) -> tuple[str, ...]:
+        """Planes at which probes may be: those of the model, then the probes between them."""
+        return (*self.planes, *(name for name, _ in self.probes))
 
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
         """Generalised coordinates, in the order of the matrix rows."""
         axes: tuple[Literal["x", "y", "z"], ...] = ("z",) if self.frame == "z" else ("x", "y")
-        return tuple(Coordinate(plane, axis) for axis in axes for plane in self.planes)
+        return tuple(Coordinate(plane, axis) for axis in axes for plane in self.read_planes)
 
     @cached_property
     def parameter_names(self) -> tuple[str, ...]:
@@ -291,8 +299,10 @@ class RotorModel(ABC):
             shape ``(L, n)``.
 
         Raises:
-            KeyError: unknown plane.
+            KeyError: unknown plane, or a probe between the planes.
         """
+        if plane in self.read_planes[len(self.planes) :]:
+            raise KeyError(f"{plane} is a probe between the planes; forces act at {', '.join(self.planes)}")
         w, phasor = np.broadcast_arrays(np.asarray(frequency, dtype=float), np.asarray(force, dtype=complex))
         vector = np.zeros((*w.shape, len(self.coordinates)), dtype=complex)
         if self.frame == "z":
@@ -402,6 +412,8 @@ def _symbolic(model: RotorModel) -> Symbolic:
     speed, eccentricity = ca.SX.sym("speed"), ca.SX.sym("eccentricity")
     p = SimpleNamespace(**{name: theta[i] for i, name in enumerate(model.parameter_names)})
     matrices = [m if isinstance(m, Complex) else Complex.matrix(m) for m in model.equation(p, speed, eccentricity)]
+    if model.probes:
+        matrices = with_probes(matrices, model.planes, model.probes)
     size = len(model.coordinates)
     for power, matrix in enumerate(matrices):
         if matrix.shape != (size, size):

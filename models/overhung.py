@@ -9,6 +9,7 @@ from rotorfit.models.complexes import J
 from rotorfit.models.model import Coordinate, Matrix, RotorModel
 from rotorfit.models.one_mode import one_per_coordinate
 from rotorfit.models.parameters import Parameter
+from rotorfit.models.probes import probe_parameters
 
 
 class Overhung(RotorModel):
@@ -20,11 +21,13 @@ class Overhung(RotorModel):
     Args:
         planes: name of the disk plane.
         coupling_mass: allow for ``-w^2 m12`` beside k12, which a shaft with mass leaves when condensed to the disk.
+        betas: a factor of the disk's probe, ``beta1``, known to be 1 unless freed.
     """
 
     name: ClassVar[str] = "overhung"
 
-    def __init__(self, planes: Sequence[str] = ("disk",), *, coupling_mass: bool = False) -> None:
+    def __init__(self, planes: Sequence[str] = ("disk",), *, coupling_mass: bool = False, betas: bool = False) -> None:
+        self.betas = betas
         self.coupling_mass = coupling_mass
         self.planes = one_per_coordinate(planes, 1, self.name)
         self.parameters = (
@@ -41,11 +44,12 @@ class Overhung(RotorModel):
                 if coupling_mass
                 else ()
             ),
+            *(probe_parameters(self.planes, ()) if betas else ()),
         )
 
     def options(self) -> dict[str, Any]:
         """See :meth:`RotorModel.options`."""
-        return {"planes": self.planes, "coupling_mass": self.coupling_mass}
+        return {"planes": self.planes, "coupling_mass": self.coupling_mass, "betas": self.betas}
 
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from rotorfit.models.complexes import Number
 from rotorfit.models.model import Matrix, RotorModel
 from rotorfit.models.one_mode import one_per_coordinate
 from rotorfit.models.parameters import Parameter
+from rotorfit.models.probes import check_probes, probe_parameters
 from rotorfit.models.structure import add_blocks, block_parameters, check_blocks
 
 
@@ -20,13 +20,22 @@ class TwoDisk(RotorModel):
     Args:
         planes: names of the two disk planes.
         blocks: structural blocks to allow for.
+        probes: probes between the planes, ``{"middle": {"inboard": 0.5, "outboard": 0.5}}``: shares of the planes'
+            motion; their factors follow ``beta1`` and ``beta2``.
     """
 
     name: ClassVar[str] = "two-disk"
 
-    def __init__(self, planes: Sequence[str] = ("inboard", "outboard"), *, blocks: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        planes: Sequence[str] = ("inboard", "outboard"),
+        *,
+        blocks: Sequence[str] = (),
+        probes: Mapping[str, Mapping[str, float]] | None = None,
+    ) -> None:
         self.planes = one_per_coordinate(planes, 2, self.name)
         self.blocks = check_blocks(blocks)
+        self.probes = check_probes(probes, self.planes, self.name)
         self.parameters = (
             Parameter("M1", "kg", "modal mass of the first disk", scale=1.0, lower=0.0),
             Parameter("M2", "kg", "modal mass of the second disk", scale=1.0, lower=0.0),
@@ -37,14 +46,17 @@ class TwoDisk(RotorModel):
             Parameter("D12", "N s/m", "damping coupling, first row", scale=10.0),
             Parameter("D21", "N s/m", "damping coupling, second row", scale=10.0),
             Parameter("D22", "N s/m", "damping of the second disk", scale=10.0),
-            Parameter("beta1", "1", "modal correction factor of the first probe", lower=0.0, default=1.0, nominal=1.0),
-            Parameter("beta2", "1", "modal correction factor of the second probe", lower=0.0, default=1.0, nominal=1.0),
+            *probe_parameters(self.planes, self.probes),
             *block_parameters(self.blocks, 2),
         )
 
     def options(self) -> dict[str, Any]:
         """See :meth:`RotorModel.options`."""
-        return {"planes": self.planes, "blocks": self.blocks}
+        return {
+            "planes": self.planes,
+            "blocks": self.blocks,
+            "probes": {name: dict(shares) for name, shares in self.probes},
+        }
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """See :meth:`RotorModel.equation`."""
@@ -52,7 +64,3 @@ class TwoDisk(RotorModel):
         damping = [[p.D11, -p.D12], [-p.D21, p.D22]]
         mass = [[p.M1, 0.0], [0.0, p.M2]]
         return add_blocks([stiffness, damping, mass], self.blocks, p, speed)
-
-    def probe_factors(self, p: Any) -> Sequence[Number]:
-        """The probes' modal correction factors."""
-        return [p.beta1, p.beta2]

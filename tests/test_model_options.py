@@ -33,6 +33,8 @@ def variants(name: str) -> list[dict[str, Any]]:
         found.append({**fluid, "two_lam": True})
     if "law" in options:
         found += [{**fluid, "law": law(), "clearance_um": CLEARANCE_UM} for law in LAWS.values()]
+    if "probes" in options:
+        found.append({"probes": {"between": {model.planes[0]: 0.5}}})
     if name == "modal":
         names = ("a", "b", "c")
         found += [
@@ -43,6 +45,7 @@ def variants(name: str) -> list[dict[str, Any]]:
         ]
     for option, values in {
         "coupling_mass": (True,),
+        "betas": (True,),
         "modes": (2,),
         "torsion": ("stiffness", None),
         "runout": (True,),

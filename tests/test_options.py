@@ -25,6 +25,7 @@ SETTINGS = {
     "orthotropic": ("seal",),
     "law": "muszynska",
     "clearance_um": 127.25,
+    "probes": {"quarter": {"disk": 0.6, "journal": -0.4}},
     "known": {"K3": 6000.0, "sigma": None},
     "bounds": {"lam": (0.0, 0.6), "K0": (-float("inf"), 1e5)},
     "priors": {"Mf": stats.norm(0.4, 0.1)},

@@ -10,7 +10,7 @@ import numpy as np
 
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.observations import OnResponses, Responses
-from rotorfit.estimators.blocks.response import inverse
+from rotorfit.estimators.blocks.response import inverse, read_by_probes, read_by_probes_jacobian
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.motion.journal import Journal, journal
 from rotorfit.models.motion.line_stiffness import known_structure, line_stiffness
@@ -128,7 +128,7 @@ class OrbitResponses(OnResponses):
         if self.base.imposed:
             coordinates = range(state.H.shape[0])
             return self._read([self.base.force[:, i] / state.H[i, i] for i in coordinates])
-        return self._read(list(state.amplitude))
+        return read_by_probes(self.base, theta, self._read(list(state.amplitude)))
 
     def _read(self, values: list[ComplexArray]) -> ComplexArray:
         """Readings, shape ``(..., R)``, of what every coordinate does, shape ``(..., L)`` each."""
@@ -167,7 +167,8 @@ class OrbitResponses(OnResponses):
             for slope in slopes:
                 slope[:count] += slope[count] * orbit
         by_theta = [slope[:count] for slope in slopes]
-        return self._read(values), np.moveaxis(self._read(by_theta), 0, -1)
+        predicted, derivative = self._read(values), np.moveaxis(self._read(by_theta), 0, -1)
+        return (predicted, derivative) if base.imposed else read_by_probes_jacobian(base, theta, predicted, derivative)
 
     def _orbit_slopes(self, state: _State, slopes: ComplexArray) -> Float:
         """Derivatives of the eccentricities by the parameters, shape ``(P, ..., L)``; zero where the orbit fills the

@@ -11,12 +11,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
-from rotorfit.models.model import CompiledModel
+from rotorfit.models.model import CompiledModel, RotorModel
 from rotorfit.models.motion.line_stiffness import known_structure
 from rotorfit.models.shafts.shaft import KnownStiffness
 
@@ -190,28 +190,54 @@ def response_sensitivities(
 
 def respond(block: Responses, theta: Float) -> ComplexArray:
     """Predicted readings, shape ``(..., R)``."""
-    predicted = _read(block, _amplitude(block, _receptance(block, theta)))
-    functions = block.model.functions
-    return (
-        predicted * functions.factors(theta)[..., block.reading_group, block.coordinate]
-        if functions.has_probe_factors
-        else predicted
-    )
+    return read_by_probes(block, theta, _read(block, _amplitude(block, _receptance(block, theta))))
 
 
 def respond_jacobian(block: Responses, theta: Float) -> tuple[ComplexArray, ComplexArray]:
     """Predicted readings, shape ``(..., R)``, and derivatives by the group's parameters, shape ``(..., P, R)``."""
     H = _receptance(block, theta)
     amplitude = _amplitude(block, H)
-    predicted = _read(block, amplitude)
     derivative = _derivatives(block, theta, _rows(block, H), amplitude.take(block.line, axis=-1))
+    predicted, by_theta = read_by_probes_jacobian(
+        block, theta, _read(block, amplitude), np.swapaxes(derivative, -1, -2)
+    )
+    return predicted, np.swapaxes(by_theta, -1, -2)
+
+
+class Read(Protocol):
+    """Readings, each of a coordinate in a group."""
+
+    @property
+    def model(self) -> RotorModel:
+        """The rotor."""
+
+    @property
+    def reading_group(self) -> Index:
+        """Group of each reading."""
+
+    @property
+    def coordinate(self) -> Index:
+        """Coordinate of each."""
+
+
+def read_by_probes(block: Read, theta: Float, motion: ComplexArray) -> ComplexArray:
+    """Readings of motion ``(..., R)`` by probes with factors."""
+    functions = block.model.functions
+    if not functions.has_probe_factors:
+        return motion
+    return np.asarray(motion * functions.factors(theta)[..., block.reading_group, block.coordinate])
+
+
+def read_by_probes_jacobian(
+    block: Read, theta: Float, motion: ComplexArray, by_theta: ComplexArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """The same with derivatives by the group's parameters, shape ``(..., R, P)``."""
     functions, group, coordinate = block.model.functions, block.reading_group, block.coordinate
-    if functions.has_probe_factors:
-        factor = functions.factors(theta)[..., group, coordinate]
-        slope = np.swapaxes(functions.factor_jacobian(theta)[..., group, coordinate, :], -1, -2)
-        derivative = derivative * factor[..., None, :] + slope * predicted[..., None, :]
-        predicted = predicted * factor
-    return predicted, derivative
+    if not functions.has_probe_factors:
+        return motion, by_theta
+    factor = functions.factors(theta)[..., group, coordinate]
+    slope = functions.factor_jacobian(theta)[..., group, coordinate, :]
+    return motion * factor, by_theta * factor[..., None] + slope * motion[..., None]
 
 
 def displacement_to_force(block: Responses, theta: Float) -> ComplexArray:

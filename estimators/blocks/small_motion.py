@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 
 from rotorfit.estimators.blocks.nonlinear import inverse_of_lines
+from rotorfit.estimators.blocks.response import read_by_probes, read_by_probes_jacobian
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Text
 from rotorfit.models.motion.journal import journal
@@ -68,7 +69,7 @@ class OffCentreResponses:
 
         Of vectors of shape ``(..., G, P)`` it gives ``(..., R)``.
         """
-        return self._read(self._solve(theta)[2])
+        return read_by_probes(self, theta, self._read(self._solve(theta)[2]))
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""
@@ -91,7 +92,7 @@ class OffCentreResponses:
         by_conjugate = left[n + seat.at] * (turn.conj() * ahead + behind)
         coupling = seat.coupling_jacobian(vectors, self.speed, self.eccentricity)[..., self.line]
         total -= by_coupling * coupling + by_conjugate * coupling.conj()
-        return self._read(amplitude), np.moveaxis(total, 0, -1)
+        return read_by_probes_jacobian(self, theta, self._read(amplitude), np.moveaxis(total, 0, -1))
 
     def _known(self, vectors: Float, left: ComplexArray, right: ComplexArray, total: ComplexArray) -> None:
         """Add what the scale factors of a known structure change."""

@@ -64,7 +64,7 @@ def terms_left_out(model: RotorModel) -> tuple[LeftOut, ...]:
     """
     if model.frame != "z" or any(c.axis != "z" for c in model.coordinates):
         return ()
-    planes, blocks = [c.plane for c in model.coordinates], getattr(model, "blocks", ())
+    planes, blocks = list(model.planes), getattr(model, "blocks", ())
     found = []
     for i, first in enumerate(planes):
         for j in range(i, min(i + 2, len(planes))):

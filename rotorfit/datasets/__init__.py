@@ -40,6 +40,13 @@ def rig_open() -> Experiment:
     return read(path("rig_open.csv"))
 
 
+def rig_lumped() -> Experiment:
+    """Disk/journal rig in a fluid-lubricated bearing, two masses as in eq. (18), 1 % noise."""
+    from rotorfit.io.files import read
+
+    return read(path("rig_lumped.csv"))
+
+
 def two_disk() -> Experiment:
     """Two-disk rotor, synchronous start-ups with a calibration weight at 0 and 180 degrees in each plane."""
     from rotorfit.io.files import read

@@ -47,7 +47,7 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
     """Lay a fit out as an optimisation problem."""
     if not isinstance(model, RotorModel):
         raise TypeError(f"the model must be an instance such as rf.models.WhirlWhip(), not {model!r}")
-    several = as_tuple(experiments)
+    several, model = as_tuple(experiments), _with_betas(model, settings)
     if settings.loss not in LOSSES:
         raise ValueError(unknown_name("loss", settings.loss, LOSSES))
     for name in settings.per:
@@ -77,6 +77,13 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
     if space.size > problem.n_data:
         raise ValueError(f"{space.size} unknowns but only {problem.n_data} real data: fix parameters or add readings")
     return problem
+
+
+def _with_betas(model: RotorModel, settings: FitSettings) -> RotorModel:
+    """The model with factors of its probes where settings name one."""
+    names = {*settings.known, *settings.bounds, *settings.priors, *settings.per, *settings.start}
+    asked = {name for name in names if name.startswith("beta")} - set(model.parameter_names)
+    return model.variant(betas=True) if asked and "betas" in model.options() else model
 
 
 def _observed(

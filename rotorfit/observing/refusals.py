@@ -39,10 +39,10 @@ def check_planes(
     model: RotorModel, test: Experiment, planes: Sequence[str], forced: Sequence[str], *, forces: str
 ) -> None:
     """Refuse planes that the model does not have."""
-    if not {*planes, *forced} <= set(model.planes):
+    if not (set(planes) <= set(model.read_planes) and set(forced) <= set(model.planes)):
         raise ValueError(
             f"{test.source or test.title} has planes {', '.join(planes)} and {forces} {', '.join(forced)}, the model "
-            f"{model.name} has {', '.join(model.planes)}. Map names with {type(model).__name__}(planes=(...)) or "
+            f"{model.name} has {', '.join(model.read_planes)}. Map names with {type(model).__name__}(planes=(...)) or "
             f"--planes{_or_fewer(len({*planes, *forced}), model)}"
         )
 

@@ -201,6 +201,22 @@ def _common_word(word: str) -> str:
     return word
 
 
+def _shares_word(word: str) -> dict[str, float]:
+    """``0.6*disk+0.4*journal`` as shares by plane."""
+    shares: dict[str, float] = {}
+    for term in word.replace("-", "+-").split("+"):
+        share, star, plane = term.partition("*")
+        if term and not (star and plane.strip()):
+            raise ValueError("give shares of planes, such as 0.6*disk+0.4*journal")
+        if term:
+            shares[plane.strip()] = number_word(share)
+    return shares
+
+
+def _shares_written(shares: Mapping[str, float]) -> str:
+    return "+".join(f"{share:.10g}*{plane}" for plane, share in shares.items()).replace("+-", "-")
+
+
 def _two(word: str) -> tuple[str, str]:
     first, colon, second = word.partition(":")
     if not colon:
@@ -270,6 +286,9 @@ KINDS: Mapping[str, Kind] = {
     "Mapping[str, tuple[float, float]]": Kind(toml=table(pair), word=_range_word, written=_range_written, paired=True),
     "Mapping[str, Any]": Kind(toml=table(prior), word=_gaussian_word, written=_gaussian_written, paired=True),
     "Mapping[str, str]": Kind(toml=table(text), word=str, written=str, paired=True),
+    "Mapping[str, Mapping[str, float]]": Kind(
+        toml=table(table(number)), word=_shares_word, written=_shares_written, paired=True
+    ),
     "Mapping[str, float | Mapping[str, float]]": Kind(
         toml=table(uncertainty), word=number_word, written=_digits, paired=True
     ),

@@ -25,6 +25,9 @@ class StudyOptions(FitOptions):
     orthotropic: tuple[str, ...] = option((), "planes whose supports differ in two directions", "A,B")
     law: str = option("", "law of eccentricity: muszynska, even-polynomial, ...", "NAME")
     clearance_um: float | None = option(None, "radial clearance at the fluid, for a law", "UM")
+    probes: Mapping[str, Mapping[str, float]] = option(
+        {}, "probe between planes, as shares of their motion; its factor beta can be freed", "NAME=0.6*disk+0.4*journal"
+    )
     modes: int = option(0, "modes of the model modal", "N")
     gains: str = option("", "modal: a complex gain for each probe, or for each plane", "KIND")
     apart: bool = option(False, "modal: x and y have natural frequencies and damping ratios of their own")
@@ -69,7 +72,7 @@ def _options() -> dict[str, Option]:
 
 FIT: Mapping[str, Option] = _options()
 """Options of ``rotorfit fit`` and of a study, by name."""
-MODEL = ("planes", "blocks", "two_lam", "orthotropic")
+MODEL = ("planes", "blocks", "two_lam", "orthotropic", "probes")
 LAW = ("law", "clearance_um")
 PARAMETERS = ("known", "bounds", "priors", "start")
 UNCERTAINTY = ("calibration", "assumptions", "profile", "bootstrap", "sample", "seed", "ess", "max_steps")

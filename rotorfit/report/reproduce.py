@@ -157,6 +157,10 @@ def _distribution(prior: Any) -> str:
 # ---- command line ------------------------------------------------------------------------------
 
 
+_MODEL_OPTIONS = {"planes", "blocks", "two_lam", "law", "clearance_um", "modes", "gains", "apart", "probes", "betas"}
+"""Options of models that the command line has, ``betas`` by a value that is known or free."""
+
+
 def _command(material: ReportInput) -> str:
     """The call of the command line, empty where it cannot say what was asked for."""
     fit, refined = _origin(material)
@@ -168,7 +172,7 @@ def _command(material: ReportInput) -> str:
         fit.method == "least squares"
         and model.name in MODELS
         and all(e.source for e in fit.experiments)
-        and set(options) <= {"planes", "blocks", "two_lam", "law", "clearance_um", "modes", "gains", "apart"}
+        and set(options) <= _MODEL_OPTIONS
         and ("law" not in options or options["law"] in [law() for law in LAWS.values()])
     )
     if not expressible:

@@ -25,7 +25,8 @@ def static_load(
     rests = [rest_under(rig, speed, turned, plane) for speed in speeds.tolist()]
     planes = [number for number, c in enumerate(rig.model.coordinates) if c.axis == "z"]
     cases = list(product(range(speeds.size), planes, range(loads.size)))
-    exact = np.array([rests[i][k, c] for i, c, k in cases])
+    factors = rig.model.functions.factors(rig.theta)  # of the probes
+    exact = np.array([rests[i][k, c] * factors[c] for i, c, k in cases])
     sigma = rig.sigma(exact, np.array([(i, c) for i, c, _ in cases]))
     acts = rig.model.coordinates[rig.seat].plane if plane is None else plane
     return StaticTest(

@@ -53,6 +53,8 @@ def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
         if study.law not in LAWS:
             raise ValueError(unknown_name("law", study.law, LAWS))
         options["law"] = LAWS[study.law]()
+    if study.probes:
+        options["probes"] = study.probes
     if study.clearance_um is not None:
         options["clearance_um"] = study.clearance_um
     model = MODELS[study.model]().variant(**options)

@@ -154,7 +154,7 @@ def _structure(fit: FitResult) -> list[LeftOut]:
 
 def _offsets(fit: FitResult) -> list[Offset]:
     """Probes and forces that are not at their planes, towards the next plane."""
-    size = len(fit.model.coordinates)
+    size = len(fit.model.planes)
     blocks = [responses_of(block) for block in fit.problem.blocks if is_linear(block)]
     if size < 2 or fit.model.frame != "z":
         return []
@@ -164,6 +164,7 @@ def _offsets(fit: FitResult) -> list[Offset]:
         Offset(kind=kind, at=at, towards=at + 1 if at + 1 < size else at - 1)
         for kind, places in (("probe", read), ("force", driven))
         for at in sorted(places)
+        if at < size
     ]
 
 

@@ -1,0 +1,204 @@
+"""Factors of probes and probes between the planes, beside sigma, a law of eccentricity and stiffness."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import optimize, stats
+from slow_cases import slow_but
+
+import rotorfit as rf
+from rotorfit.models.array_types import ComplexArray
+
+RPM = np.pi / 30
+CLEARANCE = 200e-6
+SHARES = {"disk": 0.6, "journal": 0.4}
+TRUE = {
+    "Md": 1.0, "Ds": 4.0, "K1": 16e3, "K2": 24e3, "sigma": 1.05, "Mb": 0.3, "K3": 6e3, "K0": 1e4, "D": 450.0,
+    "lam": 0.475, "Mf": 0.35, "n_K": 1.5, "n_D": 1.0, "b": 0.4, "beta1": 1.0, "beta2": 0.9, "beta3": 1.08,
+}  # fmt: skip
+ONE = {name: TRUE[name] for name in ("K0", "D", "lam", "Mf", "n_K", "n_D", "b")} | {"M": 1.0, "K": 6e3, "Ds": 5.0}
+KNOWN = {"K3": 6e3, "beta1": 1.0, "beta2": None, "beta3": None}
+NOISE = 0.01
+DRAWS = 60
+
+
+def orbit(p: dict[str, float], speed: float, w: float, force: ComplexArray) -> ComplexArray:
+    """Motion of disk and journal under a circular force, by a root of the journal's eccentricity alone."""
+
+    def moved(e: float) -> ComplexArray:
+        stiff, damping = p["K0"] * (1 - e**2) ** -p["n_K"], p["D"] * (1 - e**2) ** -p["n_D"]
+        slip = 1j * (w - p["lam"] * (1 - e) ** p["b"] * speed)
+        fluid = stiff + damping * slip + p["Mf"] * slip**2
+        kappa = np.array(
+            [
+                [p["K1"] + p["K2"] - p["Md"] * w**2 + 1j * p["Ds"] * w, -p["K2"] * p["sigma"]],
+                [-p["K2"], p["K3"] + p["K2"] * p["sigma"] - p["Mb"] * w**2 + fluid],
+            ]
+        )
+        return np.linalg.solve(kappa, force)
+
+    def excess(e: float) -> float:
+        return float(abs(moved(e)[1]) / CLEARANCE - e)
+
+    return moved(optimize.brentq(excess, 0.0, 0.98, xtol=1e-14))
+
+
+@cache
+def clean() -> list[tuple[float, float, str, float, ComplexArray]]:
+    """Lines of sweeps at two speeds, both planes, both ways and two levels of force, without noise or factors."""
+    found = []
+    for speed in (1000 * RPM, 1800 * RPM):
+        for at, plane in enumerate(SHARES):
+            for level in (0.3, 2.0):
+                for w in np.r_[-np.linspace(60.0, 320.0, 10), np.linspace(60.0, 320.0, 10)].tolist():
+                    force = np.zeros(2)
+                    force[at] = level
+                    found.append((speed, w, plane, level, orbit(TRUE, speed, w, force)))
+    return found
+
+
+def measured(seed: int) -> rf.PerturbationTest:
+    """What three probes read of it."""
+    rng, rows = np.random.default_rng(seed), []
+    for speed, w, plane, level, z in clean():
+        probes = {
+            "disk": TRUE["beta1"] * z[0],
+            "journal": TRUE["beta2"] * z[1],
+            "quarter": TRUE["beta3"] * (SHARES["disk"] * z[0] + SHARES["journal"] * z[1]),
+        }
+        for name, value in probes.items():
+            sigma = NOISE * abs(value)
+            noisy = value + sigma * (rng.normal() + 1j * rng.normal())
+            rows.append((f"{plane}-{level}-{np.sign(w):.0f}-{speed:.0f}", speed, w, plane, level, name, noisy, sigma))
+    run, speed, w, plane, level, name, value, sigma = (np.array(column) for column in zip(*rows, strict=True))
+    return rf.perturbation_test(
+        run=run, speed=speed, frequency=w, force_plane=plane, force=level, plane=name, direction="z",
+        response=value, sigma=sigma,
+    )  # fmt: skip
+
+
+def model() -> rf.models.WhirlWhip:
+    return rf.models.WhirlWhip(law=rf.models.Muszynska(), clearance_um=1e6 * CLEARANCE, probes={"quarter": SHARES})
+
+
+@pytest.mark.parametrize("draws", slow_but([DRAWS, 20], 20))
+def test_sigma_beta_law_and_stiffness_come_out_of_one_set(draws: int) -> None:
+    pulls = {}
+    for seed in range(draws):
+        fit = rf.fit(model(), measured(seed), known=KNOWN)
+        assert fit.success
+        assert not fit.identifiability.unresolved
+        for name, p in fit.params.items():
+            if p.vary:
+                pulls.setdefault(name, []).append((p.value - TRUE[name]) / p.stderr)
+    assert len(pulls) == 15
+    low, high = stats.chi2.ppf([1e-4, 1 - 1e-4], draws)
+    for name, values in pulls.items():
+        assert low < np.sum(np.square(values)) < high, name
+        assert abs(np.mean(values)) < 4 / np.sqrt(draws), name
+
+
+def test_static_loads_are_read_by_the_same_probes() -> None:
+    """A constant load is the line at zero frequency: readings with a factor are those without it, times the factor."""
+    rotor = rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=1e6 * CLEARANCE)
+    true = {
+        "M": 1.0,
+        "K": 6e3,
+        "Ds": 5.0,
+        "K0": 1e4,
+        "D": 450.0,
+        "lam": 0.475,
+        "Mf": 0.35,
+        "n_K": 1.5,
+        "n_D": 1.0,
+        "b": 0.4,
+    }
+    load = np.array([0.2, 0.5, 1.0, 1.5, 2.0])
+    plain = rf.simulate(rotor, true, "static-load", speed_rpm=1500, load=load.tolist(), noise=0.0)
+    off = rf.simulate(
+        rotor.variant(betas=True), {**true, "beta1": 0.8}, "static-load", speed_rpm=1500, load=load.tolist(), noise=1e-6
+    )
+    np.testing.assert_allclose(off.displacement, 0.8 * plain.displacement, rtol=1e-4)
+    known = {name: true[name] for name in ("M", "Ds", "Mf", "K", "n_K", "n_D", "b", "lam")}
+    fit = rf.fit(rotor, off, known={**known, "beta1": None})
+    assert fit.params["beta1"].value == pytest.approx(0.8, rel=1e-4)
+    assert fit.params["D"].value == pytest.approx(450.0, rel=1e-3)
+
+
+def test_derivatives_of_readings_off_the_centre_hold_the_factors() -> None:
+    from rotorfit.fitting.problem_setup import build_problem
+    from rotorfit.fitting.settings import FitSettings
+
+    rotor = rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=1e6 * CLEARANCE, betas=True)
+    true = {
+        "M": 1.0,
+        "K": 6e3,
+        "Ds": 5.0,
+        "K0": 1e4,
+        "D": 450.0,
+        "lam": 0.475,
+        "Mf": 0.35,
+        "n_K": 1.5,
+        "n_D": 1.0,
+        "b": 0.4,
+    }
+    test = rf.simulate(
+        rotor, {**true, "beta1": 0.8}, speed_rpm=1500, frequency_rpm=np.array([600.0, 1500.0]), force=0.02, load=-1j
+    )
+    problem = build_problem(rotor, test, FitSettings(known={"beta1": None, "M": 1.0, "K": 6e3, "Mf": 0.35}))
+    values = {**true, "beta1": 0.8}
+    x = np.array([values[name] for name in problem.space.names])
+    assert problem.cost(x) < 10 * problem.n_data  # the truth is near the optimum
+    jacobian = problem.jacobian(x)[1]
+    for i, name in enumerate(problem.space.names):
+        step = 1e-5 * abs(x[i])
+        ahead, behind = x.copy(), x.copy()
+        ahead[i] += step
+        behind[i] -= step
+        numeric = (problem.residuals(ahead) - problem.residuals(behind)) / (2 * step)
+        np.testing.assert_allclose(jacobian[:, i], numeric, atol=1e-6 * np.abs(numeric).max(), err_msg=name)
+
+
+def test_what_probes_refuse() -> None:
+    with pytest.raises(ValueError, match="plane of the probe 'quarter'"):
+        rf.models.WhirlWhip(probes={"quarter": {"dsik": 1.0}})
+    with pytest.raises(ValueError, match="a plane 'disk' of its own"):
+        rf.models.WhirlWhip(probes={"disk": {"journal": 1.0}})
+    with pytest.raises(ValueError, match="needs shares"):
+        rf.models.Chain(3, probes={"quarter": {}})
+    with pytest.raises(KeyError, match="quarter is a probe between the planes"):
+        model().force_vector("quarter", 1.0, 1.0)
+    rig = rf.datasets.rig_lumped()
+    with pytest.raises(KeyError, match="beta3"):
+        rf.fit(rf.models.WhirlWhip(), rig, known={"beta3": None})
+
+
+def test_a_factor_that_nothing_else_tells_is_called_undetermined() -> None:
+    """Every entry of the journal's column but K2 is off by it, and K2 is told apart by sigma alone."""
+    fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), known={"K3": 6e3, "beta2": None})
+    assert "beta2" in fit.identifiability.unresolved
+    known = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), known={"K3": 6e3, "beta2": None, "sigma": 1.0})
+    assert abs(known.params["beta2"].value - 1) < 4 * known.params["beta2"].stderr
+
+
+def test_saved_and_on_the_command_line(tmp_path, capsys) -> None:
+    from rotorfit.cli.main import main
+
+    fit = rf.fit(model(), measured(0), known=KNOWN)
+    fit.save(tmp_path / "fit.json")
+    again = rf.load_fit(tmp_path / "fit.json")
+    assert again.model == fit.model
+    assert again.params["beta3"].value == fit.params["beta3"].value
+    rf.write(measured(0), tmp_path / "three.csv")
+    words = ["fit", str(tmp_path / "three.csv"), "--model", "whirl-whip", "--law", "muszynska", "--clearance-um", "200"]
+    words += ["--probes", "quarter=0.6*disk+0.4*journal", "--known", "K3=6000", "--known", "beta2=free,beta3=free"]
+    out = tmp_path / "out"
+    assert main([*words, "--out", str(out), "--no-figures", "--quiet"]) == 0
+    assert rf.load_fit(out / "fit.json").params["beta2"].value == pytest.approx(fit.params["beta2"].value, rel=1e-4)
+    report = (out / "report.html").read_text(encoding="utf-8")
+    assert "--probes quarter=0.6*disk+0.4*journal" in report.replace("&#x27;", "")
+    assert main([*words[:-6], "--probes", "quarter=disk"]) == 2
+    assert "0.6*disk+0.4*journal" in capsys.readouterr().err
