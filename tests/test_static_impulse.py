@@ -391,7 +391,7 @@ def test_files_round_trip(tmp_path: Path, suffix: str, number: int) -> None:
         if column.name in ("source", "attributes"):
             continue
         mine, theirs = getattr(test, column.name), getattr(back, column.name)
-        if mine.dtype.kind == "U":
+        if mine.dtype.kind in "UO":
             assert mine.tolist() == theirs.tolist()
         else:
             scale = np.nanmax(np.abs(mine), initial=0.0)
