@@ -113,6 +113,23 @@ def test_start_ups_with_a_kept_weight_are_compared_with_the_reference_and_fitted
     assert 0.6 < fit.redchi < 1.3
 
 
+def test_the_virtual_rig_keeps_weights_and_gives_the_rotor_back() -> None:
+    """By integration in time, which knows nothing of the phasors that a fit solves."""
+    values = {"M1": 0.73, "M2": 0.79, "K1": 18900.0, "K2": 63700.0, "K3": 22600.0}
+    values |= {"D11": 14.2, "D12": 7.0, "D21": 7.0, "D22": 14.8}
+    test = rf.simulate(
+        rf.models.TwoDisk(), values, "synchronous", speed_rpm=np.linspace(900, 5200, 18), kept=True,
+        unbalance={"inboard": 2e-4, "outboard": 1e-4}, residual={"outboard": 3e-5 + 2e-5j}, noise=0.0,
+    )  # fmt: skip
+    assert isinstance(test, rf.PerturbationTest)
+    assert test.runs == ("reference", "inboard", "inboard + outboard")
+    fit = rf.fit(rf.models.TwoDisk(), rf.difference_synchronous(test))
+    for name, value in values.items():
+        assert fit.params[name].value == pytest.approx(value, rel=1e-4), name  # integrated to 1e-6, resonances at 4 %
+    with pytest.raises(ValueError, match="weights that are kept need a residual unbalance"):
+        rf.simulate(rf.models.TwoDisk(), values, "synchronous", speed_rpm=[900, 1000], unbalance=1e-4, kept=True)
+
+
 def test_a_saved_fit_keeps_several_forces(tmp_path: Path) -> None:
     test = rf.difference_synchronous(start_ups(np.random.default_rng(3)))
     fit = rf.fit(rf.models.TwoDisk(), test)

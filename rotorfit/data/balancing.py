@@ -13,7 +13,7 @@ from rotorfit.data.synchronous import SPEED_TOLERANCE
 from rotorfit.data.weights import Influences
 from rotorfit.estimators.blocks.correlated import quantile
 from rotorfit.estimators.inference.correction_weights import Correction, alike, correct, own_shares
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import ROUND_OFF, ComplexArray, Float, Index
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.text_table import text_table
 from rotorfit.units import RPM_PER_RAD_S
@@ -196,7 +196,7 @@ def balance(
         readings=tuple(influences.channels[channel] for channel in solved.channel[cells].tolist()),
         speed=solved.speed[solved.dwell[cells]],
         before=coefficients[:, 0],
-        expected=found.left,
+        expected=np.where(np.abs(found.left) < ROUND_OFF * np.abs(coefficients[:, 0]).max(), 0.0, found.left),
         importance=importance,
         stderr=np.hypot(found.left_error, mounting),
         at_limit=at_limit,

@@ -10,9 +10,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotorfit.data.experiments import DisplacementTest, PerturbationTest, perturbation_test
+from rotorfit.data.experiments import (
+    DisplacementTest,
+    PerturbationTest,
+    none_further,
+    perturbation_test,
+    records,
+)
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import ComplexArray, Float, Index, Text
+from rotorfit.models.array_types import ComplexArray, Float, Index, Records, Text
 from rotorfit.simulation.rig import VirtualRig, positive, rates_rpm, some_planes
 from rotorfit.simulation.steady_state import Steady, steady_state
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
@@ -29,6 +35,7 @@ class _Lines:
     speed: Float
     frequency: Float
     phasor: ComplexArray
+    further: Records
     force: ComplexArray
     load: ComplexArray
     decay: Float
@@ -72,6 +79,7 @@ def perturbation(
                 "speed": np.full(w.size, speed),
                 "frequency": w,
                 "phasor": phasor,
+                "further": none_further(w.size),
                 "force": rig.model.force_vector(plane, w, phasor),
                 "load": np.tile(constant, (w.size, 1)),
                 "decay": np.full(w.size, decay[speed]),
@@ -103,26 +111,37 @@ def synchronous(
     unbalance: float | Mapping[str, float],
     residual: Mapping[str, complex] | None = None,
     planes: str | Sequence[str] | None = None,
+    kept: bool = False,
 ) -> PerturbationTest:
-    """Start-ups with a calibration weight at 0 and at 180 degrees at each plane (eqs 19 to 23)."""
+    """Start-ups with a calibration weight at 0 and at 180 degrees at each plane (eqs 19 to 23).
+
+    With ``kept``, as in balancing: one without a weight, then one weight more in each, those before staying in.
+    """
     speed = positive("speed_rpm", speed_rpm) * RAD_S_PER_RPM
     model = rig.model
     decay = np.array([rig.decay(v) for v in speed.tolist()])
     rest = np.zeros((speed.size, len(model.coordinates)), dtype=complex)
+    if kept and not any((residual or {}).values()):
+        raise ValueError("weights that are kept need a residual unbalance: the run without a weight would not move")
     for plane, weight in (residual or {}).items():
         rest += model.force_vector(plane, speed, weight * speed**2)
+    weights = {
+        plane: float(unbalance[plane] if isinstance(unbalance, Mapping) else unbalance)
+        for plane in some_planes(model, planes)
+    }
     parts = []
-    for number, (plane, degrees) in enumerate(product(some_planes(model, planes), (0, 180))):
-        weight = float(unbalance[plane] if isinstance(unbalance, Mapping) else unbalance)
-        phasor = weight * np.exp(1j * np.radians(degrees)) * speed**2
+    for number, (run, loads) in enumerate((_kept(weights) if kept else _opposite(weights)).items()):
+        forces = [(plane, weight * speed**2) for plane, weight in loads]
+        (first, phasor), *further = forces
         parts.append(
             {
-                "run": np.full(speed.size, f"{plane} {degrees} deg"),
-                "plane": np.full(speed.size, plane),
+                "run": np.full(speed.size, run),
+                "plane": np.full(speed.size, first),
                 "speed": speed,
                 "frequency": speed,
                 "phasor": phasor,
-                "force": model.force_vector(plane, speed, phasor) + rest,
+                "further": records(tuple((at, f[k].item()) for at, f in further) for k in range(speed.size)),
+                "force": rest + np.sum([model.force_vector(at, speed, f) for at, f in forces], axis=0),
                 "load": np.zeros_like(rest),
                 "decay": decay,
                 "sweep": np.full(speed.size, 2 * number),
@@ -130,6 +149,21 @@ def synchronous(
         )
     lines = _Lines(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
     return _test(rig, lines, _steady(rig, lines, "rest"), off_centre=False)
+
+
+def _opposite(weights: Mapping[str, float]) -> dict[str, list[tuple[str, complex]]]:
+    """Weights of each run: one at 0, then at 180 degrees, plane by plane."""
+    return {
+        f"{plane} {degrees} deg": [(plane, weight * np.exp(1j * np.radians(degrees)))]
+        for (plane, weight), degrees in product(weights.items(), (0, 180))
+    }
+
+
+def _kept(weights: Mapping[str, float]) -> dict[str, list[tuple[str, complex]]]:
+    """Weights of each run: none, then one more in each."""
+    loads: list[tuple[str, complex]] = [(plane, complex(weight)) for plane, weight in weights.items()]
+    runs = {" + ".join(plane for plane, _ in loads[:count]): loads[:count] for count in range(1, len(loads) + 1)}
+    return {"reference": [(loads[0][0], 0j)]} | runs
 
 
 def displacement(
@@ -225,6 +259,7 @@ def _test(rig: VirtualRig, lines: _Lines, steady: Steady, *, off_centre: bool) -
                 "frequency": lines.frequency,
                 "force_plane": lines.plane,
                 "force": lines.phasor,
+                "further_forces": lines.further,
                 "plane": np.full(sigma.size, coordinate.plane),
                 "direction": np.full(sigma.size, direction),
                 "response": rig.noisy(exact, sigma),

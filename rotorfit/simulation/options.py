@@ -23,6 +23,7 @@ class ExperimentOptions(TypedDict, total=False):
     unbalance: complex | Sequence[complex] | Mapping[str, float] | None  # force, N, or m r, kg m, with its phase
     planes: str | Sequence[str] | None  # planes that are forced, all by default
     order: LineOrder  # in which a sweep goes through its frequencies
+    kept: bool  # whether trial weights stay in, after a run without one, in place of weights at 0 and 180 degrees
     residual: Mapping[str, complex] | None  # unbalance of the rotor itself, kg m, by plane
     amplitude_um: ArrayLike  # radius of an imposed orbit
     load: ArrayLike  # constant load, N, where it acts, and its direction from x towards y

@@ -47,7 +47,7 @@ def simulate(
 
     - ``perturbation``: speed_rpm, frequency_rpm, force or unbalance, planes, order, load, load_plane
     - ``squeeze-film``: frequency_rpm, force or unbalance, planes
-    - ``synchronous``: speed_rpm, unbalance, residual, planes
+    - ``synchronous``: speed_rpm, unbalance, residual, planes, kept
     - ``displacement``: speed_rpm, frequency_rpm, amplitude_um, plane
     - ``static-load``: speed_rpm, load, load_deg, plane
     - ``impulse``: speed_rpm, impulse, load, impulse_deg, load_deg, plane, duration, sampling_hz
