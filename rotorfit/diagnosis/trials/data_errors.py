@@ -116,7 +116,9 @@ def mirrored_orbits(orbits: Sequence[Orbits]) -> Iterator[DataError]:
 
 def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
     """Every error that these data may have."""
-    if not tests or any(test.linear.any() or not (test.force.all() and test.frequency.all()) for test in tests):
+    if not tests or any(
+        test.linear.any() or test.several.any() or not (test.force.all() and test.frequency.all()) for test in tests
+    ):
         return
     if all(_is_constant(test, np.abs(test.force)) for test in tests):
         yield DataError(

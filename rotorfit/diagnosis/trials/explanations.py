@@ -55,7 +55,7 @@ def explained(fit: FitResult, shown: Collection[str] = ()) -> list[Finding]:
     if fit.problem.loss != "linear":
         return []
     tests = [test for test in fit.experiments if isinstance(test, PerturbationTest)]
-    orbits = [orbits_of(test, np.arange(len(test))) for test in tests if test.force.all()]
+    orbits = [orbits_of(test, np.arange(len(test))) for test in tests if test.force.all() and not test.several.any()]
     if "wrong-direction" in shown and (found := _findings(list(_turning_anew(fit, orbits)))):
         return found
     return _findings(list(_explanations(fit, tests, orbits))) if fit.redchi >= _LEAST_REDCHI else []
