@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import cmath
+import dataclasses
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+from nonlinear_rigs import POWER, WHIRL_WHIP, rig
 
 import rotorfit as rf
 from rotorfit.cli import main as cli
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses
+from rotorfit.observing.observations import observe_any
 
 HEAD = (
     "run,speed_rpm,frequency_rpm,force_plane,mr_g_mm,force_phase_lag_deg,plane,direction,amplitude_mil_pp,phase_lag_deg"
@@ -128,6 +132,24 @@ def test_the_virtual_rig_keeps_weights_and_gives_the_rotor_back() -> None:
         assert fit.params[name].value == pytest.approx(value, rel=1e-4), name  # integrated to 1e-6, resonances at 4 %
     with pytest.raises(ValueError, match="weights that are kept need a residual unbalance"):
         rf.simulate(rf.models.TwoDisk(), values, "synchronous", speed_rpm=[900, 1000], unbalance=1e-4, kept=True)
+
+
+def test_orbits_of_a_nonlinear_journal_are_those_of_both_weights_together() -> None:
+    """Against integration in time to 1e-6, at eccentricities up to 0.8, where the orbits of two weights do not add."""
+    model, theta = rig("two planes")
+    weights = {"disk": 8e-4, "journal": 6e-4}
+    test = rf.simulate(
+        model, WHIRL_WHIP | POWER, "synchronous", speed_rpm=[600, 900, 1200], kept=True, unbalance=weights,
+        residual={"disk": 1e-12}, noise=0.0,
+    )  # fmt: skip
+    assert isinstance(test, rf.PerturbationTest)
+    both = test.select(test.several)
+    given = dataclasses.replace(both, sigma=np.full(len(both), 1e-9))
+    block = observe_any(model, given, np.zeros(len(both), dtype=np.intp))
+    assert isinstance(block, OrbitResponses)
+    assert block.eccentricity.max() > 0.5
+    size = np.abs(block.base.measured).max()
+    np.testing.assert_allclose(block.predict(theta[None]), block.base.measured, atol=1e-5 * size)
 
 
 def test_a_saved_fit_keeps_several_forces(tmp_path: Path) -> None:
