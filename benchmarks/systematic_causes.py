@@ -9,7 +9,7 @@ speed, at rest and in the middle of a sweep; the threshold is that of the rig wi
 the interval that is printed, with the systematic share; for that with a share of found causes alone, all plausible
 sizes zero; and for the statistical part alone. A cause is named where the first fixed cause that the fit says is the
 one that acts; where none acts, any is a false alarm. Exit status 1 says that a printed interval holds the truth in less
-than 85 %.
+than 85 %, and that fits do not say either that their model limits them.
 """
 
 from __future__ import annotations
@@ -357,6 +357,7 @@ class Row:
     statistical: float
     wider: float  # median of the printed width over the statistical one
     named: float  # share of the rigs of which the fit says the cause; of those without one, that are given any
+    limited: float  # share of the rigs of which the fit says that its model limits it
 
 
 def study(cause: str, rigs: int, seed: int) -> list[Row]:
@@ -364,7 +365,7 @@ def study(cause: str, rigs: int, seed: int) -> list[Row]:
     rng = np.random.default_rng(seed)
     kind, draw = CAUSES[cause]
     expected = [name for start, name in NAMES.items() if cause.startswith(start)]
-    found, named = [], []
+    found, named, limited = [], [], []
     for _ in range(rigs):
         rig, test = draw(kind(rng), rng)
         fit = rf.fit(MODELS[kind](), measured(rig, test, rng), known=rig.known)
@@ -381,6 +382,7 @@ def study(cause: str, rigs: int, seed: int) -> list[Row]:
         )  # printed, of found causes alone or statistical; quantity, end
         values = np.array([truth[name] for name in QUANTITIES])
         found.append((((ends[..., 0] <= values) & (values <= ends[..., 1])), np.diff(ends, axis=-1)[..., 0]))
+        limited.append(fit.model_limited)
         named.append(said[0].startswith(expected[0]) if said and expected else bool(said) and not expected)
     held = np.mean([held for held, _ in found], axis=0)
     wider = np.median([width[0] / width[-1] for _, width in found], axis=0)
@@ -393,6 +395,7 @@ def study(cause: str, rigs: int, seed: int) -> list[Row]:
             statistical=held[2, i],
             wider=wider[i],
             named=np.mean(named),
+            limited=np.mean(limited),
         )
         for i, name in enumerate(QUANTITIES)
     ]
@@ -408,11 +411,20 @@ def main() -> int:
     command = f"python benchmarks/systematic_causes.py --rigs {options.rigs} --seed {options.seed}"
     where = environment("numpy", "scipy", "casadi")
     write_csv(rows, RESULTS / "systematic_causes.csv", command, where)
-    head = ["cause", "quantity", "printed", "with found causes alone", "statistical alone", "times as wide", "named"]
+    head = [
+        "cause",
+        "quantity",
+        "printed",
+        "with found causes alone",
+        "statistical alone",
+        "times as wide",
+        "named",
+        "limited",
+    ]
     cells = []
     for r in rows:
-        shares = [f"{share:.0%}" for share in (r.printed, r.found, r.statistical, r.named)]
-        cells.append([r.cause, r.quantity, *shares[:3], f"{r.wider:.2g}", shares[3]])
+        shares = [f"{share:.0%}" for share in (r.printed, r.found, r.statistical, r.named, r.limited)]
+        cells.append([r.cause, r.quantity, *shares[:3], f"{r.wider:.2g}", *shares[3:]])
     lines = [
         "# Coverage of 95 % intervals where something acts that the model lacks",
         "",
@@ -423,7 +435,7 @@ def main() -> int:
     ]
     (RESULTS / "systematic_causes.md").write_text("\n".join(lines), encoding="utf-8")
     print("\n".join(lines))
-    return int(any(row.printed < PROMISED for row in rows))
+    return int(any(max(row.printed, row.limited) < PROMISED for row in rows))
 
 
 if __name__ == "__main__":

@@ -12,11 +12,13 @@ from rotorfit.estimators.inference.smooth_causes import Cause, cause_columns, ca
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.run_effects import MixedModel, select_effects
 from rotorfit.fitting.noise.linearised import LinearisedFit
-from rotorfit.fitting.noise.noise_fit import RESPONSE, NoiseFit, sigma_of_residuals, weighing_sigma
+from rotorfit.fitting.noise.noise_fit import RESPONSE, SPEED, NoiseFit, sigma_of_residuals, weighing_sigma
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
 _P_CAUSE = 0.001
 """Probability that a fit that misses nothing is given a fixed cause. Chosen, as of other warnings."""
+_P_BETWEEN = 0.01
+"""Probability that runs that differ at random are given a fixed cause, by values of the runs alone. Chosen."""
 _MOST_CAUSES = 3
 """Causes that are looked for one after the other; where more act, the model is another one."""
 
@@ -61,7 +63,7 @@ def _most_likely(data: LinearisedFit, columns: ComplexArray, own: Sequence[Index
     from scipy.special import fdtrc  # late: loading it takes longer than a fit
 
     fit = NoiseFit.of(replace(data, sigma_given=False), data.sigma, np.zeros(len(data.kinds)))
-    sigma = sigma_of_residuals(fit, (RESPONSE,))[1]
+    sigma = sigma_of_residuals(fit, (RESPONSE, SPEED))[1]
     scale = (sigma / data.sigma)[:, None]
     gains = joint_gains(data.r / scale[:, 0], data.J / scale, columns / scale, data.prior, own)
     F = gains.gain / np.maximum(gains.rank, 1) / ((gains.square - gains.gain) / (gains.freedom - gains.rank))
@@ -76,14 +78,30 @@ def _most_likely(data: LinearisedFit, columns: ComplexArray, own: Sequence[Index
 
 
 def _better_than_runs(data: LinearisedFit, beside: LinearisedFit) -> bool:
-    """True if Akaike's criterion prefers the cause to runs that differ at random, with or without it."""
-    separate = np.array([kind != "run_fluid" for kind in data.kinds])
+    """True if runs that differ at random do not explain as well what a cause does: within the runs, or between them."""
+    from scipy.special import fdtrc  # late: loading it takes longer than a fit
+
+    separate = np.array([kind != "run_fluid" for kind in data.kinds])  # that is K0 and D together
     sigma = weighing_sigma(NoiseFit.of(beside, data.sigma, np.where(separate, np.inf, 0.0)))
-    criteria = []
-    for one in (data, beside):
-        model = MixedModel.of(*one.weighed(sigma), one.rows, one.prior)
-        variance = select_effects(model, level=_P_CAUSE, forced=one.forced)
-        some = np.flatnonzero(variance)
-        likelihood = model.part(some).profile_likelihood(variance[some])
-        criteria.append(2 * (some.size + one.prior.size) - 2 * likelihood)
-    return criteria[1] < criteria[0]
+    plain, with_cause = (MixedModel.of(*one.weighed(sigma), one.rows, one.prior) for one in (data, beside))
+    variance = select_effects(plain, level=_P_CAUSE, forced=data.forced)
+    if np.count_nonzero(variance) <= len(data.forced):
+        return True
+    own = np.flatnonzero(separate)
+    free = np.full(own.size, np.inf)
+    columns = beside.prior.size - data.prior.size
+    left = with_cause.part(own).solve(free).square
+    gain = plain.part(own).solve(free).square - left
+    freedom = 2 * data.r.size - beside.prior.size - own.size * len(data.runs)
+    if freedom > 0 and fdtrc(columns, freedom, gain / columns / (left / freedom)) < _P_CAUSE:
+        return True
+    # Gain in likelihood as of a straight line through one value of each run, which few runs have by chance.
+    spread = select_effects(with_cause, level=_P_CAUSE, forced=data.forced)
+    ratio = 2 * (_likelihood(with_cause, spread) - _likelihood(plain, variance)) / len(data.runs)
+    freedom = len(data.runs) - 1 - columns
+    return freedom > 0 and bool(fdtrc(columns, freedom, freedom / columns * np.expm1(max(ratio, 0.0))) < _P_BETWEEN)
+
+
+def _likelihood(model: MixedModel, variance: Float) -> float:
+    some = np.flatnonzero(variance)
+    return model.part(some).profile_likelihood(variance[some])
