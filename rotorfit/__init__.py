@@ -46,6 +46,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.fitting.structure.refine import Refinement as Refinement
     from rotorfit.fitting.structure.refine import one_lam_test as one_lam_test
     from rotorfit.fitting.structure.refine import refine as refine
+    from rotorfit.io.files import to_dataframe as to_dataframe
     from rotorfit.io.files import write as write
     from rotorfit.monitoring.crack import dated_anisotropy as dated_anisotropy
     from rotorfit.monitoring.observed_stiffness import ObservedStiffness as ObservedStiffness
@@ -71,6 +72,8 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.simulation.simulate import simulate as simulate
     from rotorfit.uncertainty.bootstrap import Bootstrap as Bootstrap
     from rotorfit.uncertainty.budget import Budget as Budget
+    from rotorfit.uncertainty.comparison import Comparison as Comparison
+    from rotorfit.uncertainty.comparison import compare as compare
     from rotorfit.uncertainty.model_average import ModelAverage as ModelAverage
     from rotorfit.uncertainty.model_average import sample_models as sample_models
     from rotorfit.uncertainty.posterior import Posterior as Posterior
@@ -82,6 +85,9 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.uncertainty.stability_report import StabilityReport as StabilityReport
 
 _HOME = {
+    "to_dataframe": "rotorfit.io.files",
+    "Comparison": "rotorfit.uncertainty.comparison",
+    "compare": "rotorfit.uncertainty.comparison",
     "Design": "rotorfit.planning.design",
     "Plan": "rotorfit.planning.record",
     "plan": "rotorfit.planning.plan",

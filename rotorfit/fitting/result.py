@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, NoReturn, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,6 +33,7 @@ from rotorfit.version import renamed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from pandas import DataFrame
 
     from rotorfit.fitting.assumptions.anisotropy import TurningAnisotropy
     from rotorfit.fitting.assumptions.assumption_table import Assumptions
@@ -107,6 +108,13 @@ class FitResult:
         for p in params.values():
             object.__setattr__(p, "fit", self)
         object.__setattr__(self, "params", params)
+
+    def __getattr__(self, name: str) -> NoReturn:
+        """Say where something is that other packages keep on their results."""
+        from rotorfit.fitting.habits import ELSEWHERE
+
+        where = f"; {ELSEWHERE[name]}" if name in ELSEWHERE else ""
+        raise AttributeError(f"a fit has no {name}{where}", name=name, obj=self)
 
     def __repr__(self) -> str:
         """Model, data and goodness of fit, on one line; ``print(fit)`` shows the table of :meth:`summary`."""
@@ -664,6 +672,23 @@ class FitResult:
         return sample(self, **options)
 
     # ---- presentation, imported when asked for ----------------------------------------------------------------------
+
+    def to_dataframe(self) -> DataFrame:
+        """The parameters as a table, a row each, SI: value, standard errors, 95 % interval.
+
+        Example:
+            >>> float(fit.to_dataframe().set_index("parameter").loc["K3", "value"])
+            6000.0
+        """
+        from pandas import DataFrame
+
+        rows = []
+        for p in self.params.values():
+            low, high = p.interval(0.95)
+            errors = {"stderr": p.stderr, "stderr_noise": p.stderr_noise, "systematic": p.systematic}
+            told = {"low": low, "high": high, "unit": p.unit, "vary": p.vary, "determined": p.resolved}
+            rows.append({"parameter": p.name, "value": p.value, **errors, **told, "meaning": p.meaning})
+        return DataFrame(rows)
 
     def summary(self) -> str:
         """Table of the result for a terminal."""

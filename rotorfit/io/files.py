@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,6 +30,9 @@ from rotorfit.io.cells import EXCEL
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import RAD_S_PER_RPM
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 SUFFIXES = {
     ".csv": "csv",
     ".txt": "csv",
@@ -43,7 +48,7 @@ RECORDINGS = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet", ".uf58")
 
 
 def read(
-    path: str | Path,
+    path: str | Path | DataFrame,
     *,
     gains: Mapping[Channel, complex] | None = None,
     delays: Mapping[Channel, float] | None = None,
@@ -69,7 +74,7 @@ def read(
     wide (a column a probe: ``journal_x_um``, ``journal_x_lag_deg``), or an export of a condition-monitoring system.
 
     Args:
-        path: the file.
+        path: the file, or a pandas DataFrame with the columns of a table.
         gains: complex factor by which each channel multiplied its signal; readings are divided by it.
         delays: time by which each channel delayed its signal, s; phases are advanced by ``|w| tau``.
         slow_roll: run-out of each channel, m (rad for slopes), subtracted from once-per-turn readings.
@@ -103,7 +108,8 @@ def read(
     if speed is not None and not np.isfinite(speed):
         raise ValueError(f"speed must be a finite number, rad/s; got {speed!r}")
     table = {"sheet": sheet, "columns": columns, "constants": constants, "on_finding": on_finding}
-    test = _read_raw(path, {"speed": speed, "axes": axes}, table, speed_tolerance)
+    with _as_file(path) as file:
+        test = _read_raw(file, {"speed": speed, "axes": axes}, table, speed_tolerance)
     test = selected(test, where=where, exclude=exclude, drop_near_1x=drop_near_1x)
     options: dict[str, Any] = {
         "gains": gains,
@@ -124,6 +130,18 @@ def read(
     if given:
         raise ValueError(f"{', '.join(given)} correct probe readings; {test.source} is a {type(test).__name__}")
     return test
+
+
+@contextmanager
+def _as_file(path: str | Path | DataFrame) -> Iterator[str | Path]:
+    """The file, that of a table in memory for as long as it is read."""
+    if isinstance(path, str | Path):
+        yield path
+        return
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "DataFrame.csv"
+        path.to_csv(file, index=False)
+        yield file
 
 
 def _tell_uneven(test: PerturbationTest, on_finding: Callable[[Finding], None] | None) -> None:
@@ -227,6 +245,23 @@ def write(experiment: Experiment, path: str | Path) -> None:
     writer = _writer(_format(target))
     with whole_file(target) as draft:
         writer(experiment, draft)
+
+
+def to_dataframe(experiment: Experiment) -> DataFrame:
+    """An experiment as a table with the columns of a tidy CSV, which :func:`read` takes too.
+
+    Args:
+        experiment: what was measured.
+
+    Example:
+        >>> len(rf.to_dataframe(rig)) == len(rig)
+        True
+    """
+    from pandas import DataFrame
+
+    from rotorfit.io.tidy_csv import written_columns
+
+    return DataFrame(written_columns(experiment))
 
 
 def check_target(path: str | Path) -> Path:

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.data.experiments import (
     DIRECTIONS,
@@ -370,8 +371,8 @@ def _written_displacement(test: DisplacementTest) -> dict[str, Any]:
     return columns | ({"sigma_N": test.sigma} if np.isfinite(test.sigma).any() else {})
 
 
-def write_csv(experiment: Experiment, path: str | Path) -> None:
-    """Write a tidy CSV in rpm, um (urad for slopes), N and degrees, 15 significant digits."""
+def written_columns(experiment: Experiment) -> dict[str, NDArray[Any]]:
+    """Columns of a tidy CSV by name, in rpm, um (urad for slopes), N and degrees, attributes last."""
     if isinstance(experiment, PerturbationTest):
         experiment = written_per_force(experiment)
         columns = _written_perturbation(experiment)
@@ -384,7 +385,12 @@ def write_csv(experiment: Experiment, path: str | Path) -> None:
     taken = {name for name in experiment.attributes if name in columns or quantity_meant(name)}
     if taken:
         raise ValueError(f"attributes {', '.join(sorted(taken))} have the name of a column; rename them")
-    columns |= experiment.attributes
-    rows = zip(*[np.asarray(values).tolist() for values in columns.values()], strict=True)
+    return {name: np.asarray(values) for name, values in {**columns, **experiment.attributes}.items()}
+
+
+def write_csv(experiment: Experiment, path: str | Path) -> None:
+    """Write a tidy CSV, 15 significant digits."""
+    columns = written_columns(experiment)
+    rows = zip(*[values.tolist() for values in columns.values()], strict=True)
     lines = [",".join(map(_cell, row)) for row in [tuple(columns), *rows]]
     Path(path).write_text("\n".join(["# amplitudes 0-peak; phases lead", *lines, ""]), encoding="utf-8")

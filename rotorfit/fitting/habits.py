@@ -1,0 +1,30 @@
+"""What users of lmfit and statsmodels look for on a result, and where it is here."""
+
+from __future__ import annotations
+
+ELSEWHERE = {
+    "best_fit": "the predicted readings are fit.problem.predict(fit.x), one array an experiment",
+    "best_values": "the estimates are {name: p.value for name, p in fit.params.items()}",
+    "bse": "the standard error of each parameter is fit.params[name].stderr",
+    "ci_report": "intervals are fit.params[name].interval(0.95), by the misfit fit.profile(name).interval",
+    "conf_int": "intervals are fit.params[name].interval(0.95), by the misfit fit.profile(name).interval",
+    "conf_interval": "intervals are fit.params[name].interval(0.95), by the misfit fit.profile(name).interval",
+    "correlations": "the covariance is fit.covar in the order of fit.var_names; fit.summary() has correlations",
+    "cov_params": "the covariance is fit.covar in the order of fit.var_names",
+    "errorbars": "fit.success says whether there are error bars, fit.params[name].stderr how large they are",
+    "eval": "responses elsewhere are fit.predict(frequency, speed, force_plane=...)",
+    "eval_uncertainty": "responses elsewhere with their bands are fit.predict(frequency, speed, force_plane=...)",
+    "fit_report": "the table is fit.summary(), or print(fit)",
+    "fittedvalues": "the predicted readings are fit.problem.predict(fit.x), one array an experiment",
+    "flatchain": "draws of the posterior are fit.sample(seed=1).samples",
+    "get_prediction": "responses elsewhere with their bands are fit.predict(frequency, speed, force_plane=...)",
+    "plot": "figures are fit.plot_dynamic_stiffness(), fit.plot_bode(), fit.plot_polar() and fit.plot_residuals()",
+    "plot_fit": "figures are fit.plot_dynamic_stiffness(), fit.plot_bode() and fit.plot_polar()",
+    "pvalues": "there are no p-values: intervals are fit.params[name].interval(0.95)",
+    "resid": "residuals over their noise are fit.problem.residuals(fit.x), complex",
+    "residual": "residuals over their noise are fit.problem.residuals(fit.x), complex",
+    "rsquared": "the agreement of each response is fit.responses, that of all fit.redchi",
+    "uvars": "correlated quantities are made by fit.derive(lambda p: p.K0 / p.D)",
+    "values": "the estimates are {name: p.value for name, p in fit.params.items()}",
+}
+"""Sentence for each name that a result does not have."""

@@ -1,0 +1,148 @@
+"""Fits of the same data side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rotorfit.fitting.digits import with_error
+from rotorfit.fitting.notebook import text_html
+from rotorfit.fitting.result import FitResult
+from rotorfit.models.array_types import Float
+from rotorfit.models.text_table import text_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Comparison:
+    """Fits of the same data, see :func:`compare`.
+
+    Attributes:
+        fits: by the name under which they are shown, the smallest AIC first.
+        weights: Akaike weight of each, the share of ``exp(-AIC/2)``.
+    """
+
+    fits: Mapping[str, FitResult]
+    weights: Mapping[str, float]
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters that any of the fits estimates."""
+        return tuple(dict.fromkeys(p.name for fit in self.fits.values() for p in fit.params.values() if p.vary))
+
+    def to_dataframe(self) -> DataFrame:
+        """A row a fit: AIC, weight, redchi, then values and standard errors.
+
+        Example:
+            >>> list(rf.compare([fit]).to_dataframe().columns[:3])
+            ['fit', 'model', 'fitted']
+        """
+        from pandas import DataFrame
+
+        rows = []
+        for name, fit in self.fits.items():
+            row = {"fit": name, "model": fit.model.name, "fitted": fit.nvarys, "redchi": fit.redchi, "aic": fit.aic}
+            row |= {"bic": fit.bic, "weight": self.weights[name], "success": fit.success}
+            for parameter in self.parameters:
+                p = fit.params.get(parameter)
+                row |= {parameter: np.nan if p is None else p.value}
+                row |= {f"{parameter}_stderr": np.nan if p is None else p.stderr}
+            rows.append(row)
+        return DataFrame(rows)
+
+    def plot(self) -> Figure:
+        """Each parameter's estimates side by side with their 95 % intervals.
+
+        Example:
+            >>> figure = rf.compare([fit]).plot()
+        """
+        from rotorfit.uncertainty.comparison_figure import plot_comparison
+
+        return plot_comparison(self)
+
+    def __str__(self) -> str:
+        best = min(fit.aic for fit in self.fits.values())
+        rows = [["", *self.fits], ["fitted values", *(str(fit.nvarys) for fit in self.fits.values())]]
+        rows.append(["redchi", *(f"{fit.redchi:.4g}" for fit in self.fits.values())])
+        rows.append(["AIC - smallest", *(f"{fit.aic - best:.1f}" for fit in self.fits.values())])
+        rows.append(["Akaike weight", *(f"{self.weights[name]:.3f}" for name in self.fits)])
+        for parameter in self.parameters:
+            rows.append([parameter, *(_shown(fit, parameter) for fit in self.fits.values())])
+        width = max(22, *(len(name) + 1 for name in self.fits))
+        text = text_table(rows, "<16 " + " ".join([f">{width}"] * len(self.fits)))
+        failed = [name for name, fit in self.fits.items() if not fit.success]
+        return "\n".join([*text, *(f"{name} did not converge" for name in failed)])
+
+    def _repr_html_(self) -> str:
+        """Table for a notebook."""
+        return text_html(str(self))
+
+
+def compare(fits: Sequence[FitResult] | Mapping[str, FitResult]) -> Comparison:
+    """Fits of the same data side by side: AIC, weights, parameters.
+
+    Args:
+        fits: results of :func:`rotorfit.fit`, or by the names under which they are shown; by default these are the
+            models' names.
+
+    Raises:
+        ValueError: no fits, or fits of different data, whose AIC cannot be compared.
+
+    Example:
+        >>> both = rf.compare({"as printed": fit, "again": fit})
+        >>> both.weights["again"]
+        0.5
+    """
+    named = dict(fits) if isinstance(fits, Mapping) else _named(fits)
+    if not named:
+        raise ValueError("there are no fits to compare")
+    first = next(iter(named.values()))
+    for name, fit in named.items():
+        if not _same_data(first, fit):
+            raise ValueError(f"{name} is a fit of other data than {next(iter(named))}: their AIC cannot be compared")
+    order = sorted(named, key=lambda name: named[name].aic)
+    aic: Float = np.array([named[name].aic for name in order])
+    weights = np.exp(-(aic - aic[0]) / 2)
+    shares = (weights / weights.sum()).tolist()
+    return Comparison(fits={name: named[name] for name in order}, weights=dict(zip(order, shares, strict=True)))
+
+
+def _named(fits: Sequence[FitResult]) -> dict[str, FitResult]:
+    """Fits by the names of their models, numbered where these are the same."""
+    names = [fit.model.name for fit in fits]
+    return {
+        name if names.count(name) == 1 else f"{name} {i}": fit
+        for i, (name, fit) in enumerate(zip(names, fits, strict=True), 1)
+    }
+
+
+def _same_data(one: FitResult, other: FitResult) -> bool:
+    """True if both were fitted to the same readings."""
+    if one.ndata != other.ndata or len(one.experiments) != len(other.experiments):
+        return False
+    pairs = zip(one.experiments, other.experiments, strict=True)
+    return all(a is b or (type(a) is type(b) and _same_columns(vars(a), vars(b))) for a, b in pairs)
+
+
+def _same_columns(one: Mapping[str, object], other: Mapping[str, object]) -> bool:
+    """True if the numeric columns of two experiments hold the same numbers."""
+    numeric = {n: v for n, v in one.items() if isinstance(v, np.ndarray) and v.dtype.kind in "fc"}
+    return all(
+        isinstance(theirs := other.get(n), np.ndarray) and np.array_equal(v, theirs, equal_nan=True)
+        for n, v in numeric.items()
+    )
+
+
+def _shown(fit: FitResult, name: str) -> str:
+    p = fit.params.get(name)
+    if p is None:
+        return ""
+    if not p.vary:
+        return f"{p.value:.6g} known"
+    return " +- ".join(with_error(p.value, p.stderr)) if p.resolved else "not determined"

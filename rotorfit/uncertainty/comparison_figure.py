@@ -1,0 +1,38 @@
+"""Estimates of several fits side by side."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rotorfit.plots.style import colour_of, grid, literal, prefix
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from rotorfit.uncertainty.comparison import Comparison
+
+_COLUMNS = 3
+
+
+def plot_comparison(comparison: Comparison) -> Figure:
+    """A panel a parameter, with the 95 % interval of each fit."""
+    names, fits = comparison.parameters, comparison.fits
+    rows = -(-len(names) // _COLUMNS)
+    columns = min(_COLUMNS, len(names))
+    figure, axes = grid(rows, columns, "Estimates with 95 % intervals", size=(2.6, 0.6 + 0.3 * len(fits)))
+    for axis, name in zip(axes.flat, names, strict=False):
+        found = [(i, fit.params[name]) for i, fit in enumerate(fits.values()) if name in fit.params]
+        scale, unit = prefix(np.array([p.value for _, p in found]), next(p.unit for _, p in found))
+        for i, p in found:
+            low, high = p.interval(0.95) if p.vary else (p.value, p.value)
+            if np.isfinite([low, high]).all():
+                axis.plot(scale * np.array([low, high]), [i, i], color=colour_of(i), lw=2)
+            axis.plot(scale * p.value, i, "o" if p.vary else "|", color=colour_of(i), ms=5)
+        axis.set_yticks(range(len(fits)), [literal(label) for label in fits], fontsize=7)
+        axis.set_ylim(len(fits) - 0.5, -0.5)
+        axis.set_xlabel(f"{name}, {unit}" if unit != "1" else name, fontsize=8)
+    for axis in axes.flat[len(names) :]:
+        axis.set_visible(False)
+    return figure
