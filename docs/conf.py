@@ -21,6 +21,7 @@ extensions = [
     "sphinx-mathjax-offline",
     "sphinx_copybutton",
     "sphinx_design",
+    "sphinx_gallery.gen_gallery",
     "command_line",
     "public_names",
     "repository_pages",
@@ -37,6 +38,19 @@ napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True
 napoleon_attr_annotations = False
+
+sphinx_gallery_conf = {
+    "examples_dirs": ["paper"],
+    "gallery_dirs": ["_gallery"],
+    "within_subsection_order": "FileNameSortKey",
+    "image_scrapers": ("matplotlib", "result_figures"),
+    "capture_repr": (),
+    "abort_on_example_error": True,
+    "show_memory": False,
+    "show_signature": False,
+    "write_computation_times": False,
+    "min_reported_time": 20,
+}
 
 html_theme = "pydata_sphinx_theme"
 html_title = "rotorfit"

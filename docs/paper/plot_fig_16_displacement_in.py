@@ -1,0 +1,56 @@
+"""
+Figs 16 and 17: displacement in, force out
+==========================================
+
+A cam drives the shaft round a circle and load cells read the force. The dynamic stiffness is then the
+measured response itself, force over displacement, without inversion: it has no resonance, only a parabola and
+a line. Either way of testing gives the same parameters, as eqs (14) and (15) say, where the rotor is linear.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import rotorfit as rf
+
+RPM = 30 / np.pi
+model = rf.models.OneMode()
+structure = {"M": 1.2, "K": 8e3, "Ds": 8.0}
+fluid = {"K0": 9e3, "D": 450.0, "lam": 0.46, "Mf": 0.4}
+rpm = np.linspace(100, 3000, 30)
+rpm = np.r_[-rpm[::-1], rpm]
+cam = rf.simulate(
+    model, structure | fluid, "displacement", speed_rpm=1500, frequency_rpm=rpm, amplitude_um=50, noise=0.01, seed=1
+)
+spinner = rf.simulate(model, structure | fluid, speed_rpm=1500, frequency_rpm=rpm, force=5.0, noise=0.01, seed=2)
+by_cam = rf.fit(model, cam, known=structure)
+by_spinner = rf.fit(model, spinner, known=structure)
+
+# %%
+# Fig. 16, the forces that hold the orbit, and Fig. 17, the stiffness of both ways of testing.
+
+figure, axes = plt.subplots(2, 2, figsize=(10, 6), sharex=True, layout="constrained")
+w = np.linspace(-3000, 3000, 300) / RPM
+kappa = by_cam.model.dynamic_stiffness(by_cam.theta(), w, np.full(w.size, 1500 / RPM))[:, 0, 0]
+force = 50e-6 * kappa
+axes[0, 0].plot(w * RPM, abs(force))
+axes[0, 0].set(title="Fig. 16: force at 50 um 0-peak", ylabel="amplitude, N 0-peak")
+axes[1, 0].plot(w * RPM, np.degrees(np.angle(force)))
+axes[1, 0].set(ylabel="phase lead, degrees", xlabel="perturbation frequency, rpm")
+for row, (part, name) in enumerate(((np.real, "direct"), (np.imag, "quadrature"))):
+    axes[row, 1].plot(w * RPM, part(kappa) / 1e3, color="C0", label="from displacement in, fitted")
+    measured = rf.dynamic_stiffness(spinner)
+    good = measured.sigma[:, 0, 0] < 3e3
+    axes[row, 1].plot(
+        measured.frequency[good] * RPM, part(measured.kappa[good, 0, 0]) / 1e3, "C1.", label="from force in, measured"
+    )
+    axes[row, 1].set(ylabel="kN/m", title=f"Fig. 17: {name} dynamic stiffness")
+axes[1, 1].set(xlabel="perturbation frequency, rpm")
+axes[0, 1].legend(fontsize=8)
+
+# %%
+# What to look at: no resonance in the left column; the same curve from both tests in the right. The parameters
+# agree within their errors:
+
+for name in fluid:
+    one, other = by_cam.params[name], by_spinner.params[name]
+    print(f"{name:<4} cam {one.value:8.5g} +- {one.stderr:<8.2g} spinner {other.value:8.5g} +- {other.stderr:.2g}")
