@@ -18,13 +18,15 @@ _COLUMNS = 3
 
 def plot_comparison(comparison: Comparison) -> Figure:
     """A panel a parameter, with the 95 % interval of each fit."""
-    names, fits = comparison.parameters, comparison.fits
+    fits = comparison.fits
+    names = [n for n in comparison.parameters if sum(n in fit.params for fit in fits.values()) > 1 or len(fits) == 1]
     rows = -(-len(names) // _COLUMNS)
     columns = min(_COLUMNS, len(names))
     figure, axes = grid(rows, columns, "Estimates with 95 % intervals", size=(2.6, 0.6 + 0.3 * len(fits)))
     for axis, name in zip(axes.flat, names, strict=False):
         found = [(i, fit.params[name]) for i, fit in enumerate(fits.values()) if name in fit.params]
-        scale, unit = prefix(np.array([p.value for _, p in found]), next(p.unit for _, p in found))
+        unit = found[0][1].unit
+        scale, unit = prefix(np.array([p.value for _, p in found]), unit) if unit.startswith("N") else (1.0, unit)
         for i, p in found:
             low, high = p.interval(0.95) if p.vary else (p.value, p.value)
             if np.isfinite([low, high]).all():
