@@ -58,6 +58,15 @@ def test_every_public_name_is_on_one_page_of_the_reference() -> None:
     assert sorted(name for name in listed if name != "models.MODELS") == sorted(public | models)
 
 
+def test_the_first_line_of_every_page_says_whom_it_is_for() -> None:
+    docs = ROOT / "docs"
+    written = [page for ending in ("md", "rst") for page in docs.rglob(f"[!_]*.{ending}")]
+    written = [page for page in written if not any(part.startswith("_") for part in page.relative_to(docs).parts)]
+    texts = {page: re.split(r"\n{2,}", page.read_text(encoding="utf-8"), maxsplit=2) for page in written}
+    assert len(texts) > 30
+    assert [page for page, parts in texts.items() if not parts[1].startswith("For ")] == []
+
+
 # ---- the built site ---------------------------------------------------------------------------
 
 

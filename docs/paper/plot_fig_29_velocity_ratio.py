@@ -38,9 +38,9 @@ fit.plot_velocity_ratio()
 # The collapse, explained
 # -----------------------
 #
-# The same eigenvalue, centred, while D grows and nothing else changes: lam stays 0.46. Where the mode is well
-# damped the damped frequency over the speed is nearly lam; where stiffness and damping are of one size it is
-# not.
+# The same eigenvalue, centred, while D changes and nothing else: lam stays 0.46. Where D is large the damped
+# frequency over the speed is lam; where ``D lam Om`` is no larger than the stiffness, the mode is damped most, and
+# the ratio leaves lam though lam has not moved.
 
 linear = rf.models.OneMode()
 damping = np.geomspace(20, 2000, 200)
@@ -61,5 +61,6 @@ axes[1].semilogx(damping, ratings)
 axes[1].set(xlabel="D, N s/m", ylabel="damping ratio of that mode", title="its damping")
 
 # %%
-# What to look at: the ratio is no lam where it lies far above 0.46, a mechanical mode, nor where the damping
-# ratio is near one. Fitted as eigenvalues, the same ring-downs give lam within its error (the table above).
+# What to look at: at small eccentricity the points lie on lam; further out, where the film is stiff, the fitted
+# eigenvalue and lam part. A ratio is not lam where the damping ratio is large, nor where it lies far above: that is a
+# mechanical mode. Fitted as eigenvalues the same ring-downs give lam within its error (the table above).

@@ -7,6 +7,7 @@ probe, but j times it. Eq. (9), as printed, gives two of the coupling blocks wit
 quick to check on a rotor whose matrices are known.
 """
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 rng = np.random.default_rng(1)
@@ -52,6 +53,7 @@ print(f"eq. (7) with A2 = Y:  error {abs(wrong - expected).max() / abs(expected)
 # are the four blocks as printed, and with the signs ``(-1)^q`` and ``(-1)^(q+1)`` that eq. (7) asks for.
 
 A = {1: A1, 2: A2}
+found = {}
 blocks = {1: slice(0, n), 2: slice(n, 2 * n)}
 for q in (1, 2):
     other = A[3 - q]
@@ -65,7 +67,17 @@ for q in (1, 2):
         (f"K{3 - q}{q}", B.imag, (-1) ** (q + 1) * B.imag, springs),
     ):
         errors = [abs(value - true).max() / abs(true).max() for value in (printed, mended)]
+        found[name] = errors
         print(f"{name}: error as printed {errors[0]:.1e}, mended {errors[1]:.1e}")
+
+figure, axis = plt.subplots(figsize=(6, 3), layout="constrained")
+for offset, label in enumerate(("as printed", "with the signs of eq. (7)")):
+    values = [errors[offset] for errors in found.values()]
+    axis.bar(np.arange(len(found)) + 0.4 * offset - 0.2, values, 0.36, label=label)
+axis.set(
+    xticks=range(len(found)), xticklabels=found, yscale="log", ylabel="relative error", title="eq. (9), block by block"
+)
+axis.legend()
 
 # %%
 # What to look at: errors of round-off against errors of two, a wrong sign. As printed, D21 and K12 come out
