@@ -23,10 +23,11 @@ extensions = [
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
     "command_line",
+    "notebooks",
     "public_names",
     "repository_pages",
 ]
-exclude_patterns = ["_build", "_extensions", "paper"]
+exclude_patterns = ["_build", "_extensions", "_notebooks", "paper"]
 smartquotes = False  # -- stays what it is: the options of a command
 
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]

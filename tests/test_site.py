@@ -155,3 +155,20 @@ def test_main_pages_in_a_browser(
     assert found["page"] <= found["window"], "the page scrolls sideways"
     assert found["cut"] == []
     assert found["broken"] == []
+
+
+@pytest.mark.parametrize("name", ["your_file", "experiments", "plot_fig_11_oil"])
+def test_notebooks_run_and_show_their_figures(
+    site: Path, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The code of all pages is run by tests/test_docs.py and by the build; here it is a notebook's."""
+    nbclient = pytest.importorskip("nbclient", reason="of the extra docs")
+    import nbformat
+
+    monkeypatch.delenv("MPLBACKEND")  # as in a browser
+    (file,) = (site / "_downloads").rglob(f"{name}.ipynb")
+    book = nbformat.read(file, as_version=4)
+    resources = {"metadata": {"path": str(tmp_path)}}
+    nbclient.NotebookClient(book, timeout=300, kernel_name="python3", resources=resources).execute()
+    outputs = [output for cell in book.cells for output in cell.get("outputs", [])]
+    assert sum("image/png" in output.get("data", {}) for output in outputs) >= 2
