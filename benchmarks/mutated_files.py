@@ -329,7 +329,8 @@ def outcome_of(kind: Format, path: Path) -> tuple[str, str]:
 
 def _fingerprint(values: Any) -> str:
     parts = values if isinstance(values, list) else [values]
-    return hashlib.sha256(b"".join(np.asarray(part).astype(str).tobytes() for part in parts)).hexdigest()
+    words = "".join(str(part.tolist() if isinstance(part, np.ndarray) else part) for part in parts)
+    return hashlib.sha256(words.encode()).hexdigest()
 
 
 def serve(folder: Path) -> None:

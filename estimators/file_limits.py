@@ -9,6 +9,8 @@ import mmap
 import os
 import re
 import struct
+import subprocess
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -81,6 +83,26 @@ def check_archive(path: Path) -> None:
 
 
 # ---- HDF5 --------------------------------------------------------------------------------------
+
+
+_OPENING_S = 60.0  # in which a table of readings opens on any machine
+_OPEN = """
+import sys, h5py
+with h5py.File(sys.argv[1], "r") as file:
+    file.visititems(lambda name, item: item[()] if isinstance(item, h5py.Dataset) and item.nbytes < 1e7 else None)
+"""
+
+
+def refuse_deadly(path: Path) -> None:
+    """Refuse a damaged HDF5 file over which the library ends the process: another process opens it first."""
+    try:
+        ended = subprocess.run(
+            [sys.executable, "-c", _OPEN, path], capture_output=True, timeout=_OPENING_S, check=False
+        )
+    except subprocess.TimeoutExpired:
+        raise ValueError(f"{path.name} is not a readable HDF5 file: the library finds no end of it") from None
+    if ended.returncode < 0:
+        raise ValueError(f"{path.name} is not a readable HDF5 file: it is damaged so that the library fails")
 
 
 def check_hdf5(path: Path) -> None:

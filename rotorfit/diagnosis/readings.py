@@ -87,10 +87,12 @@ def _keys(test: PerturbationTest) -> Iterator[tuple[str, Any]]:
     """Runs that hold some readings, and all that is known of those."""
     values = (test.speed, test.frequency, test.force, test.response)
     numbers = np.stack([part for column in values for part in (column.real, column.imag)])
-    for run in test.runs:
-        rows = np.flatnonzero(test.run == run)
-        if rows.size >= _COPIED_READINGS and test.response[rows].any():
-            rows = rows[np.lexsort(numbers[:, rows])]
+    number = test.lines.number["run"]
+    order = np.argsort(number, kind="stable")
+    for some in np.split(order, np.flatnonzero(np.diff(number[order])) + 1):
+        run = str(test.run[some[0]])
+        if some.size >= _COPIED_READINGS and test.response[some].any():
+            rows = some[np.lexsort(numbers[:, some])]
             places = (getattr(test, name)[rows].tolist() for name in ("force_plane", "plane", "direction"))
             yield run, (tuple(zip(*places, strict=True)), numbers[:, rows].tobytes())
 
@@ -107,10 +109,9 @@ def unread(test: PerturbationTest) -> Iterator[Finding]:
         text = f"Nothing but zero was read by the probe {_probes(test, np.flatnonzero(alone))}. Remove its rows."
         yield Finding("error", "dead-probe", text, rows_of(alone), undo="remove its rows")
     holes: list[int] = []
+    steps = {c: _step(_distinct(size[channel == c])[:_AMPLITUDES_COMPARED]) for c in np.unique(channel).tolist()}
     for sweep in _sweeps(test, channel):
-        holes += _holes(
-            sweep, test.response, _step(_distinct(size[channel == channel[sweep[0]]])[:_AMPLITUDES_COMPARED])
-        )
+        holes += _holes(sweep, test.response, steps[int(channel[sweep[0]])])
     if holes:
         text = (
             f"Zero: {len(holes)} readings are exactly zero where those beside them are not: cells that were empty, or "
@@ -127,10 +128,11 @@ def clipped(test: PerturbationTest) -> Iterator[Finding]:
     flat = (size >= top[channel] * (1 - _LAST_DIGIT)) & (size > 0)
     if np.bincount(channel[flat]).max(initial=0) < _CLIPPED_READINGS:
         return
+    steps = {c: _step(_distinct(size[channel == c])[-_AMPLITUDES_COMPARED:]) for c in np.unique(channel).tolist()}
     ends = {
         int(channel[sweep[0]])
         for sweep in _sweeps(test, channel)
-        if _flat_top(sweep, size, flat, _step(_distinct(size[channel == channel[sweep[0]]])[-_AMPLITUDES_COMPARED:]))
+        if _flat_top(sweep, size, flat, steps[int(channel[sweep[0]])])
     }
     cut = np.flatnonzero(flat & np.isin(channel, list(ends)))
     if cut.size:

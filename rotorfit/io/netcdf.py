@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rotorfit.data.experiments import Experiment
-from rotorfit.estimators.file_limits import check_hdf5
-from rotorfit.estimators.file_reading import check_seal, reading, seal
+from rotorfit.estimators.file_limits import check_hdf5, refuse_deadly
+from rotorfit.estimators.file_reading import check_seal, is_sealed, reading, seal
 from rotorfit.io.columns import as_stored, build, column_types
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import find_unit, units_of
@@ -70,6 +70,8 @@ def load_dataset(path: Path, group: str | None = None) -> xr.Dataset:
     with reading(path.name, "netCDF file"):
         check_seal(path, path.name)
         if not classic:
+            if not is_sealed(path):
+                refuse_deadly(path)
             check_hdf5(path)
         if group is not None and not _has_group(path, group):
             raise ValueError(f"{path.name} holds no {group}")
