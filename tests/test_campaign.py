@@ -200,7 +200,10 @@ def test_a_shared_mass_settles_where_runs_scatter_more_than_their_data_show(smal
     part = table.select(np.isin(table.run, [f"r{i:02d}" for i in range(6)]))
     jitter = np.random.default_rng(3).normal(size=(2, len(part)))
     part = replace(
-        part, response=part.response * (1 + 0.03 * (jitter[0] + 1j * jitter[1])), sigma=np.full(len(part), np.nan)
+        part,
+        speed=100.0 * 1.02 ** np.array([int(run[1:]) for run in part.run.tolist()]),  # runs at one speed share noise
+        response=part.response * (1 + 0.03 * (jitter[0] + 1j * jitter[1])),
+        sigma=np.full(len(part), np.nan),
     )
     known = {"K": 8000.0, "Ds": 8.0}
     found = rf.campaign(OneMode(), part, known=known, shared=["M"])

@@ -7,7 +7,8 @@ import pytest
 import rotorfit as rf
 from rotorfit import datasets  # noqa: F401 - the package has to be importable
 from rotorfit.data.experiments import perturbation_test
-from rotorfit.data.synchronous import DIFFERENCED, difference_synchronous, group_speeds
+from rotorfit.data.synchronous import DIFFERENCED, difference_synchronous
+from rotorfit.estimators.blocks.set_speeds import set_speeds
 from rotorfit.io.files import read, write
 from rotorfit.models import TwoDisk
 
@@ -192,10 +193,10 @@ def test_reading_differences_unless_told_otherwise(tmp_path):
 def test_speed_groups_do_not_touch_synchronous_runs_and_settle_at_once():
     speed = np.array([100.0, 100.2, 100.4, 100.0, 100.1, 300.0])
     frequency = np.array([10.0, 20.0, 30.0, 100.0, 100.1, 30.0])
-    run = np.array(["a", "a", "a", "s", "s", "b"])
-    grouped = group_speeds(speed, frequency, run)
+    run = np.array([0, 0, 0, 1, 1, 2])
+    grouped = set_speeds(speed, frequency, run)
     np.testing.assert_allclose(grouped, [100.2, 100.2, 100.2, 100.0, 100.1, 300.0])
-    np.testing.assert_array_equal(group_speeds(grouped, frequency, run), grouped)
+    np.testing.assert_array_equal(set_speeds(grouped, frequency, run), grouped)
 
 
 def test_start_ups_are_compared_with_a_reference_run_without_a_weight() -> None:

@@ -15,6 +15,8 @@ from rotorfit.estimators.blocks.response import (
     respond,
     respond_jacobian,
 )
+from rotorfit.estimators.blocks.row_keys import numbers
+from rotorfit.estimators.blocks.set_speeds import set_speeds
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Text
 from rotorfit.models.shafts.shaft import KnownStiffness
@@ -102,6 +104,17 @@ class Responses:
         return index.reshape(-1), pairs.real.astype(np.intp), pairs.imag.copy()
 
     @cached_property
+    def set_speed(self) -> Float:
+        """Speed that the rotor was set to on each line, about which ``speed`` may wander, rad/s, shape ``(L,)``."""
+        run = np.zeros(self.speed.size, dtype=np.intp)
+        run[self.line] = numbers(self.run)
+        return set_speeds(self.speed, self.frequency, run)
+
+    def at_set_speed(self) -> Responses:
+        """The observations as if the speed had not wandered, for what holds for every set speed alike."""
+        return self if np.array_equal(self.set_speed, self.speed) else replace(self, speed=self.set_speed)
+
+    @cached_property
     def s(self) -> ComplexArray:
         """The variable j w of each line, |w| in models with x and y apart."""
         return np.asarray(1j * (self.frequency if self.model.frame == "z" else np.abs(self.frequency)))
@@ -132,6 +145,13 @@ class Responses:
         number = self.condition[0][self.line]
         order = np.argsort(number, kind="stable")
         return np.split(order, np.cumsum(np.bincount(number, minlength=self.condition[1].size))[:-1])
+
+    @cached_property
+    def conditions_alike(self) -> list[tuple[Index, Index]]:
+        """Distinct (group, speed) pairs with as many readings each, and these, shape ``(C,)`` and ``(C, m)``."""
+        sizes = np.array([readings.size for readings in self.condition_readings])
+        alike = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
+        return [(some, np.stack([self.condition_readings[number] for number in some.tolist()])) for some in alike]
 
     @cached_property
     def stretch(self) -> int:

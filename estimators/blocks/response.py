@@ -122,7 +122,7 @@ class Sensitivities:
         return result
 
 
-def by_condition(block: Responses, values: ComplexArray) -> Iterator[tuple[slice, slice | Index, Float]]:
+def by_condition(block: Responses, values: ComplexArray) -> Iterator[tuple[slice | Index, slice | Index, Float]]:
     """Values along readings, shape ``(..., K, R)``, parted by (group, speed).
 
     Yields:
@@ -132,9 +132,9 @@ def by_condition(block: Responses, values: ComplexArray) -> Iterator[tuple[slice
         real = values.view(float).reshape(*values.shape[:-1], -1, 2 * block.stretch)
         yield slice(None), slice(None), np.swapaxes(real, -3, -2)
         return
-    for number, readings in enumerate(block.condition_readings):
+    for some, readings in block.conditions_alike:
         part = np.ascontiguousarray(values[..., readings]).view(float)
-        yield slice(number, number + 1), readings, part[..., None, :, :]
+        yield some, readings.reshape(-1), np.swapaxes(part, -3, -2)
 
 
 def _sensitivities(block: Responses, theta: Float, left: ComplexArray, right: ComplexArray) -> Sensitivities:

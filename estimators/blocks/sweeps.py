@@ -35,7 +35,7 @@ def sweeps_of(block: Responses, *, synchronous: bool = False) -> list[Index]:
 def _sweeps(block: Responses, synchronous: bool) -> list[Index]:
     w = block.frequency[block.line]
     place = block.speed[block.line] if synchronous else w
-    speed = np.zeros_like(block.speed) if synchronous else np.round(block.speed, 6)
+    speed = np.zeros_like(block.speed) if synchronous else np.round(block.set_speed, 6)
     at = np.unique(speed, return_inverse=True)[1].reshape(-1)[block.line]
     key = combined(block.label, at, (w < 0).astype(np.intp), force_plane(block))
     key = combined(key, _occurrence(key, np.round(place, 9)))

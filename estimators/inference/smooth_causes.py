@@ -150,7 +150,7 @@ def changes_with_speed(problem: Problem) -> list[Cause]:
     model = problem.space.model
     if not blocks or not model.speed_dependent or problem.space.index.shape[0] > 1:
         return []
-    mean = float(np.unique(np.abs(np.concatenate([base.speed for base in blocks]))).mean())
+    mean = float(np.unique(np.abs(np.concatenate([base.set_speed for base in blocks]))).mean())
     if mean == 0:
         return []
     names = set(model.parameter_names)

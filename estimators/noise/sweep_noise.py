@@ -36,7 +36,7 @@ def estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool, con
         standard deviation of the real and of the imaginary part, shape ``(R,)``.
     """
     w = block.frequency[block.line]
-    speed = np.zeros_like(w) if synchronous else np.round(block.speed[block.line], 6)
+    speed = np.zeros_like(w) if synchronous else np.round(block.set_speed[block.line], 6)
     plane = force_plane(block)
     sigma = np.full(w.size, np.nan)
     same = np.zeros_like(w) if condition is None else condition

@@ -73,7 +73,33 @@ def closed_form(
 def closed_forms(
     space: ParameterSpace, blocks: tuple[Block, ...], *, weighted: bool = True, passes: tuple[int, ...]
 ) -> Iterator[ClosedForm]:
-    """Closed forms after several numbers of passes, ascending, up to where they settle; see :func:`closed_form`."""
+    """Closed forms after several numbers of passes, ascending, up to where they settle; see :func:`closed_form`.
+
+    They are of set speeds: speeds that wander are too near to one another to tell what changes with speed.
+    """
+    steady = tuple(block.at_set_speed() if isinstance(block, Responses) else block for block in blocks)
+    if any(own is not block for own, block in zip(steady, blocks, strict=True)):
+        rough = next(_closed_forms(space, steady, weighted, (min(passes),)))
+        steady = _without_wander(space.theta(np.append(rough.x, np.zeros(len(space.nuisance)))), blocks, steady)
+    yield from _closed_forms(space, steady, weighted, passes)
+
+
+def _without_wander(theta: Float, blocks: tuple[Block, ...], steady: tuple[Block, ...]) -> tuple[Block, ...]:
+    """Blocks at set speeds, with the readings that a rotor of about the same values would have given there."""
+    found: list[Block] = []
+    for block, own in zip(blocks, steady, strict=True):
+        if own is block or not isinstance(own, Responses):
+            found.append(own)
+            continue
+        here = block.predict(theta)
+        factor = np.divide(own.predict(theta), here, out=np.ones_like(here), where=here != 0)
+        found.append(replace(own, measured=block.measured * factor))
+    return tuple(found)
+
+
+def _closed_forms(
+    space: ParameterSpace, blocks: tuple[Block, ...], weighted: bool, passes: tuple[int, ...]
+) -> Iterator[ClosedForm]:
     chosen = [complete_lines(block) for block in blocks if isinstance(block, Responses)]
     chosen = [block for block in chosen if block.speed.size]
     if not chosen:
@@ -210,6 +236,6 @@ def _with_convention(
         upper=space.upper[keep],
     )
     note = f"{space.names[entry]} taken as {nominal:g}: these data leave it open"
-    for found in closed_forms(reduced, blocks, weighted=weighted, passes=passes):
+    for found in _closed_forms(reduced, blocks, weighted, passes):
         x = np.insert(found.x, entry, nominal)
         yield replace(found, x=x, open=(*found.open, entry), notes=(note, *found.notes))

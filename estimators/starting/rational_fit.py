@@ -49,7 +49,7 @@ def rational_fit(blocks: Sequence[Responses]) -> RationalFit | None:
             return None
         if (np.count_nonzero(block.force, axis=1) != 1).any() or not block.frequency.any():
             return None
-        for readings in block.condition_readings:
+        for readings in block.at_set_speed().condition_readings:
             fit = _fit(block, readings)
             if fit is None:
                 return None

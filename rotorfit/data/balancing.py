@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.data.synchronous import SPEED_TOLERANCE
 from rotorfit.data.weights import Influences
 from rotorfit.estimators.blocks.correlated import quantile
+from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.inference.correction_weights import Correction, alike, correct, own_shares
 from rotorfit.models.array_types import ROUND_OFF, ComplexArray, Float, Index
 from rotorfit.models.parameters import unknown_name

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.lines import Lines, lines_of
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
+from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE, SYNCHRONOUS_TOLERANCE, set_speeds
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Records, Text
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -22,9 +23,6 @@ rx, ry, rz: the same for the slopes dx/ds, dy/ds of the shaft."""
 
 FORCE_DIRECTIONS = ("circular", "x", "y")
 """A force that turns with the sign of the frequency (eq. 2), or one along an axis that does not turn."""
-
-SYNCHRONOUS_TOLERANCE = 1e-4
-"""A reading is 1x when its frequency equals its speed to this fraction of the speed."""
 
 
 def _read_only(values: NDArray[Any]) -> NDArray[Any]:
@@ -43,8 +41,15 @@ class _Rows:
 
     source: str = ""
     attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    speed_tolerance: float = SPEED_TOLERANCE
     run: Text
     speed: Float
+
+    @cached_property
+    def set_speed(self) -> Float:
+        """Speed that the rotor was set to, rad/s: means of logged speeds within ``speed_tolerance``, shape ``(R,)``."""
+        frequency = self.frequencies if len(self.frequencies) else np.zeros(len(self))
+        return set_speeds(self.speed, frequency, numbers(self.run), self.speed_tolerance)
 
     @property
     def runs(self) -> tuple[str, ...]:
@@ -63,7 +68,7 @@ class _Rows:
 
     def __repr__(self) -> str:
         """Kind and size of the experiment, on one line; the arrays are its attributes."""
-        rpm = np.unique(np.round(self.speed * RPM_PER_RAD_S, 3))
+        rpm = np.unique(np.round(self.set_speed * RPM_PER_RAD_S, 3))
         speeds = ", ".join(f"{s:g}" for s in rpm) if rpm.size <= 4 else f"{rpm[0]:g} to {rpm[-1]:g}"
         places = f", at {', '.join(self.planes)}" if self.planes else ""
         source = self.source or "from arrays"
@@ -93,7 +98,7 @@ class _Rows:
         self._freeze()
 
     def _columns(self) -> list[str]:
-        return [f.name for f in fields(self) if f.name not in ("source", "attributes")]
+        return [f.name for f in fields(self) if f.name not in ("source", "attributes", "speed_tolerance")]
 
     def _check_lengths(self) -> None:
         lengths = {name: len(getattr(self, name)) for name in self._columns()}
@@ -111,9 +116,9 @@ class _Rows:
         return replace(self, attributes=attributes, **chosen)
 
     def attribute(self, name: str) -> NDArray[Any]:
-        """Values of a test attribute for each row; ``speed_rpm`` and ``run`` count as attributes too."""
+        """Values of a test attribute for each row; ``speed_rpm``, which the rotor was set to, and ``run`` count too."""
         if name == "speed_rpm":
-            return np.asarray(np.round(self.speed * RPM_PER_RAD_S, 6))
+            return np.asarray(np.round(self.set_speed * RPM_PER_RAD_S, 6))
         if name == "run":
             return self.run
         if name not in self.attributes:
@@ -130,7 +135,7 @@ class PerturbationTest(_Rows):
 
     Attributes:
         run: name of the run, shape ``(R,)`` like all that follow.
-        speed: rotative speed Omega, rad/s.
+        speed: rotative speed Omega when the row was measured, rad/s.
         frequency: perturbation frequency w, rad/s; negative is backward whirl.
         force_plane: plane of the force.
         force: ``F exp(j delta)`` of eq. (2), N: the phasor of Fx relative to exp(+j|w|t), beside readings z too. A
@@ -145,6 +150,7 @@ class PerturbationTest(_Rows):
         response: phasor, m (rad for slopes), 0-peak, phase lead.
         sigma: standard deviation of the real part and of the imaginary part of the reading's noise, NaN if unknown.
         attributes: further columns by name.
+        speed_tolerance: fraction within which speeds go by one name, ``speed_rpm``; a model has them as they are.
         source: where the data came from, for messages.
     """
 
@@ -187,7 +193,7 @@ class PerturbationTest(_Rows):
     @cached_property
     def lines(self) -> Lines:
         """Rows put together by lines: what one run at one frequency under one force is."""
-        return lines_of({name: getattr(self, name) for name in self._columns()})
+        return lines_of({name: getattr(self, name) for name in self._columns()} | {"speed": self.set_speed})
 
     @property
     def forces(self) -> tuple[str, ...]:

@@ -62,7 +62,7 @@ def probe_pairs(test: PerturbationTest, rows: Bool) -> tuple[Index, Index]:
     Repeats pair in order of appearance.
     """
     found: dict[Any, tuple[list[int], list[int]]] = {}
-    names = ("run", "speed", "frequency", "force_plane", "force", "force_direction", "further_forces", "plane")
+    names = ("run", "set_speed", "frequency", "force_plane", "force", "force_direction", "further_forces", "plane")
     keys = zip(*[getattr(test, name).tolist() for name in names], strict=True)
     for row, (key, direction, wanted) in enumerate(zip(keys, test.direction.tolist(), rows.tolist(), strict=True)):
         if wanted and direction[-1] in "xy":

@@ -54,7 +54,7 @@ class Lines:
 
 
 def lines_of(columns: Mapping[str, NDArray[Any]]) -> Lines:
-    """Lines of the columns of a test."""
+    """Lines of the columns of a test, the speed being the one that was set: probes may log it a moment apart."""
     text = {name: words(columns[name]) for name in _TEXT}
     number = {name: own for name, (_, own) in text.items()}
     number |= {name: numbers(columns[name]) for name in ("speed", "frequency", "force", "further_forces")}

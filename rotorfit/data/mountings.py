@@ -11,7 +11,8 @@ import re
 import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.data.synchronous import OPPOSITE_TOLERANCE, SPEED_TOLERANCE
+from rotorfit.data.synchronous import OPPOSITE_TOLERANCE
+from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.models.array_types import Float, Index
 
 MOUNTING = "mounting"

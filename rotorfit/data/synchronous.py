@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.data.experiments import SYNCHRONOUS_TOLERANCE, PerturbationTest
+from rotorfit.data.experiments import PerturbationTest
+from rotorfit.estimators.blocks.row_keys import numbers
+from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE, set_speeds
 from rotorfit.estimators.signals.ratios import ratio_through
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Text
-
-SPEED_TOLERANCE = 0.005
-"""Speeds closer than this fraction are one constant speed that jitters; see :func:`group_speeds`."""
 
 OPPOSITE_TOLERANCE = np.radians(5.0)
 """Forces are opposite when their phases differ by 180 degrees to this angle. The difference of the two force vectors is
@@ -32,25 +31,9 @@ DIFFERENCED = "differenced"
 """Attribute that marks rows made by :func:`difference_synchronous` with 1, rows left as they were with 0."""
 
 
-def group_speeds(speed: Float, frequency: Float, run: Text, tolerance: float = SPEED_TOLERANCE) -> Float:
-    """Set speeds that jitter about a constant to their mean.
-
-    Speeds of all runs are sorted; neighbours closer than ``tolerance`` belong to one group, and a group that spans no
-    more than twice that is one speed. Wider groups are speed sweeps and stay, as do runs at once-per-turn frequency.
-    """
-    at_1x = np.abs(frequency - speed) <= SYNCHRONOUS_TOLERANCE * np.abs(speed)
-    names, index = np.unique(run, return_inverse=True)
-    synchronous = np.bincount(index, ~at_1x, names.size)[index] == 0
-    result = speed.copy()
-    values = np.unique(speed[~synchronous])
-    if values.size < 2:
-        return result
-    breaks = np.flatnonzero(np.diff(values) > tolerance * np.abs(values[1:])) + 1
-    for group in np.split(values, breaks):
-        if 0 < group[-1] - group[0] <= 2 * tolerance * abs(group[-1]):
-            rows = ~synchronous & (speed >= group[0]) & (speed <= group[-1])
-            result[rows] = speed[rows].mean()
-    return result
+def group_speeds(speed: Float, run: Text, tolerance: float = SPEED_TOLERANCE) -> Float:
+    """Set speeds that jitter about a constant to their mean, where nothing is measured line by line."""
+    return set_speeds(speed, np.zeros(speed.size), numbers(run), tolerance)
 
 
 def difference_synchronous(test: PerturbationTest) -> PerturbationTest:

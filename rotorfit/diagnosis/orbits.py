@@ -57,8 +57,8 @@ class Orbits:
 
     @cached_property
     def speed(self) -> Float:
-        """Rotative speed of each, rad/s."""
-        return self.test.speed[self.first]
+        """Rotative speed that each was set to, rad/s."""
+        return self.test.set_speed[self.first]
 
     @cached_property
     def x(self) -> ComplexArray:

@@ -104,7 +104,7 @@ def _instability(problem: Problem, x: Float, unresolved: Sequence[str]) -> list[
     for block in map(responses_of, problem.blocks):
         if block is None or block.imposed or not block.frequency.any():
             continue  # under a static load the journal may run where centred it could not
-        _, group, speed = block.condition
+        _, group, speed = block.at_set_speed().condition
         rates, grows = growth(model, theta[group], speed, block.frequency)
         for v, rate, some in zip(speed, rates, grows, strict=True):
             if some and len(set(found)) < 3:

@@ -265,7 +265,7 @@ class FitResult:
     @property
     def speeds(self) -> Float:
         """Tested rotative speeds, rad/s; empty for synchronous tests."""
-        speeds = [np.unique(b.speed) for b in map(responses_of, self.problem.blocks) if b is not None]
+        speeds = [np.unique(b.set_speed) for b in map(responses_of, self.problem.blocks) if b is not None]
         distinct: Float = np.unique(np.concatenate(speeds)) if speeds else np.zeros(0)
         return distinct if distinct.size <= 50 else np.zeros(0)
 

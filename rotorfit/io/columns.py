@@ -21,9 +21,8 @@ _TYPES = {"Text": str, "Float": float, "ComplexArray": complex}
 
 def column_types(kind: type[Any]) -> dict[str, type]:
     """Columns of an experiment class and whether they are text, real or complex."""
-    return {
-        f.name: _TYPES[str(f.type)] for f in fields(kind) if f.name not in ("source", "attributes", "further_forces")
-    }
+    no_columns = ("source", "attributes", "further_forces", "speed_tolerance")
+    return {f.name: _TYPES[str(f.type)] for f in fields(kind) if f.name not in no_columns}
 
 
 def build(kind: str, columns: Mapping[str, Any], attributes: Mapping[str, Any], source: str) -> Experiment:

@@ -52,7 +52,7 @@ _SPEED = quantity("speed", "rpm", UNITS["frequency"])
 
 
 def _groups(columns: Columns, run: Text, tolerance: float) -> Float:
-    return group_speeds(columns.number("speed"), np.zeros(run.size), run, tolerance)
+    return group_speeds(columns.number("speed"), run, tolerance)
 
 
 def _positive(columns: Columns, name: str) -> Float:
@@ -186,7 +186,7 @@ def _coefficient_table(table: Table, speed_tolerance: float) -> CoefficientTable
         COEFFICIENT_COLUMNS,
     )
     run = columns.words("run")
-    coefficients = {name: columns.number(name) for name in _COEFFICIENTS}
+    coefficients: dict[str, Any] = {name: columns.number(name) for name in _COEFFICIENTS}
     eccentricity = _eccentricity(columns)
     speed = _groups(columns, run, speed_tolerance)
     if not run.any():

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
+from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.data.findings import Finding, listed
 from rotorfit.data.probes import (
     Channel,
@@ -22,9 +22,10 @@ from rotorfit.data.probes import (
     subtract_measured_slow_roll,
 )
 from rotorfit.data.selection import Wanted, selected
-from rotorfit.data.synchronous import SPEED_TOLERANCE, group_speeds, uneven_weights
+from rotorfit.data.synchronous import uneven_weights
 from rotorfit.data.weights import differenced
 from rotorfit.estimators.atomic_file import note_input, refuse_input, whole_file
+from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.file_reading import reading
 from rotorfit.io.cells import EXCEL
 from rotorfit.models.parameters import unknown_name
@@ -85,7 +86,8 @@ def read(
             dwell at a few speeds with repeats, reference runs or weights at odd angles stay as they are: a fit solves
             them together, see :func:`rotorfit.influence`.
         speed: rotative speed, rad/s, for universal files that do not hold it.
-        speed_tolerance: fraction within which speeds are the same, :func:`~rotorfit.data.synchronous.group_speeds`.
+        speed_tolerance: fraction within which speeds go by one name, ``speed_rpm``; the model of a perturbation has the
+            speed of each line as it was logged, other tests their mean.
         sheet: name of the sheet of an Excel file, by default the first.
         columns: columns of a table under the names that rotorfit knows, ``{"Ampl. 1X": "journal_x_um_pp"}``; in a
             sample table of a condition-monitoring system its channels, ``{"Gearbox": "gear_x"}``.
@@ -220,9 +222,7 @@ def _read_kind(
         from rotorfit.io.matlab import read_mat
 
         test = read_mat(path)
-    if not isinstance(test, PerturbationTest | DisplacementTest):
-        return test
-    return replace(test, speed=group_speeds(test.speed, test.frequency, test.run, speed_tolerance))
+    return replace(test, speed_tolerance=speed_tolerance)
 
 
 def write(experiment: Experiment, path: str | Path) -> None:

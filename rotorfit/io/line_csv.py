@@ -49,7 +49,7 @@ def line_test(table: Table, speed_tolerance: float) -> LineTest:
     parts = {part: _either(columns, direction == "twist", part) for part in _PARTS}
     return LineTest(
         run=run,
-        speed=group_speeds(speed, np.zeros(run.size), run, speed_tolerance),
+        speed=group_speeds(speed, run, speed_tolerance),
         frequency=frequency,
         force_plane=columns.words("force_plane"),
         force=columns.number("force") * np.exp(1j * columns.force_phase(frequency)),

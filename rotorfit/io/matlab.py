@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
-from rotorfit.data.synchronous import SPEED_TOLERANCE
+from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.file_limits import check_mat
 from rotorfit.estimators.file_reading import reading
 from rotorfit.io.columns import as_stored, build, column_types

@@ -34,7 +34,7 @@ from rotorfit.data.experiments import (
 from rotorfit.data.findings import Finding
 from rotorfit.data.joined import check_planes_spelt
 from rotorfit.data.several_forces import gathered, written_per_force
-from rotorfit.data.synchronous import SPEED_TOLERANCE, group_speeds
+from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.io.csv_columns import Columns, columns_for, optional, phase_or_angle, quantity, words
 from rotorfit.io.csv_kinds import BUILDERS, columns_of
 from rotorfit.io.csv_table import MOTION, PERTURBATION_COLUMNS, Table, read_table
@@ -142,7 +142,7 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
     if columns.has("force_angle"):
         still = force_direction != "circular"
         columns.refuse(still, "force_angle", "is the angle of a force along an axis; give its phase, force_phase_deg")
-    omega = group_speeds(columns.number("speed"), w, run, speed_tolerance)
+    omega = columns.number("speed")
     for name, values in {"force": force, "response": response, "frequency": w, "speed": omega}.items():
         columns.refuse(~np.isfinite(values), "run", f"is a row whose {name} overflows; check its units")
     written = PerturbationTest(
@@ -157,6 +157,7 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
         response=response,
         force_direction=force_direction,
         attributes=columns.attributes,
+        speed_tolerance=speed_tolerance,
         source=table.source,
     )
     check_planes_spelt([written])
@@ -223,7 +224,8 @@ def _displacement(table: Table, speed_tolerance: float) -> DisplacementTest:
         plane=columns.words("plane"),
         sigma=noise,
         frequency=frequency,
-        speed=group_speeds(columns.number("speed"), frequency, run, speed_tolerance),
+        speed=columns.number("speed"),
+        speed_tolerance=speed_tolerance,
         displacement=columns.number("amplitude") * np.exp(1j * columns.number("phase")),
         force_x=columns.number("force_x") * np.exp(1j * columns.number("force_x_phase")),
         force_y=columns.number("force_y") * np.exp(1j * columns.number("force_y_phase")),

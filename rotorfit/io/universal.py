@@ -80,7 +80,7 @@ def _refuse(test: PerturbationTest) -> None:
 
 def _series(test: PerturbationTest) -> Iterator[Index]:
     """Rows of each FRF: one channel, run, force plane, whirl direction and, unless it is swept, speed."""
-    speed = [0.0] * len(test) if test.synchronous else test.speed.tolist()
+    speed = [0.0] * len(test) if test.synchronous else test.set_speed.tolist()
     columns = (test.run, test.force_plane, test.force_direction, test.plane, test.direction, test.frequency < 0)
     groups: dict[Any, list[int]] = {}
     for row, key in enumerate(zip(*[column.tolist() for column in columns], speed, strict=True)):
@@ -92,7 +92,7 @@ def _series(test: PerturbationTest) -> Iterator[Index]:
 def _records(test: PerturbationTest, rows: Index, planes: Sequence[str], number: int) -> Iterator[dict[str, Any]]:
     part = test.select(rows)
     plane, force_plane, direction = str(part.plane[0]), str(part.force_plane[0]), str(part.direction[0])
-    swept = bool(np.ptp(part.speed) > 0) or test.synchronous
+    swept = bool(np.ptp(part.set_speed) > 0) or test.synchronous
     common = {
         "type": 58, "func_id": number, "id1": _MARK, "id2": str(part.run[0]), "id3": plane, "id4": force_plane,
         "load_case_id": 0 if part.linear[0] else 2 if part.frequency[0] < 0 else 1,
@@ -101,7 +101,7 @@ def _records(test: PerturbationTest, rows: Index, planes: Sequence[str], number:
         "ref_dir": 2 if part.force_direction[0] == "y" else 1,
         "orddenom_spec_data_type": 0,
         "z_axis_spec_data_type": DataType.ORDER if swept else DataType.SPEED,
-        "z_axis_value": 1.0 if swept else float(part.speed[0]) / RAD_S_PER_RPM,
+        "z_axis_value": 1.0 if swept else float(part.set_speed[0]) / RAD_S_PER_RPM,
     }  # fmt: skip
     hertz = np.abs(part.frequency) / (2 * np.pi)
     over_frequency = {**common, "abscissa_spec_data_type": DataType.FREQUENCY, "abscissa_axis_units_lab": "Hz"}

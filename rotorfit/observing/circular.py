@@ -189,7 +189,7 @@ def _assemble(
     gaps = np.isnan(sigma)
     block = Responses(
         model=model,
-        speed=test.speed[first],
+        speed=_speeds(test, first),
         frequency=frequency,
         force=_forces(model, test, lines, first),
         group=group[first],
@@ -205,6 +205,15 @@ def _assemble(
     if gaps.any():
         sigma[gaps] = estimate_noise(block, wrong, test.synchronous, _conditions(test, lines.number["run"])[row])[gaps]
     return block
+
+
+def _speeds(test: PerturbationTest, first: Index) -> Float:
+    """Speed of each line: the mean of those that were logged with its readings, rad/s, shape ``(L,)``."""
+    speed = test.speed[first]
+    if np.array_equal(test.speed, test.set_speed):
+        return speed
+    line, _ = test.lines.apart()
+    return np.asarray(speed + np.bincount(line, test.speed - speed[line]) / np.bincount(line))
 
 
 def _forces(model: RotorModel, test: PerturbationTest, lines: Lines, first: Index) -> ComplexArray:

@@ -68,7 +68,7 @@ def same_line(test: Experiment) -> NDArray[np.intp]:
     """Rows that share the journal's position."""
     match test:
         case PerturbationTest():
-            return same_rows(test.run, test.speed, test.frequency, test.force_plane)
+            return same_rows(test.run, test.set_speed, test.frequency, test.force_plane)
         case StaticTest():
             return same_rows(test.run, test.speed, test.load_plane, test.load.real, test.load.imag)
     return np.arange(len(test))

@@ -40,7 +40,7 @@ def off_jumps(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
     moving = np.flatnonzero(test.plane == model.coordinates[journal(model).at].plane)
     if test.static_position is not None or not moving.size:
         return test, ""
-    sweep = same_rows(test.run, test.speed, np.sign(test.frequency), test.force_plane, test.direction)
+    sweep = same_rows(test.run, test.set_speed, np.sign(test.frequency), test.force_plane, test.direction)
     ending: list[int] = []
     jumps = 0
     for number in np.unique(sweep[moving]).tolist():

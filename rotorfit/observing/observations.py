@@ -92,7 +92,7 @@ def _orbits(model: RotorModel, base: Responses) -> OrbitResponses:
     constant = np.round(np.abs(base.force).max(axis=1), 12)
     # A run may hold several force levels, of constant forces or of unbalances: the fewer levels are meant.
     level = min(size, constant, key=lambda values: np.unique(values).size)
-    codes = np.column_stack([of_line, base.speed, sense, plane, level])
+    codes = np.column_stack([of_line, base.set_speed, sense, plane, level])
     sweep = np.unique(codes, axis=0, return_inverse=True)[1].reshape(-1).astype(np.intp)
     return OrbitResponses(base, eps, "nearest" if np.isfinite(eps).all() else "followed", sweep)
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.data.experiments import SYNCHRONOUS_TOLERANCE
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.blocks.set_speeds import SYNCHRONOUS_TOLERANCE
 from rotorfit.fitting.summary import natural
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
@@ -97,10 +97,10 @@ def _at_1x(base: Responses) -> bool:
 def _keys(blocks: Sequence[Responses], *, nonlinear: bool) -> list[list[_Key]]:
     """Keys that distinguish the lines of each block; equal speeds of several blocks have equal keys."""
     most_steady = 12  # distinct speeds of a block beyond which the speed is swept, as in a start-up
-    swept = [np.unique(base.speed).size > most_steady or _at_1x(base) for base in blocks]
+    swept = [np.unique(base.set_speed).size > most_steady or _at_1x(base) for base in blocks]
     same_speed = 2e-3  # relative difference of speeds that were meant to be the same
     steady = _rounded(
-        np.concatenate([np.zeros(0) if s else b.speed for s, b in zip(swept, blocks, strict=True)]), same_speed
+        np.concatenate([np.zeros(0) if s else b.set_speed for s, b in zip(swept, blocks, strict=True)]), same_speed
     )
     found, begin = [], 0
     for base, is_swept in zip(blocks, swept, strict=True):

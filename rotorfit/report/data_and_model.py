@@ -80,7 +80,7 @@ def _experiment_row(test: Experiment) -> list[str]:
         kind,
         str(len(test)),
         str(len(test.runs)),
-        speeds_in_words(test.speed),
+        speeds_in_words(test.set_speed),
         span,
         forced,
         measured,

@@ -62,7 +62,7 @@ def groups_of(fit: FitResult) -> list[tuple[str, int]]:
 
 def tested_speeds(fit: FitResult) -> Float:
     """Rotative speeds of all tests, rad/s, empty for speeds that sweep."""
-    found = np.unique(np.concatenate([np.asarray(e.speed, dtype=float) for e in fit.experiments]))
+    found = np.unique(np.concatenate([np.asarray(e.set_speed, dtype=float) for e in fit.experiments]))
     return fit.speeds if found.size > _MANY else np.asarray(found)
 
 

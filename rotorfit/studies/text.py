@@ -58,7 +58,7 @@ def summary(outcome: Outcome, rig: str = "") -> str:
 
 def describe_test(test: Experiment, findings: Sequence[Finding]) -> str:
     """Contents of a file, in a few lines, and the findings of the data check."""
-    speeds = np.unique(np.round(test.speed * RPM_PER_RAD_S, 3))
+    speeds = np.unique(np.round(test.set_speed * RPM_PER_RAD_S, 3))
     span = f"{speeds[0]:g} to {speeds[-1]:g} rpm" if speeds.size > 4 else ", ".join(f"{s:g}" for s in speeds) + " rpm"
     w = test.frequencies * RPM_PER_RAD_S
     kind = test.title

@@ -145,7 +145,7 @@ def readings_of(problem: Problem) -> Readings | None:
         run=np.concatenate([block.run for block in blocks]),
         plane=np.concatenate([names[block.coordinate] for block in blocks]),
         force_plane=np.concatenate(forced),
-        speed=np.concatenate([block.speed[block.line] for block in blocks]),
+        speed=np.concatenate([block.set_speed[block.line] for block in blocks]),
         frequency=np.concatenate(frequency),
         mirrored=np.concatenate(mirrored),
     )

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.data.experiments import SYNCHRONOUS_TOLERANCE
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.row_keys import words
+from rotorfit.estimators.blocks.set_speeds import SYNCHRONOUS_TOLERANCE
 from rotorfit.estimators.blocks.sweeps import force_plane, sweeps_of
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import ComplexArray, Float, Index

@@ -16,7 +16,7 @@ import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import PHASE_DATUM, Finding, listed
-from rotorfit.data.synchronous import group_speeds, join
+from rotorfit.data.synchronous import join
 from rotorfit.data.weights import differenced
 from rotorfit.executors import carry_out
 from rotorfit.recordings.quality import copied_recordings, spoiled
@@ -135,9 +135,7 @@ def checked_responses(
         for finding in each.findings:
             on_finding(finding)
     test = join(_alike([each.test for each in reduced]))
-    if forces[0].reference != "shaft":
-        test = replace(test, speed=group_speeds(test.speed, test.frequency, test.run))
-    elif turns:
+    if forces[0].reference == "shaft" and turns:
         test = differenced(test)
     return replace(test, source=source_of(records))
 

@@ -1,0 +1,63 @@
+"""Speeds that a rotor was set to, about which the logged ones wander."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rotorfit.models.array_types import Bool, Float, Index
+
+SPEED_TOLERANCE = 0.005
+"""Speeds closer than this fraction are one constant speed that jitters; see :func:`set_speeds`."""
+
+SYNCHRONOUS_TOLERANCE = 1e-4
+"""A reading is 1x when its frequency equals its speed to this fraction of the speed."""
+
+_WANDER_TOLERANCES = 10
+"""Tolerances that the speed of one run may wander over: 5 %, more than a drive without a governor slips under load."""
+
+
+def set_speeds(speed: Float, frequency: Float, run: Index, tolerance: float = SPEED_TOLERANCE) -> Float:
+    """The constant speed that each logged one belongs to, a mean.
+
+    Sorted speeds of a run without a gap of more than ``tolerance`` are one speed, unless they span ten times as much:
+    then the speed was swept, and stays. So do runs at once-per-turn frequency. Constant speeds of several runs that
+    have no such gap, and span no more than twice the tolerance, are one.
+
+    Args:
+        speed, frequency: of each row, rad/s.
+        run: number of its run.
+        tolerance: fraction of the speed.
+    """
+    steady = ~_synchronous(speed, frequency, run)
+    if not steady.any() or np.ptp(speed[steady]) == 0:
+        return speed
+    found = speed.copy()
+    found[steady] = _of_runs(speed[steady], run[steady], tolerance)
+    values = np.unique(found[steady])
+    breaks = np.flatnonzero(np.diff(values) > tolerance * np.abs(values[1:])) + 1
+    for group in np.split(values, breaks):
+        if 0 < group[-1] - group[0] <= 2 * tolerance * abs(group[-1]):
+            rows = steady & (found >= group[0]) & (found <= group[-1])
+            found[rows] = speed[rows].mean()
+    return found
+
+
+def _synchronous(speed: Float, frequency: Float, run: Index) -> Bool:
+    """Rows of runs at once-per-turn frequency."""
+    at_1x = np.abs(frequency - speed) <= SYNCHRONOUS_TOLERANCE * np.abs(speed)
+    return np.asarray(np.bincount(run, ~at_1x)[run] == 0)
+
+
+def _of_runs(speed: Float, run: Index, tolerance: float) -> Float:
+    """Means of the speeds of each run that are about the same."""
+    order = np.lexsort([speed, run])
+    ordered = speed[order]
+    apart = (np.diff(run[order]) != 0) | (np.diff(ordered) > tolerance * np.abs(ordered[1:]))
+    begin = np.r_[0, np.flatnonzero(apart) + 1]
+    size = np.diff(np.r_[begin, speed.size])
+    low, high = ordered[begin], ordered[begin + size - 1]
+    mean = low + np.add.reduceat(ordered - np.repeat(low, size), begin) / size  # of equal speeds to the last digit
+    steady = np.repeat(high - low <= _WANDER_TOLERANCES * tolerance * np.abs(high), size)
+    found = np.empty_like(speed)
+    found[order] = np.where(steady, np.repeat(mean, size), ordered)
+    return found
