@@ -3,7 +3,7 @@ Figs 13 to 15: larger forces, a nonlinear fluid
 ===============================================
 
 With a heavier perturbation weight the orbit grows, the film stiffens, and the straight line and the parabola
-bend where the orbit is largest, at the whirl resonance. A circular orbit about the centre has a constant
+bend from the whirl resonance on. A circular orbit about the centre has a constant
 radius, so that one phasor equation is exact at every line, with the stiffness at that radius. The difference
 to the linear rotor is the nonlinear stiffness.
 """
@@ -40,6 +40,8 @@ fit.plot_nonlinear_stiffness()
 fit.plot_law()
 
 # %%
-# What to look at: the points leave the linear curves around ``lam Om``, and further for the heavier weight;
-# away from the resonance all weights agree. A linear fit of the same data would be a mean over what happened to
-# be measured; whether the data ask for a law is told by :func:`rotorfit.compare_laws` (:doc:`/experiments`).
+# What to look at: forward, the curves of the three weights part from ``lam Om`` on, where the orbit grows;
+# backward, where it stays small, they agree. Stiffness over eccentricity (right) is not one curve, as what
+# damping and inertia add depends on the frequency too. A linear fit of the same data would be a
+# mean over what happened to be measured; whether the data ask for a law is told by :func:`rotorfit.compare_laws`
+# (:doc:`/experiments`).

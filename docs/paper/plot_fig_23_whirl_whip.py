@@ -14,6 +14,32 @@ import numpy as np
 import rotorfit as rf
 
 RPM = 30 / np.pi
+
+# %%
+# Figs 21 and 22, the rig and its model: a disk at mid-span, a journal in oil at the end, probes and perturbators
+# at both.
+
+figure, axis = plt.subplots(figsize=(8, 2.6), layout="constrained")
+axis.plot([0, 9], [0, 0], "k", lw=3)
+parts = (
+    (0.6, 0.3, 0.6, "pivoting\nbearing"),
+    (4.2, 0.6, 2.0, "disk: Md, Ds\nprobes, perturbator"),
+    (7.6, 0.7, 0.8, "journal: Mb\nK0, D, lam, Mf\nprobes, perturbator"),
+)
+for x, width, height, name in parts:
+    axis.add_patch(plt.Rectangle((x, -height / 2), width, height, facecolor="#e8eef7", edgecolor="k"))
+    axis.text(x + width / 2, height / 2 + 0.15, name, ha="center", va="bottom", fontsize=8)
+axis.text(2.5, -0.35, "shaft, K1", ha="center", fontsize=8)
+axis.text(6.2, -0.35, "shaft, K2", ha="center", fontsize=8)
+for x in (7.75, 8.15):
+    axis.plot([x, x], [-0.4, -1.2], "C1", ls=(0, (2, 1)))
+axis.text(7.95, -1.4, "springs, K3", ha="center", va="top", fontsize=8)
+axis.set(xlim=(-0.2, 10), ylim=(-1.9, 2.1), title="rotor of two complex modes")
+axis.axis("off")
+
+# %%
+# A virtual rig of that kind, 1500 rpm, forced forward and backward at each plane in turn.
+
 model = rf.models.WhirlWhip()
 truth = {
     "Md": 0.95, "Ds": 3.0, "K1": 14e3, "K2": 15e3, "sigma": 0.95, "Mb": 0.3, "K3": 6e3,

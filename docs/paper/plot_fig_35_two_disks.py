@@ -37,6 +37,27 @@ axis.set(xlim=(-0.2, 6.2), ylim=(-0.5, 0.6), title="two masses, three springs")
 axis.axis("off")
 
 # %%
+# Fig. 34: the rig. Probes stand beside the disks, where the weights go; more along the shaft check the modes.
+
+figure, axis = plt.subplots(figsize=(8, 2.2), layout="constrained")
+axis.plot([0.9, 9.2], [0, 0], "k", lw=3)
+parts = (
+    (0.0, 0.9, 0.8, "motor"),
+    (1.6, 0.3, 0.6, "inboard\nbearing"),
+    (3.4, 0.4, 1.6, "inboard disk"),
+    (6.4, 0.4, 1.6, "outboard disk"),
+    (8.6, 0.3, 0.6, "outboard\nbearing"),
+)
+for x, width, height, name in parts:
+    axis.add_patch(plt.Rectangle((x, -height / 2), width, height, facecolor="#e8eef7", edgecolor="k"))
+    axis.text(x + width / 2, height / 2 + 0.12, name, ha="center", va="bottom", fontsize=8)
+for number, x in enumerate((2.6, 3.2, 4.6, 5.4, 6.2, 7.6)):
+    axis.plot([x, x], [-0.9, -0.1], "C3" if number in (1, 4) else "0.6", lw=2)
+axis.text(3.2, -1.2, "x and y probes (red: fitted)", ha="center", fontsize=8)
+axis.set(xlim=(-0.2, 9.6), ylim=(-1.4, 1.5), title="two disks, weights in either")
+axis.axis("off")
+
+# %%
 # Fig. 35: net responses to controlled unbalance, 15 g mm, up to 6000 rpm; residual unbalance is in every run
 # and cancels.
 
