@@ -13,9 +13,8 @@ from rotorfit.models.array_types import RANK_TOLERANCE, Bool, Float
 UNRESOLVED_ERROR = 1.0
 """A direction is unresolved when its standard error exceeds this multiple of the parameters' own size."""
 _UNSEEN_SHARE = 1e-6  # share in an unseen direction that is more than round-off
-_UNSEEN_CHANGE = (
-    1e-4  # relative change of a result, by parameters' own sizes that no datum notices, that leaves it open
-)
+UNSEEN_CHANGE = 1e-4
+"""Relative change of a result, by parameters' own sizes that no datum notices, from which it is left open."""
 _NAMED_SHARE = 0.02  # entries of an unresolved direction below this fraction of the largest are not named
 
 
@@ -60,7 +59,7 @@ class Identifiability:
         if not self.null_space.size:
             return np.zeros(len(slopes), dtype=bool)
         leak = np.abs(slopes[..., : self.null_space.shape[0]] @ self.null_space)
-        return np.asarray(leak.reshape(len(slopes), -1).max(axis=1) > _UNSEEN_CHANGE * sizes)
+        return np.asarray(leak.reshape(len(slopes), -1).max(axis=1) > UNSEEN_CHANGE * sizes)
 
     def __str__(self) -> str:
         head = f"{self.rank} of {self.size} parameter combinations determined, condition number {self.condition:.2g}"

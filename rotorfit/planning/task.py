@@ -13,6 +13,7 @@ from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.diagnosis.orbits import SYNCHRONOUS_DISTANCE
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.inference.covariance import standard_error
+from rotorfit.estimators.inference.identifiability import UNSEEN_CHANGE
 from rotorfit.estimators.inference.optimal_shares import Lines, optimal_shares
 from rotorfit.estimators.misfit.parameter_space import parameter_space
 from rotorfit.fitting.settings import FitSettings
@@ -30,8 +31,6 @@ from rotorfit.units import RPM_PER_RAD_S
 
 _PROBE_RANGE = 1e-3
 """Motion, m, beyond the linear range of usual eddy-current probes, 80 mil or 2 mm from end to end."""
-_LEAK = 1e-4
-"""Change of a quantity, over its value, along a direction that no datum notices, from which it is not determined."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -136,7 +135,7 @@ def errors_of(found: Expectation, targets: Mapping[str, Target]) -> dict[str, Ex
     for name, target in targets.items():
         value, slope = target.at(found.guess.centre)
         leak = float(np.abs(slope[: null.shape[0]] @ null).max(initial=0.0)) if null.size else 0.0
-        undetermined = leak > _LEAK * abs(value) or math.isnan(value)
+        undetermined = leak > UNSEEN_CHANGE * abs(value) or math.isnan(value)
         error = math.inf if undetermined else float(standard_error(slope, covar))
         result[name] = ExpectedError(value, error, target.unit)
     return result

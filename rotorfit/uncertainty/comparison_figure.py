@@ -13,15 +13,13 @@ if TYPE_CHECKING:
 
     from rotorfit.uncertainty.comparison import Comparison
 
-_COLUMNS = 3
-
 
 def plot_comparison(comparison: Comparison) -> Figure:
     """A panel a parameter, with the 95 % interval of each fit."""
     fits = comparison.fits
     names = [n for n in comparison.parameters if sum(n in fit.params for fit in fits.values()) > 1 or len(fits) == 1]
-    rows = -(-len(names) // _COLUMNS)
-    columns = min(_COLUMNS, len(names))
+    columns = min(3, len(names))
+    rows = -(-len(names) // columns)
     figure, axes = grid(rows, columns, "Estimates with 95 % intervals", size=(2.6, 0.6 + 0.3 * len(fits)))
     for axis, name in zip(axes.flat, names, strict=False):
         found = [(i, fit.params[name]) for i, fit in enumerate(fits.values()) if name in fit.params]

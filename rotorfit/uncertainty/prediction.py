@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.data.experiments import PerturbationTest
+from rotorfit.data.synchronous import SPEED_TOLERANCE
 from rotorfit.estimators.blocks.correlated import quantile
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block
@@ -22,17 +23,12 @@ from rotorfit.models.motion.stability import growth_rate
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.text_table import text_table
 from rotorfit.observing.observations import observe_any
+from rotorfit.uncertainty.derived import DERIVED_DRAWS
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
-
-_DRAWS = 4000
-"""Simulated curves from which the width of a band of whole curves is read: its 95 % quantile is known to 1 %."""
-
-_MARGIN = 1e-3
-"""Share by which a speed or a frequency may lie outside the tested ones before it is called an extrapolation."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -382,7 +378,7 @@ def _draws_of_errors(covar: Float, slopes: Float) -> Float:
     """Simulated errors of the parts of whole curves, shape ``(W, N, 2)``."""
     values, vectors = np.linalg.eigh(covar)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    drawn = np.random.default_rng(1).normal(size=(_DRAWS, root.shape[1])) @ root.T
+    drawn = np.random.default_rng(1).normal(size=(DERIVED_DRAWS, root.shape[1])) @ root.T
     return np.asarray(np.einsum("wp,nip->wni", drawn, slopes))
 
 
@@ -449,7 +445,7 @@ def extrapolation(what: str, values: Float, tested: Sequence[Float]) -> list[str
         if same.size:
             here = np.sign(values) == sign
             low[here], high[here] = same.min(), same.max()
-    margin = _MARGIN * np.abs(known).max(initial=0.0)
+    margin = SPEED_TOLERANCE * np.abs(known).max(initial=0.0)
     outside = (values < low - margin) | (values > high + margin)
     if not outside.any():
         return []

@@ -159,10 +159,10 @@ def fitted_rotor(fit: FitResult, group: int) -> Rotors:
     return Rotors(model=fit.model, theta=theta, terms=(), sizes=np.zeros((1, 0)), coupling={})
 
 
-def unseen_rotors(fit: FitResult, group: int, step: float) -> Rotors:
-    """Rotors that no datum tells from the fitted one: steps, as shares of the parameters' own sizes."""
+def unseen_rotors(fit: FitResult, group: int) -> Rotors:
+    """Rotors that no datum tells from the fitted one, a tenth of the parameters' own sizes away."""
     null = fit.identifiability.null_space
-    x = fit.x[: null.shape[0]] + step * null.T
+    x = fit.x[: null.shape[0]] + null.T / 10
     theta = fit.problem.space.theta(x)[:, group] if null.size else fit.thetas[:0, :]
     return Rotors(model=fit.model, theta=theta, terms=(), sizes=np.zeros((len(theta), 0)), coupling={})
 

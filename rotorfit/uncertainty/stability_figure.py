@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from rotorfit.uncertainty.stability_report import Curve, StabilityReport
 
-_WELL_DAMPED = 3.0  # decrement above which curves are cut off: such a mode is no question of stability
-
 
 def plot_stability_report(report: StabilityReport) -> Figure:
     """One panel for each kind of curve that the report has."""
@@ -58,11 +56,12 @@ def _limit(report: StabilityReport, axis: Any) -> None:
 
 
 def _decrements(report: StabilityReport, axis: Any) -> None:
-    shown = [curve for curve in report.decrement if np.min(curve.y) < _WELL_DAMPED]
+    damped = 3.0  # above which curves are cut off: such a mode is no question of stability
+    shown = [curve for curve in report.decrement if np.min(curve.y) < damped]
     _draw(axis, shown, RPM_PER_RAD_S, 1.0)
     _running(report, axis)
     _limit(report, axis)
-    top = max([report.criteria[0].limit, *(float(np.max(np.minimum(c.y, _WELL_DAMPED))) for c in shown)])
+    top = max([report.criteria[0].limit, *(float(np.max(np.minimum(c.y, damped))) for c in shown)])
     low = min([0.0, *(float(np.min(c.y)) for c in shown)])
     axis.set_ylim(max(low, -0.5 * top) - 0.1 * top, 1.15 * top)
     axis.set_xlabel("speed, rpm", fontsize=8)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rotorfit.estimators.inference.identifiability import UNSEEN_CHANGE
 from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import eigenvalues, threshold_speed
@@ -42,9 +43,6 @@ _OVERDAMPED = 1 / math.sqrt(2)
 """Damping ratio from which a mode has no resonance: the amplitude of a forced response has no peak."""
 _CURVE_DRAWS = 300
 """Rotors from which bands of curves are read: a limit of 95 % is known to a tenth of a standard deviation."""
-_STEP = 0.1
-"""Step along what no datum notices, in parameters' own sizes, and the relative change that shows a criterion open."""
-_OPEN = 1e-4
 _DOUBLINGS = 12  # of the expected cross-coupling, up to which an onset is searched
 _MARGIN_OF_CURVES = 1.25  # highest speed of curves, over the highest running or tested speed
 
@@ -296,7 +294,7 @@ def stability_report(
         raise ValueError(f"{fit.model.name} is written in modes, where a cross-coupling at a plane has no place")
     unbalance = {where: mr * 1e-6 for where, mr in _at_planes(fit, unbalance_g_mm, "unbalance_g_mm").items()}
     seen = _seen(fit, plane, unbalance, max_amplitude_um)
-    one, unseen = fitted_rotor(fit, group), unseen_rotors(fit, group, _STEP)
+    one, unseen = fitted_rotor(fit, group), unseen_rotors(fit, group)
     many = drawn_rotors(fit, group, DERIVED_DRAWS if fit.model.shaft is None else SHAFT_DRAWS, thetas)
     questions = [_decrement_question(fit, running[1], min_decrement, {}, "")]
     if fit.model.speed_dependent:
@@ -386,7 +384,7 @@ def _answer(question: _Question, case: str, one: Rotors, many: Rotors, unseen: R
     probability, ends = float(np.mean(met)), _quantiles(drawn, level)
     if unseen.theta.size:
         other = question.ask(unseen)[0]
-        moved = ~np.isclose(other, value, rtol=_OPEN, atol=0.0)
+        moved = ~np.isclose(other, value, rtol=UNSEEN_CHANGE, atol=0.0)
         if moved.any():
             probability, ends = math.nan, np.full(2, math.nan)
     return Criterion(
