@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.data.synchronous import SPEED_TOLERANCE
 from rotorfit.estimators.blocks.correlated import quantile
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block
+from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float
