@@ -25,6 +25,10 @@ class Overhung(RotorModel):
     """
 
     name: ClassVar[str] = "overhung"
+    caveats = (
+        "without readings of the tilt the data hold k12 squared only: its sign is that of its start, positive unless "
+        "start={'k12': ...} or known= says otherwise",
+    )
 
     def __init__(self, planes: Sequence[str] = ("disk",), *, coupling_mass: bool = False, betas: bool = False) -> None:
         self.betas = betas

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from synthetic import TYPICAL, overhung_without_slopes
 
 import rotorfit as rf
 from rotorfit.cli.main import main
@@ -67,3 +68,20 @@ def test_words_that_do_not_go_together_are_refused(
     assert main(["simulate", "--model", "one-mode", *rotor, *words, "--recordings", str(tmp_path / "raw")]) == 2
     assert said in capsys.readouterr().err
     assert not list(tmp_path.rglob("*.h5"))
+
+
+def test_a_start_up_through_the_onset_of_instability_is_refused(tmp_path: Path) -> None:
+    model = rf.models.OneMode()
+    values = {"M": 1.2, "K": 8e3, "Ds": 8.0, "K0": 9e3, "D": 450.0, "lam": 0.46, "Mf": 0.4}
+    with pytest.raises(ValueError, match="unstable"):
+        rf.simulate_recordings(model, values, tmp_path, "synchronous", speed_rpm=(250.0, 9000.0))
+
+
+def test_the_sign_of_the_coupling_of_an_overhung_rotor_is_called_a_convention() -> None:
+    """Lateral readings give the same fit with either sign; the start says which."""
+    model, test = rf.models.Overhung(), overhung_without_slopes(TYPICAL["overhung"], seed=1)
+    one = rf.fit(model, test)
+    other = rf.fit(model, test, start={name: p.value * (-1 if name == "k12" else 1) for name, p in one.params.items()})
+    assert other.params["k12"].value == pytest.approx(-one.params["k12"].value, rel=1e-4)
+    assert other.redchi == pytest.approx(one.redchi, rel=1e-9)
+    assert "k12 squared" in one.summary()

@@ -112,11 +112,13 @@ def synchronous(
     reference: bool = False,
 ) -> Iterator[Played]:
     """Start-ups with a weight in one of the planes at places of the pattern of holes, and perhaps one without."""
+    spread = 0.01  # of the last speed from run to run
+    rig.virtual.decay((1 + spread) * speed_rpm[1] * RPM)  # refuses an unstable rotor
     time = rig.instruments.time(duration)
     for name, weights, said in _weighted(rig, unbalance, planes, hole_zero_deg, hole_deg, reference):
         sweep = Sweep(
             first=speed_rpm[0] * RPM,
-            last=speed_rpm[1] * RPM * float(rig.rng.uniform(0.99, 1.01)),
+            last=speed_rpm[1] * RPM * float(rig.rng.uniform(1 - spread, 1 + spread)),
             duration=duration,
         )
         forces = {plane: partial(_turning, sweep, weight) for plane, weight in weights.items()}
