@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import recorded
 
 import rotorfit as rf
 from rotorfit.estimators.blocks.set_speeds import set_speeds
@@ -120,3 +121,53 @@ def test_probes_that_log_the_speed_apart_make_one_orbit() -> None:
 def test_a_swept_speed_is_none_that_was_set() -> None:
     ramp = np.linspace(100.0, 120.0, 200)
     np.testing.assert_array_equal(set_speeds(ramp, np.full(200, 30.0), np.zeros(200, dtype=int)), ramp)
+
+
+def recorded_sweeps(folder: Path, wander: float, seconds: float = 8.0) -> list[Path]:
+    """Volts of a sweep each way at 1800 rpm while the speed wanders; the rotor integrated in time (Runge-Kutta)."""
+    rng, ways = np.random.default_rng(3), np.array([1, -1])
+    step, count, mean = 1 / (2 * recorded.RATE), round(seconds * recorded.RATE), 1800 * RPM
+    rate = 2 * np.pi * np.array([[0.6], [1.3], [2.2]]) / seconds
+    phase = rng.uniform(0, 2 * np.pi, (3, 2))
+    slope, size, unbalance = 2 * np.pi * 40.0 / seconds, wander * np.sqrt(2 / 3), 1.6e-4
+    half_steps = np.arange(4 * count + 1)[:, None] * step / 2
+    drive = (2 * np.pi * 5 + slope * half_steps / 2) * half_steps
+    speed = mean * (1 + size * sum(np.cos(rate[k] * half_steps + phase[k]) for k in range(3)))
+    angle = mean * (half_steps + size * sum(np.sin(rate[k] * half_steps + phase[k]) / rate[k] for k in range(3)))
+    w = 2 * np.pi * 5 + slope * half_steps
+    force = unbalance * (w**2 - 1j * ways * slope) * np.exp(1j * ways * (drive + np.radians(40.0)))
+    stiffness = STIFFNESS - 1j * DAMPING * LAM * speed
+
+    def change(at: int, state: Any) -> Any:
+        return np.array([state[1], (force[at] - DAMPING * state[1] - stiffness[at] * state[0]) / MASS])
+
+    state, motion = np.zeros((2, 2), dtype=complex), np.zeros((count, 2), dtype=complex)
+    for number in range(2 * count):
+        if number % 2 == 0:
+            motion[number // 2] = state[0]
+        at = 2 * number
+        first = change(at, state)
+        second = change(at + 1, state + step / 2 * first)
+        third = change(at + 1, state + step / 2 * second)
+        state = state + step / 6 * (first + 2 * second + 2 * third + change(at + 2, state + step * third))
+    paths = []
+    for number, name in enumerate(("forward", "backward")):
+        channels = {
+            f"disk_{axis}": -10 + 7870 * part + 3e-3 * rng.normal(size=count)
+            for axis, part in (("X", motion[:, number].real), ("Y", motion[:, number].imag))
+        }
+        channels["keyphasor_shaft"] = recorded.notch(angle[: 4 * count : 4, number])
+        channels["keyphasor_perturbator"] = recorded.notch(drive[: 4 * count : 4, 0])
+        given = recorded.ATTRIBUTES | {"whirl": name, "mr_kg_m": unbalance, "speed_rpm": 1800.0}
+        paths.append(recorded.write_hdf5(folder / f"{name}.h5", channels, given))
+    return paths
+
+
+def test_responses_of_a_recording_have_the_speed_at_their_own_moment(tmp_path: Path) -> None:
+    """A wander of 1 % in eight seconds: with the mean speed lam is 0.23 % off and redchi 45."""
+    test = rf.responses([rf.read_recording(path) for path in recorded_sweeps(tmp_path, 0.01)])
+    assert 0.005 < np.std(test.speed) / np.mean(test.speed) < 0.02
+    fit = rf.fit(rf.models.OneMode(planes=("disk",)), test, known=KNOWN)
+    steady = rf.fit(rf.models.OneMode(planes=("disk",)), replace(test, speed=test.set_speed), known=KNOWN)
+    assert fit.params["lam"].value == pytest.approx(LAM, rel=1e-3)
+    assert steady.redchi > 10 * fit.redchi

@@ -10,6 +10,7 @@ import numpy as np
 from rotorfit.estimators.inference.score_tests import joint_gains
 from rotorfit.estimators.inference.smooth_causes import Cause, cause_columns, causes_of
 from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.noise.reading_noise import NOISE_FLOOR
 from rotorfit.estimators.noise.run_effects import MixedModel, select_effects
 from rotorfit.fitting.noise.linearised import LinearisedFit
 from rotorfit.fitting.noise.noise_fit import RESPONSE, SPEED, NoiseFit, sigma_of_residuals, weighing_sigma
@@ -26,7 +27,8 @@ _MOST_CAUSES = 3
 def fixed_causes(problem: Problem, x: Float, data: LinearisedFit) -> tuple[tuple[Cause, ...], LinearisedFit]:
     """Smooth causes that explain what the fit misses, and the linearised fit with their columns beside its values."""
     causes = causes_of(problem, x)
-    if not causes:
+    readings = np.concatenate([block.measured / block.sigma for block in problem.blocks])
+    if not causes or np.linalg.norm(data.r) <= NOISE_FLOOR * np.linalg.norm(readings):  # exact data miss digits only
         return (), data
     columns = cause_columns(problem, x, causes)
     own = np.split(np.arange(columns.shape[1]), np.cumsum([len(cause.parts) for cause in causes])[:-1])

@@ -78,7 +78,7 @@ def dwell_responses(
         clear,
         run=record.name,
         frequency=force.whirl * w,
-        speed=w if synchronous else reduced.shaft_speed,
+        speed=w if synchronous else np.array([part.shaft_speed for part in parts])[order],
         force_plane=force.plane,
         force=force.mr * w**2 * np.exp(1j * force.angle),
         attributes=record.attributes,

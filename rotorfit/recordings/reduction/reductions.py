@@ -11,14 +11,20 @@ import numpy as np
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding
 from rotorfit.data.synchronous import DIFFERENCED
-from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra, local_response
+from rotorfit.estimators.signals.local_response import SMOOTH_DEGREE, LocalResponse, RecordSpectra, local_response
 from rotorfit.models.array_types import Bool
 from rotorfit.recordings.reduction.blows import QUIET_SHARE, Blow, blow_findings, blows, rest_of
 from rotorfit.recordings.reduction.dwell_responses import dwell_responses, dwelling, dwells_of
 from rotorfit.recordings.reduction.images import image_seen
 from rotorfit.recordings.reduction.measured_force import clear_of_noise, coherence, coherence_note, reduce_measured
 from rotorfit.recordings.reduction.reduced_record import ReducedRecord, reduce_record
-from rotorfit.recordings.reduction.response_rows import apart_from_orders, readings, rows, time_at
+from rotorfit.recordings.reduction.response_rows import (
+    apart_from_orders,
+    readings,
+    rows,
+    shaft_speed_at,
+    time_at,
+)
 from rotorfit.recordings.reduction.window_responses import window_responses
 
 if TYPE_CHECKING:
@@ -108,7 +114,7 @@ def _sweep(reduced: ReducedRecord, report: Report) -> PerturbationTest:
         _clear(reduced, found, 4, report),
         run=record.name,
         frequency=force.whirl * w,
-        speed=reduced.shaft_speed,
+        speed=shaft_speed_at(reduced, w, found.width / (SMOOTH_DEGREE + 1)),
         force_plane=force.plane,
         force=force.mr * w**2 * np.exp(1j * force.angle),
         attributes=record.attributes,

@@ -115,6 +115,22 @@ def time_at(reduced: ReducedRecord, frequency: Float) -> Float:
     return time[np.clip(np.searchsorted(ascending, frequency), 0, time.size - 1)]
 
 
+def shaft_speed_at(reduced: ReducedRecord, frequency: Float, width: Float) -> Float:
+    """Mean rotative speed while the drive was within half a width of each frequency, rad/s.
+
+    That of the whole record where it stayed for less than a turn of the shaft.
+    """
+    if reduced.shaft_angle is None:
+        return np.zeros(frequency.size)
+    order = np.argsort(reduced.drive_speed, kind="stable")
+    drive = reduced.drive_speed[order]
+    step = np.diff(reduced.shaft_angle, append=reduced.shaft_angle[-1] + reduced.shaft_speed / reduced.rate)
+    turned = np.concatenate([[0.0], np.cumsum(step[order])])
+    begin, end = (np.searchsorted(drive, frequency + side * width / 2) for side in (-1, 1))
+    angle, count = turned[end] - turned[begin], np.maximum(end - begin, 1)
+    return np.where(np.abs(angle) < 2 * np.pi, reduced.shaft_speed, angle / count * reduced.rate)
+
+
 def apart_from_orders(reduced: ReducedRecord, w: Float) -> Bool:
     """True if lines are further from every order than the record can separate, its own wander of speed added."""
     if reduced.shaft_angle is None:

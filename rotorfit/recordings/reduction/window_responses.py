@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.estimators.signals.tracking import track_windows
+from rotorfit.models.array_types import Float, Index
 from rotorfit.recordings.reduction.reduced_record import is_pair
 from rotorfit.recordings.reduction.response_rows import ProbeResponses, rows, single_direction
 
@@ -48,9 +49,19 @@ def window_responses(reduced: ReducedRecord, force: Force, turns: int) -> Pertur
         found.clear,
         run=record.name,
         frequency=force.whirl * w,
-        speed=w if synchronous else reduced.shaft_speed,
+        speed=w if synchronous else _shaft_speeds(reduced, found.centre),
         force_plane=force.plane,
         force=force.mr * w**2 * np.exp(1j * force.angle),
         attributes=record.attributes,
         unit=newton,
     )
+
+
+def _shaft_speeds(reduced: ReducedRecord, centre: Index) -> Float:
+    """Mean rotative speed of each window, rad/s, from half-way to that before to half-way to that after."""
+    if reduced.shaft_angle is None or centre.size < 2:
+        return np.full(centre.size, reduced.shaft_speed)
+    half = np.gradient(centre) / 2
+    ends = [np.clip((centre + side * half).astype(np.intp), 0, reduced.time.size - 1) for side in (-1, 1)]
+    (begin, end), (start, stop) = ([values[at] for at in ends] for values in (reduced.shaft_angle, reduced.time))
+    return np.asarray((end - begin) / (stop - start))
