@@ -85,7 +85,6 @@ def check_archive(path: Path) -> None:
 # ---- HDF5 --------------------------------------------------------------------------------------
 
 
-_OPENING_S = 60.0  # in which a table of readings opens on any machine
 _OPEN = """
 import sys, h5py
 with h5py.File(sys.argv[1], "r") as file:
@@ -95,10 +94,10 @@ with h5py.File(sys.argv[1], "r") as file:
 
 def refuse_deadly(path: Path) -> None:
     """Refuse a damaged HDF5 file over which the library ends the process: another process opens it first."""
+    words = [sys.executable, "-c", _OPEN, str(path)]
+    minute = 60.0  # in which a table of readings opens on any machine
     try:
-        ended = subprocess.run(
-            [sys.executable, "-c", _OPEN, path], capture_output=True, timeout=_OPENING_S, check=False
-        )
+        ended = subprocess.run(words, capture_output=True, timeout=minute, check=False)
     except subprocess.TimeoutExpired:
         raise ValueError(f"{path.name} is not a readable HDF5 file: the library finds no end of it") from None
     if ended.returncode < 0:
