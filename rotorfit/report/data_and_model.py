@@ -10,7 +10,7 @@ from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.structure.refine import structure_name
 from rotorfit.models import Constant, Law
-from rotorfit.models.equation_text import stiffness_entries, to_mathml
+from rotorfit.models.motion.equation_text import stiffness_entries, to_mathml
 from rotorfit.report.html import Html, element, paragraph, table
 from rotorfit.report.numbers import plain, speeds_in_words, with_error
 from rotorfit.report.parts import groups_of, section

@@ -12,7 +12,7 @@ from rotorfit.fitting.quantities import THRESHOLD, Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
-from rotorfit.models.equation_text import symbol_mathml
+from rotorfit.models.motion.equation_text import symbol_mathml
 from rotorfit.plots.journal import group_label, groups_in_order
 from rotorfit.report.html import Html, element, join
 from rotorfit.report.numbers import interval, superscript
