@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.matching import cheapest_rows
-from rotorfit.estimators.significance import CHANCE_ERRORS
+from rotorfit.fitting.digits import interval as interval_words
+from rotorfit.fitting.quantities import THRESHOLD
 from rotorfit.models import AnisotropicShaft, Turning, eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.plots.journal import group_label
@@ -36,7 +38,9 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
     if isinstance(fit.model, AnisotropicShaft | Turning):
         return plot_turning_stability(fit)
     theta = fit.thetas[group]
-    onset = fit.threshold_of(group) if fit.model.speed_dependent else None
+    onset = (
+        replace(fit.threshold_of(group), systematic=fit.systematic(THRESHOLD)) if fit.model.speed_dependent else None
+    )
     onset = onset if onset is not None and np.isfinite(onset.value) else None
     tested = _tested_speeds(fit, group)
     top = _highest_speed(fit, np.nan if onset is None else onset.value)
@@ -95,14 +99,8 @@ def _mark_threshold(axis: Any, onset: Quantity | None) -> None:
         return
     axis.axvline(onset.value * RPM_PER_RAD_S, color=_THRESHOLD, lw=1.4)
     if np.isfinite(onset.stderr):
-        half = CHANCE_ERRORS * onset.stderr
-        axis.axvspan(
-            (onset.value - half) * RPM_PER_RAD_S,
-            (onset.value + half) * RPM_PER_RAD_S,
-            color=_THRESHOLD,
-            alpha=0.3,
-            lw=0,
-        )
+        low, high = onset.interval(0.95)
+        axis.axvspan(low * RPM_PER_RAD_S, high * RPM_PER_RAD_S, color=_THRESHOLD, alpha=0.3, lw=0)
 
 
 def _unstable_half(axis: Any, values: Float, *, above: bool) -> None:
@@ -140,9 +138,9 @@ def _legend(figure: Figure, modes: list[str], onset: Quantity | None, *, tested:
     labels = list(modes)
     if onset is not None:
         handles.append(Line2D([], [], color=_THRESHOLD, lw=1.4))
-        known = np.isfinite(onset.stderr)
-        interval = f" ± {CHANCE_ERRORS * onset.stderr * RPM_PER_RAD_S:.2g} (95 %)" if known else ""
-        labels.append(f"threshold {onset.value * RPM_PER_RAD_S:.1f}{interval} rpm")
+        low, high = (RPM_PER_RAD_S * end for end in onset.interval(0.95))
+        interval = f", 95 % {interval_words(low, high)}" if np.isfinite(high) else ""
+        labels.append(f"threshold {onset.value * RPM_PER_RAD_S:.5g}{interval} rpm")
     handles.append(Patch(color=_THRESHOLD, alpha=0.15))
     labels.append("unstable")
     handles.append(Line2D([], [], color="0.6", lw=0.9, ls="--"))
