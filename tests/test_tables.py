@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from seal_campaigns import KNOWN, seal_campaign
 
 import rotorfit as rf
 from rotorfit.fitting.habits import ELSEWHERE
@@ -62,3 +63,20 @@ def test_what_the_sentences_name_is_there(rig_fit: rf.FitResult) -> None:
             assert hasattr(rig_fit, attribute), sentence
     with pytest.raises(AttributeError, match=r"a fit has no nonsense$"):
         rig_fit.nonsense  # noqa: B018
+
+
+def test_what_is_plural_is_a_table_too(rig_fit: rf.FitResult) -> None:
+    drawn = rig_fit.sample(seed=1, walkers=32, ess=100)
+    table = drawn.to_dataframe()
+    assert table["lam"].to_numpy() == pytest.approx(drawn.parameter("lam").samples)
+    runs = rf.campaign(rf.models.OneMode(), seal_campaign(3, lines=40)[0], known=KNOWN)
+    rows = runs.to_dataframe()
+    assert len(rows) == len(runs.runs)
+    assert {"run", "D", "D_stderr", "redchi"} <= set(rows.columns)
+
+
+def test_a_recording_says_what_it_is_on_a_line() -> None:
+    record = rf.read_recording(rf.datasets.volts()[0])
+    assert repr(record).count("\n") == 0
+    assert record.name in repr(record)
+    assert "disk_X" in repr(record)

@@ -34,6 +34,7 @@ from rotorfit.models.text_table import Wide, text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 
 _FLUID = ("K0", "lam", "lam_D", "D")  # what the source follows in a campaign, where the model has it
@@ -282,6 +283,12 @@ class Campaign:
     def _repr_html_(self) -> str:
         """Table for a notebook."""
         return text_html(str(self))
+
+    def to_dataframe(self) -> DataFrame:
+        """All runs as a table with the columns of :meth:`to_csv`."""
+        from pandas import read_csv
+
+        return read_csv(io.StringIO(self.to_csv()))
 
     def to_csv(self, path: str | Path | None = None) -> str:
         """All runs as CSV: conditions, values, standard errors (``K0_stderr``), quality; also written to ``path``.

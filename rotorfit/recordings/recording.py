@@ -46,6 +46,11 @@ if TYPE_CHECKING:
 class Recording(Signals):
     """One run as it was recorded: signals, angles and what was found wrong. Made by :func:`read_recording`."""
 
+    def __repr__(self) -> str:
+        """Name, length and channels, on one line."""
+        channels = ", ".join(self.channels)
+        return f"<Recording {self.name}: {self.duration:.4g} s at {self.sample_rate:.6g} Hz, {channels}>"
+
     def __reduce__(self) -> tuple[Any, ...]:
         return _opened_again, (self.path, self.setup, self.label)  # a worker opens the file again
 

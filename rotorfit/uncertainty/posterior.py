@@ -21,6 +21,7 @@ from rotorfit.uncertainty.onsets import Onsets, onsets_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from pandas import DataFrame
 
     from rotorfit.estimators.inference.log_posterior import Noise
     from rotorfit.uncertainty.prediction import Prediction
@@ -100,6 +101,17 @@ class Posterior(Draws):
         return self.fit.params[name].unit if name in self.fit.params else "1"
 
     # ---- derived quantities ------------------------------------------------------------------------------------------
+
+    def to_dataframe(self) -> DataFrame:
+        """All draws as a table, a row each, SI, by the names of the entries.
+
+        Example:
+            >>> list(fit.sample(seed=1, walkers=32, ess=100).to_dataframe().columns[:2])
+            ['Md', 'Ds']
+        """
+        from pandas import DataFrame
+
+        return DataFrame(self.samples, columns=list(self.names))
 
     def thetas(self, at: Mapping[str, Any] | None = None, *, draws: int | None = None) -> Float:
         """Model parameter vectors of evenly spaced draws, shape ``(N, P)``.
