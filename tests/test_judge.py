@@ -14,6 +14,7 @@ from synthetic import circular_test
 
 import rotorfit as rf
 from rotorfit.cli.main import main
+from rotorfit.studies.folder import CONTENTS
 from rotorfit.uncertainty.rotors import Rotors
 from rotorfit.uncertainty.unbalance import margin_asked, peaks_near, peaks_of
 
@@ -226,3 +227,16 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert "did you mean 'disk'" in capsys.readouterr().err
     assert main([*words, "--unbalance", "20"]) == 2
     assert "--unbalance takes NAME=VALUE" in capsys.readouterr().err
+    before = (tmp_path / "fit.json").read_bytes()
+    (tmp_path / CONTENTS).write_text("fit.json\n", encoding="utf-8")  # the folder of results that holds the fit
+    assert main([*words, "--out", str(tmp_path)]) == 2
+    assert (tmp_path / "fit.json").read_bytes() == before
+    assert "one of the files read" in capsys.readouterr().err
+
+
+def test_a_rotor_whose_model_misses_the_data_is_judged_with_caution() -> None:
+    rig = rf.datasets.rig_open()
+    fit = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6e3})
+    report = fit.stability_report()
+    assert "CAUTION: the model misses the data" in str(report).splitlines()[1]
+    assert exact().stability_report(max_speed_rpm=2800).caution == ""

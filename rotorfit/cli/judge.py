@@ -66,7 +66,8 @@ def run(options: argparse.Namespace) -> int:
         figure = folder / f"stability.{options.figure_format}"
         figure.write_bytes(picture_of(found.plot(), options.figure_format))
 
-    give(options, write, lambda: {"errors": list(errors), **_plain(found)}, text, found.notes)
+    warned = (*([found.caution] if found.caution else []), *found.notes)
+    give(options, write, lambda: {"errors": list(errors), **_plain(found)}, text, warned)
     for words in errors:
         say(f"error in the data: {words}")
     return ExitCode.NOT_CONVERGED if errors else ExitCode.DONE
@@ -76,4 +77,10 @@ def _plain(found: StabilityReport) -> dict[str, Any]:
     """The report as JSON, no infinities."""
     rows = found.to_dataframe().to_dict("records")
     plain = [{k: finite(v) if isinstance(v, float) else v for k, v in row.items()} for row in rows]
-    return {"criteria": plain, "met": found.met, "level": found.level, "notes": list(found.notes)}
+    return {
+        "criteria": plain,
+        "met": found.met,
+        "level": found.level,
+        "caution": found.caution,
+        "notes": list(found.notes),
+    }

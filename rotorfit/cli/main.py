@@ -49,7 +49,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.command is None:
         parser.print_help()
         return ExitCode.DONE
-    given = (*getattr(options, "files", ()), getattr(options, "setup", None), getattr(options, "study", None))
+    named = (getattr(options, name, None) for name in ("setup", "study", "fit"))
+    given = (*getattr(options, "files", ()), *named)
     with warnings.catch_warnings(), protected_inputs([path for path in given if path is not None]):
         warnings.showwarning = _show_warning
         return _carry_out(options)

@@ -195,7 +195,7 @@ def _criteria(material: ReportInput) -> Iterator[Html]:
     where = "running speed" if speed is not None else "highest tested speed"
     yield element("h3", f"Criteria at the {where}, {top * RPM_PER_RAD_S:.5g} rpm")
     yield table(head, rows, numeric=(1, 5))
-    yield note(*map(sentence, found.remarks))
+    yield note(*map(sentence, (*([found.caution] if found.caution else []), *found.remarks)))
 
 
 def _draw_stability(fit: FitResult, group: int) -> Figure:

@@ -42,8 +42,9 @@ def complete_folder(out: Path) -> Iterator[Path]:
         yield draft
         names = sorted(file.name for file in draft.iterdir())
         (draft / CONTENTS).write_text("\n".join(names) + "\n", encoding="utf-8")
-        for name in names:
+        for name in {*earlier, *names}:
             refuse_input(out / name)
+        for name in names:
             if name not in earlier and (out / name).exists():
                 raise FileExistsError(
                     f"{out / name} exists and is no result of rotorfit, as far as {CONTENTS} says; give another folder"

@@ -134,6 +134,7 @@ class StabilityReport:
         unbalance: amplitude against speed, rad/s and m; empty without an unbalance.
         cross_coupling: decrement of the least stable forward mode against cross-coupled stiffness, N/m; likewise.
         notes: what a reader must know.
+        caution: why no number may be relied on as it stands; empty where there is nothing.
     """
 
     criteria: tuple[Criterion, ...]
@@ -145,6 +146,7 @@ class StabilityReport:
     unbalance: tuple[Curve, ...]
     cross_coupling: tuple[Curve, ...]
     notes: tuple[str, ...]
+    caution: str
 
     @property
     def met(self) -> bool:
@@ -215,7 +217,7 @@ class StabilityReport:
     def __str__(self) -> str:
         low, high = (RPM_PER_RAD_S * speed for speed in self.running)
         where = f"{high:.5g} rpm" if low == high else f"{low:.5g} to {high:.5g} rpm"
-        lines = [f"stability at {where}"]
+        lines = [f"stability at {where}", *([self.caution] if self.caution else [])]
         layout = f"<{max(len(c.name) for c in self.criteria)} >9 >18 >11 <8 >11"
         for case in dict.fromkeys(c.case for c in self.criteria):
             lines += [*text_table(self.rows(case), layout), ""]
@@ -334,6 +336,7 @@ def stability_report(
         unbalance=_unbalance_curves(one, many, speeds, seen, unbalance, level),
         cross_coupling=_coupling_curve(fit, one, many, running[1], coupling, level),
         notes=_notes(fit, one, running, speeds),
+        caution=_caution(fit),
     )
 
 
@@ -616,6 +619,16 @@ def _unbalance_curves(
     return (Curve(label=f"{seen}, {weights}", x=speeds, y=one.response(speeds, seen, unbalance)[0], band=band),)
 
 
+def _caution(fit: FitResult) -> str:
+    """What is wrong with a rotor whose model misses the data."""
+    if not fit.model_limited:
+        return ""
+    return (
+        f"CAUTION: the model misses the data beyond their noise (redchi {fit.redchi:.3g}). The rotor judged here may "
+        "be another one, intervals too narrow and probabilities too sure."
+    )
+
+
 def _notes(fit: FitResult, one: Rotors, running: tuple[float, float], speeds: Float) -> tuple[str, ...]:
     known = [fit.speeds] if fit.speeds.size else []
     found = extrapolation("running speeds", np.unique(running), known) if known else []
@@ -624,8 +637,6 @@ def _notes(fit: FitResult, one: Rotors, running: tuple[float, float], speeds: Fl
         found.append(f"{len(least)} of the modes lie above the tested frequencies: they are extrapolated.")
     if fit.model.eccentricity_dependent:
         found.append("The rotor is judged for small motion about the centre of its bearings.")
-    if fit.model_limited:
-        found.append("The model misses the data beyond their noise: intervals may be too narrow.")
     if len(fit.thetas) > 1:
         found.append("Intervals hold the statistical errors only: parameters were fitted per attribute.")
     elif fit.assumed.entries:
