@@ -81,8 +81,8 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.uncertainty.prediction import Prediction as Prediction
     from rotorfit.uncertainty.profile import Profile as Profile
     from rotorfit.uncertainty.sampling import sample as sample
-    from rotorfit.uncertainty.stability_report import Criterion as Criterion
-    from rotorfit.uncertainty.stability_report import StabilityReport as StabilityReport
+    from rotorfit.uncertainty.stability.record import Criterion as Criterion
+    from rotorfit.uncertainty.stability.record import StabilityReport as StabilityReport
 
 _HOME = {
     "to_dataframe": "rotorfit.io.files",
@@ -91,9 +91,9 @@ _HOME = {
     "Design": "rotorfit.planning.design",
     "Plan": "rotorfit.planning.record",
     "plan": "rotorfit.planning.plan",
-    "Criterion": "rotorfit.uncertainty.stability_report",
+    "Criterion": "rotorfit.uncertainty.stability.record",
     "Prediction": "rotorfit.uncertainty.prediction",
-    "StabilityReport": "rotorfit.uncertainty.stability_report",
+    "StabilityReport": "rotorfit.uncertainty.stability.record",
     "join_runs": "rotorfit.data.joined",
     "Balance": "rotorfit.data.balancing",
     "balance": "rotorfit.data.balancing",

@@ -15,8 +15,8 @@ from synthetic import circular_test
 import rotorfit as rf
 from rotorfit.cli.main import main
 from rotorfit.studies.folder import CONTENTS
-from rotorfit.uncertainty.rotors import Rotors
-from rotorfit.uncertainty.unbalance import margin_asked, peaks_near, peaks_of
+from rotorfit.uncertainty.stability.rotors import Rotors
+from rotorfit.uncertainty.stability.unbalance import margin_asked, peaks_near, peaks_of
 
 RPM = 30 / np.pi
 MODEL = rf.models.OneMode(planes=("disk",))

@@ -104,18 +104,7 @@ def test_sigma_beta_law_and_stiffness_come_out_of_one_set(draws: int) -> None:
 def test_static_loads_are_read_by_the_same_probes() -> None:
     """A constant load is the line at zero frequency: readings with a factor are those without it, times the factor."""
     rotor = rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=1e6 * CLEARANCE)
-    true = {
-        "M": 1.0,
-        "K": 6e3,
-        "Ds": 5.0,
-        "K0": 1e4,
-        "D": 450.0,
-        "lam": 0.475,
-        "Mf": 0.35,
-        "n_K": 1.5,
-        "n_D": 1.0,
-        "b": 0.4,
-    }
+    true = ONE
     load = np.array([0.2, 0.5, 1.0, 1.5, 2.0])
     plain = rf.simulate(rotor, true, "static-load", speed_rpm=1500, load=load.tolist(), noise=0.0)
     off = rf.simulate(
@@ -133,18 +122,7 @@ def test_derivatives_of_readings_off_the_centre_hold_the_factors() -> None:
     from rotorfit.fitting.settings import FitSettings
 
     rotor = rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=1e6 * CLEARANCE, betas=True)
-    true = {
-        "M": 1.0,
-        "K": 6e3,
-        "Ds": 5.0,
-        "K0": 1e4,
-        "D": 450.0,
-        "lam": 0.475,
-        "Mf": 0.35,
-        "n_K": 1.5,
-        "n_D": 1.0,
-        "b": 0.4,
-    }
+    true = ONE
     test = rf.simulate(
         rotor, {**true, "beta1": 0.8}, speed_rpm=1500, frequency_rpm=np.array([600.0, 1500.0]), force=0.02, load=-1j
     )

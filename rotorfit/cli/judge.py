@@ -11,7 +11,7 @@ from rotorfit.cli.arguments import add_figure_format, add_output
 from rotorfit.options.kinds import pairs, positive_word
 
 if TYPE_CHECKING:
-    from rotorfit.uncertainty.stability_report import StabilityReport
+    from rotorfit.uncertainty.stability.record import StabilityReport
 
 DESCRIPTION = "judge the stability of an identified rotor at running speed, with the probability of each criterion"
 

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from rotorfit.uncertainty.posterior import Posterior
     from rotorfit.uncertainty.prediction import Prediction
     from rotorfit.uncertainty.profile import Profile
-    from rotorfit.uncertainty.stability_report import StabilityReport
+    from rotorfit.uncertainty.stability.record import StabilityReport
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -565,7 +565,7 @@ class FitResult:
             >>> report.criteria[0].probability
             1.0
         """
-        from rotorfit.uncertainty.stability_report import stability_report
+        from rotorfit.uncertainty.stability.report import stability_report
 
         check_keywords("stability_report", options, JudgeKeywords)
         return stability_report(self, **options)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from rotorfit.estimators.inference.log_posterior import Noise
     from rotorfit.uncertainty.prediction import Prediction
-    from rotorfit.uncertainty.stability_report import StabilityReport
+    from rotorfit.uncertainty.stability.record import StabilityReport
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,7 +152,7 @@ class Posterior(Draws):
         Args:
             **options: as there.
         """
-        from rotorfit.uncertainty.stability_report import stability_report
+        from rotorfit.uncertainty.stability.report import stability_report
 
         check_keywords("stability_report", options, JudgeKeywords)
         return stability_report(self.fit, thetas=self.thetas(options.get("at")), **options)

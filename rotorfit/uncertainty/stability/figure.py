@@ -14,7 +14,7 @@ from rotorfit.units import RPM_PER_RAD_S
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from rotorfit.uncertainty.stability_report import Curve, StabilityReport
+    from rotorfit.uncertainty.stability.record import Curve, StabilityReport
 
 
 def plot_stability_report(report: StabilityReport) -> Figure:

@@ -11,18 +11,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.estimators.inference.identifiability import UNSEEN_CHANGE
-from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import eigenvalues, threshold_speed
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.motion.neglected_terms import onset_shift
 from rotorfit.models.motion.stability import threshold_speeds
 from rotorfit.models.parameters import unknown_name
-from rotorfit.models.text_table import text_table
 from rotorfit.uncertainty.derived import DERIVED_DRAWS, SHAFT_DRAWS
 from rotorfit.uncertainty.onsets import onsets_of
 from rotorfit.uncertainty.prediction import extrapolation
-from rotorfit.uncertainty.rotors import (
+from rotorfit.uncertainty.stability.record import Criterion, Curve, ModeDamping, StabilityReport
+from rotorfit.uncertainty.stability.rotors import (
     Rotors,
     counted,
     drawn_rotors,
@@ -31,233 +30,16 @@ from rotorfit.uncertainty.rotors import (
     is_forward,
     unseen_rotors,
 )
-from rotorfit.uncertainty.unbalance import Peaks, margin, margin_asked, peaks_near, peaks_of
+from rotorfit.uncertainty.stability.unbalance import Peaks, margin, margin_asked, peaks_near, peaks_of
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from pandas import DataFrame
+    pass
 
-_CITED = "as code in public cites API 617 and 684; the standards were not read"
-_OVERDAMPED = 1 / math.sqrt(2)
-"""Damping ratio from which a mode has no resonance: the amplitude of a forced response has no peak."""
 _CURVE_DRAWS = 300
 """Rotors from which bands of curves are read: a limit of 95 % is known to a tenth of a standard deviation."""
 _DOUBLINGS = 12  # of the expected cross-coupling, up to which an onset is searched
 _MARGIN_OF_CURVES = 1.25  # highest speed of curves, over the highest running or tested speed
-
-
-@dataclass(frozen=True, kw_only=True)
-class Criterion:
-    """One question about the rotor with its answer.
-
-    Attributes:
-        name: what is asked.
-        case: of the rotor, empty for as identified.
-        value: of the fitted rotor, in ``unit``.
-        interval: in which the true value lies with the report's probability, NaN where the data do not determine it.
-        unit: of value and limit.
-        limit: that the value should reach, or of amplitudes should not exceed.
-        at_least: whether the value should be at least, or at most, the limit.
-        probability: that the criterion is met; NaN where the data do not determine it.
-        source: name of a limit that is cited from a standard, empty for limits of the user's.
-    """
-
-    name: str
-    case: str
-    value: float
-    interval: tuple[float, float]
-    unit: str
-    limit: float
-    at_least: bool
-    probability: float
-    source: str
-
-    @property
-    def met(self) -> bool:
-        """Whether the fitted rotor itself meets it."""
-        return self.value >= self.limit if self.at_least else self.value <= self.limit
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModeDamping:
-    """One mode of free vibration at the highest running speed.
-
-    Attributes:
-        frequency: rad/s, signed.
-        decrement: logarithmic decrement, with its interval.
-        interval: of the decrement.
-        damping_ratio: share of critical damping.
-        direction: ``forward`` or ``backward``.
-    """
-
-    frequency: float
-    decrement: float
-    interval: tuple[float, float]
-    damping_ratio: float
-    direction: str
-
-    @property
-    def overdamped(self) -> bool:
-        """True for a mode without a resonance of its own."""
-        return self.damping_ratio >= _OVERDAMPED
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Curve:
-    """A quantity against another with its band.
-
-    Attributes:
-        label: what it is.
-        x: shape ``(N,)``.
-        y: of the fitted rotor, shape ``(N,)``.
-        band: lower and upper limit, shape ``(N, 2)``.
-    """
-
-    label: str
-    x: Float
-    y: Float
-    band: Float
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class StabilityReport:
-    """Criteria of a fitted rotor at running speed; see :meth:`FitResult.stability_report`.
-
-    Attributes:
-        criteria: with intervals and probabilities.
-        modes: at the highest running speed, the least damped first.
-        running: lowest and highest running speed, rad/s.
-        level: probability of intervals and bands.
-        draws: number of rotors drawn, which limits how near to one a probability is known.
-        decrement: of each forward mode against speed, rad/s.
-        unbalance: amplitude against speed, rad/s and m; empty without an unbalance.
-        cross_coupling: decrement of the least stable forward mode against cross-coupled stiffness, N/m; likewise.
-        notes: what a reader must know.
-        caution: why no number may be relied on as it stands; empty where there is nothing.
-    """
-
-    criteria: tuple[Criterion, ...]
-    modes: tuple[ModeDamping, ...]
-    running: tuple[float, float]
-    level: float
-    draws: int
-    decrement: tuple[Curve, ...]
-    unbalance: tuple[Curve, ...]
-    cross_coupling: tuple[Curve, ...]
-    notes: tuple[str, ...]
-    caution: str
-
-    @property
-    def met(self) -> bool:
-        """Whether the fitted rotor meets every criterion.
-
-        Example:
-            >>> fit.stability_report(max_speed_rpm=2000).met
-            True
-        """
-        return all(criterion.met for criterion in self.criteria)
-
-    def to_dataframe(self) -> DataFrame:
-        """The criteria as a table.
-
-        Example:
-            >>> list(fit.stability_report(max_speed_rpm=2000).to_dataframe().columns[:3])
-            ['criterion', 'case', 'value']
-        """
-        from pandas import DataFrame
-
-        rows = [
-            {
-                "criterion": c.name,
-                "case": c.case,
-                "value": c.value,
-                "low": c.interval[0],
-                "high": c.interval[1],
-                "unit": c.unit,
-                "limit": c.limit,
-                "sense": "at least" if c.at_least else "at most",
-                "probability": c.probability,
-                "met": c.met,
-                "source": c.source,
-            }
-            for c in self.criteria
-        ]
-        return DataFrame(rows)
-
-    def plot(self) -> Figure:
-        """Decrement against speed, unbalance response, decrement against cross-coupling, each with its band.
-
-        Example:
-            >>> figure = fit.stability_report(max_speed_rpm=2000).plot()
-        """
-        from rotorfit.uncertainty.stability_figure import plot_stability_report
-
-        return plot_stability_report(self)
-
-    def rows(self, case: str = "") -> list[list[str]]:
-        """The criteria of a case in words, head first.
-
-        Args:
-            case: its name, empty for as identified.
-
-        Example:
-            >>> fit.stability_report(max_speed_rpm=2000).rows()[1][4]
-            'met'
-        """
-        head = [case or "as identified", "value", f"{self.level:.0%} interval", "limit", "", "probability"]
-        return [head, *(self._row(c) for c in self.criteria if c.case == case)]
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Where limits come from, and :attr:`notes`."""
-        cited = ", ".join(dict.fromkeys(c.source for c in self.criteria if c.source))
-        return (*([f"limits of {cited}: {_CITED}"] if cited else []), *self.notes)
-
-    def __str__(self) -> str:
-        low, high = (RPM_PER_RAD_S * speed for speed in self.running)
-        where = f"{high:.5g} rpm" if low == high else f"{low:.5g} to {high:.5g} rpm"
-        lines = [f"stability at {where}", *([self.caution] if self.caution else [])]
-        layout = f"<{max(len(c.name) for c in self.criteria)} >9 >18 >11 <8 >11"
-        for case in dict.fromkeys(c.case for c in self.criteria):
-            lines += [*text_table(self.rows(case), layout), ""]
-        return "\n".join([*lines, *self._mode_lines(), *self.remarks])
-
-    def _row(self, c: Criterion) -> list[str]:
-        low, high = c.interval
-        ends = "" if math.isinf(low) else f"{low:.4g} or more" if math.isinf(high) else f"{low:.4g} to {high:.4g}"
-        ends = "not determined" if math.isnan(c.probability) else ends
-        limit = f"{'>=' if c.at_least else '<='} {c.limit:.4g} {c.unit}".rstrip()
-        value = "none" if math.isinf(c.value) else f"{c.value:.4g}"
-        return [c.name, value, ends, limit, "met" if c.met else "NOT MET", self._chance(c)]
-
-    def _chance(self, criterion: Criterion) -> str:
-        """A probability in words; nearer to 0 or 1 than the draws show it is a bound."""
-        known = 3 / self.draws  # of an event seen in no draw, with 95 % certainty
-        if math.isnan(criterion.probability):
-            return "not known"
-        if criterion.probability > 1 - known:
-            return f"> {100 * (1 - known):.1f} %"
-        if criterion.probability < known:
-            return f"< {100 * known:.1f} %"
-        return f"{100 * criterion.probability:.1f} %"
-
-    def _mode_lines(self) -> list[str]:
-        rows = [["mode, rpm", "", "damping ratio", "log. decrement", f"{self.level:.0%} interval", ""]]
-        for mode in self.modes:
-            ends = "" if mode.overdamped else f"{mode.interval[0]:.3g} to {mode.interval[1]:.3g}"
-            words = "overdamped, no resonance" if mode.overdamped else "unstable" if mode.decrement < 0 else ""
-            frequency = f"{abs(mode.frequency) * RPM_PER_RAD_S:.5g}"
-            ratio, decrement = f"{mode.damping_ratio:.3g}", "" if mode.overdamped else f"{mode.decrement:.3g}"
-            rows.append([frequency, mode.direction, ratio, decrement, ends, words])
-        return text_table(rows, ">10 <9 >13 >14 >20 <1")
-
-    def _repr_html_(self) -> str:
-        """Table for a notebook."""
-        return text_html(str(self))
-
-
-# ---- how it is made ----------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,1 @@
+"""Whether a fitted rotor is stable enough at running speed."""
