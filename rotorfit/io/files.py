@@ -27,7 +27,7 @@ from rotorfit.data.weights import differenced
 from rotorfit.estimators.atomic_file import note_input, refuse_input, whole_file
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.file_reading import reading
-from rotorfit.io.cells import EXCEL
+from rotorfit.io.tables.cells import EXCEL
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import RAD_S_PER_RPM
 
@@ -207,7 +207,7 @@ def _read_kind(
         if name and kind != of:
             raise ValueError(f"{name} is an option of {_READERS[of]}, which {Path(path).name} is not")
     if kind == "csv":
-        from rotorfit.io.tidy_csv import read_csv
+        from rotorfit.io.tables.tidy_csv import read_csv
 
         return read_csv(path, speed_tolerance=speed_tolerance, **table)
     if kind == "uff":
@@ -259,7 +259,7 @@ def to_dataframe(experiment: Experiment) -> DataFrame:
     """
     from pandas import DataFrame
 
-    from rotorfit.io.tidy_csv import written_columns
+    from rotorfit.io.tables.tidy_csv import written_columns
 
     return DataFrame(written_columns(experiment))
 
@@ -278,7 +278,7 @@ def check_target(path: str | Path) -> Path:
 
 def _writer(kind: str) -> Callable[[Any, Path], None]:
     if kind == "csv":
-        from rotorfit.io.tidy_csv import write_csv
+        from rotorfit.io.tables.tidy_csv import write_csv
 
         return write_csv
     if kind == "uff":

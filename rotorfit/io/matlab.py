@@ -20,8 +20,8 @@ from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.file_limits import check_mat
 from rotorfit.estimators.file_reading import reading
 from rotorfit.io.columns import as_stored, build, column_types
-from rotorfit.io.csv_table import Table
-from rotorfit.io.tidy_csv import experiment_of
+from rotorfit.io.tables.table import Table
+from rotorfit.io.tables.tidy_csv import experiment_of
 
 
 def write_mat(experiment: Experiment, path: str | Path) -> None:

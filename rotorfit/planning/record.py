@@ -129,7 +129,7 @@ class Plan:
             >>> plan = rf.plan(fit.model, fit, design, noise_um=0.2, quantity="lam")
             >>> plan.to_csv(folder / "planned.csv")
         """
-        from rotorfit.io.tidy_csv import write_csv
+        from rotorfit.io.tables.tidy_csv import write_csv
 
         if self.test is None:
             raise ValueError("the plan holds experiments that exist; give a Design for a test to fill in")

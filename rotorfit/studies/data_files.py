@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import PHASE_DATUM, errors_first, without_phases
 from rotorfit.io.files import read, table_suffix
-from rotorfit.io.tidy_csv import lines_of
+from rotorfit.io.tables.tidy_csv import lines_of
 from rotorfit.studies.recording_files import RecordingFiles
 
 if TYPE_CHECKING:

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.file_limits import check_unpacked
-from rotorfit.io.cells import marked_encoding
 from rotorfit.io.sampling import rate_of, rate_of_times, time_factor
+from rotorfit.io.tables.cells import marked_encoding
 from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
 from rotorfit.recordings.formats.spool import spooled
 

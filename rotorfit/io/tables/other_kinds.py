@@ -19,12 +19,12 @@ from rotorfit.data.experiments import (
     StaticTest,
 )
 from rotorfit.data.synchronous import group_speeds
-from rotorfit.io.csv_columns import Columns, columns_for, optional, quantity, words
+from rotorfit.io.tables.wanted_columns import Columns, columns_for, optional, quantity, words
 from rotorfit.models.array_types import Float, Text
 from rotorfit.units import RPM_PER_RAD_S, UNITS, si_factor
 
 if TYPE_CHECKING:
-    from rotorfit.io.csv_table import Table
+    from rotorfit.io.tables.table import Table
 
 STATIC_COLUMNS = (
     "speed_rpm, load_N, load_deg, x_um, y_um, optional run, plane and load_plane (by default journal), sigma_um; "

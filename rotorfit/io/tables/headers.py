@@ -10,10 +10,10 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 
-from rotorfit.io.cells import NOT_TAKEN
-from rotorfit.io.csv_columns import PREFIXES
-from rotorfit.io.csv_table import MOTION, Table, floats
-from rotorfit.io.wide import NOT_PLANES, is_probe, is_wide
+from rotorfit.io.tables.cells import NOT_TAKEN
+from rotorfit.io.tables.table import MOTION, Table, floats
+from rotorfit.io.tables.wanted_columns import PREFIXES
+from rotorfit.io.tables.wide import NOT_PLANES, is_probe, is_wide
 from rotorfit.units import UNITS
 
 _BRACKETS = re.compile(r"[(\[{]([^()\[\]{}]*)[)\]}]")

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from rotorfit.data.findings import Finding
-from rotorfit.io.cells import NOT_TAKEN
-from rotorfit.io.csv_table import MOTION, Table, floats
+from rotorfit.io.tables.cells import NOT_TAKEN
+from rotorfit.io.tables.table import MOTION, Table, floats
 from rotorfit.models.array_types import Bool
 from rotorfit.units import RPM_PER_RAD_S, UNITS
 

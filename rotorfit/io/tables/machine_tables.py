@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from rotorfit.data.findings import Finding
-from rotorfit.io.csv_table import Table
+from rotorfit.io.tables.table import Table
 
 BODE_HEADER = ("x-axis value", "y-axis value", "phase")
 

@@ -7,9 +7,9 @@ unbalance ``mr_g_mm`` (force m r w^2), in place of amplitude and phase ``real_um
 (direction ``rx`` = dx/ds, ``ry`` = dy/ds) have columns of their own, ``amplitude_urad`` and so on, or are readings of
 an axial probe at ``probe_radius_mm``, positive when a positive slope gives a positive reading. Columns that are none of
 these become test attributes. Left out, ``run`` is one for each forced plane and speed, ``plane`` the journal,
-``force_plane`` the only plane; empty readings are skipped. Wide tables, a column a probe: :mod:`rotorfit.io.wide`.
-Columns of the other experiments: :mod:`rotorfit.io.csv_kinds`. Exports of condition-monitoring systems:
-:mod:`rotorfit.io.machine_tables`.
+``force_plane`` the only plane; empty readings are skipped. Wide tables, a column a probe: :mod:`rotorfit.io.tables.wide`.
+Columns of the other experiments: :mod:`rotorfit.io.tables.other_kinds`. Exports of condition-monitoring systems:
+:mod:`rotorfit.io.tables.machine_tables`.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from rotorfit.data.findings import Finding
 from rotorfit.data.joined import check_planes_spelt
 from rotorfit.data.several_forces import gathered, written_per_force
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
-from rotorfit.io.csv_columns import Columns, columns_for, optional, phase_or_angle, quantity, words
-from rotorfit.io.csv_kinds import BUILDERS, columns_of
-from rotorfit.io.csv_table import MOTION, PERTURBATION_COLUMNS, Table, read_table
-from rotorfit.io.headers import quantity_meant, refuse_doubtful, understood
-from rotorfit.io.line_csv import line_columns, line_test
-from rotorfit.io.machine_samples import is_sample_table, sample_table
-from rotorfit.io.machine_tables import BODE_HEADER, bode_table, with_weight, without_weight_finding
-from rotorfit.io.skipped_rows import completed, without_empty
-from rotorfit.io.wide import is_wide, renamed, tidy, with_constants
+from rotorfit.io.tables.headers import quantity_meant, refuse_doubtful, understood
+from rotorfit.io.tables.line_columns import line_columns, line_test
+from rotorfit.io.tables.machine_samples import is_sample_table, sample_table
+from rotorfit.io.tables.machine_tables import BODE_HEADER, bode_table, with_weight, without_weight_finding
+from rotorfit.io.tables.other_kinds import BUILDERS, columns_of
+from rotorfit.io.tables.skipped_rows import completed, without_empty
+from rotorfit.io.tables.table import MOTION, PERTURBATION_COLUMNS, Table, read_table
+from rotorfit.io.tables.wanted_columns import Columns, columns_for, optional, phase_or_angle, quantity, words
+from rotorfit.io.tables.wide import is_wide, renamed, tidy, with_constants
 from rotorfit.models.array_types import ComplexArray, Float, Text
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import UNITS, si_factor, units_of

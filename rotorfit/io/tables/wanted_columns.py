@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.io.cells import NOT_TAKEN
-from rotorfit.io.csv_table import MOTION, Table, floats
 from rotorfit.io.sampling import time_factor
+from rotorfit.io.tables.cells import NOT_TAKEN
+from rotorfit.io.tables.table import MOTION, Table, floats
 from rotorfit.models.array_types import Bool, Float, Text
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import UNITS

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rotorfit.io.csv_table import MOTION, Table
+from rotorfit.io.tables.table import MOTION, Table
 from rotorfit.units import UNITS, units_of
 
 _CHANNEL = re.compile(r"(?P<plane>.+)_(?P<direction>rx|ry|x|y|z)_(?P<rest>.+)")

@@ -1,6 +1,6 @@
 """Cells of a CSV file as columns of text, found and converted by name and unit; they never change.
 
-Which of them a test needs: :mod:`rotorfit.io.csv_columns`.
+Which of them a test needs: :mod:`rotorfit.io.tables.wanted_columns`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rotorfit.io.cells import read_cells
+from rotorfit.io.tables.cells import read_cells
 from rotorfit.models.array_types import Bool, Float
 from rotorfit.units import find_unit, units_of
 

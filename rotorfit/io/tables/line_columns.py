@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import LineTest
 from rotorfit.data.synchronous import group_speeds
-from rotorfit.io.csv_columns import Columns, columns_for, optional, phase_or_angle, quantity, words
+from rotorfit.io.tables.wanted_columns import Columns, columns_for, optional, phase_or_angle, quantity, words
 from rotorfit.models.array_types import Bool, Float
 from rotorfit.units import UNITS, si_factor
 
 if TYPE_CHECKING:
-    from rotorfit.io.csv_table import Table
+    from rotorfit.io.tables.table import Table
 
 LINE_COLUMNS = (
     "run, speed_rpm, frequency_rpm, force_plane, force_N, force_phase_deg, plane, direction (z or twist), line (w, "

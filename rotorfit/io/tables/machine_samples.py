@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rotorfit.data.findings import Finding
-from rotorfit.io.cells import EXCEL, decoded, marked_encoding
-from rotorfit.io.csv_table import Table
-from rotorfit.io.machine_tables import NUMBER, SEPARATED, Row, checked
+from rotorfit.io.tables.cells import EXCEL, decoded, marked_encoding
+from rotorfit.io.tables.machine_tables import NUMBER, SEPARATED, Row, checked
+from rotorfit.io.tables.table import Table
 from rotorfit.units import UNITS, find_unit
 
 CHANNEL_HEADER = ("CH#", "Channel Name", "Amp Unit")

@@ -1,0 +1,1 @@
+"""Tables of text: CSV and Excel files of laboratories and machines, normalised once and read as experiments."""
