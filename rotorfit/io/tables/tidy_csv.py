@@ -7,9 +7,9 @@ unbalance ``mr_g_mm`` (force m r w^2), in place of amplitude and phase ``real_um
 (direction ``rx`` = dx/ds, ``ry`` = dy/ds) have columns of their own, ``amplitude_urad`` and so on, or are readings of
 an axial probe at ``probe_radius_mm``, positive when a positive slope gives a positive reading. Columns that are none of
 these become test attributes. Left out, ``run`` is one for each forced plane and speed, ``plane`` the journal,
-``force_plane`` the only plane; empty readings are skipped. Wide tables, a column a probe: :mod:`rotorfit.io.tables.wide`.
-Columns of the other experiments: :mod:`rotorfit.io.tables.other_kinds`. Exports of condition-monitoring systems:
-:mod:`rotorfit.io.tables.machine_tables`.
+``force_plane`` the only plane; empty readings are skipped. Wide tables, a column a probe:
+:mod:`rotorfit.io.tables.wide`. Columns of the other experiments: :mod:`rotorfit.io.tables.other_kinds`. Exports of
+condition-monitoring systems: :mod:`rotorfit.io.tables.machine_tables`.
 """
 
 from __future__ import annotations
