@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.complexes import Complex
-from rotorfit.models.fluid import fluid_at, fluid_parameters
+from rotorfit.models.fluid import FluidForce, fluid_at, fluid_parameters
 from rotorfit.models.laws import Constant, Law, clearance_of
 from rotorfit.models.model import CoefficientJacobian, Coordinate, Matrix, RotorModel
 from rotorfit.models.parameters import Parameter
@@ -27,8 +27,7 @@ class KnownStructure(RotorModel):
     fit costs no more than that of a lumped model; with scale factors they are reduced, to an error that the summary of
     a fit states. The stability is that of the whole shaft.
 
-    ``KnownStructure(rotor.M(), rotor.C(0), rotor.G(), rotor.K(0), planes={"disk": 7, "journal": 14}, fluid="journal",
-    dofs=rf.models.ROSS_6)`` takes a rotor of the ROSS package, its fluid bearing left out.
+    :meth:`from_ross` takes a rotor of the ROSS package, or the file of one.
 
     Args:
         M, C, G, K: mass, damping, gyroscopic and stiffness matrices, SI units, of all that is known, supports and disks
@@ -38,6 +37,8 @@ class KnownStructure(RotorModel):
         fluid: plane or planes at which the fluid force of eq. (13) acts. Its parameters are K0, D, lam, Mf; with
             several fluids ``K0_seal`` and so on, by plane.
         damping: planes with an external damper to be fitted: Ds, or ``Ds_disk`` and so on with several.
+        supports: planes on a support whose stiffness and damping are fitted, beside what the matrices hold: Ks and Ds,
+            or ``Ks_left`` and so on with several. In :class:`~rotorfit.models.Orthotropic` they differ in x and y.
         scales: parts of the structure multiplied by a factor that can be fitted, for instance
             ``{"E_scale": {"K": shaft_stiffness}}``; the factor is known = 1 unless freed with
             ``known={"E_scale": None}``. The part is contained in the matrices above.
@@ -65,6 +66,7 @@ class KnownStructure(RotorModel):
         planes: Mapping[str, int],
         fluid: str | Sequence[str] = (),
         damping: str | Sequence[str] = (),
+        supports: str | Sequence[str] = (),
         scales: Mapping[str, Mapping[str, ArrayLike]] | None = None,
         tilts: Sequence[str] = (),
         dofs: Sequence[str] = ("z", "r"),
@@ -78,7 +80,11 @@ class KnownStructure(RotorModel):
         self.planes = tuple(planes)
         self.tilts = _some(tilts, self.planes, "tilts")
         self.fluid = _some(fluid, self.planes, "fluid")
+        self.supports = _some(supports, self.planes, "supports")
         self.damping = _some(damping, self.planes, "damping")
+        both = [plane for plane in self.damping if plane in self.supports]
+        if both:
+            raise ValueError(f"a support has a damper of its own: leave {', '.join(both)} out of damping")
         self.two_lam = two_lam
         self.law = law or Constant()
         self.clearance_um = clearance_um
@@ -93,6 +99,7 @@ class KnownStructure(RotorModel):
             "planes": dict(planes),
             "fluid": self.fluid,
             "damping": self.damping,
+            "supports": self.supports,
             "scales": scales,
             "tilts": self.tilts,
             "dofs": tuple(dofs),
@@ -107,10 +114,14 @@ class KnownStructure(RotorModel):
         self._scale_places = np.arange(len(self.parameters) - len(parts), len(self.parameters), dtype=np.intp)
 
     def _all_parameters(self, scales: Iterable[str]) -> tuple[Parameter, ...]:
-        """Dampers, fluids, the law and the factors of the structure."""
+        """Supports, dampers, fluids, the law and the factors of the structure."""
+        springs = (
+            Parameter(_named("Ks", plane, self.supports), "N/m", f"support stiffness at the {plane}", scale=1e5)
+            for plane in self.supports
+        )
         dampers = (
-            Parameter(_named("Ds", plane, self.damping), "N s/m", f"external damping at the {plane}", scale=5.0)
-            for plane in self.damping
+            Parameter(_named("Ds", plane, self.dampers), "N s/m", f"external damping at the {plane}", scale=5.0)
+            for plane in self.dampers
         )
         fluids = (
             replace(q, name=_named(q.name, plane, self.fluid))
@@ -121,7 +132,12 @@ class KnownStructure(RotorModel):
             Parameter(name, "1", "scale factor of the known structure", lower=0.0, default=1.0, nominal=1.0)
             for name in scales
         )
-        return (*dampers, *fluids, *self.law.parameters, *factors)
+        return (*springs, *dampers, *fluids, *self.law.parameters, *factors)
+
+    @property
+    def dampers(self) -> tuple[str, ...]:
+        """Planes with a damper Ds: those of supports, then others."""
+        return (*self.supports, *self.damping)
 
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
@@ -133,22 +149,84 @@ class KnownStructure(RotorModel):
         return dict(self._given)
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
-        """Forces on the shaft at its planes: fluid and external dampers."""
+        """Forces on the shaft at its planes: fluid, supports and external dampers."""
         size = len(self.coordinates)
         stiffness, damping, mass = ([[Complex(0.0)] * size for _ in range(size)] for _ in range(3))
-        for plane in self.damping:
+        for plane in self.supports:
             at = self.planes.index(plane)
-            damping[at][at] = damping[at][at] + getattr(p, _named("Ds", plane, self.damping))
+            stiffness[at][at] = stiffness[at][at] + getattr(p, _named("Ks", plane, self.supports))
+        for plane in self.dampers:
+            at = self.planes.index(plane)
+            damping[at][at] = damping[at][at] + getattr(p, _named("Ds", plane, self.dampers))
         for plane in self.fluid:
             at = self.planes.index(plane)
-            names = [q.name for q in fluid_parameters(self.two_lam)]
-            own = {name: getattr(p, _named(name, plane, self.fluid)) for name in names}
-            with_law = own | {q.name: getattr(p, q.name) for q in self.law.parameters}
-            force = fluid_at(self.law, SimpleNamespace(**with_law), self.two_lam, speed, eccentricity)
+            force = self.fluid_force(p, plane, speed, eccentricity)
             stiffness[at][at] = stiffness[at][at] + force.K
             damping[at][at] = damping[at][at] + force.C
             mass[at][at] = mass[at][at] + force.M
         return stiffness, damping, mass
+
+    def fluid_force(self, p: Any, plane: str, speed: Any, eccentricity: Any) -> FluidForce:
+        """Fluid force at one of the planes with a fluid.
+
+        Args:
+            p: parameters by name.
+            plane: one of those with a fluid.
+            speed: rotative speed Omega, rad/s.
+            eccentricity: orbit radius over clearance.
+        """
+        names = [q.name for q in fluid_parameters(self.two_lam)]
+        own = {name: getattr(p, _named(name, plane, self.fluid)) for name in names}
+        with_law = own | {q.name: getattr(p, q.name) for q in self.law.parameters}
+        return fluid_at(self.law, SimpleNamespace(**with_law), self.two_lam, speed, eccentricity)
+
+    @classmethod
+    def from_ross(
+        cls,
+        rotor: Any,
+        *,
+        planes: Mapping[str, int | str],
+        fluid: str | Sequence[str] = (),
+        supports: str | Sequence[str] = (),
+        damping: str | Sequence[str] = (),
+        speed: float | None = None,
+        dofs: Sequence[str] = (),
+        **options: Any,
+    ) -> Self:
+        """A rotor of the ROSS package as a known structure, its elements that are to be fitted taken out.
+
+        ROSS itself is needed for rotors that it saved as TOML or JSON only.
+
+        Args:
+            rotor: a ``ross.Rotor`` (2.x or 3.x); or a file: matrices that ``rotor.save_mat`` wrote (MAT 5, with M, K,
+                C, G and nodes), the same as ``.npz`` or as a folder of ``M.csv`` and so on, or a rotor saved by the
+                line of ROSS that is installed.
+            planes: node, counted from zero, of each plane; of a rotor also the tag of an element that stands there.
+            fluid, supports, damping: what is fitted, as for the class: planes or, of a rotor, tags of bearings and
+                seals. A tagged element is taken out, because the fit finds what takes its place. Files of matrices know
+                no tags: there the element is taken out before saving.
+            speed: rotative speed, rad/s, at which elements that stay and change with speed are taken.
+            dofs: coordinates of each node, as for the class, of files that hold neither ``nodes`` nor ``dofs``.
+            **options: further arguments of the class.
+
+        Raises:
+            ValueError: unknown tags or nodes, elements that stay but change with speed or differ in x and y, a file
+                of something else.
+            OSError: no such file.
+
+        Example:
+            >>> rotor = rf.models.KnownStructure.from_ross(
+            ...     "shaft.mat", planes={"disk": 7, "journal": 14}, fluid="journal"
+            ... )  # doctest: +SKIP
+        """
+        from rotorfit.io.shafts.ross_rotor import structure_options
+
+        taken_out = {
+            name: (given,) if isinstance(given, str) else tuple(given)
+            for name, given in (("fluid", fluid), ("supports", supports), ("damping", damping))
+        }
+        made = structure_options(rotor, planes=planes, taken_out=taken_out, speed=speed, dofs=dofs)
+        return cls(**made, **options)
 
     # ---- the structure ---------------------------------------------------------------------------------------------
 

@@ -1,0 +1,1 @@
+"""Matrices of shafts that other programs made, and elements for these."""

@@ -1,0 +1,196 @@
+"""Rotors of the ROSS package: their matrices without the elements that a fit replaces."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rotorfit.estimators.file_reading import read_toml, reading
+from rotorfit.io.shafts.structure_files import SAVED_ROTORS, Structure, read_structure
+from rotorfit.models.parameters import unknown_name
+from rotorfit.models.shafts.shaft import ROSS_4, ROSS_6
+
+_COEFFICIENTS = tuple(f"{kind}{axes}" for kind in "kcm" for axes in ("xx", "yy", "xy", "yx"))
+
+
+def structure_options(
+    rotor: Any,
+    *,
+    planes: Mapping[str, int | str],
+    taken_out: Mapping[str, Sequence[str]],
+    speed: float | None,
+    dofs: Sequence[str],
+) -> dict[str, Any]:
+    """Arguments of :class:`~rotorfit.models.KnownStructure` from a rotor or a file.
+
+    Args:
+        rotor: a ``ross.Rotor``, or a path.
+        planes: node, or tag of an element, of each plane.
+        taken_out: by option (``fluid``, ``supports``, ``damping``), planes or tags of elements that the fit replaces.
+        speed: rotative speed at which elements whose coefficients change with speed are taken, rad/s.
+        dofs: coordinates of each node of a file that does not say.
+    """
+    if isinstance(rotor, str | Path):
+        path = Path(rotor)
+        if path.suffix.lower() not in SAVED_ROTORS or path.is_dir():
+            return _of_file(read_structure(path, dofs), planes, taken_out)
+        rotor = _load_rotor(path)
+    for name in ("M", "C", "G", "K", "bearing_elements", "nodes"):
+        if not hasattr(rotor, name):
+            raise ValueError(f"from_ross takes a ross.Rotor or a file, not a {type(rotor).__name__}")
+    tags = _tagged(rotor)
+    nodes = {plane: _node(plane, at, tags) for plane, at in planes.items()}
+    replaced: list[Any] = []
+    options: dict[str, tuple[str, ...]] = {}
+    for option, names in taken_out.items():
+        options[option] = tuple(_plane_of(name, option, nodes, tags, replaced) for name in names)
+    kept = copy.copy(rotor)
+    kept.bearing_elements = [e for e in rotor.bearing_elements if not any(e is gone for gone in replaced)]
+    _check_kept(kept, nodes, options["fluid"], speed)
+    at = 0.0 if speed is None else speed
+    matrices = {"M": kept.M(at), "C": kept.C(at), "G": kept.G(), "K": kept.K(at)}
+    return {**matrices, "planes": nodes, "dofs": _ross_dofs(rotor, len(matrices["K"])), **options}
+
+
+def _of_file(
+    structure: Structure, planes: Mapping[str, int | str], taken_out: Mapping[str, Sequence[str]]
+) -> dict[str, Any]:
+    """Matrices alone: elements have no names there, and none can be taken out."""
+    for plane, at in planes.items():
+        if isinstance(at, str):
+            raise ValueError(f"plane {plane}: {structure.source} holds matrices only; give the number of the node")
+    for option, names in taken_out.items():
+        for name in names:
+            if name not in planes:
+                raise ValueError(
+                    f"{option} names {name!r}, but the planes are {', '.join(planes)}. {structure.source} holds "
+                    "matrices, which know no tags of elements: take the element out of the rotor before it is saved "
+                    f"(rotor.save_mat), and give the plane where it stands"
+                )
+    return {
+        **{name: getattr(structure, name) for name in ("M", "C", "G", "K", "dofs")},
+        "planes": dict(planes),
+        **taken_out,
+    }
+
+
+# ---- a saved rotor ---------------------------------------------------------------------------------------------------
+
+
+def installed_ross() -> str | None:
+    """Version of the ROSS package that is installed, None without one."""
+    try:
+        return version("ross-rotordynamics")
+    except PackageNotFoundError:
+        return None
+
+
+def _load_rotor(path: Path) -> Any:
+    """A rotor that ROSS saved, read by the same line of ROSS: in the next, tables mean something else."""
+    with reading(path.name, "rotor saved by ROSS"):
+        if path.suffix.lower() == ".json":
+            content = json.loads(path.read_text(encoding="utf-8"))
+        else:
+            content = read_toml(path, path.name)
+        if not isinstance(content, dict) or "parameters" not in content:
+            raise ValueError(
+                f"{path.name} is not a rotor saved by ROSS: it has no 'parameters'; rotor.save(path) writes one"
+            )
+    saved, here = str(content.get("ross_version", "unknown")), installed_ross()
+    way = "Open it there and write its matrices: rotor.save_mat('shaft.mat', speed), which need no ROSS to be read"
+    if here is None:
+        raise ValueError(f"{path.name} is a rotor of ROSS {saved}, and ROSS is not installed here. {way}")
+    if saved.partition(".")[0] != here.partition(".")[0]:
+        raise ValueError(
+            f"{path.name} was saved by ROSS {saved}, and {here} is installed: 'frequency' of its bearings means the "
+            f"speed up to 2.x and the frequency of whirl from 3.0 on. {way}"
+        )
+    import ross
+
+    with reading(path.name, f"rotor saved by ROSS {saved}"):
+        return ross.Rotor.load(path)
+
+
+# ---- elements --------------------------------------------------------------------------------------------------------
+
+
+def _tagged(rotor: Any) -> dict[str, Any]:
+    """Bearings and disks by tag."""
+    return {str(e.tag): e for e in (*rotor.disk_elements, *rotor.bearing_elements)}
+
+
+def _node(plane: str, at: int | str, tags: Mapping[str, Any]) -> int:
+    if not isinstance(at, str):
+        return at
+    if at not in tags:
+        raise ValueError(f"plane {plane}: {unknown_name('element of the rotor', at, tags)}")
+    return int(tags[at].n)
+
+
+def _plane_of(name: str, option: str, nodes: dict[str, int], tags: Mapping[str, Any], replaced: list[Any]) -> str:
+    """The plane of a name; an element's is at its node, a new one where no plane stands there."""
+    if name in nodes:
+        return name
+    element = tags.get(name)
+    if element is None:
+        known = [*nodes, *tags]
+        raise ValueError(f"{option}: {unknown_name('plane or tag of an element', name, known)}")
+    if not hasattr(element, "kxx"):
+        raise ValueError(f"{option}: {name} is a {type(element).__name__}; bearings and seals can be replaced")
+    if element.n_link is not None:
+        raise ValueError(f"{option}: {name} links node {element.n} to node {element.n_link}, not to the ground")
+    replaced.append(element)
+    for plane, node in nodes.items():
+        if node == element.n:
+            return plane
+    nodes[name] = int(element.n)
+    return name
+
+
+def _check_kept(rotor: Any, nodes: Mapping[str, int], fluid: Iterable[str], speed: float | None) -> None:
+    """Elements that stay must be known at all speeds, the same in x and y, and no fluid themselves."""
+    at_fluid = {nodes[plane] for plane in fluid}
+    for element in rotor.bearing_elements:
+        name = f"{element.tag} at node {element.n}"
+        if speed is None and _varies(element):
+            raise ValueError(
+                f"{name} has coefficients that change with speed or frequency; take it out (fluid= or supports= name "
+                "it), or give the speed, rad/s, whose coefficients are to be taken at all speeds"
+            )
+        at = 0.0 if speed is None else speed
+        K, C = np.asarray(element.K(at), dtype=float), np.asarray(element.C(at), dtype=float)
+        if element.n in at_fluid and (C.any() or K[0, 1] or K[1, 0]):
+            raise ValueError(
+                f"{name} stands where the fluid that is fitted acts, and has damping or cross-coupling of its own; "
+                f"fluid={str(element.tag)!r} takes it out"
+            )
+        if not _round(K) or not _round(C):
+            raise ValueError(
+                f"{name} is not the same in x and y (kxx {K[0, 0]:g}, kyy {K[1, 1]:g}, cxx {C[0, 0]:g}, cyy "
+                f"{C[1, 1]:g}); a known structure is. supports={str(element.tag)!r} takes it out, and "
+                "rf.models.Orthotropic(model, at=...) has what is put in its place"
+            )
+
+
+def _round(matrix: Any) -> bool:
+    return bool(np.isclose(matrix[0, 0], matrix[1, 1]) and np.isclose(matrix[0, 1], -matrix[1, 0]))
+
+
+def _varies(element: Any) -> bool:
+    return any(np.ptp(np.atleast_1d(np.asarray(getattr(element, name), dtype=float))) > 0 for name in _COEFFICIENTS)
+
+
+def _ross_dofs(rotor: Any, size: int) -> tuple[str, ...]:
+    nodes, per_node = len(rotor.nodes), int(rotor.number_dof)
+    if size != nodes * per_node:
+        raise ValueError(
+            f"the rotor has {size - nodes * per_node} coordinates beside those of its {nodes} nodes, of support masses "
+            "(n_link), which a known structure does not have. Link the bearings to the ground, or take them out"
+        )
+    return ROSS_4 if per_node == len(ROSS_4) else ROSS_6

@@ -1,0 +1,216 @@
+"""Rotors of the ROSS package in and out: files of both of its lines, and rotors of the one that is installed."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import loadmat, savemat
+
+import rotorfit as rf
+from rotorfit.models import KnownStructure, eigenvalues
+
+FILES = Path(__file__).parent / "data" / "ross"
+VERSIONS = ("2.3.0", "3.1.0")
+PLANES = {"disk": 2, "oil": 4}
+
+
+def answers(version):
+    return json.loads((FILES / f"answers-{version}.json").read_text())
+
+
+def from_file(version, **options):
+    return KnownStructure.from_ross(FILES / f"shaft-{version}.mat", planes=PLANES, fluid="oil", **options)
+
+
+def directional(H):
+    """ROSS's receptance of (x, y) at each plane as that of z = x + jy at +w: forward forces, forward responses."""
+    size = len(H) // 2
+    H = H.reshape(size, 2, size, 2)
+    force = np.array([1.0, -1j])
+    return np.einsum("paqb,b,a->pq", H, force, np.array([1.0, 1j])) / 2
+
+
+@pytest.fixture(scope="module")
+def ross():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of ROSS and what it imports
+        import ross
+
+    return ross
+
+
+@pytest.fixture(scope="module")
+def rotor(ross):
+    """The rotor of the files, by whatever ROSS is installed."""
+    import importlib.util
+
+    spec = importlib.util.spec_from_file_location("make_ross_files", FILES / "make.py")
+    make = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(make)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return make.rotor(fluid=True)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_saved_shaft_with_the_fluid_responds_as_ross_says(version):
+    """Responses 1e-8 and eigenvalues of ROSS's own state matrix, which has x and y apart and six coordinates a node."""
+    said = answers(version)
+    model = from_file(version)
+    theta = model.vector(said["fluid"])
+    for line in said["responses"]:
+        H = np.array(line["re"]) + 1j * np.array(line["im"])
+        here = model.receptance(theta, line["frequency"], line["speed"])
+        np.testing.assert_allclose(here, directional(H), rtol=1e-8)
+    for case in said["eigenvalues"]:
+        theirs = np.array(case["re"]) + 1j * np.array(case["im"])
+        for s in eigenvalues(model, theta, case["speed"]):
+            # Highest of its 30 complex coordinates: 1e6 rad/s, whose round-off in the state matrix is 1e-7 of that.
+            assert np.abs(theirs - s).min() < 1e-8 * abs(s) + 1e-3 * (abs(s) > 1e4)
+
+
+def test_both_lines_save_the_same_shaft():
+    first, second = (from_file(version).shaft.matrices for version in VERSIONS)
+    for kind in "MCGK":
+        mine, other = getattr(first, kind), getattr(second, kind)
+        np.testing.assert_allclose(mine, other, atol=1e-12 * np.abs(mine).max())
+
+
+def test_a_rotor_gives_up_its_fluid_by_tag(rotor):
+    made = KnownStructure.from_ross(rotor, planes={"disk": "disk"}, fluid="oil")
+    assert made.planes == ("disk", "oil")
+    assert made.fluid == ("oil",)
+    saved = from_file("2.3.0")
+    for kind in "MCGK":
+        mine, other = getattr(made.shaft.matrices, kind), getattr(saved.shaft.matrices, kind)
+        np.testing.assert_allclose(mine, other, atol=1e-12 * np.abs(mine).max())
+
+
+def test_a_support_taken_out_comes_back_by_its_parameters(rotor):
+    model = KnownStructure.from_ross(rotor, planes={"disk": 2}, fluid="oil", supports="left")
+    assert model.parameter_names == ("Ks", "Ds", "K0", "D", "lam", "Mf")
+    said = answers("2.3.0")["fluid"]
+    w = np.array([60.0, -250.0, 700.0])
+    at = [model.planes.index(plane) for plane in ("disk", "oil")]
+    mine = model.receptance(model.vector({**said, "Ks": 3e6, "Ds": 50.0}), w, 400.0)[:, at][:, :, at]
+    np.testing.assert_allclose(mine, from_file("2.3.0").receptance(list(said.values()), w, 400.0), rtol=1e-8)
+
+
+# ---- files of other kinds ------------------------------------------------------------------------------
+
+
+def test_the_same_matrices_as_npz_and_as_tables(tmp_path):
+    content = loadmat(FILES / "shaft-2.3.0.mat")
+    matrices = {name: content[name] for name in ("M", "C", "G", "K", "nodes")}
+    np.savez(tmp_path / "shaft.npz", **matrices)
+    (tmp_path / "shaft").mkdir()
+    for name, matrix in matrices.items():
+        np.savetxt(tmp_path / "shaft" / f"{name}.csv", matrix, delimiter=";")
+    expected = from_file("2.3.0").shaft.matrices
+    for path in (tmp_path / "shaft.npz", tmp_path / "shaft"):
+        found = KnownStructure.from_ross(path, planes=PLANES, fluid="oil").shaft.matrices
+        for kind in "MCGK":
+            np.testing.assert_array_equal(getattr(found, kind), getattr(expected, kind))
+
+
+def saved(tmp_path, **changes):
+    content = {name: value for name, value in loadmat(FILES / "shaft-2.3.0.mat").items() if name[0] != "_"}
+    savemat(tmp_path / "shaft.mat", {k: v for k, v in {**content, **changes}.items() if v is not None})
+    return tmp_path / "shaft.mat"
+
+
+@pytest.mark.parametrize(
+    ("changes", "options", "message"),
+    [
+        ({"M": None, "K": None, "data": np.eye(3)}, {}, "has no M and no K.*it holds C, G, data, nodes"),
+        ({"nodes": None}, {}, "does not say what the 30 coordinates are"),
+        ({"nodes": np.arange(7.0)}, {}, "7 nodes and matrices of 30 coordinates"),
+        ({"nodes": np.arange(5.0) * 150}, {}, "no metres"),
+        ({"K": np.array(["a"])}, {}, "K is not a matrix of numbers"),
+        ({"K": np.eye(24)}, {}, "of one size; here are"),
+        ({"M": np.full((30, 30), np.nan)}, {}, "finite"),
+        ({}, {"fluid": "Bearing 1"}, "know no tags of elements"),
+        ({}, {"planes": {"disk": 2, "oil": 14}}, "nodes 0 to 4"),
+        ({}, {"planes": {"disk": 2, "oil": "spring"}}, "matrices only"),
+        ({"nodes": np.arange(4.0)}, {}, "2 support masses"),
+    ],
+)
+def test_files_that_are_no_shaft(tmp_path, changes, options, message):
+    with pytest.raises(ValueError, match=message):
+        KnownStructure.from_ross(saved(tmp_path, **changes), **{"planes": PLANES, "fluid": "oil", **options})
+
+
+def test_files_of_something_else(tmp_path):
+    (tmp_path / "cut.mat").write_bytes((FILES / "shaft-2.3.0.mat").read_bytes()[:3000])
+    (tmp_path / "not.npz").write_text("M,K")
+    (tmp_path / "shaft.xlsx").write_text("")
+    (tmp_path / "study.toml").write_text("files = []\n")
+    (tmp_path / "table").mkdir()
+    (tmp_path / "table" / "M.csv").write_text("1,2\n3\n")
+    for name, message in (
+        ("cut.mat", "cut.mat is not a readable MAT file"),
+        ("not.npz", "not.npz is not a readable npz file"),
+        ("shaft.xlsx", "matrices of a shaft come as"),
+        ("study.toml", "not a rotor saved by ROSS: it has no 'parameters'"),
+        ("table", "M.csv: rows have 1 and 2 numbers"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            KnownStructure.from_ross(tmp_path / name, planes=PLANES)
+    with pytest.raises(FileNotFoundError):
+        KnownStructure.from_ross(tmp_path / "none.mat", planes=PLANES)
+    with pytest.raises(ValueError, match=r"takes a ross\.Rotor or a file, not a dict"):
+        KnownStructure.from_ross({}, planes=PLANES)
+
+
+# ---- rotors --------------------------------------------------------------------------------------------
+
+
+def test_saved_rotors_are_read_by_their_own_line_of_ross(ross):
+    """In the next line a table's 'frequency' means something else."""
+    for version in VERSIONS:
+        path = FILES / f"rotor-{version}.toml"
+        if version[0] == ross.__version__[0]:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                model = KnownStructure.from_ross(path, planes={"disk": 2}, fluid="oil")
+            K = from_file(version).shaft.matrices.K
+            np.testing.assert_allclose(model.shaft.matrices.K, K, atol=1e-12 * np.abs(K).max())
+        else:
+            with pytest.raises(ValueError, match=f"saved by ROSS {version}.*save_mat"):
+                KnownStructure.from_ross(path, planes={"disk": 2}, fluid="oil")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"fluid": "Bearing 1"}, "plane or tag of an element 'Bearing 1'"),
+        ({"fluid": "disk", "planes": {"d": 2}}, "disk is a DiskElement; bearings and seals can be replaced"),
+        ({"planes": {"disk": "Disk 7"}}, "element of the rotor 'Disk 7'"),
+        ({}, "oil at node 4 has coefficients that change with speed"),
+        ({"fluid": "j", "planes": {"j": 4}, "speed": 100.0}, "oil at node 4 stands where the fluid.*fluid='oil'"),
+    ],
+)
+def test_rotors_that_cannot_be_taken(rotor, options, message):
+    with pytest.raises(ValueError, match=message):
+        KnownStructure.from_ross(rotor, **{"planes": {"disk": 2}, **options})
+
+
+def test_a_bearing_that_differs_in_x_and_y_is_named(ross, rotor):
+    odd = ross.BearingElement(n=0, kxx=3e6, kyy=2e6, cxx=0.0, tag="feet")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        changed = ross.Rotor(rotor.shaft_elements, rotor.disk_elements, [odd])
+    with pytest.raises(ValueError, match=r"feet at node 0 is not the same in x and y.*supports='feet'"):
+        KnownStructure.from_ross(changed, planes={"disk": 2})
+    model = rf.models.Orthotropic(KnownStructure.from_ross(changed, planes={"disk": 2}, supports="feet"), at="feet")
+    assert model.parameter_names == ("Ks", "Ds", "dKs", "dDs", "angle_s")
+
+
+def test_coordinates_that_a_file_does_not_say_are_given(tmp_path):
+    path = saved(tmp_path, nodes=None)
+    model = KnownStructure.from_ross(path, planes=PLANES, dofs=rf.models.ROSS_6)
+    np.testing.assert_array_equal(model.shaft.matrices.K, from_file("2.3.0").shaft.matrices.K)
