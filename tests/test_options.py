@@ -37,6 +37,7 @@ SETTINGS = {
     "apart": True,
     "loss": "huber",
     "phase_offsets": True,
+    "method": "ipopt",
     "max_iterations": 1000,
     "refine": True,
     "calibration": {"probe_gain": 0.01},

@@ -11,7 +11,7 @@ from rotorfit.estimators.minimisation.objective import HessianKind, Matrix, Obje
 from rotorfit.models.array_types import ROUND_OFF
 
 HANDOVER_OFFSET = 1e-3  # relative offset, its square the relative excess cost, at which refinement takes over
-_COST_FLOOR = 1e-40  # of the starting cost: keeps the logarithm finite on zero-residual problems
+COST_FLOOR = 1e-40  # of the starting cost: keeps the logarithm finite on zero-residual problems
 
 
 def exact_scale(scale: Vector) -> Vector:
@@ -120,7 +120,7 @@ class Minimisation:
 
     def unit(self, cost: float) -> float:
         """Divisor of derivatives: the cost, kept from zero."""
-        return max(cost, _COST_FLOOR * self.reference) or 1.0
+        return max(cost, COST_FLOOR * self.reference) or 1.0
 
     def evaluate(self, u: Vector) -> _Point | None:
         """The objective with derivatives at ``u``, from memory if asked twice; None where undefined."""
@@ -143,7 +143,7 @@ class Minimisation:
     def _log_cost(self, cost: float) -> float:
         """Logarithm of a cost over that of the start."""
         # The constant keeps the function away from zero: Ipopt's allowance for round-off is relative to it.
-        return 10.0 + math.log(max(cost / self.reference, _COST_FLOOR))
+        return 10.0 + math.log(max(cost / self.reference, COST_FLOOR))
 
     def value(self, u: Vector) -> float:
         """Logarithm of the cost.  The first trial of a line search is usually accepted: derivatives too."""
@@ -243,6 +243,22 @@ class Minimisation:
             if candidate.offset > slow_share * before.offset:
                 return
 
+    def descend(self) -> None:
+        """Gauss-Newton steps, shortened after Marquardt where one does not lower the cost."""
+        least, most = 1e-6, 1e12  # damping, in units of the diagonal of the Gauss-Newton matrix
+        damping = 0.0
+        while self.best.offset > HANDOVER_OFFSET and damping <= most and not self.exhausted():
+            before = self.best
+            diagonal = before.point.matrix.diagonal()
+            matrix = before.point.matrix + np.diag(damping * np.where(diagonal > 0, diagonal, 1.0))
+            step = self._newton_step(before.point, matrix)
+            point = self.evaluate(np.clip(before.point.u + step, self.low, self.high))
+            self.n_iterations += 1
+            if point is not None:
+                self.keep(self.assess(point))
+            smaller = damping / 10 if damping > least else 0.0
+            damping = max(10 * damping, least) if self.best is before else smaller
+
     def refine(self) -> None:
         """Undamped Newton steps from the best point while each pays; exact Hessian once the first is slow."""
         exact = self.kind == "exact"
@@ -255,7 +271,7 @@ class Minimisation:
             step = self._newton_step(before.point, self._exact_hessian(before.point)) if exact else before.step
             point = self.evaluate(np.clip(before.point.u + step, self.low, self.high))
             self.n_iterations += 1
-            allowed = before.point.cost * (1 + cost_noise) + _COST_FLOOR * self.reference
+            allowed = before.point.cost * (1 + cost_noise) + COST_FLOOR * self.reference
             if point is not None and point.cost <= allowed:
                 candidate = self.assess(point)
                 if candidate.offset < before.offset:
@@ -268,7 +284,7 @@ class Minimisation:
     def converged(self) -> bool:
         """True if the best point is a minimum within the tolerances."""
         best = self.best
-        return best.offset <= self.options.acceptable or best.point.cost <= _COST_FLOOR * self.reference
+        return best.offset <= self.options.acceptable or best.point.cost <= COST_FLOOR * self.reference
 
     def singular(self) -> bool:
         """True if some change of the parameters, away from the bounds, leaves all residuals unchanged."""

@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from rotorfit.estimators.minimisation.descent import Minimisation
+from rotorfit.estimators.minimisation.descent import COST_FLOOR, Minimisation
 from rotorfit.estimators.minimisation.objective import Options, Vector
 
 
@@ -183,6 +183,34 @@ def _ipopt_settings(options: Options) -> dict[str, Any]:
         "ipopt.mu_init": options.barrier,
         "ipopt.fixed_variable_treatment": "make_parameter",
     }
+
+
+def descend_on_graph(run: Minimisation, graph: ca.Function) -> None:
+    """Let Ipopt descend on a cost that is a CasADi graph, with CasADi's derivatives; the outcome is in ``run``."""
+    u = ca.MX.sym("u", run.start.size)
+    cost = graph(u * run.scale) / run.reference
+    settings: dict[str, Any] = {
+        "print_time": False,
+        "error_on_fail": False,
+        "show_eval_warnings": False,
+        "ipopt.sb": "yes",
+        "ipopt.print_level": run.options.print_level,
+        "ipopt.nlp_scaling_method": "none",
+        "ipopt.tol": 1e-8,  # differences of the cost drown in round-off below; the last digits are refined
+        "ipopt.max_iter": run.options.max_iterations,
+        "ipopt.bound_relax_factor": 0.0,
+        "ipopt.honor_original_bounds": "yes",
+        "ipopt.fixed_variable_treatment": "make_parameter",
+    }
+    problem: dict[str, Any] = {"x": u, "f": ca.log(cost + COST_FLOOR)}
+    solver = ca.nlpsol("fit", "ipopt", problem, settings)
+    found = solver(x0=run.start, lbx=run.low, ubx=run.high)["x"]
+    run.n_iterations += int(solver.stats()["iter_count"])
+    run.n_evaluations += int(solver.stats()["n_call_nlp_f"])
+    run.kind = "exact"
+    point = run.evaluate(np.clip(found.full()[:, 0], run.low, run.high))
+    if point is not None:
+        run.keep(run.assess(point))
 
 
 _pool: dict[tuple[int, Options], list[Engine]] = {}

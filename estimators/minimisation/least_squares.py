@@ -1,4 +1,4 @@
-"""Nonlinear least squares with CasADi's Ipopt, driven by numerical callbacks.
+"""Nonlinear least squares by Gauss-Newton steps and CasADi's Ipopt, mostly driven by numerical callbacks.
 
 The objective is a plain Python object that returns numbers: the cost (half a sum of squares, or its robust
 counterpart), its gradient and the Gauss-Newton matrix.  Ipopt does the descent; this module makes the problem
@@ -21,11 +21,12 @@ from __future__ import annotations
 
 import math
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.estimators.minimisation.descent import HANDOVER_OFFSET, Minimisation, exact_scale
-from rotorfit.estimators.minimisation.ipopt import borrow, give_back
+from rotorfit.estimators.minimisation.ipopt import borrow, descend_on_graph, give_back
 from rotorfit.estimators.minimisation.objective import Objective, Options, Solution, Status, Vector
 
 _DEFAULTS = Options()
@@ -41,11 +42,14 @@ def minimise(
     upper: ArrayLike | None = None,
     scale: ArrayLike | None = None,
     options: Options = _DEFAULTS,
+    graph: ca.Function | None = None,
 ) -> Solution:
     """Minimise a least-squares objective from ``start``, inside bounds.
 
-    A failed run returns the best point seen together with a status that says so.  The function may be called
-    from several threads and from within an objective; the objective itself is called by one thread.
+    ``graph`` is the cost as a CasADi function of ``x``: Ipopt as chosen method then descends on it, with the first and
+    second derivatives that CasADi makes of it; the objective judges where that ends. A failed run returns the best
+    point seen together with a status that says so.  The function may be called from several threads and from within an
+    objective; the objective itself is called by one thread.
 
     Returns:
         The best point with its cost and status.
@@ -63,7 +67,7 @@ def minimise(
         scales = _default_scale(objective, x)
     run = Minimisation(objective, x, bounds, exact_scale(scales), options)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # a trial point may well be absurd
-        status = _descend(run)
+        status = _descend(run, graph)
     best = run.best
     if status is Status.INFEASIBLE_START:
         return Solution(
@@ -114,8 +118,10 @@ def _default_scale(objective: Objective, x: Vector) -> Vector:
     return scale
 
 
-def _descend(run: Minimisation) -> Status:
-    """Gauss-Newton, then the exact Hessian from the best point, last the exact Hessian from the start.
+def _descend(run: Minimisation, graph: ca.Function | None) -> Status:
+    """By the method that was chosen.
+
+    Of "auto": Gauss-Newton, then the exact Hessian from the best point, last the exact Hessian from the start.
 
     The last attempt is for a Gauss-Newton step that leapt to where the residuals no longer respond. Where they do not
     respond at the start either nothing was leapt over, and a descent would wander along what the data do not see until
@@ -126,12 +132,21 @@ def _descend(run: Minimisation) -> Status:
         return Status.INFEASIBLE_START
     run.reference = first.cost
     run.best = run.assess(first)
-    run.approach()
-    if run.best.offset <= HANDOVER_OFFSET:  # as good as the point where Ipopt would hand over
+    if run.options.method == "gauss-newton":
+        run.descend()
         run.refine()
-        status = run.status()
-        if status is Status.CONVERGED or (status is Status.SINGULAR and run.singular_throughout()):
-            return status
+        return run.status()
+    if run.options.method == "ipopt" and graph is not None:
+        descend_on_graph(run, graph)
+        run.refine()
+        return run.status()
+    if run.options.method == "auto":
+        run.approach()
+        if run.best.offset <= HANDOVER_OFFSET:  # as good as the point where Ipopt would hand over
+            run.refine()
+            status = run.status()
+            if status is Status.CONVERGED or (status is Status.SINGULAR and run.singular_throughout()):
+                return status
     engine = borrow(run.start.size, run.options)
     try:
         engine.descend(run, run.start)

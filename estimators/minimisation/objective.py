@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 Vector: TypeAlias = NDArray[np.float64]
 Matrix: TypeAlias = NDArray[np.float64]
 HessianKind: TypeAlias = Literal["gauss-newton", "exact"]
+Method: TypeAlias = Literal["auto", "gauss-newton", "ipopt"]
+
+METHODS: tuple[Method, ...] = ("auto", "gauss-newton", "ipopt")
 
 
 class Objective(Protocol):
@@ -48,7 +51,8 @@ class Status(Enum):
 class Options:
     """Settings of the solver; all tolerances are dimensionless."""
 
-    max_iterations: int = 200  # Ipopt iterations allowed in total, both Hessians together; at least 1
+    max_iterations: int = 200  # iterations allowed in total, of all methods and Hessians together; at least 1
+    method: Method = "auto"  # damped Gauss-Newton steps, Ipopt, or Ipopt where undamped Gauss-Newton steps lead nowhere
     tolerance: float = 1e-10
     acceptable: float = 1e-6  # relative offset that still counts as converged when round-off prevents ``tolerance``
     hessian: Literal["auto", "gauss-newton", "exact"] = "auto"
@@ -63,6 +67,8 @@ class Options:
                 f"tolerance is {self.tolerance} and acceptable is {self.acceptable}; "
                 "they must satisfy 0 < tolerance <= acceptable < 1"
             )
+        if self.method not in METHODS:
+            raise ValueError(f"method is {self.method!r}; allowed: {', '.join(map(repr, METHODS))}")
         if self.hessian not in ("auto", "gauss-newton", "exact"):
             raise ValueError(f"hessian is {self.hessian!r}; allowed: 'auto', 'gauss-newton', 'exact'")
         if not self.barrier > 0.0:

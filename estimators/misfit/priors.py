@@ -27,6 +27,11 @@ def _is_normal(distribution: Any) -> bool:
     return type(distribution.dist).__module__ == _SCIPY and distribution.dist.name == "norm"
 
 
+def normal_moments(distribution: Any) -> tuple[float, float] | None:
+    """Mean and standard deviation of a normal distribution, None for others."""
+    return _moments(distribution) if _is_normal(distribution) else None
+
+
 @dataclass(frozen=True, eq=False)
 class Prior:
     """Logarithm of a prior density of one entry and its two derivatives."""

@@ -10,6 +10,8 @@ import numpy as np
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
+from rotorfit.estimators.minimisation.objective import Method
+from rotorfit.estimators.misfit.cost_graph import cost_graph
 from rotorfit.estimators.misfit.losses import Loss
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.misfit.ratios import LogRatioProblem, ratios_of
@@ -44,6 +46,7 @@ def fit(
     phase_offsets: PhaseOffsets = False,
     calibration: Calibration | None = None,
     assumptions: Mapping[str, float] | None = None,
+    method: Method = "auto",
     max_iterations: int = 200,
 ) -> FitResult:
     """Fit a model by weighted nonlinear least squares on the complex responses.
@@ -68,7 +71,9 @@ def fit(
         assumptions: standard uncertainties of terms that the model leaves out or takes as known, by their names and
             units in :meth:`FitResult.assumptions`, ``{"Ds[journal]": 2.0}``. They enter :meth:`FitResult.interval`, the
             summary and the report as a systematic share; ``params`` stay statistical.
-        max_iterations: limit on the iterations of Ipopt.
+        method: "gauss-newton" for damped Gauss-Newton steps, "ipopt" for Ipopt, on CasADi's own graph of the cost where
+            there is one; "auto" takes Gauss-Newton steps and hands over to Ipopt where they do not lead to the optimum.
+        max_iterations: limit on the iterations of the search.
 
     Returns:
         the result; a fit that did not converge has ``success`` false and the best estimate found. What is wrong with
@@ -94,6 +99,7 @@ def fit(
         loss=loss,
         phase_offsets=phase_offsets,
         calibration=calibration,
+        method=method,
         max_iterations=max_iterations,
     )
     found = fitted(model, as_tuple(experiments), settings)
@@ -102,10 +108,15 @@ def fit(
 
 def fitted(model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings) -> FitResult:
     """The fit of a model with given settings."""
+    options = _options(settings)
     problem = build_problem(model, experiments, settings)
     start = find_start(problem, settings.start)
-    solution = solve(problem, start.x, Options(max_iterations=settings.max_iterations))
+    solution = solve(problem, start.x, options)
     return judged(problem, experiments, settings, start, solution)
+
+
+def _options(settings: FitSettings) -> Options:
+    return Options(max_iterations=settings.max_iterations, method=settings.method)
 
 
 def judged(
@@ -127,7 +138,7 @@ def judged(
         model = problem.space.model
         problem = build_problem(model, experiments, settings) if offsets else with_noise(problem, study.found)
         begin = np.array([before.get(name, 0.0) for name in (*problem.space.names, *problem.space.nuisance)])
-        again = solve(problem, begin, Options(max_iterations=settings.max_iterations))
+        again = solve(problem, begin, _options(settings))
         solution = replace(again, n_evaluations=solution.n_evaluations + again.n_evaluations)
     return judge(problem, experiments, settings, solution.x, start, "least squares", solution, notes, noise=study)
 
@@ -188,7 +199,7 @@ def solve_again(
         problem = replace(problem, priors=(*kept, *new))
     begin = np.zeros(problem.space.size)
     begin[: min(fit.x.size, begin.size)] = fit.x[: begin.size]
-    solution = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options())
+    solution = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options(method=settings.method))
     start = Start(x=begin, kind=EARLIER_FIT)
     found = judge(problem, fit.experiments, settings, solution.x, start, "least squares", solution, (), noise=fit.noise)
     return found if fit.model_uncertainty is None else with_model_uncertainty(found, fit.model_uncertainty)
@@ -206,7 +217,9 @@ def solve(problem: Problem, start: Float, options: Options) -> Solution:
     ratios = ratios_of(problem)
     if ratios is None or not start[ratios.numerators].any():  # nothing is known of a ratio either
         scale = search_scale(space, start)
-        return minimise(problem, start, lower=space.lower, upper=space.upper, scale=scale, options=options)
+        graph = cost_graph(problem) if options.method == "ipopt" else None
+        bounds = {"lower": space.lower, "upper": space.upper}
+        return minimise(problem, start, **bounds, scale=scale, options=options, graph=graph)
     begin, (lower, upper) = ratios.of(start), ratios.bounds(space)
     scale = search_scale(space, begin)
     scale[ratios.entry] = 1.0

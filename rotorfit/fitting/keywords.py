@@ -9,6 +9,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypedDict
 
+from rotorfit.estimators.minimisation.objective import Method
 from rotorfit.estimators.misfit.losses import Loss
 from rotorfit.fitting.settings import PhaseOffsets
 from rotorfit.models.parameters import unknown_name
@@ -30,6 +31,7 @@ class FitKeywords(TypedDict, total=False):
     phase_offsets: PhaseOffsets
     calibration: Calibration | None
     assumptions: Mapping[str, float] | None
+    method: Method
     max_iterations: int
 
 

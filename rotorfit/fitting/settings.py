@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from rotorfit.estimators.minimisation.objective import Method
 from rotorfit.estimators.misfit.losses import Loss
 from rotorfit.version import renamed
 
@@ -61,6 +62,11 @@ class FitOptions:
         False,
         "fit a phase reference offset for every run but the first; common: one angle between forces and responses",
         "common",
+    )
+    method: Method = option(
+        "auto",
+        "how the optimum is searched: auto, gauss-newton, or ipopt (on CasADi's own graph where there is one)",
+        "NAME",
     )
     max_iterations: int = option(200, "limit on the iterations of the search; 200 unless given", "N")
     assumptions: Mapping[str, float] = option(

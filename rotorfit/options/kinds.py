@@ -271,6 +271,7 @@ KINDS: Mapping[str, Kind] = {
     "PhaseOffsets": Kind(toml=phase_offsets, word=_common_word, written=str, bare=True),
     "str": Kind(toml=text, word=str, written=str),
     "Loss": Kind(toml=text, word=str, written=str),
+    "Method": Kind(toml=text, word=str, written=str),
     "tuple[str, ...]": Kind(toml=_texts, word=words, written=",".join),
     "float": Kind(toml=_positive, word=positive_word, written=_digits),
     "float | None": Kind(toml=_positive, word=positive_word, written=_digits),

@@ -1,0 +1,116 @@
+"""The cost of a problem as one CasADi graph, from the model's own equation of motion.
+
+A second formulation of what :class:`~rotorfit.estimators.misfit.problem.Problem` computes: here CasADi solves the
+equation of motion symbolically, reading by reading, and differentiates it. It is slower, and shares no derivative.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from rotorfit.estimators.blocks.correlated import CorrelatedResponses
+from rotorfit.estimators.blocks.observations import Block, Responses
+from rotorfit.estimators.misfit.losses import LOSS_SCALE, Loss
+from rotorfit.estimators.misfit.parameter_space import ParameterSpace
+from rotorfit.estimators.misfit.priors import normal_moments
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.models import RotorModel
+from rotorfit.models.array_types import ComplexArray
+
+
+def cost_graph(problem: Problem) -> ca.Function | None:
+    """Cost of the fitted vector, shape ``(p,)``, as a CasADi function; None where some part of it has no graph.
+
+    There is one for responses of a model whose equation of motion is a polynomial in s with known force, whatever the
+    loss, the bounds and the correlation of errors. There is none where a response is itself the root of an equation
+    (orbits of a law of eccentricity), for a structure given as matrices, other kinds of experiments, and priors that
+    are not normal.
+    """
+    blocks = [_linear(block) for block in problem.blocks]
+    priors = [normal_moments(prior.distribution) for prior in problem.priors]
+    if None in blocks or None in priors:
+        return None
+    x = ca.MX.sym("x", problem.space.size)
+    factors = problem.factors or (None,) * len(problem.blocks)
+    cost: Any = 0.0
+    for block, responses, gains in zip(problem.blocks, blocks, factors, strict=True):
+        if responses is not None:
+            misses = _misses(problem.space, responses, x, gains)
+            cost += _loss(problem.loss, *_whitened(block, misses)) / 2
+    for prior, moments in zip(problem.priors, priors, strict=True):
+        if moments is not None:
+            cost += ((x[prior.entry] - moments[0]) / moments[1]) ** 2 / 2
+    return ca.Function("cost", [x], [cost])
+
+
+def _linear(block: Block) -> Responses | None:
+    """The responses to forces that a block holds, None if they are others or their model has no closed graph."""
+    base = block.base if isinstance(block, CorrelatedResponses) else block
+    if not isinstance(base, Responses) or base.model.shaft is not None or base.model.eccentricity_dependent:
+        return None
+    return base
+
+
+def _misses(space: ParameterSpace, block: Responses, x: Any, gains: ComplexArray | None) -> tuple[Any, Any]:
+    """Predicted minus measured over sigma, real and imaginary parts, shapes ``(1, R)``."""
+    places = np.where(
+        space.index >= 0, space.index, space.size + np.arange(space.index.size).reshape(space.index.shape)
+    )
+    values = ca.vertcat(x, ca.DM(space.template.ravel()))[places.ravel(order="C").tolist()]
+    theta = ca.reshape(values, space.index.shape[1], -1)[:, block.reading_group.tolist()]
+    seen = np.zeros((len(block.model.coordinates), block.measured.size))
+    seen[block.coordinate, np.arange(block.measured.size)] = 1.0
+    force = block.force[block.line].T
+    line = np.vstack([block.s[block.line].imag, block.speed[block.line], force.real, force.imag, seen])
+    predicted = _reading(block.model, imposed=block.imposed).map(block.measured.size)(theta, line)
+    real, imag = predicted[0, :], predicted[1, :]
+    if gains is not None:
+        power = ca.reshape(x[len(space.names) :], 1, -1)
+        size, turn = ca.exp(power @ gains.real.T), power @ gains.imag.T
+        c, s = size * ca.cos(turn), size * ca.sin(turn)
+        real, imag = real * c - imag * s, real * s + imag * c
+    sigma = block.sigma[None]
+    return (real - block.measured.real[None]) / sigma, (imag - block.measured.imag[None]) / sigma
+
+
+def _reading(model: RotorModel, *, imposed: bool) -> ca.Function:
+    """One reading, real and imaginary part, from parameters, and frequency, speed, force and what is read."""
+    theta, speed, eccentricity, matrices, factors = model.symbolic
+    n = len(model.coordinates)
+    w, force, seen = ca.SX.sym("w"), ca.SX.sym("force", 2 * n), ca.SX.sym("seen", n)
+    real, imag = ca.SX(n, n), ca.SX(n, n)
+    for power, matrix in enumerate(matrices):
+        turned = 1j**power
+        real += w**power * (turned.real * matrix.re - turned.imag * matrix.im)
+        imag += w**power * (turned.real * matrix.im + turned.imag * matrix.re)
+    stiffness = ca.vertcat(ca.horzcat(real, -imag), ca.horzcat(imag, real))
+    stiffness = ca.substitute(stiffness, eccentricity, 0.0)
+    answer = stiffness @ force if imposed else ca.solve(ca.densify(stiffness), force)
+    gain = [(1.0, 0.0) if imposed else (f.re, f.im) for f in factors]
+    parts = [(answer[i] * c - answer[n + i] * s, answer[i] * s + answer[n + i] * c) for i, (c, s) in enumerate(gain)]
+    read = [sum(seen[i] * part[k] for i, part in enumerate(parts)) for k in (0, 1)]
+    return ca.Function("reading", [theta, ca.vertcat(w, speed, force, seen)], [ca.vertcat(*read)])
+
+
+def _whitened(block: Block, misses: tuple[Any, Any]) -> tuple[Any, Any]:
+    """Residuals free of what their errors have in common."""
+    if not isinstance(block, CorrelatedResponses):
+        return misses
+    (real, imag), mixing = misses, block.mixing.T
+    return real @ mixing.real - imag @ mixing.imag, real @ mixing.imag + imag @ mixing.real
+
+
+def _loss(loss: Loss, real: Any, imag: Any) -> Any:
+    """Sum of the robust costs of residuals."""
+    size2 = real**2 + imag**2
+    c2 = LOSS_SCALE**2
+    if loss == "linear":
+        return ca.sum2(size2)
+    if loss == "soft_l1":
+        return ca.sum2(2 * c2 * (ca.sqrt(1 + size2 / c2) - 1))
+    if loss == "huber":
+        return ca.sum2(ca.if_else(size2 <= c2, size2, c2 * (2 * ca.sqrt(ca.fmax(size2 / c2, 1)) - 1)))
+    return ca.sum2(c2 * ca.log1p(size2 / c2))

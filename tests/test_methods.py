@@ -1,0 +1,94 @@
+"""Gauss-Newton, and Ipopt on CasADi's own graph of the cost, reach the same optimum."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from law_data import CLEARANCE_UM, ONE_MODE, static, sweep
+from scipy import stats
+from synthetic import SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
+
+import rotorfit as rf
+from rotorfit.estimators.misfit.cost_graph import cost_graph
+from rotorfit.estimators.misfit.losses import Loss
+from rotorfit.models import MODELS, Chain, EvenPolynomial, Law, LinearInSpeed, MonotoneSpline, Muszynska, OneMode
+
+CHAIN = {
+    "M1": 0.7,
+    "M2": 1.1,
+    "M3": 0.8,
+    "K1": 2e4,
+    "K2": 5e4,
+    "K3": 6e4,
+    "K4": 3e4,
+    "Ds1": 9.0,
+    "Ds2": 6.0,
+    "Ds3": 8.0,
+}
+
+
+def readings(name: str, **options: Any) -> rf.PerturbationTest:
+    model = MODELS[name]()
+    theta = model.vector(TYPICAL[name])
+    frequency = covering_frequencies(model, theta, SPEEDS[name], 24)
+    return circular_test(model, theta, speeds=SPEEDS[name], frequency=frequency, noise=0.02, seed=5, **options)
+
+
+def both(model: rf.models.RotorModel, experiments: Any, **options: Any) -> rf.FitResult:
+    """The fit by Gauss-Newton, which is that by Ipopt within a millionth of an error."""
+    one = rf.fit(model, experiments, method="gauss-newton", **options)
+    other = rf.fit(model, experiments, method="ipopt", **options)
+    assert one.success
+    assert other.success
+    for name, parameter in one.params.items():
+        assert abs(parameter.value - other.params[name].value) <= 1e-6 * parameter.stderr, name
+    return other
+
+
+@pytest.mark.parametrize("loss", ["linear", "soft_l1", "huber", "cauchy"])
+@pytest.mark.parametrize("name", list(TYPICAL))
+def test_every_model_and_loss(name: str, loss: Loss) -> None:
+    fit = both(MODELS[name](), readings(name), known=known_of(name, TYPICAL[name]), loss=loss)
+    graph = cost_graph(fit.problem)
+    assert graph is not None
+    beside = fit.x * np.linspace(0.97, 1.04, fit.x.size)  # NumPy's inverses against CasADi's symbolic ones
+    assert float(graph(beside)) == pytest.approx(fit.problem.cost(beside), rel=1e-9)
+
+
+def test_many_masses() -> None:
+    model = Chain(3)
+    theta = model.vector(CHAIN)
+    frequency = covering_frequencies(model, theta, [0.0], 24)
+    test = circular_test(model, theta, speeds=[0.0], frequency=frequency, noise=0.02, seed=5)
+    both(model, test)
+
+
+def test_bounds_priors_phase_offsets_and_a_start_far_away() -> None:
+    known, model = known_of("whirl-whip", TYPICAL["whirl-whip"]), MODELS["whirl-whip"]()
+    test = readings("whirl-whip")
+    fit = both(model, test, known=known, bounds={"lam": (0.2, 0.47), "D": (0.0, 440.0)})
+    assert fit.params["lam"].value == 0.47 or fit.params["D"].value == 440.0
+    both(model, test, known=known, priors={"Mf": stats.norm(0.5, 0.05)})
+    both(model, test, known=known, phase_offsets="common")
+    both(model, test, known=known, start={"lam": 0.2, "D": 100.0, "K0": 3e4, "K1": 3e4})
+    assert cost_graph(rf.fit(model, test, known=known, priors={"Mf": stats.gamma(4.0, 0.1)}).problem) is None
+
+
+@pytest.mark.parametrize("law", [Muszynska(), EvenPolynomial(), MonotoneSpline(knots=(0.5,))])
+def test_laws_of_eccentricity_have_no_graph_and_the_same_optimum(law: Law) -> None:
+    known = {"Ds": 8.0} if law.name == "muszynska" else {"Ds": 8.0, "K": 8000.0}
+    data = [sweep(ONE_MODE, levels=(3.0, 30.0), lines=20), static(ONE_MODE)]
+    model = OneMode(law=law, clearance_um=CLEARANCE_UM)
+    fit = both(model, data, known=known, start={"D": 430.0, "lam": 0.44})
+    assert cost_graph(fit.problem) is None
+
+
+def test_a_law_of_the_speed() -> None:
+    both(OneMode(law=LinearInSpeed("lam")), readings("one-mode"), known=known_of("one-mode", TYPICAL["one-mode"]))
+
+
+def test_an_unknown_method_is_refused() -> None:
+    with pytest.raises(ValueError, match="method is 'bfgs'; allowed: 'auto', 'gauss-newton', 'ipopt'"):
+        rf.fit(OneMode(), readings("one-mode"), method="bfgs")  # type: ignore[arg-type]
