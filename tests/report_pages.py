@@ -15,6 +15,9 @@ import pytest
 import rotorfit as rf
 from rotorfit.fitting.result import FitResult
 from rotorfit.plots import style
+from rotorfit.report import figures, recorded
+from rotorfit.report.html import Html, picture
+from rotorfit.report.material import ReportInput
 from rotorfit.uncertainty.posterior import SampleSettings
 from rotorfit.uncertainty.profile import Profile
 
@@ -25,8 +28,17 @@ DOT = base64.b64decode(
 
 
 def leave_pixels_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Put one pixel in the place of every figure of a report and of the command line."""
+    """Put one pixel in the place of every figure of the command line, and of a report, which are not even drawn."""
+
+    def embedded(material: ReportInput, name: str, draw: object, caption: str) -> Html:
+        if material.figure_format == "none":
+            return Html("")
+        material.pictures[name] = DOT
+        return picture(DOT, caption, 1.0)
+
     monkeypatch.setattr(style, "picture_of", lambda figure, *_, **__: DOT)
+    for module in (figures, recorded):
+        monkeypatch.setattr(module, "embedded", embedded)
 
 
 @dataclass

@@ -392,9 +392,8 @@ def test_slopes_alone_are_checked_and_fitted() -> None:
 QUANTITIES = {"velocities": lambda w: 1j * w / 100, "accelerations": lambda w: -(w**2) / 1e4}
 
 
-@pytest.mark.parametrize(
-    ("quantity", "draws"), slow_but([(q, n) for q in QUANTITIES for n in (1, 5)], ("velocities", 1))
-)
+@pytest.mark.slow  # one of each by default in tests/test_data_errors.py
+@pytest.mark.parametrize(("quantity", "draws"), [(q, n) for q in QUANTITIES for n in (1, 5)])
 def test_velocities_and_accelerations_are_seen_by_a_fit(quantity: str, draws: int) -> None:
     """Of random rigs, each with its own model."""
     seen, named = QUANTITIES[quantity], 0

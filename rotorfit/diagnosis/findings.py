@@ -30,7 +30,7 @@ def _with_weight(fit: FitResult, shown: Sequence[Finding]) -> list[Finding]:
     """Findings, of which anisotropy is a warning where an isotropic fit does not bear it, and nothing where it does."""
     if fit.model.frame != "z" or not fit.success or len(fit.thetas) > 1:
         return list(shown)
-    weighty = any(entry.name.startswith(Kind.PAIR.value) for entry in fit.assumptions().entries)
+    weighty = any(entry.name.startswith(Kind.PAIR.value) for entry in fit.assumed.entries)
     return [
         replace(finding, severity="warning") if finding.code == UNEVEN else finding
         for finding in shown

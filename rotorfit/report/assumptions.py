@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rotorfit.fitting.assumptions.assumption_table import Assumptions
 from rotorfit.report.html import Html, table
 from rotorfit.report.parts import note, section
 
@@ -12,15 +11,9 @@ if TYPE_CHECKING:
     from rotorfit.report.material import ReportInput
 
 
-def found_assumptions(material: ReportInput) -> Assumptions:
-    """Assumptions of the fit, none where it failed or parameters were fitted per attribute."""
-    fit = material.fit
-    return fit.assumptions() if len(fit.thetas) == 1 and fit.success else Assumptions(())
-
-
 def assumptions_section(material: ReportInput) -> Html:
     """Score tests of what the model leaves out, and the shift of each result."""
-    found = found_assumptions(material)
+    found = material.fit.assumed
     if not found.entries:
         return Html("")
     head, *rows = found.rows()

@@ -18,7 +18,6 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.structure.structure_error import structure_error
 from rotorfit.models.motion.stability import growth_rate
 from rotorfit.models.parameters import bare_name
-from rotorfit.report.assumptions import found_assumptions
 from rotorfit.report.html import Html, bullets, element, join
 from rotorfit.report.numbers import interval, plain, with_error
 from rotorfit.report.parts import (
@@ -50,8 +49,7 @@ def verdict_section(material: ReportInput) -> Html:
     ]
     errors = data_errors(material)
     warnings = [*(f"error in the data: {words}" for words in errors), *fit.warnings]
-    assumed = found_assumptions(material)
-    warnings += assumed.words[1:]
+    warnings += fit.assumed.words[1:]
     if fit.identifiability.unresolved:
         warnings.append("not determined by these data: " + ", ".join(fit.identifiability.unresolved))
     if material.posterior is not None and not material.posterior.converged:
@@ -60,7 +58,7 @@ def verdict_section(material: ReportInput) -> Html:
         content.append(bullets((sentence(w) for w in warnings), class_="warnings"))
     reduced = structure_error(fit)
     caveats = [*fit.model.caveats, *([str(reduced)] if reduced else [])]
-    caveats += [f"not shown by these data: {words}" for words in assumed.main_foundations]
+    caveats += [f"not shown by these data: {words}" for words in fit.assumed.main_foundations]
     if caveats:
         content.append(bullets((sentence(c) for c in caveats), class_="note"))
     return section("Verdict", *content)
