@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import warnings
 
 import numpy as np
 import pytest
@@ -124,39 +123,6 @@ def test_free_young_modulus(rig):
         assert abs(free.params[name].value - value) < 3.5 * free.params[name].stderr, name
     assert free.params["E_scale"].stderr < 1e-3
     assert free.threshold_speed().value / RPM == pytest.approx(RIG["threshold_rpm"], abs=1.0)
-
-
-def test_ross_rotor(rig):
-    """The same rotor assembled by the ROSS package, all six degrees of freedom a node."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of ROSS and what it imports
-        import ross
-
-        steel = ross.Material(name="steel", rho=7810, E=2.11e11, G_s=8.12e10)
-        length = TRUTH["L"] / TRUTH["nel"]
-        elements = [ross.ShaftElement(L=length, idl=0, odl=TRUTH["d"], material=steel) for _ in range(TRUTH["nel"])]
-        disks = [
-            ross.DiskElement(n=PLANES["disk"], m=TRUTH["m_disk"], Id=4e-4, Ip=7.5e-4),
-            ross.DiskElement(n=PLANES["journal"], m=TRUTH["m_jrn"], Id=2e-5, Ip=3e-5),
-        ]
-        bearings = [
-            ross.BearingElement(n=0, kxx=5e7, cxx=0.0),
-            ross.BearingElement(n=PLANES["journal"], kxx=TRUTH["K3"], cxx=0.0),
-        ]
-        rotor = ross.Rotor(elements, disks, bearings)
-        M, C, G, K = rotor.M(), rotor.C(0), rotor.G(), rotor.K(0)
-    dofs = {4: rf.models.ROSS_4, 6: rf.models.ROSS_6}[rotor.number_dof]
-    model = KnownStructure(M, C, G, K, planes=PLANES, fluid="journal", damping="disk", dofs=dofs)
-    own = known_rig()
-    for mine, theirs in zip(
-        (own.shaft.matrices.M, own.shaft.matrices.G, own.shaft.matrices.K),
-        (model.shaft.matrices.M, model.shaft.matrices.G, model.shaft.matrices.K),
-        strict=True,
-    ):
-        np.testing.assert_allclose(theirs, mine, atol=1e-12 * np.abs(mine).max())
-    fit = rf.fit(model, rig)
-    assert 0.9 < fit.redchi < 1.1
-    assert fit.params["K0"].value == pytest.approx(10000, rel=0.02)
 
 
 # ---- the model against the full matrices ------------------------------------------------------------------------

@@ -19,7 +19,12 @@ from rotorfit.studies import run
 from rotorfit.studies.study import Study
 
 SETTINGS = {
-    "planes": ("rotor", "seal"),
+    "structure": "shaft.mat",
+    "planes": {"rotor": 7, "seal": "Bearing 1"},
+    "fluid": ("seal",),
+    "supports": ("left", "right"),
+    "damping": ("rotor",),
+    "dofs": ("x", "y"),
     "blocks": ("gyroscopic",),
     "two_lam": True,
     "orthotropic": ("seal",),

@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
+from test_known_structure import rig_matrices
 
 import rotorfit as rf
+from rotorfit.cli import main as cli
 from rotorfit.models import KnownStructure, eigenvalues
 
 FILES = Path(__file__).parent / "data" / "ross"
@@ -184,6 +186,36 @@ def test_saved_rotors_are_read_by_their_own_line_of_ross(ross):
                 KnownStructure.from_ross(path, planes={"disk": 2}, fluid="oil")
 
 
+def test_the_rig_assembled_by_ross_is_the_one_behind_the_data(ross):
+    """Matrices of another assembly of the same beam theory, and the fit of the bundled data."""
+    truth = rf.datasets.truth("rig_open")["params"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        steel = ross.Material(name="steel", rho=7810, E=2.11e11, G_s=8.12e10)
+        length = truth["L"] / truth["nel"]
+        elements = [ross.ShaftElement(L=length, idl=0, odl=truth["d"], material=steel) for _ in range(truth["nel"])]
+        disks = [
+            ross.DiskElement(n=truth["n_disk"], m=truth["m_disk"], Id=4e-4, Ip=7.5e-4, tag="disk"),
+            ross.DiskElement(n=truth["n_brg"], m=truth["m_jrn"], Id=2e-5, Ip=3e-5, tag="journal"),
+        ]
+        bearings = [
+            ross.BearingElement(n=0, kxx=5e7, cxx=0.0),
+            ross.BearingElement(n=truth["n_brg"], kxx=truth["K3"], cxx=0.0),
+        ]
+        model = KnownStructure.from_ross(
+            ross.Rotor(elements, disks, bearings),
+            planes={"disk": "disk", "journal": "journal"},
+            fluid="journal",
+            damping="disk",
+        )
+    M, G, K = rig_matrices()
+    for mine, theirs in ((M, model.shaft.matrices.M), (-1j * G, model.shaft.matrices.G), (K, model.shaft.matrices.K)):
+        np.testing.assert_allclose(theirs, mine, atol=1e-12 * np.abs(mine).max())
+    fit = rf.fit(model, rf.datasets.rig_open())
+    assert 0.9 < fit.redchi < 1.1
+    assert fit.params["K0"].value == pytest.approx(10000, rel=0.02)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -214,3 +246,70 @@ def test_coordinates_that_a_file_does_not_say_are_given(tmp_path):
     path = saved(tmp_path, nodes=None)
     model = KnownStructure.from_ross(path, planes=PLANES, dofs=rf.models.ROSS_6)
     np.testing.assert_array_equal(model.shaft.matrices.K, from_file("2.3.0").shaft.matrices.K)
+
+
+# ---- on the command line ---------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory):
+    """Responses of the shaft with ROSS's fluid, two speeds, 1 % noise."""
+    model = from_file("2.3.0")
+    theta = model.vector(answers("2.3.0")["fluid"])
+    half = np.linspace(20.0, 600.0, 20)
+    w = np.r_[-half[::-1], half]
+    rng = np.random.default_rng(1)
+    rows = []
+    for speed in (150.0, 300.0):
+        H = 10.0 * model.receptance(theta, w, speed)
+        for i, plane in enumerate(model.planes):
+            z = H[:, i, 1]
+            sigma = 0.01 * np.sqrt(np.mean(np.abs(z) ** 2))
+            z = z + sigma * (rng.normal(size=w.size) + 1j * rng.normal(size=w.size))
+            rows.append({"plane": plane, "response": z, "sigma": sigma, "speed": speed, "frequency": w})
+    columns = {name: np.concatenate([np.broadcast_to(row[name], w.shape) for row in rows]) for name in rows[0]}
+    test = rf.perturbation_test(**columns, run="a", force_plane="oil", force=10.0, direction="z")
+    folder = tmp_path_factory.mktemp("rig")
+    rf.write(test, folder / "rig.csv")
+    (folder / "shaft.mat").write_bytes((FILES / "shaft-2.3.0.mat").read_bytes())
+    (folder / "study.toml").write_text(
+        'files = ["rig.csv"]\nstructure = "shaft.mat"\nplanes = {disk = 2, oil = 4}\nfluid = ["oil"]\n'
+    )
+    return folder
+
+
+def code_of(words):
+    try:
+        return cli.main(words)
+    except SystemExit as stop:
+        return stop.code
+
+
+def test_a_shaft_on_the_command_line_and_in_a_study(rig, capsys):
+    shaft = ["--structure", str(rig / "shaft.mat"), "--planes", "disk=2,oil=4", "--fluid", "oil"]
+    found = []
+    for words in (["fit", str(rig / "rig.csv"), *shaft], ["run", str(rig / "study.toml")]):
+        assert cli.main([*words, "--json"]) == 0
+        found.append(json.loads(capsys.readouterr().out)["parameters"])
+    assert found[0] == found[1]
+    for name, value in answers("2.3.0")["fluid"].items():
+        assert abs(found[0][name]["value"] - value) < 4 * found[0][name]["stderr_noise"], name
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--structure", "shaft.mat", "--planes", "disk,oil"], "planes: with structure each plane has its node"),
+        (["--structure", "shaft.mat", "--planes", "disk=2,disk=4"], "NAME=NODE"),
+        (["--structure", "shaft.mat", "--planes", "disk=2,oil=40"], "nodes 0 to 4"),
+        (["--structure", "rig.csv", "--planes", "disk=2,oil=4"], "matrices of a shaft come as"),
+        (["--structure", "shaft.mat", "--model", "one-mode"], "makes the model known-structure, not one-mode"),
+        (["--model", "one-mode", "--fluid", "oil"], "fluid: only for a shaft from a file"),
+        (["--model", "known-structure"], "structure names its matrices"),
+        ([], "--model is missing"),
+    ],
+)
+def test_words_that_make_no_shaft(rig, capsys, monkeypatch, words, message):
+    monkeypatch.chdir(rig)
+    assert code_of(["fit", "rig.csv", *words]) == 2
+    assert message in capsys.readouterr().err

@@ -122,8 +122,17 @@ def processes(count: int) -> AbstractContextManager[Executor | None]:
 
 def add_model(to: argparse.ArgumentParser, options: Iterable[str] = MODEL) -> None:
     """The model, and options by name."""
-    to.add_argument("--model", required=True, help="see `rotorfit models`")
+    to.add_argument("--model", help="see `rotorfit models`; left out with --structure")
     add_options(to, options)
+
+
+def model_name(options: argparse.Namespace) -> str:
+    """The model, that of a shaft from a file where one is given."""
+    from rotorfit.models import KnownStructure
+
+    if options.model is None and not options.structure:
+        raise ValueError("--model is missing: one that `rotorfit models` lists, or --structure with a shaft's file")
+    return options.model or KnownStructure.name
 
 
 def add_options(to: argparse._ActionsContainer, names: Iterable[str]) -> None:
@@ -240,7 +249,7 @@ def fit_study(options: argparse.Namespace, names: Iterable[str] = tuple(FIT)) ->
     """The study that the options of a command describe; see :func:`given`."""
     from rotorfit.studies.study import Study
 
-    return Study(files=data_files(options), model=options.model, out=options.out, **given(options, names))
+    return Study(files=data_files(options), model=model_name(options), out=options.out, **given(options, names))
 
 
 def numbers(text: str) -> Float:

@@ -67,12 +67,12 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
     from rotorfit.campaigns.campaign import campaign
     from rotorfit.data.findings import attributed, error_sentence, errors_in, warnings_in
     from rotorfit.studies.data_files import no_progress, read_files
-    from rotorfit.studies.study_model import build_model, check_model_name
+    from rotorfit.studies.study_model import build_model, check_model
 
     if options.against is None and (options.by or options.follow):
         raise ValueError("--by and --follow shape the trends: say --against what")
     study = fit_study(options, CAMPAIGN)
-    check_model_name(study.model)
+    check_model(study)
     with ExitStack() as stack:
         executor = stack.enter_context(processes(options.jobs))
         tests, findings = read_files(study.files, no_progress, executor)

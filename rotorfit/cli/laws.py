@@ -54,10 +54,10 @@ def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str, list[s
     from rotorfit.models import LAWS
     from rotorfit.models.parameters import unknown_name
     from rotorfit.studies.data_files import no_progress, read_files
-    from rotorfit.studies.study_model import build_model, check_model_name
+    from rotorfit.studies.study_model import build_model, check_model
 
     study = fit_study(options, LAW_RANKING)
-    check_model_name(study.model)
+    check_model(study)
     for name in options.laws or ():
         if name not in LAWS:
             raise ValueError(f"--laws: {unknown_name('law', name, LAWS)}")

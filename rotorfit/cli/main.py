@@ -149,14 +149,16 @@ def _work(study: Study, progress: ProgressLine, rig: str, figure_format: FigureF
 
 
 def _models(options: argparse.Namespace) -> int:
-    from rotorfit.models import MODELS
+    from rotorfit.models import MODELS, KnownStructure
     from rotorfit.studies.study_model import check_model_name
 
-    if options.name is not None:
+    one = KnownStructure([[1.0]], None, None, [[1.0]], planes={"journal": 0}, fluid="journal", dofs=("z",))
+    known = {**{name: model() for name, model in MODELS.items()}, one.name: one}
+    if options.name is not None and options.name != one.name:
         checked(lambda: check_model_name(options.name))
     tables = []
-    for model in MODELS.values() if options.name is None else (MODELS[options.name],):
-        head, _, rows = model().describe().partition("\n")
+    for model in known.values() if options.name is None else (known[options.name],):
+        head, _, rows = model.describe().partition("\n")
         first = (model.__doc__ or "").partition("\n")[0]
         tables.append(f"{head}\n  {first}\n{rows}")
     print("\n\n".join(tables))

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli.arguments import add_model, given, numbers
+from rotorfit.cli.arguments import add_model, given, model_name, numbers
 from rotorfit.options.kinds import number_word, pairs, whole_word, words
 from rotorfit.options.table import LAW, MODEL
 
@@ -161,12 +161,11 @@ def _recorded(options: argparse.Namespace) -> list[Path]:
 
 def _model(options: argparse.Namespace) -> RotorModel:
     from rotorfit.studies.study import Study
-    from rotorfit.studies.study_model import build_model, check_model_name
+    from rotorfit.studies.study_model import build_model
 
-    check_model_name(options.model)
     if options.model == "anisotropic" and not options.planes:
         raise ValueError("anisotropic has as many planes as --planes names: give them")
-    study = Study(files=(), model=options.model, **given(options, (*MODEL, *LAW)))
+    study = Study(files=(), model=model_name(options), **given(options, (*MODEL, *LAW)))
     return build_model(study, ())
 
 

@@ -6,7 +6,10 @@ import argparse
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
+
+Planes: TypeAlias = tuple[str, ...] | Mapping[str, int | str]
+"""Names of planes; on a shaft from a file with the node of each, or the tag of an element that stands there."""
 
 Parser = Callable[[str, Any], Any]
 """From a key and the value that stands there in a TOML file to the setting; refuses with a ValueError."""
@@ -76,6 +79,13 @@ def _texts(key: str, value: Any) -> tuple[str, ...]:
     if not isinstance(value, list):
         raise ValueError(f"{key} must be a list of texts, got {value!r}")
     return tuple(text(key, item) for item in value)
+
+
+def _planes(key: str, value: Any) -> Planes:
+    """A list of names, or a table of nodes by name."""
+    if not isinstance(value, dict):
+        return _texts(key, value)
+    return {name: at if isinstance(at, str) else whole(f"{key}.{name}", at) for name, at in value.items()}
 
 
 def table(of: Parser) -> Parser:
@@ -164,6 +174,23 @@ def count_word(word: str) -> int:
 def words(word: str) -> tuple[str, ...]:
     """Words with commas between."""
     return tuple(part.strip() for part in word.split(","))
+
+
+def planes_word(word: str) -> Planes:
+    """Names with commas between, or ``disk=7,journal=14``."""
+    if "=" not in word:
+        return words(word)
+    found: dict[str, int | str] = {}
+    for item in words(word):
+        name, _, at = (part.strip() for part in item.partition("="))
+        if not (name and at) or name in found:
+            raise argparse.ArgumentTypeError(f"{item!r} is not NAME=NODE with a name of its own: disk=7,journal=14")
+        found[name] = int(at) if at.isdecimal() else at
+    return found
+
+
+def _planes_written(planes: Planes) -> str:
+    return ",".join(f"{name}={at}" for name, at in planes.items()) if isinstance(planes, Mapping) else ",".join(planes)
 
 
 def number_word(word: str) -> float:
@@ -273,6 +300,7 @@ KINDS: Mapping[str, Kind] = {
     "Loss": Kind(toml=text, word=str, written=str),
     "Method": Kind(toml=text, word=str, written=str),
     "tuple[str, ...]": Kind(toml=_texts, word=words, written=",".join),
+    "Planes": Kind(toml=_planes, word=planes_word, written=_planes_written),
     "float": Kind(toml=_positive, word=positive_word, written=_digits),
     "float | None": Kind(toml=_positive, word=positive_word, written=_digits),
     "int": Kind(toml=count, word=count_word, written=str),

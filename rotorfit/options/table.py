@@ -12,14 +12,25 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from rotorfit.fitting.settings import FitOptions, option
-from rotorfit.options.kinds import KINDS, Kind, is_set, written
+from rotorfit.options.kinds import KINDS, Kind, Planes, is_set, written
 
 
 @dataclass(frozen=True, kw_only=True)
 class StudyOptions(FitOptions):
     """Options of the model, of its fit, and of what follows; the names are those of the TOML keys."""
 
-    planes: tuple[str, ...] = option((), "the data's plane names, in the model's order", "A,B")
+    structure: str = option(
+        "",
+        "matrices of a shaft (model known-structure): .mat, .npz, a folder of CSV, a rotor saved by ROSS",
+        "FILE",
+    )
+    planes: Planes = option(
+        (), "the data's plane names, in the model's order; with --structure the node of each, disk=7,journal=14", "A,B"
+    )
+    fluid: tuple[str, ...] = option((), "planes in the fluid (--structure), or tags of elements of a ROSS rotor", "A,B")
+    supports: tuple[str, ...] = option((), "planes on supports to be fitted (--structure), or such tags", "A,B")
+    damping: tuple[str, ...] = option((), "planes with a damper to be fitted (--structure), or such tags", "A,B")
+    dofs: tuple[str, ...] = option((), "coordinates of a node, where the file of --structure does not say", "x,y,...")
     blocks: tuple[str, ...] = option((), "structural blocks to include", "A,B")
     two_lam: bool = option(False, "lam_D and lam_M of their own in place of one lam")
     orthotropic: tuple[str, ...] = option((), "planes whose supports differ in two directions", "A,B")
@@ -72,7 +83,9 @@ def _options() -> dict[str, Option]:
 
 FIT: Mapping[str, Option] = _options()
 """Options of ``rotorfit fit`` and of a study, by name."""
-MODEL = ("planes", "blocks", "two_lam", "orthotropic", "probes")
+SHAFT = ("structure", "fluid", "supports", "damping", "dofs")
+"""Options of a shaft from a file."""
+MODEL = (*SHAFT, "planes", "blocks", "two_lam", "orthotropic", "probes")
 LAW = ("law", "clearance_um")
 PARAMETERS = ("known", "bounds", "priors", "start")
 UNCERTAINTY = ("calibration", "assumptions", "profile", "bootstrap", "sample", "seed", "ess", "max_steps")

@@ -33,6 +33,7 @@ import numpy as np
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.file_reading import read_toml, reading
+from rotorfit.models import KnownStructure
 from rotorfit.models.parameters import unknown_name
 from rotorfit.options.kinds import Parser, count, number, prior, table, text
 from rotorfit.options.table import FIT, LAW, MODEL
@@ -89,6 +90,8 @@ def _settings(path: Path, content: Mapping[str, Any]) -> PlanStudy:
     for key in content:
         if key not in _KEYS:
             raise ValueError(unknown_name("key", key, _KEYS))
+    if "structure" in content:
+        content = {"model": KnownStructure.name, **content}
     if "model" not in content:
         raise ValueError("the key 'model' is missing")
     found = {key: _KEYS[key](key, value) for key, value in content.items()}
@@ -98,6 +101,8 @@ def _settings(path: Path, content: Mapping[str, Any]) -> PlanStudy:
         raise ValueError("nothing to plan: give a table [design], or tests = a list of files as patterns")
     base = path.parent
     model = {name: found.pop(name) for name in ("model", *_MODEL) if name in found}
+    if "structure" in model:
+        model["structure"] = str(base / model["structure"])
     files = tuple(DataFile(base / name) for name in found.pop("tests", ()))
     out, fit = found.pop("out", None), found.pop("fit", None)
     return PlanStudy(

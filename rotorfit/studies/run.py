@@ -17,7 +17,7 @@ from rotorfit.models import AnisotropicShaft
 from rotorfit.studies.data_files import DataFile, StudyProgress, read_files
 from rotorfit.studies.recording_files import RecordingFiles
 from rotorfit.studies.study import Outcome, Study
-from rotorfit.studies.study_model import build_model, check_model_name
+from rotorfit.studies.study_model import build_model, check_model
 
 if TYPE_CHECKING:
     from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 def run_study(study: Study, progress: StudyProgress, checkpoint: Path | None = None) -> Outcome:
     """Read, check, solve in closed form, optimise and, if asked for, refine and sample."""
-    check_model_name(study.model)  # before files are read, which may take long
+    check_model(study)  # before files are read, which may take long
     experiments, findings = read_files([_for_model(study, file) for file in study.files], progress)
     if study.phase_offsets == "common":  # the fit judges by the zero that it finds
         findings = tuple(without_phases(found) for found in findings)

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from rotorfit.estimators.file_reading import read_toml, reading
+from rotorfit.models import KnownStructure
 from rotorfit.models.parameters import unknown_name
 from rotorfit.options.kinds import Parser, flag, number, pair, table, text
 from rotorfit.options.table import FIT
@@ -43,6 +44,8 @@ def _read(path: Path) -> Study:
     content = read_toml(path, str(path))
     try:
         _refuse_unknown(content, _KEYS)
+        if "structure" in content:
+            content.setdefault("model", KnownStructure.name)
         for key in ("files", "model"):
             if key not in content:
                 raise ValueError(f"the key {key!r} is missing")
@@ -53,6 +56,8 @@ def _read(path: Path) -> Study:
     settings["files"] = tuple(DataFile(base / file.path, file.options) for file in settings["files"])
     if "out" in settings:
         settings["out"] = base / settings["out"]
+    if "structure" in settings:
+        settings["structure"] = str(base / settings["structure"])
     return Study(**settings)
 
 

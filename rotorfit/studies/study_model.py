@@ -2,20 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rotorfit.data.experiments import Experiment, LineTest
-from rotorfit.models import LAWS, MODELS, AnisotropicShaft, Modal, Orthotropic, RotorModel
+from rotorfit.models import LAWS, MODELS, AnisotropicShaft, KnownStructure, Modal, Orthotropic, RotorModel
 from rotorfit.models.parameters import unknown_name
+from rotorfit.options.table import SHAFT
 from rotorfit.studies.modal_options import modal_options
 from rotorfit.studies.study import Study
 
 
 def check_model_name(name: str) -> None:
     """Refuse an unknown model."""
+    if name == KnownStructure.name:
+        raise ValueError(f"the model {name} is that of a shaft from a file: structure names its matrices (shaft.mat)")
     if name not in MODELS:
         raise ValueError(unknown_name("model", name, MODELS))
+
+
+def check_model(study: Study) -> None:
+    """Refuse an unknown model, and options of a shaft from a file without one."""
+    if study.structure:
+        if study.model != KnownStructure.name:
+            raise ValueError(f"structure makes the model {KnownStructure.name}, not {study.model}; leave model out")
+        return
+    check_model_name(study.model)
+    idle = [name for name in SHAFT if getattr(study, name)]
+    if idle or isinstance(study.planes, Mapping):
+        raise ValueError(
+            f"{idle[0] if idle else 'planes with nodes'}: only for a shaft from a file, which structure names"
+        )
+
+
+def _shaft_of_file(study: Study) -> KnownStructure:
+    """The shaft of a file with its planes and what is fitted."""
+    replaced = {*study.fluid, *study.supports, *study.damping}
+    if not isinstance(study.planes, Mapping) and not (replaced and not study.planes):
+        given = ", ".join(study.planes) or "none"
+        raise ValueError(f"planes: with structure each plane has its node, disk=7,journal=14; got {given}")
+    return KnownStructure.from_ross(
+        study.structure,
+        planes=study.planes if isinstance(study.planes, Mapping) else {},
+        fluid=study.fluid,
+        supports=study.supports,
+        damping=study.damping,
+        dofs=study.dofs,
+    )
 
 
 def _has_twist(experiment: Experiment) -> bool:
@@ -32,9 +65,10 @@ def _has_start_up(experiment: Experiment) -> bool:
 
 def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
     """The model of a study."""
-    check_model_name(study.model)
+    check_model(study)
     options: dict[str, Any] = {}
-    if study.planes:
+    shaft = _shaft_of_file(study) if study.structure else None
+    if isinstance(study.planes, tuple) and study.planes:
         options["planes"] = study.planes
     elif study.model == "anisotropic":  # has as many planes as the data, whatever they are called
         options["planes"] = tuple(dict.fromkeys(plane for experiment in experiments for plane in experiment.planes))
@@ -43,7 +77,7 @@ def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
     if study.model == AnisotropicShaft.name and any(_has_start_up(experiment) for experiment in experiments):
         options["runout"] = True
     if study.model == Modal.name:
-        options |= modal_options(study.planes, experiments)
+        options |= modal_options(tuple(study.planes), experiments)
     options |= {name: given for name in ("modes", "gains", "apart") if (given := getattr(study, name))}
     if study.blocks:
         options["blocks"] = study.blocks
@@ -57,5 +91,5 @@ def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
         options["probes"] = study.probes
     if study.clearance_um is not None:
         options["clearance_um"] = study.clearance_um
-    model = MODELS[study.model]().variant(**options)
+    model = (shaft or MODELS[study.model]()).variant(**options)
     return Orthotropic(model, study.orthotropic) if study.orthotropic else model

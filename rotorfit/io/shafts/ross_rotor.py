@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from rotorfit.estimators.atomic_file import note_input
 from rotorfit.estimators.file_reading import read_toml, reading
 from rotorfit.io.shafts.structure_files import SAVED_ROTORS, Structure, read_structure
 from rotorfit.models.parameters import unknown_name
@@ -38,6 +39,7 @@ def structure_options(
     """
     if isinstance(rotor, str | Path):
         path = Path(rotor)
+        note_input(path)
         if path.suffix.lower() not in SAVED_ROTORS or path.is_dir():
             return _of_file(read_structure(path, dofs), planes, taken_out)
         rotor = _load_rotor(path)
