@@ -7,7 +7,7 @@ from rotorfit.models.anisotropic import Anisotropic
 from rotorfit.models.chain import Chain
 from rotorfit.models.fluid import FluidForce, fluid_force
 from rotorfit.models.known_structure import KnownStructure
-from rotorfit.models.laws import LAWS, Constant, EvenPolynomial, Law, LinearInSpeed, MonotoneSpline, Muszynska
+from rotorfit.models.laws import LAWS, Collapse, Constant, EvenPolynomial, Law, LinearInSpeed, MonotoneSpline, Muszynska
 from rotorfit.models.modal import Modal
 from rotorfit.models.model import Coordinate, RotorModel
 from rotorfit.models.motion.stability import Threshold, eigenvalues, threshold_speed
@@ -42,6 +42,7 @@ __all__ = [
     "AnisotropicShaft",
     "Chain",
     "ChainFromModes",
+    "Collapse",
     "Constant",
     "Coordinate",
     "EvenPolynomial",

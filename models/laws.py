@@ -68,14 +68,14 @@ class Law(ABC):
         """
         return self.at(p, eccentricity)
 
-    @abstractmethod
     def start(self, K0: float, D: float) -> dict[str, float]:
-        """Values from which a fit may begin, near no change with eccentricity, for given values at eps = 0.
+        """Values from which a fit may begin, for given values at eps = 0: the parameters' scales unless overridden.
 
         Args:
             K0: stiffness at eps = 0, N/m.
             D: damping at eps = 0, N s/m.
         """
+        return {q.name: min(max(q.scale, q.lower), q.upper) for q in self.parameters}
 
 
 @dataclass(frozen=True)
@@ -311,8 +311,58 @@ class LinearInSpeed(Law):
         return {parameter.name: 0.0 for parameter in self.parameters}
 
 
+@dataclass(frozen=True)
+class Collapse(Law):
+    """``lam (1 - fall eps^2) / (1 + (eps/edge)^sharpness)``: a velocity ratio that falls slightly, then collapses.
+
+    The paper saw it in static-load and impulse tests (Figs 27 to 29): around the centre the fluid is dragged round, at
+    high eccentricity it flows along the shaft, and the higher the speed the earlier. Half of lam is left at the edge,
+    ``edge exp(-edge_speed (Om/Om0 - 1))``. K0 and D stiffen as in :class:`Muszynska`.
+
+    Args:
+        speed_rpm: reference speed Om0, best one amid those tested; a single tested speed does not tell ``edge_speed``.
+    """
+
+    name: ClassVar[str] = "collapse"
+    speed_rpm: float = 1000.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.speed_rpm < float("inf"):
+            raise ValueError(f"speed_rpm must be positive, got {self.speed_rpm}")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """See :attr:`Law.parameters`."""
+        at = f"at {self.speed_rpm:g} rpm"
+        return (
+            *Muszynska().parameters[:2],
+            Parameter("fall", "1", "relative fall of the velocity ratio, factor of eps^2", 0.2, lower=-1.0, upper=1.0),
+            Parameter("edge", "1", f"eccentricity that leaves half of the velocity ratio, {at}", 0.7, 0.05, 3.0),
+            Parameter("sharpness", "1", "exponent with which the velocity ratio collapses", 8.0, 2.0, 100.0),
+            Parameter("edge_speed", "1", "relative fall of the edge with speed", 0.1, lower=-3.0, upper=3.0),
+        )
+
+    def at(self, p: Any, eccentricity: Any) -> Fluid:
+        """See :meth:`Law.at`; at the reference speed."""
+        return self.at_speed(p, eccentricity, self.speed_rpm * math.pi / 30)
+
+    def at_speed(self, p: Any, eccentricity: Any, speed: Any) -> Fluid:
+        """See :meth:`Law.at_speed`."""
+        least = 1e-12  # eccentricity below which the logarithm is level: the power is zero there to any digits
+        edge = ca.log(p.edge) - p.edge_speed * (speed / (self.speed_rpm * math.pi / 30) - 1)
+        collapse = 1 / (1 + ca.exp(p.sharpness * (ca.log(eccentricity + least) - edge)))
+        wide = ca.log1p(-(eccentricity**2))
+        return Fluid(
+            p.K0 * ca.exp(-p.n_K * wide), p.D * ca.exp(-p.n_D * wide), (1 - p.fall * eccentricity**2) * collapse
+        )
+
+    def start(self, K0: float, D: float) -> dict[str, float]:
+        """See :meth:`Law.start`."""
+        return {"n_K": 1.0, "n_D": 1.0, "fall": 0.1, "edge": 0.7, "sharpness": 8.0, "edge_speed": 0.0}
+
+
 LAWS: dict[str, type[Law]] = {
-    law.name: law for law in (Constant, Muszynska, EvenPolynomial, MonotoneSpline, LinearInSpeed)
+    law.name: law for law in (Constant, Muszynska, EvenPolynomial, MonotoneSpline, LinearInSpeed, Collapse)
 }
 """Laws by name."""
 

@@ -121,7 +121,7 @@ def test_what_changes_of_one_rotor_and_of_many_is_what_its_coefficients_change_b
 
 
 def test_zero_exponents_and_factors_are_the_linear_fluid() -> None:
-    for name in LAWS:
+    for name in LAWS.keys() - {"collapse"}:  # which divides by its edge
         law = LAWS[name]()
         K0, D, ratio = fluid(law, GRID, **{q.name: 0.0 for q in law.parameters})
         np.testing.assert_array_equal([K0, D, ratio], np.broadcast_to([[9000.0], [450.0], [1.0]], (3, GRID.size)))

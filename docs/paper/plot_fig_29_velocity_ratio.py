@@ -64,3 +64,50 @@ axes[1].set(xlabel="D, N s/m", ylabel="damping ratio of that mode", title="its d
 # What to look at: at small eccentricity the points lie on lam; further out, where the film is stiff, the fitted
 # eigenvalue and lam part. A ratio is not lam where the damping ratio is large, nor where it lies far above: that is a
 # mechanical mode. Fitted as eigenvalues the same ring-downs give lam within its error (the table above).
+
+# %%
+# Where lam itself collapses
+# --------------------------
+#
+# Static loads tell lam without a ring-down (Figs 26 to 28). The law ``Collapse`` has a lam that falls slightly, then
+# collapses at an edge that comes earlier at high speed. Here it is fitted to loads on a rig whose lam collapses in
+# another form; a power law cannot follow.
+
+import casadi as ca  # noqa: E402
+
+from rotorfit.models.laws import Fluid, Law  # noqa: E402
+
+
+class Axial(Law):
+    """Flow that turns axial at an eccentricity which falls with speed."""
+
+    name = "axial"
+    parameters = ()
+
+    def at(self, p, eccentricity):
+        """Return the fluid at the reference speed."""
+        return self.at_speed(p, eccentricity, 100.0)
+
+    def at_speed(self, p, eccentricity, speed):
+        """Return K0, D and the factor of lam."""
+        wide, edge = 1 - eccentricity**2, 0.85 - 0.0012 * (speed - 60.0)
+        ratio = (1 - 0.12 * eccentricity) * (1 - ca.tanh((eccentricity - edge) / 0.08)) / 2
+        return Fluid(p.K0 * wide**-1.3, p.D * wide**-1.0, ratio)
+
+
+rig = rf.models.OneMode(law=Axial(), clearance_um=200.0)
+truth = structure | {"K0": 9e3, "D": 450.0, "lam": 0.46, "Mf": 0.4}
+loads = [0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 7.0]
+static = rf.simulate(rig, truth, "static-load", speed_rpm=[600, 1200, 1800], load=loads, load_deg=-90, noise=0.005)
+laws = {law.name: law for law in (rf.models.Muszynska(), rf.models.Collapse())}
+fits = {
+    name: rf.fit(rf.models.OneMode(law=law, clearance_um=200.0), static, known=structure | {"Mf": 0.4})
+    for name, law in laws.items()
+}
+for name, one in fits.items():
+    print(f"{name:<10} redchi {one.redchi:7.4g} with {one.nvarys} parameters")
+
+# %%
+# A law that changes with speed has a curve for each speed.
+
+fits["collapse"].plot_law()

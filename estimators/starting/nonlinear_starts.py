@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from types import SimpleNamespace
 
+import casadi as ca
 import numpy as np
 
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
@@ -44,8 +46,10 @@ def linear_starts(problem: Problem, passes: tuple[int, ...]) -> list[Float]:
     """Starts from closed forms at small eccentricity, with the law at its own start values; empty without any."""
     space = problem.space
     law: Law = getattr(space.model, "law", Constant())
-    added = {parameter.name for parameter in law.parameters}
-    reduced = _without(space, added)
+    typical = {q.name: q.scale for q in space.model.parameters}
+    begin = law.start(typical.get("K0", 1.0), typical.get("D", 1.0))
+    _check_start(law, begin, typical)
+    reduced = _without(space, begin)
     try:
         candidates = list(dict.fromkeys(closed_forms(reduced, _small_orbits(problem.blocks), passes=passes)))
     except ClosedFormError:
@@ -53,9 +57,25 @@ def linear_starts(problem: Problem, passes: tuple[int, ...]) -> list[Float]:
     return [x for found in candidates for x in _with_law(space, reduced, found.x, law)]
 
 
-def _without(space: ParameterSpace, names: set[str]) -> ParameterSpace:
-    """The space with some parameters held, their values not mattering."""
-    keep = np.array([base not in names for base in space.base], dtype=bool)
+def _check_start(law: Law, begin: Mapping[str, float], typical: Mapping[str, float]) -> None:
+    """Refuse a law that is no number where a fit begins, as one that divides by a parameter which starts at zero."""
+    values = {name: ca.SX(value) for name, value in {**typical, **begin}.items()}
+    found = law.at_speed(SimpleNamespace(**values), ca.SX(_LINEAR_ECCENTRICITY), ca.SX(100.0))
+    if not all(np.isfinite(float(ca.evalf(ca.SX(part)))) for part in found):
+        said = ", ".join(f"{name} = {value:g}" for name, value in begin.items())
+        raise ValueError(
+            f"law {law.name} gives no finite K0, D and lam where a fit begins, at {said} and eccentricity "
+            f"{_LINEAR_ECCENTRICITY:g}: give its parameters a scale, or the law a start(), at which it does"
+        )
+
+
+def _without(space: ParameterSpace, held_at: Mapping[str, float]) -> ParameterSpace:
+    """The space with some parameters held at values."""
+    keep = np.array([base not in held_at for base in space.base], dtype=bool)
+    template = space.template.copy()
+    for place, name in enumerate(space.model.parameter_names):
+        if name in held_at:
+            template[:, place] = np.where(space.index[:, place] >= 0, held_at[name], template[:, place])
     number = np.cumsum(keep) - 1
     held = (space.index >= 0) & ~keep[space.index]
     size = keep.size
@@ -63,6 +83,7 @@ def _without(space: ParameterSpace, names: set[str]) -> ParameterSpace:
         space,
         names=tuple(name for name, k in zip(space.names, keep, strict=True) if k),
         base=tuple(name for name, k in zip(space.base, keep, strict=True) if k),
+        template=template,
         index=np.where(held | (space.index < 0), -1, number[space.index]),
         lower=space.lower[:size][keep],
         upper=space.upper[:size][keep],

@@ -48,31 +48,53 @@ def law_of(model: RotorModel) -> Law:
     return law
 
 
-def law_curves(model: RotorModel, theta: ArrayLike, eccentricity: ArrayLike) -> tuple[LawCurve, ...]:
+def law_changes_with_speed(model: RotorModel) -> bool:
+    """True if the law of a model gives other values at another speed.
+
+    Args:
+        model: a model with a law.
+    """
+    p, eccentricity, speed = _symbols(model)
+    return any(ca.depends_on(ca.SX(part), speed) for part in law_of(model).at_speed(p, eccentricity, speed))
+
+
+def law_curves(
+    model: RotorModel, theta: ArrayLike, eccentricity: ArrayLike, speed: float | None = None
+) -> tuple[LawCurve, ...]:
     """K0, D and lam (or lam_D and lam_M) of the fluid at eccentricities.
 
     Args:
         model: a model with a law.
         theta: parameter vector, shape ``(P,)``.
         eccentricity: shape ``(E,)``.
+        speed: rotative speed, rad/s, for a law that changes with it; its reference speed unless given.
 
     Raises:
         ValueError: the model has no law.
     """
     law_of(model)
     vector, eps = np.asarray(theta, dtype=float), np.asarray(eccentricity, dtype=float)
-    names, kernel = _compiled(model)
-    flat = kernel([*(np.full(eps.size, value) for value in vector), eps]).reshape(vector.size + 1, len(names), eps.size)
+    names, kernel = _compiled(model, at_speed=speed is not None)
+    at = np.full(eps.size, speed if speed is not None else 0.0)
+    inputs = [*(np.full(eps.size, value) for value in vector), eps, at]
+    flat = kernel(inputs).reshape(vector.size + 1, len(names), eps.size)
     return tuple(LawCurve(name, model.parameter(name).unit, flat[0, i], flat[1:, i].T) for i, name in enumerate(names))
 
 
+def _symbols(model: RotorModel) -> tuple[SimpleNamespace, ca.SX, ca.SX]:
+    """Parameters by name, eccentricity and speed."""
+    p = SimpleNamespace(**{name: ca.SX.sym(name) for name in model.parameter_names})
+    return p, ca.SX.sym("eccentricity"), ca.SX.sym("speed")
+
+
 @lru_cache(maxsize=64)
-def _compiled(model: RotorModel) -> tuple[list[str], Callable[[Sequence[Float]], Float]]:
-    theta, eccentricity = ca.SX.sym("theta", len(model.parameters)), ca.SX.sym("eccentricity")
-    p = SimpleNamespace(**{name: theta[i] for i, name in enumerate(model.parameter_names)})
-    fluid = law_of(model).at(p, eccentricity)
+def _compiled(model: RotorModel, *, at_speed: bool) -> tuple[list[str], Callable[[Sequence[Float]], Float]]:
+    p, eccentricity, speed = _symbols(model)
+    law = law_of(model)
+    fluid = law.at_speed(p, eccentricity, speed) if at_speed else law.at(p, eccentricity)
     ratios = [name for name in ("lam", "lam_D", "lam_M") if name in model.parameter_names]
     names = ["K0", "D", *ratios]
+    theta = ca.vertcat(*vars(p).values())
     curves = ca.vertcat(fluid.K0, fluid.D, *[getattr(p, name) * fluid.ratio for name in ratios])
     graph = ca.densify(ca.horzcat(curves, ca.jacobian(curves, theta)))
-    return names, array_function(ca.Function("law_curves", [ca.vertcat(theta, eccentricity)], [ca.vec(graph)]))
+    return names, array_function(ca.Function("law_curves", [ca.vertcat(theta, eccentricity, speed)], [ca.vec(graph)]))

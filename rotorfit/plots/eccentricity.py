@@ -12,9 +12,9 @@ from rotorfit.plots.journal import (
     JournalLines,
     drive_stiffness,
     group_label,
-    groups_in_order,
     half_width,
     journal_lines,
+    law_series,
     reach,
 )
 from rotorfit.plots.style import GREY, colour_of, grid, legend_below, literal, prefix
@@ -30,22 +30,21 @@ if TYPE_CHECKING:
 def plot_law(fit: FitResult) -> Figure:
     """K0, D and lam against eccentricity with their 95 % bands; ticks below mark the eccentricities of the data.
 
-    Dotted beyond the data, where the law alone speaks.
+    Dotted beyond the data, where the law alone speaks. A law that changes with speed has a curve for each tested one.
     """
     law_of(fit.model)
     limit = reach(fit)
-    eps = np.linspace(0.0, min(1.15 * limit, 0.99), 200)
-    theta = fit.thetas
-    sets = [law_curves(fit.model, vector, eps) for vector in theta]
+    eps = np.linspace(0.0, limit + 0.15 * min(limit, 1 - limit), 200)
+    series = law_series(fit)
+    sets = [law_curves(fit.model, fit.thetas[group], eps, speed) for group, speed in series]
     figure, axes = grid(len(sets[0]), 1, f"Fluid against eccentricity, {fit.model.name}", size=(5.6, 2.2))
-    seen, groups = eps <= limit, groups_in_order(fit)
+    seen = eps <= limit
     for place, axis in enumerate(axes[:, 0]):
         curves = [curves[place] for curves in sets]
         every = np.concatenate([curve.value for curve in curves])
         factor, unit = (1.0, "") if curves[0].unit == "1" else prefix(every, curves[0].unit)
-        for number, group in enumerate(groups):
-            curve = curves[group]
-            colour, value = colour_of(number, len(groups)), factor * curve.value
+        for number, ((group, _), curve) in enumerate(zip(series, curves, strict=True)):
+            colour, value = colour_of(number, len(series)), factor * curve.value
             band = factor * half_width(fit, group, curve.slope)
             axis.plot(eps[seen], value[seen], color=colour, lw=1.4)
             axis.plot(eps[~seen], value[~seen], ":", color=colour, lw=1.4)
@@ -53,8 +52,13 @@ def plot_law(fit: FitResult) -> Figure:
         axis.set_ylabel(f"{curves[0].name}, {unit}" if unit else curves[0].name, fontsize=8)
         _rug(axis, fit)
     axes[-1, 0].set_xlabel("eccentricity of the journal over clearance", fontsize=8)
-    _law_legend(figure, [literal(group_label(fit, group)) for group in groups])
+    _law_legend(figure, [_series_label(fit, group, speed) for group, speed in series])
     return figure
+
+
+def _series_label(fit: FitResult, group: int, speed: float | None) -> str:
+    words = [literal(group_label(fit, group)), "" if speed is None else f"{speed * RPM_PER_RAD_S:.0f} rpm"]
+    return ", ".join(word for word in words if word)
 
 
 def _law_legend(figure: Figure, names: list[str]) -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.fitting.result import FitResult
@@ -15,6 +17,7 @@ from rotorfit.fitting.summary import natural
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index, Text
 from rotorfit.models.motion.journal import journal
+from rotorfit.models.motion.law_curves import law_changes_with_speed
 from rotorfit.models.motion.line_stiffness import line_stiffness
 
 
@@ -115,3 +118,23 @@ def group_label(fit: FitResult, group: int) -> str:
 def groups_in_order(fit: FitResult) -> list[int]:
     """Parameter groups, sorted by the numbers in their labels."""
     return sorted(range(len(fit.problem.space.index)), key=lambda group: natural(group_label(fit, group)))
+
+
+def law_series(fit: FitResult) -> list[tuple[int, float | None]]:
+    """Curves that the law of a fit has: parameter group and speed, rad/s, None for a law that no speed changes."""
+    groups = groups_in_order(fit)
+    if not law_changes_with_speed(fit.model):
+        return [(group, None) for group in groups]
+    found: list[tuple[int, float | None]] = []
+    for group in groups:
+        tested = np.unique(np.round(np.concatenate([_speeds(block, group) for block in fit.problem.blocks]), 2))
+        shown = np.unique(np.linspace(0, tested.size - 1, 5).round().astype(int))  # of a start-up a few
+        found += [(group, float(speed)) for speed in tested[shown]]
+    return found
+
+
+def _speeds(block: Block, group: int) -> Float:
+    """Rotative speeds of the readings of a group, rad/s."""
+    source: Any = responses_of(block) or block
+    line = getattr(source, "line", np.arange(np.size(source.speed)))
+    return np.asarray(source.speed[line][block.reading_group == group], dtype=float)

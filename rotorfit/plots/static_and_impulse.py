@@ -10,7 +10,7 @@ from rotorfit.estimators.blocks.small_motion import FreeVibrations
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.motion.law_curves import law_curves, law_of
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues
-from rotorfit.plots.journal import JournalLines, drive_stiffness, half_width, journal_lines
+from rotorfit.plots.journal import JournalLines, drive_stiffness, half_width, journal_lines, law_series
 from rotorfit.plots.style import GREY, colour_of, grid, legend_below, prefix
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -106,7 +106,7 @@ def plot_static_stiffness(fit: FitResult) -> Figure:
         for group, speed, largest in _curves(lines):
             here = np.flatnonzero((lines.group == group) & (lines.speed == speed))
             colour = colour_of(speeds.index(round(speed, 6)))
-            eps = np.linspace(0.0, min(1.05 * largest, 0.99), _CURVE_POINTS)
+            eps = np.linspace(0.0, largest + 0.05 * min(largest, 1 - largest), _CURVE_POINTS)
             kappa, slope = drive_stiffness(fit.model, theta[group], 0j, speed, eps)
             measured, sigma = lines.stiffness[here], lines.stiffness_sigma[here]
             turning = -1.0 / speed if speed else np.nan
@@ -151,10 +151,10 @@ def plot_velocity_ratio(fit: FitResult) -> Figure:
     figure, axes = grid(1, 1, f"Velocity ratio from impulse tests, {fit.model.name}", size=(5.6, 3.6))
     axis = axes[0, 0]
     limit = max(float(block.eccentricity.max()) for block in blocks)
-    eps = np.linspace(0.0, min(1.1 * limit, 0.99) or 0.5, _CURVE_POINTS)
+    eps = np.linspace(0.0, limit + 0.1 * min(limit, 1 - limit) or 0.5, _CURVE_POINTS)
     for block in blocks:
         _draw_vibrations(fit, axis, block, speeds, eps)
-    _draw_ratios(fit, axis, eps)
+    _draw_ratios(fit, axis, speeds, eps)
     axis.set_ylabel("damped frequency over rotative speed", fontsize=8)
     axis.set_xlabel("eccentricity of the journal over clearance", fontsize=8)
     axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
@@ -188,14 +188,15 @@ def _draw_vibrations(fit: FitResult, axis: Any, block: FreeVibrations, speeds: l
             axis.plot(eps, branch / speed, "-", color=colour, lw=1.3)
 
 
-def _draw_ratios(fit: FitResult, axis: Any, eps: Float) -> None:
-    """Velocity ratios of the law, dashed, with their 95 % bands."""
-    for group, vector in enumerate(fit.thetas):
-        for curve in law_curves(fit.model, vector, eps)[2:]:
+def _draw_ratios(fit: FitResult, axis: Any, speeds: list[float], eps: Float) -> None:
+    """Velocity ratios of the law, dashed, with 95 % bands; in the speed's colour where they change with it."""
+    for group, speed in law_series(fit):
+        colour = GREY if speed is None else colour_of(int(np.argmin(np.abs(np.array(speeds) - speed))))
+        for curve in law_curves(fit.model, fit.thetas[group], eps, speed)[2:]:
             band = half_width(fit, group, curve.slope)
-            axis.plot(eps, curve.value, "--", color=GREY, lw=1.2)
-            axis.fill_between(eps, curve.value - band, curve.value + band, color=GREY, alpha=0.2, lw=0)
-            axis.text(eps[-1], curve.value[-1], f" {curve.name.replace('lam', 'λ')}", fontsize=8, color=GREY)
+            axis.plot(eps, curve.value, "--", color=colour, lw=1.2)
+            axis.fill_between(eps, curve.value - band, curve.value + band, color=colour, alpha=0.2, lw=0)
+            axis.text(eps[-1], curve.value[-1], f" {curve.name.replace('lam', 'λ')}", fontsize=8, color=colour)
 
 
 def _branches(
