@@ -13,6 +13,9 @@ from rotorfit.models.parameters import unknown_name
 RAD_S_PER_RPM = math.pi / 30
 RPM_PER_RAD_S = 30 / math.pi
 
+STANDARD_GRAVITY = 9.80665
+"""m/s^2, by definition."""
+
 _LENGTH = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "in": 0.0254, "mil": 25.4e-6}
 _ANGLE = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": math.pi / 180}
 _PEAK = {"": 1.0, "_pk": 1.0, "_0p": 1.0, "_pp": 0.5, "_rms": math.sqrt(2.0)}
@@ -28,7 +31,9 @@ UNITS: dict[str, dict[str, float]] = {
     "length": _LENGTH,
     "displacement": _amplitudes(_LENGTH),
     "tilt": _amplitudes(_ANGLE),
-    "force": {"n": 1.0, "mN": 1e-3, "kn": 1e3, "MN": 1e6, "lbf": 4.4482216152605, "kgf": 9.80665},
+    "velocity": _amplitudes({"m_s": 1.0, "mm_s": 1e-3, "um_s": 1e-6, "in_s": 0.0254}),
+    "acceleration": _amplitudes({"m_s2": 1.0, "mm_s2": 1e-3, "in_s2": 0.0254, "g": STANDARD_GRAVITY}),
+    "force": {"n": 1.0, "mN": 1e-3, "kn": 1e3, "MN": 1e6, "lbf": 4.4482216152605, "kgf": STANDARD_GRAVITY},
     "unbalance": {
         "kg_m": 1.0,
         "kg_mm": 1e-3,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rotorfit.data.lines import Lines, lines_of
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE, SYNCHRONOUS_TOLERANCE, set_speeds
-from rotorfit.models.array_types import Bool, ComplexArray, Float, Records, Text
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Records, Text
 from rotorfit.units import RPM_PER_RAD_S
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
@@ -23,6 +23,13 @@ rx, ry, rz: the same for the slopes dx/ds, dy/ds of the shaft."""
 
 FORCE_DIRECTIONS = ("circular", "x", "y")
 """A force that turns with the sign of the frequency (eq. 2), or one along an axis that does not turn."""
+
+
+DERIVATIVES = ("displacement", "velocity", "acceleration")
+"""What a sensor measures, in the order of the derivatives of the displacement."""
+
+MEASURED = "measured_quantity"
+"""Attribute that says which of :data:`DERIVATIVES` a reading was before it became a displacement."""
 
 
 def _read_only(values: NDArray[Any]) -> NDArray[Any]:
@@ -239,6 +246,14 @@ class PerturbationTest(_Rows):
             for row, force in zip(own, change(column)[own].tolist(), strict=True):
                 further[row][k] = (further[row][k][0], force)
         return replace(self, force=change(self.force), further_forces=records(tuple(pairs) for pairs in further))
+
+    @cached_property
+    def derivative(self) -> Index:
+        """How often the sensor of each reading differentiated the displacement: 2 for an accelerometer, ``(R,)``."""
+        said = self.attributes.get(MEASURED)
+        if said is None:
+            return np.zeros(len(self), dtype=np.intp)
+        return np.array([DERIVATIVES.index(word) if word in DERIVATIVES else 0 for word in said.tolist()])
 
     @property
     def linear(self) -> Bool:

@@ -9,15 +9,23 @@ import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.synchronous import join
-from rotorfit.models.array_types import Bool, Index
+from rotorfit.models.array_types import Bool, Index, Text
+from rotorfit.units import RPM_PER_RAD_S
 
 
-def whirl_parts(test: PerturbationTest) -> tuple[PerturbationTest, Index]:
+def whirl_parts(test: PerturbationTest, planar: Bool | None = None) -> tuple[PerturbationTest, Index]:
     """The test with each x/y pair under a force along an axis replaced by its forward and its backward part.
 
     ``Re(X exp(jwt)) + j Re(Y exp(jwt))`` is ``(X + jY)/2`` at +w and ``conj(X - jY)/2`` at -w: readings z at signed
     frequencies, one the answer to the forward half of the force, the other to its backward half. Their noises are
     independent as long as x and y are equally noisy.
+
+    Where x and y are not coupled, motion stays in the plane of the force: ``X = H(w) Fx``, the answer to a circular
+    force of that size. There one direction is a test of its own.
+
+    Args:
+        test: what was measured.
+        planar: rows at which x and y are not coupled, shape ``(R,)``; left out, none.
 
     Returns:
         the test, and the two rows of the original that each of its rows was made of, shape ``(N, 2)``, equal where the
@@ -27,33 +35,57 @@ def whirl_parts(test: PerturbationTest) -> tuple[PerturbationTest, Index]:
     if not split.any():
         return test, np.repeat(np.arange(len(test))[:, None], 2, axis=1)
     pairs, lonely = probe_pairs(test, split)
-    if lonely.size:
-        raise ValueError(
-            f"{test.source or 'the test'}: {lonely.size} readings under a force along an axis have no partner in the "
-            f"other direction (row {lonely[0] + 1}: {test.plane[lonely[0]]} {test.direction[lonely[0]]}); such a force "
-            "moves the rotor forward and backward at once, which one probe cannot tell apart"
-        )
+    alone = lonely if planar is None else lonely[~planar[lonely]]
+    _refuse_alone(test, alone)
     x, y = pairs.T
     whole = np.flatnonzero(~split)
-    parts = [test.select(whole)]
-    origin = [np.column_stack([whole, whole])]
+    parts = [test.select(whole), _in_plane(test, lonely)]
+    origin = [np.column_stack([rows, rows]) for rows in (whole, lonely)]
     halves = (
         (test.frequency[x], (test.response[x] + 1j * test.response[y]) / 2),
         (-test.frequency[x], np.conj(test.response[x] - 1j * test.response[y]) / 2),
     )
     for frequency, response in halves:
         part = test.select(x)
-        tilt = np.char.startswith(part.direction, "r")
         part = replace(
             part,
             frequency=frequency,
             response=response,
             sigma=np.hypot(test.sigma[x], test.sigma[y]) / 2,
-            direction=np.where(tilt, "rz", "z"),
+            direction=_combined(part.direction),
         )
         parts.append(part)
         origin.append(pairs)
     return join(parts), np.concatenate(origin)
+
+
+def _combined(direction: Text) -> Text:
+    return np.where(np.char.startswith(direction, "r"), "rz", "z")
+
+
+def _refuse_alone(test: PerturbationTest, rows: Index) -> None:
+    if rows.size:
+        row, rpm = rows[0], test.speed[rows[0]] * RPM_PER_RAD_S
+        raise ValueError(
+            f"{test.source or 'the test'}: {rows.size} readings under a force along an axis have no partner in the "
+            f"other direction (row {row + 1}: {test.plane[row]} {test.direction[row]}, at {rpm:.4g} rpm); such a force "
+            "moves a rotor that turns forward and backward at once, which one probe cannot tell apart. One direction "
+            "is enough at rest (speed 0) and for models without cross-coupling"
+        )
+
+
+def _in_plane(test: PerturbationTest, rows: Index) -> PerturbationTest:
+    """Readings along the axis of their force as those to a circular force of the same size."""
+    part = test.select(rows)
+    across = np.char.lstrip(part.direction, "r") != part.force_direction
+    if across.any():
+        row = int(rows[np.flatnonzero(across)[0]])
+        raise ValueError(
+            f"{test.source or 'the test'}: row {row + 1} reads {test.plane[row]} {test.direction[row]} alone under a "
+            f"force along {test.force_direction[row]}. Without cross-coupling nothing moves across the force: leave "
+            "such readings out, give those along the force too, or fit a model with x and y apart (anisotropic)"
+        )
+    return replace(part, direction=_combined(part.direction), force_direction=np.full(rows.size, "circular"))
 
 
 def probe_pairs(test: PerturbationTest, rows: Bool) -> tuple[Index, Index]:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.data.experiments import PerturbationTest, perturbation_test
+from rotorfit.data.experiments import DERIVATIVES, MEASURED, PerturbationTest, perturbation_test
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.units import UNITS, find_unit
 
@@ -42,7 +42,7 @@ class FunctionType(IntEnum):
     FRF = 4
 
 
-DERIVATIVES = {DataType.DISPLACEMENT: 0, DataType.VELOCITY: 1, DataType.ACCELERATION: 2}
+_ORDINATES = (DataType.DISPLACEMENT, DataType.VELOCITY, DataType.ACCELERATION)
 AXES = {1: "x", 2: "y"}
 
 
@@ -58,6 +58,7 @@ class _Receptance:
     force_axis: str
     frequency: Float
     values: ComplexArray
+    measured: str
 
 
 def turned(functions: Sequence[dict[str, Any]], axes: str) -> list[dict[str, Any]]:
@@ -104,7 +105,9 @@ def read_foreign(
     }
     if not joined["frequency"].size:
         raise ValueError(f"{source}: no readings at frequencies above zero")
-    return perturbation_test(**joined, force=1.0, source=source)
+    measured = joined.pop(MEASURED)
+    attributes = {MEASURED: measured} if (measured != DERIVATIVES[0]).any() else {}
+    return perturbation_test(**joined, force=1.0, attributes=attributes, source=source)
 
 
 def _by_channel(frfs: Sequence[_Receptance]) -> dict[tuple[Any, ...], tuple[list[_Receptance], list[_Receptance]]]:
@@ -160,7 +163,7 @@ def _receptance(
         raise ValueError(f"{what}: the abscissa is of type {kind}; needed is frequency (18)")
     w = _rate(record, "abscissa") * np.asarray(record["x"], dtype=float)
     kind = record["ordinate_spec_data_type"]
-    if kind not in DERIVATIVES or record["orddenom_spec_data_type"] not in (0, DataType.FORCE):
+    if kind not in _ORDINATES or record["orddenom_spec_data_type"] not in (0, DataType.FORCE):
         raise ValueError(
             f"{what}: the ordinate is of type {kind} over {record['orddenom_spec_data_type']}; needed is displacement "
             "(8), velocity (11) or acceleration (12) over force (13)"
@@ -171,7 +174,7 @@ def _receptance(
     length = 1.0 if angular else _scale(record, "ordinate", _LENGTHS, 1 / scales.get("length", 1.0), what, notes)
     force = _scale(record, "orddenom", _FORCES, 1 / scales.get("force", 1.0), what, notes)
     keep = (w > 0) & np.isfinite(record["data"])  # velocity and acceleration say nothing at zero frequency
-    values = np.asarray(record["data"], dtype=complex)[keep] / (1j * w[keep]) ** DERIVATIVES[kind]
+    values = np.asarray(record["data"], dtype=complex)[keep] / (1j * w[keep]) ** _ORDINATES.index(kind)
     return _Receptance(
         run="" if record["id2"].upper() == "NONE" else record["id2"],
         speed=_speed(record, speed, what),
@@ -181,6 +184,7 @@ def _receptance(
         force_axis=AXES[abs(record["ref_dir"])],
         frequency=w[keep],
         values=values * (sign * length / force),
+        measured=DERIVATIVES[_ORDINATES.index(kind)],
     )
 
 
@@ -244,11 +248,11 @@ def _linear(frfs: Iterable[_Receptance]) -> Iterator[_Cells]:
         yield _cells(frf, frf.force_axis, frf.force_axis, frf.frequency, frf.values)
 
 
-_COLUMNS = ("run", "speed", "frequency", "force_plane", "force_direction", "plane", "direction", "response")
+_COLUMNS = ("run", "speed", "frequency", "force_plane", "force_direction", "plane", "direction", "response", MEASURED)
 _Cells = list[NDArray[Any]]
 
 
 def _cells(frf: _Receptance, name: str, along: str, frequency: Float, response: ComplexArray) -> _Cells:
     run = f"{frf.run or 'frf'}-{frf.force_plane}-{name}"
-    row = (run, frf.speed, frequency, frf.force_plane, along, frf.plane, frf.direction, response)
+    row = (run, frf.speed, frequency, frf.force_plane, along, frf.plane, frf.direction, response, frf.measured)
     return [np.broadcast_to(np.asarray(values), frequency.shape) for values in row]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
 from rotorfit.estimators.noise.sweep_noise import estimate_noise
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import RANK_TOLERANCE, Bool, ComplexArray, Float, Index
 from rotorfit.observing.refusals import check_planes
 
 
@@ -35,8 +35,23 @@ def observe(model: RotorModel, experiment: Experiment, group: Index) -> Response
     check_planes(model, experiment, names["plane"], experiment.force_planes, forces="force planes")
     if model.frame != "z":
         return _observe_xy(model, experiment, group)
-    parts, origin = whirl_parts(experiment)
+    parts, origin = whirl_parts(experiment, _uncoupled(model, experiment))
     return _observe_isotropic(model, parts, group[origin[:, 0]])
+
+
+def _uncoupled(model: RotorModel, test: PerturbationTest) -> Bool:
+    """Rows at whose speed the model does not couple x with y: kappa at -w is the conjugate of that at w."""
+    found = np.zeros(len(test), dtype=bool)
+    if not test.linear.any():
+        return found
+    typical = np.array([q.scale if q.default is None else q.default for q in model.parameters])
+    for speed in np.unique(test.speed[test.linear]).tolist():
+        w = float(np.abs(test.frequency[test.speed == speed]).max())
+        ahead, behind = model.dynamic_stiffness(typical, [w, -w], speed)
+        found |= (test.speed == speed) & np.allclose(
+            ahead, behind.conj(), rtol=0, atol=RANK_TOLERANCE * float(np.abs(ahead).max())
+        )
+    return found
 
 
 def _check_finite(experiment: PerturbationTest) -> None:
@@ -132,6 +147,7 @@ def _observe_isotropic(model: RotorModel, test: PerturbationTest, group: Index) 
         measured,
         directional_noise(test.sigma, places.rows),
         wrong,
+        test.derivative[places.rows.max(axis=1)],
         [str(c) if c.axis != "z" else c.plane for c in model.coordinates],
     )
 
@@ -165,6 +181,7 @@ def _observe_xy(model: RotorModel, test: PerturbationTest, group: Index) -> Resp
         test.response[order],
         test.sigma[order],
         np.full(order.size, np.nan, dtype=complex),
+        test.derivative[order],
         [str(c) for c in model.coordinates],
     )
 
@@ -180,6 +197,7 @@ def _assemble(
     measured: ComplexArray,
     sigma: Float,
     wrong: ComplexArray,
+    derivative: Index,
     channel_names: Sequence[str],
 ) -> Responses:
     frequency, row = test.frequency[first], first[line]
@@ -203,7 +221,11 @@ def _assemble(
         sigma_given=not gaps.any(),
     )
     if gaps.any():
-        sigma[gaps] = estimate_noise(block, wrong, test.synchronous, _conditions(test, lines.number["run"])[row])[gaps]
+        # An accelerometer's noise is even in its own quantity, not in the displacement.
+        rate = np.abs(frequency[line]) ** derivative
+        seen = replace(block, measured=measured * rate)
+        condition = _conditions(test, lines.number["run"])[row]
+        sigma[gaps] = (estimate_noise(seen, wrong * rate, test.synchronous, condition) / rate)[gaps]
     return block
 
 

@@ -18,7 +18,10 @@ from rotorfit.units import UNITS
 
 _BRACKETS = re.compile(r"[(\[{]([^()\[\]{}]*)[)\]}]")
 _GLUED = re.compile(r"(um|mm|nm|mil|mils|in)(pp|pk|rms)", re.IGNORECASE)
-_SIGNS = (("µ", "u"), ("μ", "u"), ("°", " deg "), ("pk-pk", "pp"), ("p-p", "pp"), ("0-pk", "pk"), ("0-p", "pk"))
+_SIGNS = (
+    ("µ", "u"), ("μ", "u"), ("²", "2"), ("s^2", "s2"), ("°", " deg "), ("pk-pk", "pp"), ("p-p", "pp"), ("0-pk", "pk"),
+    ("0-p", "pk"),
+)  # fmt: skip
 _SAME: Mapping[str, str] = {
     **dict.fromkeys(("micron", "microns"), "um"),
     **dict.fromkeys(("degree", "degrees"), "deg"),
@@ -27,6 +30,9 @@ _SAME: Mapping[str, str] = {
     "pkpk": "pp",
     "peak": "pk",
     "freq": "frequency",
+    **dict.fromkeys(("acc", "accel"), "acceleration"),
+    **dict.fromkeys(("vel",), "velocity"),
+    "coh": "coherence",
     "unbalance": "mr",
     "imbalance": "mr",
     "re": "real",

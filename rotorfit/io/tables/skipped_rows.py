@@ -10,9 +10,9 @@ import numpy as np
 
 from rotorfit.data.findings import Finding
 from rotorfit.io.tables.cells import NOT_TAKEN
-from rotorfit.io.tables.table import MOTION, Table, floats
+from rotorfit.io.tables.table import READING, Table, floats, kept
 from rotorfit.models.array_types import Bool
-from rotorfit.units import RPM_PER_RAD_S, UNITS
+from rotorfit.units import RPM_PER_RAD_S, UNITS, units_of
 
 _MARK = re.compile(r"[+-]?9{3,5}(\.(0+|9+))?")
 """What instruments write where they have no reading: 999, -999, 9999.9, ..."""
@@ -26,7 +26,7 @@ def without_empty(table: Table) -> tuple[Table, list[Finding]]:
     A reading is empty where none of its amplitudes (or its real or imaginary part) or where its phase has a number.
     """
     _refuse_marks(table)
-    lengths = [list(table.find(prefix, MOTION)) for prefix in ("amplitude", "real", "imag")]
+    lengths = [list(table.find(prefix, READING)) for prefix in ("amplitude", "real", "imag")]
     needed = [names for names in (*lengths, list(table.find("phase", UNITS["phase"]))) if names]
     if not needed:
         return table, []
@@ -45,7 +45,22 @@ def without_empty(table: Table) -> tuple[Table, list[Finding]]:
         f"{table.source}: {empty.sum()} of {empty.size} readings are empty and were skipped "
         f"(line{'s' * (len(distinct) > 1)} {where})"
     )
-    return _kept(table, np.flatnonzero(~empty).tolist()), [Finding("note", "empty", words)]
+    return kept(table, np.flatnonzero(~empty).tolist()), [Finding("note", "empty", words)]
+
+
+def without_standstill(table: Table) -> tuple[Table, list[Finding]]:
+    """The table without the lines at frequency zero of sensors of velocity or acceleration, which say nothing there."""
+    units = units_of("velocity", "acceleration")
+    names = [name for prefix in ("amplitude", "real") for name in table.find(prefix, units)]
+    column = table.find("frequency", UNITS["frequency"])
+    values = floats(table.cells[next(iter(column))]) if names and len(column) == 1 else None
+    if values is None:
+        return table, []
+    still = np.array([any(table.cells[name][row] for name in names) for row in range(values.size)]) & (values == 0)
+    if not still.any() or still.all():
+        return table, []
+    words = f"{table.source}: {still.sum()} readings at frequency zero were left out: nothing accelerates there"
+    return kept(table, np.flatnonzero(~still).tolist()), [Finding("note", "standstill", words)]
 
 
 _READING = ("run", "plane", "direction")
@@ -76,7 +91,7 @@ def _refuse_halves(table: Table, empty: Bool) -> None:
 
 def _refuse_marks(table: Table) -> None:
     """Refuse 999 and its like where no other amplitude, or no other phase, comes near."""
-    amplitudes = [name for prefix in ("amplitude", "real", "imag") for name in table.find(prefix, MOTION)]
+    amplitudes = [name for prefix in ("amplitude", "real", "imag") for name in table.find(prefix, READING)]
     for name in (*amplitudes, *table.find("phase", UNITS["phase"])):
         cells = table.cells[name]
         marked = [row for row, cell in enumerate(cells) if _MARK.fullmatch(cell)]
@@ -89,11 +104,6 @@ def _refuse_marks(table: Table) -> None:
                 f"{table.where(marked[0], name)}: {cells[marked[0]]} is far from all others ({len(marked)} such "
                 "cells in the column). If instruments write it where there is no reading, leave the cells blank"
             )
-
-
-def _kept(table: Table, rows: Sequence[int]) -> Table:
-    cells = {name: [values[i] for i in rows] for name, values in table.cells.items()}
-    return replace(table, cells=cells, lines=[table.lines[i] for i in rows])
 
 
 def completed(table: Table, *, forced: bool) -> Table:

@@ -6,7 +6,7 @@ Which of them a test needs: :mod:`rotorfit.io.tables.wanted_columns`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +17,12 @@ from rotorfit.units import find_unit, units_of
 
 PERTURBATION_COLUMNS = (
     "run, speed_rpm, frequency_rpm, force_plane, force_N (or mr_g_mm), force_phase_deg (or force_angle_deg), plane, "
-    "direction, amplitude_um, phase_deg (or real_um, imag_um), optional sigma_um, probe_radius_mm, force_direction "
-    "(circular, x, y); "
-    "other units by suffix, further columns are attributes"
+    "direction, amplitude_um (or acceleration_g, velocity_mm_s), phase_deg (or real_um, imag_um), optional sigma_um "
+    "(or coherence and averages), probe_radius_mm, force_direction (circular, x, y); other units by suffix, further "
+    "columns are attributes"
 )
 MOTION = units_of("displacement", "tilt")
+READING = MOTION | units_of("velocity", "acceleration")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,6 +82,12 @@ class Table:
         if bad.any():
             row = int(np.flatnonzero(bad)[0])
             raise ValueError(f"{self.where(row, name)}: {self.cells[name][row]} {why}")
+
+
+def kept(table: Table, rows: Sequence[int]) -> Table:
+    """Some rows of a table."""
+    cells = {name: [values[i] for i in rows] for name, values in table.cells.items()}
+    return replace(table, cells=cells, lines=[table.lines[i] for i in rows])
 
 
 _LONGEST_NUMBER = 64

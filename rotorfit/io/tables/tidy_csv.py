@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from rotorfit.data.experiments import (
     DIRECTIONS,
     FORCE_DIRECTIONS,
+    MEASURED,
     DisplacementTest,
     Experiment,
     LineTest,
@@ -35,18 +36,20 @@ from rotorfit.data.findings import Finding
 from rotorfit.data.joined import check_planes_spelt
 from rotorfit.data.several_forces import gathered, written_per_force
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
+from rotorfit.io.tables.coherence import noise_of_coherence, without_incoherent
 from rotorfit.io.tables.headers import quantity_meant, refuse_doubtful, understood
 from rotorfit.io.tables.line_columns import line_columns, line_test
 from rotorfit.io.tables.machine_samples import is_sample_table, sample_table
 from rotorfit.io.tables.machine_tables import BODE_HEADER, bode_table, with_weight, without_weight_finding
+from rotorfit.io.tables.motion import measured_names, motion, over_frequency, response, with_amplitudes
 from rotorfit.io.tables.other_kinds import BUILDERS, columns_of
-from rotorfit.io.tables.skipped_rows import completed, without_empty
-from rotorfit.io.tables.table import MOTION, PERTURBATION_COLUMNS, Table, read_table
+from rotorfit.io.tables.skipped_rows import completed, without_empty, without_standstill
+from rotorfit.io.tables.table import PERTURBATION_COLUMNS, READING, Table, read_table
 from rotorfit.io.tables.wanted_columns import Columns, columns_for, optional, phase_or_angle, quantity, words
 from rotorfit.io.tables.wide import is_wide, renamed, tidy, with_constants
 from rotorfit.models.array_types import ComplexArray, Float, Text
 from rotorfit.models.parameters import unknown_name
-from rotorfit.units import UNITS, si_factor, units_of
+from rotorfit.units import UNITS, si_factor
 
 DISPLACEMENT_COLUMNS = (
     "run, speed_rpm, frequency_rpm, plane, amplitude_um, phase_deg, force_x_N, force_x_phase_deg, force_y_N, "
@@ -79,10 +82,13 @@ def experiment_of(
         return line_test(table, speed_tolerance)
     kinds = _KINDS if {"force_plane", "direction"} & set(table.cells) else (*_KINDS, *BUILDERS)
     build = next((b for mark, b in kinds if any(name.startswith(mark) for name in table.cells)), _perturbation)
+    if build is _perturbation:
+        table = with_amplitudes(table)
     if build in (_perturbation, _displacement):
-        table, found = without_empty(table)
-        for finding in found:
-            (on_finding or _warn)(finding)
+        for without in (without_empty, without_incoherent, without_standstill):
+            table, found = without(table)
+            for finding in found:
+                (on_finding or _warn)(finding)
         if "direction" in table.cells or build is _displacement:
             table = completed(table, forced=build is _perturbation)
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below, by name
@@ -135,15 +141,14 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
     w = columns.number("frequency")
     force_direction = _force_directions(columns, w, direction)
     size = columns.number("mr") * w**2 if columns.has("mr") else columns.number("force")
-    response = _response(columns, direction)
-    noise = _motion(columns, "sigma", direction, blank=True) if columns.has("sigma") else np.full(run.shape, np.nan)
-    columns.refuse(noise <= 0, "sigma", "must be positive, or blank where the noise is not known")
+    reading, order = response(columns, direction, w)
+    noise = _noise(columns, direction, w, reading)
     force = size * np.exp(1j * columns.force_phase(w))
     if columns.has("force_angle"):
         still = force_direction != "circular"
         columns.refuse(still, "force_angle", "is the angle of a force along an axis; give its phase, force_phase_deg")
     omega = columns.number("speed")
-    for name, values in {"force": force, "response": response, "frequency": w, "speed": omega}.items():
+    for name, values in {"force": force, "response": reading, "frequency": w, "speed": omega}.items():
         columns.refuse(~np.isfinite(values), "run", f"is a row whose {name} overflows; check its units")
     written = PerturbationTest(
         run=run,
@@ -154,9 +159,9 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
         speed=omega,
         frequency=w,
         force=force,
-        response=response,
+        response=reading,
         force_direction=force_direction,
-        attributes=columns.attributes,
+        attributes=columns.attributes | ({MEASURED: measured_names(order)} if order.any() else {}),
         speed_tolerance=speed_tolerance,
         source=table.source,
     )
@@ -170,11 +175,22 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
     return gathered(written, lambda row: f"{table.source}: line {table.lines[row]}")
 
 
+def _noise(columns: Columns, direction: Text, w: Float, reading: ComplexArray) -> Float:
+    """Noise of each reading, NaN where nothing is said of it."""
+    if columns.has("coherence"):
+        return noise_of_coherence(columns, np.abs(reading))
+    if not columns.has("sigma"):
+        return np.full(w.shape, np.nan)
+    noise, order = motion(columns, "sigma", direction, blank=True)
+    columns.refuse(noise <= 0, "sigma", "must be positive, or blank where the noise is not known")
+    return over_frequency(noise, order, w)
+
+
 def _perturbation_columns(table: Table) -> Columns:
     """The columns of a perturbation test: its force by force or unbalance, its motion by amplitude or real part."""
     unbalance = table.find("mr", UNITS["unbalance"])
     force = table.find("force", UNITS["force"])
-    polar = not (table.find("real", MOTION) or table.find("imag", MOTION))
+    polar = not (table.find("real", READING) or table.find("imag", READING))
     columns = columns_for(
         table,
         (
@@ -185,9 +201,11 @@ def _perturbation_columns(table: Table) -> Columns:
             optional("mr", UNITS["unbalance"]),
             optional("force", UNITS["force"]) if unbalance else quantity("force", "N", UNITS["force"]),
             *phase_or_angle(table),
-            *(quantity(p, "um", MOTION, several=True) for p in (("amplitude",) if polar else ("real", "imag"))),
+            *(quantity(p, "um", READING, several=True) for p in (("amplitude",) if polar else ("real", "imag"))),
             *((quantity("phase", "deg", UNITS["phase"]),) if polar else ()),
-            optional("sigma", MOTION, several=True),
+            optional("sigma", READING, several=True),
+            words("coherence", needed=False),
+            words("averages", needed=False),
             optional("probe_radius", UNITS["length"]),
         ),
         PERTURBATION_COLUMNS,
@@ -269,59 +287,6 @@ def _force_directions(columns: Columns, w: Float, direction: Text) -> Text:
     backward = (cells != "circular") & (w < 0) & ~np.char.endswith(direction, "z")
     columns.refuse(backward, "force_direction", "is a force that does not turn; its frequency has to be positive")
     return cells
-
-
-def _response(columns: Columns, direction: Text) -> ComplexArray:
-    """Readings from amplitude and phase, or from real and imaginary part."""
-    if "amplitude" not in columns.found:
-        return np.asarray(_motion(columns, "real", direction) + 1j * _motion(columns, "imag", direction))
-    amplitude = _motion(columns, "amplitude", direction)
-    phase = columns.number("phase")
-    # a negative amplitude is a real part, a level in dB or a sign slip, never an amplitude
-    table = columns.table
-    for name in columns.found["amplitude"]:
-        negative = table.number((name, 1.0), blank=True) < 0
-        table.refuse(negative, name, "is negative; amplitudes are not, real parts go to real_um, imag_um")
-    return np.asarray(amplitude * np.exp(1j * phase))
-
-
-def _motion(columns: Columns, name: str, direction: Text, *, blank: bool = False) -> Float:
-    """Each row's value from the column of its kind; a slope is an angle, or a length over the probe's radius."""
-    tilt = np.char.startswith(direction, "r")
-    lengths, angles = _by_kind(columns, name)
-    value = np.full(direction.shape, np.nan)
-    if lengths:
-        length = columns.table.number(lengths, blank=True)
-        value = np.where(tilt, np.nan, length)
-        if columns.has("probe_radius"):
-            r = columns.number("probe_radius", blank=True)
-            value = np.where(tilt, np.divide(length, r, out=np.full_like(length, np.nan), where=r != 0), length)
-            if name == "sigma":
-                value = np.abs(value)
-    if angles:
-        angle = columns.table.number(angles, blank=True)
-        value = np.where(tilt & np.isfinite(angle), angle, value)
-    lacking = np.isnan(value) & (not blank)
-    if lacking.any():
-        row = int(np.flatnonzero(lacking)[0])
-        what = f"{name}_urad, or a length with probe_radius_mm," if tilt[row] else "a length"
-        raise ValueError(
-            f"{columns.table.source}: line {columns.table.lines[row]}, direction {direction[row]}: {what} is needed, "
-            f"columns {', '.join(columns.found[name])} give none"
-        )
-    return value
-
-
-def _by_kind(columns: Columns, name: str) -> tuple[tuple[str, float] | None, tuple[str, float] | None]:
-    """The column in units of length and the one in units of angle, each with its factor to SI."""
-    angles = units_of("tilt")
-    found = columns.found[name].items()
-    kinds = [[one for one in found if (one[0].split("_", 1)[1] in angles) == turns] for turns in (False, True)]
-    for same in kinds:
-        if len(same) > 1:
-            twice = " and ".join(column for column, _ in same)
-            raise ValueError(f"{columns.table.source}: given twice, as {twice}; keep one of them")
-    return next(iter(kinds[0]), None), next(iter(kinds[1]), None)
 
 
 def _cell(value: Any) -> str:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rotorfit.io.sampling import time_factor
 from rotorfit.io.tables.cells import NOT_TAKEN
-from rotorfit.io.tables.table import MOTION, Table, floats
+from rotorfit.io.tables.table import READING, Table, floats
 from rotorfit.models.array_types import Bool, Float, Text
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import UNITS
@@ -30,10 +30,12 @@ PREFIXES = {
     "phase": UNITS["phase"],
     "force": UNITS["force"],
     "mr": UNITS["unbalance"],
-    "amplitude": MOTION,
-    "real": MOTION,
-    "imag": MOTION,
-    "sigma": MOTION,
+    "amplitude": READING,
+    "acceleration": UNITS["acceleration"],
+    "velocity": UNITS["velocity"],
+    "real": READING,
+    "imag": READING,
+    "sigma": READING,
     "probe_radius": UNITS["length"],
 }
 """Units of the quantities of perturbation tests by the beginning of their columns' names."""
@@ -191,6 +193,8 @@ def _refuse_missing(table: Table, used: set[str], missing: Sequence[str], known:
 def _refuse_mistaken(table: Table, name: str, known: str) -> None:
     """Refuse a column that nothing asks for if it was hardly meant as an attribute of the test."""
     prefix = next((p for p in PREFIXES if name.startswith(p + "_")), None)
+    if prefix in ("velocity", "acceleration"):  # of a flow, say, where the motion was read by other sensors
+        return
     near = difflib.get_close_matches(name, ["sigma_um", "probe_radius_mm"], n=1, cutoff=0.85)
     if prefix and table.factor(name, prefix, PREFIXES[prefix]) is not None:
         raise ValueError(
