@@ -130,6 +130,16 @@ WORLDS: dict[str, World] = {
     "oil 1 %, twelve runs": World(oil=0.01, repeats=3, **BETWEEN),
     "force 1 %, two runs": World(gain=0.01, speeds=(140.0,), promise=0.85, **BETWEEN),
     "phase 1 degree, phase_offsets=True": World(phase=DEGREE, options={"phase_offsets": True}, **BETWEEN),
+    "overlapping filters, neighbours 0.7": World(constant=0.005, filters=0.3, promise=0.85, widest=1.5),
+    "proportional 1 % and filters, told": World(proportional=0.01, filters=0.3, sigma_given=True),
+    "proportional 1 % and filters": World(proportional=0.01, filters=0.3, promise=0.85, widest=1.5),
+    "proportional 1 % and filters, one probe": World(
+        proportional=0.01, filters=0.3, both=False, promise=0.85, widest=1.5
+    ),
+    "proportional 1 %, constant 0.5 % and filters": World(
+        proportional=0.01, constant=0.005, filters=0.3, promise=0.85, widest=1.5
+    ),
+    "force jitter 1 %, force 1 % from run to run": World(force_jitter=0.01, gain=0.01, constant=0.002, promise=0.85),
     "ideal: two runs": World(speeds=(140.0,), widest=np.inf, ideal=True, **BETWEEN),
     "force 0.25 %, two runs": World(gain=0.0025, speeds=(140.0,), promise=0.0, widest=np.inf, **BETWEEN),
 }  # fmt: skip
@@ -321,9 +331,9 @@ class Row:
 
 
 def interval(entry: Any) -> tuple[float, float]:
-    """95 % interval of a parameter or derived quantity."""
+    """95 % interval of a parameter or derived quantity, without the systematic share, which hides what noise does."""
     if hasattr(entry, "interval"):
-        low, high = entry.interval(0.95)
+        low, high = entry.interval(0.95, statistical=True)
         return float(low), float(high)
     half = 1.959964 * entry.stderr
     return entry.value - half, entry.value + half

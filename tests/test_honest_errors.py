@@ -10,17 +10,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import integrate, stats
 from slow_cases import slow_but
 
 import rotorfit as rf
 from rotorfit.estimators.inference.covariance import inverse_curvature
+from rotorfit.estimators.inference.log_posterior import LogPosterior
 from rotorfit.estimators.noise.correlation import memory, scatter
 from rotorfit.estimators.noise.noise_levels import fit_probes
 from rotorfit.estimators.noise.reading_noise import deviations_of_repeats
 from rotorfit.estimators.noise.robust_covariance import line_scatter
 from rotorfit.estimators.noise.run_effects import MixedModel, select_effects, shared_variances
-from rotorfit.fitting.noise.error_bars import shares_of_possible_effects
+from rotorfit.fitting.noise.error_bars import effect_entries, shares_of_possible_effects
 from rotorfit.fitting.noise.record import NoiseVerdict, RunEffect
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
@@ -53,6 +54,7 @@ def fitted(world, seed, **options):
             "one probe, proportional 1 %",
             "forward noise three times the backward",
             "overlapping filters, neighbours 0.7, told",
+            "proportional 1 % and filters",
             "oil 1 % from run to run",
             "phase 1 degree, phase_offsets=True",
         ],
@@ -395,3 +397,51 @@ def test_forward_and_backward_share_noise_only_where_they_agree():
     levels = np.unique(other.blocks[0].sigma)
     assert levels.size == 4
     assert levels[-1] / levels[0] == pytest.approx(3, rel=0.5)
+
+
+# ---- noise that filters hide, and variances between runs integrated out --------------------------------------------
+
+
+def test_correlated_noise_without_sigma_is_asked_for():
+    """Overlapping filters make noise smooth, so that smoothness finds too little of it: a misfit, or such noise."""
+    fit = fitted(WORLDS["proportional 1 % and filters"], 1)
+    (warning,) = [words for words in fit.warnings if "limits this fit" in words]
+    assert "overlapping filters" in warning
+    assert "Give sigma_um" in warning
+    again = rf.fit(fit.model, fit.experiments, known={**FLUID, "Mf": 0.0})  # a model that does not fit: a long memory
+    (warning,) = [words for words in again.warnings if "limits this fit" in words]
+    assert "overlapping filters" not in warning
+
+
+def test_variance_between_runs_is_integrated_out_in_the_density():
+    """Over its prior, one run's worth of belief in the estimate, by quadrature."""
+    fit = fitted(WORLDS["force 1 % from run to run"], 1)
+    entries = effect_entries(fit.problem, fit.settings.noise)
+    ((own, sd),) = entries
+    given, unknown = (LogPosterior(fit.problem, "fixed", effects=effects, work=0) for effects in ((), entries))
+    rng = np.random.default_rng(3)
+    x = np.repeat(fit.x[None], 6, axis=0)
+    x[:, own] += sd * rng.normal(size=(6, own.size))
+
+    def integral(effects):
+        def density(log_variance):  # of the effects, their variance and the logarithm of it
+            variance = np.exp(log_variance)
+            prior = stats.invgamma.pdf(variance, 0.5, scale=sd**2 / 2) * variance
+            return np.prod(stats.norm.pdf(effects, 0.0, np.sqrt(variance))) * prior
+
+        middle = 2 * np.log(sd)
+        return integrate.quad(density, middle - 12, middle + 25, epsabs=0, epsrel=1e-10, limit=200)[0]
+
+    normal = stats.norm.logpdf(x[:, own], 0.0, sd).sum(axis=1)
+    found = unknown(x) - (given(x) - normal)
+    expected = np.log([integral(row) for row in x[:, own]])
+    np.testing.assert_allclose(found - found[0], expected - expected[0], atol=1e-6)
+
+
+def test_posterior_is_as_wide_as_an_interval_of_few_runs():
+    """It took the estimated variance for known, and was 0.61 as wide; Student's t has three degrees of freedom here."""
+    fit = fitted(WORLDS["force 1 % from run to run"], 1)
+    posterior = fit.sample(seed=1, walkers=32, ess=400)
+    assert "integrated out" in posterior.treatment
+    widths = [np.diff(one)[0] for one in (posterior.interval("D"), fit.interval("D", statistical=True))]
+    assert 0.75 < widths[0] / widths[1] < 1.3

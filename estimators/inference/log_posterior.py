@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -11,13 +12,14 @@ from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.kernels import Batch
 from rotorfit.estimators.misfit.priors import LogPriors, within_support
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.models.array_types import ROUND_OFF, Float
+from rotorfit.models.array_types import ROUND_OFF, Float, Index
 
 Noise = Literal["marginal", "fixed", "sampled"]
 
 NOISES: tuple[Noise, ...] = ("marginal", "fixed", "sampled")
 PRIOR_FREEDOM = 1.0
-"""Weight of the noise level given with the data, in real data, where the level is inferred."""
+"""Weight of the noise level given with the data, in real data, where the level is inferred; and of the estimated
+variance of effects of runs, in runs."""
 
 
 class LogPosterior:
@@ -31,6 +33,10 @@ class LogPosterior:
       met exactly and pull the density to infinity. With n real data of whitened sum of squares S the channel
       contributes ``(S + 1)^(-(n + 1)/2)``: one that the model misses widens by itself;
     * "sampled": the same, with log s of each channel as further entries of the vector.
+
+    Effects of runs, given by their entries and estimated standard deviation, are normal with a variance that is unknown
+    too and integrated out the same way, in place of their priors: n of them with a sum of squares b contribute
+    ``(sd^2 + b)^(-(n + 1)/2)``.
     """
 
     def __init__(
@@ -39,6 +45,7 @@ class LogPosterior:
         noise: Noise = "marginal",
         *,
         inflation: float = 1.0,
+        effects: Sequence[tuple[Index, float]] = (),
         accelerate: bool | None = None,
         work: float = np.inf,
     ) -> None:
@@ -52,7 +59,9 @@ class LogPosterior:
         self.counts = problem.channel_counts + belief
         self.size = problem.space.size + (self.counts.size if noise == "sampled" else 0)
         self.lower, self.upper = box(problem)
-        self._log_priors = LogPriors(problem.priors)
+        self._effects = tuple(effects)
+        shared = {int(entry) for entries, _ in effects for entry in entries}
+        self._log_priors = LogPriors([prior for prior in problem.priors if prior.entry not in shared])
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -75,6 +84,7 @@ class LogPosterior:
         x = vectors[inside, :p]
         with np.errstate(all="ignore"):  # a proposal may well be absurd; what is not finite is refused below
             value = self._misfit(self.batch.channel_sums(x), vectors[inside, p:]) + self._log_priors(x)
+            value += self._log_effects(x)
         result[inside] = np.where(np.isfinite(value), value, -np.inf)
         return result
 
@@ -84,6 +94,13 @@ class LogPosterior:
         if self.noise == "marginal":
             return np.asarray(-0.5 * np.log(sums + PRIOR_FREEDOM) @ self.counts)
         return np.asarray(-levels @ self.counts - 0.5 * ((sums + PRIOR_FREEDOM) * np.exp(-2 * levels)).sum(axis=1))
+
+    def _log_effects(self, x: Float) -> Float:
+        total = np.zeros(x.shape[0])
+        for entries, sd in self._effects:
+            size = np.sum((x[:, entries] / sd) ** 2, axis=1)
+            total -= 0.5 * (PRIOR_FREEDOM + entries.size) * np.log(PRIOR_FREEDOM + size)
+        return total
 
     # ---- normal approximation ----------------------------------------------------------------------------------------
 

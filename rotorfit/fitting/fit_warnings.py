@@ -24,6 +24,11 @@ _QUIET_DEVIATIONS = 6.0  # standard deviations of redchi below one at which the 
 _QUIET_REDCHI = 0.5  # redchi below which errors are wider than they need be by more than is worth knowing
 EXACT_REDCHI = 1e-4  # redchi below which the data are exact, and their noise the floor that keeps weights finite
 
+_FILTERED = (
+    "Noise that is correlated along the lines, as behind overlapping filters, looks alike where sigma is not given: "
+    "standard errors hold that too. Give sigma_um, or repeated sweeps, to tell them apart"
+)
+
 
 def fit_warnings(
     problem: Problem,
@@ -42,9 +47,10 @@ def fit_warnings(
     if is_misfit(noise, misfit) and not (noise is not None and noise.explained):
         where = f". It misses most: {', '.join(noise.places)}" if noise is not None and noise.places else ""
         wider = "each response as its residuals ask" if rescaled else f"{np.sqrt(redchi):.2g}"
+        other = f". {_FILTERED}" if noise is not None and noise.perhaps_filtered else ""
         found.append(
             f"redchi is {redchi:.3g}: the model, not the noise, limits this fit. Standard errors are widened by "
-            f"{wider}, but parameters may be biased beyond them; {advice}{where}"
+            f"{wider}, but parameters may be biased beyond them; {advice}{where}{other}"
         )
     if noise is not None and noise.odd_run and redchi > MODEL_LIMITED_REDCHI:
         found.append(noise.odd_run)

@@ -97,6 +97,7 @@ def with_model_uncertainty(fit: FitResult, uncertainty: Float) -> FitResult:
 
 def inverse_curvature(fit: FitResult) -> Float:
     """Change of the estimate by the slope of the cost, shape ``(p, p)``: mostly ``covar`` itself."""
-    wider = fit.noise is not None and (fit.noise.robust or fit.noise.verdict is NoiseVerdict.CORRELATED)
+    noise = fit.noise
+    wider = noise is not None and (noise.robust or noise.perhaps_filtered or noise.verdict is NoiseVerdict.CORRELATED)
     wider = wider or fit.model_uncertainty is not None or (fit.noise is not None and bool(fit.noise.possible_effects))
     return fit.covar if fit.problem.loss == "linear" and not wider else covariance.inverse_curvature(fit.problem, fit.x)

@@ -38,6 +38,7 @@ class SampleSettings:
     ess: float  # as asked for
     max_steps: int  # as asked for
     steps: int  # steps made in all
+    between_runs: bool = False  # whether the variance of effects of runs was integrated out, not taken as estimated
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

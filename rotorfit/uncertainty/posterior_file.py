@@ -14,6 +14,7 @@ import numpy as np
 from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.estimators.file_reading import reading, seal
 from rotorfit.fitting.digits import with_error
+from rotorfit.fitting.noise.error_bars import effect_entries
 from rotorfit.fitting.result import FitResult
 from rotorfit.io.netcdf import load_dataset
 from rotorfit.models.text_table import text_table
@@ -183,9 +184,9 @@ def _check(posterior: Posterior, source: str) -> None:
     """The density of the last draws, evaluated anew, tells whether data, model and priors are those of the fit."""
     from rotorfit.estimators.inference.log_posterior import LogPosterior
 
-    target = LogPosterior(
-        posterior.fit.problem, posterior.settings.noise, inflation=posterior.settings.inflation, work=0
-    )
+    fit, settings = posterior.fit, posterior.settings
+    effects = effect_entries(fit.problem, fit.settings.noise) if settings.between_runs else ()
+    target = LogPosterior(fit.problem, settings.noise, inflation=settings.inflation, effects=effects, work=0)
     if target.names != posterior.names:
         raise ValueError(
             f"{source} holds {', '.join(posterior.names)}, but this fit is of {', '.join(target.names)}: load it with "

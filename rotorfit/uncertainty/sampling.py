@@ -14,6 +14,7 @@ from rotorfit.estimators.blocks.correlated import freedom_of
 from rotorfit.estimators.inference import ensemble_sampler
 from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress
 from rotorfit.estimators.inference.log_posterior import LogPosterior, Noise
+from rotorfit.fitting.noise.error_bars import effect_entries
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.structure.refinable import why_not_refined
 from rotorfit.fitting.structure.refine import refine as refine_fit
@@ -121,6 +122,7 @@ def sample(
             ess=ess,
             max_steps=max_steps,
             steps=paths.steps,
+            between_runs=True,
         ),
     )
 
@@ -149,7 +151,8 @@ def _target(fit: FitResult, noise: Noise | None, accelerate: bool | None, work: 
     """The density to sample: noise of unknown level unless the loss has a scale of its own."""
     level: Noise = noise or ("marginal" if fit.settings.loss == "linear" else "fixed")
     inflation = fit.widening if fit.model_limited and level == "fixed" else 1.0
-    return LogPosterior(fit.problem, level, inflation=inflation, accelerate=accelerate, work=work)
+    effects = effect_entries(fit.problem, fit.settings.noise)
+    return LogPosterior(fit.problem, level, inflation=inflation, effects=effects, accelerate=accelerate, work=work)
 
 
 def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
@@ -160,7 +163,7 @@ def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
             "of one model"
         )
         choice = "" if fit.model_uncertainty is None else f". {words}"
-        return _noise_words(fit, target, centre) + choice
+        return _noise_words(fit, target, centre) + _between_runs(fit) + choice
     if fit.settings.noise_scale:
         advice = "bring the shaft's matrices (KnownStructure)"
     elif not why_not_refined(fit.model, fit.identifiability):
@@ -174,6 +177,15 @@ def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
         f"{_noise_words(fit, target, centre)}. redchi is {fit.redchi:.3g}: the model, not the noise, limits the fit. "
         f"That widens the intervals, but parameters may be biased beyond them: {advice}"
     )
+
+
+def _between_runs(fit: FitResult) -> str:
+    """Treatment of differences of runs, in words."""
+    if fit.noise is not None and fit.noise.effects:
+        return "; variances of what differs from run to run unknown and integrated out"
+    if fit.noise is not None and fit.noise.possible_effects:
+        return "; runs are taken to agree: what they may differ by, which standard errors allow for, is not in here"
+    return ""
 
 
 def _noise_words(fit: FitResult, target: LogPosterior, centre: Float) -> str:

@@ -17,7 +17,7 @@ from rotorfit.fitting.noise.linearised import channels_of, lines_in
 from rotorfit.fitting.noise.record import RUN_KINDS, FoundNoise, NoiseVerdict, is_run_effect
 from rotorfit.fitting.noise.residual_study import ResidualStudy
 from rotorfit.fitting.settings import FitSettings
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import ComplexArray, Float, Index
 
 _UNEVEN_SCATTER, _UNEVEN_SCATTER_OF_OTHER_NOISE = 4.5, 2.5
 """Standard deviations of scatter beyond that of equal noise from which standard errors follow it: where all else looks
@@ -47,6 +47,13 @@ def with_noise(problem: Problem, noise: FoundNoise) -> Problem:
         spread = normal(effect.sd)
         priors += tuple(Prior(first + i, spread) for i in range(len(effect.runs)))
     return replace(problem, space=space, blocks=blocks, priors=priors, factors=factors)
+
+
+def effect_entries(problem: Problem, noise: FoundNoise | None) -> list[tuple[Index, float]]:
+    """Entries of the fitted vector of each effect of runs, and its standard deviation."""
+    names = (*problem.space.names, *problem.space.nuisance)
+    effects = () if noise is None else noise.effects
+    return [(np.array([names.index(n) for n in e.names]), e.sd) for e in effects]
 
 
 @lru_cache(maxsize=64)
@@ -88,7 +95,11 @@ def with_scatter(
     widening: float,
 ) -> tuple[Float, ResidualStudy]:
     """The covariance with what residuals that follow one another, or scatter unevenly, add to it."""
-    if study.verdict is NoiseVerdict.MISFIT or study.causes:  # the residuals hold more than noise
+    if study.causes:  # the residuals hold more than noise
+        return covar, study
+    if study.verdict is NoiseVerdict.MISFIT:
+        if study.perhaps_filtered:
+            covar = covar + _beyond(_as_noise(study, problem, J, scattered), covar)
         return covar, study
     if study.verdict is NoiseVerdict.CORRELATED:
         sweeps = [sweep for sweeps in channels_of(problem) for sweep in sweeps]
@@ -105,6 +116,21 @@ def with_scatter(
         robust = robust + np.outer(column, column)
     freedom = float(np.median(found.freedom[parameters]))
     return robust, replace(study, robust=True, scatter_freedom=max(freedom, 1.0))
+
+
+def _as_noise(study: ResidualStudy, problem: Problem, J: ComplexArray, scattered: Float) -> Float:
+    """Covariance by residuals of a fit that misses, were they noise of their own shape and memory."""
+    own = J * np.concatenate(study.noise_ratio)[:, None]
+    sweeps = [sweep for sweeps in channels_of(problem) for sweep in sweeps]
+    return scattered @ ((own.conj().T @ own).real + scatter(own, sweeps, study.lags)) @ scattered
+
+
+def _beyond(covar: Float, other: Float) -> Float:
+    """Part of a covariance beyond another one: added to that, it makes nothing smaller."""
+    size = np.sqrt(np.diag(other))
+    scale = np.outer(np.where(size > 0, size, 1.0), np.where(size > 0, size, 1.0))
+    power, basis = np.linalg.eigh((covar - other) / scale)
+    return np.asarray((basis * np.maximum(power, 0.0)) @ basis.T * scale)
 
 
 def shares_of_possible_effects(

@@ -32,6 +32,8 @@ class ResidualStudy:
         correlation: of residuals at neighbouring lines of a sweep: near zero for noise, whatever its shape.
         lags: the same at distances 1, 2, ... as far as it is more than chance.
         response_noise: noise of the responses by restricted likelihood, where it replaced that of the data alone.
+        noise_ratio: for each block, size of the residuals over the noise found in the data alone, where a misfit may as
+            well be noise behind overlapping filters.
         found: what the fit was repeated with: other noise, differences from run to run; ``None`` for neither.
         possible_effects: differences of runs that chance explains as well: the errors allow for them, the estimate does
             without.
@@ -49,6 +51,7 @@ class ResidualStudy:
     correlation: float = 0.0
     lags: tuple[float, ...] = ()
     response_noise: tuple[ResponseNoise, ...] = ()
+    noise_ratio: tuple[Float, ...] = ()
     found: FoundNoise | None = None
     possible_effects: tuple[RunEffect, ...] = ()
     run_count: int = 0
@@ -77,6 +80,11 @@ class ResidualStudy:
     def between(self) -> tuple[tuple[str, float], ...]:
         """Kind and standard deviation of each difference from run to run."""
         return tuple((effect.kind, effect.sd) for effect in self.effects)
+
+    @property
+    def perhaps_filtered(self) -> bool:
+        """True if what a fit misses looks like noise behind overlapping filters: no given sigma excludes it."""
+        return bool(self.noise_ratio)
 
     def degrees(self, gradient: Float) -> float:
         """Degrees of freedom of the variance of a derived quantity (Satterthwaite), infinite for a known one.

@@ -91,6 +91,7 @@ def _study(problem: Problem, x: Float, data: LinearisedFit, causes: tuple[Cause,
     shapes, sigma = sigma_of_residuals(fit, (RESPONSE, SPEED))
     remembered = fit.memory(fit.sigma)
     verdict = _verdict(fit, remembered, as_found=data.sigma_given or explains(fit, shapes))
+    own_shape = sigma / data.sigma
     if verdict is not NoiseVerdict.SHAPED:
         # Readings that effects of runs share are weighed by redchi, which no longer widens the covariance.
         sigma = data.sigma * (np.sqrt(max(1.0, fit.redchi)) if variance.any() else 1.0)
@@ -108,6 +109,7 @@ def _study(problem: Problem, x: Float, data: LinearisedFit, causes: tuple[Cause,
         lags=remembered.lags,
         response_noise=_response_noise(problem, shapes) if verdict is NoiseVerdict.SHAPED else (),
         found=found,
+        noise_ratio=_by_block(problem, own_shape) if _perhaps_filtered(data, verdict, remembered) else (),
         possible_effects=tuple(e for e in effects if not e.values),
         run_count=len(data.runs),
         misses=_misses(problem, data) if verdict is NoiseVerdict.MISFIT else (),
@@ -129,6 +131,15 @@ def _verdict(fit: NoiseFit, remembered: Memory, *, as_found: bool) -> NoiseVerdi
 def _follows(remembered: Memory) -> bool:
     """True if residuals follow one another along the sweeps."""
     return remembered.first > _MEMORY_CORRELATION and remembered.z > SIGNIFICANT_ERRORS
+
+
+def _perhaps_filtered(data: LinearisedFit, verdict: NoiseVerdict, remembered: Memory) -> bool:
+    """True if a misfit may be noise of overlapping filters, which smoothness takes for signal.
+
+    They make neighbours correlate over two or three lines, five by chance in thirty lines; smooth misfits over more.
+    """
+    longest = 5
+    return verdict is NoiseVerdict.MISFIT and not data.sigma_given and len(remembered.lags) <= longest
 
 
 # ---- differences from run to run ---------------------------------------------------------------------------------
@@ -192,7 +203,7 @@ def _scatter_freedom(fit: NoiseFit, verdict: NoiseVerdict, shapes: Sequence[Shap
     if verdict is NoiseVerdict.SHAPED:
         return min(2 * float(fit.weight[shape.rows].sum()) for shape in shapes)
     freedom = 2 * float(fit.weight.sum())
-    if verdict is NoiseVerdict.CORRELATED:
+    if verdict is NoiseVerdict.CORRELATED or _perhaps_filtered(fit.data, verdict, remembered):
         return freedom / (1 + 2 * sum(lag**2 for lag in remembered.lags))
     return float("inf") if fit.data.sigma_given or verdict is NoiseVerdict.MISFIT else freedom
 
