@@ -239,6 +239,12 @@ def test_amplitudes_in_another_unit(rig: PerturbationTest, factor: float, code: 
         assert finding.rows == rows(np.abs(test.response) > 5e-3)
 
 
+def test_the_size_of_a_frequency_response_function_says_nothing(rig: PerturbationTest) -> None:
+    """As analysers write them: metres over one newton."""
+    test = replace(rig, response=1e-4 * rig.response / rig.force, force=np.ones_like(rig.force))
+    assert "small-amplitude" not in {finding.code for finding in rf.check(test)}
+
+
 # ---- the plan of the test ------------------------------------------------------------------------------------
 
 
