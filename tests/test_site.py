@@ -42,6 +42,12 @@ window.addEventListener('load', () => setTimeout(() => {
   }), '*');
 }, 500));
 </script>"""
+ACCESS = """<script>
+window.addEventListener('load', () => setTimeout(() => axe.run({runOnly: ['wcag2a', 'wcag2aa']}).then(found =>
+  document.body.append(Object.assign(document.createElement('output'), {textContent: JSON.stringify(
+    found.violations.map(v => [v.id, v.help, v.nodes.map(n => n.html.slice(0, 120))]))}))), 500));
+</script>"""
+"""What axe finds against the guidelines for accessible pages, contrast and keyboard among them."""
 FRAME = """<!doctype html><iframe src="{src}" width="{width}" height="900" style="border: 0"></iframe><output></output>
 <script>addEventListener('message', e => document.querySelector('output').textContent = e.data)</script>"""
 """A page in a frame, as a browser's own window has a least width."""
@@ -155,6 +161,25 @@ def test_main_pages_in_a_browser(
     assert found["page"] <= found["window"], "the page scrolls sideways"
     assert found["cut"] == []
     assert found["broken"] == []
+
+
+@pytest.mark.parametrize("name", MAIN_PAGES)
+def test_main_pages_are_accessible(site: Path, chromium: Callable[..., tuple[str, list[str]]], name: str) -> None:
+    if os.environ.get("ROTORFIT_SITE") != "required":
+        pytest.importorskip("axe_core_python", reason="pip install axe-core-python")
+    import axe_core_python as axe
+
+    script = (Path(axe.__file__).parent / "axe.min.js").read_text(encoding="utf-8")
+    page = site / name
+    measured = page.with_name(f"axe-{page.name}")
+    text = page.read_text(encoding="utf-8")
+    measured.write_text(text.replace("</body>", f"<script>{script}</script>{ACCESS}</body>"), encoding="utf-8")
+    try:
+        dom, _ = chromium(measured, "--window-size=1300,1000", "--virtual-time-budget=20000", "--dump-dom")
+    finally:
+        measured.unlink()
+    (found,) = re.findall(r"<output>(.*?)</output>", dom, re.DOTALL)
+    assert json.loads(unescape(found)) == []
 
 
 @pytest.mark.parametrize("name", ["your_file", "experiments", "plot_fig_11_oil"])
