@@ -70,6 +70,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.simulation.instruments import Instruments as Instruments
     from rotorfit.simulation.recordings import simulate_recordings as simulate_recordings
     from rotorfit.simulation.simulate import simulate as simulate
+    from rotorfit.store.store import Store as Store
     from rotorfit.uncertainty.bootstrap import Bootstrap as Bootstrap
     from rotorfit.uncertainty.budget import Budget as Budget
     from rotorfit.uncertainty.comparison import Comparison as Comparison
@@ -85,6 +86,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.uncertainty.stability.record import StabilityReport as StabilityReport
 
 _HOME = {
+    "Store": "rotorfit.store.store",
     "to_dataframe": "rotorfit.io.files",
     "Comparison": "rotorfit.uncertainty.comparison",
     "compare": "rotorfit.uncertainty.comparison",

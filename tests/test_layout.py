@@ -37,6 +37,7 @@ FLOORS = (
     ("uncertainty", "campaigns", "monitoring"),
     ("planning", "report"),
     ("studies",),
+    ("store",),
     ("cli",),
 )
 """Rooms from the ground up; the third floor's are files. Imports go down, and none between rooms of a floor."""

@@ -40,7 +40,8 @@ def lines_of(parser: argparse.ArgumentParser) -> Iterator[str]:
     yield from (parser.prog, "-" * len(parser.prog), "", f"{purpose[:1].upper()}{purpose[1:]}.", "")
     yield from (f".. program:: {parser.prog}", "")
     for group in parser._action_groups:
-        actions = [action for action in group._group_actions if not isinstance(action, argparse._HelpAction)]
+        left_out = argparse._HelpAction | argparse._SubParsersAction
+        actions = [action for action in group._group_actions if not isinstance(action, left_out)]
         if actions and group.title not in ("options", "positional arguments"):
             yield from (f"*{plain(group.title or '')}*", "")
         for action in actions:
@@ -57,6 +58,9 @@ class CommandLine(SphinxDirective):
         text = [plain(whole.epilog or ""), ""]
         for parser in commands.choices.values():
             text += lines_of(parser)
+            for actions in (one for one in parser._actions if isinstance(one, argparse._SubParsersAction)):
+                for action in actions.choices.values():
+                    text += lines_of(action)
         return self.parse_text_to_nodes("\n".join(text), allow_section_headings=True)
 
 

@@ -105,7 +105,7 @@ def split_runs(experiments: Experiment | Sequence[Experiment], split: str | None
         for label, rows in [(None, None)] if labels is None else _parts(labels):
             part = experiment if rows is None else experiment.select(rows)
             name = str(label) if label is not None else experiment.source or f"run {number + 1}"
-            runs.append(Run(name, part, _conditions(part)))
+            runs.append(Run(name, part, conditions(part)))
     return tuple(_distinct(runs))
 
 
@@ -121,7 +121,8 @@ def _mean(values: NDArray[np.number[Any]]) -> float:
     return float(values[0] if np.ptp(values) == 0 else np.mean(values))
 
 
-def _conditions(experiment: Experiment) -> dict[str, float | str]:
+def conditions(experiment: Experiment) -> dict[str, float | str]:
+    """The speed and the other attributes of an experiment: the mean of numbers, the text of texts."""
     names = [name for name in ("speed_rpm", *experiment.attributes) if name != "run"]
     found: dict[str, float | str] = {}
     for name in dict.fromkeys(names):

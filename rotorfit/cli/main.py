@@ -17,7 +17,20 @@ from pathlib import Path
 from shutil import copyfile
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from rotorfit.cli import balance, campaign, join, judge, laws, plan, predict, recordings, simulate, trend, vectors
+from rotorfit.cli import (
+    balance,
+    campaign,
+    join,
+    judge,
+    laws,
+    plan,
+    predict,
+    recordings,
+    simulate,
+    store,
+    trend,
+    vectors,
+)
 from rotorfit.cli.answer import say
 from rotorfit.cli.arguments import (
     add_figure_format,
@@ -196,6 +209,7 @@ COMMANDS = {
     "plan": plan.run,
     "predict": predict.run,
     "judge": judge.run,
+    "store": store.run,
     "trend": trend.run,
     "vectors": vectors.run,
     "join": join.run,
@@ -216,6 +230,7 @@ _MODULES = (
     ("predict", predict),
     ("plan", plan),
     ("judge", judge),
+    ("store", store),
 )
 
 

@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
     from rotorfit.cli.errors import ExitCode, checked
 
     found = checked(lambda: _trend(options))
-    give(options, partial(_write, found), lambda: [_plain(place) for place in found.places], str(found))
+    give(options, partial(_write, found), lambda: [place_json(place) for place in found.places], str(found))
     return ExitCode.DONE
 
 
@@ -96,7 +96,7 @@ def _write(found: MachineTrend, folder: Path) -> None:
     (folder / "trend.png").write_bytes(picture_of(found.plot(), dpi=150))
 
 
-def _plain(place: PlaceTrend) -> dict[str, Any]:
+def place_json(place: PlaceTrend) -> dict[str, Any]:
     """One place as JSON, SI units."""
     change = place.change
     return {

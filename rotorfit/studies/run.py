@@ -6,7 +6,8 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rotorfit.data.findings import without_phases
+from rotorfit.data.experiments import Experiment
+from rotorfit.data.findings import Finding, without_phases
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.fitting.assumptions.calibration import calibration_of
 from rotorfit.fitting.fit import closed_form, fit
@@ -26,7 +27,18 @@ if TYPE_CHECKING:
 def run_study(study: Study, progress: StudyProgress, checkpoint: Path | None = None) -> Outcome:
     """Read, check, solve in closed form, optimise and, if asked for, refine and sample."""
     check_model(study)  # before files are read, which may take long
-    experiments, findings = read_files([_for_model(study, file) for file in study.files], progress)
+    experiments, findings = read_files([for_model(study, file) for file in study.files], progress)
+    return identify(study, experiments, findings, progress, checkpoint)
+
+
+def identify(
+    study: Study,
+    experiments: tuple[Experiment, ...],
+    findings: tuple[tuple[Finding, ...], ...],
+    progress: StudyProgress,
+    checkpoint: Path | None = None,
+) -> Outcome:
+    """The results of a study whose files have been read and looked over."""
     if study.phase_offsets == "common":  # the fit judges by the zero that it finds
         findings = tuple(without_phases(found) for found in findings)
     model = build_model(study, experiments)
@@ -53,7 +65,7 @@ def run_study(study: Study, progress: StudyProgress, checkpoint: Path | None = N
     return _with_uncertainty(outcome, progress, checkpoint) if outcome.best.success else outcome
 
 
-def _for_model(study: Study, file: DataFile | RecordingFiles) -> DataFile | RecordingFiles:
+def for_model(study: Study, file: DataFile | RecordingFiles) -> DataFile | RecordingFiles:
     """Recordings of a shaft that is not round are reduced to its combination lines."""
     if study.model != AnisotropicShaft.name:
         if study.runout_um is not None:

@@ -33,26 +33,32 @@ from rotorfit.studies.study import Study
 from rotorfit.units import RAD_S_PER_RPM
 
 
-def read_study(path: str | Path) -> Study:
-    """Read a study from a TOML file; its keys are the attributes of :class:`~rotorfit.studies.study.Study`."""
+def read_study(path: str | Path, *, of_a_store: bool = False) -> Study:
+    """Read a study from a TOML file; its keys are the attributes of :class:`~rotorfit.studies.study.Study`.
+
+    That of a store may leave ``files`` out, see :func:`study_of`.
+    """
     path = Path(path)
     with reading(str(path), "TOML file"):
-        return _read(path)
+        content = read_toml(path, str(path))
+        try:
+            return study_of(content, path.parent, of_a_store=of_a_store)
+        except ValueError as reason:
+            raise ValueError(f"{path}: {reason}") from reason
 
 
-def _read(path: Path) -> Study:
-    content = read_toml(path, str(path))
-    try:
-        _refuse_unknown(content, _KEYS)
-        if "structure" in content:
-            content.setdefault("model", KnownStructure.name)
-        for key in ("files", "model"):
-            if key not in content:
-                raise ValueError(f"the key {key!r} is missing")
-        settings = {key: _KEYS[key](key, value) for key, value in content.items()}
-    except ValueError as reason:
-        raise ValueError(f"{path}: {reason}") from reason
-    base = path.parent
+def study_of(content: Mapping[str, Any], base: Path = Path(), *, of_a_store: bool = False) -> Study:
+    """The study that TOML keys describe, with paths relative to a folder.
+
+    In that of a store ``files`` are patterns of names (``"*.csv"``): which files are taken, and how they are read.
+    """
+    _refuse_unknown(content, _KEYS)
+    if "structure" in content:
+        content = {"model": KnownStructure.name, **content}
+    for key in ("model",) if of_a_store else ("files", "model"):
+        if key not in content:
+            raise ValueError(f"the key {key!r} is missing")
+    settings = {"files": (), **{key: _KEYS[key](key, value) for key, value in content.items()}}
     settings["files"] = tuple(DataFile(base / file.path, file.options) for file in settings["files"])
     if "out" in settings:
         settings["out"] = base / settings["out"]

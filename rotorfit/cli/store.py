@@ -1,0 +1,255 @@
+"""``rotorfit store``: tests and fits of machines in one file; add to it, list it, follow it, look for damage."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rotorfit.cli.answer import finite, say
+from rotorfit.cli.arguments import add_output
+from rotorfit.cli.progress import ProgressLine
+from rotorfit.models.text_table import Wide, text_table
+from rotorfit.options.kinds import positive_word, words
+
+if TYPE_CHECKING:
+    from rotorfit.store.records import Added, StoredFit, StoredTest
+    from rotorfit.store.store import Store
+
+DESCRIPTION = "keep tests and their fits in one file: add to it, list it, follow it over time"
+_VALUES_SHOWN = 6
+
+
+def add_options(to: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    group = to.add_subparsers(metavar="ACTION", required=True)
+
+    def action(name: str, work: Any, help: str) -> argparse.ArgumentParser:
+        added = group.add_parser(name, help=help, description=help, allow_abbrev=False)
+        added.set_defaults(action=work)
+        added.add_argument("store", type=Path, metavar="STORE", help="the file, machine.db for instance")
+        return added
+
+    adding = action("add", _add, "add test files, and fit them as a study says; nothing is fitted twice")
+    adding.add_argument(
+        "files", nargs="+", type=Path, metavar="FILE", help="test files, recordings, folders with one test's recordings"
+    )
+    add_study(adding)
+    add_output(adding)
+    add_output(action("list", _list, "list tests and fits"))
+    follow = action("trend", _trend, "say what changed over time in fitted values")
+    follow.add_argument("--study", type=Path, metavar="STUDY.toml", help="settings of the fits [the only ones]")
+    add_followed(follow)
+    follow.add_argument("--false-alarm", type=positive_word, default=0.01, metavar="P", help="see `rotorfit trend`")
+    add_output(follow)
+    getting = action("get", _get, "write the result of a fit as fit.json, and its data")
+    getting.add_argument("number", type=int, metavar="FIT", help="number of the fit, as `rotorfit store list` shows it")
+    getting.add_argument("--out", type=Path, required=True, help="folder for fit.json and the tests as netCDF files")
+    add_output(getting)
+    add_output(action("check", _check, "look for damage: every page, test and fit"))
+
+
+def add_study(to: argparse.ArgumentParser, *, required: bool = False) -> None:
+    """The study, the rig, the machine."""
+    to.add_argument(
+        "--study", type=Path, metavar="STUDY.toml", required=required, help="fit as this file says; its files are "
+        "patterns of names",
+    )  # fmt: skip
+    to.add_argument("--setup", type=Path, metavar="rig.toml", help="channels of recordings")
+    to.add_argument("--machine", default="", metavar="NAME", help="of tests that do not name their machine")
+
+
+def add_followed(to: argparse.ArgumentParser) -> None:
+    """What is followed."""
+    to.add_argument("--follow", type=words, metavar="A,B", help="values to follow [K0, lam, D, threshold_speed]")
+    to.add_argument("--since", default="", metavar="DATE", help="leave out tests before")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do what the command line says; returns the exit code."""
+    return int(options.action(options))
+
+
+def _opened(options: argparse.Namespace, *, there: bool = True) -> Store:
+    from rotorfit.store.store import Store
+
+    if there and not options.store.exists():
+        raise FileNotFoundError(2, "there is no such store", str(options.store))
+    return Store(options.store)
+
+
+def _add(options: argparse.Namespace) -> int:
+    from rotorfit.cli.errors import ExitCode, checked
+
+    line = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
+    try:
+        store = checked(lambda: _opened(options, there=False))
+        added = checked(
+            lambda: store.add(options.files, options.study, machine=options.machine, setup=options.setup, progress=line)
+        )
+    finally:
+        line.close()
+    fits = {fit.number: fit for fit in store.fits}
+    if options.json:
+        print(json.dumps([added_json(one, fits) for one in added], indent=1, allow_nan=False))
+    elif not options.quiet:
+        print("\n".join(added_words(one, fits) for one in added))
+    for one in added:
+        if one.refusal:
+            say(one.refusal)
+    wrong = [error for one in added if one.fit is not None for error in fits[one.fit].errors]
+    for error in dict.fromkeys(wrong):
+        say(error)
+    if any(one.refusal for one in added):
+        return ExitCode.BAD_INPUT
+    failed = any(not fits[one.fit].good for one in added if one.fit is not None)
+    return ExitCode.NOT_CONVERGED if failed else ExitCode.DONE
+
+
+def added_words(added: Added, fits: dict[int, StoredFit]) -> str:
+    """What became of a file, on a line."""
+    if added.test is None:
+        return f"{added.source}: refused"
+    head = f"{added.source}: test {added.test}{'' if added.new_test else ', known already'}"
+    if added.fit is None:
+        return head
+    fit = fits[added.fit]
+    return f"{head}; fit {fit.number}{'' if added.new_fit else ', known already'}: {_fit_words(fit)}"
+
+
+def _fit_words(fit: StoredFit) -> str:
+    if not fit.params:
+        return f"not fitted: {fit.message}"
+    if fit.errors:
+        return "the data have an error, the fit is not followed"
+    if not fit.success:
+        return f"did not converge: {fit.message}"
+    return ", ".join(f"{name} {value}" for name, value in [*fit.params.items()][-_VALUES_SHOWN:])
+
+
+def added_json(added: Added, fits: dict[int, StoredFit]) -> dict[str, Any]:
+    """What became of a file, as JSON."""
+    found: dict[str, Any] = {
+        "source": added.source,
+        "test": added.test,
+        "new_test": added.new_test,
+        "refusal": added.refusal or None,
+    }
+    return found if added.fit is None else {**found, "new_fit": added.new_fit, "fit": fit_json(fits[added.fit])}
+
+
+def fit_json(fit: StoredFit) -> dict[str, Any]:
+    """A stored fit as JSON, no infinities."""
+    return {
+        "number": fit.number,
+        "test": fit.test,
+        "model": fit.model,
+        "settings": fit.settings,
+        "success": fit.success,
+        "message": fit.message,
+        "redchi": finite(fit.redchi),
+        "errors": list(fit.errors),
+        "warnings": list(fit.warnings),
+        "version": fit.version,
+        "params": {
+            name: {
+                "value": finite(p.value),
+                "stderr": finite(p.stderr),
+                "systematic": finite(p.systematic),
+                "unit": p.unit,
+            }
+            for name, p in fit.params.items()
+        },
+    }
+
+
+def _test_json(test: StoredTest) -> dict[str, Any]:
+    return {
+        "number": test.number,
+        "content": test.content,
+        "kind": test.kind,
+        "readings": test.readings,
+        "machine": test.machine,
+        "date": test.date,
+        "date_given": test.date_given,
+        "conditions": dict(test.conditions),
+        "sources": list(test.sources),
+        "findings": list(test.findings),
+        "superseded": test.superseded,
+    }
+
+
+def _list(options: argparse.Namespace) -> int:
+    from rotorfit.cli.errors import ExitCode, checked
+
+    store = checked(lambda: _opened(options))
+    tests, fits = store.tests, store.fits
+    if options.json:
+        found = {"tests": [_test_json(test) for test in tests], "fits": [fit_json(fit) for fit in fits]}
+        print(json.dumps(found, indent=1, allow_nan=False))
+    elif not options.quiet:
+        print("\n".join([repr(store)[1:-1], *_table(tests, fits)]))
+    return ExitCode.DONE
+
+
+def _table(tests: tuple[StoredTest, ...], fits: tuple[StoredFit, ...]) -> list[str]:
+    rows: list[list[str | Wide]] = [["test", "date", "machine", "readings", "file"]]
+    for test in tests:
+        file = Path(test.sources[-1]).name if test.sources else ""
+        more = f" and {len(test.sources) - 1} more" if len(test.sources) > 1 else ""
+        state = "" if test.superseded is None else f" (superseded by test {test.superseded})"
+        rows.append([str(test.number), test.date, test.machine, str(test.readings), f"{file}{more}{state}"])
+        rows += [["", Wide(f"fit {f.number}: {_fit_words(f)}", 4, remark=True)] for f in fits if f.test == test.number]
+    return text_table(rows, "<5 <20 <12 >9 <1")
+
+
+def _trend(options: argparse.Namespace) -> int:
+    from rotorfit.cli.errors import ExitCode, checked
+    from rotorfit.cli.trend import place_json
+
+    if options.false_alarm >= 1:
+        checked(lambda: _refuse_probability(options.false_alarm))
+    found = checked(
+        lambda: _opened(options).trend(
+            options.follow, study=options.study, since=options.since, false_alarm=options.false_alarm
+        )
+    )
+    if options.json:
+        print(json.dumps([place_json(place) for place in found.places], indent=1, allow_nan=False))
+    elif not options.quiet:
+        print(found)
+    return ExitCode.DONE
+
+
+def _refuse_probability(given: float) -> None:
+    raise ValueError(f"--false-alarm takes a probability below 1, got {given:g}")
+
+
+def _get(options: argparse.Namespace) -> int:
+    from rotorfit.cli.answer import give
+    from rotorfit.cli.errors import ExitCode, checked
+    from rotorfit.fitting.fit_file import save_fit
+    from rotorfit.io.files import write
+
+    fit = checked(lambda: _opened(options).result(options.number))
+
+    def fill(folder: Path) -> None:
+        save_fit(fit, folder / "fit.json")
+        for number, test in enumerate(fit.experiments, 1):
+            write(test, folder / f"test{number}.nc")
+
+    give(options, fill, lambda: {"fit": options.number, "out": str(options.out)}, fit.summary())
+    return ExitCode.DONE
+
+
+def _check(options: argparse.Namespace) -> int:
+    from rotorfit.cli.errors import ExitCode, checked
+
+    problems = checked(lambda: _opened(options).problems())
+    if options.json:
+        print(json.dumps(list(problems), indent=1))
+    elif not options.quiet:
+        print("\n".join(problems) or f"{options.store}: nothing found")
+    return ExitCode.BAD_INPUT if problems else ExitCode.DONE

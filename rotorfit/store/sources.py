@@ -1,0 +1,112 @@
+"""Where tests come from: a file, or the recordings of a folder; what identifies its state, and how it is read."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from fnmatch import fnmatch
+from functools import cached_property
+from pathlib import Path
+
+from rotorfit.data.experiments import Experiment
+from rotorfit.data.findings import Finding
+from rotorfit.recordings.formats.files import ALWAYS_RAW
+from rotorfit.store.content import digest_of
+from rotorfit.studies.data_files import DataFile, StudyProgress, read_files
+from rotorfit.studies.recording_files import RecordingFiles
+from rotorfit.studies.run import for_model
+from rotorfit.studies.study import Study
+
+FileState = list[str | int]
+"""Name, size and SHA-256 of a file."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """A file of a test, or recordings that are one test together."""
+
+    path: Path  # the file, or the folder of the recordings
+    paths: tuple[Path, ...]  # the files
+    setup: Path | None = None  # of the rig, for recordings
+    study: Study | None = field(default=None, compare=False)  # how the files are read, and for which model
+
+    @property
+    def raw(self) -> bool:
+        """True for recordings of raw signals."""
+        return self.setup is not None or any(path.suffix.lower() in ALWAYS_RAW for path in self.paths)
+
+    @property
+    def name(self) -> str:
+        """Path in the store."""
+        return str(self.path.absolute())
+
+    def stamp(self) -> str:
+        """Sizes and times of the files: equal where nothing has changed, without reading them."""
+        states = [(path.name, (status := path.stat()).st_size, status.st_mtime_ns) for path in self.paths]
+        return json.dumps([*states, self._reading])
+
+    def states(self) -> list[FileState]:
+        """Name, size and hash of each file."""
+        return [[path.name, *digest_of(path)] for path in self.paths]
+
+    @cached_property
+    def _reading(self) -> str:
+        """How the files are read, as a hash."""
+        text = repr(sorted(self._file.options.items())) if isinstance(self._file, DataFile) else ""
+        rig = self.setup.read_bytes() if self.setup is not None else b""
+        return hashlib.sha256(text.encode("utf-8") + rig).hexdigest()
+
+    def identity(self) -> str:
+        """What the test is made of: files by their content, and how they are read."""
+        return json.dumps([self.states(), self._reading])
+
+    def date(self) -> str:
+        """Time of the latest file, by the file system."""
+        latest = max(path.stat().st_mtime for path in self.paths)
+        return datetime.fromtimestamp(latest).isoformat(timespec="seconds")
+
+    def read(self, progress: StudyProgress) -> tuple[tuple[Experiment, ...], tuple[tuple[Finding, ...], ...]]:
+        """The tests, and what was found odd in each."""
+        file = self._file if self.study is None else for_model(self.study, self._file)
+        return read_files([file], progress)
+
+    @cached_property
+    def _file(self) -> DataFile | RecordingFiles:
+        if self.raw:
+            return RecordingFiles(paths=self.paths, setup=self.setup)
+        given = () if self.study is None else self.study.files
+        named = (file for file in given if isinstance(file, DataFile) and is_named(self.path, file))
+        return DataFile(self.path, next((file.options for file in named), {}))
+
+
+def is_named(path: Path, file: DataFile | RecordingFiles) -> bool:
+    """True if the pattern that a study of a store gives fits the name of a file."""
+    return fnmatch(path.name, file.path.name)
+
+
+def continues(source: Source, earlier: Sequence[FileState]) -> bool:
+    """True if the files are those of an earlier state of the source, some of them longer, or with further ones."""
+    now = {path.name: path for path in source.paths}
+    return all(
+        str(name) in now and digest_of(now[str(name)], int(size)) == (size, digest) for name, size, digest in earlier
+    )
+
+
+def sources_of(
+    files: Sequence[Path], study: Study | None, setup: Path | None, progress: Callable[[str], None]
+) -> list[Source]:
+    """The sources among files and folders: each file by itself, but the recordings of a folder together."""
+    found = []
+    for path in files:
+        source = Source(path=path, paths=(path,), setup=setup, study=study)
+        if path.is_dir():
+            inside = tuple(sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith(".")))
+            source = replace(source, paths=inside)
+            if not inside:
+                raise ValueError(f"{path} is an empty folder; a folder stands for the recordings of one test")
+        found.append(source)
+        progress(f"looking at {path.name}")
+    return found

@@ -1,0 +1,418 @@
+"""The store: tests by their content, fits by their settings, each once, whoever adds them and whatever is killed."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sqlite3
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rotorfit.data.experiments import Experiment
+from rotorfit.data.findings import Finding
+from rotorfit.estimators.atomic_file import refuse_input
+from rotorfit.fitting.fit_file import fit_from_json
+from rotorfit.fitting.json_values import decode
+from rotorfit.fitting.quantities import THRESHOLD
+from rotorfit.fitting.result import FitResult
+from rotorfit.models import RotorModel
+from rotorfit.models.parameters import unknown_name
+from rotorfit.monitoring.trend import DatedValues, MachineTrend, trend
+from rotorfit.store.claims import claimed
+from rotorfit.store.content import content_hash, settings_key
+from rotorfit.store.database import Database, unpacked
+from rotorfit.store.records import Added, StoredFit, StoredTest, StoredValue
+from rotorfit.store.rows import as_time, fit_row, insert, stored_findings, stored_fit, stored_test, test_row, values_of
+from rotorfit.store.sources import Source, continues, sources_of
+from rotorfit.studies.data_files import StudyProgress, no_progress
+from rotorfit.studies.run import identify
+from rotorfit.studies.study import Outcome, Study
+from rotorfit.studies.study_file import read_study, study_of
+from rotorfit.studies.study_model import check_model
+from rotorfit.version import __version__
+
+_FOLLOWED = ("K0", "lam", "lam_D", "D", THRESHOLD)
+"""Values that are followed unless others are named, where a fit has them."""
+
+
+class Store:
+    """Tests and fits of one machine or of many, in one SQLite file.
+
+    The same test with the same settings is fitted once, whoever adds it and from whichever file. Any number of
+    processes may write at a time; one that is killed leaves what it had added, whole, and nothing of the rest.
+
+    Args:
+        path: the file, made where there is none.
+
+    Raises:
+        ValueError: another file, a damaged one, or one that a newer version wrote.
+        OSError: no such folder, or one that may not be written to.
+
+    Example:
+        >>> store = rf.Store(folder / "machine.db")
+        >>> file = rf.datasets.path("rig_lumped.csv")
+        >>> [added] = store.add([file], study={"model": "whirl-whip", "known": {"K3": 6000.0}})
+        >>> print(store.fits[0].params["lam"])
+        0.475 +- 0.019 1
+        >>> store.add([file], study={"model": "whirl-whip", "known": {"K3": 6000.0}})[0].new_fit
+        False
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        refuse_input(self.path)
+        self._database = Database(self.path)
+
+    def __repr__(self) -> str:
+        with self._database.look() as ask:
+            tests, fits = (ask(f"SELECT count(*) FROM {table}")[0][0] for table in ("tests", "fits"))
+        return f"<Store {self.path}: {tests} test{'s' * (tests != 1)}, {fits} fit{'s' * (fits != 1)}>"
+
+    # ---- adding --------------------------------------------------------------------------------------------------
+
+    def add(
+        self,
+        files: Iterable[str | os.PathLike[str]],
+        study: str | os.PathLike[str] | Mapping[str, Any] | Study | None = None,
+        *,
+        machine: str = "",
+        setup: str | os.PathLike[str] | None = None,
+        progress: StudyProgress = no_progress,
+    ) -> tuple[Added, ...]:
+        """Add tests, and with a study their fits.
+
+        Args:
+            files: test files, each a test of its own; recordings; folders with the recordings of one test.
+            study: settings of the fits: a TOML file, or its keys as a mapping. Its ``files``, which may be left out,
+                are patterns of names with the options to read such files with.
+            machine: the machine of tests that have no attribute ``machine``.
+            setup: ``rig.toml`` for recordings.
+            progress: called as each stage begins.
+
+        Returns:
+            what became of each file; one that cannot be read is refused, the others are added.
+
+        Raises:
+            ValueError: a study that is wrong.
+            OSError: a store that cannot be written.
+        """
+        settings = study_for_store(study)
+        rig = None if setup is None else Path(setup)
+        sources = sources_of([Path(file) for file in files], settings, rig, progress)
+        return tuple(self.add_source(source, machine=machine, progress=progress) for source in sources)
+
+    def add_source(self, source: Source, *, machine: str = "", progress: StudyProgress = no_progress) -> Added:
+        """Add one source; see :meth:`add`.
+
+        Args:
+            source: file or folder, with the study.
+            machine: of tests that do not name one.
+            progress: called as each stage begins.
+        """
+        name = str(source.path)
+        try:
+            test, is_new = self._test_of(source, machine, progress)
+        except (ValueError, KeyError, OSError) as problem:
+            reason = str(problem.args[0] if isinstance(problem, KeyError) and problem.args else problem)
+            self._refuse(source, reason)
+            return Added(source=name, refusal=reason)
+        if source.study is None:
+            return Added(source=name, test=test, new_test=is_new)
+        fit, fitted = self._fit_of(test, source.study, progress)
+        return Added(source=name, test=test, fit=fit, new_test=is_new, new_fit=fitted)
+
+    def is_known(self, source: Source) -> bool:
+        """True if nothing has changed since the source was last added, with its study, or refused.
+
+        Args:
+            source: file or folder, with the study.
+        """
+        with self._database.look() as ask:
+            found = ask(
+                "SELECT test, refusal, version FROM sources WHERE path = ? AND stamp = ? ORDER BY number DESC LIMIT 1",
+                (source.name, source.stamp()),
+            )
+            if not found:
+                return False
+            test, _, version = found[0]
+            if test is None:
+                return bool(version == __version__)
+            key = "" if source.study is None else settings_key(source.study)[0]
+            return not key or bool(ask("SELECT 1 FROM fits WHERE test = ? AND settings = ?", (test, key)))
+
+    def _refuse(self, source: Source, reason: str) -> None:
+        try:
+            stamp = source.stamp()
+        except OSError:  # it is gone meanwhile, and looked at again when it is there again
+            return
+        with self._database.change() as connection:
+            row = {"path": source.name, "files": "[]", "stamp": stamp, "test": None, "refusal": reason}
+            insert(connection, "sources", {**row, "version": __version__})
+
+    def _test_of(self, source: Source, machine: str, progress: StudyProgress) -> tuple[int, bool]:
+        """Number of the test, and whether it is new."""
+        stamp, identity = source.stamp(), source.identity()
+        with self._database.look() as ask:
+            known = ask(
+                "SELECT test FROM sources WHERE path = ? AND files = ? AND test NOT NULL", (source.name, identity)
+            )
+        row = None
+        if not known:
+            row = test_row(source, machine, progress)
+            if source.stamp() != stamp:
+                raise ValueError(f"{source.path} changed while it was read; it is read again when it stands still")
+        with self._database.change() as connection:
+            test = known[0][0] if known else None
+            is_new = False
+            if row is not None:
+                held = connection.execute("SELECT number FROM tests WHERE content = ?", (row["content"],)).fetchone()
+                is_new = held is None
+                test = insert(connection, "tests", row) if is_new else held[0]
+            connection.execute("UPDATE tests SET superseded = NULL WHERE number = ?", (test,))
+            self._supersede(connection, source, int(test or 0))
+            row = {"path": source.name, "files": identity, "stamp": stamp, "test": test, "refusal": ""}
+            insert(connection, "sources", {**row, "version": __version__})
+        return int(test or 0), is_new
+
+    def _supersede(self, connection: sqlite3.Connection, source: Source, test: int) -> None:
+        """Tests of earlier states of the source that it continues count no longer."""
+        earlier = connection.execute(
+            "SELECT DISTINCT test, files FROM sources WHERE path = ? AND test NOT NULL AND test != ?",
+            (source.name, test),
+        ).fetchall()
+        for other, identity in earlier:
+            if continues(source, json.loads(identity)[0]):
+                connection.execute("UPDATE tests SET superseded = ? WHERE number = ?", (test, other))
+
+    def _fit_of(self, test: int, study: Study, progress: StudyProgress) -> tuple[int, bool]:
+        """Number of the fit of a test, and whether it had to be made."""
+        key, text = settings_key(study)
+        found = self._fit_number(test, key)
+        if found is not None:
+            return found, False
+        with claimed(self._database, f"fit {test} {key}"):
+            found = self._fit_number(test, key)  # another process may have made it while this one waited
+            if found is not None:
+                return found, False
+            experiments = self.experiments(test)
+            outcome: Outcome | str
+            try:
+                outcome = identify(study, experiments, self._findings(test), progress)
+            except (ValueError, KeyError) as problem:
+                outcome = str(problem.args[0] if isinstance(problem, KeyError) and problem.args else problem)
+            return self._keep(test, key, text, study, outcome), True
+
+    def _fit_number(self, test: int, key: str) -> int | None:
+        """Number of a fit; what could not be fitted is tried again by another version."""
+        with self._database.look() as ask:
+            rows = ask(
+                "SELECT number FROM fits WHERE test = ? AND settings = ? AND (result NOT NULL OR version = ?)",
+                (test, key, __version__),
+            )
+        return int(rows[0][0]) if rows else None
+
+    def _findings(self, test: int) -> tuple[tuple[Finding, ...], ...]:
+        with self._database.look() as ask:
+            return stored_findings(ask("SELECT findings FROM tests WHERE number = ?", (test,))[0][0])
+
+    def _keep(self, test: int, key: str, text: str, study: Study, outcome: Outcome | str) -> int:
+        row = {**fit_row(outcome), "test": test, "settings": key}
+        values = () if isinstance(outcome, str) else values_of(outcome.best)
+        with self._database.change() as connection:
+            connection.execute("INSERT OR IGNORE INTO settings VALUES (?, ?, ?)", (key, study.model, text))
+            connection.execute("DELETE FROM fits WHERE test = ? AND settings = ?", (test, key))
+            number = insert(connection, "fits", row)
+            connection.executemany(
+                "INSERT INTO parameters VALUES (?, ?, ?, ?, ?, ?)", [(number, *value) for value in values]
+            )
+        return number
+
+    # ---- asking --------------------------------------------------------------------------------------------------
+
+    @property
+    def tests(self) -> tuple[StoredTest, ...]:
+        """All tests in order of arrival, superseded ones included."""
+        with self._database.look() as ask:
+            rows = ask(
+                "SELECT number, content, kind, readings, machine, date, date_given, conditions, findings, superseded "
+                "FROM tests ORDER BY number"
+            )
+            paths: dict[int, list[str]] = {}
+            for test, path in ask("SELECT DISTINCT test, path FROM sources WHERE test NOT NULL ORDER BY number"):
+                paths.setdefault(test, []).append(path)
+        return tuple(stored_test(row, paths.get(row[0], [])) for row in rows)
+
+    @property
+    def fits(self) -> tuple[StoredFit, ...]:
+        """All fits in order of their making."""
+        with self._database.look() as ask:
+            rows = ask(
+                "SELECT number, test, model, settings, success, message, redchi, findings, version "
+                "FROM fits JOIN settings ON key = settings ORDER BY number"
+            )
+            values: dict[int, dict[str, StoredValue]] = {}
+            for fit, name, *numbers, unit in ask("SELECT * FROM parameters"):
+                value, stderr, systematic = (math.nan if number is None else number for number in numbers)
+                stored = StoredValue(value=value, stderr=stderr, systematic=systematic, unit=unit)
+                values.setdefault(fit, {})[name] = stored
+        return tuple(stored_fit(row, values.get(row[0], {})) for row in rows)
+
+    def experiments(self, test: int) -> tuple[Experiment, ...]:
+        """The readings of a test.
+
+        Args:
+            test: its number.
+
+        Raises:
+            KeyError: no such test.
+            ValueError: it is damaged.
+        """
+        text = self._blob("SELECT data FROM tests WHERE number = ?", test, "test")
+        return tuple(decode(json.loads(text)))
+
+    def result(self, fit: int, *, model: RotorModel | None = None) -> FitResult:
+        """The whole result of a fit, to be plotted, sampled and judged as any other.
+
+        Args:
+            fit: its number.
+            model: the model, needed if it is one of your own.
+
+        Raises:
+            KeyError: no such fit, or one that could not be made.
+            ValueError: it is damaged.
+        """
+        text = self._blob("SELECT result FROM fits WHERE number = ?", fit, "fit")
+        return fit_from_json(text, model=model, source=f"fit {fit} of {self.path}")
+
+    def _blob(self, sql: str, number: int, what: str) -> str:
+        with self._database.look() as ask:
+            rows = ask(sql, (number,))
+        if not rows or rows[0][0] is None:
+            raise KeyError(f"{self.path} holds no {what} {number}")
+        return unpacked(rows[0][0], f"{what} {number} of {self.path}")
+
+    def history(
+        self,
+        *,
+        study: str | os.PathLike[str] | Mapping[str, Any] | Study | None = None,
+        machine: str | None = None,
+        since: str = "",
+    ) -> tuple[tuple[StoredTest, StoredFit], ...]:
+        """Tests that count with their fits by one study, in order of arrival.
+
+        Args:
+            study: settings of the fits; by default the only ones in the store.
+            machine: only tests of this one.
+            since: date, ISO 8601, from which on tests count.
+
+        Raises:
+            ValueError: fits by several settings, of which none is chosen, or a date that cannot be read.
+            KeyError: no such machine.
+        """
+        given = study_for_store(study)
+        key = self._only_settings() if given is None else settings_key(given)[0]
+        first = as_time(since, "since") if since else None
+        tests = {test.number: test for test in self.tests if test.superseded is None}
+        machines = sorted({test.machine for test in tests.values()})
+        if machine is not None and machine not in machines:
+            raise KeyError(unknown_name("machine", machine, machines))
+        pairs = [(tests[fit.test], fit) for fit in self.fits if fit.settings == key and fit.test in tests]
+        return tuple(
+            (test, fit)
+            for test, fit in sorted(pairs, key=lambda pair: pair[0].number)
+            if machine in (None, test.machine) and (first is None or as_time(test.date, test.sources[0]) >= first)
+        )
+
+    def _only_settings(self) -> str:
+        with self._database.look() as ask:
+            rows = ask("SELECT key, text FROM settings")
+        if len(rows) > 1:
+            texts = "; ".join(text for _, text in rows[:4])
+            raise ValueError(f"{self.path} holds fits by {len(rows)} settings, say which (study): {texts}")
+        return str(rows[0][0]) if rows else ""
+
+    def trend(
+        self,
+        names: str | Sequence[str] | None = None,
+        *,
+        study: str | os.PathLike[str] | Mapping[str, Any] | Study | None = None,
+        machine: str | None = None,
+        since: str = "",
+        false_alarm: float = 0.01,
+    ) -> MachineTrend:
+        """Follow fitted values over the dates of the tests, machine by machine; see :func:`rotorfit.trend`.
+
+        Fits that did not converge, and those of data with errors, are left out.
+
+        Args:
+            names: parameters, ``threshold_speed`` among them; by default K0, lam, D and that, where fits have them.
+            study: settings of the fits; by default the only ones in the store.
+            machine: only tests of this one.
+            since: date, ISO 8601, from which on tests count.
+            false_alarm: probability of finding a change in any machine where there is none.
+
+        Raises:
+            ValueError: no fit to follow, or values that the fits do not have.
+        """
+        entries = []
+        for test, fit in self.history(study=study, machine=machine, since=since):
+            if fit.good:
+                chosen = {name: fit.params[name] for name in followed(names, fit)}
+                values = {name: (value.value, value.stderr) for name, value in chosen.items()}
+                units = {name: value.unit for name, value in chosen.items()}
+                source = test.sources[0] if test.sources else f"test {test.number}"
+                entries.append(
+                    DatedValues(date=test.date, values=values, units=units, place=test.machine, source=source)
+                )
+        if not entries:
+            raise ValueError(f"{self.path} holds no fit to follow: none converged on data without errors")
+        return trend(entries, false_alarm=false_alarm)
+
+    def problems(self) -> tuple[str, ...]:
+        """What is damaged in the store: every page, every test against its hash, every fit."""
+        found = self._database.problems()
+        for test in self.tests:
+            try:
+                if content_hash(self.experiments(test.number)) != test.content:
+                    found.append(f"test {test.number}: its readings are not those that were added")
+            except ValueError as problem:
+                found.append(str(problem))
+        for fit in self.fits:
+            try:
+                stored = self.result(fit.number).params if math.isfinite(fit.redchi) else {}
+            except ValueError as problem:
+                found.append(str(problem))
+                continue
+            odd = [
+                n for n, p in fit.params.items() if n in stored and p.value == p.value and p.value != stored[n].value
+            ]
+            found += [f"fit {fit.number}: {', '.join(odd)} differ from the result"] * bool(odd)
+        return tuple(found)
+
+
+def study_for_store(study: str | os.PathLike[str] | Mapping[str, Any] | Study | None) -> Study | None:
+    """A study by its file, its keys, or itself."""
+    if study is None:
+        return None
+    if isinstance(study, Study):
+        found = study
+    elif isinstance(study, Mapping):
+        found = study_of(study, of_a_store=True)
+    else:
+        found = read_study(Path(study), of_a_store=True)
+    check_model(found)
+    return found
+
+
+def followed(names: str | Sequence[str] | None, fit: StoredFit) -> tuple[str, ...]:
+    """Names of the values of a fit that are followed: those asked for, else those of the fluid, else all."""
+    has = [name for name, value in fit.params.items() if value.stderr > 0 and math.isfinite(value.stderr)]
+    if names is None:
+        return tuple(name for name in _FOLLOWED if name in has) or tuple(has)
+    asked = (names,) if isinstance(names, str) else tuple(names)
+    for name in asked:
+        if name not in fit.params:
+            raise ValueError(unknown_name("value of the fits", name, list(fit.params)))
+    return tuple(name for name in asked if name in has)

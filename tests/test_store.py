@@ -1,0 +1,234 @@
+"""The store: every test once, every fit once, whoever writes and whatever is killed; damage is one sentence."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import random
+import re
+import signal
+import sqlite3
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from stored import STUDY, day, days
+
+import rotorfit as rf
+
+FORK = multiprocessing.get_context("fork")
+"""Processes that need not import everything again."""
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> rf.Store:
+    return rf.Store(tmp_path / "machine.db")
+
+
+def test_a_test_is_the_same_whatever_file_holds_it(store: rf.Store, tmp_path: Path) -> None:
+    """Another format, order of rows, name of the file: one test. One reading changed by 1e-6: another."""
+    test = day(0)
+    rf.write(test, tmp_path / "a.csv")
+    rf.write(test, tmp_path / "b.nc")
+    rf.write(test.select(np.random.default_rng(1).permutation(len(test))), tmp_path / "c.mat")
+    rf.to_dataframe(test).iloc[:, ::-1].to_csv(tmp_path / "d.csv", index=False)
+    added = store.add([tmp_path / name for name in ("a.csv", "b.nc", "c.mat", "d.csv")], STUDY)
+    assert [one.test for one in added] == [1, 1, 1, 1]
+    assert [one.new_fit for one in added] == [True, False, False, False]
+    assert len(store.tests[0].sources) == 4
+    response = test.response.copy()
+    response[3] *= 1 + 1e-6
+    rf.write(replace(test, response=response), tmp_path / "a.csv")
+    assert store.add([tmp_path / "a.csv"])[0].test == 2
+
+
+def test_the_fit_in_the_store_is_that_of_the_test(store: rf.Store, tmp_path: Path) -> None:
+    [file] = days(tmp_path, 1)
+    [added] = store.add([file], STUDY)
+    own = rf.fit(rf.models.OneMode(), rf.read(file), known=STUDY["known"])
+    fit = store.fits[0]
+    assert {name: p.value for name, p in fit.params.items() if name != "threshold_speed"} == {
+        name: p.value for name, p in own.params.items() if p.vary
+    }
+    assert fit.params["threshold_speed"].stderr == own.threshold_speed().stderr
+    assert np.array_equal(store.result(added.fit or 0).covar, own.covar)
+    assert store.tests[0].date == "2026-03-01"
+    assert store.problems() == ()
+
+
+def test_settings_are_the_same_in_any_order(store: rf.Store, tmp_path: Path) -> None:
+    [file] = days(tmp_path, 1)
+    (tmp_path / "study.toml").write_text(
+        'known = {K = 8000, Ds = 8}\nmodel = "one-mode"\nout = "x"\nmax_iterations = 200'
+    )
+    store.add([file], STUDY)
+    assert not store.add([file], tmp_path / "study.toml")[0].new_fit
+    assert store.add([file], {**STUDY, "known": {"Ds": 8.1, "K": 8000.0}})[0].new_fit
+    with pytest.raises(ValueError, match="holds fits by 2 settings, say which"):
+        store.trend()
+    assert len(store.history(study=STUDY)) == 1
+
+
+def test_a_file_that_is_completed_takes_the_place_of_its_part(store: rf.Store, tmp_path: Path) -> None:
+    """A copy that was cut at a line's end reads well; the same name with other data is another test."""
+    whole, file = tmp_path / "whole.csv", tmp_path / "latest.csv"
+    rf.write(day(0), whole)
+    text = whole.read_text().splitlines(keepends=True)
+    for lines in (60, None):
+        file.write_text("".join(text[:lines]))
+        store.add([file], STUDY)
+    assert [test.superseded for test in store.tests] == [2, None]
+    rf.write(day(1), file)
+    store.add([file], STUDY)
+    assert [test.superseded for test in store.tests] == [2, None, None]
+    assert [fit.test for _, fit in store.history()] == [2, 3]
+
+
+def test_one_bad_file_does_not_keep_the_others_out(run: Run, tmp_path: Path) -> None:
+    files = days(tmp_path, 2)
+    files[0].write_text("run,speed_rpm\n1,")
+    (tmp_path / "study.toml").write_text('model = "one-mode"\nknown = {Ds = 8.0, K = 8000.0}\n')
+    code, out, err = run(
+        "store", "add", tmp_path / "m.db", *files, tmp_path / "gone.csv", "--study", tmp_path / "study.toml"
+    )
+    assert code == 2
+    assert "day1.csv: test 1; fit 1: " in out
+    assert "day0.csv" in err
+    assert "gone.csv" in err
+    assert "Traceback" not in err
+    assert run("store", "list", tmp_path / "m.db")[1].count("fit 1: ") == 1
+
+
+def test_data_that_cannot_be_fitted_are_said_once(store: rf.Store, tmp_path: Path) -> None:
+    [file] = days(tmp_path, 1)
+    study = {"model": "overhung"}
+    assert store.add([file], study)[0].new_fit
+    assert not store.add([file], study)[0].new_fit
+    assert "journal" in store.fits[0].message
+    assert not store.fits[0].good
+    with pytest.raises(ValueError, match="no fit to follow"):
+        store.trend()
+
+
+# ---- several processes, and kills ----------------------------------------------------------------------------------
+
+
+def add_all(path: Path, files: list[Path]) -> None:
+    rf.Store(path).add(files, STUDY)
+
+
+def test_writers_side_by_side_fit_each_test_once(tmp_path: Path) -> None:
+    files = days(tmp_path, 4)
+    path = tmp_path / "machine.db"
+    writers = [FORK.Process(target=add_all, args=(path, random.Random(i).sample(files, 4))) for i in range(4)]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join()
+    assert [writer.exitcode for writer in writers] == [0] * 4
+    store = rf.Store(path)
+    assert len(store.tests) == len(store.fits) == 4
+    with sqlite3.connect(path) as connection:  # a fit that was made again would have taken another number
+        assert dict(connection.execute("SELECT * FROM sqlite_sequence")) == {"tests": 4, "fits": 4}
+        assert connection.execute("SELECT count(*) FROM claims").fetchone() == (0,)
+
+
+def test_killed_at_any_instant_loses_nothing_and_leaves_nothing_half(tmp_path: Path) -> None:
+    """Pairs of writers are killed at random moments again and again; what one has reported is there ever after."""
+    files = days(tmp_path, 6)
+    path, chance = tmp_path / "machine.db", random.Random(3)
+    seen: set[str] = set()
+    for _ in range(8):
+        writers = [FORK.Process(target=add_all, args=(path, chance.sample(files, 6))) for _ in range(2)]
+        for writer in writers:
+            writer.start()
+        time.sleep(chance.uniform(0.0, 0.25))
+        for writer in writers:
+            os.kill(writer.pid or 0, signal.SIGKILL)
+            writer.join()
+        store = rf.Store(path)
+        assert store.problems() == ()
+        now = {test.content for test in store.tests}
+        assert seen <= now
+        seen = now
+    add_all(path, files)
+    store = rf.Store(path)
+    assert store.problems() == ()
+    assert len(store.tests) == len(store.fits) == 6
+    quiet = rf.Store(tmp_path / "quiet.db")
+    quiet.add(files, STUDY)
+    values = [{t.content: f.params["D"].value for t, f in one.history()} for one in (store, quiet)]
+    assert values[0] == values[1]
+
+
+# ---- files that are no store, or none that may be written -----------------------------------------------------------
+
+
+def damaged(path: Path, files: list[Path]) -> None:
+    rf.Store(path).add(files, STUDY)
+    content = bytearray(path.read_bytes())
+    for place in range(5000, len(content) - 200, 4096):
+        content[place : place + 64] = bytes(64)
+    path.write_bytes(content)
+
+
+def newer(path: Path, _: list[Path]) -> None:
+    rf.Store(path)
+    with sqlite3.connect(path) as connection:
+        connection.execute("PRAGMA user_version = 99")
+
+
+def foreign(path: Path, _: list[Path]) -> None:
+    with sqlite3.connect(path) as connection:
+        connection.execute("CREATE TABLE tests (number INTEGER)")
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda path, files: path.write_text("run,speed_rpm\n" * 100), "is not a store of tests, or is damaged"),
+        (lambda path, files: path.mkdir(), "is a folder; a store is one file"),
+        (newer, "written by a newer rotorfit"),
+        (foreign, "database of another program"),
+        (damaged, "damaged|malformed|not those that were added"),
+    ],
+    ids=["text", "folder", "newer", "foreign", "damaged"],
+)
+def test_what_is_no_store_is_one_sentence(make: Callable[..., Any], said: str, run: Run, tmp_path: Path) -> None:
+    files = days(tmp_path, 1)
+    make(tmp_path / "m.db", files)
+    for words in (["add", tmp_path / "m.db", *files], ["list", tmp_path / "m.db"], ["check", tmp_path / "m.db"]):
+        code, out, err = run("store", *words)
+        if make is not damaged or words[0] == "check":
+            assert code == 2
+            assert re.search(said, out + err), out + err
+        assert "Traceback" not in err
+
+
+def test_an_output_that_is_an_input_is_refused(run: Run, tmp_path: Path) -> None:
+    [file] = days(tmp_path, 1)
+    before = file.read_bytes()
+    assert run("store", "add", file, file)[0] == 2
+    assert file.read_bytes() == before
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root may write everywhere")
+def test_a_store_in_a_read_only_folder_is_read(run: Run, tmp_path: Path) -> None:
+    files = days(tmp_path, 1)
+    folder = tmp_path / "archive"
+    folder.mkdir()
+    rf.Store(folder / "m.db").add(files, STUDY)
+    folder.chmod(0o555)
+    try:
+        assert run("store", "list", folder / "m.db")[0] == 0
+        code, _, err = run("store", "add", folder / "m.db", *files)
+        assert (code, "read-only" in err) == (2, True)
+        code, _, err = run("store", "add", folder / "new.db", *files)
+        assert (code, "read-only" in err) == (2, True)
+    finally:
+        folder.chmod(0o755)
