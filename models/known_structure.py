@@ -77,7 +77,7 @@ class KnownStructure(RotorModel):
         given = {kind: matrix for kind, matrix in zip("MCGK", (M, C, G, K), strict=True) if matrix is not None}
         matrices, place = complex_matrices(given, dofs)
         parts = [_part(name, part, matrices, dofs) for name, part in (scales or {}).items()]
-        self.planes = tuple(planes)
+        self.planes, self._nodes = tuple(planes), dict(planes)
         self.tilts = _some(tilts, self.planes, "tilts")
         self.fluid = _some(fluid, self.planes, "fluid")
         self.supports = _some(supports, self.planes, "supports")
@@ -133,6 +133,11 @@ class KnownStructure(RotorModel):
             for name in scales
         )
         return (*springs, *dampers, *fluids, *self.law.parameters, *factors)
+
+    @property
+    def nodes(self) -> dict[str, int]:
+        """Node of each plane, counted from zero."""
+        return dict(self._nodes)
 
     @property
     def dampers(self) -> tuple[str, ...]:

@@ -313,3 +313,97 @@ def test_words_that_make_no_shaft(rig, capsys, monkeypatch, words, message):
     monkeypatch.chdir(rig)
     assert code_of(["fit", "rig.csv", *words]) == 2
     assert message in capsys.readouterr().err
+
+
+# ---- back into ROSS --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def fit(rig):
+    return rf.fit(from_file("2.3.0"), rf.read(rig / "rig.csv"))
+
+
+def test_a_rotor_with_the_fitted_element_is_the_fitted_rotor(ross, rotor, fit, tmp_path):
+    """ROSS's responses are the fit's to 1e-8, its eigenvalues cross the axis at the fit's threshold to 1e-6."""
+    from scipy.optimize import brentq
+
+    onset = fit.threshold_speed().value
+    speeds = np.linspace(0.0, 1.5 * onset, 7)
+    element = fit.to_ross(speeds)["oil"]
+    assert element.line == int(ross.__version__.partition(".")[0])
+    element.save(tmp_path / "oil.toml")
+    element.save(tmp_path / "oil.json")
+    others = [e for e in rotor.bearing_elements if e.tag != "oil"]
+    for made in (
+        element.build(),
+        ross.BearingElement.load(tmp_path / "oil.toml"),
+        ross.BearingElement.load(tmp_path / "oil.json"),
+    ):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            whole = ross.Rotor(rotor.shaft_elements, rotor.disk_elements, [*others, made])
+        at = [6 * node + axis for node in (2, 4) for axis in (0, 1)]
+        for frequency in (60.0, 250.0, 700.0):
+            H = whole.transfer_matrix(speed=speeds[2], frequency=frequency)[np.ix_(at, at)]
+            mine = fit.model.receptance(fit.theta(), frequency, speeds[2])
+            np.testing.assert_allclose(directional(H), mine, rtol=1e-8)
+
+    def growth(speed):
+        s = np.linalg.eigvals(whole.A(speed=speed, frequency=speed))
+        return s[np.abs(s.imag) < 5 * onset].real[np.abs(s[np.abs(s.imag) < 5 * onset]) > 1.0].max()
+
+    assert brentq(growth, 0.9 * onset, 1.1 * onset, rtol=1e-10) == pytest.approx(onset, rel=1e-6)
+
+
+def test_what_the_table_is_called_belongs_to_the_line_of_ross(fit):
+    speeds = np.linspace(0.0, 600.0, 7)
+    older, newer = (fit.to_ross(speeds, version=version)["oil"] for version in ("2.3", "3.1"))
+    assert "frequency" in older.arguments
+    assert "speed" in newer.arguments
+    assert {"frequency", "speed"} & set(older.arguments) == {"frequency"}
+    assert "Not for ROSS 3.x or later" in str(older)
+    p = {name: fit.params[name].value for name in fit.params}
+    at = newer.arguments
+    np.testing.assert_allclose(at["cxy"], 2 * p["lam"] * np.array(at["speed"]) * p["Mf"], rtol=1e-12)
+    np.testing.assert_allclose(at["kxx"], p["K0"] - p["Mf"] * (p["lam"] * np.array(at["speed"])) ** 2, rtol=1e-12)
+    # Halfway between two speeds ROSS 3.x misses what is quadratic; the finer the table the less.
+    finer = fit.to_ross(np.linspace(0.0, 600.0, 61), version="3.1")["oil"]
+    assert older.between < 1e-12
+    assert finer.between < newer.between / 10 < 0.1
+
+
+def test_supports_become_elements_of_their_own():
+    model = from_file("2.3.0", damping="disk")
+    odd = rf.models.Orthotropic(KnownStructure.from_ross(FILES / "shaft-2.3.0.mat", planes=PLANES, supports="oil"))
+    from rotorfit.io.shafts.ross_elements import ross_elements
+
+    common = {"speeds": [0, 1, 2, 3, 4], "version": 3, "nodes": None, "element": "seal", "eccentricity": 0.0}
+    both = ross_elements(model, model.vector({"Ds": 4.0, "K0": 1e4, "D": 5.0, "lam": 0.4, "Mf": 0.1}), **common)
+    assert both["disk"].arguments == {"n": 2, "kxx": 0.0, "cxx": 4.0, "cyy": 4.0, "tag": "disk"}
+    assert both["oil"].kind == "SealElement"
+    theta = odd.vector({"Ks": 1e5, "Ds": 20.0, "dKs": 2e4, "dDs": 4.0})
+    support = ross_elements(odd, theta, **common)["oil"].arguments
+    assert support == {"n": 4, "kxx": 1.1e5, "kyy": 0.9e5, "cxx": 22.0, "cyy": 18.0, "tag": "oil"}
+
+
+@pytest.mark.parametrize(
+    ("speeds", "options", "message"),
+    [
+        ([0, 1, 2, 3], {}, "at least 5 different ones"),
+        ([0, 1, 2, 3, np.nan], {}, "at least 5"),
+        ([-1, 0, 1, 2, 3], {}, "from zero"),
+        ([0, 1, 2, 3, 4], {"version": "latest"}, "version is 'latest'"),
+        ([0, 1, 2, 3, 4], {"element": "disk"}, "element is 'disk'"),
+    ],
+)
+def test_elements_that_cannot_be(fit, speeds, options, message):
+    with pytest.raises(ValueError, match=message):
+        fit.to_ross(speeds, **{"version": "3.1", **options})
+
+
+def test_an_element_is_built_by_its_own_line_alone(fit, ross, tmp_path):
+    other = "2.3" if ross.__version__[0] == "3" else "3.1"
+    with pytest.raises(ValueError, match=f"for ROSS {other[0]}.x, and ROSS is of version"):
+        fit.to_ross([0, 100, 200, 300, 400], version=other)["oil"].build()
+    with pytest.raises(ValueError, match=r"\.toml or \.json"):
+        fit.to_ross([0, 100, 200, 300, 400])["oil"].save(tmp_path / "oil.csv")

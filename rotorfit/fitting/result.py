@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from rotorfit.fitting.assumptions.anisotropy import TurningAnisotropy
     from rotorfit.fitting.assumptions.assumption_table import Assumptions
     from rotorfit.fitting.assumptions.calibration import Uncertainty
+    from rotorfit.io.shafts.ross_elements import ElementKind, RossElement
     from rotorfit.uncertainty.bootstrap import Bootstrap
     from rotorfit.uncertainty.budget import Budget
     from rotorfit.uncertainty.jackknife import Jackknife
@@ -646,6 +647,52 @@ class FitResult:
         from rotorfit.fitting.fit_file import save_fit
 
         save_fit(self, path)
+
+    def to_ross(
+        self,
+        speeds: ArrayLike,
+        *,
+        version: str | int | None = None,
+        nodes: Mapping[str, int] | None = None,
+        element: ElementKind = "bearing",
+        at: Mapping[str, Any] | None = None,
+        eccentricity: float = 0.0,
+    ) -> dict[str, RossElement]:
+        """Bearings or seals for the ROSS package: the fitted fluid, and what else was fitted at a known shaft's planes.
+
+        The table holds ``kxx = K0 - Mf lam^2 Om^2``, ``kxy = -kyx = D lam Om``, ``cxx = D``, ``mxx = Mf`` and
+        ``cxy = -cyx = 2 lam Om Mf`` at the given speeds and at the threshold speed, where that lies among them.
+
+        Args:
+            speeds: rotative speeds, rad/s, at least five.
+            version: of ROSS, "2.3" or "3.1", by default the one that is installed. A table over speed is called
+                ``frequency`` up to 2.x and ``speed`` from 3.0 on, and each line takes the other's for something else.
+            nodes: node of the ROSS rotor at each plane, for models that do not know it.
+            element: "bearing" or "seal".
+            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
+                per attribute.
+            eccentricity: orbit radius over clearance, for models with a law.
+
+        Returns:
+            elements by plane: ``.build()`` makes the ROSS object, ``.save(path)`` writes a file for it.
+
+        Raises:
+            ValueError: fewer speeds, a model without fluid, planes without a node, no version where none is installed.
+
+        Example:
+            >>> element = fit.to_ross([0, 50, 100, 200, 300], version="3.1", nodes={"journal": 14})["journal"]
+            >>> sorted(element.arguments)[:5]
+            ['cxx', 'cxy', 'cyx', 'cyy', 'kxx']
+        """
+        from rotorfit.io.shafts.ross_elements import ross_elements
+
+        rows, onset = np.asarray(speeds, dtype=float), self.onset(self.group(at))
+        if onset is not None and rows.size and rows.min() < onset.speed < rows.max():
+            rows = np.append(rows, onset.speed)
+        theta = self.theta(at)
+        return ross_elements(
+            self.model, theta, rows, version=version, nodes=nodes, element=element, eccentricity=eccentricity
+        )
 
     # ---- posterior, imported when asked for --------------------------------------------------------------------------
 
