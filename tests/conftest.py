@@ -6,13 +6,15 @@ import gc
 import os
 import shutil
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 if TYPE_CHECKING:
+    from browser import Browser
+
     from rotorfit.fitting.result import FitResult
     from rotorfit.fitting.structure.refine import Refinement
 
@@ -66,16 +68,32 @@ def rig_refinement(rig_fit: FitResult) -> Refinement:
     return refine(rig_fit)
 
 
+def chromium_program() -> str:
+    """The browser; the test is skipped without one, or fails where ROTORFIT_BROWSER=required says so."""
+    browser = shutil.which("chromium")
+    if browser is None:
+        missing = "these tests drive the browser chromium: install it (Debian package chromium)"
+        pytest.fail(missing) if os.environ.get("ROTORFIT_BROWSER") == "required" else pytest.skip(missing)
+    return browser
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    """A headless browser that is driven with mouse and keyboard; skips as ``chromium`` does."""
+    from browser import Browser
+
+    driven = Browser(chromium_program(), tmp_path_factory.mktemp("profile"))
+    yield driven
+    driven.close()
+
+
 @pytest.fixture
 def chromium(tmp_path: Path) -> Callable[..., tuple[str, list[str]]]:
     """Run a headless browser: what it printed, and the lines of its console.
 
     Skips on a machine without one, unless ROTORFIT_BROWSER=required says that there has to be one.
     """
-    browser = shutil.which("chromium")
-    if browser is None:
-        missing = "these tests drive the browser chromium: install it (Debian package chromium)"
-        pytest.fail(missing) if os.environ.get("ROTORFIT_BROWSER") == "required" else pytest.skip(missing)
+    browser = chromium_program()
 
     def call(page: Path, *options: str) -> tuple[str, list[str]]:
         options = (

@@ -38,6 +38,7 @@ FLOORS = (
     ("planning", "report"),
     ("studies",),
     ("store",),
+    ("app",),
     ("cli",),
 )
 """Rooms from the ground up; the third floor's are files. Imports go down, and none between rooms of a floor."""

@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from rotorfit.cli.errors import BadInputError, sentence
+from rotorfit.cli.errors import BadInputError
 from rotorfit.data.findings import Finding, attributed, errors_in, warnings_in
-from rotorfit.studies.wording import spoken
+from rotorfit.studies.wording import sentence, spoken
 
 
 def give(

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from enum import IntEnum
 from typing import TypeVar
 
+from rotorfit.studies.wording import sentence
+
 
 class ExitCode(IntEnum):
     """Exit codes of the commands."""
@@ -21,15 +23,6 @@ T = TypeVar("T")
 
 class BadInputError(Exception):
     """Something in the user's hands is wrong; the message says what, where and what to do."""
-
-
-def sentence(problem: BaseException) -> str:
-    """Message of an exception as a person would write it."""
-    if isinstance(problem, KeyError) and problem.args:
-        return str(problem.args[0])  # str() of a KeyError puts quotes around the sentence
-    if isinstance(problem, OSError) and problem.strerror:
-        return f"{problem.filename}: {problem.strerror}" if problem.filename else problem.strerror
-    return str(problem)
 
 
 def checked(work: Callable[[], T]) -> T:

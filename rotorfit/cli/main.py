@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from rotorfit.cli import (
     balance,
+    browser,
     campaign,
     join,
     judge,
@@ -40,10 +41,10 @@ from rotorfit.cli.arguments import (
     data_files,
     fit_study,
 )
-from rotorfit.cli.errors import BadInputError, ExitCode, checked, sentence
+from rotorfit.cli.errors import BadInputError, ExitCode, checked
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.estimators.atomic_file import protected_inputs
-from rotorfit.studies.wording import in_options, spoken
+from rotorfit.studies.wording import in_options, sentence, spoken
 from rotorfit.version import __version__
 
 if TYPE_CHECKING:
@@ -214,6 +215,7 @@ COMMANDS = {
     "vectors": vectors.run,
     "join": join.run,
     "balance": balance.run,
+    "open": browser.run,
     "models": _models,
     "info": _info,
     "completion": _completion,
@@ -231,6 +233,7 @@ _MODULES = (
     ("plan", plan),
     ("judge", judge),
     ("store", store),
+    ("open", browser),
 )
 
 

@@ -68,11 +68,12 @@ def add_options(to: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do what the command line says; returns the exit code."""
-    from rotorfit.cli.errors import BadInputError, ExitCode, checked, sentence
+    from rotorfit.cli.errors import BadInputError, ExitCode, checked
     from rotorfit.diagnosis.check import check
     from rotorfit.io.files import read, write
     from rotorfit.simulation.integration import IntegrationError
     from rotorfit.studies.text import describe_test
+    from rotorfit.studies.wording import sentence
 
     if options.recordings is not None:
         paths = checked(lambda: _recorded(options))

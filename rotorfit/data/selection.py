@@ -37,6 +37,20 @@ def selected(
     return test if keep.all() else cast(Test, test.select(keep))
 
 
+def without(test: Test, numbers: Sequence[int]) -> Test:
+    """The test without some readings, by number from 1."""
+    wrong = [number for number in numbers if not 1 <= number <= len(test)]
+    if wrong:
+        raise ValueError(
+            f"skip: there is no reading {wrong[0]} in {test.source or 'the test'}, of {len(test)} readings"
+        )
+    keep = np.ones(len(test), dtype=bool)
+    keep[np.asarray(numbers, dtype=np.intp) - 1] = False
+    if not keep.any():
+        raise ValueError(f"{test.source or 'the test'}: no reading is left after skip (of {len(test)})")
+    return test if keep.all() else cast(Test, test.select(keep))
+
+
 def _values(test: Experiment, name: str) -> NDArray[Any]:
     own = [n for n in ("plane", "direction", "force_plane") if hasattr(test, n)]
     known = ["run", "speed_rpm", *own, *test.attributes]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +21,7 @@ from rotorfit.data.probes import (
     resolve_probe_angles,
     subtract_measured_slow_roll,
 )
-from rotorfit.data.selection import Wanted, selected
+from rotorfit.data.selection import Wanted, selected, without
 from rotorfit.data.synchronous import uneven_weights
 from rotorfit.data.weights import differenced
 from rotorfit.estimators.atomic_file import note_input, refuse_input, whole_file
@@ -66,6 +66,7 @@ def read(
     where: Mapping[str, Wanted] | None = None,
     exclude: Mapping[str, Wanted] | None = None,
     drop_near_1x: float = 0.0,
+    skip: Sequence[int] = (),
     on_finding: Callable[[Finding], None] | None = None,
 ) -> Experiment:
     """Read a test: CSV (.csv .tsv .txt), Excel (.xlsx .xlsm), universal file (.uff .unv), netCDF (.nc) or MAT 5 (.mat).
@@ -94,6 +95,7 @@ def read(
         constants: columns that a table does not have, with one value throughout, ``{"force_plane": "journal"}``.
         axes: which directions of a universal file are x and y; ``"yz"`` for a shaft along its x axis.
         where, exclude, drop_near_1x: readings to keep, :func:`rotorfit.data.selection.selected`.
+        skip: numbers of readings to leave out, counted from 1 in the test as it is read without this option.
         on_finding: called with what was left out of a table, such as empty readings; by default it is warned of.
 
     Raises:
@@ -121,6 +123,13 @@ def read(
         "probe_angles": probe_angles,
     }
     given = {name: value for name, value in options.items() if value is not None}
+    return without(_as_measured(test, given, difference, on_finding), skip)
+
+
+def _as_measured(
+    test: Experiment, given: Mapping[str, Any], difference: bool, on_finding: Callable[[Finding], None] | None
+) -> Experiment:
+    """The test with its probes corrected, and its synchronous runs differenced."""
     if isinstance(test, PerturbationTest):
         test = _corrected(test, **given)
         if not (difference and test.synchronous):
@@ -156,7 +165,7 @@ def _tell_uneven(test: PerturbationTest, on_finding: Callable[[Finding], None] |
         "one of the two is told wrong, and all masses, stiffnesses and dampings with it."
     )
     if on_finding is None:
-        warnings.warn(message, stacklevel=4)
+        warnings.warn(message, stacklevel=5)
     else:
         on_finding(Finding("warning", "uneven-weights", message))
 

@@ -86,21 +86,26 @@ def write_report(
         findings=findings,
         profiles=profiles,
         bootstrap=bootstrap,
-        shares=_shares(fit) if shares is None else shares,
+        shares=shares_of(fit) if shares is None else shares,
         operating_speed=operating_speed,
         figure_format=figure_format,
         recordings=recordings,
         turns=turns,
     )
     _check(material)
-    text = document(material, title or f"Rotor identification: {fit.model.name}")
+    text = document(material, title or title_of(fit))
     if figures is not None:
         for name, png in material.pictures.items():
             write_whole(Path(figures) / f"{name}.{figure_format}", png)
     return write_whole(Path(path), text.encode())
 
 
-def _shares(fit: FitResult) -> Mapping[str, tuple[float, float]]:
+def title_of(fit: FitResult) -> str:
+    """The heading that a report has unless it is given another."""
+    return f"Rotor identification: {fit.model.name}"
+
+
+def shares_of(fit: FitResult) -> Mapping[str, tuple[float, float]]:
     """Random and systematic standard uncertainty by parameter, by calibration and assumptions."""
     calibrated = _calibration_shares(fit)
     found = {}

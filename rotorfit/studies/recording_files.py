@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from rotorfit.data.selection import without
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -24,6 +26,7 @@ class RecordingFiles:
     windows: int | None = None  # track by windows of so many whole turns, see ``turns`` of :func:`rotorfit.responses`
     lines: bool = False  # reduce them to the combination lines of a shaft that is not round
     runout_um: float | None = None  # see :func:`rotorfit.shaft_lines`
+    skip: tuple[int, ...] = ()  # numbers of vectors to leave out, counted from 1 through all tests that come of them
 
     @property
     def path(self) -> Path:
@@ -54,12 +57,26 @@ class RecordingFiles:
 
         records = self.open(progress)
         if not self.lines:
-            return recorded_tests(
+            tests = recorded_tests(
                 records, turns=self.windows, executor=executor, on_finding=on_finding, progress=progress
             )
+            return _without(tests, self.skip)
         progress("finding combination lines")
         test = shaft_lines(records, runout_um=self.runout_um)
         for record in records:
             for finding in record.findings:
                 on_finding(finding)
-        return (test,)
+        return _without((test,), self.skip)
+
+
+def _without(tests: tuple[Experiment, ...], numbers: Sequence[int]) -> tuple[Experiment, ...]:
+    """Tests without some vectors, by number from 1 through all of them."""
+    count = sum(len(test) for test in tests)
+    if wrong := [number for number in numbers if number > count]:
+        raise ValueError(f"skip: there is no vector {wrong[0]} in the recordings, of {count} vectors")
+    kept, before = [], 0
+    for test in tests:
+        own = [number - before for number in numbers if before < number <= before + len(test)]
+        before += len(test)
+        kept.append(without(test, own))
+    return tuple(kept)

@@ -38,21 +38,37 @@ def write_outcome(
     best.save(folder / "fit.json")
     if outcome.posterior is not None:
         outcome.posterior.save(folder / "posterior.nc")
-    recorded = [files for files in outcome.study.files if isinstance(files, RecordingFiles)]
     progress("drawing the report")
     write_report(
         best,
         folder / "report.html",
-        refinement=outcome.refinement,
-        findings=outcome.findings,
-        posterior=outcome.posterior,
-        profiles=outcome.profiles,
-        bootstrap=outcome.bootstrap,
         figures=folder,
         figure_format=figure_format,
-        recordings=[record for files in recorded for record in files.open(progress)],
-        turns=next((files.windows for files in recorded), None),
+        **_report_parts(outcome, progress),
     )
+
+
+def report_text(outcome: Outcome, progress: StudyProgress) -> str:
+    """The report as it would be written."""
+    from rotorfit.report.material import ReportInput
+    from rotorfit.report.write import document, shares_of, title_of
+
+    best = outcome.best
+    return document(ReportInput(fit=best, shares=shares_of(best), **_report_parts(outcome, progress)), title_of(best))
+
+
+def _report_parts(outcome: Outcome, progress: StudyProgress) -> dict[str, Any]:
+    """All that a study has for its report beside the fit."""
+    recorded = [files for files in outcome.study.files if isinstance(files, RecordingFiles)]
+    return {
+        "refinement": outcome.refinement,
+        "findings": outcome.findings,
+        "posterior": outcome.posterior,
+        "profiles": outcome.profiles,
+        "bootstrap": outcome.bootstrap,
+        "recordings": [record for files in recorded for record in files.open(progress)],
+        "turns": next((files.windows for files in recorded), None),
+    }
 
 
 def _write_csv(path: Path, rows: Iterable[Sequence[Any]]) -> None:

@@ -13,6 +13,9 @@
     sample = true
     seed = 1
     profile = ["lam", "threshold_speed"]
+
+Recordings are a table in ``files`` too, ``{recordings = ["a.h5", "b.h5"], setup = "rig.toml"}``; ``skip`` of a table
+leaves out readings by number.
 """
 
 from __future__ import annotations
@@ -20,15 +23,17 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from rotorfit.estimators.file_reading import read_toml, reading
 from rotorfit.models import KnownStructure
 from rotorfit.models.parameters import unknown_name
-from rotorfit.options.kinds import Parser, flag, number, pair, table, text
+from rotorfit.options.kinds import Parser, count, flag, number, pair, table, text
 from rotorfit.options.table import FIT
 from rotorfit.studies.data_files import DataFile
+from rotorfit.studies.recording_files import RecordingFiles
 from rotorfit.studies.study import Study
 from rotorfit.units import RAD_S_PER_RPM
 
@@ -59,12 +64,19 @@ def study_of(content: Mapping[str, Any], base: Path = Path(), *, of_a_store: boo
         if key not in content:
             raise ValueError(f"the key {key!r} is missing")
     settings = {"files": (), **{key: _KEYS[key](key, value) for key, value in content.items()}}
-    settings["files"] = tuple(DataFile(base / file.path, file.options) for file in settings["files"])
+    settings["files"] = tuple(_in_folder(file, base) for file in settings["files"])
     if "out" in settings:
         settings["out"] = base / settings["out"]
     if "structure" in settings:
         settings["structure"] = str(base / settings["structure"])
     return Study(**settings)
+
+
+def _in_folder(file: DataFile | RecordingFiles, base: Path) -> DataFile | RecordingFiles:
+    if isinstance(file, DataFile):
+        return replace(file, path=base / file.path)
+    paths = tuple(base / path for path in file.paths)
+    return replace(file, paths=paths, setup=None if file.setup is None else base / file.setup)
 
 
 def _refuse_unknown(given: Iterable[str], allowed: Iterable[str]) -> None:
@@ -132,6 +144,13 @@ def _constants(key: str, value: Any) -> dict[str, str | float]:
     return dict(value)
 
 
+def _numbers(key: str, value: Any) -> tuple[int, ...]:
+    """Numbers of readings, from 1."""
+    if not isinstance(value, list):
+        raise ValueError(f"{key} must be a list of numbers of readings, counted from 1; got {value!r}")
+    return tuple(count(key, item) for item in value)
+
+
 _READ_KEYS: dict[str, tuple[str, Parser]] = {
     "gains": ("gains", _channels(_polar)),
     "delays_s": ("delays", _channels(number)),
@@ -148,15 +167,38 @@ _READ_KEYS: dict[str, tuple[str, Parser]] = {
     "where": ("where", _selection),
     "exclude": ("exclude", _selection),
     "drop_near_1x": ("drop_near_1x", number),
+    "skip": ("skip", _numbers),
 }
 """Keys beside ``path`` in a file's table: option of :func:`rotorfit.read`, and what its value must be."""
 
 
-def _file(key: str, value: Any) -> DataFile:
+def _paths(key: str, value: Any) -> tuple[Path, ...]:
+    if not isinstance(value, list) or not value:
+        raise ValueError(f"{key} must be a list of at least one file, got {value!r}")
+    return tuple(Path(text(key, item)) for item in value)
+
+
+_RECORDED_KEYS: dict[str, tuple[str, Parser]] = {
+    "recordings": ("paths", _paths),
+    "setup": ("setup", lambda key, value: Path(text(key, value))),
+    "windows": ("windows", count),
+    "skip": ("skip", _numbers),
+}
+"""Keys of a table of recordings: field of :class:`RecordingFiles`, and what its value must be."""
+
+
+def _file(key: str, value: Any) -> DataFile | RecordingFiles:
     if isinstance(value, str):
         return DataFile(Path(text(key, value)))
+    if isinstance(value, dict) and "recordings" in value:
+        _refuse_unknown(value, _RECORDED_KEYS)
+        return RecordingFiles(
+            **{_RECORDED_KEYS[name][0]: _RECORDED_KEYS[name][1](f"{key}.{name}", item) for name, item in value.items()}
+        )
     if not isinstance(value, dict) or "path" not in value:
-        raise ValueError(f"{key} must be paths, or tables with a path and read options; got {value!r}")
+        raise ValueError(
+            f"{key} must be paths, tables with a path and read options, or tables with recordings; got {value!r}"
+        )
     options = {name: item for name, item in value.items() if name != "path"}
     _refuse_unknown(options, _READ_KEYS)
     return DataFile(
@@ -165,7 +207,7 @@ def _file(key: str, value: Any) -> DataFile:
     )
 
 
-def _files(key: str, value: Any) -> tuple[DataFile, ...]:
+def _files(key: str, value: Any) -> tuple[DataFile | RecordingFiles, ...]:
     if not isinstance(value, list) or not value:
         raise ValueError(f"{key} must be a list of at least one file, got {value!r}")
     return tuple(_file(key, item) for item in value)

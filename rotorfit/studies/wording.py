@@ -44,3 +44,12 @@ def spoken(text: str) -> str:
     for python, option in _SPOKEN:
         text = re.sub(python, option, text)
     return text
+
+
+def sentence(problem: BaseException) -> str:
+    """Message of an exception as a person would write it."""
+    if isinstance(problem, KeyError) and problem.args:
+        return str(problem.args[0])  # str() of a KeyError puts quotes around the sentence
+    if isinstance(problem, OSError) and problem.strerror:
+        return f"{problem.filename}: {problem.strerror}" if problem.filename else problem.strerror
+    return str(problem)

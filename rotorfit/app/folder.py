@@ -1,0 +1,60 @@
+"""The one folder that a server reads from and writes to, and what in it can be opened."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rotorfit.io.files import SUFFIXES
+from rotorfit.io.tables.cells import EXCEL
+from rotorfit.recordings.formats.files import FORMATS
+
+_MOST_FILES = 500
+"""Files that a list shows. Chosen: more are no list to choose from."""
+
+
+@dataclass(frozen=True)
+class Folder:
+    """A folder; nothing outside of it is read or written."""
+
+    root: Path  # absolute, without symbolic links
+
+    def path(self, name: str) -> Path:
+        """A file of the folder by its path in it."""
+        found = Path(os.path.realpath(self.root / name))
+        if not found.is_relative_to(self.root):
+            raise ValueError(f"{name} is not within {self.root}, the folder that rotorfit was opened for")
+        return found
+
+    def data_files(self) -> list[str]:
+        """Test files and recordings, as paths in the folder."""
+        return self._named((*SUFFIXES, *EXCEL, *FORMATS))
+
+    def setups(self) -> list[str]:
+        """Files that may be setups of a rig."""
+        return self._named((".toml",))
+
+    def _named(self, suffixes: Sequence[str]) -> list[str]:
+        return sorted(name for name, _ in zip(self._walk(suffixes), range(_MOST_FILES), strict=False))
+
+    def _walk(self, suffixes: Sequence[str]) -> Iterator[str]:
+        for place, folders, files in os.walk(self.root):
+            folders[:] = sorted(name for name in folders if not name.startswith("."))
+            for file in sorted(files):
+                if not file.startswith(".") and Path(file).suffix.lower() in suffixes:
+                    path = Path(place, file)
+                    if Path(os.path.realpath(path)).is_relative_to(self.root):
+                        yield path.relative_to(self.root).as_posix()
+
+
+def folder_of(files: Sequence[Path]) -> tuple[Folder, tuple[str, ...]]:
+    """The folder that holds some files, and their paths in it; a folder among the files stands for itself."""
+    for file in files:
+        if not file.exists():
+            raise FileNotFoundError(f"{file}: No such file or directory")
+    real = [Path(os.path.realpath(file)) for file in files] or [Path.cwd().resolve()]
+    above = [path if path.is_dir() else path.parent for path in real]
+    root = Path(os.path.commonpath(above))
+    return Folder(root), tuple(path.relative_to(root).as_posix() for path in real if not path.is_dir())

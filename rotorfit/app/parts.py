@@ -1,0 +1,70 @@
+"""Small parts of the page: markup, buttons, lists and messages of one look."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib.resources import files
+from io import BytesIO
+from typing import Any
+
+import panel as pn
+
+from rotorfit.data.findings import Finding
+from rotorfit.report.html import Html, element, join
+
+STYLE = files("rotorfit.app").joinpath("page.css").read_text(encoding="utf-8")
+"""Look of all markup."""
+WIDE = {"sizing_mode": "stretch_width"}
+"""A part that takes the width of the page."""
+
+
+def markup(*content: str) -> Any:
+    """Text and markup as a part of the page."""
+    return pn.pane.HTML(join(content), stylesheets=[STYLE], margin=(0, 10), **WIDE)
+
+
+def heading(text: str) -> Any:
+    """Heading of a section."""
+    return markup(element("h2", text))
+
+
+def message(text: str, kind: str = "") -> Any:
+    """A sentence that stands out: ``error``, ``warning``, ``good`` or neither."""
+    return markup(element("div", text, class_=f"said {kind}".strip()))
+
+
+def finding_words(finding: Finding) -> Html:
+    """A finding with its severity in front."""
+    _, _, words = str(finding).partition("] ")
+    said = join([element("span", finding.severity, class_="kind"), ": ", words])
+    return element("div", said, class_=f"said {finding.severity}")
+
+
+def button(label: str, *, main: bool = False, **options: Any) -> Any:
+    """A button."""
+    return pn.widgets.Button(name=label, button_type="primary" if main else "default", **options)
+
+
+def download(name: str, text: Callable[[], str]) -> Any:
+    """A button that downloads a file, which is made when it is clicked."""
+
+    def content() -> BytesIO:
+        return BytesIO(text().encode())
+
+    return pn.widgets.FileDownload(callback=content, filename=name, label=f"Download {name}", width=200)
+
+
+def side_by_side(parts: Sequence[Any], least: int) -> Any:
+    """Parts of equal width in as many columns as there is room for, each at least so many pixels wide."""
+    columns = f"repeat(auto-fit, minmax(min(100%, {least}px), 1fr))"
+    return pn.Column(*parts, styles={"display": "grid", "grid-template-columns": columns, "align-items": "end"}, **WIDE)
+
+
+def figures_beside(figures: Sequence[Any]) -> Any:
+    """Figures of Bokeh, two beside each other where there is room."""
+    return side_by_side([pn.pane.Bokeh(figure, **WIDE) for figure in figures], least=480)
+
+
+def in_a_row(*parts: Any) -> Any:
+    """Parts side by side as far as the width allows."""
+    return pn.FlexBox(*parts, align_items="end", gap="4px", **WIDE)

@@ -1,0 +1,98 @@
+"""Readings of tests over frequency, to look at and to brush."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence, Set
+from typing import Any
+
+import numpy as np
+
+from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.plots.style import colour_of
+from rotorfit.units import RPM_PER_RAD_S
+
+_BRUSHED = "#b34700"
+"""Colour of readings that are brushed."""
+TOOLS = "pan,box_zoom,wheel_zoom,reset,save"
+"""Tools of every figure."""
+
+
+def readings_figures(test: Experiment, skipped: Set[int], on_brush: Callable[[set[int]], None]) -> list[Any]:
+    """A figure of amplitude and phase for each channel of a perturbation test, brushed together.
+
+    Rows that are left out are crosses; ``on_brush`` is called with the rows that are brushed.
+    """
+    if not isinstance(test, PerturbationTest):
+        return []
+    brushed: dict[str, Sequence[int]] = {}
+    found = []
+    for channel, rows in _channels(test):
+        source = _source(test, rows, skipped)
+
+        def brush(_: str, __: Any, indices: list[int], channel: str = channel, rows: Any = rows) -> None:
+            brushed[channel] = rows[indices].tolist()
+            on_brush({row for own in brushed.values() for row in own})
+
+        source.selected.on_change("indices", brush)
+        found.append(_pair(channel, source, test))
+    return found
+
+
+def _channels(test: PerturbationTest) -> Iterator[tuple[str, Any]]:
+    names = np.char.add(np.char.add(test.plane, " "), test.direction)
+    for name in dict.fromkeys(names.tolist()):
+        yield name, np.flatnonzero(names == name)
+
+
+def _source(test: PerturbationTest, rows: Any, skipped: Set[int]) -> Any:
+    from bokeh.models import ColumnDataSource
+
+    runs = list(dict.fromkeys(test.run.tolist()))
+    unit = 1e6  # micrometres, or microradians
+    return ColumnDataSource(
+        {
+            "rpm": test.frequency[rows] * RPM_PER_RAD_S,
+            "speed": test.speed[rows] * RPM_PER_RAD_S,
+            "amplitude": np.abs(test.response[rows]) * unit,
+            "phase": np.degrees(np.angle(test.response[rows])),
+            "run": test.run[rows],
+            "force": test.force_plane[rows],
+            "number": rows + 1,
+            "marker": ["x" if row in skipped else "circle" for row in rows.tolist()],
+            "colour": [colour_of(runs.index(run), len(runs)) for run in test.run[rows].tolist()],
+        }
+    )
+
+
+def _pair(channel: str, source: Any, test: PerturbationTest) -> Any:
+    from bokeh.layouts import column
+    from bokeh.models import HoverTool
+    from bokeh.plotting import figure
+
+    unit = "µrad" if channel.rpartition(" ")[2].startswith("r") else "µm"
+    tips = [
+        ("reading", "@number"),
+        ("run", "@run"),
+        ("force at", "@force"),
+        ("frequency", "@rpm{0.0} rpm"),
+        ("speed", "@speed{0.0} rpm"),
+        ("amplitude", f"@amplitude{{0.000}} {unit}"),
+        ("phase lead", "@phase{0.0}°"),
+    ]
+    across = "speed, rpm" if test.synchronous else "frequency, rpm (backward < 0 < forward)"
+    common: dict[str, Any] = {
+        "sizing_mode": "stretch_width",
+        "tools": f"box_select,lasso_select,{TOOLS}",
+        "active_drag": "box_select",
+        "output_backend": "canvas",
+    }
+    top = figure(height=220, y_axis_type="log", title=channel, y_axis_label=f"{unit} 0-peak", **common)
+    bottom = figure(height=190, x_range=top.x_range, x_axis_label=across, y_axis_label="phase lead, °", **common)
+    bottom.y_range.start, bottom.y_range.end = -190, 190
+    for plot, values in ((top, "amplitude"), (bottom, "phase")):
+        look = {"color": "colour", "nonselection_alpha": 0.25, "selection_color": _BRUSHED}
+        plot.scatter("rpm", values, source=source, marker="marker", size=5, **look)
+        plot.add_tools(HoverTool(tooltips=tips))
+        plot.toolbar.logo = None
+    bottom.toolbar_location = None
+    return column(top, bottom, sizing_mode="stretch_width")

@@ -1,0 +1,73 @@
+"""What came of a study: how it went, parameters with intervals, findings, figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import panel as pn
+
+from rotorfit.app.fit_figures import bode, fit_figures, polar, residuals
+from rotorfit.app.parts import WIDE, figures_beside, finding_words, heading, markup, message
+from rotorfit.fitting.digits import interval, with_error
+from rotorfit.fitting.quantities import FittedParameter
+from rotorfit.report.html import Html, join, table
+from rotorfit.studies.results import status
+from rotorfit.studies.wording import spoken
+from rotorfit.units import RPM_PER_RAD_S
+
+if TYPE_CHECKING:
+    from rotorfit.fitting.result import FitResult
+    from rotorfit.studies.study import Outcome
+
+_FIGURES = (("Bode", bode), ("Polar", polar), ("Residuals", residuals))
+
+
+def result_parts(outcome: Outcome) -> list[Any]:
+    """The parts of the page that show an outcome."""
+    fit = outcome.best
+    went = message(outcome.failure, "error") if outcome.failure else message(f"The fit {fit.message}.", "good")
+    return [
+        heading("Result"),
+        went,
+        markup(parameter_table(fit), *_notes(fit)),
+        *[markup(finding_words(found)) for found in fit.findings],
+        *[message(spoken(text), "warning") for text in fit.warnings],
+        _figures(fit),
+    ]
+
+
+def parameter_table(fit: FitResult) -> Html:
+    """Parameters with standard errors and intervals that hold the systematic share too."""
+    head = ["parameter", "value", "standard error", "95 % interval", "unit", "", "meaning"]
+    return table(head, [_row(p) for p in fit.params.values()], numeric=(1, 2, 3), whole=(4,))
+
+
+def _row(p: FittedParameter) -> Sequence[str]:
+    unit = "" if p.unit == "1" else p.unit
+    if not p.vary or not p.resolved:
+        shown = f"{p.value:.10g}" if not p.vary else ""
+        return [p.name, shown, "", "", unit, status(p), p.meaning]
+    value, error = with_error(p.value, math.hypot(p.stderr, p.systematic))
+    return [p.name, value, error, interval(*p.interval()), unit, "" if status(p) == "fitted" else status(p), p.meaning]
+
+
+def _notes(fit: FitResult) -> list[Html]:
+    words = [f"{fit.ndata} real data, {fit.nvarys} fitted values, redchi {fit.redchi:.4g}."]
+    if fit.success and fit.model.speed_dependent and len(fit.thetas) == 1:
+        onset = fit.threshold_speed()
+        if math.isfinite(onset.value) and math.isfinite(onset.stderr):
+            low, high = (end * RPM_PER_RAD_S for end in onset.interval())
+            words.append(f"Threshold speed {onset.value * RPM_PER_RAD_S:.5g} rpm, 95 % interval {interval(low, high)}.")
+    return [Html(f"<p>{join([' '.join(words)])}</p>")]
+
+
+def _figures(fit: FitResult) -> Any:
+    """A tab for each kind of figure; what is not shown is not sent."""
+    tabs = pn.Tabs(dynamic=True, **WIDE)
+    for name, draw in _FIGURES:
+        figures = fit_figures(fit, draw)
+        if figures:
+            tabs.append((name, figures_beside(figures)))
+    return tabs

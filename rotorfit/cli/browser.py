@@ -1,0 +1,37 @@
+"""``rotorfit open``: look at data, fit and judge in a browser."""
+
+from __future__ import annotations
+
+import argparse
+import webbrowser
+from pathlib import Path
+
+from rotorfit.cli.errors import ExitCode, checked
+
+DESCRIPTION = "look at tests and recordings, fit and judge them in a browser, on this machine alone"
+
+
+def add_options(to: argparse.ArgumentParser) -> None:
+    """Options of ``rotorfit open``."""
+    to.add_argument(
+        "files",
+        nargs="*",
+        type=Path,
+        metavar="FILE",
+        help="test files and recordings, or a folder of them [this folder]; nothing outside their folder is touched",
+    )
+    to.add_argument("--port", type=int, default=0, metavar="N", help="of the server [any that is free]")
+    to.add_argument("--no-browser", action="store_true", help="print the address and start no browser")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Serve until interrupted; returns the exit code."""
+    from rotorfit.app.server import serve
+
+    def tell(address: str) -> None:
+        print(f"rotorfit is at {address}\nCtrl-C ends it", flush=True)
+        if not options.no_browser:
+            webbrowser.open(address)
+
+    checked(lambda: serve(options.files, port=options.port, on_ready=tell))
+    return ExitCode.DONE
