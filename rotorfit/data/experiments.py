@@ -28,6 +28,9 @@ FORCE_DIRECTIONS = ("circular", "x", "y")
 DERIVATIVES = ("displacement", "velocity", "acceleration")
 """What a sensor measures, in the order of the derivatives of the displacement."""
 
+FORCE_SIGMA = "force_sigma_N"
+"""Attribute: standard deviation of the real part and of the imaginary part of each measured force, N."""
+
 MEASURED = "measured_quantity"
 """Attribute that says which of :data:`DERIVATIVES` a reading was before it became a displacement."""
 
@@ -150,8 +153,9 @@ class PerturbationTest(_Rows):
             Along an axis, the phasor of that component.
         force_direction: one of :data:`FORCE_DIRECTIONS`; left out, every force is circular. Readings x and y under a
             force along an axis have positive frequencies.
-        further_forces: forces that act at once with ``force`` and turn or not as it does: a tuple of pairs (plane, N)
-            for each row, empty where ``force`` acts alone; left out, no row has any.
+        further_forces: forces that act at once with ``force``: for each row a tuple of (plane, N, direction), of which
+            the direction is ``circular`` where ``force`` turns, else ``x`` or ``y``; empty where ``force`` acts alone.
+            Left out, no row has any.
         plane: plane of the probe.
         direction: one of :data:`DIRECTIONS`.
         response: phasor, m (rad for slopes), 0-peak, phase lead.
@@ -206,13 +210,15 @@ class PerturbationTest(_Rows):
     def forces(self) -> tuple[str, ...]:
         """Planes of the force in order of appearance, with the axis of those that do not turn: ``disk along x``; of
         forces that act at once all: ``disk + journal``."""
+        columns = (self.force_plane, self.force_direction, self.further_forces)
         distinct = dict.fromkeys(
-            (" + ".join([plane, *[at for at, _ in further]]), along)
-            for plane, further, along in zip(
-                self.force_plane.tolist(), self.further_forces.tolist(), self.force_direction.tolist(), strict=True
-            )
+            ((plane, along), *[(at, axis) for at, _, axis in further])
+            for plane, along, further in zip(*[column.tolist() for column in columns], strict=True)
         )
-        return tuple(planes if along == "circular" else f"{planes} along {along}" for planes, along in distinct)
+        return tuple(
+            " + ".join(plane if axis == "circular" else f"{plane} along {axis}" for plane, axis in acting)
+            for acting in distinct
+        )
 
     @cached_property
     def several(self) -> Bool:
@@ -221,14 +227,14 @@ class PerturbationTest(_Rows):
 
     @cached_property
     def forces_by_plane(self) -> ComplexArray:
-        """Forces of each row at each of ``force_planes``, N, shape ``(R, planes)``."""
+        """Circular forces of each row at each of ``force_planes``, N, shape ``(R, planes)``."""
         planes = self.force_planes
         found = np.zeros((len(self), len(planes)), dtype=complex)
         names, number = words(self.force_plane)
         place = np.array([planes.index(name) for name in names], dtype=np.intp)
         found[np.arange(len(self)), place[number]] = self.force
         for row in np.flatnonzero(self.several).tolist():
-            for plane, force in self.further_forces[row]:
+            for plane, force, _ in self.further_forces[row]:
                 found[row, planes.index(plane)] += force
         return found
 
@@ -244,7 +250,7 @@ class PerturbationTest(_Rows):
             column = np.zeros(len(self), dtype=complex)
             column[own] = [further[row][k][1] for row in own]
             for row, force in zip(own, change(column)[own].tolist(), strict=True):
-                further[row][k] = (further[row][k][0], force)
+                further[row][k] = (further[row][k][0], force, further[row][k][2])
         return replace(self, force=change(self.force), further_forces=records(tuple(pairs) for pairs in further))
 
     @cached_property
@@ -255,6 +261,12 @@ class PerturbationTest(_Rows):
             return np.zeros(len(self), dtype=np.intp)
         return np.array([DERIVATIVES.index(word) if word in DERIVATIVES else 0 for word in said.tolist()])
 
+    @cached_property
+    def force_sigma(self) -> Float:
+        """Standard deviation of both parts of each measured force, N, zero where none is told, shape ``(R,)``."""
+        said = self.attributes.get(FORCE_SIGMA)
+        return np.zeros(len(self)) if said is None else np.nan_to_num(said.astype(float))
+
     @property
     def linear(self) -> Bool:
         """Rows whose force acts along an axis and does not turn, shape ``(R,)``."""
@@ -263,7 +275,7 @@ class PerturbationTest(_Rows):
     @property
     def force_planes(self) -> tuple[str, ...]:
         """Planes of the forces in order of appearance."""
-        further = [plane for pairs in words(self.further_forces)[0] for plane, _ in pairs]
+        further = [plane for acting in words(self.further_forces)[0] for plane, *_ in acting]
         return tuple(dict.fromkeys([*words(self.force_plane)[0], *further]))
 
     @property
@@ -540,7 +552,7 @@ def perturbation_test(
     sigma: Any = np.nan,
     force_direction: str | Sequence[str] | Text = "circular",
     force_angle: Any = None,
-    further_forces: Sequence[tuple[tuple[str, complex], ...]] | Records = (),
+    further_forces: Sequence[tuple[tuple[Any, ...], ...]] | Records = (),
     attributes: Mapping[str, Any] | None = None,
     source: str = "",
 ) -> PerturbationTest:
@@ -555,7 +567,8 @@ def perturbation_test(
         force_angle: angles at which circular forces point at t = 0, from x towards y, forward and backward alike, rad;
             ``force`` is then their size. It goes with readings z: ``z = H(w) F exp(j force_angle)`` at signed w. Left
             out, ``force`` is ``F exp(j delta)`` of eq. (2), whose delta is minus that angle where w < 0.
-        further_forces: pairs (plane, N) of each row, in place of rows written once for each force.
+        further_forces: pairs (plane, N), or (plane, N, direction), of each row, in place of rows written once for each
+            force; without a direction it is that of ``force``.
         attributes: further columns by name.
         source: where the data came from, for messages.
 
@@ -597,9 +610,21 @@ def perturbation_test(
         **spread,
         attributes={name: np.broadcast_to(np.asarray(v), shape).copy() for name, v in (attributes or {}).items()},
         source=source,
-        further_forces=records(further_forces),
+        further_forces=_further(further_forces, spread["force_direction"]),
     )
     return test if len(further_forces) else gathered(test)
+
+
+def _further(given: Sequence[tuple[tuple[Any, ...], ...]] | Records, along: Text) -> Records:
+    """Further forces of each row with their directions."""
+    return (
+        records(
+            tuple((plane, force, *(rest or [axis])) for plane, force, *rest in acting)
+            for acting, axis in zip(given, along.tolist(), strict=True)
+        )
+        if len(given)
+        else records(())
+    )
 
 
 def _phasor(size: Any, angle: Any, frequency: Any, along: Any) -> ComplexArray:
@@ -625,7 +650,7 @@ def plane_groups(test: PerturbationTest) -> list[list[str]]:
     first, _ = in_order(combined(numbers(test.force_plane), numbers(test.plane), numbers(test.several)))
     columns = (test.force_plane, test.plane, test.further_forces)
     for forced, measured, further in zip(*[column[first].tolist() for column in columns], strict=True):
-        connected = {forced, measured, *[plane for plane, _ in further]}
+        connected = {forced, measured, *[plane for plane, *_ in further]}
         joined = connected.union(*[group for group in groups if group & connected])
         groups = [group for group in groups if not group & joined] + [joined]
     return [sorted(group) for group in groups]

@@ -75,17 +75,37 @@ def _refuse_alone(test: PerturbationTest, rows: Index) -> None:
 
 
 def _in_plane(test: PerturbationTest, rows: Index) -> PerturbationTest:
-    """Readings along the axis of their force as those to a circular force of the same size."""
+    """Readings along the axis of their force as those to a circular force of the same size.
+
+    Of forces along both axes those along the axis of the reading count.
+    """
     part = test.select(rows)
-    across = np.char.lstrip(part.direction, "r") != part.force_direction
+    force, plane = part.force.copy(), part.force_plane.astype(object)
+    along, further = part.force_direction.copy(), part.further_forces.copy()
+    axes = np.char.lstrip(part.direction, "r")
+    for row in np.flatnonzero(part.several).tolist():
+        acting = [(plane[row], force[row], along[row]), *further[row]]
+        mine = [(at, size, "circular") for at, size, axis in acting if axis == axes[row] and size != 0]
+        if mine:
+            (plane[row], force[row], _), *rest = mine
+            along[row], further[row] = axes[row], tuple(rest)
+    across = axes != along
     if across.any():
-        row = int(rows[np.flatnonzero(across)[0]])
+        first = int(np.flatnonzero(across)[0])
+        row = int(rows[first])
         raise ValueError(
             f"{test.source or 'the test'}: row {row + 1} reads {test.plane[row]} {test.direction[row]} alone under a "
-            f"force along {test.force_direction[row]}. Without cross-coupling nothing moves across the force: leave "
-            "such readings out, give those along the force too, or fit a model with x and y apart (anisotropic)"
+            f"force along {along[first]}. Without cross-coupling nothing moves across the force: leave such readings "
+            "out, give those along the force too, or fit a model with x and y apart (anisotropic)"
         )
-    return replace(part, direction=_combined(part.direction), force_direction=np.full(rows.size, "circular"))
+    return replace(
+        part,
+        direction=_combined(part.direction),
+        force=force,
+        force_plane=plane.astype(str),
+        force_direction=np.full(rows.size, "circular"),
+        further_forces=further,
+    )
 
 
 def probe_pairs(test: PerturbationTest, rows: Bool) -> tuple[Index, Index]:

@@ -79,7 +79,8 @@ def _matches(test: Experiment, name: str, wanted: Wanted) -> Bool:
         else:
             hit = np.asarray(values == str(one))
             if name == "force_plane" and isinstance(test, PerturbationTest):
-                hit |= np.array([str(one) in dict(pairs) for pairs in test.further_forces.tolist()], dtype=bool)
+                further = test.further_forces.tolist()
+                hit |= np.array([any(str(one) == plane for plane, *_ in acting) for acting in further], dtype=bool)
         if not hit.any():
             distinct = [str(v) for v in dict.fromkeys(values.tolist())]
             raise ValueError(f"{test.source or 'the test'}: {unknown_name(name, str(one), distinct[:40])}")

@@ -1,7 +1,8 @@
 """Readings under several forces at once: written once per force, one row of a test.
 
 Two-plane balancing leaves the first trial weight in: rows that agree in run, speed, frequency, plane, direction and
-reading, and name different planes of the force, are one reading under the sum of these forces.
+reading, and name different planes of the force, are one reading under the sum of these forces. Two shakers, or the two
+axes of a magnetic bearing, act at one plane along x and along y at once: rows that differ in the force's direction.
 """
 
 from __future__ import annotations
@@ -24,13 +25,13 @@ Where = Callable[[int], str]
 def gathered(test: PerturbationTest, where: Where | None = None) -> PerturbationTest:
     """The test with the rows of each reading under several forces put together.
 
-    Only a run in which some reading stands under several planes of the force is one with several forces; there all
-    readings have to stand under the same planes. Rows of other runs stay as they are, also where a run forces one plane
-    after the other.
+    Only a run in which some reading stands under several planes of the force, or along both axes, is one with several
+    forces; there all readings have to stand under the same ones. Rows of other runs stay as they are, also where a run
+    forces one plane after the other.
 
     Raises:
-        ValueError: a reading that contradicts another of the same run, two forces at one plane, forces of which some
-            turn and some do not.
+        ValueError: a reading that contradicts another of the same run, two forces at one plane along one axis, forces
+            of which some turn and some do not.
     """
     named = where or (lambda row: f"row {row + 1}")
     groups = _groups(test)
@@ -47,7 +48,9 @@ def gathered(test: PerturbationTest, where: Where | None = None) -> Perturbation
             _refuse_both_kinds(test, rows, named)
             first, *further = _loaded(test, rows)
             kept.append(first)
-            forces[first] = tuple((str(test.force_plane[row]), complex(test.force[row])) for row in further)
+            columns = (test.force_plane, test.force, test.force_direction)
+            columns = (test.force_plane, test.force, test.force_direction)
+            forces[first] = tuple(zip(*[column[further].tolist() for column in columns], strict=True))
         else:
             kept += rows
     kept.sort()
@@ -61,17 +64,18 @@ def written_per_force(test: PerturbationTest) -> PerturbationTest:
     if not test.several.any():
         return test
     rows: list[int] = []
-    forces: list[tuple[str, complex]] = []
+    forces: list[tuple[str, complex, str]] = []
     for row, further in enumerate(test.further_forces.tolist()):
-        own = [(str(test.force_plane[row]), complex(test.force[row])), *further]
+        own = [(str(test.force_plane[row]), complex(test.force[row]), str(test.force_direction[row])), *further]
         rows += [row] * len(own)
         forces += own
     spread = test.select(np.array(rows, dtype=np.intp))
-    planes, values = zip(*forces, strict=True)
+    planes, values, along = zip(*forces, strict=True)
     return replace(
         spread,
         force_plane=np.array(planes),
         force=np.array(values, dtype=complex),
+        force_direction=np.array(along),
         further_forces=np.array([], dtype=object),
     )
 
@@ -80,9 +84,9 @@ def refuse_several(test: PerturbationTest, what: str) -> None:
     """Refuse readings under several forces at once where ``what``, a noun with its article, does not take them."""
     if test.several.any():
         row = int(np.flatnonzero(test.several)[0])
-        planes = " and ".join([str(test.force_plane[row]), *[plane for plane, _ in test.further_forces[row]]])
+        acting = test.select(np.array([row])).forces[0].replace(" + ", " and ")
         raise ValueError(
-            f"{test.source or 'the test'}: in run {test.run[row]} forces act at {planes} at once, which {what} does "
+            f"{test.source or 'the test'}: in run {test.run[row]} forces act at {acting} at once, which {what} does "
             "not take; leave such runs out, exclude={'run': ...}"
         )
 
@@ -97,9 +101,15 @@ def _groups(test: PerturbationTest) -> list[list[int]]:
 
 
 def _forced_anew(test: PerturbationTest, rows: list[int]) -> bool:
-    """True if rows give one reading under forces at several planes; a reading of zero is none."""
+    """True if rows give one reading under forces at several places; a reading of zero is none."""
     reading = complex(test.response[rows[0]])
-    return np.isfinite(reading) and reading != 0 and len({str(test.force_plane[row]) for row in rows}) > 1
+    return np.isfinite(reading) and reading != 0 and len({_place(test, row) for row in rows}) > 1
+
+
+def _place(test: PerturbationTest, row: int) -> str:
+    """Where a force acts: its plane, with the axis of one that does not turn."""
+    plane, along = str(test.force_plane[row]), str(test.force_direction[row])
+    return plane if along == "circular" else f"{plane} along {along}"
 
 
 def _loaded(test: PerturbationTest, rows: list[int]) -> list[int]:
@@ -110,22 +120,22 @@ def _loaded(test: PerturbationTest, rows: list[int]) -> list[int]:
 def _refuse_one_plane_twice(test: PerturbationTest, rows: list[int], named: Where) -> None:
     seen: dict[str, int] = {}
     for row in rows:
-        plane = str(test.force_plane[row])
-        if plane in seen:
-            same = test.force[row] == test.force[seen[plane]]
+        place = _place(test, row)
+        if place in seen:
+            same = test.force[row] == test.force[seen[place]]
             raise ValueError(
-                f"{named(row)}: the {'same force' if same else 'second force'} at {plane} for one reading of run "
-                f"{test.run[row]} ({named(seen[plane])} has the first); "
+                f"{named(row)}: the {'same force' if same else 'second force'} at {place} for one reading of run "
+                f"{test.run[row]} ({named(seen[place])} has the first); "
                 + ("write it once" if same else "write two weights of one plane as one, their sum by size and angle")
             )
-        seen[plane] = row
+        seen[place] = row
 
 
 def _refuse_both_kinds(test: PerturbationTest, rows: list[int], named: Where) -> None:
     kinds = dict.fromkeys(test.force_direction[rows].tolist())
-    if len(kinds) > 1:
+    if len(kinds) > 1 and "circular" in kinds:
         raise ValueError(
-            f"{named(rows[-1])}: forces that act at once are all circular or all along one axis; this reading of run "
+            f"{named(rows[-1])}: forces that act at once are all circular or all along axes; this reading of run "
             f"{test.run[rows[0]]} has {' and '.join(kinds)}"
         )
 
@@ -134,18 +144,18 @@ def _refuse_unequal_planes(test: PerturbationTest, groups: list[list[int]], name
     """Refuse runs whose readings do not all stand under the same forces."""
     most: dict[str, set[str]] = {}
     for rows in groups:
-        planes = {str(test.force_plane[row]) for row in rows}
+        places = {_place(test, row) for row in rows}
         run = str(test.run[rows[0]])
-        most[run] = max(most.get(run, set()), planes, key=len)
+        most[run] = max(most.get(run, set()), places, key=len)
     for rows in groups:
         run = str(test.run[rows[0]])
-        planes, expected = {str(test.force_plane[row]) for row in rows}, most[run]
-        if planes != expected:
+        places, expected = {_place(test, row) for row in rows}, most[run]
+        if places != expected:
             row = rows[0]
-            lacking = " and ".join(sorted(expected - planes or planes))
+            lacking = " and ".join(sorted(expected - places or places))
             raise ValueError(
                 f"{named(row)}: in run {run} forces act at {' and '.join(sorted(expected))} at once, but this reading "
-                f"of {test.plane[row]} {test.direction[row]} stands under {' and '.join(sorted(planes))} alone; write "
+                f"of {test.plane[row]} {test.direction[row]} stands under {' and '.join(sorted(places))} alone; write "
                 f"the same reading again for {lacking}, or name runs apart"
             )
 

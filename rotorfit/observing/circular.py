@@ -248,8 +248,8 @@ def _forces(model: RotorModel, test: PerturbationTest, lines: Lines, first: Inde
         at = np.flatnonzero(kind == one)
         found[at] = model.force_vector(planes[one // len(axes)], frequency[at], force[at], axes[one % len(axes)])
     for line in np.flatnonzero(test.several[first]).tolist():
-        w, axis = frequency[line : line + 1], str(test.force_direction[first[line]])
-        for plane, further in test.further_forces[first[line]]:
+        w = frequency[line : line + 1]
+        for plane, further, axis in test.further_forces[first[line]]:
             found[line] += model.force_vector(plane, w, np.array([further]), axis)[0]
     return found
 

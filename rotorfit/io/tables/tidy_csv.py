@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from rotorfit.data.experiments import (
     DIRECTIONS,
     FORCE_DIRECTIONS,
+    FORCE_SIGMA,
     MEASURED,
     DisplacementTest,
     Experiment,
@@ -45,6 +46,7 @@ from rotorfit.io.tables.motion import measured_names, motion, over_frequency, re
 from rotorfit.io.tables.other_kinds import BUILDERS, columns_of
 from rotorfit.io.tables.skipped_rows import completed, without_empty, without_standstill
 from rotorfit.io.tables.table import PERTURBATION_COLUMNS, READING, Table, read_table
+from rotorfit.io.tables.two_axes import with_force_rows
 from rotorfit.io.tables.wanted_columns import Columns, columns_for, optional, phase_or_angle, quantity, words
 from rotorfit.io.tables.wide import is_wide, renamed, tidy, with_constants
 from rotorfit.models.array_types import ComplexArray, Float, Text
@@ -80,6 +82,8 @@ def experiment_of(
     # A perturbation test may have attributes named like the marks of the others.
     if {"line", "force_plane", "direction"} <= set(table.cells):
         return line_test(table, speed_tolerance)
+    if "direction" in table.cells:
+        table = with_force_rows(table)
     kinds = _KINDS if {"force_plane", "direction"} & set(table.cells) else (*_KINDS, *BUILDERS)
     build = next((b for mark, b in kinds if any(name.startswith(mark) for name in table.cells)), _perturbation)
     if build is _perturbation:
@@ -147,6 +151,10 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
     if columns.has("force_angle"):
         still = force_direction != "circular"
         columns.refuse(still, "force_angle", "is the angle of a force along an axis; give its phase, force_phase_deg")
+    said: dict[str, NDArray[Any]] = {MEASURED: measured_names(order)} if order.any() else {}
+    if columns.has("force_sigma"):
+        said[FORCE_SIGMA] = columns.number("force_sigma")
+        columns.refuse(said[FORCE_SIGMA] < 0, "force_sigma", "must not be negative; zero where the force is known")
     omega = columns.number("speed")
     for name, values in {"force": force, "response": reading, "frequency": w, "speed": omega}.items():
         columns.refuse(~np.isfinite(values), "run", f"is a row whose {name} overflows; check its units")
@@ -161,7 +169,7 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
         force=force,
         response=reading,
         force_direction=force_direction,
-        attributes=columns.attributes | ({MEASURED: measured_names(order)} if order.any() else {}),
+        attributes=columns.attributes | said,
         speed_tolerance=speed_tolerance,
         source=table.source,
     )
@@ -206,6 +214,7 @@ def _perturbation_columns(table: Table) -> Columns:
             optional("sigma", READING, several=True),
             words("coherence", needed=False),
             words("averages", needed=False),
+            optional("force_sigma", UNITS["force"]),
             optional("probe_radius", UNITS["length"]),
         ),
         PERTURBATION_COLUMNS,
@@ -349,7 +358,8 @@ def written_columns(experiment: Experiment) -> dict[str, NDArray[Any]]:
         columns = line_columns(experiment)
     else:
         columns = columns_of(experiment)
-    taken = {name for name in experiment.attributes if name in columns or quantity_meant(name)}
+    meant = {name for name in experiment.attributes if name != FORCE_SIGMA and quantity_meant(name)}
+    taken = {*columns, *meant} & set(experiment.attributes)
     if taken:
         raise ValueError(f"attributes {', '.join(sorted(taken))} have the name of a column; rename them")
     return {name: np.asarray(values) for name, values in {**columns, **experiment.attributes}.items()}

@@ -25,6 +25,9 @@ from rotorfit.units import UNITS
 PREFIXES = {
     "speed": UNITS["frequency"],
     "frequency": UNITS["frequency"],
+    **{f"force_{axis}_phase": UNITS["phase"] for axis in "xy"},
+    **{f"force_{axis}": UNITS["force"] for axis in "xy"},
+    "force_sigma": UNITS["force"],
     "force_phase": UNITS["phase"],
     "force_angle": UNITS["angle"],
     "phase": UNITS["phase"],
