@@ -100,8 +100,11 @@ def report_of(fit: FitResult, path: Path, **options: Any) -> Page:
     assert not {"script", "link", "iframe", "object", "embed", "form", "base"} & set(page.tags)
     for tag, key, value in page.attributes:
         assert not key.startswith("on"), (tag, key)
-        if key in ("src", "href"):
-            assert (tag, key) == ("img", "src")
+        if key == "href":
+            assert (tag, value[0]) == ("a", "#")
+            assert ("section", "id", value[1:]) in page.attributes
+        if key == "src":
+            assert tag == "img"
             kind, _, data = value.partition(",")
             assert kind == "data:image/png;base64"
             assert base64.b64decode(data, validate=True).startswith(b"\x89PNG")

@@ -18,5 +18,8 @@ def assumptions_section(material: ReportInput) -> Html:
         return Html("")
     head, *rows = found.rows()
     return section(
-        "What these numbers rest on", table(head, rows, numeric=range(1, len(head))), *map(note, found.words)
+        "What these numbers rest on",
+        table(head, rows, numeric=range(1, len(head))),
+        *map(note, found.words),
+        folded=True,
     )

@@ -42,6 +42,7 @@ def budget_section(material: ReportInput) -> Html:
         table(head, rows, numeric=range(1, len(head) - 1), whole=(len(head) - 1,)),
         note(words),
         *_calibration(material),
+        folded=True,
     )
 
 

@@ -181,7 +181,7 @@ def refinement_section(material: ReportInput) -> Html:
     if material.fit is not refinement.best:
         words += " This report is not of the chosen model."
     head = ["structure", "fitted values", "redchi", "AIC", "threshold, rpm", ""]
-    return section("Structural refinement", paragraph(words), table(head, rows, numeric=(1, 2, 3, 4)))
+    return section("Structural refinement", paragraph(words), table(head, rows, numeric=(1, 2, 3, 4)), folded=True)
 
 
 def _threshold_cell(fit: FitResult) -> str:

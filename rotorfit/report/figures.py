@@ -128,16 +128,25 @@ FIGURES: tuple[ReportFigure, ...] = (
 """Figures in their order; further kinds of experiments add theirs here."""
 
 
-def figure_sections(material: ReportInput) -> Iterator[Html]:
-    """Figures of each kind of data, stability, posterior."""
+def figure_sections(material: ReportInput) -> tuple[list[Html], list[Html]]:
+    """The two figures that carry the verdict, the first of the data and that of stability; the other figures."""
     fit = material.fit
-    for kind in FIGURES:
-        if material.figure_format != "none" and any(kind.shows(block) for block in fit.problem.blocks):
-            name = kind.draw.__name__.removeprefix("plot_")
-            yield section(kind.title, embedded(material, name, partial(kind.draw, fit), kind.caption), figure=True)
-    if fit.responses:
-        yield section("Quality of fit", *_quality(fit))
-    yield section("Stability", *_stability(material))
+    shown = [kind for kind in FIGURES if any(kind.shows(block) for block in fit.problem.blocks)]
+    of_data = [_of_data(material, kind) for kind in shown] if material.figure_format != "none" else []
+    first = [*of_data[:1], section("Stability", *_stability(material))]
+    return first, [*of_data[1:], *_quality_and_draws(material)]
+
+
+def _of_data(material: ReportInput, kind: ReportFigure) -> Html:
+    name = kind.draw.__name__.removeprefix("plot_")
+    drawn = embedded(material, name, partial(kind.draw, material.fit), kind.caption)
+    return section(kind.title, drawn, figure=True)
+
+
+def _quality_and_draws(material: ReportInput) -> Iterator[Html]:
+    """Misfit by response, profiles, posterior."""
+    if material.fit.responses:
+        yield section("Quality of fit", *_quality(material.fit))
     if material.profiles:
         yield section("Profile likelihoods", element("div", *_profiles(material), class_="side"))
     if material.posterior is not None:
@@ -179,8 +188,9 @@ def _stability(material: ReportInput) -> Iterator[Html]:
     head = ["group", "rotative speed, rpm", "damped frequency, rpm", "±", "damping ratio", "±"]
     if rows and not rows[0][0]:
         head, rows = head[1:], [row[1:] for row in rows]
-    yield table(head, rows, numeric=range(len(head) - 5, len(head)))
+    modes = table(head, rows, numeric=range(len(head) - 5, len(head)))
     yield from _criteria(material)
+    yield element("details", element("summary", "Modes at the tested speeds"), modes)
 
 
 def _criteria(material: ReportInput) -> Iterator[Html]:

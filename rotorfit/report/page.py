@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from datetime import datetime
 from importlib.resources import files
@@ -30,9 +31,17 @@ def page(title: str, source: str, sections: Sequence[str]) -> Html:
         "header",
         element("h1", title),
         element("p", join([source, f"rotorfit {__version__}", when], " · "), class_="byline"),
+        _contents(sections),
     )
     whole = element("html", head, element("body", banner, element("main", *sections)), lang="en")
     return Html("<!DOCTYPE html>\n" + whole + "\n")
+
+
+def _contents(sections: Sequence[str]) -> Html:
+    """Links to the sections, by their headings."""
+    found = re.findall(r'<section id="([\w-]+)".*?<h2>(.*?)</h2>', "".join(sections), re.DOTALL)
+    links = [element("a", Html(title), href=f"#{name}") for name, title in found]
+    return element("nav", *links) if len(links) > 1 else Html("")
 
 
 def write_whole(path: Path, content: bytes) -> Path:

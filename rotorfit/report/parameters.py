@@ -10,9 +10,17 @@ from rotorfit.estimators.blocks.correlated import quantile
 from rotorfit.fitting.noise.words import VERDICTS
 from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity
 from rotorfit.fitting.result import FitResult
-from rotorfit.fitting.summary import combined, in_order, interval_lines, notable_correlations, start_words
+from rotorfit.fitting.summary import (
+    combined,
+    correction_names,
+    in_order,
+    interval_lines,
+    notable_correlations,
+    start_words,
+)
 from rotorfit.models import RotorModel
-from rotorfit.report.html import Html, bullets, paragraph, table
+from rotorfit.models.parameters import bare_name
+from rotorfit.report.html import Html, bullets, element, paragraph, table
 from rotorfit.report.numbers import interval, plain, with_error
 from rotorfit.report.parts import (
     at_of,
@@ -61,8 +69,16 @@ def parameter_section(material: ReportInput) -> Html:
         words = "They are statistical; the intervals below hold the systematic share too, by what the numbers rest on"
         notes.append(sentence(f"{words}, with the sizes given ({given})" if given else words))
     notes += [sentence(line) for line in (*interval_lines(fit), *fit.remarks)]
-    rows = [_row(p, fit.model, starts.get(p.name, "")) for p in in_order(fit.params.values())]
-    return section("Parameters", table(head, rows, numeric=(1, 2, 3, 5), whole=(4,)), note(*notes))
+    corrections = correction_names(fit.model)
+
+    def listed(of_structure: bool) -> Html:
+        chosen = (p for p in in_order(fit.params.values()) if (bare_name(p.name) in corrections) == of_structure)
+        rows = [_row(p, fit.model, starts.get(p.name, "")) for p in chosen]
+        return table(head, rows, numeric=(1, 2, 3, 5), whole=(4,))
+
+    more = f"{len(corrections)} corrections of the structure"
+    folded = [element("details", element("summary", more), listed(True))] if corrections else []
+    return section("Parameters", listed(False), *folded, note(*notes))
 
 
 def _row(p: FittedParameter, model: RotorModel, start: str) -> list[str]:
@@ -119,7 +135,7 @@ def interval_section(material: ReportInput) -> Html:
     if not material.profiles and material.posterior is None and simulated is None:
         words.append("A posterior or profile likelihoods would test that.")
     words += [sentence(f"{p.name}: {p.message}") for p in material.profiles if p.message]
-    return section("95 % intervals", table(head, rows, numeric=range(1, 7), whole=(7,)), note(*words))
+    return section("95 % intervals", table(head, rows, numeric=range(1, 7), whole=(7,)), note(*words), folded=True)
 
 
 def _shown(p: FittedParameter) -> bool:

@@ -26,10 +26,12 @@ _MANY = 50
 """Distinct speeds beyond which a test is a sweep of the speed."""
 
 
-def section(title: str, *content: str, figure: bool = False) -> Html:
-    """A section with its heading."""
-    attributes = {"class_": "figure"} if figure else {}
-    return element("section", element("h2", title), *content, **attributes)
+def section(title: str, *content: str, figure: bool = False, folded: bool = False) -> Html:
+    """A section with its heading, which a click unfolds where it is folded."""
+    attributes = {"id": re.sub(r"\W+", "-", title.lower()).strip("-")} | ({"class_": "figure"} if figure else {})
+    heading = element("h2", title)
+    inner = [element("details", element("summary", heading), *content)] if folded else [heading, *content]
+    return element("section", *inner, **attributes)
 
 
 def sentence(text: str) -> str:

@@ -161,18 +161,20 @@ def document(material: ReportInput, title: str) -> Html:
     from rotorfit.report.reproduce import reproduce_section
     from rotorfit.report.verdict import verdict_section
 
+    carrying, further = figure_sections(material)
     sections = [
         verdict_section(material),
+        *carrying,
         parameter_section(material),
+        identifiability_section(material),
         interval_section(material),
         budget_section(material),
-        identifiability_section(material),
         assumptions_section(material),
+        *further,
         data_section(material),
         *recordings_section(material),
         model_section(material),
         refinement_section(material),
-        *figure_sections(material),
         reproduce_section(material),
     ]
     sources = ", ".join(dict.fromkeys(e.source or "data in memory" for e in material.fit.experiments))
