@@ -106,6 +106,26 @@ def test_readings_z_at_signed_frequency_go_with_force_angle(orbits: Orbits) -> N
         rf.perturbation_test(**given, force=FORCE, force_angle=0.3, force_direction="x")
 
 
+def test_figures_show_the_phase_of_the_probe(tmp_path: Path, orbits: Orbits) -> None:
+    """Of the motions integrated in time: the lead of the x probe on the force along x, forward and backward."""
+    fit = rf.fit(rf.models.OneMode(), rf.read(table(tmp_path / "rig.csv", orbits, "force_angle_deg", 25, 25)))
+    ratios = {
+        w: x / (FORCE * np.exp(1j * np.sign(w) * np.radians(ANGLE))) * 1e6  # the force along x lags a backward angle
+        for w, (x, _) in orbits.items()
+    }
+    _, phase = fit.plot_bode().axes
+    points = {x: y for line in phase.get_lines() if line.get_marker() == "." for x, y in line.get_xydata()}
+    (polar,) = fit.plot_polar().axes
+    marks = [complex(*at) for line in polar.get_lines() if line.get_marker() == "o" for at in line.get_xydata()]
+    predicted = fit.predict(list(orbits), SPEED, force_plane="journal", plane="journal").seen * 1e6
+    assert len(points) == len(marks) == len(ratios)
+    for (w, ratio), mean in zip(ratios.items(), predicted, strict=True):
+        lead = min(points.items(), key=lambda at: abs(at[0] - w * 30 / np.pi))[1]
+        assert lead == pytest.approx(np.degrees(np.angle(ratio)), abs=1e-3)  # integrated to 1e-9
+        assert min(abs(ratio - mark) for mark in marks) < 1e-5 * abs(ratio)
+        assert abs(mean - ratio) < 1e-4 * abs(ratio)
+
+
 HEAD = "run,speed_rpm,frequency_rpm,force_plane,force_N,{columns},plane,direction,amplitude_um,phase_deg"
 AWKWARD = {
     "both": (

@@ -54,6 +54,15 @@ def two_disk() -> Experiment:
     return read(path("two_disk.csv"))
 
 
+def published_two_disk() -> dict[str, float]:
+    """What the paper prints of its two-disk rotor: masses, springs, and mass, stiffness, damping and shape of modes.
+
+    The rig of :func:`two_disk` was simulated with these masses and springs.
+    """
+    rows = path("base_paper_two_disk.csv").read_text().splitlines()[2:]
+    return {name: float(value) for name, value, _ in (row.split(",") for row in rows)}
+
+
 def rk4() -> Experiment:
     """Measured 1x vectors of a Bently Nevada RK-4 rotor kit: known weights on two disks, mounted again and again.
 

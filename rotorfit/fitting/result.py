@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from rotorfit.fitting.assumptions.anisotropy import TurningAnisotropy
     from rotorfit.fitting.assumptions.assumption_table import Assumptions
     from rotorfit.fitting.assumptions.calibration import Uncertainty
+    from rotorfit.fitting.structure.mode_table import Modes
     from rotorfit.io.shafts.ross_elements import ElementKind, RossElement
     from rotorfit.uncertainty.bootstrap import Bootstrap
     from rotorfit.uncertainty.budget import Budget
@@ -420,6 +421,31 @@ class FitResult:
         from rotorfit.fitting.structure.modes import natural_frequencies
 
         return natural_frequencies(self, speed, at)
+
+    def modes(self, speed: float = 0.0, *, normalise: str | None = None, at: Mapping[str, Any] | None = None) -> Modes:
+        """Natural frequency, damping ratio, shape, and modal mass, stiffness and damping of each mode, with errors.
+
+        Of a passive rotor, as :class:`rotorfit.models.TwoDisk` is, each mode by itself: the paper's M_I, K_I, D_I, phi
+        and zeta. The half-power bandwidth of the measured responses stands beside zeta.
+
+        Args:
+            speed: rotative speed, rad/s.
+            normalise: plane at which shapes are one, the first by default.
+            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
+                per attribute.
+
+        Raises:
+            KeyError: a plane that the rotor has not.
+            ValueError: a speed that is no finite number.
+
+        Example:
+            >>> modes = rf.fit(rf.models.TwoDisk(), rf.datasets.two_disk()).modes()
+            >>> [round(mode.mass.value, 1) for mode in modes], round(modes[1].shape["outboard"].value, 2)
+            ([1.5, 1.4], -0.94)
+        """
+        from rotorfit.fitting.structure.modes import modes_of
+
+        return modes_of(self, speed, normalise, at)
 
     def turning_anisotropy(self, *, level: float = 0.95, at: Mapping[str, Any] | None = None) -> TurningAnisotropy:
         """dK, dK/K and the stiff direction of a shaft that is not round; see rotorfit.fitting.assumptions.anisotropy.

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rotorfit.models.array_types import Float
-from rotorfit.plots.style import COLOURS, GREY, PAGE, grid, legend_below, literal
+from rotorfit.plots.style import COLOURS, GREY, PAGE, PHASE_LABEL, grid, legend_below, literal
 from rotorfit.recordings.marks import SpeedTrack
 from rotorfit.recordings.spectra import Cascade
 from rotorfit.recordings.views import Centreline, OrderVectors, Stretch
@@ -120,7 +120,7 @@ def plot_bode(vectors: OrderVectors, name: str) -> Figure:
         top.set_ylabel("amplitude (µm 0-pk)", fontsize=9)
         top.set_ylim(bottom=0)
         top.legend(fontsize=8, frameon=False, title=_gap(vectors), title_fontsize=7)
-        bottom.set_ylabel("phase lead (deg)", fontsize=9)
+        bottom.set_ylabel(PHASE_LABEL, fontsize=9)
         bottom.set_xlabel(f"speed of the {vectors.reference} (rpm)" if over == "speed" else "time (s)", fontsize=9)
     return figure
 

@@ -14,7 +14,7 @@ from rotorfit.plots.dynamic_stiffness import draw_dynamic_stiffness
 from rotorfit.plots.eccentricity import plot_law, plot_nonlinear_stiffness
 from rotorfit.plots.stability import plot_stability
 from rotorfit.plots.static_and_impulse import plot_static_locus, plot_static_stiffness, plot_velocity_ratio
-from rotorfit.plots.style import GREY, SMALL_TYPE, decade_ticks, grid, legend_below, literal
+from rotorfit.plots.style import GREY, PHASE_LABEL, SMALL_TYPE, decade_ticks, grid, legend_below, literal
 from rotorfit.plots.sweeps import SweepCondition, SweepCurve, curves, forced_planes, joined
 from rotorfit.plots.uncertainty import plot_corner, plot_traces
 from rotorfit.units import RPM_PER_RAD_S
@@ -88,7 +88,8 @@ def plot_bode(fit: FitResult) -> Figure:
     """Amplitude and phase of every response per unit force against signed perturbation frequency.
 
     Rows are probes (amplitude, then phase), columns force planes; colours are rotative speeds and, of nonlinear fluids,
-    levels of the force. Points are measured; lines are fitted, with their 95 % bands.
+    levels of the force. Points are measured; lines are fitted, with their 95 % bands. The phase is that by which the
+    probe leads a force along it, forward and backward alike, as an analyser shows it.
     """
     conditions, found = curves(fit)
     title = f"Bode plot, {fit.model.name}"
@@ -102,8 +103,8 @@ def plot_bode(fit: FitResult) -> Figure:
         amplitude.plot(fine, line, "-", lw=1.1, color=colour)
         reach = np.exp(np.minimum(relative, 20.0))
         amplitude.fill_between(fine, line / reach, line * reach, color=colour, alpha=0.25, lw=0)
-        phase.plot(x, _degrees(curve.measured), ".", ms=2.5, color=colour, alpha=0.6)
-        angle, half = _unwrapped(curve.fitted), np.rad2deg(turn)
+        phase.plot(x, _degrees(curve.seen), ".", ms=2.5, color=colour, alpha=0.6)
+        angle, half = _unwrapped(curve.line_seen), np.rad2deg(turn)
         phase.plot(fine, angle, "-", lw=1.1, color=colour)
         phase.fill_between(fine, angle - half, angle + half, color=colour, alpha=0.25, lw=0)
     for (probe, force), (amplitude, phase) in panels.axes.items():
@@ -112,7 +113,8 @@ def plot_bode(fit: FitResult) -> Figure:
         _amplitude_limits(amplitude, [c for c in found if (c.coordinate, c.force_plane) == (probe, force)], fit)
         amplitude.set_title(_cell_title(fit, probe, force), fontsize=8)
         amplitude.set_ylabel(_response_unit(fit, probe)[1], fontsize=8)
-        phase.set_ylabel("phase lead, deg", fontsize=8)
+        imposed = _response_unit(fit, probe)[1] == "N/µm"
+        phase.set_ylabel("phase lead of the force, deg" if imposed else PHASE_LABEL, fontsize=8)
         phase.set_yticks([-180, -90, 0, 90, 180])
         phase.set_ylim(-190, 190)
     for axis in panels.bottom:
@@ -164,7 +166,8 @@ def _condition_legend(
 def plot_polar(fit: FitResult) -> Figure:
     """Responses per unit force in the complex plane; filled points forward, open points backward.
 
-    Crosses along the fitted lines are at round frequencies, in rpm, signed.
+    Angles are phase leads of the probe, forward and backward alike. Crosses along the fitted lines are at round
+    frequencies, in rpm, signed.
     """
     conditions, found = curves(fit)
     figure, panels = _panels(found, f"Polar plot, {fit.model.name}", rows=1, size=(4.4, 3.9))
@@ -173,7 +176,7 @@ def plot_polar(fit: FitResult) -> Figure:
         colour = curve.condition.colour
         factor, _ = _response_unit(fit, curve.coordinate)
         face = colour if curve.frequency[-1] > 0 else "none"
-        z, fitted = factor * curve.measured, factor * curve.fitted
+        z, fitted = factor * curve.seen, factor * curve.line_seen
         axis.plot(z.real, z.imag, "o", ms=3, mfc=face, mec=colour, mew=0.6, alpha=0.5)
         axis.plot(fitted.real, fitted.imag, "-", lw=1.1, color=colour)
     for pair, (axis,) in panels.axes.items():
@@ -185,7 +188,7 @@ def plot_polar(fit: FitResult) -> Figure:
         axis.set_aspect("equal")
         axis.axhline(0, color="0.7", lw=0.6)
         axis.axvline(0, color="0.7", lw=0.6)
-        every = np.asarray(factor * np.concatenate([*(c.fitted for c in mine), np.zeros(1)]), dtype=complex)
+        every = np.asarray(factor * np.concatenate([*(c.line_seen for c in mine), np.zeros(1)]), dtype=complex)
         _square(axis, every)
         _mark_frequencies(axis, mine, factor, 0.58 * max(np.ptp(every.real), np.ptp(every.imag), 1e-12))
     both = len({bool(c.frequency[-1] > 0) for c in found}) > 1
@@ -206,7 +209,7 @@ def _mark_frequencies(axis: Any, found: Sequence[SweepCurve], factor: float, rea
     for curve in found:
         x = curve.fine * RPM_PER_RAD_S
         for rpm in sorted(steps[(steps >= x[0]) & (steps <= x[-1]) & (steps != 0)], key=abs):
-            z = factor * complex(np.interp(rpm, x, curve.fitted.real), np.interp(rpm, x, curve.fitted.imag))
+            z = factor * complex(np.interp(rpm, x, curve.line_seen.real), np.interp(rpm, x, curve.line_seen.imag))
             if all(abs(z - other) > 0.3 * reach for other in placed):
                 placed.append(z)
                 axis.plot(z.real, z.imag, "x", ms=4.5, mew=1.1, color="black", zorder=5)

@@ -68,7 +68,9 @@ def plot_lines(fit: FitResult) -> Figure:
         top = max(float(np.abs(c.fitted).max()) for c in own) * factor
         low = min(float(np.abs(c.fitted).min()) for c in own) * factor
         size.set_ylim(max(low / 3, top / 1e5), 3 * top)
-        phase.set_ylabel("phase, deg", fontsize=SMALL_TYPE)
+        phase.set_ylabel(
+            "phase lead, deg" if own[0].unit.startswith("rad") else "angle of x + jy, deg", fontsize=SMALL_TYPE
+        )
         phase.set_ylim(-190, 190)
         phase.set_yticks([-180, -90, 0, 90, 180])
         if np.isnan(own[0].speed) or kind == [c.title for c in curves if not np.isnan(c.speed)][-1]:

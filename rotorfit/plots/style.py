@@ -16,6 +16,7 @@ from rotorfit.models.array_types import Float
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 """Okabe and Ito's palette: distinguished by colour-blind readers and in grey."""
 GREY = "#666666"
+PHASE_LABEL = "phase lead of the probe, deg"
 PAGE = (7.08, 8.8)
 """Largest width and height of a figure, inches: what A4 leaves between its margins, so that print keeps its size."""
 SMALL_TYPE = 7

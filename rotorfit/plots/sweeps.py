@@ -171,9 +171,28 @@ class SweepCurve:
     frequency: Float  # of the readings, rad/s
     measured: ComplexArray  # response over force (or force over imposed displacement)
     whitened: ComplexArray  # residual over noise
+    signed: bool  # values are of x + jy at the signed frequency, not of a probe
     fine: Float  # frequencies and values of the fitted line
     fitted: ComplexArray  # frequencies and values of the fitted line
     band: tuple[Float, Float]  # half-width of the fitted line's 95 % band
+
+    @property
+    def seen(self) -> ComplexArray:
+        """Readings over force as a probe shows them."""
+        return as_probe(self.measured, self.frequency, self.signed)
+
+    @property
+    def line_seen(self) -> ComplexArray:
+        """The fitted line as a probe shows it."""
+        return as_probe(self.fitted, self.fine, self.signed)
+
+
+def as_probe(values: ComplexArray, frequency: Float, signed: bool) -> ComplexArray:
+    """Responses over force as the phasors of a probe and a force along it, whose phase is the lead in time.
+
+    Of a motion in x + jy that turns backward, with the signed frequency, they are the conjugates.
+    """
+    return np.where(signed & (frequency < 0), values.conj(), values)
 
 
 @lru_cache(maxsize=1)  # three figures of a report show them
@@ -196,6 +215,7 @@ def joined(found: Sequence[SweepCurve]) -> list[SweepCurve]:
             frequency=np.concatenate([c.frequency for c in same]),
             measured=np.concatenate([c.measured for c in same]),
             whitened=np.concatenate([c.whitened for c in same]),
+            signed=same[0].signed,
             fine=_broken([c.fine for c in same]),
             fitted=_broken([c.fitted for c in same]),
             band=(_broken([c.band[0] for c in same]), _broken([c.band[1] for c in same])),
@@ -234,6 +254,7 @@ def _curves(fit: FitResult, conditions: Sequence[SweepCondition], part: Sweeps) 
             frequency=w[rows],
             measured=base.measured[rows] / drive[rows],
             whitened=(predicted[rows] - base.measured[rows]) / base.sigma[rows],
+            signed=fit.model.frame == "z",
             fine=fine,
             fitted=fitted,
             band=_band(fit, condition.group, fitted, slope),

@@ -54,7 +54,7 @@ class Prediction:
         plane: where the rotor's motion is predicted.
         direction: of the motion: ``z`` for x + j y at the signed frequency, ``x`` or ``y`` for one probe.
         force_plane: where the force acts.
-        response: predicted phasor, m (rad for slopes), phase lead.
+        response: predicted phasor, m (rad for slopes): of x + j y at the signed frequency, or of one probe, phase lead.
         covariance: of its real and imaginary part, shape ``(N, 2, 2)``; infinite where the data do not determine it.
         noise: standard deviation of each part of a new reading about the truth, NaN where the fit has no readings of
             that plane.
@@ -78,6 +78,18 @@ class Prediction:
     level: float
     whole: bool
     notes: tuple[str, ...]
+
+    @property
+    def seen(self) -> ComplexArray:
+        """The response as a probe shows it, phase lead: of a motion in x + jy that turns backward the conjugate.
+
+        Example:
+            >>> prediction = fit.predict(-300.0, 200.0, force_plane="disk", plane="journal")
+            >>> bool(prediction.seen[0] == prediction.response[0].conjugate())
+            True
+        """
+        backward = (self.direction in ("z", "rz")) & (self.frequency < 0)
+        return np.where(backward, self.response.conj(), self.response)
 
     @property
     def stderr(self) -> ComplexArray:
@@ -171,7 +183,7 @@ class Prediction:
             cells = [f"{low:.4g} to {high:.4g}" if math.isfinite(high) else "not known" for low, high in ends]
             at = (self.speed[i] * RPM_PER_RAD_S, self.frequency[i] * RPM_PER_RAD_S)
             numbers = [f"{at[0]:.5g}", f"{at[1]:.5g}", f"{abs(self.response[i]) * 1e6:.4g}"]
-            rows.append([*numbers, *cells, f"{np.rad2deg(np.angle(self.response[i])):.1f}"])
+            rows.append([*numbers, *cells, f"{np.rad2deg(np.angle(self.seen[i])):.1f}"])
         what = "of whole curves" if self.whole else "at each frequency"
         head = (
             f"response at {self.plane} to a force at {self.force_plane}, {self.response.size} points; first, largest "

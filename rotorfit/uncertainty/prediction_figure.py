@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.plots.style import decade_ticks, grid, legend_below, literal
+from rotorfit.plots.style import PHASE_LABEL, decade_ticks, grid, legend_below, literal
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -25,7 +25,8 @@ def plot_prediction(prediction: Prediction) -> Figure:
     amplitude, phase = axes[:, 0]
     order = np.argsort(prediction.frequency, kind="stable")
     x = prediction.frequency[order] * RPM_PER_RAD_S
-    size, angle = np.abs(prediction.response[order]) * 1e6, np.unwrap(np.angle(prediction.response[order]))
+    seen = prediction.seen[order]
+    size, angle = np.abs(seen) * 1e6, np.unwrap(np.angle(seen))
     what = "of the whole curve" if prediction.whole else "at each frequency"
     for band, label, shade in (
         (prediction.band_new, "a new reading", 0.15),
@@ -43,7 +44,7 @@ def plot_prediction(prediction: Prediction) -> Figure:
     amplitude.set_yscale("log")
     decade_ticks(amplitude.yaxis)
     amplitude.set_ylabel("amplitude, µm", fontsize=8)
-    phase.set_ylabel("phase lead, deg", fontsize=8)
+    phase.set_ylabel(PHASE_LABEL, fontsize=8)
     phase.set_ylim(max(phase.get_ylim()[0], -540), min(phase.get_ylim()[1], 540))
     phase.set_xlabel("speed, rpm" if synchronous else "frequency of the force, rpm", fontsize=8)
     legend_below(figure, *amplitude.get_legend_handles_labels())

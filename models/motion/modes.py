@@ -1,0 +1,117 @@
+"""Modes of a rotor at a speed: natural frequency, damping ratio, shape, mass and spring of its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorfit.models.array_types import ROUND_OFF, ComplexArray, Float
+from rotorfit.models.model import RotorModel
+from rotorfit.models.motion.stability import eigenvalues, is_image
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class VibrationMode:
+    """One mode; complex unless the rotor is passive, its stiffness and mass real and symmetric.
+
+    Attributes:
+        s: eigenvalue, 1/s; of a passive rotor that of the mode by itself, damping between the modes left out.
+        shape: deflection of each coordinate, shape ``(n,)``, normalised to one at the coordinate that was asked for.
+        mass, stiffness, damping: of the mode by itself, ``shape^T M shape`` and so on, kg, N/m, N s/m; NaN of a rotor
+            that is not passive.
+    """
+
+    s: complex
+    shape: ComplexArray
+    mass: float
+    stiffness: float
+    damping: float
+
+    @property
+    def frequency(self) -> float:
+        """Natural frequency, rad/s: undamped of a passive rotor, else damped, and negative for backward whirl."""
+        return abs(self.s) if np.isfinite(self.mass) else self.s.imag
+
+    @property
+    def damping_ratio(self) -> float:
+        """Share of critical damping."""
+        return -self.s.real / abs(self.s)
+
+
+def vibration_modes(model: RotorModel, theta: Float, speed: float, *, normalised_at: int = 0) -> list[VibrationMode]:
+    """Modes by natural frequency, ascending.
+
+    Args:
+        model: the rotor.
+        theta: parameter vector, shape ``(P,)``.
+        speed: rotative speed, rad/s.
+        normalised_at: number of the coordinate at which shapes are one.
+    """
+    coefficients = model.motion(theta, speed)
+    if is_passive(model, coefficients):
+        return _real_modes(model, coefficients.real, normalised_at)
+    found = []
+    for s in eigenvalues(model, theta, speed).tolist():
+        if np.isfinite(s) and not is_image(model, theta, speed, s):
+            kappa = np.einsum("k,kij->ij", s ** np.arange(len(coefficients)), coefficients)
+            shape = np.linalg.svd(kappa)[2][-1].conj()[_seen(model)]
+            found.append(
+                VibrationMode(s=s, shape=shape / shape[normalised_at], mass=np.nan, stiffness=np.nan, damping=np.nan)
+            )
+    return found
+
+
+def _seen(model: RotorModel) -> slice | list[int]:
+    """Places of the model's coordinates in its motion: all, or those of a known structure that are seen."""
+    if model.shaft is not None:
+        return [int(at) for at in model.shaft.at]
+    return slice(0, len(model.coordinates))
+
+
+def is_passive(model: RotorModel, coefficients: ComplexArray) -> bool:
+    """True if stiffness and mass are real and symmetric: modes are real, and share what each has of either.
+
+    Args:
+        model: the rotor.
+        coefficients: of its motion, shape ``(order + 1, n, n)``.
+    """
+    n = len(model.planes)
+    if model.frame != "z" or model.shaft is not None or len(coefficients) != 3 or coefficients.shape[-1] < n:
+        return False
+    own = coefficients[:, :n, :n]
+    if len(model.coordinates) != len(model.read_planes):  # tilts turn with the gyroscope
+        return False
+    size = np.abs(own).max(axis=(1, 2), keepdims=True)
+    real = bool((np.abs(own.imag) <= ROUND_OFF * size).all())
+    even = bool((np.abs(own - own.swapaxes(1, 2))[[0, 2]] <= ROUND_OFF * size[[0, 2]]).all())
+    return real and even and bool((np.linalg.eigvalsh(own[2].real) > 0).all())
+
+
+def _real_modes(model: RotorModel, coefficients: Float, normalised_at: int) -> list[VibrationMode]:
+    n = len(model.planes)
+    K, D, M = coefficients[:, :n, :n]
+    root = np.linalg.inv(np.linalg.cholesky(M))
+    found = []
+    for column in np.linalg.eigh(root @ K @ root.T)[1].T:
+        own = root.T @ column
+        between = [sum(share * own[model.planes.index(p)] for p, share in shares) for _, shares in model.probes]
+        shape = np.concatenate([own, between])
+        shape, own = shape / shape[normalised_at], own / shape[normalised_at]
+        mass, stiffness, damping = (float(own @ part @ own) for part in (M, K, D))
+        decay = damping / (2 * mass)
+        s = -decay + np.emath.sqrt(decay**2 - stiffness / mass)
+        ratio = decay / np.sqrt(stiffness / mass) if stiffness > 0 else np.nan
+        if 0 <= abs(ratio) < 1:
+            s = complex(-decay, np.sqrt(stiffness / mass - decay**2))
+        found.append(VibrationMode(s=complex(s), shape=shape, mass=mass, stiffness=stiffness, damping=damping))
+    return found
+
+
+def modal_assurance(one: ComplexArray, other: ComplexArray) -> float:
+    """Modal assurance criterion of two shapes ``(n,)``: 1 where they are alike but for a factor, 0 at right angles.
+
+    Args:
+        one, other: deflections at the same places.
+    """
+    return float(np.abs(np.vdot(one, other)) ** 2 / (np.vdot(one, one).real * np.vdot(other, other).real))
