@@ -37,6 +37,7 @@ FOUND = (
     "lam +5 % a half threshold, four speeds",
     "low-pass on all channels, 20 times the band, one mode",
     "D drifts by 10 %, one mode",
+    "marks behind by 0.2 ms at the end, one mode",
     "probes read 2 % too much, one mode",
     "fluid stiffens, eps 0.15, one mode",
     "anisotropy of 5 %, one probe",
@@ -46,7 +47,7 @@ FOUND = (
 RANDOM = ("none, noise estimated, one mode", "noise in proportion, 1 %", "force jitters by 1 %")
 
 
-@pytest.mark.parametrize("cause", slow_but(FOUND, FOUND[0], "probes read 2 % too much, one mode"))
+@pytest.mark.parametrize("cause", slow_but(FOUND, FOUND[0], FOUND[3], "probes read 2 % too much, one mode"))
 def test_a_fixed_cause_is_named_and_its_shift_holds_the_truth(cause: str) -> None:
     """6 rigs: the right name in eight of ten, by the table of the benchmark, fails once in a thousand."""
     rows = study(cause, 6, seed=4)

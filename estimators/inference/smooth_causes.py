@@ -34,6 +34,7 @@ class Kind(StrEnum):
     PROBE = "probe amplitude"  # a probe that is not linear
     FLUID = "fluid amplitude"  # a fluid that changes with the journal's amplitude
     DELAY = "delay"  # a delay or a low-pass filter, also a phase reference that drifts along the sweep
+    CLOCK = "clock"  # a delay that grows along the sweep, as where marks are sampled by a clock of their own
     DRIFT = "drift"  # damping that changes while a sweep goes on
     HYSTERESIS = "hysteresis"  # damping that does not grow with frequency
     SUPPORT = "supports"  # stiffness that differs in x and y, seen by one probe
@@ -46,6 +47,7 @@ MEANINGS = {
     Kind.PROBE: "probe that is not linear, share at the largest amplitude",
     Kind.FLUID: "change of K0 at the largest amplitude, of D and D lam with it",
     Kind.DELAY: "delay, filter or drifting phase reference",
+    Kind.CLOCK: "growth of a delay along a sweep, from its middle to its end",
     Kind.DRIFT: "drift along a sweep, share from its middle to its end",
     Kind.HYSTERESIS: "damping that does not grow with frequency",
     Kind.SUPPORT: "half the difference of stiffness in x and y, seen by one probe",
@@ -58,6 +60,7 @@ UNITS = {
     Kind.FLUID: "N/m",
     Kind.ELSEWHERE: "N s/m",
     Kind.DELAY: "s",
+    Kind.CLOCK: "s",
     Kind.HYSTERESIS: "N/m",
     Kind.SUPPORT: "N/m",
     Kind.PAIR: "N^2/m^2",
@@ -139,6 +142,9 @@ def causes_of(problem: Problem, x: Float) -> list[Cause]:
             where = Part(kind=kind, at=place, plane=planes[place], reach=float(motion[place]))
         powers = range(columns)[:: -1 if kind is Kind.ELSEWHERE else 1]  # what is there may have stiffness and damping
         found.append(Cause(parts=tuple(replace(where, power=power) for power in powers)))
+    if half > 0:
+        clock = Part(kind=Kind.CLOCK, centre=middle, reach=half)
+        found.append(Cause(parts=(clock, replace(clock, power=1))))
     if fluid and half > 0:
         found.append(Cause(parts=(Part(kind=Kind.DRIFT, value="D", centre=middle, reach=half),)))
     return [*found, *changes_with_speed(problem)]
@@ -264,6 +270,9 @@ def _change(motion: _Motion, part: Part) -> ComplexArray:
         case Kind.DELAY:
             own = -base.s[line] * z[line, read] * motion.factors
             return np.asarray(np.where(read == (read if at is None else at), own, 0.0))
+        case Kind.CLOCK:
+            along = (np.abs(base.frequency) - part.centre) / part.reach if part.power == 0 else np.ones(base.s.size)
+            return np.asarray(-(base.s * along)[line] * z[line, read] * motion.factors)
         case Kind.DRIFT | Kind.SPEED:
             tested = np.abs(base.frequency if part.kind is Kind.DRIFT else base.speed)
             values = changed_values(base.model, motion.theta[base.group], part.value)[line]

@@ -37,6 +37,7 @@ _REMEDY = {
     Kind.PROBE: "Check the probe's characteristic, or test with less motion",
     Kind.FLUID: "Fit a law of eccentricity (law=, --law), or test with less motion",
     Kind.DELAY: "Undo the delay or filter of the channels, or give phase_offsets where the reference drifted",
+    Kind.CLOCK: "Sample marks and probes by one clock, or sweep faster",
     Kind.DRIFT: "Let temperatures settle, and repeat the sweep the other way",
     Kind.HYSTERESIS: "A model with viscous damping alone follows it at one frequency only",
     Kind.SUPPORT: "Read both probes, x and y, or fit the model Anisotropic",
@@ -90,6 +91,11 @@ def _cause(cause: Cause) -> str:
         case Kind.DELAY:
             who = f"the channels{where}" if where else "all channels"
             words = f"a delay, filter or drifting phase reference of {who}, {1e3 * size:+.2g} ms"
+        case Kind.CLOCK:
+            words = (
+                f"a delay of all channels that grows along the sweep, by {2e3 * size:+.2g} ms from its begin to its end, "
+                "as where the marks are sampled by a clock of their own"
+            )
         case Kind.DRIFT:
             words = f"a drift along the sweep, D by {100 * size:+.2g} % from its middle to its end"
         case Kind.HYSTERESIS:
