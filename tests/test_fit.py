@@ -249,6 +249,13 @@ def test_priors_bound_the_fit_by_their_support_however_narrow_they_are():
     assert narrow.params["lam"].value == pytest.approx(0.46, abs=3e-7)
 
 
+def test_a_bound_of_one_side_is_given_with_none():
+    test = rf.read(rf.datasets.path("rig_lumped.csv"))
+    params = rf.fit(WhirlWhip(), test, known={"K3": 6000.0}, bounds={"lam": (0.0, None), "D": (None, 900.0)}).params
+    assert (params["lam"].min, params["lam"].max) == (0.0, 2.0)
+    assert (params["D"].min, params["D"].max) == (-np.inf, 900.0)
+
+
 def test_bounds_hold_and_are_reported():
     fit = rf.fit(OneMode(), one_mode_test(), known=FLUID, bounds={"lam": (0.3, 0.44)})
     assert fit.params["lam"].at_bound

@@ -249,3 +249,19 @@ def test_equations_that_no_integrator_can_follow_are_refused() -> None:
 def test_an_editor_offers_every_option_that_some_kind_has(kinds: dict[str, Any], options: type) -> None:
     taken = {name for kind in kinds.values() for name in signature(kind).parameters} - {"rig"}
     assert set(options.__annotations__) == taken
+
+
+def test_what_no_force_moves_is_at_rest_and_no_weight_is_refused() -> None:
+    """Steps had no size to be held to, and the integration did not end."""
+    model, values = rf.models.OneMode(), ONE_MODE | {"K0": 9000.0, "D": 450.0, "lam": 0.46, "Mf": 0.4}
+    values = {name: values[name] for name in model.parameter_names}
+    for weight in (0.0, {"journal": 0.0}, -1e-4):
+        with pytest.raises(ValueError, match="unbalance at journal must be positive"):
+            rf.simulate(model, values, "synchronous", speed_rpm=[300, 600], unbalance=weight)
+    with pytest.raises(ValueError, match="no weight for journal"):
+        rf.simulate(model, values, "synchronous", speed_rpm=[300], unbalance={}, planes="journal")
+    cancelled = rf.simulate(
+        model, values, "synchronous", speed_rpm=[300, 600], unbalance=1e-4, residual={"journal": -1e-4}, noise=0.0
+    )
+    assert np.abs(cancelled.response[cancelled.run == "journal 0 deg"]).max() == 0
+    assert np.abs(cancelled.response[cancelled.run == "journal 180 deg"]).min() > 0

@@ -19,6 +19,7 @@ from rotorfit.estimators.blocks.correlated import whiten
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse
+from rotorfit.estimators.blocks.set_speeds import SYNCHRONOUS_TOLERANCE
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.model import RotorModel
@@ -40,6 +41,7 @@ class Kind(StrEnum):
     SUPPORT = "supports"  # stiffness that differs in x and y, seen by one probe
     PAIR = "supports by both probes"  # the same, of which pairs of probes see the square
     ELSEWHERE = "fluid elsewhere"  # a second seal
+    RESIDUAL = "residual unbalance"  # that start-ups hold beside their weight
     SPEED = "change with speed"  # of a value of the fluid
 
 
@@ -53,6 +55,7 @@ MEANINGS = {
     Kind.SUPPORT: "half the difference of stiffness in x and y, seen by one probe",
     Kind.PAIR: "square of half the difference of stiffness in x and y, by both probes",
     Kind.ELSEWHERE: "D lam of a fluid where the model has none",
+    Kind.RESIDUAL: "unbalance of the rotor itself, which start-ups hold beside their weight",
 }
 """What the size of a cause is of."""
 
@@ -64,6 +67,7 @@ UNITS = {
     Kind.HYSTERESIS: "N/m",
     Kind.SUPPORT: "N/m",
     Kind.PAIR: "N^2/m^2",
+    Kind.RESIDUAL: "kg m",
 }
 """Unit of a size that is no share."""
 
@@ -107,10 +111,10 @@ class Cause:
 
     @property
     def size(self) -> float:
-        """Size of the first column, of both of supports."""
+        """Size of the first column, of both where they are parts of a complex number."""
         if not self.sizes:
             return 1.0
-        return math.hypot(*self.sizes) if self.kind is Kind.SUPPORT else self.sizes[0]
+        return math.hypot(*self.sizes) if self.kind in (Kind.SUPPORT, Kind.RESIDUAL) else self.sizes[0]
 
     @property
     def shares(self) -> Float:
@@ -132,7 +136,9 @@ def causes_of(problem: Problem, x: Float) -> list[Cause]:
     middle, half = float(w.max() + w.min()) / 2, float(w.max() - w.min()) / 2
     planes = [c.plane for c in model.coordinates]
     asked: list[tuple[Kind, int | None, int]] = [(Kind.DELAY, None, 1)]
+    start_ups = all(np.allclose(base.frequency, base.speed, rtol=SYNCHRONOUS_TOLERANCE) for base in blocks)
     for at in range(len(planes)):
+        asked += [(Kind.RESIDUAL, at, 2)] * start_ups
         asked += [(kind, at, columns) for kind, columns in _AT_PROBES if at in read]
         asked += [(Kind.HYSTERESIS, at, 1), (Kind.FLUID if at in fluid else Kind.ELSEWHERE, at, 3)]
     found = []
@@ -280,6 +286,9 @@ def _change(motion: _Motion, part: Part) -> ComplexArray:
         case Kind.SUPPORT:  # dK conj(z) couples w with -w, and one probe reads A + conj(B)
             against = motion.mirrored[:, :, at] * z[:, at, None]
             return np.asarray(-(1j**part.power) * against[line, read] * motion.factors)
+        case Kind.RESIDUAL:
+            own = 1j**part.power * base.frequency[:, None] ** 2 * motion.receptance[:, :, at]
+            return np.asarray(own[line, read] * motion.factors)
         case Kind.PAIR:
             pressed = -motion.mirrored[:, at, at]
         case Kind.HYSTERESIS:

@@ -182,7 +182,7 @@ def _limits(model: RotorModel, name: str, bounds: Mapping[str, tuple[float, floa
         return parameter.lower, parameter.upper
     pair = bounds[name] if name in bounds else bounds[parameter.name]
     if np.shape(pair) != (2,) or not all(isinstance(value, Real) for value in pair):
-        raise ValueError(f"bounds of {name} must be two numbers, lower and upper (inf is one), got {pair!r}")
+        raise ValueError(f"bounds of {name} must be two numbers, lower and upper (inf or None for none), got {pair!r}")
     low, high = pair
     low, high = max(float(low), parameter.lower), min(float(high), parameter.upper)
     if not low < high:

@@ -207,8 +207,9 @@ def _nonlinear_guess(problem: Problem) -> Start:
     random = full_vector(problem, _explicit_multistart(explicit_with_sense(explicit)))
     if found is not None and found.cost <= _cost(problem, random):
         return Start(x=found.x[:size], kind=SHORT_FIT)
+    explained = 2 * _cost(problem, random) < _EXPLICIT_MISFIT * problem.n_data
     note = f"no closed form explains these data; the best of {_RANDOM_STARTS} random starts was taken"
-    return Start(x=random[:size], kind=RANDOM, notes=(note,))
+    return Start(x=random[:size], kind=RANDOM, notes=() if explained else (note,))
 
 
 def _inside_full(problem: Problem, x: Float) -> Float:

@@ -38,7 +38,7 @@ def fit(
     experiments: Experiment | Sequence[Experiment],
     *,
     known: Mapping[str, float | None] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
+    bounds: Mapping[str, tuple[float | None, float | None]] | None = None,
     priors: Mapping[str, Any] | None = None,
     per: Mapping[str, str] | None = None,
     loss: Loss = "linear",
@@ -58,7 +58,7 @@ def fit(
         model: the rotor, for instance ``rf.models.WhirlWhip()``.
         experiments: one experiment or a list that informs one parameter vector.
         known: values that are not fitted, SI units; ``None`` frees a parameter that the model fixes by default.
-        bounds: lower and upper bounds by parameter name.
+        bounds: lower and upper bounds by parameter name, None for none.
         priors: frozen ``scipy.stats`` distributions by parameter name.
         per: parameters that take one value for each value of a test attribute, ``{"D": "speed_rpm"}``.
         loss: "linear", or "soft_l1", "huber", "cauchy" against outliers.
@@ -92,7 +92,7 @@ def fit(
     """
     settings = FitSettings(
         known=known or {},
-        bounds=bounds or {},
+        bounds={name: _numbers(pair) for name, pair in (bounds or {}).items()},
         priors=priors or {},
         per=per or {},
         start=start or {},
@@ -104,6 +104,14 @@ def fit(
     )
     found = fitted(model, as_tuple(experiments), settings)
     return assuming(found, assumptions) if assumptions else found
+
+
+def _numbers(pair: Any) -> Any:
+    """Bounds with infinity in place of None; what is no pair is refused where bounds are used."""
+    if not isinstance(pair, tuple | list) or len(pair) != 2:
+        return pair
+    low, high = pair
+    return (-np.inf if low is None else low, np.inf if high is None else high)
 
 
 def fitted(model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings) -> FitResult:

@@ -125,10 +125,8 @@ def synchronous(
         raise ValueError("weights that are kept need a residual unbalance: the run without a weight would not move")
     for plane, weight in (residual or {}).items():
         rest += model.force_vector(plane, speed, weight * speed**2)
-    weights = {
-        plane: float(unbalance[plane] if isinstance(unbalance, Mapping) else unbalance)
-        for plane in some_planes(model, planes)
-    }
+    given = [*unbalance] if planes is None and isinstance(unbalance, Mapping) else planes
+    weights = _weights(unbalance, some_planes(model, given))
     parts = []
     for number, (run, loads) in enumerate((_kept(weights) if kept else _opposite(weights)).items()):
         forces = [(plane, weight * speed**2) for plane, weight in loads]
@@ -149,6 +147,15 @@ def synchronous(
         )
     lines = _Lines(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
     return _test(rig, lines, _steady(rig, lines, "rest"), off_centre=False)
+
+
+def _weights(unbalance: float | Mapping[str, float], planes: Sequence[str]) -> dict[str, float]:
+    """Weight at each plane that gets one, kg m."""
+    if not isinstance(unbalance, Mapping):
+        unbalance = dict.fromkeys(planes, unbalance)
+    if missing := [plane for plane in planes if plane not in unbalance]:
+        raise ValueError(f"unbalance has no weight for {', '.join(missing)}, which the start-ups are to have one at")
+    return {plane: float(positive(f"unbalance at {plane}", unbalance[plane])[0]) for plane in planes}
 
 
 def _opposite(weights: Mapping[str, float]) -> dict[str, list[tuple[str, complex]]]:

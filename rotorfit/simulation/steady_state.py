@@ -41,8 +41,10 @@ def steady_state(
     parts = {name: np.zeros_like(force) for name in Steady._fields}
     # Lines of like frequency go together, so that windows of whole periods are of like length.
     octave = np.floor(np.log2(np.abs(frequency) / np.abs(frequency).min()))
-    for number in np.unique(octave):
-        lines = np.flatnonzero(octave == number)
+    # Where nothing acts a stable rotor is at rest, of no size to which steps could be held.
+    driven = (force != 0).any(axis=1) | (load != 0).any(axis=1) | (motion.imposed is not None)
+    for number in np.unique(octave[driven]):
+        lines = np.flatnonzero((octave == number) & driven)
         chosen = (motion.select(lines), frequency[lines], force[lines], load[lines], decay[lines])
         found = _settle(*chosen, z[lines], v[lines], tolerance)
         for name, values in found._asdict().items():

@@ -43,6 +43,10 @@ _REMEDY = {
     Kind.SUPPORT: "Read both probes, x and y, or fit the model Anisotropic",
     Kind.PAIR: "Fit the model Anisotropic",
     Kind.ELSEWHERE: "Fit a model that has a fluid there too",
+    Kind.RESIDUAL: (
+        "Take it out: start up once more with the weight moved by 180 degrees, or without it, and fit the differences "
+        "(rf.difference_synchronous, reference run)"
+    ),
 }
 """Advice for each fixed cause."""
 
@@ -93,8 +97,8 @@ def _cause(cause: Cause) -> str:
             words = f"a delay, filter or drifting phase reference of {who}, {1e3 * size:+.2g} ms"
         case Kind.CLOCK:
             words = (
-                f"a delay of all channels that grows along the sweep, by {2e3 * size:+.2g} ms from its begin to its end, "
-                "as where the marks are sampled by a clock of their own"
+                f"a delay of all channels that grows along the sweep, by {2e3 * size:+.2g} ms from end to end, as where "
+                "the marks are sampled by a clock of their own"
             )
         case Kind.DRIFT:
             words = f"a drift along the sweep, D by {100 * size:+.2g} % from its middle to its end"
@@ -103,6 +107,8 @@ def _cause(cause: Cause) -> str:
         case Kind.SUPPORT | Kind.PAIR:
             dK = math.hypot(*cause.sizes) if cause.kind is Kind.SUPPORT else math.sqrt(abs(size))
             words = f"stiffness unequal in x and y{where}, by {2 * dK:.2g} N/m"
+        case Kind.RESIDUAL:
+            words = f"residual unbalance{where} of {size:.2g} kg m, which these start-ups hold beside their weight"
         case Kind.ELSEWHERE:
             words = f"a fluid{where} too, D lam {size:.2g} N s/m"
         case _:
