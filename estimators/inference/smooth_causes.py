@@ -273,12 +273,11 @@ def _change(motion: _Motion, part: Part) -> ComplexArray:
         case Kind.PROBE:
             own = z[line, read] * np.abs(z[line, read] / part.reach) ** 2
             return np.asarray(np.where(read == at, own * motion.factors, 0.0))
-        case Kind.DELAY:
-            own = -base.s[line] * z[line, read] * motion.factors
+        case Kind.DELAY | Kind.CLOCK:
+            grows = part.kind is Kind.CLOCK and part.power == 0
+            along = (np.abs(base.frequency) - part.centre) / part.reach if grows else np.ones(base.s.size)
+            own = -(base.s * along)[line] * z[line, read] * motion.factors
             return np.asarray(np.where(read == (read if at is None else at), own, 0.0))
-        case Kind.CLOCK:
-            along = (np.abs(base.frequency) - part.centre) / part.reach if part.power == 0 else np.ones(base.s.size)
-            return np.asarray(-(base.s * along)[line] * z[line, read] * motion.factors)
         case Kind.DRIFT | Kind.SPEED:
             tested = np.abs(base.frequency if part.kind is Kind.DRIFT else base.speed)
             values = changed_values(base.model, motion.theta[base.group], part.value)[line]

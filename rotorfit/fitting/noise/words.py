@@ -97,8 +97,8 @@ def _cause(cause: Cause) -> str:
             words = f"a delay, filter or drifting phase reference of {who}, {1e3 * size:+.2g} ms"
         case Kind.CLOCK:
             words = (
-                f"a delay of all channels that grows along the sweep, by {2e3 * size:+.2g} ms from end to end, as where "
-                "the marks are sampled by a clock of their own"
+                f"a delay of all channels that grows along the sweep, by {2e3 * size:+.2g} ms from end to end, as "
+                "where the marks are sampled by a clock of their own"
             )
         case Kind.DRIFT:
             words = f"a drift along the sweep, D by {100 * size:+.2g} % from its middle to its end"
