@@ -13,8 +13,9 @@ from rotorfit.cli.main import main
 from rotorfit.estimators.signals.order_vectors import order_vectors
 from rotorfit.estimators.signals.spectral_lines import full_spectrum
 from rotorfit.recordings.marks import Marks, speeds
+from rotorfit.recordings.reduction.swept_vectors import swept_vectors
 from rotorfit.recordings.spectra import cascade, spectrum
-from rotorfit.recordings.views import centreline, stretch, vectors_over_time
+from rotorfit.recordings.views import OrderVectors, centreline, stretch, vectors_over_time
 from rotorfit.studies.folder import CONTENTS
 
 FIGURES = ("timebase", "orbit", "centreline", "bode", "polar", "full_spectrum", "cascade", "speed")
@@ -183,3 +184,21 @@ def test_look_says_what_is_wrong_with_a_recording(tmp_path: Path, capsys: pytest
     whole.write_bytes(whole.read_bytes()[:5000])
     assert main(["look", str(whole)]) == 2
     assert "run.h5 is not a readable HDF5 file: " in capsys.readouterr().err
+
+
+def test_vectors_of_a_sweep_pass_the_orders_of_the_shaft_smoothly() -> None:
+    """At 2x windows mix the shaft's own second order in; the vectors that a fit gets do not."""
+    record = rf.read_recording(rf.datasets.path("volts_journal-fwd.h5"))
+    swept = swept_vectors(record)
+    assert swept is not None
+    windows = vectors_over_time(record, marks_of(record), "perturbator")
+
+    def wiggle(vectors: OrderVectors) -> float:
+        rpm = np.abs(vectors.speed) * 30 / np.pi
+        near = (np.abs(rpm - 3000) < 400) & np.isfinite(vectors.phasors).all(axis=0)
+        amplitude = np.abs(vectors.phasors[2, near])
+        smooth = np.polyval(np.polyfit(rpm[near] - 3000, amplitude, 2), rpm[near] - 3000)
+        return float(np.abs(amplitude / smooth - 1).max())
+
+    assert wiggle(swept) < 0.01
+    assert wiggle(windows) > 0.02

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,14 +11,19 @@ from numpy.typing import NDArray
 
 from rotorfit.models.array_types import Float
 from rotorfit.plots.style import COLOURS, GREY, PAGE, PHASE_LABEL, grid, legend_below, literal
-from rotorfit.recordings.marks import SpeedTrack
+from rotorfit.recordings.marks import Marks, SpeedTrack
+from rotorfit.recordings.reduction.swept_vectors import swept_vectors
 from rotorfit.recordings.spectra import Cascade
-from rotorfit.recordings.views import Centreline, OrderVectors, Stretch
+from rotorfit.recordings.views import Centreline, OrderVectors, Stretch, vectors_over_time
 from rotorfit.units import RPM_PER_RAD_S
+
+if TYPE_CHECKING:
+    from rotorfit.recordings.recording import Recording
 
 _MICROMETRES = 1e6
 _SHAFT, _PERTURBATOR = "black", COLOURS[1]
 _MARK_COLOURS = {"shaft": _SHAFT, "perturbator": _PERTURBATOR}
+_TURNS = 8.0  # of a window: a resonance of 2 % damping is some turns long
 _FILTERED = {"shaft": "1x", "perturbator": "w"}
 
 
@@ -78,7 +83,7 @@ def _orbit(axis: Any, part: Stretch, z: NDArray[Any], dots: dict[str, Float], ha
 
 def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
     """Mean position of the shaft relative to the start of the recording, coloured by speed, else by time."""
-    figure, axes = grid(1, len(lines), literal(f"{name}\nshaft centreline from the gap voltages"), size=(4.0, 3.6))
+    figure, axes = grid(1, len(lines), literal(f"{name}: shaft centreline from the gap voltages"), size=(4.0, 3.6))
     for axis, line in zip(axes[0], lines, strict=True):
         z = line.z * _MICROMETRES
         by_speed = np.isfinite(line.speed).all() and np.ptp(line.speed) > 0.02 * np.abs(line.speed).max()
@@ -99,10 +104,16 @@ def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
     return figure
 
 
+def vectors_shown(record: Recording, marks: Marks, reference: str, turns: float | None) -> OrderVectors:
+    """Vectors of a sweep as a fit gets them; of others, or where their number of turns is given, those of windows."""
+    swept = swept_vectors(record) if turns is None and reference == "perturbator" else None
+    return swept or vectors_over_time(record, marks, reference, turns=_TURNS if turns is None else turns)
+
+
 def plot_bode(vectors: OrderVectors, name: str) -> Figure:
     """Amplitude and phase of every probe's vector over the speed of its mark; a column a plane."""
     planes = list(dict.fromkeys(plane for plane, _ in vectors.probes))
-    figure, axes = grid(2, len(planes), literal(f"{name}\n{_what(vectors)} by tracking windows"), size=(4.4, 2.5))
+    figure, axes = grid(2, len(planes), literal(f"{name}: {_what(vectors)}"), size=(4.4, 2.5))
     rpm, over = np.abs(vectors.speed) * RPM_PER_RAD_S, _axis_of(vectors)
     x = rpm if over == "speed" else vectors.t
     for column, plane in enumerate(planes):
@@ -129,11 +140,12 @@ def _gap(vectors: OrderVectors) -> str | None:
     """Where windows cannot tell the mark's turns from the other mark's, there is no vector; say so."""
     good = np.flatnonzero(np.isfinite(vectors.phasors).all(axis=0))
     missing = good.size and not np.isfinite(vectors.phasors[:, good[0] : good[-1]]).all()
-    return "gap: not distinguished from the other mark" if missing else None
+    return "gaps: at orders of the other mark" if missing else None
 
 
 def _what(vectors: OrderVectors) -> str:
-    return "1x vectors" if vectors.reference == "shaft" else "vectors at the perturbation frequency"
+    what = "1x vectors" if vectors.reference == "shaft" else "vectors at the perturbation frequency"
+    return f"{what}, by tracking windows" if np.isfinite(vectors.t).all() else what
 
 
 def _axis_of(vectors: OrderVectors) -> str:

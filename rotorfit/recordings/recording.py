@@ -36,7 +36,7 @@ from rotorfit.recordings.signals import Signals
 from rotorfit.recordings.slow_roll import RunOut, find_run_out, in_words
 from rotorfit.recordings.spectra import cascade, spectrum, steady_lines
 from rotorfit.recordings.twist import twist_of, twist_view
-from rotorfit.recordings.views import OrderVectors, centreline, stretch, vectors_over_time
+from rotorfit.recordings.views import OrderVectors, centreline, stretch
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -193,12 +193,15 @@ class Recording(Signals):
             raise ValueError(f"{self.name} has no gap voltages (AC-coupled?): there is no centreline in it")
         return plot_centreline([centreline(self, self._marks, each) for each in self._pairs(plane)], self.name)
 
-    def plot_bode(self, reference: str | None = None, *, turns: float = 8.0) -> Figure:
-        """Amplitude and phase of every probe's vector over the speed of a mark, by windows of some turns.
+    def plot_bode(self, reference: str | None = None, *, turns: float | None = None) -> Figure:
+        """Amplitude and phase of every probe's vector over the speed of a mark.
+
+        Of a sweep of a known weight these are the vectors that a fit gets, orders of the shaft left out; of others, as
+        of a start-up's 1x, vectors by windows of some turns.
 
         Args:
             reference: ``"shaft"`` or ``"perturbator"``; None: the perturbator's where there is one.
-            turns: of a window.
+            turns: of a window; None: no windows for a sweep, 8 turns for others.
 
         Raises:
             ValueError: no such mark.
@@ -207,12 +210,12 @@ class Recording(Signals):
 
         return plot_bode(self._vectors(reference, turns), self.name)
 
-    def plot_polar(self, reference: str | None = None, *, turns: float = 8.0) -> Figure:
-        """Locus of every probe's vector, by windows of some turns.
+    def plot_polar(self, reference: str | None = None, *, turns: float | None = None) -> Figure:
+        """Locus of every probe's vector, those of :meth:`plot_bode`.
 
         Args:
             reference: ``"shaft"`` or ``"perturbator"``; None: the perturbator's where there is one.
-            turns: of a window.
+            turns: of a window; None: no windows for a sweep, 8 turns for others.
 
         Raises:
             ValueError: no such mark.
@@ -293,11 +296,13 @@ class Recording(Signals):
             shaft=shaft, perturbator=self.perturbator_angle(), whirl=1 if self.force is None else self.force.whirl
         )
 
-    def _vectors(self, reference: str | None, turns: float) -> OrderVectors:
+    def _vectors(self, reference: str | None, turns: float | None) -> OrderVectors:
         known = self.__dict__.setdefault("_known_vectors", {})
         key = (reference or self._marks.main, turns)
         if key not in known:
-            known[key] = vectors_over_time(self, self._marks, key[0], turns=turns)
+            from rotorfit.plots.recordings import vectors_shown
+
+            known[key] = vectors_shown(self, self._marks, key[0], turns)
         return known[key]  # type: ignore[no-any-return]
 
     def _of(self, plane: str | None) -> tuple[str, ...]:
