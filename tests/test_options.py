@@ -45,6 +45,8 @@ SETTINGS = {
     "method": "ipopt",
     "max_iterations": 1000,
     "refine": True,
+    "baseline": "dry.csv",
+    "stator_mass_kg": 12.5,
     "calibration": {"probe_gain": 0.01},
     "assumptions": {"Ds[journal]": 2.0},
     "sample": True,
@@ -63,7 +65,7 @@ def test_every_setting_of_a_study_is_in_the_table() -> None:
 
 
 def test_a_fit_takes_the_options_that_are_described_once() -> None:
-    own = {f.name for f in fields(FitOptions)} | {"calibration"}
+    own = {f.name for f in fields(FitOptions)} | {"baseline", "calibration"}
     assert set(signature(fit).parameters) - {"model", "experiments"} == own
     assert set(FitKeywords.__annotations__) | {"known"} == own
     given = {f.name: f.default for f in fields(FitOptions) if f.default is not MISSING}

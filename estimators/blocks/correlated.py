@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from statistics import NormalDist
@@ -42,14 +42,12 @@ class CorrelatedResponses(OnResponses):
 
         The symmetric root, which leaves each whitened residual as near to its own reading as can be.
         """
-        values, vectors = np.linalg.eigh(self.correlation)
-        return np.asarray((vectors / np.sqrt(values)) @ vectors.conj().T)
+        return _by_component(self.correlation, lambda values: 1 / np.sqrt(values))
 
     @cached_property
     def spread(self) -> ComplexArray:
         """Root of the covariance: noise over sigma as drawn from independent numbers, shape ``(R, R)``."""
-        values, vectors = np.linalg.eigh(self.covariance)
-        return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.conj().T)
+        return _by_component(self.covariance, lambda values: np.sqrt(np.maximum(values, 0.0)))
 
     @cached_property
     def channel_correlation(self) -> Float:
@@ -74,6 +72,20 @@ class CorrelatedResponses(OnResponses):
     def scatter(self) -> ComplexArray:
         """Covariance of the whitened residuals, the unit matrix where the weights are right, shape ``(R, R)``."""
         return np.asarray(self.mixing @ self.covariance @ self.mixing.conj().T)
+
+
+def _by_component(matrix: ComplexArray, function: Callable[[Float], Float]) -> ComplexArray:
+    """A function of a Hermitian matrix, readings that have nothing in common being taken apart."""
+    from scipy.sparse import csr_array  # late: loading it takes longer than a fit
+    from scipy.sparse.csgraph import connected_components
+
+    count, number = connected_components(csr_array(matrix != 0), directed=False)
+    found = np.zeros_like(matrix)
+    for component in range(count):
+        at = np.flatnonzero(number == component)
+        values, vectors = np.linalg.eigh(matrix[np.ix_(at, at)])
+        found[np.ix_(at, at)] = (vectors * function(values)) @ vectors.conj().T
+    return found
 
 
 def whiten(block: Block, misses: ComplexArray) -> ComplexArray:

@@ -89,6 +89,8 @@ class Responses:
     run: Text
     imposed: bool = False  # the displacement is imposed and ``measured`` is the force
     sigma_given: bool = True  # sigma was given with all readings, not estimated from them
+    beside: ComplexArray | None = None  # known dynamic stiffness that acts beside the model's, shape ``(L, n, n)``
+    force_noise: ComplexArray | None = None  # covariance of each line's forces, of either part, shape ``(L, n, n)``
 
     @property
     def reading_group(self) -> Index:
@@ -161,8 +163,17 @@ class Responses:
         return size if np.array_equal(number, np.repeat(np.arange(pairs), size)) else 0
 
     def known_stiffness(self, theta: Float) -> KnownStiffness | None:
-        """Dynamic stiffness of the model's known structure at each line, if it has one."""
-        return None if self.model.shaft is None else self.model.known_stiffness(theta[self.group], self.s, self.speed)
+        """Dynamic stiffness of the model's known structure and of what acts beside it, if there is any."""
+        shaft = self.model.shaft and self.model.known_stiffness(theta[self.group], self.s, self.speed)
+        if self.beside is None:
+            return shaft or None
+        return KnownStiffness.of_values(self.beside) if not shaft else replace(shaft, values=shaft.values + self.beside)
+
+    @property
+    def _by_line(self) -> list[str]:
+        """Columns with a row for each line."""
+        optional = [name for name in ("beside", "force_noise") if getattr(self, name) is not None]
+        return ["speed", "frequency", "force", "group", *optional]
 
     def split(self, readings: int) -> list[Responses]:
         """The same observations in pieces of whole lines."""
@@ -174,7 +185,7 @@ class Responses:
             fitting = int(np.searchsorted(first, first[begin] + readings, side="right")) - 1
             end = min(max(fitting, begin + 1), self.speed.size)
             lines, part = slice(begin, end), slice(first[begin], first[end])
-            by_line = {name: getattr(self, name)[lines] for name in ("speed", "frequency", "force", "group")}
+            by_line = {name: getattr(self, name)[lines] for name in self._by_line}
             names = ("coordinate", "measured", "sigma", "label", "run")
             by_reading = {name: getattr(self, name)[part] for name in names}
             pieces.append(replace(self, **by_line, **by_reading, line=self.line[part] - begin))
@@ -186,7 +197,7 @@ class Responses:
         readings = keep[self.line]
         names = ("coordinate", "measured", "sigma", "label", "run")
         by_reading = {name: getattr(self, name)[readings] for name in names}
-        by_line = {name: getattr(self, name)[keep] for name in ("speed", "frequency", "force", "group")}
+        by_line = {name: getattr(self, name)[keep] for name in self._by_line}
         return replace(self, **by_line, **by_reading, line=(np.cumsum(keep) - 1)[self.line[readings]])
 
     def predict(self, theta: Float) -> ComplexArray:

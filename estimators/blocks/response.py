@@ -9,7 +9,7 @@ the cost grows with the lines and not with the size of a symbolic inverse. Param
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Protocol
 
@@ -76,12 +76,15 @@ def _stiffness(block: Responses, theta: Float) -> ComplexArray:
 
 
 def known_lines(block: Responses, theta: Float) -> KnownStiffness | None:
-    """Contribution of a known structure to the stiffness, lines along the last axis; None without one."""
-    return (
-        None
-        if block.model.shaft is None
-        else known_structure(block.model, theta[..., block.group, :], block.s, block.speed)
-    )
+    """Contribution of a known structure, and of what acts beside the model, lines along the last axis; None without."""
+    shaft = None
+    if block.model.shaft is not None:
+        shaft = known_structure(block.model, theta[..., block.group, :], block.s, block.speed)
+    if block.beside is None:
+        return shaft
+    beside = np.moveaxis(block.beside, 0, -1)
+    beside = beside.reshape(*beside.shape[:2], *(1,) * (theta.ndim - 2), -1)
+    return KnownStiffness.of_values(beside) if shaft is None else replace(shaft, values=shaft.values + beside)
 
 
 @dataclass(frozen=True, eq=False)

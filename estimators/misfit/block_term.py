@@ -25,7 +25,7 @@ Normal = tuple[Float, Float, Float]
 
 def is_linear_response(block: Block) -> bool:
     """True if a block holds responses to forces of a linear model that its coefficients describe."""
-    if not isinstance(block, Responses) or block.imposed:
+    if not isinstance(block, Responses) or block.imposed or block.beside is not None:
         return False
     return block.model.shaft is None and not block.model.eccentricity_dependent
 

@@ -49,7 +49,12 @@ def cost_graph(problem: Problem) -> ca.Function | None:
 def _linear(block: Block) -> Responses | None:
     """The responses to forces that a block holds, None if they are others or their model has no closed graph."""
     base = block.base if isinstance(block, CorrelatedResponses) else block
-    if not isinstance(base, Responses) or base.model.shaft is not None or base.model.eccentricity_dependent:
+    if (
+        not isinstance(base, Responses)
+        or base.model.shaft is not None
+        or base.model.eccentricity_dependent
+        or base.beside is not None
+    ):
         return None
     return base
 

@@ -159,6 +159,15 @@ class KnownStiffness:
     inputs: Index
     slopes: ComplexArray
 
+    @classmethod
+    def of_values(cls, values: ComplexArray) -> KnownStiffness:
+        """That of a structure without scale factors.
+
+        Args:
+            values: shape ``(L, n, n)``, N/m.
+        """
+        return cls(values, np.zeros(0, dtype=np.intp), np.zeros((0, *values.shape), dtype=complex))
+
 
 class SeenShaft(Protocol):
     """A known structure as free motion needs it.

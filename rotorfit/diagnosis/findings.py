@@ -8,6 +8,7 @@ from dataclasses import replace
 from rotorfit.data.common_zero import at_common_zero
 from rotorfit.data.findings import Finding, attributed
 from rotorfit.diagnosis.check import check
+from rotorfit.diagnosis.dry_runs import other_rig
 from rotorfit.diagnosis.probe_pairs import UNEVEN
 from rotorfit.diagnosis.trials.explanations import explained
 from rotorfit.estimators.inference.smooth_causes import Kind
@@ -23,7 +24,7 @@ def findings_of(fit: FitResult) -> tuple[Finding, ...]:
     experiments = at_common_zero(fit.experiments, datum) if datum else fit.experiments
     sources = [test.source or test.title for test in experiments]
     shown = _with_weight(fit, attributed([check(test) for test in experiments], sources))
-    return (*explained(_as_given(fit), {finding.code for finding in shown}), *shown)
+    return (*other_rig(fit), *explained(_as_given(fit), {finding.code for finding in shown}), *shown)
 
 
 def _with_weight(fit: FitResult, shown: Sequence[Finding]) -> list[Finding]:

@@ -25,7 +25,7 @@ from rotorfit.fitting.assumptions.shifts import assuming
 from rotorfit.fitting.judge import judge, with_model_uncertainty
 from rotorfit.fitting.noise.error_bars import with_noise
 from rotorfit.fitting.noise.study import study_residuals
-from rotorfit.fitting.problem_setup import as_tuple, build_problem, make_priors
+from rotorfit.fitting.problem_setup import as_tuple, build_problem, dry_run, make_priors
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets
 from rotorfit.models import Modal, RotorModel
@@ -44,6 +44,8 @@ def fit(
     loss: Loss = "linear",
     start: Mapping[str, float] | None = None,
     phase_offsets: PhaseOffsets = False,
+    baseline: Experiment | None = None,
+    stator_mass_kg: float | None = None,
     calibration: Calibration | None = None,
     assumptions: Mapping[str, float] | None = None,
     method: Method = "auto",
@@ -67,6 +69,10 @@ def fit(
             mean where their scatter tells how far the first one's may be off; "common": one angle ``datum``
             between all forces and all responses, where weight holes, Keyphasor and probes have no common zero. It is
             positive where responses lead.
+        baseline: a dry run of the same rig, whose dynamic stiffness is taken out: the model is then of the fluid alone.
+            Its speeds are matched with those of the test, its frequencies are interpolated, and its noise enters the
+            errors.
+        stator_mass_kg: in place of a dry run, the mass of a floating stator.
         calibration: uncertainties of probes, force and phase reference, which then count in ``stderr``.
         assumptions: standard uncertainties of terms that the model leaves out or takes as known, by their names and
             units in :meth:`FitResult.assumptions`, ``{"Ds[journal]": 2.0}``. They enter :meth:`FitResult.interval`, the
@@ -98,6 +104,8 @@ def fit(
         start=start or {},
         loss=loss,
         phase_offsets=phase_offsets,
+        baseline=dry_run(baseline),
+        stator_mass_kg=stator_mass_kg,
         calibration=calibration,
         method=method,
         max_iterations=max_iterations,
@@ -157,12 +165,14 @@ def closed_form(
     *,
     known: Mapping[str, float | None] | None = None,
     per: Mapping[str, str] | None = None,
+    baseline: Experiment | None = None,
+    stator_mass_kg: float | None = None,
     weighted: bool = True,
 ) -> FitResult:
     """Identify without iteration (eqs 5 to 9 and straight-line fits); the result has the shape of :func:`fit`'s.
 
     Args:
-        model, experiments, known, per: as for :func:`fit`.
+        model, experiments, known, per, baseline, stator_mass_kg: as for :func:`fit`.
         weighted: weigh by the propagated noise, or, as the paper did, not at all.
 
     Raises:
@@ -180,7 +190,7 @@ def closed_form(
         )
     if isinstance(model, Modal):
         raise ClosedFormError("a modal model starts from a rational fit of its own, which is no estimate with errors")
-    settings = FitSettings(known=known or {}, per=per or {})
+    settings = FitSettings(known=known or {}, per=per or {}, baseline=dry_run(baseline), stator_mass_kg=stator_mass_kg)
     problem = build_problem(model, experiments, settings)
     if has_lines(problem):
         raise ClosedFormError("combination lines have none; the fit starts from linear steps, one line after the other")

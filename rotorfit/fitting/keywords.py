@@ -15,6 +15,7 @@ from rotorfit.fitting.settings import PhaseOffsets
 from rotorfit.models.parameters import unknown_name
 
 if TYPE_CHECKING:
+    from rotorfit.data.experiments import Experiment
     from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress
     from rotorfit.estimators.inference.log_posterior import Noise
     from rotorfit.fitting.assumptions.calibration import Calibration
@@ -29,6 +30,8 @@ class FitKeywords(TypedDict, total=False):
     loss: Loss
     start: Mapping[str, float] | None
     phase_offsets: PhaseOffsets
+    baseline: Experiment | None
+    stator_mass_kg: float | None
     calibration: Calibration | None
     assumptions: Mapping[str, float] | None
     method: Method

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.data.experiments import Experiment
+from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.data.weights import Influences, weighed
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
@@ -24,6 +25,7 @@ from rotorfit.fitting.settings import FitSettings, PhaseOffsets, check_phase_off
 from rotorfit.models import Modal, RotorModel
 from rotorfit.models.array_types import ComplexArray
 from rotorfit.models.parameters import unknown_name
+from rotorfit.observing.baseline import with_baseline
 from rotorfit.observing.grouping import Grouping, group_rows
 from rotorfit.observing.influences import correlated
 from rotorfit.observing.jumps import usable
@@ -43,11 +45,23 @@ def as_tuple(experiments: Experiment | Sequence[Experiment]) -> tuple[Experiment
     return several
 
 
+def dry_run(baseline: Experiment | None) -> PerturbationTest | None:
+    """A baseline as it is, if it is a test with measured forces."""
+    if baseline is None or isinstance(baseline, PerturbationTest):
+        return baseline
+    what = baseline.title if isinstance(baseline, Experiment) else type(baseline).__name__
+    raise TypeError(f"a baseline is what rf.read returns of a dry run, responses to measured forces, not a {what}")
+
+
 def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experiment], settings: FitSettings) -> Problem:
     """Lay a fit out as an optimisation problem."""
     if not isinstance(model, RotorModel):
         raise TypeError(f"the model must be an instance such as rf.models.WhirlWhip(), not {model!r}")
     several, model = as_tuple(experiments), _with_betas(model, settings)
+    if settings.baseline is not None and settings.stator_mass_kg is not None:
+        raise ValueError("baseline and stator_mass_kg are both given: the dry run holds the stator's mass; keep one")
+    if settings.stator_mass_kg is not None and not 0 < settings.stator_mass_kg < math.inf:
+        raise ValueError(f"stator_mass_kg is {settings.stator_mass_kg!r}; a mass is a positive number, kg")
     if settings.loss not in LOSSES:
         raise ValueError(unknown_name("loss", settings.loss, LOSSES))
     for name in settings.per:
@@ -104,6 +118,7 @@ def _observed(
         base = responses_of(block)
         if found is not None and isinstance(block, Responses) and base is not None:
             block = correlated(base, found)
+        block = with_baseline(model, block, experiment, settings.baseline, settings.stator_mass_kg)
         blocks.append(block)
     return seen, tuple(blocks), grouping
 

@@ -11,6 +11,7 @@ from rotorfit.estimators.misfit.losses import Loss
 from rotorfit.version import renamed
 
 if TYPE_CHECKING:
+    from rotorfit.data.experiments import PerturbationTest
     from rotorfit.fitting.assumptions.calibration import Calibration
     from rotorfit.fitting.noise.record import FoundNoise
 
@@ -68,6 +69,9 @@ class FitOptions:
         "how the optimum is searched: auto, gauss-newton, or ipopt (on CasADi's own graph where there is one)",
         "NAME",
     )
+    stator_mass_kg: float | None = option(
+        None, "mass of a floating stator, kg, that moves beside what the model holds (or a dry run, --baseline)", "KG"
+    )
     max_iterations: int = option(200, "limit on the iterations of the search; 200 unless given", "N")
     assumptions: Mapping[str, float] = option(
         {},
@@ -83,6 +87,7 @@ class FitSettings(FitOptions):
 
     noise_scale: Mapping[str, float] = field(default_factory=dict)  # factor on the noise of a response, by name
     onsets: tuple[Onset, ...] = ()
+    baseline: PerturbationTest | None = None  # dry run, whose dynamic stiffness acts beside the model's
     calibration: Calibration | None = None  # uncertainties that enter as nuisance entries
     noise: FoundNoise | None = None
 

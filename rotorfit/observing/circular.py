@@ -219,6 +219,7 @@ def _assemble(
         labels=labels,
         run=test.run[row],
         sigma_given=not gaps.any(),
+        force_noise=_force_noise(model, test, first),
     )
     if gaps.any():
         # An accelerometer's noise is even in its own quantity, not in the displacement.
@@ -251,6 +252,20 @@ def _forces(model: RotorModel, test: PerturbationTest, lines: Lines, first: Inde
         w = frequency[line : line + 1]
         for plane, further, axis in test.further_forces[first[line]]:
             found[line] += model.force_vector(plane, w, np.array([further]), axis)[0]
+    return found
+
+
+def _force_noise(model: RotorModel, test: PerturbationTest, first: Index) -> ComplexArray | None:
+    """Covariance of each line's measured forces, of either part, shape ``(L, n, n)``; None where they are exact."""
+    sigma = test.force_sigma[first]
+    if not sigma.any():
+        return None
+    found = np.zeros((first.size, len(model.coordinates), len(model.coordinates)), dtype=complex)
+    for line, row in enumerate(first.tolist()):
+        acting = [(test.force_plane[row], 0.0, test.force_direction[row]), *test.further_forces[row]]
+        for plane, _, axis in acting:
+            share = model.force_vector(str(plane), test.frequency[row : row + 1], np.array([sigma[line]]), str(axis))[0]
+            found[line] += np.outer(share, share.conj())
     return found
 
 

@@ -46,6 +46,9 @@ class StudyOptions(FitOptions):
         None, "plausible run-out; 1x and 2x of recordings then give unbalance and side load (anisotropic-shaft)", "UM"
     )
     refine: bool = option(False, "add structural blocks while the data ask for them (AIC)")
+    baseline: str = option(
+        "", "dry run of the rig, whose dynamic stiffness is taken out; read as the first test file is", "FILE"
+    )
     calibration: Mapping[str, float | Mapping[str, float]] = option(
         {}, "systematic uncertainty: probe_gain=0.01, probe_phase_deg=0.5, mr=0.005, keyphasor_deg=1", "NAME=VALUE"
     )

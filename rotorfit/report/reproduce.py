@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rotorfit.data.experiments import Experiment, LineTest, RingDownTest, StaticTest
+from rotorfit.data.experiments import Experiment, LineTest, PerturbationTest, RingDownTest, StaticTest
 from rotorfit.fitting.assumptions.calibration import Calibration
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitOptions, FitSettings
@@ -118,7 +118,8 @@ def _calls(material: ReportInput) -> Iterator[str]:
 def _given(settings: FitSettings) -> dict[str, Any]:
     """Options of a fit by name, those left out that it has by default."""
     usual = FitSettings()
-    found = {name: getattr(settings, name) for name in (*(f.name for f in fields(FitOptions)), "calibration")}
+    names = (*(f.name for f in fields(FitOptions)), "baseline", "calibration")
+    found = {name: getattr(settings, name) for name in names}
     return {name: value for name, value in found.items() if value and value != getattr(usual, name)}
 
 
@@ -138,8 +139,8 @@ def _shown(value: Any) -> str:
         return "{" + ", ".join(f"{k!r}: {_shown(v)}" for k, v in value.items()) + "}"
     if isinstance(value, np.ndarray):
         return f"<array {' × '.join(map(str, value.shape))}>"
-    if hasattr(value, "dist"):
-        return _distribution(value)
+    if isinstance(value, PerturbationTest) or hasattr(value, "dist"):
+        return _source(value) if isinstance(value, PerturbationTest) else _distribution(value)
     if isinstance(value, RotorModel):
         options = ", ".join(f"{name}={_shown(option)}" for name, option in _own_options(value).items())
         home = "rf.models." if type(value).__module__.startswith("rotorfit.models.") else ""
@@ -171,7 +172,7 @@ def _command(material: ReportInput) -> str:
     expressible = (
         fit.method == "least squares"
         and model.name in MODELS
-        and all(e.source for e in fit.experiments)
+        and all(e.source for e in (*fit.experiments, *([settings.baseline] if settings.baseline else [])))
         and set(options) <= _MODEL_OPTIONS
         and ("law" not in options or options["law"] in [law() for law in LAWS.values()])
     )
@@ -183,6 +184,7 @@ def _command(material: ReportInput) -> str:
         "orthotropic": supports,
         "law": options["law"].name if "law" in options else "",
         **_given(settings),
+        "baseline": "" if settings.baseline is None else settings.baseline.source,
         "calibration": {name: value for name, value in calibrated.items() if value},
         "refine": refined,
         "profile": tuple(p.name for p in material.profiles),

@@ -67,8 +67,9 @@ def study_of(content: Mapping[str, Any], base: Path = Path(), *, of_a_store: boo
     settings["files"] = tuple(_in_folder(file, base) for file in settings["files"])
     if "out" in settings:
         settings["out"] = base / settings["out"]
-    if "structure" in settings:
-        settings["structure"] = str(base / settings["structure"])
+    for key in ("structure", "baseline"):
+        if key in settings:
+            settings[key] = str(base / settings[key])
     return Study(**settings)
 
 
