@@ -171,6 +171,38 @@ class Modal(RotorModel):
     def _complex(self, p: Any, name: str) -> Complex:
         return Complex.of(getattr(p, name)) + J * Complex.of(getattr(p, f"{name}_im"))
 
+    def inverse(self, coefficients: ComplexArray, s: ComplexArray) -> ComplexArray:
+        """Receptance in closed form, as the equations between readings, modes and forces are solved by hand.
+
+        Args:
+            coefficients: of powers of s, shape ``(3, row, column, ..., L or 1)``.
+            s: j w of each line, shape ``(L,)``.
+
+        Returns:
+            inverse of the dynamic stiffness, shape ``(column, row, ..., L)``.
+        """
+        stiffness, damping, mass = coefficients
+        found = np.zeros((*stiffness.shape[:-1], s.size), dtype=complex)
+        for axis in self._axes:
+            readings = [self.coordinate(plane, axis) for plane in self.planes]
+            forces = [self.coordinate(f"force at {plane}", axis) for plane in self.planes]
+            for reading, force in zip(readings, forces, strict=True):
+                found[reading, force] = found[force, reading] = 1.0
+            for mode in (self.coordinate(f"mode {number}", axis) for number in range(1, self.modes + 1)):
+                flexibility = 1 / (stiffness[mode, mode] + s * (damping[mode, mode] + s * mass[mode, mode]))
+                found[mode, mode] = flexibility
+                seen = [-stiffness[force, mode] * flexibility for force in forces]
+                for reading, gain in zip(readings, seen, strict=True):
+                    found[mode, reading] = gain
+                for driven, force in zip(readings, forces, strict=True):
+                    participation = -stiffness[mode, force]
+                    if not participation.any():
+                        continue
+                    found[driven, mode] = participation * flexibility
+                    for reading, gain in zip(readings, seen, strict=True):
+                        found[driven, reading] += participation * gain
+        return found
+
     def _modal_rows(self) -> slice:
         count = len(self._axes) * len(self.planes)
         return slice(count, count + len(self._axes) * self.modes)

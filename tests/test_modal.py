@@ -151,3 +151,78 @@ def test_other_models_have_no_modes_to_turn_into_disks() -> None:
     fit = rf.fit(rf.models.TwoDisk(), rf.datasets.two_disk())
     with pytest.raises(ValueError, match="needs a fit of Modal with two modes"):
         rf.two_disk_from_modes(fit)
+
+
+@pytest.mark.parametrize(("gains", "apart"), [("plane", False), ("probe", True)])
+def test_the_receptance_in_closed_form_is_the_inverse_of_the_stiffness(gains, apart) -> None:
+    rng = np.random.default_rng(2)
+    model = rf.models.Modal(("a", "b", "c"), modes=2, gains=gains, apart=apart, force_planes=("c", "a"))
+    theta = rng.uniform(0.3, 1.5, (4, len(model.parameters))) * [q.scale for q in model.parameters]
+    w = np.linspace(20.0, 300.0, 7)
+    coefficients = np.moveaxis(model.coefficients(theta, 0.0), 0, -1)[..., None]
+    found = np.moveaxis(model.inverse(coefficients, 1j * w), (0, 1), (-1, -2))
+    for vector, one in zip(theta, found, strict=True):
+        np.testing.assert_allclose(one, np.linalg.inv(model.dynamic_stiffness(vector, w, 0.0)), atol=1e-9)
+
+
+# ---- many sensors ----------------------------------------------------------------------------------------------------
+
+EIGHT = tuple(f"s{i}" for i in range(8))
+MODES = {"wn": np.array([264.0, 597.0, 1005.0]), "zeta": np.array([0.02, 0.012, 0.02]), "M": np.array([3.0, 2.0, 1.5])}
+
+
+def hammer_test(lines: int, coherence: float, seed: int) -> rf.PerturbationTest:
+    """A simply supported shaft hit at the first of eight accelerometers' places: H1 of ten averages."""
+    rng = np.random.default_rng(seed)
+    w = np.linspace(60.0, 1250.0, lines)
+    x = np.linspace(0.1, 0.9, 8)
+    wn, zeta, M = (MODES[name][:, None] for name in ("wn", "zeta", "M"))
+    shapes = np.sin(np.arange(1, 4)[:, None] * np.pi * x) / np.sin(np.arange(1, 4)[:, None] * np.pi * x[0])
+    H = (shapes[:, :, None] / (M * (wn**2 - w**2 + 2j * zeta * wn * w))[:, None, :]).sum(axis=0)
+    sigma = np.abs(H) * np.sqrt((1 - coherence) / (2 * coherence * 10))
+    H = H + sigma * (rng.normal(size=H.shape) + 1j * rng.normal(size=H.shape))
+    return rf.perturbation_test(
+        run="hammer", speed=0.0, frequency=np.tile(w, 8), force_plane="s0", force=1.0, force_direction="x",
+        direction="x", plane=np.repeat(EIGHT, lines), response=H.ravel(), sigma=sigma.ravel(),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("lines", "coherence"), [(400, 0.95), (2000, 0.5)])
+def test_eight_sensors_and_three_modes(lines, coherence) -> None:
+    """Responses along one axis at rest, as noisy as measured ones are: a second or two for 2000 lines."""
+    model = rf.models.Modal(EIGHT, modes=3, gains="plane", force_planes=("s0",))
+    fit = rf.fit(model, hammer_test(lines, coherence, seed=3))
+    assert fit.success
+    assert fit.nfev < 15
+    assert 0.95 < fit.redchi < 1.05
+    for name, values in MODES.items():
+        for number, value in enumerate(values, start=1):
+            p = fit.params[f"{name}{number}"]
+            assert abs(p.value - value) < 4 * p.stderr, p.name
+
+
+def test_fewer_modes_than_the_responses_have() -> None:
+    """One mode of three: the one that explains the responses best, and redchi says that it does not suffice."""
+    model = rf.models.Modal(EIGHT, modes=1, gains="plane", force_planes=("s0",))
+    fit = rf.fit(model, hammer_test(400, 0.8, seed=4))
+    assert fit.success
+    assert fit.redchi > 10
+    assert np.abs(MODES["wn"] / fit.params["wn"].value - 1).min() < 0.01
+
+
+def test_poles_by_vector_fitting() -> None:
+    """Those of exact responses; and noise as large as the responses leaves them in sight."""
+    from rotorfit.estimators.starting.vector_fitting import Response, common_poles
+
+    rng = np.random.default_rng(0)
+    w = np.linspace(60.0, 1250.0, 1500)
+    factors = rng.normal(size=(8, 3)) + 1j * rng.normal(size=(8, 3))
+    s = 1j * w[:, None]
+    exact = factors @ (1 / (s**2 + 2 * MODES["zeta"] * MODES["wn"] * s + MODES["wn"] ** 2)).T
+    poles = MODES["wn"] * (-MODES["zeta"] + 1j * np.sqrt(1 - MODES["zeta"] ** 2))
+    found = common_poles([Response(w, one, np.ones(w.size)) for one in exact], 3)
+    np.testing.assert_allclose(found, poles, rtol=1e-6)  # where it stops
+    noise = np.abs(exact) * (rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape)) / np.sqrt(2)
+    found = common_poles([Response(w, one + n, 1 / np.abs(one)) for one, n in zip(exact, noise, strict=True)], 7)
+    for pole in poles:
+        assert np.abs(found - pole).min() < 0.01 * abs(pole)

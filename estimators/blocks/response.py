@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.modal import Modal
 from rotorfit.models.model import CompiledModel, RotorModel
 from rotorfit.models.motion.line_stiffness import known_structure
 from rotorfit.models.shafts.shaft import KnownStiffness
@@ -53,8 +54,8 @@ def dynamic_stiffness(block: Responses, theta: Float) -> ComplexArray:
     return np.moveaxis(_stiffness(block, theta), (0, 1), (-2, -1))
 
 
-def _stiffness(block: Responses, theta: Float) -> ComplexArray:
-    """Dynamic stiffness, shape ``(row, column, ..., line)``: what runs along the lines is contiguous."""
+def _coefficients(block: Responses, theta: Float) -> ComplexArray:
+    """Coefficients of powers of s, shape ``(power, row, column, ..., line)``, one line where all are alike."""
     index, group, speed = block.condition
     if speed.size == 1:
         coefficients = block.model.coefficients(theta[..., group[0], :], speed[0])[..., None, :, :, :]
@@ -62,8 +63,12 @@ def _stiffness(block: Responses, theta: Float) -> ComplexArray:
         coefficients = block.model.coefficients(theta[..., group, :], speed)
     axes = coefficients.ndim - 3
     coefficients = coefficients.transpose(axes, axes + 1, axes + 2, *range(axes))
-    if speed.size > 1:
-        coefficients = coefficients[..., index]
+    return coefficients[..., index] if speed.size > 1 else coefficients
+
+
+def _stiffness(block: Responses, theta: Float) -> ComplexArray:
+    """Dynamic stiffness, shape ``(row, column, ..., line)``: what runs along the lines is contiguous."""
+    coefficients = _coefficients(block, theta)
     kappa = np.empty((*coefficients.shape[1:-1], block.s.size), dtype=complex)
     kappa[:] = coefficients[-1]
     for power in range(len(coefficients) - 2, -1, -1):
@@ -177,6 +182,8 @@ def _rows(block: Responses, H: ComplexArray) -> ComplexArray:
 
 def _receptance(block: Responses, theta: Float) -> ComplexArray:
     """Inverse of the dynamic stiffness, shape ``(column, row, ..., L)``."""
+    if isinstance(block.model, Modal):  # has one, of as many products as its modes have probes and forces
+        return block.model.inverse(_coefficients(block, theta), block.s)
     return _inverse(_stiffness(block, theta))
 
 

@@ -1,6 +1,9 @@
 """Modes from responses in closed form: poles by a rational fit, shapes by singular values.
 
-With the denominator ``d(s) = s^2n + a_(2n-1) s^(2n-1) + ... + a_0`` common to all responses and real coefficients,
+Responses of many lines have their poles by vector fitting (``vector_fitting.py``), more of them than the model has
+modes: those are taken that explain the responses best, so that modes beside those of the model spoil no start. Few
+lines, as of weights at some speeds, are fitted with as few numbers as a model of so many modes has: with the
+denominator ``d(s) = s^2n + a_(2n-1) s^(2n-1) + ... + a_0`` common to all responses and real coefficients,
 ``d(s) H_pr(s)`` is a polynomial with complex coefficients for each probe p and force plane r: linear least squares,
 with the last denominator as weight (Sanathanan and Koerner). The residue of each pair of poles is a matrix of rank one,
 gain times participation over modal mass.
@@ -14,8 +17,12 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.starting.vector_fitting import Response, common_poles
 from rotorfit.models import Modal
 from rotorfit.models.array_types import ComplexArray, Float, Index
+
+_DAMPING = (1e-3, 0.5)
+"""Damping ratios that a start may have."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,6 +101,56 @@ def _lines_along(model: Modal, blocks: Sequence[Responses], axis: str) -> Lines:
 
 def _poles(lines: Lines, modes: int) -> tuple[Float, Float]:
     """Natural frequencies, rad/s, ascending, and damping ratios of so many modes, shape ``(modes,)`` each."""
+    responses = _responses(lines)
+    enough = 1.2  # mean square of what is left over the noise, from which more poles would explain noise
+    tried = [(float("inf"), np.zeros(0), np.zeros(0))]
+    for more in (0, 2, 4):  # poles beside those of the model, for modes that it does not have and for noise
+        unknown = 2 * (modes + more) + 1  # of each response beside the poles
+        if min(one.value.size for one in responses) >= 4 * unknown:
+            tried.append(_best_of(common_poles(responses, modes + more), responses, modes))
+        if tried[-1][0] < enough * 2 * lines.value.size:
+            break
+    _, wn, zeta = min(tried, key=lambda one: one[0])
+    return (wn, np.clip(zeta, *_DAMPING)) if wn.size == modes else _few_lines(lines, modes)
+
+
+def _responses(lines: Lines) -> list[Response]:
+    """The response of each pair of a probe and a force plane."""
+    pair = lines.probe * (lines.plane.max() + 1) + lines.plane
+    rows = [np.flatnonzero(pair == one) for one in np.unique(pair)]
+    return [Response(lines.frequency[mine], lines.value[mine], lines.weight[mine]) for mine in rows]
+
+
+def _best_of(poles: ComplexArray, responses: Sequence[Response], modes: int) -> tuple[float, Float, Float]:
+    """Misfit, natural frequencies and damping ratios of those poles that explain the responses best, one by one."""
+    wn, zeta = np.abs(poles), -poles.real / np.abs(poles)
+    basis = [
+        np.asarray(one.weight[:, None] / (wn**2 - w**2 + 2j * zeta * wn * w), dtype=complex)
+        for one in responses
+        for w in (one.frequency[:, None],)
+    ]
+    given = [one.value * one.weight for one in responses]
+    chosen: list[int] = []
+    misfit = float("inf")
+    for _ in range(min(modes, wn.size)):
+        left = {
+            one: sum(_left(B[:, [*chosen, one]], z) for B, z in zip(basis, given, strict=True))
+            for one in range(wn.size)
+            if one not in chosen
+        }
+        best = min(left, key=left.__getitem__)
+        chosen, misfit = sorted([*chosen, best]), left[best]
+    return misfit, wn[chosen], zeta[chosen]
+
+
+def _left(basis: ComplexArray, given: ComplexArray) -> float:
+    """Sum of squares that a linear combination leaves."""
+    along = np.linalg.qr(basis)[0].conj().T @ given
+    return float(np.vdot(given, given).real - np.vdot(along, along).real)
+
+
+def _few_lines(lines: Lines, modes: int) -> tuple[Float, Float]:
+    """The same by a rational fit of as many numbers as so many modes have."""
     top = float(np.abs(lines.frequency).max())
     s = 1j * lines.frequency / top
     pairs, pair = np.unique(lines.probe * (lines.plane.max() + 1) + lines.plane, return_inverse=True)
@@ -121,8 +178,7 @@ def _poles(lines: Lines, modes: int) -> tuple[Float, Float]:
     wn = np.concatenate([np.abs(roots), missing * max(1.0, np.abs(roots).max(initial=0.0))])
     zeta = np.concatenate([-roots.real / np.maximum(np.abs(roots), 1e-12), np.full(missing.size, 0.02)])
     order = np.argsort(wn)
-    damping_range = (1e-3, 0.5)  # damping ratios that a start may have
-    return wn[order] * top, np.clip(zeta[order], *damping_range)
+    return wn[order] * top, np.clip(zeta[order], *_DAMPING)
 
 
 def _residues(lines: Lines, wn: Float, zeta: Float, planes: int) -> ComplexArray:

@@ -15,7 +15,7 @@ from rotorfit.data.lines import Lines
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
 from rotorfit.estimators.noise.sweep_noise import estimate_noise
-from rotorfit.models import RotorModel
+from rotorfit.models import Modal, RotorModel
 from rotorfit.models.array_types import RANK_TOLERANCE, Bool, ComplexArray, Float, Index
 from rotorfit.observing.refusals import check_planes
 
@@ -44,6 +44,8 @@ def _uncoupled(model: RotorModel, test: PerturbationTest) -> Bool:
     found = np.zeros(len(test), dtype=bool)
     if not test.linear.any():
         return found
+    if isinstance(model, Modal):  # x and y are modes each for itself; a complex gain is the phase of a mode shape
+        return ~found
     typical = np.array([q.scale if q.default is None else q.default for q in model.parameters])
     for speed in np.unique(test.speed[test.linear]).tolist():
         w = float(np.abs(test.frequency[test.speed == speed]).max())
