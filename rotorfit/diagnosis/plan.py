@@ -12,6 +12,7 @@ from rotorfit.data.synchronous import DIFFERENCED
 from rotorfit.data.weights import Influences, solved_together
 from rotorfit.diagnosis.orbits import SYNCHRONOUS_DISTANCE
 from rotorfit.diagnosis.readings import rows_of
+from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.estimators.signals.ramp import fit_ramp
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -52,12 +53,12 @@ def _filled(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
         return
     inside = (test.run[1:] == test.run[:-1]) & (np.abs(test.frequency - test.speed)[1:] > 0)
     ones = np.isclose(step[:, None], _ONE, rtol=1e-6).any(axis=1)
-    runs = [
-        run
-        for run in test.runs
-        if (of := inside & (test.run[1:] == run)).sum() >= _FEWEST_STEPS and ones[of].mean() > _REPEATED_SHARE
-    ]
-    if runs:
+    names, number = words(test.run)
+    of = number[1:][inside]
+    count, by_one = (np.bincount(of, own, len(names)) for own in (None, ones[inside]))
+    filled = (count >= _FEWEST_STEPS) & (by_one > _REPEATED_SHARE * count)
+    if filled.any():
+        runs = np.array(names)[filled].tolist()
         text = (
             f"The speed rises by one from row to row in {listed(runs)}, as where a spreadsheet continued the number "
             "downwards instead of copying it. Check the column of the speed."
