@@ -68,7 +68,12 @@ ALONE = {
     "rotorfit.fitting.noise": {"rotorfit.fitting.settings"},
 }
 """Rooms inside a room of loose files, and all that they may know of those."""
-UPWARD = ("rotorfit.fitting.result", "rotorfit.recordings.recording", "rotorfit.models.known_structure")
+UPWARD = (
+    "rotorfit.data.experiments",
+    "rotorfit.fitting.result",
+    "rotorfit.recordings.recording",
+    "rotorfit.models.known_structure",
+)
 """Their convenience methods (plots, profile, sample, from_ross, ...) import upwards when called, as pandas does."""
 
 

@@ -74,7 +74,7 @@ def test_dynamic_stiffness_panels_show_force_over_response():
     expected = (p["D"] * (line.get_xdata() / RPM - whirl) + p["Ds"] * line.get_xdata() / RPM) * 1e-3
     np.testing.assert_allclose(line.get_ydata(), expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
     texts = [text.get_text() for text in quadrature.texts]
-    assert any(f"{whirl * RPM:.0f} rpm" in text for text in texts)
+    assert any(f"{whirl * RPM:.4g} rpm" in text for text in texts)
 
 
 def test_confidence_band_is_that_of_refitted_noise():

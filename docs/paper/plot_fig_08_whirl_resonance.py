@@ -63,6 +63,23 @@ for axis in axes:
     axis.axvline(0.46, color="0.6", ls=":")
 
 # %%
+# Both figures of a fit: forward and reverse over one another (reverse dashed and open), amplitudes for the weight of
+# the test; then over the ratio of perturbation to rotative speed.
+
+tests = [
+    rf.simulate(
+        model, original, speed_rpm=speed, frequency_rpm=np.r_[-rpm[::-1], rpm], unbalance=6e-6, noise=0.005, seed=speed
+    )
+    for speed in (900, 1600)
+]
+fit = rf.fit(model, tests, known={"K": 3e3, "Ds": 8.0})
+fit.plot_bode(against="size", mr=6e-6)
+
+# %%
+
+fit.plot_bode(against="ratio", mr=6e-6)
+
+# %%
 # What to look at: the phase passes zero at ``lam Om`` (dotted), from lead to lag, where a mechanical resonance
 # has 90 degrees of lag: the resonance is of quadrature character. The amplitude under an unbalance grows as the
 # square of the frequency before and after. The thresholds of the four rotors:

@@ -7,6 +7,8 @@ thins the oil: D falls, the quadrature line flattens, and neither its zero nor t
 campaign of sweeps shows which parameter follows which condition.
 """
 
+from dataclasses import replace
+
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -54,6 +56,25 @@ axes[0].legend()
 for p, (_, fit) in pressures.items():
     onset = fit.threshold_speed().to("rpm")
     print(f"{p} bar: K0 {fit.params['K0'].value:7.0f} N/m, D {fit.params['D'].value:5.1f} N s/m, threshold {onset}")
+
+# %%
+# Phase, amplitude and both parts of the stiffness above one another, as the paper draws them, from one fit of all
+# three pressures, K0 and D with a value for each.
+
+tests = []
+for seed, p in enumerate(pressures):
+    test = rf.simulate(
+        model,
+        structure | fluid | {"K0": 3e3 + 5e3 * p},
+        speed_rpm=1500,
+        frequency_rpm=rpm,
+        unbalance=60e-6,
+        noise=0.01,
+        seed=seed,
+    )
+    tests.append(replace(test, attributes={"oil_bar": np.full(len(test), p)}))
+together = rf.fit(model, tests, known=structure, per={"K0": "oil_bar", "D": "oil_bar"})
+together.plot_drive_point(mr=60e-6)
 
 # %%
 # Fig. 12: temperature. The damping falls with it.

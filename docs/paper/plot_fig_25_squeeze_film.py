@@ -36,5 +36,10 @@ axis.set_title("squeeze-film test at three inlet pressures")
 axis.legend()
 
 # %%
+# The last of them as a figure of the fit, both parts.
+
+fit.plot_dynamic_stiffness(against="square")
+
+# %%
 # What to look at: parallel lines. Their slope is M + Mf, which no test at standstill can part: the fit was told
 # M. The slope of the quadrature stiffness, a line through zero, is D.

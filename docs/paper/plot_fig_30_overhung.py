@@ -73,6 +73,11 @@ axis.set(xlabel="rotative speed, rpm", ylabel="natural frequency, rpm", title="g
 axis.legend()
 
 # %%
+# The same as a figure of the fit, damping beside it; circles are where the measured responses peak.
+
+fit.plot_stability()
+
+# %%
 # What to look at: at rest the modes come in pairs of one frequency; speed pulls each pair apart, the second
 # further as it tilts more. Eight parameters are too many for deflections alone: the paper took the disk's
 # transverse inertia It as known, and so did the fit.

@@ -81,18 +81,10 @@ for name in ("M1", "M2", "K1", "K2", "K3", "D11", "D12", "D21", "D22"):
 fit.plot_polar()
 
 # %%
-# Fig. 36: direct dynamic stiffness, against the square of the speed: straight lines.
+# Fig. 36: dynamic stiffness, the direct part against the square of the speed: straight lines, which begin at K1 + K2,
+# -K2 and K2 + K3 and fall by the masses.
 
-measured = rf.dynamic_stiffness(net)
-figure, axis = plt.subplots(figsize=(7, 4.5), layout="constrained")
-squares = measured.frequency**2 / 1e3
-for row, column, name in ((0, 0, "K1 + K2 - M1 Om²"), (1, 1, "K2 + K3 - M2 Om²"), (0, 1, "-K2")):
-    (dots,) = axis.plot(squares, measured.kappa[:, row, column].real / 1e3, ".", ms=4)
-    kappa = model.dynamic_stiffness(fit.theta(), measured.frequency, measured.speed)[:, row, column]
-    axis.plot(squares, kappa.real / 1e3, color=dots.get_color(), label=name)
-axis.set(xlabel="square of the rotative speed, 1000 rad²/s²", ylabel="direct dynamic stiffness, kN/m", ylim=(-260, 120))
-axis.set_title("two-disk rotor")
-axis.legend()
+fit.plot_dynamic_stiffness(against="square")
 
 # %%
 # The modes that follow, with their errors, and beside zeta what the half-power bandwidth of the responses gives. The

@@ -50,14 +50,16 @@ sensitivity_V_per_rad = 1000.0
 record = rf.read_recording(folder / "shaft.h5", folder / "rig.toml")
 
 # %%
-# Fig. 37: spectra of the vertical vibration while the perturbation sweeps backward, 15 s of volts.
+# Fig. 37: spectra of the vertical vibration while the perturbation sweeps backward, 15 s of volts. Beside the lines
+# that are always marked, the two that the paper found.
 
-record.plot_cascade()
+record.plot_cascade(lines={"w − 1x": (1, -1), "2w − 1x": (2, -1)})
 
 # %%
-# Fig. 38: overall amplitude of the twist over the perturbation frequency, and its spectra.
+# Fig. 38: overall amplitude of the twist over the perturbation frequency, and its spectra. Dotted: the torsional
+# natural frequency and its half.
 
-record.plot_twist()
+record.plot_twist(marks={"ν_t": truth["nu_t"], "ν_t/2": truth["nu_t"] / 2})
 
 # %%
 # The lines are fitted together: M, K and D from the line at w, dK and its direction from the image at ``2 Om -

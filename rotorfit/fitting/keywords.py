@@ -9,6 +9,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypedDict
 
+from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.estimators.minimisation.objective import Method
 from rotorfit.estimators.misfit.losses import Loss
 from rotorfit.fitting.settings import PhaseOffsets
@@ -86,6 +87,26 @@ class JudgeKeywords(TypedDict, total=False):
     cases: Mapping[str, Mapping[str, float]] | None
     level: float
     at: Mapping[str, Any] | None
+
+
+class BodeKeywords(PlotKeywords, total=False):
+    """Keywords of :meth:`rotorfit.FitResult.plot_bode`; see there."""
+
+    against: str
+    mr: float | None
+
+
+class DrivePointKeywords(PlotKeywords, total=False):
+    """Keywords of :meth:`rotorfit.FitResult.plot_drive_point`; see there."""
+
+    plane: str | None
+    mr: float | None
+
+
+class StiffnessKeywords(PlotKeywords, total=False):
+    """Keywords of :meth:`rotorfit.FitResult.plot_dynamic_stiffness`; see there."""
+
+    against: str
 
 
 def check_keywords(function: str, given: Iterable[str], keywords: type, *own: str) -> None:

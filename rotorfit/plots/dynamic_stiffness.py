@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import casadi as ca
 import numpy as np
 
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
@@ -15,10 +16,10 @@ from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.parameters import unknown_name
 from rotorfit.plots.journal import half_width
-from rotorfit.plots.style import GREY, grid, legend_below, literal, prefix
+from rotorfit.plots.style import GREY, grid, legend_below, literal, per_rad_s, prefix, rate_unit, rate_words
 from rotorfit.plots.sweeps import SweepCondition, sweeps
-from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,9 +62,37 @@ class _Shown:
     lines: dict[tuple[int, int], list[_Line]]
 
 
-def draw_dynamic_stiffness(fit: FitResult) -> Figure:
-    """Draw the figure of :func:`rotorfit.plots.responses.plot_dynamic_stiffness`."""
+AGAINST = ("frequency", "square", "ratio")
+"""What dynamic stiffness can be drawn against: frequency, the direct part against its square, or over the speed."""
+
+
+def draw_drive_point(fit: FitResult, pair: tuple[Any, Any], coordinate: int) -> None:
+    """Direct and quadrature part at a forced coordinate, other planes free, in two panels."""
     shown = _shown(fit)
+    full = len(fit.model.coordinates) == 1
+    if not full:
+        _, parts = sweeps(fit)
+        shown = [replace(s, points=[]) for s in shown]
+        for number, some in enumerate(shown):
+            for part in parts:
+                keep = (part.condition == number) & (part.responses.frequency != 0)
+                if keep.any():
+                    some.points.extend(_drive_points(part.responses.lines(keep)))
+    _entry(fit, shown, pair, coordinate, coordinate, full, "frequency")
+    unit = pair[0].get_ylabel().rpartition(", ")[2]
+    pair[0].set_ylabel(f"direct, {unit}", fontsize=8)
+    pair[1].set_ylabel(f"quadrature, {unit}", fontsize=8)
+    for axis in pair:
+        axis.set_title("")
+
+
+def draw_dynamic_stiffness(fit: FitResult, against: str = "frequency") -> Figure:
+    """Draw the figure of :func:`rotorfit.plots.responses.plot_dynamic_stiffness`."""
+    if against not in AGAINST:
+        raise ValueError(unknown_name("abscissa", against, AGAINST))
+    shown = _shown(fit)
+    if against == "ratio" and any(np.isnan(some.condition.speed) for some in shown):
+        raise ValueError("against='ratio' needs a constant rotative speed; of start-ups frequency is the speed")
     n = len(fit.model.coordinates)
     full = any(p.row != p.column for s in shown for p in s.points) or n == 1
     entries = (
@@ -72,7 +101,7 @@ def draw_dynamic_stiffness(fit: FitResult) -> Figure:
         else sorted({(p.row, p.column) for s in shown for p in s.points})
     )
     kind = "Dynamic stiffness" if full else "Drive-point dynamic stiffness, other planes free"
-    together = full and n > 2
+    together = full and n > 2 and against != "square"
     figure, axes = (
         grid(n, n, f"{kind}, {fit.model.name}", size=(3.6, 2.4), one_abscissa=True)
         if together
@@ -80,11 +109,27 @@ def draw_dynamic_stiffness(fit: FitResult) -> Figure:
     )
     for place, (row, column) in enumerate(entries):
         pair = (axes[row, column],) * 2 if together else tuple(axes[place])
-        _entry(fit, shown, pair, row, column, full)
-    for axis in axes[-1]:
-        axis.set_xlabel("perturbation frequency, rpm", fontsize=8)
+        _entry(fit, shown, pair, row, column, full, against)
+    for number, axis in enumerate(axes[-1]):
+        axis.set_xlabel(abscissa_words(against, squared=number == 0 and not together), fontsize=8)
     _legend(figure, shown, together)
     return figure
+
+
+def abscissa_words(against: str, *, squared: bool) -> str:
+    """Words below an axis."""
+    if against == "square" and squared:
+        return "square of the frequency, 1000 rad²/s²"
+    if against == "ratio":
+        return "perturbation frequency over rotative speed"
+    return f"perturbation frequency, {rate_unit()}"
+
+
+def _places(frequency: Float, condition: SweepCondition, against: str, *, squared: bool) -> Float:
+    """Places of frequencies, rad/s, along an axis."""
+    if against == "square" and squared:
+        return frequency**2 / 1e3
+    return frequency / condition.speed if against == "ratio" else frequency * per_rad_s()
 
 
 def _shown(fit: FitResult) -> list[_Shown]:
@@ -167,7 +212,9 @@ def _along_the_data(fit: FitResult, block: OrbitResponses, group: int) -> Iterat
             yield p, _Line(frequency=w[rows], kappa=kappa, direct=direct, quadrature=quadrature)
 
 
-def _entry(fit: FitResult, shown: Sequence[_Shown], pair: tuple[Any, ...], row: int, column: int, full: bool) -> None:
+def _entry(
+    fit: FitResult, shown: Sequence[_Shown], pair: tuple[Any, ...], row: int, column: int, full: bool, against: str
+) -> None:
     lines = [_lines(fit, s, row, column, full) for s in shown]
     every = [line for several in lines for line in several]
     points = [[p for p in s.points if (p.row, p.column) == (row, column)] for s in shown]
@@ -178,12 +225,13 @@ def _entry(fit: FitResult, shown: Sequence[_Shown], pair: tuple[Any, ...], row: 
         colour = some.condition.colour
         for line in curves:
             parts = ((line.kappa.real, line.direct, "-"), (line.kappa.imag, line.quadrature, "--" if together else "-"))
-            x = line.frequency * RPM_PER_RAD_S
-            for axis, (value, band, style) in zip(pair, parts, strict=True):
+            for number, (axis, (value, band, style)) in enumerate(zip(pair, parts, strict=True)):
+                x = _places(line.frequency, some.condition, against, squared=number == 0 and not together)
                 axis.plot(x, factor * value, style, color=colour, lw=1.3, zorder=_FITTED_LINES)
                 axis.fill_between(x, factor * (value - band), factor * (value + band), color=colour, alpha=0.25, lw=0)
         for p in measured:
-            _points(pair, p.frequency, factor * p.kappa, factor * p.sigma, colour)
+            places = [_places(p.frequency, some.condition, against, squared=n == 0 and not together) for n in (0, 1)]
+            _points(pair, places, factor * p.kappa, factor * p.sigma, colour)
     _limits(pair, factor, [line.kappa for line in every], [p.kappa for several in points for p in several])
     name = _name(fit, row, column)
     pair[0].set_ylabel(f"{name}, {unit}", fontsize=8)
@@ -191,7 +239,7 @@ def _entry(fit: FitResult, shown: Sequence[_Shown], pair: tuple[Any, ...], row: 
         pair[0].set_title("direct" if row == column == 0 else "", fontsize=8)
         pair[1].set_title("quadrature" if row == column == 0 else "", fontsize=8)
         if full and not fit.model.eccentricity_dependent:
-            _readings(fit, shown, pair, row, column)
+            _readings(fit, shown, pair, row, column, against)
 
 
 def _lines(fit: FitResult, shown: _Shown, row: int, column: int, full: bool) -> list[_Line]:
@@ -201,9 +249,9 @@ def _lines(fit: FitResult, shown: _Shown, row: int, column: int, full: bool) -> 
     return [_fitted(fit, shown, row, column, full)]
 
 
-def _points(pair: tuple[Any, ...], frequency: Float, value: ComplexArray, sigma: Float, colour: str) -> None:
-    x, together = frequency * RPM_PER_RAD_S, pair[0] is pair[1]
-    for axis, part, face in ((pair[0], value.real, colour), (pair[1], value.imag, "none" if together else colour)):
+def _points(pair: tuple[Any, ...], places: list[Float], value: ComplexArray, sigma: Float, colour: str) -> None:
+    faces = (colour, "none" if pair[0] is pair[1] else colour)
+    for axis, x, part, face in zip(pair, places, (value.real, value.imag), faces, strict=True):
         bars = np.stack([part - sigma, part + sigma, np.full_like(part, np.nan)], axis=1).ravel()
         axis.plot(np.repeat(x, 3), bars, "-", lw=0.5, color=colour, alpha=0.45, zorder=2)
         axis.plot(x, part, "o", ms=2, mfc=face, mec=colour, mew=0.5, alpha=0.45, zorder=2)
@@ -263,7 +311,9 @@ def _limits(
         axis.set_ylim(low - 0.25 * reach, high + 0.25 * reach)
 
 
-def _readings(fit: FitResult, shown: Sequence[_Shown], pair: tuple[Any, ...], row: int, column: int) -> None:
+def _readings(
+    fit: FitResult, shown: Sequence[_Shown], pair: tuple[Any, ...], row: int, column: int, against: str
+) -> None:
     """Write what the lines mean: intercept and curvature of the direct part, slope of the quadrature part.
 
     They hold for the last of several speeds, which the box then names.
@@ -274,9 +324,10 @@ def _readings(fit: FitResult, shown: Sequence[_Shown], pair: tuple[Any, ...], ro
     where = f"{condition.name}:\n" if len(shown) > 1 else ""
     C = fit.model.coefficients(theta[condition.group], speed)[:, row, column]
     stiffness, unit = prefix(np.array([C[0].real]), _unit(fit, row, column))
-    direct = f"at 0: {C[0].real * stiffness:.4g} {unit}"
+    direct = f"at 0: {_symbols(fit, 0, row, column)}{C[0].real * stiffness:.4g} {unit}"
     if len(C) > 2 and abs(C[2].real) > 0:
-        direct += f"\n−curvature/2: {C[2].real:.4g} {_mass_unit(fit, row, column)}"
+        named = "−slope" if against == "square" else "−curvature/2"
+        direct += f"\n{named}: {_symbols(fit, 2, row, column)}{C[2].real:.4g} {_mass_unit(fit, row, column)}"
     quadrature = (
         f"slope: {C[1].real:.4g} {_unit(fit, row, column).replace('N', 'N s', 1)}" if abs(C[1].real) > 0 else ""
     )
@@ -287,7 +338,7 @@ def _readings(fit: FitResult, shown: Sequence[_Shown], pair: tuple[Any, ...], ro
             axis.text(
                 x, 0.04, where + text, transform=axis.transAxes, fontsize=7, va="bottom", ha=side, bbox=box, zorder=5
             )
-    _mark_whirl(fit, shown, pair[1], row, column)
+    _mark_whirl(fit, shown, pair[1], row, column, against)
 
 
 def _clear_side(axis: Any) -> tuple[str, float]:
@@ -301,28 +352,45 @@ def _clear_side(axis: Any) -> tuple[str, float]:
     return side, {"left": 0.02, "center": 0.5, "right": 0.98}[side]
 
 
-def _mark_whirl(fit: FitResult, shown: Sequence[_Shown], axis: Any, row: int, column: int) -> None:
-    """Mark lam Omega where the fluid's quadrature stiffness crosses zero."""
+def _symbols(fit: FitResult, power: int, row: int, column: int) -> str:
+    """The parameters that make a coefficient, ``K1 + K2 = ``, where they are few; empty where they are not."""
+    model = fit.model
+    named = [ca.SX.sym(name) for name in model.parameter_names]
+    theta, _, _, matrices, _ = model.symbolic
+    entry = ca.substitute(matrices[power].re[row, column], theta, ca.vertcat(*named))
+    words = str(entry).strip("()")
+    longest = 16  # letters of an expression that is read at a glance
+    plain = len(words) <= longest and not set(words) & set("@*/?(")
+    return f"{literal(_spaced(words))} = " if plain and any(name in words for name in model.parameter_names) else ""
+
+
+def _spaced(words: str) -> str:
+    sign = "−" if words.startswith("-") else ""
+    return sign + words.removeprefix("-").replace("+", " + ").replace("-", " − ")
+
+
+def _mark_whirl(fit: FitResult, shown: Sequence[_Shown], axis: Any, row: int, column: int, against: str) -> None:
+    """Mark lam Omega where the fluid's quadrature stiffness crosses zero, labels stepping down so that none meet."""
     names = fit.model.parameter_names
     if row != column or row != len(fit.model.coordinates) - 1 or not {"D", "lam"} <= set(names):
         return
     theta = fit.thetas
-    for number, some in enumerate(shown):
+    axis.axhline(0, color="0.6", lw=0.7, zorder=1)
+    marked: dict[tuple[float, str], tuple[float, str]] = {}
+    for some in shown:
         condition = some.condition
         whirl = theta[condition.group][names.index("lam")] * condition.speed
         if np.isfinite(whirl) and some.low < whirl < some.high:
-            axis.axvline(whirl * RPM_PER_RAD_S, color=condition.colour, lw=0.9, ls=":", zorder=1)
-            axis.annotate(
-                f"λΩ = {whirl * RPM_PER_RAD_S:.0f} rpm",
-                (whirl * RPM_PER_RAD_S, 0.97 - 0.1 * number),
-                xycoords=("data", "axes fraction"),
-                xytext=(4, 0),
-                textcoords="offset points",
-                fontsize=7,
-                color=condition.colour,
-                va="top",
-            )
-    axis.axhline(0, color="0.6", lw=0.7, zorder=1)
+            at = float(_places(np.array(whirl), condition, against, squared=False))
+            text = f"λΩ = {rate_words(whirl)}" if against != "ratio" else f"λ = {at:.4g}"
+            marked.setdefault((round(at, 9), text), (at, condition.colour))
+    most = 9  # labels that find room above one another
+    for number, ((_, text), (at, colour)) in enumerate(sorted(marked.items())):
+        axis.axvline(at, color=colour, lw=0.9, ls=":", zorder=1)
+        if number < most:
+            place = {"xy": (at, 0.97 - 0.1 * number), "xycoords": ("data", "axes fraction")}
+            style = {"fontsize": 7, "color": colour, "va": "top"}
+            axis.annotate(text, xytext=(4, 0), textcoords="offset points", **place, **style)
 
 
 def _unit(fit: FitResult, row: int, column: int) -> str:

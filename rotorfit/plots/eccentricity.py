@@ -17,9 +17,19 @@ from rotorfit.plots.journal import (
     law_series,
     reach,
 )
-from rotorfit.plots.style import GREY, colour_of, grid, legend_below, literal, prefix
+from rotorfit.plots.style import (
+    GREY,
+    colour_of,
+    grid,
+    legend_below,
+    literal,
+    looked,
+    per_rad_s,
+    prefix,
+    rate_unit,
+    rate_words,
+)
 from rotorfit.plots.sweeps import levels
-from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,6 +37,7 @@ if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult
 
 
+@looked
 def plot_law(fit: FitResult) -> Figure:
     """K0, D and lam against eccentricity with their 95 % bands; ticks below mark the eccentricities of the data.
 
@@ -57,7 +68,7 @@ def plot_law(fit: FitResult) -> Figure:
 
 
 def _series_label(fit: FitResult, group: int, speed: float | None) -> str:
-    words = [literal(group_label(fit, group)), "" if speed is None else f"{speed * RPM_PER_RAD_S:.0f} rpm"]
+    words = [literal(group_label(fit, group)), "" if speed is None else f"{rate_words(speed)}"]
     return ", ".join(word for word in words if word)
 
 
@@ -78,6 +89,7 @@ def _rug(axis: Any, fit: FitResult) -> None:
     axis.plot(eps, np.zeros(eps.size), "|", color=GREY, ms=7, mew=0.6, transform=axis.get_xaxis_transform())
 
 
+@looked
 def plot_nonlinear_stiffness(fit: FitResult) -> Figure:
     """Nonlinear minus linear dynamic stiffness at the journal, as in Figs 13 to 15.
 
@@ -100,7 +112,7 @@ def plot_nonlinear_stiffness(fit: FitResult) -> Figure:
         axes[row, 0].set_ylabel(f"{part}, {unit}", fontsize=8)
         for axis in axes[row]:
             axis.axhline(0, color="0.6", lw=0.7, zorder=1)
-    axes[1, 0].set_xlabel("perturbation frequency, rpm (backward < 0 < forward)", fontsize=8)
+    axes[1, 0].set_xlabel(f"perturbation frequency, {rate_unit()} (backward < 0 < forward)", fontsize=8)
     axes[1, 1].set_xlabel("eccentricity of the journal over clearance", fontsize=8)
     _legend(figure, names)
     return figure
@@ -113,7 +125,7 @@ def _sweeps(lines: JournalLines) -> list[tuple[str, JournalLines, Index]]:
     for speed in np.unique(lines.speed):
         for value in np.unique(level[lines.speed == speed]).tolist():
             rows = np.flatnonzero((lines.speed == speed) & (level == value))
-            found.append((f"{speed * RPM_PER_RAD_S:.0f} rpm, {value}", lines, rows[np.argsort(lines.frequency[rows])]))
+            found.append((f"{rate_words(speed)}, {value}", lines, rows[np.argsort(lines.frequency[rows])]))
     return found
 
 
@@ -128,7 +140,7 @@ def _draw_sweep(fit: FitResult, axes: Any, lines: JournalLines, rows: Index, col
     ]
     fitted = np.array(drive) - lines.linear[rows]
     for row, part in enumerate((np.real, np.imag)):
-        for axis, x, x_fit in ((axes[row, 0], w * RPM_PER_RAD_S, w * RPM_PER_RAD_S), (axes[row, 1], eps, fitted_eps)):
+        for axis, x, x_fit in ((axes[row, 0], w * per_rad_s(), w * per_rad_s()), (axes[row, 1], eps, fitted_eps)):
             axis.errorbar(
                 x, factor * part(change), yerr=sigma, fmt="o", ms=2.5, color=colour, elinewidth=0.5, alpha=0.6, zorder=2
             )

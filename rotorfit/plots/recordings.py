@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,23 +11,35 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rotorfit.models.array_types import Float
-from rotorfit.plots.style import COLOURS, GREY, PAGE, PHASE_LABEL, grid, legend_below, literal
+from rotorfit.plots.style import (
+    COLOURS,
+    GREY,
+    PAGE,
+    PHASE_LABEL,
+    grid,
+    legend_below,
+    length,
+    literal,
+    looked,
+    per_rad_s,
+    rate_unit,
+    rate_words,
+)
 from rotorfit.recordings.marks import Marks, SpeedTrack
 from rotorfit.recordings.reduction.swept_vectors import swept_vectors
 from rotorfit.recordings.spectra import Cascade
 from rotorfit.recordings.views import Centreline, OrderVectors, Stretch, vectors_over_time
-from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording
 
-_MICROMETRES = 1e6
 _SHAFT, _PERTURBATOR = "black", COLOURS[1]
 _MARK_COLOURS = {"shaft": _SHAFT, "perturbator": _PERTURBATOR}
 _TURNS = 8.0  # of a window: a resonance of 2 % damping is some turns long
 _FILTERED = {"shaft": "1x", "perturbator": "w"}
 
 
+@looked
 def plot_timebase(stretches: Sequence[Stretch], name: str) -> Figure:
     """x and y of each plane over time, with a dot at every pulse of a mark."""
     figure, axes = grid(len(stretches), 1, literal(f"{name}: time base"), size=(7.5, 2.4))
@@ -34,31 +47,32 @@ def plot_timebase(stretches: Sequence[Stretch], name: str) -> Figure:
     for axis, part in zip(axes[:, 0], stretches, strict=True):
         traces = {"x": part.z.real, "y": part.z.imag} if np.iscomplexobj(part.z) else {"along the probe": part.z}
         for colour, (label, values) in zip((COLOURS[0], COLOURS[2]), traces.items(), strict=False):
-            handles[label] = axis.plot(part.t, values * _MICROMETRES, color=colour, linewidth=0.9)[0]
+            handles[label] = axis.plot(part.t, values * length()[0], color=colour, linewidth=0.9)[0]
             for mark, times in part.dots.items():
-                at = np.interp(times, part.t, values * _MICROMETRES)
+                at = np.interp(times, part.t, values * length()[0])
                 style = {"color": _MARK_COLOURS[mark], "markersize": 4, "linestyle": ""}
                 handles[f"mark of the {mark}"] = axis.plot(times, at, marker="o", **style)[0]
-        axis.set_ylabel(literal(f"{part.plane} (µm)"), fontsize=9)
+        axis.set_ylabel(literal(f"{part.plane} ({length()[1]})"), fontsize=9)
         axis.margins(x=0.01)
     axes[-1, 0].set_xlabel("time (s)", fontsize=9)
     legend_below(figure, list(handles.values()), list(handles))
     return figure
 
 
+@looked
 def plot_orbit(stretches: Sequence[Stretch], name: str) -> Figure:
     """Orbits as recorded and filtered to each mark, with Keyphasor dots; a row a plane."""
     marks = list(stretches[0].filtered)
     at = f"{stretches[0].t.mean():.2f} s"
-    speeds = ", ".join(f"{mark} {abs(v) * RPM_PER_RAD_S:.0f} rpm" for mark, v in stretches[0].speeds.items())
+    speeds = ", ".join(f"{mark} {rate_words(abs(v))}" for mark, v in stretches[0].speeds.items())
     title = literal(f"{name} at {at}: orbits" + (f" ({speeds})" if speeds else ""))
     figure, axes = grid(len(stretches), 1 + len(marks), title, size=(3.1, 2.9))
     handles: dict[str, Any] = {}
     for row, part in zip(axes, stretches, strict=True):
-        _orbit(row[0], part, part.z * _MICROMETRES, part.dots, handles)
+        _orbit(row[0], part, part.z * length()[0], part.dots, handles)
         row[0].set_title(literal(f"{part.plane}, {'without run-out' if part.cleaned else 'as recorded'}"), fontsize=9)
         for axis, mark in zip(row[1:], marks, strict=True):
-            _orbit(axis, part, part.filtered[mark] * _MICROMETRES, {mark: part.dots[mark]}, handles)
+            _orbit(axis, part, part.filtered[mark] * length()[0], {mark: part.dots[mark]}, handles)
             axis.set_title(literal(f"{part.plane}, {_FILTERED[mark]} of the {mark}"), fontsize=9)
     legend_below(figure, list(handles.values()), list(handles))
     return figure
@@ -74,20 +88,23 @@ def _orbit(axis: Any, part: Stretch, z: NDArray[Any], dots: dict[str, Float], ha
     axis.set_xlim(middle.real - reach, middle.real + reach)
     axis.set_ylim(middle.imag - reach, middle.imag + reach)
     axis.set_aspect("equal")
-    axis.set_xlabel("x (µm)", fontsize=8)
-    axis.set_ylabel("y (µm)", fontsize=8)
+    axis.set_xlabel(f"x ({length()[1]})", fontsize=8)
+    axis.set_ylabel(f"y ({length()[1]})", fontsize=8)
     if not np.isfinite(z).any():
         text = "not distinguished from the other mark"
         axis.text(0.5, 0.5, text, transform=axis.transAxes, ha="center", fontsize=8, color=GREY)
 
 
+@looked
 def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
     """Mean position of the shaft relative to the start of the recording, coloured by speed, else by time."""
     figure, axes = grid(1, len(lines), literal(f"{name}: shaft centreline from the gap voltages"), size=(4.0, 3.6))
     for axis, line in zip(axes[0], lines, strict=True):
-        z = line.z * _MICROMETRES
+        z = line.z * length()[0]
         by_speed = np.isfinite(line.speed).all() and np.ptp(line.speed) > 0.02 * np.abs(line.speed).max()
-        values, label = (np.abs(line.speed) * RPM_PER_RAD_S, "speed (rpm)") if by_speed else (line.t, "time (s)")
+        values, label = (
+            (np.abs(line.speed) * per_rad_s(), f"speed ({rate_unit()})") if by_speed else (line.t, "time (s)")
+        )
         axis.plot(z.real, z.imag, color="0.8", linewidth=0.7, zorder=1)
         drawn = axis.scatter(z.real, z.imag, c=values, s=9, cmap="viridis", zorder=2)
         axis.plot(z[0].real, z[0].imag, "s", color=COLOURS[1], markersize=6, markerfacecolor="none", label="start")
@@ -98,8 +115,8 @@ def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
         axis.set_ylim(middle.imag - reach, middle.imag + reach)
         axis.set_aspect("equal")
         axis.set_title(literal(line.plane), fontsize=9)
-        axis.set_xlabel("x (µm)", fontsize=9)
-        axis.set_ylabel("y (µm)", fontsize=9)
+        axis.set_xlabel(f"x ({length()[1]})", fontsize=9)
+        axis.set_ylabel(f"y ({length()[1]})", fontsize=9)
         axis.legend(fontsize=8, frameon=False)
     return figure
 
@@ -110,11 +127,12 @@ def vectors_shown(record: Recording, marks: Marks, reference: str, turns: float 
     return swept or vectors_over_time(record, marks, reference, turns=_TURNS if turns is None else turns)
 
 
+@looked
 def plot_bode(vectors: OrderVectors, name: str) -> Figure:
     """Amplitude and phase of every probe's vector over the speed of its mark; a column a plane."""
     planes = list(dict.fromkeys(plane for plane, _ in vectors.probes))
     figure, axes = grid(2, len(planes), literal(f"{name}: {_what(vectors)}"), size=(4.4, 2.5))
-    rpm, over = np.abs(vectors.speed) * RPM_PER_RAD_S, _axis_of(vectors)
+    rpm, over = np.abs(vectors.speed) * per_rad_s(), _axis_of(vectors)
     x = rpm if over == "speed" else vectors.t
     for column, plane in enumerate(planes):
         top, bottom = axes[0, column], axes[1, column]
@@ -124,15 +142,17 @@ def plot_bode(vectors: OrderVectors, name: str) -> Figure:
             values = vectors.phasors[number]
             colour = COLOURS[sum(p == plane for p, _ in vectors.probes[:number]) % len(COLOURS)]
             top.plot(
-                x, np.abs(values) * _MICROMETRES, color=colour, linewidth=1, label=f"probe at {np.degrees(angle):g}°"
+                x, np.abs(values) * length()[0], color=colour, linewidth=1, label=f"probe at {np.degrees(angle):g}°"
             )
             bottom.plot(x, _unwrapped(values), color=colour, linewidth=1)
         top.set_title(literal(plane), fontsize=9)
-        top.set_ylabel("amplitude (µm 0-pk)", fontsize=9)
+        top.set_ylabel(f"amplitude ({length()[1]} 0-pk)", fontsize=9)
         top.set_ylim(bottom=0)
         top.legend(fontsize=8, frameon=False, title=_gap(vectors), title_fontsize=7)
         bottom.set_ylabel(PHASE_LABEL, fontsize=9)
-        bottom.set_xlabel(f"speed of the {vectors.reference} (rpm)" if over == "speed" else "time (s)", fontsize=9)
+        bottom.set_xlabel(
+            f"speed of the {vectors.reference} ({rate_unit()})" if over == "speed" else "time (s)", fontsize=9
+        )
     return figure
 
 
@@ -160,22 +180,22 @@ def _unwrapped(values: NDArray[Any]) -> Float:
     return phase
 
 
+@looked
 def plot_polar(vectors: OrderVectors, name: str) -> Figure:
     """Locus of every probe's vector, speeds written beside it; angles from the probe, with phase lead."""
     columns = min(len(vectors.probes), 2)
     rows = -(-len(vectors.probes) // columns)
-    figure = Figure(figsize=(3.5 * columns, min(3.5 * rows + 0.4, PAGE[1])), layout="constrained")
-    figure.suptitle(literal(f"{name}: {_what(vectors)} (µm 0-pk)"), fontsize=10)
-    axes = figure.subplots(rows, columns, squeeze=False, subplot_kw={"projection": "polar"})
+    title = literal(f"{name}: {_what(vectors)} ({length()[1]} 0-pk)")
+    figure, axes = grid(rows, columns, title, size=(3.5, 3.5), projection="polar")
     for axis in axes.flat[len(vectors.probes) :]:
         axis.set_visible(False)
     for axis, (plane, angle), values in zip(axes.flat, vectors.probes, vectors.phasors, strict=False):
-        axis.plot(np.angle(values), np.abs(values) * _MICROMETRES, color=COLOURS[0], linewidth=1)  # a gap stays a gap
+        axis.plot(np.angle(values), np.abs(values) * length()[0], color=COLOURS[0], linewidth=1)  # a gap stays a gap
         if _axis_of(vectors) == "speed":
             for row in _spread_out(values):
-                at = (np.angle(values[row]), abs(values[row]) * _MICROMETRES)
+                at = (np.angle(values[row]), abs(values[row]) * length()[0])
                 axis.plot(*at, "o", color=COLOURS[1], markersize=3)
-                axis.annotate(f"{abs(vectors.speed[row]) * RPM_PER_RAD_S:.0f}", at, fontsize=7, color=GREY)
+                axis.annotate(f"{abs(vectors.speed[row]) * per_rad_s():.0f}", at, fontsize=7, color=GREY)
         axis.set_title(literal(f"{plane}, probe at {np.degrees(angle):g}°"), fontsize=9)
         axis.tick_params(labelsize=7)
     return figure
@@ -191,23 +211,35 @@ def _spread_out(values: NDArray[Any]) -> list[int]:
     return chosen
 
 
+@looked
 def plot_full_spectrum(
-    spectra: dict[str, tuple[Float, Float]], lines: dict[str, float], name: str, limit: float | None = None
+    spectra: dict[str, tuple[Float, Float]],
+    lines: dict[str, float],
+    name: str,
+    limit: float | None = None,
+    marks: Mapping[str, float] = MappingProxyType({}),
 ) -> Figure:
-    """Full spectrum of each plane: a circle of radius A has amplitude A at its signed frequency."""
+    """Full spectrum of each plane: a circle of radius A has amplitude A at its signed frequency.
+
+    ``marks``: frequencies to mark, rad/s, by name, as those of modes (Fig. 29a).
+    """
     figure, axes = grid(len(spectra), 1, literal(f"{name}: full spectrum"), size=(7.5, 2.4))
     edge = max(_worth_seeing(*each) for each in spectra.values()) if limit is None else limit
     for axis, (plane, (frequency, amplitude)) in zip(axes[:, 0], spectra.items(), strict=True):
         inside = np.abs(frequency) <= edge
-        axis.plot(frequency[inside], amplitude[inside] * _MICROMETRES, color=COLOURS[0], linewidth=0.8)
-        top = float(amplitude[inside].max(initial=0.0)) * _MICROMETRES
+        axis.plot(frequency[inside], amplitude[inside] * length()[0], color=COLOURS[0], linewidth=0.8)
+        top = float(amplitude[inside].max(initial=0.0)) * length()[0]
         for label, at in lines.items():
             if abs(at) <= edge:
                 axis.axvline(at, color=GREY, linewidth=0.6, linestyle=":")
                 axis.text(at, top * 1.04, label, fontsize=7, color=GREY, ha="center")
+        for label, at in marks.items():
+            if abs(at) <= 2 * np.pi * edge:
+                axis.axvline(at / (2 * np.pi), color=COLOURS[1], linewidth=0.8, linestyle="--")
+                axis.text(at / (2 * np.pi), top * 1.13, literal(label), fontsize=7, color=COLOURS[1], ha="center")
         axis.set_xlim(-edge, edge)
-        axis.set_ylim(0, top * 1.15 or 1.0)
-        axis.set_ylabel(literal(f"{plane} (µm 0-pk)"), fontsize=9)
+        axis.set_ylim(0, top * (1.25 if marks else 1.15) or 1.0)
+        axis.set_ylabel(literal(f"{plane} ({length()[1]} 0-pk)"), fontsize=9)
     axes[-1, 0].set_xlabel("frequency (Hz): backward < 0 < forward", fontsize=9)
     return figure
 
@@ -218,23 +250,33 @@ def _worth_seeing(frequency: Float, amplitude: Float) -> float:
     return float(np.clip(1.25 * np.abs(frequency[high]).max(initial=1.0), 10.0, np.abs(frequency).max()))
 
 
-def plot_cascade(cascade: Cascade, name: str, limit: float | None = None) -> Figure:
-    """Full-spectrum cascade with order lines: one spectrum a line, shifted up by time, speed or perturbation."""
+@looked
+def plot_cascade(
+    cascade: Cascade,
+    name: str,
+    limit: float | None = None,
+    lines: Mapping[str, tuple[float, float]] = MappingProxyType({}),
+) -> Figure:
+    """Full-spectrum cascade with order lines: one spectrum a line, shifted up by time, speed or perturbation.
+
+    ``lines``: further lines to mark, factors of w and of the speed by name.
+    """
     edge = _worth_seeing(cascade.frequency, cascade.amplitude.max(axis=0)) if limit is None else limit
     inside = np.abs(cascade.frequency) <= edge
-    frequency, amplitude = cascade.frequency[inside], cascade.amplitude[:, inside] * _MICROMETRES
-    scale, label = (1.0, "time (s)") if cascade.over == "time" else (RPM_PER_RAD_S, f"{_position_of(cascade)} (rpm)")
+    frequency, amplitude = cascade.frequency[inside], cascade.amplitude[:, inside] * length()[0]
+    scale, label = (
+        (1.0, "time (s)") if cascade.over == "time" else (per_rad_s(), f"{_position_of(cascade)} ({rate_unit()})")
+    )
     position = cascade.position * scale
     spacing = np.ptp(position) / max(position.size - 1, 1) or 1.0
     height = 7 * spacing / float(amplitude.max(initial=1e-9))
-    figure = Figure(figsize=(PAGE[0], 6.4), layout="constrained")
-    figure.suptitle(literal(f"{name}, {cascade.plane}: full-spectrum cascade"), fontsize=10)
-    axis = figure.subplots()
+    title = literal(f"{name}, {cascade.plane}: full-spectrum cascade")
+    figure, ((axis,),) = grid(1, 1, title, size=(PAGE[0], 5.9))
     for order, (level, row) in enumerate(sorted(zip(position, amplitude, strict=True), key=lambda pair: -pair[0])):
         curve = level + row * height
         axis.fill_between(frequency, level, curve, color="white", linewidth=0, zorder=2 + order)
         axis.plot(frequency, curve, color=COLOURS[0], linewidth=0.6, zorder=2 + order)
-    _order_lines(axis, cascade, position, edge)
+    _order_lines(axis, cascade, position, edge, lines)
     axis.set_xlim(-edge, edge)
     axis.set_ylim(position.min() - spacing, position.max() + 8 * spacing)
     axis.set_xlabel("frequency (Hz): backward < 0 < forward", fontsize=9)
@@ -244,7 +286,7 @@ def plot_cascade(cascade: Cascade, name: str, limit: float | None = None) -> Fig
     right = 0.96 * edge
     foot = position.max() + 3.5 * spacing  # above the labels of the lines
     axis.plot([right, right], [foot, foot + bar * height], color="black", zorder=999)
-    axis.text(right - 0.01 * edge, foot, f"{bar:g} µm", fontsize=8, ha="right", zorder=999)
+    axis.text(right - 0.01 * edge, foot, f"{bar:g} {length()[1]}", fontsize=8, ha="right", zorder=999)
     return figure
 
 
@@ -256,11 +298,14 @@ _LABEL = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5}
 """Ground of a label that spectra would run through."""
 
 
-def _order_lines(axis: Any, cascade: Cascade, position: Float, edge: float) -> None:
+def _order_lines(
+    axis: Any, cascade: Cascade, position: Float, edge: float, further: Mapping[str, tuple[float, float]]
+) -> None:
     """Orders of the shaft, the perturbation and its image, where their frequencies are known."""
     shaft, perturbation = cascade.shaft / (2 * np.pi), cascade.perturbation / (2 * np.pi)
     lines = {"−2x": -2 * shaft, "−1x": -shaft, "1x": shaft, "2x": 2 * shaft, "w": perturbation, "−w": -perturbation}
     lines["2x − w"] = 2 * shaft - perturbation
+    lines |= {literal(name): of_w * perturbation + of_speed * shaft for name, (of_w, of_speed) in further.items()}
     order = np.argsort(position)
     for label, at in lines.items():
         if not np.isfinite(at).any():
@@ -276,6 +321,7 @@ def _order_lines(axis: Any, cascade: Cascade, position: Float, edge: float) -> N
             axis.annotate(label, place, (0, 14 if "w" in label else 4), textcoords="offset points", **style)
 
 
+@looked
 def plot_speed(tracks: Sequence[SpeedTrack], name: str) -> Figure:
     """Speed and acceleration of each mark over time, with the speed from pulse to pulse as dots."""
     figure, axes = grid(2, len(tracks), literal(f"{name}: speed and sweep rate"), size=(5.0, 2.4))
@@ -283,12 +329,12 @@ def plot_speed(tracks: Sequence[SpeedTrack], name: str) -> Figure:
         top, bottom = axes[:, column]
         colour = COLOURS[column % len(COLOURS)]
         style = {"color": "0.75", "markersize": 2, "rasterized": True}
-        top.plot(each.raw_t, each.raw_speed * RPM_PER_RAD_S, ".", label="from pulse to pulse", **style)
-        top.plot(each.t, each.speed * RPM_PER_RAD_S, color=colour, linewidth=1, label="smoothed")
+        top.plot(each.raw_t, each.raw_speed * per_rad_s(), ".", label="from pulse to pulse", **style)
+        top.plot(each.t, each.speed * per_rad_s(), color=colour, linewidth=1, label="smoothed")
         top.set_title(each.mark, fontsize=9)
-        top.set_ylabel("speed (rpm)", fontsize=9)
+        top.set_ylabel(f"speed ({rate_unit()})", fontsize=9)
         top.legend(fontsize=8, frameon=False)
-        bottom.plot(each.t, each.acceleration * RPM_PER_RAD_S, color=colour, linewidth=1)
-        bottom.set_ylabel("sweep rate (rpm/s)", fontsize=9)
+        bottom.plot(each.t, each.acceleration * per_rad_s(), color=colour, linewidth=1)
+        bottom.set_ylabel(f"sweep rate ({rate_unit()}/s)", fontsize=9)
         bottom.set_xlabel("time (s)", fontsize=9)
     return figure

@@ -14,8 +14,21 @@ from rotorfit.models import AnisotropicShaft, Turning, TurningOnSupports, eigenv
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.motion.stability import growing_bands
 from rotorfit.models.shafts.combination_lines import line_order
-from rotorfit.plots.style import COLOURS, GREY, SMALL_TYPE, colour_of, decade_ticks, grid, legend_below, literal, prefix
-from rotorfit.units import RPM_PER_RAD_S
+from rotorfit.plots.style import (
+    COLOURS,
+    GREY,
+    SMALL_TYPE,
+    colour_of,
+    decade_ticks,
+    grid,
+    legend_below,
+    literal,
+    looked,
+    per_rad_s,
+    prefix,
+    rate_unit,
+    rate_words,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,6 +57,7 @@ class _Curve:
     line_fitted: ComplexArray
 
 
+@looked
 def plot_lines(fit: FitResult) -> Figure:
     """Amplitude and phase of each line per unit of force against the signed perturbation frequency, data and fit.
 
@@ -75,12 +89,14 @@ def plot_lines(fit: FitResult) -> Figure:
         phase.set_yticks([-180, -90, 0, 90, 180])
         if np.isnan(own[0].speed) or kind == [c.title for c in curves if not np.isnan(c.speed)][-1]:
             for axis in (size, phase):
-                axis.set_xlabel(_RUNNING if np.isnan(own[0].speed) else _PERTURBED, fontsize=SMALL_TYPE)
+                axis.set_xlabel(
+                    (_RUNNING if np.isnan(own[0].speed) else _PERTURBED).format(rate_unit()), fontsize=SMALL_TYPE
+                )
     _legend(figure, speeds, len(kinds) > len({c.title for c in curves if not np.isnan(c.speed)}))
     return figure
 
 
-_PERTURBED, _RUNNING = "perturbation frequency w, rpm (negative: backward)", "rotative speed, rpm"
+_PERTURBED, _RUNNING = "perturbation frequency w, {} (negative: backward)", "rotative speed, {}"
 
 
 def _curves(fit: FitResult) -> Iterator[_Curve]:
@@ -173,10 +189,10 @@ def _fitted_pair(fit: FitResult, block: PairResponses, rows: Index, fine: Float)
 
 
 def _draw(size: Any, phase: Any, curve: _Curve, factor: float, colour: str) -> None:
-    rpm = curve.frequency * RPM_PER_RAD_S
+    rpm = curve.frequency * per_rad_s()
     style = {"color": colour, "ms": 2.2, "lw": 0, "elinewidth": 0.5, "fmt": "o", "alpha": 0.7}
     size.errorbar(rpm, np.abs(curve.measured) * factor, curve.sigma * factor, **style)
-    fine = curve.fine * RPM_PER_RAD_S
+    fine = curve.fine * per_rad_s()
     size.plot(fine, np.abs(curve.line_fitted) * factor, color="black", lw=0.9, zorder=3)
     sure = curve.sigma < np.abs(curve.fitted)  # a reading with a larger error has no phase worth showing
     error = np.degrees(curve.sigma / np.abs(curve.fitted))
@@ -190,13 +206,14 @@ def _legend(figure: Figure, speeds: list[float], run_up: bool) -> None:
     from matplotlib.lines import Line2D
 
     points = [Line2D([], [], color=colour_of(i, len(speeds)), marker="o", ms=3, ls="") for i in range(len(speeds))]
-    words = [f"measured ± σ at {speed * RPM_PER_RAD_S:.4g} rpm" for speed in speeds]
+    words = [f"measured ± σ at {rate_words(speed)}" for speed in speeds]
     if run_up:
         points.append(Line2D([], [], color=GREY, marker="o", ms=3, ls=""))
         words.append("measured ± σ, start-up")
     legend_below(figure, [*points, Line2D([], [], color="black", lw=0.9)], [*words, "fit"])
 
 
+@looked
 def plot_turning_stability(fit: FitResult) -> Figure:
     """Growth rate and whirl frequency of a shaft that is not round against rotative speed, unstable bands shaded."""
     model, theta = fit.model, fit.theta()
@@ -213,22 +230,22 @@ def plot_turning_stability(fit: FitResult) -> Figure:
     s = eigenvalues(model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds)
     figure, axes = grid(1, 2, f"Stability, {literal(model.name)}", size=(3.54, 2.8))
     growth, whirl = axes[0]
-    rpm = speeds * RPM_PER_RAD_S
+    rpm = speeds * per_rad_s()
     growth.plot(rpm, np.sort(s.real, axis=1), color=COLOURS[0], lw=1.3)
     growth.axhline(0, color=GREY, lw=0.8)
     growth.set_ylabel("growth rate, 1/s", fontsize=8)
     ahead = np.concatenate([s.imag + speeds[:, None], speeds[:, None] - s.imag], axis=1)
-    whirl.plot(rpm, np.sort(ahead, axis=1) * RPM_PER_RAD_S, ".", color=COLOURS[0], ms=1.2)
+    whirl.plot(rpm, np.sort(ahead, axis=1) * per_rad_s(), ".", color=COLOURS[0], ms=1.2)
     whirl.plot(rpm, rpm, "--", color="0.6", lw=0.9)
-    whirl.set_ylabel("frequencies of free motion, rpm", fontsize=8)
+    whirl.set_ylabel(f"frequencies of free motion, {rate_unit()}", fontsize=8)
     for axis in axes[0]:
-        axis.set_xlabel("rotative speed, rpm", fontsize=8)
+        axis.set_xlabel(f"rotative speed, {rate_unit()}", fontsize=8)
         axis.set_xlim(0, rpm[-1])
         for low, high in bands:
-            axis.axvspan(low * RPM_PER_RAD_S, high * RPM_PER_RAD_S, color=COLOURS[1], alpha=0.2, lw=0)
+            axis.axvspan(low * per_rad_s(), high * per_rad_s(), color=COLOURS[1], alpha=0.2, lw=0)
         for speed in tested:
             marker = {"marker": "^", "color": "black", "ms": 5, "clip_on": False}
-            axis.plot(speed * RPM_PER_RAD_S, 0.0, transform=axis.get_xaxis_transform(), **marker)
+            axis.plot(speed * per_rad_s(), 0.0, transform=axis.get_xaxis_transform(), **marker)
     _stability_legend(figure, bands)
     return figure
 
@@ -237,7 +254,7 @@ def _stability_legend(figure: Figure, bands: list[tuple[float, float]]) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    ranges = ", ".join(f"{low * RPM_PER_RAD_S:.0f} to {high * RPM_PER_RAD_S:.0f} rpm" for low, high in bands)
+    ranges = ", ".join(f"{low * per_rad_s():.0f} to {rate_words(high)}" for low, high in bands)
     handles: list[Any] = [
         Line2D([], [], color=COLOURS[0], lw=1.3),
         Line2D([], [], color="0.6", lw=0.9, ls="--"),

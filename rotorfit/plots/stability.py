@@ -15,8 +15,7 @@ from rotorfit.models import AnisotropicShaft, Turning, eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.plots.journal import group_label
 from rotorfit.plots.shaft_lines import plot_turning_stability
-from rotorfit.plots.style import COLOURS, GREY, grid, legend_below, literal
-from rotorfit.units import RPM_PER_RAD_S
+from rotorfit.plots.style import COLOURS, GREY, grid, legend_below, literal, looked, per_rad_s, rate_unit, rate_words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,6 +29,7 @@ _MODES = tuple(c for c in COLOURS if c != _THRESHOLD)
 """Colours of modes: all but the threshold's."""
 
 
+@looked
 def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
     """Modes against rotative speed, with the threshold and its 95 % interval.
 
@@ -57,32 +57,35 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
     overdamped = 0.99  # damping ratio from which a mode no longer oscillates and has no decrement
     swings = np.abs(zeta) < overdamped
     delta = np.where(swings, 2 * np.pi * zeta / np.sqrt(np.where(swings, 1 - zeta**2, 1.0)), np.nan)
-    panels = ((growth, s.real), (frequency, s.imag * RPM_PER_RAD_S), (damping, zeta), (decrement, delta))
+    panels = ((growth, s.real), (frequency, s.imag * per_rad_s()), (damping, zeta), (decrement, delta))
     for axis, values in panels:
         for mode in range(s.shape[1]):
-            axis.plot(speeds * RPM_PER_RAD_S, values[:, mode], color=_MODES[mode % len(_MODES)], lw=1.4)
-        axis.set_xlabel("rotative speed, rpm", fontsize=8)
-        axis.set_xlim(0, top * RPM_PER_RAD_S)
+            axis.plot(speeds * per_rad_s(), values[:, mode], color=_MODES[mode % len(_MODES)], lw=1.4)
+        axis.set_xlabel(f"rotative speed, {rate_unit()}", fontsize=8)
+        axis.set_xlim(0, top * per_rad_s())
         _mark_tested(axis, tested)
         _mark_threshold(axis, onset)
     _unstable_half(growth, s.real, above=True)
     _unstable_half(damping, zeta, above=False)
     largest = 3.0  # largest decrement worth a place on its axis: what matters is near zero
     _unstable_half(decrement, np.minimum(delta, largest), above=False)
-    frequency.plot(speeds * RPM_PER_RAD_S, speeds * RPM_PER_RAD_S, "--", color="0.6", lw=0.9)
-    span = np.nanmax(np.abs(s.imag), initial=0.0) * RPM_PER_RAD_S
+    frequency.plot(speeds * per_rad_s(), speeds * per_rad_s(), "--", color="0.6", lw=0.9)
+    span = np.nanmax(np.abs(s.imag), initial=0.0) * per_rad_s()
     frequency.set_ylim(-1.1 * span, 1.1 * span)
-    names = ("growth rate, 1/s", "damped frequency, rpm", "damping ratio", "logarithmic decrement")
+    measured = _resonances(fit, group, tested, span / per_rad_s())
+    frequency.plot(*(part * per_rad_s() for part in measured), "o", ms=5, mfc="none", mec="black", mew=0.9, zorder=4)
+    names = ("growth rate, 1/s", f"damped frequency, {rate_unit()}", "damping ratio", "logarithmic decrement")
     for axis, name in zip((growth, frequency, damping, decrement), names, strict=True):
         axis.set_ylabel(name, fontsize=8)
-    _legend(figure, _mode_names(s, speeds, float(tested.max(initial=0.0))), onset, tested=bool(tested.size))
+    modes = _mode_names(s, speeds, float(tested.max(initial=0.0)))
+    _legend(figure, modes, onset, tested=bool(tested.size), peaks=bool(measured[0].size))
     return figure
 
 
 def _mark_tested(axis: Any, speeds: Float) -> None:
     """A triangle on the speed axis at each tested speed."""
     for speed in speeds.tolist():
-        at = speed * RPM_PER_RAD_S
+        at = speed * per_rad_s()
         axis.plot(at, 0.0, "^", color="black", ms=5, clip_on=False, transform=axis.get_xaxis_transform())
 
 
@@ -94,13 +97,42 @@ def _tested_speeds(fit: FitResult, group: int) -> Float:
     return distinct if np.isin(distinct, fit.speeds).all() else np.zeros(0)
 
 
+def _resonances(fit: FitResult, group: int, tested: Float, span: float) -> tuple[Float, Float]:
+    """Tested speeds and the frequencies, rad/s, at which measured responses peak there (Fig. 32)."""
+    found: list[tuple[float, float]] = []
+    for base in (b for b in map(responses_of, fit.problem.blocks) if b is not None and not b.imposed):
+        drive = np.abs(base.force).max(axis=1)[base.line]
+        for speed in tested.tolist():
+            mine = (base.group == group)[base.line] & (base.speed[base.line] == speed) & (drive > 0)
+            for label in np.unique(base.label[mine]).tolist():
+                rows = np.flatnonzero(mine & (base.label == label) & (base.sigma < 0.2 * np.abs(base.measured)))
+                found += [
+                    (speed, w) for w in _peaks(base.frequency[base.line[rows]], base.measured[rows] / drive[rows])
+                ]
+    shown = np.array([pair for pair in found if abs(pair[1]) <= span]).reshape(-1, 2)
+    return shown[:, 0], shown[:, 1]
+
+
+def _peaks(w: Float, response: ComplexArray) -> list[float]:
+    """Frequencies of the peaks of a response from which it falls to half on either side before it rises again."""
+    found: list[float] = []
+    for side in (w < 0, w > 0):
+        order = np.argsort(w[side])
+        size, at = np.abs(response[side])[order], w[side][order]
+        for k, top in enumerate(size.tolist()):
+            ends = [part[(part > top) | (part < top / 2)][:1] for part in (size[:k][::-1], size[k + 1 :])]
+            if all(end.size and end[0] < top for end in ends):
+                found.append(float(at[k]))
+    return found
+
+
 def _mark_threshold(axis: Any, onset: Quantity | None) -> None:
     if onset is None:
         return
-    axis.axvline(onset.value * RPM_PER_RAD_S, color=_THRESHOLD, lw=1.4)
+    axis.axvline(onset.value * per_rad_s(), color=_THRESHOLD, lw=1.4)
     if np.isfinite(onset.stderr):
         low, high = onset.interval(0.95)
-        axis.axvspan(low * RPM_PER_RAD_S, high * RPM_PER_RAD_S, color=_THRESHOLD, alpha=0.3, lw=0)
+        axis.axvspan(low * per_rad_s(), high * per_rad_s(), color=_THRESHOLD, alpha=0.3, lw=0)
 
 
 def _unstable_half(axis: Any, values: Float, *, above: bool) -> None:
@@ -123,14 +155,13 @@ def _mode_names(s: ComplexArray, speeds: Float, at: float) -> list[str]:
     """Words for each mode: its whirl and its frequency at a speed."""
     row = s[int(np.argmin(np.abs(speeds - at)))]
     whirl = ["forward" if value.imag > 0 else "backward" for value in row]
-    rpm = np.abs(row.imag) * RPM_PER_RAD_S
     return [
-        f"{way} mode, {f:.4g} rpm at {at * RPM_PER_RAD_S:.4g} rpm" if np.isfinite(f) else "mode beyond the tested band"
-        for way, f in zip(whirl, rpm.tolist(), strict=True)
+        f"{way} mode, {rate_words(f)} at {rate_words(at)}" if np.isfinite(f) else "mode beyond the tested band"
+        for way, f in zip(whirl, np.abs(row.imag).tolist(), strict=True)
     ]
 
 
-def _legend(figure: Figure, modes: list[str], onset: Quantity | None, *, tested: bool) -> None:
+def _legend(figure: Figure, modes: list[str], onset: Quantity | None, *, tested: bool, peaks: bool) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -138,9 +169,9 @@ def _legend(figure: Figure, modes: list[str], onset: Quantity | None, *, tested:
     labels = list(modes)
     if onset is not None:
         handles.append(Line2D([], [], color=_THRESHOLD, lw=1.4))
-        low, high = (RPM_PER_RAD_S * end for end in onset.interval(0.95))
+        low, high = (per_rad_s() * end for end in onset.interval(0.95))
         interval = f", 95 % {interval_words(low, high)}" if np.isfinite(high) else ""
-        labels.append(f"threshold {onset.value * RPM_PER_RAD_S:.5g}{interval} rpm")
+        labels.append(f"threshold {onset.value * per_rad_s():.5g}{interval} {rate_unit()}")
     handles.append(Patch(color=_THRESHOLD, alpha=0.15))
     labels.append("unstable")
     handles.append(Line2D([], [], color="0.6", lw=0.9, ls="--"))
@@ -148,6 +179,9 @@ def _legend(figure: Figure, modes: list[str], onset: Quantity | None, *, tested:
     if tested:
         handles.append(Line2D([], [], color="black", marker="^", ls=""))
         labels.append("tested speeds")
+    if peaks:
+        handles.append(Line2D([], [], color="black", marker="o", mfc="none", ls=""))
+        labels.append("resonances of the responses")
     legend_below(figure, handles, labels)
 
 

@@ -11,8 +11,7 @@ from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.motion.law_curves import law_curves, law_of
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues
 from rotorfit.plots.journal import JournalLines, drive_stiffness, half_width, journal_lines, law_series
-from rotorfit.plots.style import GREY, colour_of, grid, legend_below, prefix
-from rotorfit.units import RPM_PER_RAD_S
+from rotorfit.plots.style import GREY, colour_of, grid, legend_below, looked, prefix, rate_words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,6 +42,7 @@ def _speeds(blocks: list[JournalLines]) -> list[float]:
     return sorted({round(float(v), 6) for lines in blocks for v in lines.speed})
 
 
+@looked
 def plot_static_locus(fit: FitResult) -> Figure:
     """Positions of the journal under constant loads, as in Fig. 26, over the clearance; the circle is the wall.
 
@@ -87,10 +87,11 @@ def plot_static_locus(fit: FitResult) -> Figure:
     axis.set_aspect("equal")
     axis.set_xlabel("across the load, over clearance", fontsize=8)
     axis.set_ylabel("against the load, over clearance", fontsize=8)
-    _legend(figure, [f"{v * RPM_PER_RAD_S:.0f} rpm" for v in speeds], "measured", "fitted locus")
+    _legend(figure, [f"{rate_words(v)}" for v in speeds], "measured", "fitted locus")
     return figure
 
 
+@looked
 def plot_static_stiffness(fit: FitResult) -> Figure:
     """Static load over displacement against eccentricity, as in Figs 27 and 28.
 
@@ -133,10 +134,11 @@ def plot_static_stiffness(fit: FitResult) -> Figure:
     axes[0, 0].set_ylabel(f"{'λD' if single else 'across the load / Ω'}, {scales[0][1]}", fontsize=8)
     axes[1, 0].set_ylabel(f"{'K + K0 − Mf λ²Ω²' if single else 'along the load'}, {scales[1][1]}", fontsize=8)
     axes[1, 0].set_xlabel("eccentricity of the journal over clearance", fontsize=8)
-    _legend(figure, [f"{v * RPM_PER_RAD_S:.0f} rpm" for v in speeds], "measured", "fit and 95 % band")
+    _legend(figure, [f"{rate_words(v)}" for v in speeds], "measured", "fit and 95 % band")
     return figure
 
 
+@looked
 def plot_velocity_ratio(fit: FitResult) -> Figure:
     """Damped frequency over rotative speed from impulse tests against eccentricity, as in Fig. 29.
 
@@ -160,7 +162,7 @@ def plot_velocity_ratio(fit: FitResult) -> Figure:
     axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
     _legend(
         figure,
-        [f"{v * RPM_PER_RAD_S:.0f} rpm" for v in speeds],
+        [f"{rate_words(v)}" for v in speeds],
         "measured",
         "fitted eigenvalue",
         dashed="lam and 95 % band",

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextvars import ContextVar
+from dataclasses import dataclass, replace
+from functools import wraps
 from io import BytesIO
 from typing import Any, cast
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase, SubFigure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import Locator, LogFormatter, LogLocator, MaxNLocator
 
 from rotorfit.models.array_types import Float
+from rotorfit.models.parameters import unknown_name
+from rotorfit.units import UNITS
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 """Okabe and Ito's palette: distinguished by colour-blind readers and in grey."""
@@ -21,6 +27,73 @@ PAGE = (7.08, 8.8)
 """Largest width and height of a figure, inches: what A4 leaves between its margins, so that print keeps its size."""
 SMALL_TYPE = 7
 """Smallest type, points."""
+
+
+@dataclass(frozen=True)
+class _Look:
+    """Where a figure is drawn, and the units of frequencies and lengths."""
+
+    ax: Any = None
+    rate: str = "rpm"
+    length: str = "um"
+
+
+_PLAIN = _Look()
+_LOOK: ContextVar[_Look] = ContextVar("look", default=_PLAIN)
+_NAMES = {"um": "µm", "rad_s": "rad/s", "hz": "Hz"}
+"""Units whose names are written otherwise than in column names."""
+
+
+def looked(draw: Callable[..., Figure]) -> Callable[..., Figure]:
+    """Let a function that draws take ``ax`` and ``unit`` too.
+
+    ``ax``: axes to draw in, one or as many as the figure has panels; one place for several panels is divided, and a
+    (sub)figure filled. ``unit``: of frequencies (rpm, hz, rad_s, cpm), of lengths (um, mil, mm, um_pp, ...), or both,
+    ``("hz", "mil_pp")``.
+    """
+
+    @wraps(draw)
+    def drawn(*arguments: Any, ax: Any = None, unit: str | Sequence[str] | None = None, **options: Any) -> Figure:
+        token = _LOOK.set(replace(_units(unit), ax=ax))
+        try:
+            return draw(*arguments, **options)
+        finally:
+            _LOOK.reset(token)
+
+    return drawn
+
+
+def _units(unit: str | Sequence[str] | None) -> _Look:
+    look = _Look()
+    rates, lengths = UNITS["frequency"], UNITS["displacement"]
+    for name in [unit] if isinstance(unit, str) else unit or ():
+        plain = name.replace("µ", "u").replace("/", "_").lower()
+        if plain not in rates and plain not in lengths:
+            raise ValueError(unknown_name("unit of a figure", name, [*rates, *lengths]))
+        look = replace(look, rate=plain) if plain in rates else replace(look, length=plain)
+    return look
+
+
+def per_rad_s() -> float:
+    """Factor from rad/s to the figure's unit of frequency."""
+    return 1 / UNITS["frequency"][_LOOK.get().rate]
+
+
+def rate_unit() -> str:
+    """Unit of frequencies in this figure, as it is written."""
+    return _NAMES.get(_LOOK.get().rate, _LOOK.get().rate)
+
+
+def rate_words(value: float) -> str:
+    """A frequency or speed given in rad/s, in the figure's unit."""
+    return f"{value * per_rad_s():.4g} {rate_unit()}"
+
+
+def length() -> tuple[float, str]:
+    """Factor from m to the figure's unit of length, and its name."""
+    name = _LOOK.get().length
+    base, _, peak = name.partition("_")
+    return 1 / UNITS["displacement"][name], _NAMES.get(base, base) + {"": "", "pp": " pp"}.get(peak, f" {peak}")
 
 
 class ShownFigure(Figure):
@@ -33,15 +106,31 @@ class ShownFigure(Figure):
 
 
 def grid(
-    rows: int, columns: int, title: str, *, size: tuple[float, float] = (4.6, 2.3), one_abscissa: bool = False
+    rows: int,
+    columns: int,
+    title: str,
+    *,
+    size: tuple[float, float] = (4.6, 2.3),
+    one_abscissa: bool = False,
+    projection: str | None = None,
 ) -> tuple[Figure, Any]:
     """An empty figure of axes, shape ``(rows, columns)``."""
-    width, height = min(size[0] * columns, PAGE[0]), min(size[1] * rows + 0.5, PAGE[1])
-    figure = ShownFigure(figsize=(width, height), layout="constrained")
-    if title:
+    share: Any = "col" if one_abscissa else "none"
+    given = _LOOK.get().ax
+    drawn_on = given is not None and not isinstance(given, FigureBase)
+    panels: Any = np.atleast_1d(np.asarray(given, dtype=object)) if drawn_on else np.empty(0)
+    if panels.size > 1 and panels.size != rows * columns:
+        raise ValueError(f"ax has {panels.size} axes; this figure has {rows} x {columns} panels")
+    if panels.size == rows * columns:
+        axes = panels.reshape(rows, columns)
+        figure = axes[0, 0].figure
+    else:
+        figure = _room(given, min(size[0] * columns, PAGE[0]), min(size[1] * rows + 0.5, PAGE[1]))
+        kind = {"projection": projection}
+        axes = figure.subplots(rows, columns, squeeze=False, sharex=share, subplot_kw=kind)
+    if title and given is None:
         figure.suptitle(title, fontsize=10)
-    axes = figure.subplots(rows, columns, squeeze=False, sharex="col" if one_abscissa else "none")
-    for axis in axes.flat:
+    for axis in axes.flat if projection is None else ():
         few_ticks(axis.xaxis)
         few_ticks(axis.yaxis)
         axis.tick_params(labelsize=SMALL_TYPE)
@@ -50,6 +139,21 @@ def grid(
         for side in ("top", "right"):
             axis.spines[side].set_visible(False)
     return figure, axes
+
+
+def _room(given: Any, width: float, height: float) -> Any:
+    """A figure of its own, the one given, or the place of given axes."""
+    if given is None:
+        return ShownFigure(figsize=(width, height), layout="constrained")
+    if isinstance(given, FigureBase):
+        return given
+    (place,) = np.atleast_1d(np.asarray(given))
+    spec = place.get_subplotspec()
+    if spec is None:
+        raise ValueError("ax stands in no grid that could be divided; give axes of plt.subplots, or a figure")
+    figure = place.figure
+    place.remove()
+    return figure.add_subfigure(spec)
 
 
 def few_ticks(axis: Any, intervals: int = 6) -> None:
@@ -107,10 +211,13 @@ def prefix(values: Float, unit: str) -> tuple[float, str]:
     return 1.0, unit
 
 
-def legend_below(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
+def legend_below(figure: Any, handles: Sequence[Any], labels: Sequence[str]) -> None:
     """One legend for all axes, outside of the data, in as many columns as the width holds."""
-    if len(labels):
-        room = figure.get_figwidth() * 72 / (0.55 * SMALL_TYPE)  # letters in a row
+    whole = figure.figure if isinstance(figure, SubFigure) else figure
+    if len(labels) and not isinstance(whole.get_layout_engine(), ConstrainedLayoutEngine):
+        figure.axes[-1].legend(handles, labels, fontsize=SMALL_TYPE, frameon=False)
+    elif len(labels):
+        room = figure.bbox.width / whole.dpi * 72 / (0.55 * SMALL_TYPE)  # letters in a row
         columns = int(room / (max(len(label) for label in labels) + 6))
         figure.legend(
             handles,

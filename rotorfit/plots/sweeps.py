@@ -19,8 +19,7 @@ from rotorfit.fitting.summary import natural
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.plots.journal import group_label, half_width
-from rotorfit.plots.style import colour_of, literal
-from rotorfit.units import RPM_PER_RAD_S
+from rotorfit.plots.style import colour_of, literal, rate_unit, rate_words
 
 if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult
@@ -150,7 +149,7 @@ def _names(fit: FitResult, keys: Sequence[_Key]) -> list[str]:
             ", ".join(
                 part
                 for part in (
-                    "synchronous" if k.speed == _SWEPT_SPEED else f"{k.speed * RPM_PER_RAD_S:.4g} rpm",
+                    "synchronous" if k.speed == _SWEPT_SPEED else f"{rate_words(k.speed)}",
                     k.level,
                     group_label(fit, k.group) if several else "",
                 )
@@ -195,9 +194,14 @@ def as_probe(values: ComplexArray, frequency: Float, signed: bool) -> ComplexArr
     return np.where(signed & (frequency < 0), values.conj(), values)
 
 
-@lru_cache(maxsize=1)  # three figures of a report show them
 def curves(fit: FitResult) -> tuple[Sequence[SweepCondition], Sequence[SweepCurve]]:
     """Conditions, and every measured and fitted response."""
+    return _curves_of(fit, rate_unit())
+
+
+@lru_cache(maxsize=1)  # three figures of a report show them
+def _curves_of(fit: FitResult, unit: str) -> tuple[Sequence[SweepCondition], Sequence[SweepCurve]]:
+    """Conditions named in a unit of speed, and the responses."""
     conditions, parts = sweeps(fit)
     return tuple(conditions), tuple(curve for part in parts for curve in _curves(fit, conditions, part))
 

@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from rotorfit.models.array_types import Float
-from rotorfit.plots.style import COLOURS, PAGE, grid, literal, prefix
+from rotorfit.plots.style import COLOURS, PAGE, grid, literal, looked, per_rad_s, prefix, rate_unit
 from rotorfit.recordings.twist import TwistView
-from rotorfit.units import RPM_PER_RAD_S
 
 _ORDERS = {"w − Om": (1, -1), "w − 2 Om": (1, -2), "2(w − Om)": (2, -2), "1x": (0, 1), "2x": (0, 2)}
 """Combination lines of the twist: multiples of w and of Om."""
 
 
-def plot_twist(view: TwistView, name: str, limit: float | None = None) -> Figure:
-    """Overall amplitude of the twist above, its spectra with order lines below."""
-    scale, label = (1.0, "time (s)") if view.over == "time" else (RPM_PER_RAD_S, _axis_label(view))
+@looked
+def plot_twist(
+    view: TwistView, name: str, limit: float | None = None, marks: Mapping[str, float] = MappingProxyType({})
+) -> Figure:
+    """Overall amplitude of the twist above, its spectra with order lines below.
+
+    ``marks``: frequencies to mark, rad/s, by name, as the torsional natural frequency and its half (Fig. 38).
+    """
+    scale, label = (1.0, "time (s)") if view.over == "time" else (per_rad_s(), _axis_label(view))
     position = view.position * scale
     lines = {key: np.abs(m * view.perturbation + n * view.shaft) / (2 * np.pi) for key, (m, n) in _ORDERS.items()}
     highest = max((float(np.nanmax(at)) for at in lines.values() if np.isfinite(at).any()), default=np.inf)
@@ -34,13 +41,17 @@ def plot_twist(view: TwistView, name: str, limit: float | None = None) -> Figure
     _cascade(cascade, view, position, edge)
     for key, at in lines.items():
         _order_line(cascade, key, np.where(at <= edge, at, np.nan)[order], position[order])
+    for key, mark in marks.items():
+        cascade.axvline(mark / (2 * np.pi), color="black", lw=0.9, ls=":", zorder=998)
+        style = {"fontsize": 8, "ha": "center", "va": "bottom", "xycoords": cascade.get_xaxis_transform()}
+        cascade.annotate(literal(key), (mark / (2 * np.pi), 1.0), **style)
     cascade.set_xlabel("frequency (Hz)", fontsize=9)
     cascade.set_ylabel(label, fontsize=9)
     return figure
 
 
 def _axis_label(view: TwistView) -> str:
-    return "speed of the shaft (rpm)" if view.over == "speed" else "perturbation frequency (rpm)"
+    return f"speed of the shaft ({rate_unit()})" if view.over == "speed" else f"perturbation frequency ({rate_unit()})"
 
 
 def _cascade(axis: Any, view: TwistView, position: Float, edge: float) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.models.array_types import Float
-from rotorfit.plots.style import COLOURS, GREY, SMALL_TYPE, few_ticks, grid, literal
+from rotorfit.plots.style import COLOURS, GREY, SMALL_TYPE, few_ticks, grid, literal, looked
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,6 +20,7 @@ _ROOM_FOR_OFFSET = SMALL_TYPE + 4
 """Points between the numbers along x and their label: the offset that the numbers share stands there."""
 
 
+@looked
 def plot_corner(samples: Float, names: Sequence[str], truths: Mapping[str, float] | None = None) -> Figure:
     """Marginal histograms and pairwise densities with 68 and 95 % contours."""
     count = len(names)
@@ -93,6 +94,7 @@ def _density(axis: Any, x: Float, y: Float) -> None:
         axis.contour(*centres, counts.T, levels=levels, colors="0.25", linewidths=0.7)
 
 
+@looked
 def plot_traces(chain: Float, names: Sequence[str]) -> Figure:
     """Walkers of a chain against the step, one row a parameter."""
     figure, axes = grid(len(names), 1, "Chains", size=(7.5, 0.9))
@@ -105,6 +107,7 @@ def plot_traces(chain: Float, names: Sequence[str]) -> Figure:
     return figure
 
 
+@looked
 def plot_profile(
     values: Float, rise: Float, *, label: str, estimate: float, stderr: float, goal: float, ends: Sequence[float]
 ) -> Figure:

@@ -10,10 +10,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
+from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.data.findings import Finding
 from rotorfit.models.array_types import Float
 from rotorfit.recordings.angle_track import AngleTrack, steady_track, track
@@ -148,41 +149,62 @@ class Recording(Signals):
 
     # ---- figures: drawn in rotorfit.plots.recordings of the arrays of views and spectra ----
 
-    def plot_timebase(self, plane: str | None = None, *, at: float | None = None, turns: float = 6.0) -> Figure:
+    def plot_timebase(
+        self,
+        plane: str | None = None,
+        *,
+        at: float | None = None,
+        turns: float = 6.0,
+        **look: Unpack[PlotKeywords],
+    ) -> Figure:
         """x and y over time with a dot at every mark.
 
         Args:
             plane: one of :attr:`planes`; None: all.
             at: middle of what is shown, s; None: of the recording.
             turns: of the slower mark that are shown.
+            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
 
         Raises:
             ValueError: no such plane or time.
         """
         from rotorfit.plots.recordings import plot_timebase
 
-        return plot_timebase([stretch(self, self._marks, each, at, turns) for each in self._of(plane)], self.name)
+        return plot_timebase(
+            [stretch(self, self._marks, each, at, turns) for each in self._of(plane)], self.name, **look
+        )
 
-    def plot_orbit(self, plane: str | None = None, *, at: float | None = None, turns: float = 4.0) -> Figure:
+    def plot_orbit(
+        self,
+        plane: str | None = None,
+        *,
+        at: float | None = None,
+        turns: float = 4.0,
+        **look: Unpack[PlotKeywords],
+    ) -> Figure:
         """Orbits as recorded and filtered to the shaft (1x) and to the perturbator (w), with Keyphasor dots.
 
         Args:
             plane: one of :attr:`planes`; None: all with two probes.
             at: middle of what is shown, s; None: of the recording.
             turns: of the slower mark that are shown.
+            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
 
         Raises:
             ValueError: no such plane or time, or a plane with one probe.
         """
         from rotorfit.plots.recordings import plot_orbit
 
-        return plot_orbit([stretch(self, self._marks, each, at, turns) for each in self._pairs(plane)], self.name)
+        return plot_orbit(
+            [stretch(self, self._marks, each, at, turns) for each in self._pairs(plane)], self.name, **look
+        )
 
-    def plot_centreline(self, plane: str | None = None) -> Figure:
+    def plot_centreline(self, plane: str | None = None, **look: Unpack[PlotKeywords]) -> Figure:
         """Mean position of the shaft over the recording, from the gap voltages.
 
         Args:
             plane: one of :attr:`planes`; None: all with two probes.
+            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
 
         Raises:
             ValueError: no such plane, one probe, or no gap voltages (AC-coupled).
@@ -191,9 +213,12 @@ class Recording(Signals):
 
         if any(finding.code == "ac-coupled" for finding in self.findings):
             raise ValueError(f"{self.name} has no gap voltages (AC-coupled?): there is no centreline in it")
-        return plot_centreline([centreline(self, self._marks, each) for each in self._pairs(plane)], self.name)
+        lines = [centreline(self, self._marks, each) for each in self._pairs(plane)]
+        return plot_centreline(lines, self.name, **look)
 
-    def plot_bode(self, reference: str | None = None, *, turns: float | None = None) -> Figure:
+    def plot_bode(
+        self, reference: str | None = None, *, turns: float | None = None, **look: Unpack[PlotKeywords]
+    ) -> Figure:
         """Amplitude and phase of every probe's vector over the speed of a mark.
 
         Of a sweep of a known weight these are the vectors that a fit gets, orders of the shaft left out; of others, as
@@ -202,30 +227,41 @@ class Recording(Signals):
         Args:
             reference: ``"shaft"`` or ``"perturbator"``; None: the perturbator's where there is one.
             turns: of a window; None: no windows for a sweep, 8 turns for others.
+            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
 
         Raises:
             ValueError: no such mark.
         """
         from rotorfit.plots.recordings import plot_bode
 
-        return plot_bode(self._vectors(reference, turns), self.name)
+        return plot_bode(self._vectors(reference, turns), self.name, **look)
 
-    def plot_polar(self, reference: str | None = None, *, turns: float | None = None) -> Figure:
+    def plot_polar(
+        self, reference: str | None = None, *, turns: float | None = None, **look: Unpack[PlotKeywords]
+    ) -> Figure:
         """Locus of every probe's vector, those of :meth:`plot_bode`.
 
         Args:
             reference: ``"shaft"`` or ``"perturbator"``; None: the perturbator's where there is one.
             turns: of a window; None: no windows for a sweep, 8 turns for others.
+            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
 
         Raises:
             ValueError: no such mark.
         """
         from rotorfit.plots.recordings import plot_polar
 
-        return plot_polar(self._vectors(reference, turns), self.name)
+        return plot_polar(self._vectors(reference, turns), self.name, **look)
 
     def plot_full_spectrum(
-        self, plane: str | None = None, *, start: float = 0.0, stop: float | None = None, limit_hz: float | None = None
+        self,
+        plane: str | None = None,
+        *,
+        start: float = 0.0,
+        stop: float | None = None,
+        limit_hz: float | None = None,
+        marks: Mapping[str, float] | None = None,
+        **look: Unpack[PlotKeywords],
     ) -> Figure:
         """Full spectrum: a circle of radius A has amplitude A at its signed frequency.
 
@@ -233,6 +269,8 @@ class Recording(Signals):
             plane: one of :attr:`planes`; None: all.
             start, stop: of the stretch, s.
             limit_hz: largest frequency shown; None: what holds all that is worth seeing.
+            marks: frequencies to mark, rad/s, signed, by name: modes of a fit, ``{"whirl": 62.0}``.
+            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
 
         Raises:
             ValueError: no such plane, or an empty stretch.
@@ -241,10 +279,17 @@ class Recording(Signals):
 
         spectra = {each: spectrum(self, each, start, stop) for each in self._of(plane)}
         lines = steady_lines(self._marks, start, self.duration if stop is None else stop)
-        return plot_full_spectrum(spectra, lines, self.name, limit_hz)
+        return plot_full_spectrum(spectra, lines, self.name, limit_hz, marks or {}, **look)
 
     def plot_cascade(
-        self, plane: str | None = None, *, over: str | None = None, spectra: int = 60, limit_hz: float | None = None
+        self,
+        plane: str | None = None,
+        *,
+        over: str | None = None,
+        spectra: int = 60,
+        limit_hz: float | None = None,
+        lines: Mapping[str, tuple[float, float]] | None = None,
+        **look: Unpack[PlotKeywords],
     ) -> Figure:
         """Full-spectrum cascade with order lines.
 
@@ -253,6 +298,8 @@ class Recording(Signals):
             over: ``"time"``, ``"speed"`` or ``"perturbation"``; None: what changes in this recording.
             spectra: how many.
             limit_hz: largest frequency shown; None: what holds all that is worth seeing.
+            lines: further lines to mark, factors of w and of the speed by name, ``{"2w − 1x": (2, -1)}``.
+            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
 
         Raises:
             ValueError: no such plane, or no mark for what is asked.
@@ -260,25 +307,40 @@ class Recording(Signals):
         from rotorfit.plots.recordings import plot_cascade
 
         found = cascade(self, self._marks, self._of(plane)[0], over=over, spectra=spectra)
-        return plot_cascade(found, self.name, limit_hz)
+        return plot_cascade(found, self.name, limit_hz, lines or {}, **look)
 
-    def plot_twist(self, *, over: str | None = None, spectra: int = 60, limit_hz: float | None = None) -> Figure:
+    def plot_twist(
+        self,
+        *,
+        over: str | None = None,
+        spectra: int = 60,
+        limit_hz: float | None = None,
+        marks: Mapping[str, float] | None = None,
+        **look: Unpack[PlotKeywords],
+    ) -> Figure:
         """Overall torsional amplitude and a cascade of the twist with its combination lines.
 
         Args:
             over: ``"time"``, ``"speed"`` or ``"perturbation"``; None: what changes in this recording.
             spectra: how many.
             limit_hz: largest frequency shown; None: what holds all combination lines.
+            marks: frequencies to mark, rad/s, by name, ``{"ν_t": 260.0}``.
+            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
 
         Raises:
             ValueError: no twist was measured, or no mark for what is asked.
         """
         from rotorfit.plots.twist import plot_twist
 
-        return plot_twist(twist_view(self, self._marks, over=over, spectra=spectra), self.name, limit_hz)
+        return plot_twist(
+            twist_view(self, self._marks, over=over, spectra=spectra), self.name, limit_hz, marks or {}, **look
+        )
 
-    def plot_speed(self) -> Figure:
+    def plot_speed(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Speed and sweep rate of every mark over time.
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
 
         Raises:
             ValueError: the recording has no marks.
@@ -287,7 +349,7 @@ class Recording(Signals):
 
         if not self._marks.present:
             raise ValueError(f"{self.name} has no phase reference, so no speed")
-        return plot_speed(speeds(self._marks), self.name)
+        return plot_speed(speeds(self._marks), self.name, **look)
 
     @cached_property
     def _marks(self) -> Marks:

@@ -1,0 +1,129 @@
+"""The paper's axes, units and places of figures; measured stiffness without a fit."""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from synthetic import TYPICAL, circular_test
+
+import rotorfit as rf
+from rotorfit.models import OneMode, TwoDisk
+
+SPEEDS = (100.0, 180.0)
+W = np.concatenate([-np.linspace(20.0, 200.0, 30)[::-1], np.linspace(20.0, 200.0, 30)])
+RPM = 30 / np.pi
+
+
+@pytest.fixture(scope="module")
+def rig() -> rf.PerturbationTest:
+    model = OneMode()
+    return circular_test(model, model.vector(TYPICAL["one-mode"]), speeds=SPEEDS, frequency=W, noise=0.001)
+
+
+@pytest.fixture(scope="module")
+def fit(rig: rf.PerturbationTest) -> rf.FitResult:
+    return rf.fit(OneMode(), rig, known={"K": 8000.0, "Ds": 8.0})
+
+
+def stiffness(w: float, speed: float) -> complex:
+    """Eq. (10) to (13) written out."""
+    p = TYPICAL["one-mode"]
+    turn = w - p["lam"] * speed
+    return p["K"] + p["K0"] - p["M"] * w**2 - p["Mf"] * turn**2 + 1j * (p["Ds"] * w + p["D"] * turn)
+
+
+def test_responses_over_the_ratio_and_forward_over_reverse(fit: rf.FitResult) -> None:
+    amplitude, _ = fit.plot_bode(against="ratio").axes
+    points = np.concatenate([line.get_xydata() for line in amplitude.get_lines() if line.get_marker() == "."])
+    expected = [(w / speed, 1e6 / abs(stiffness(w, speed))) for speed in SPEEDS for w in W]
+    for x, y in expected:
+        assert np.abs(points[np.abs(points[:, 0] - x) < 1e-9, 1] / y - 1).min() < 0.02  # noise of 0.1 % of the peak
+    mr = 2e-5
+    amplitude, _ = fit.plot_bode(against="size", mr=mr, unit=("hz", "mil_pp")).axes
+    assert amplitude.get_ylabel() == "mil pp"
+    backward = [line for line in amplitude.get_lines() if line.get_markerfacecolor() == "none"]
+    forward = [line for line in amplitude.get_lines() if line.get_marker() == "." and line not in backward]
+    assert len(backward) == len(forward) == 2
+    for lines, sign in ((backward, -1), (forward, 1)):
+        for line, speed in zip(lines, SPEEDS, strict=True):
+            x, y = line.get_xydata().T
+            w = sign * x * 2 * np.pi
+            exact = [mr * v**2 / abs(stiffness(v, speed)) / 25.4e-6 * 2 for v in w.tolist()]
+            np.testing.assert_allclose(y, exact, rtol=0.05)
+    with pytest.raises(ValueError, match="ratio"):
+        rf.fit(TwoDisk(), rf.datasets.two_disk()).plot_bode(against="ratio")
+    with pytest.raises(ValueError, match=r"abscissa.*nonsense"):
+        fit.plot_bode(against="nonsense")
+    with pytest.raises(ValueError, match="furlong"):
+        fit.plot_bode(unit="furlong")
+
+
+def test_direct_stiffness_against_the_square_is_straight() -> None:
+    """The synchronous lines are named by what they are at zero (Fig. 36)."""
+    fit = rf.fit(TwoDisk(), rf.datasets.two_disk())
+    axes = np.array(fit.plot_dynamic_stiffness(against="square").axes).reshape(4, 2)
+    boxes = [[t.get_text() for t in axis.texts] for axis in axes[:, 0]]
+    for box, name in zip(boxes, ("K1 + K2", "−K2", "−K2", "K2 + K3"), strict=True):
+        assert any(f"at 0: {name} = " in text for text in box), box
+    (line,) = [one for one in axes[0, 0].get_lines() if one.get_zorder() == 3]
+    x, y = line.get_xydata().T
+    slope, at_zero = np.polyfit(x, y, 1)
+    assert np.abs(y - slope * x - at_zero).max() < 1e-6 * np.ptp(y)
+    assert at_zero == pytest.approx((18900 + 63700) / 1e3, rel=1e-3)  # kN/m
+    assert -slope == pytest.approx(0.73, rel=1e-3)  # kN/m over 1000 rad^2/s^2 is kg
+
+
+def test_measured_stiffness_without_a_fit(rig: rf.PerturbationTest) -> None:
+    direct, quadrature = rig.plot_dynamic_stiffness().axes
+    for axis, part in ((direct, "real"), (quadrature, "imag")):
+        for container, speed in zip(axis.containers, SPEEDS, strict=True):
+            x, y = container.lines[0].get_xydata().T
+            exact = np.array([getattr(stiffness(v / RPM, speed), part) for v in x]) / 1e3
+            assert np.abs(y - exact).max() < 0.02 * np.abs(exact).max()
+    one = rf.datasets.rig_open()
+    journal = one.select(one.force_plane == "journal")
+    assert len(journal.plot_dynamic_stiffness().axes) == 2  # force over response, where eq. (7) has no solution
+    with pytest.raises(ValueError, match="no readings"):
+        one.plot_dynamic_stiffness(["nowhere"])
+
+
+def test_response_and_stiffness_of_several_conditions(fit: rf.FitResult) -> None:
+    figure = fit.plot_drive_point()
+    phase, amplitude, direct, quadrature = figure.axes
+    assert [axis.get_ylabel() for axis in (direct, quadrature)] == ["direct, kN/m", "quadrature, kN/m"]
+    assert amplitude.get_ylabel() == "µm/N"
+    assert phase.get_ylabel().startswith("phase lead of the probe")
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert words[:2] == ["954.9 rpm", "1719 rpm"]
+    with pytest.raises(ValueError, match="plane that was forced"):
+        fit.plot_drive_point(plane="disk")
+
+
+def test_a_figure_is_drawn_where_it_is_wanted(fit: rf.FitResult) -> None:
+    figure, axes = plt.subplots(1, 2, layout="constrained")
+    fit.plot_bode(ax=axes[0], unit="hz")
+    assert len(figure.subfigs) == 1
+    fit.plot_bode(ax=figure.add_subfigure(axes[1].get_subplotspec()))
+    figure.draw_without_rendering()
+    plt.close(figure)
+    figure, axes = plt.subplots(2, 1)
+    assert fit.plot_bode(ax=axes) is figure
+    assert axes[0].get_lines()
+    assert axes[-1].get_legend() is not None  # no room below in this layout
+    with pytest.raises(ValueError, match="ax has 3 axes; this figure has 2 x 1 panels"):
+        fit.plot_bode(ax=plt.subplots(3)[1])
+    plt.close("all")
+
+
+def test_resonances_lie_on_the_eigenvalue_plot() -> None:
+    """Peaks of the responses at the tested speeds, near the fitted damped frequencies (Fig. 32)."""
+    fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
+    _, frequency, _, _ = fit.plot_stability().axes
+    (marks,) = [line for line in frequency.get_lines() if line.get_marker() == "o"]
+    at = marks.get_xydata()
+    assert set(np.round(at[:, 0])) == {1000.0, 2000.0}
+    for speed in (1000.0, 2000.0):
+        damped = [q.value * RPM for q, zeta in fit.natural_frequencies(speed / RPM) if zeta.value < 0.06]
+        for rpm in damped:
+            assert np.abs(at[at[:, 0].round() == speed, 1] - rpm).min() < 40  # a reading each 25 rpm, a damped peak
