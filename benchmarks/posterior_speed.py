@@ -36,7 +36,7 @@ from reporting import RESULTS, environment, table, write_csv
 from rotorfit.estimators.inference.ensemble_sampler import sample
 from rotorfit.estimators.inference.log_posterior import LogPosterior
 from rotorfit.models.array_types import Float
-from rotorfit.uncertainty.arviz_loader import load_arviz
+from rotorfit.uncertainty.posterior_file import load_arviz
 
 Run = Callable[[int], tuple[Float, float]]
 

@@ -39,9 +39,9 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.fitting.quantities import FittedParameter as FittedParameter
     from rotorfit.fitting.quantities import Quantity as Quantity
     from rotorfit.fitting.result import FitResult as FitResult
-    from rotorfit.fitting.structure.law_fit import fit_law as fit_law
     from rotorfit.fitting.structure.law_ranking import LawComparison as LawComparison
     from rotorfit.fitting.structure.law_ranking import compare_laws as compare_laws
+    from rotorfit.fitting.structure.law_ranking import fit_law as fit_law
     from rotorfit.fitting.structure.modes_to_disks import two_disk_from_modes as two_disk_from_modes
     from rotorfit.fitting.structure.refine import Refinement as Refinement
     from rotorfit.fitting.structure.refine import one_lam_test as one_lam_test
@@ -120,7 +120,7 @@ _HOME = {
     "DisplacementTest": "rotorfit.data.experiments",
     "PerturbationTest": "rotorfit.data.experiments",
     "perturbation_test": "rotorfit.data.experiments",
-    "fit_law": "rotorfit.fitting.structure.law_fit",
+    "fit_law": "rotorfit.fitting.structure.law_ranking",
     "closed_form": "rotorfit.fitting.fit",
     "fit": "rotorfit.fitting.fit",
     "ModelAverage": "rotorfit.uncertainty.model_average",

@@ -14,9 +14,9 @@ from rotorfit.estimators.noise.reading_noise import (
     noise_from_smoothness,
 )
 from rotorfit.estimators.noise.sweep_noise import _agree
+from rotorfit.fitting.problem_setup import group_rows
 from rotorfit.models import OneMode
 from rotorfit.observing.circular import observe
-from rotorfit.observing.grouping import group_rows
 
 
 def complex_normal(rng, *shape):

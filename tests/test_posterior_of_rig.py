@@ -13,8 +13,8 @@ import rotorfit as rf
 from rotorfit.estimators.inference.log_posterior import LogPosterior
 from rotorfit.models import OneMode, threshold_speed
 from rotorfit.models.motion.stability import threshold_speeds
-from rotorfit.uncertainty.arviz_loader import load_arviz
 from rotorfit.uncertainty.derived import Derived
+from rotorfit.uncertainty.posterior_file import load_arviz
 
 # ---- the finite-element rig -----------------------------------------------------------------------------------------
 

@@ -82,6 +82,11 @@ def _ranks(column: NDArray[Any]) -> Index:
     return number
 
 
+def distinguished(*columns: NDArray[Any]) -> tuple[Index, Index]:
+    """First row of each distinct combination of entries, in the order of the rows, and the number of each row's."""
+    return in_order(combined(*map(numbers, columns)))
+
+
 def in_order(keys: Index) -> tuple[Index, Index]:
     """First occurrence of each distinct key, in the order of the rows, and the number of each row's key among them."""
     if not keys.size:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.estimators.blocks.observations import Responses
-from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
+from rotorfit.estimators.blocks.row_keys import distinguished
 from rotorfit.estimators.blocks.sweeps import force_plane, sweeps_of
 from rotorfit.estimators.noise.reading_noise import (
     LINES_OF_A_LEVEL,
@@ -156,5 +156,5 @@ def _repeats(block: Responses, w: Float, condition: Sequence[Float | Index]) -> 
     forces = block.force[block.line].T
     drive = [plane, *[np.round(part, 12) for force in forces if force.any() for part in (force.real, force.imag)]]
     columns = [block.coordinate, block.reading_group, *condition, np.round(w, 9), *drive]
-    _, number = in_order(combined(*map(numbers, columns)))
+    _, number = distinguished(*columns)
     return None if int(number.max(initial=-1)) + 1 == number.size else number

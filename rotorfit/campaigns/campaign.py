@@ -22,11 +22,10 @@ from rotorfit.estimators.misfit.parameter_space import parameter_space
 from rotorfit.fitting.digits import plus_minus, with_error
 from rotorfit.fitting.fit import fit as fit_model
 from rotorfit.fitting.noise.residual_study import MODEL_LIMITED_REDCHI
-from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings
-from rotorfit.fitting.summary import natural
+from rotorfit.fitting.summary import natural, text_html
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.data.lines import Lines, lines_of
-from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
+from rotorfit.estimators.blocks.row_keys import distinguished, numbers, words
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE, SYNCHRONOUS_TOLERANCE, set_speeds
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Records, Text
 from rotorfit.units import RPM_PER_RAD_S
@@ -171,8 +171,6 @@ class PerturbationTest(_Rows):
 
     title: ClassVar[str] = "perturbation test"
 
-    run: Text
-    speed: Float
     frequency: Float
     force_plane: Text
     force: ComplexArray
@@ -370,8 +368,6 @@ class DisplacementTest(_Rows):
 
     title: ClassVar[str] = "displacement-in test"
 
-    run: Text
-    speed: Float
     frequency: Float
     plane: Text
     displacement: ComplexArray
@@ -397,8 +393,6 @@ class StaticTest(_Rows):
 
     title: ClassVar[str] = "static-load test"
 
-    run: Text
-    speed: Float
     load_plane: Text
     load: ComplexArray
     plane: Text
@@ -430,8 +424,6 @@ class ImpulseTest(_Rows):
 
     title: ClassVar[str] = "impulse test"
 
-    run: Text
-    speed: Float
     frequency: Float
     damping_ratio: Float
     eccentricity: Float
@@ -476,8 +468,6 @@ class RingDownTest(_Rows):
 
     title: ClassVar[str] = "ring-down records"
 
-    run: Text
-    speed: Float
     time: Float
     x: Float
     y: Float
@@ -504,8 +494,6 @@ class CoefficientTable(_Rows):
 
     title: ClassVar[str] = "table of coefficients"
 
-    run: Text
-    speed: Float
     eccentricity: Float
     kxx: Float
     kxy: Float
@@ -540,8 +528,6 @@ class LineTest(_Rows):
     title: ClassVar[str] = "line test"
     START_UP: ClassVar[int] = 5  # speeds of a line without force from which it was read over a start-up
 
-    run: Text
-    speed: Float
     frequency: Float
     force_plane: Text
     force: ComplexArray
@@ -674,7 +660,7 @@ def _column(name: str, values: Any, kind: type) -> NDArray[Any]:
 def plane_groups(test: PerturbationTest) -> list[list[str]]:
     """Groups of planes that runs connect, a run connecting the plane of its force with those it measures."""
     groups: list[set[str]] = []
-    first, _ = in_order(combined(numbers(test.force_plane), numbers(test.plane), numbers(test.several)))
+    first, _ = distinguished(test.force_plane, test.plane, test.several)
     columns = (test.force_plane, test.plane, test.further_forces)
     for forced, measured, further in zip(*[column[first].tolist() for column in columns], strict=True):
         connected = {forced, measured, *[plane for plane, *_ in further]}

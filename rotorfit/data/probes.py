@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from rotorfit.data.experiments import PerturbationTest
+from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.data.linear_force import probe_pairs
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
@@ -92,3 +92,12 @@ def resolve_probe_angles(test: PerturbationTest, angles: Mapping[str, tuple[floa
         response[rows] = test.response[rows] @ inverse.T
         sigma[rows] = np.sqrt(test.sigma[rows] ** 2 @ (inverse**2).T)
     return replace(test, response=response, sigma=sigma)
+
+
+def at_common_zero(experiments: Sequence[Experiment], datum: float) -> tuple[Experiment, ...]:
+    """Experiments with their turning forces counted from the zero of the readings."""
+    turn = np.exp(1j * datum)
+    return tuple(
+        test.with_forces(lambda force: force * turn) if isinstance(test, PerturbationTest) else test
+        for test in experiments
+    )

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from rotorfit.data.common_zero import at_common_zero
 from rotorfit.data.findings import Finding, attributed
+from rotorfit.data.probes import at_common_zero
 from rotorfit.diagnosis.check import check
 from rotorfit.diagnosis.dry_runs import other_rig
 from rotorfit.diagnosis.probe_pairs import UNEVEN

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rotorfit.data.directional import directional
 from rotorfit.data.experiments import DisplacementTest, perturbation_test
 from rotorfit.data.findings import Finding, listed
+from rotorfit.data.linear_force import directional
 from rotorfit.diagnosis.orbits import orbits_of
 from rotorfit.diagnosis.signs import AGAINST_SHARE, signs, turned
 from rotorfit.models.array_types import ComplexArray

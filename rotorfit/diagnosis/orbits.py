@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.data.directional import directional
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.data.linear_force import probe_pairs, whirl_parts
+from rotorfit.data.linear_force import directional, probe_pairs, whirl_parts
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
 from rotorfit.models.array_types import ComplexArray, Float, Index
 

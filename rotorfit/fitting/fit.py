@@ -30,7 +30,7 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets
 from rotorfit.models import Modal, RotorModel
 from rotorfit.models.array_types import Float
-from rotorfit.observing.jumps import usable
+from rotorfit.observing.clearance import usable
 
 
 def fit(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +23,11 @@ from rotorfit.fitting.assumptions.calibration import nuisance_entries
 from rotorfit.fitting.noise.error_bars import normal, with_noise
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets, check_phase_offsets
 from rotorfit.models import Modal, RotorModel
-from rotorfit.models.array_types import ComplexArray
+from rotorfit.models.array_types import ComplexArray, Index
 from rotorfit.models.parameters import unknown_name
 from rotorfit.observing.baseline import with_baseline
-from rotorfit.observing.grouping import Grouping, group_rows
+from rotorfit.observing.clearance import usable
 from rotorfit.observing.influences import correlated
-from rotorfit.observing.jumps import usable
 from rotorfit.observing.observations import observe_any
 
 
@@ -210,3 +209,29 @@ def make_priors(space: ParameterSpace, priors: Mapping[str, Any]) -> tuple[Prior
                 )
         result += [Prior(i, distribution) for i in entries]
     return tuple(result)
+
+
+@dataclass(frozen=True)
+class Grouping:
+    """Which rows share one parameter vector."""
+
+    suffixes: tuple[Mapping[str, str], ...]  # for each group the suffix of each ``per`` parameter, ``{"D"
+    rows: tuple[Index, ...]  # for each experiment, the group of each of its rows
+
+
+def group_rows(experiments: Sequence[Experiment], per: Mapping[str, str]) -> Grouping:
+    """Group rows by the distinct values of attributes."""
+    if not per:
+        return Grouping(({},), tuple(np.zeros(len(experiment), dtype=np.intp) for experiment in experiments))
+    seen: dict[tuple[str, ...], int] = {}
+    rows = []
+    for experiment in experiments:
+        keys = [[_label(attribute, v) for v in experiment.attribute(attribute).tolist()] for attribute in per.values()]
+        tuples = zip(*keys, strict=True)
+        rows.append(np.array([seen.setdefault(key, len(seen)) for key in tuples], dtype=np.intp))
+    suffixes = tuple(dict(zip(per, key, strict=True)) for key in seen)
+    return Grouping(suffixes, tuple(rows))
+
+
+def _label(attribute: str, value: Any) -> str:
+    return f"{attribute}={value:.10g}" if isinstance(value, (int, float)) else f"{attribute}={value}"

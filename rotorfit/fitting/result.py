@@ -783,7 +783,7 @@ class FitResult:
 
     def _repr_html_(self) -> str:
         """Table for a notebook."""
-        from rotorfit.fitting.notebook import fit_html
+        from rotorfit.fitting.summary import fit_html
 
         return fit_html(self)
 

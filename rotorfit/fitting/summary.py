@@ -1,10 +1,11 @@
-"""Results as text tables."""
+"""Results as text tables, and in a notebook as HTML, made of escaped text."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Callable, Iterable
+from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from rotorfit.fitting.noise.residual_study import ResidualStudy
     from rotorfit.fitting.quantities import FittedParameter
     from rotorfit.fitting.result import FitResult
+
 
 _NOTABLE_CORRELATION = 0.9
 _FEW_RESPONSES = 6  # whose noise is listed one by one
@@ -290,3 +292,32 @@ def _stability_lines(fit: FitResult) -> list[str]:
         line += f"; {abs(percent):.3g} % {'above' if percent >= 0 else 'below'} the highest tested speed"
         line += f" ({highest * RPM_PER_RAD_S:.0f} rpm)" + (": extrapolated" if percent > 0 else "")
     return [line] + [f"  {note}"] * bool(note)
+
+
+_HEAD = ("parameter", "value", "standard error", "unit", "meaning")
+
+
+def fit_html(fit: FitResult) -> str:
+    """Parameters as a table, the rest of the summary below it."""
+    rows = "".join(_html_row(p) for p in in_order(fit.params.values()))
+    head = "".join(f"<th>{name}</th>" for name in _HEAD)
+    text = fit.summary().split("\n\n")
+    first, last = text[0], "\n".join(text[2:])
+    table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+    return f"<p>{escape(first).replace(chr(10), '<br>')}</p>{table}{text_html(last)}"
+
+
+def _html_row(p: FittedParameter) -> str:
+    if not p.vary:
+        value, error = f"{p.value:.7g}", "known"
+    elif not p.resolved:
+        value, error = "not determined", ""
+    else:
+        value, error = with_error(p.value, p.stderr)
+    unit = "" if p.unit == "1" else p.unit
+    return "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in (p.name, value, error, unit, p.meaning)) + "</tr>"
+
+
+def text_html(text: str) -> str:
+    """Text whose columns stand under one another."""
+    return f"<pre>{escape(text)}</pre>"

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.data.directional import directional, directional_noise
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
-from rotorfit.data.linear_force import whirl_parts
+from rotorfit.data.linear_force import directional, directional_noise, whirl_parts
 from rotorfit.data.lines import Lines
 from rotorfit.estimators.blocks.observations import Responses
-from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
+from rotorfit.estimators.blocks.row_keys import combined, distinguished, in_order, numbers, words
 from rotorfit.estimators.noise.sweep_noise import estimate_noise
 from rotorfit.models import Modal, RotorModel
 from rotorfit.models.array_types import RANK_TOLERANCE, Bool, ComplexArray, Float, Index
@@ -80,7 +79,7 @@ def _check_finite(experiment: PerturbationTest) -> None:
         )
     if experiment.response.all():
         return
-    first, channel = in_order(combined(numbers(experiment.plane), numbers(experiment.direction)))
+    first, channel = distinguished(experiment.plane, experiment.direction)
     alive = np.bincount(channel, weights=experiment.response != 0)
     for row, some in zip(first.tolist(), alive.tolist(), strict=True):
         if not some:
@@ -279,7 +278,7 @@ def _conditions(test: PerturbationTest, run: Index) -> Index:
             continue
         given = np.asarray(values)
         number = numbers(given if given.dtype.kind in "Ufiub" else given.astype(str))
-        if in_order(combined(run, number))[0].size == int(run.max()) + 1:
+        if distinguished(run, number)[0].size == int(run.max()) + 1:
             codes.append(number)
     return in_order(combined(*codes))[1]
 
@@ -297,8 +296,7 @@ def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Inde
     imposed = np.zeros((count, len(model.coordinates)), dtype=complex)
     imposed[np.arange(count), coordinate] = np.where(test.frequency < 0, test.displacement.conj(), test.displacement)
     names = [f"{r} / force at {p}" for r, p in zip(test.run.tolist(), test.plane.tolist(), strict=True)]
-    labels = tuple(dict.fromkeys(names))
-    label = np.array([labels.index(name) for name in names], dtype=np.intp)
+    labels, label = words(np.array(names))
     block = Responses(
         model=model,
         speed=test.speed,
@@ -310,7 +308,7 @@ def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Inde
         measured=right,
         sigma=sigma,
         label=label,
-        labels=labels,
+        labels=tuple(labels),
         run=test.run,
         imposed=True,
         sigma_given=not np.isnan(sigma).any(),

@@ -1,4 +1,4 @@
-"""Readings beyond the clearance of a bearing: a few are left out and reported, many say that clearance or units err."""
+"""Readings that no fit can follow: beyond the clearance, of which many mean a wrong unit, and before a jump."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from rotorfit.data.experiments import (
     PerturbationTest,
     StaticTest,
 )
+from rotorfit.estimators.blocks.row_keys import distinguished
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
 from rotorfit.models.motion.journal import journal
 from rotorfit.observing.refusals import LARGEST_MEASURED_ECCENTRICITY
-from rotorfit.observing.row_labels import same_rows
 
 _SLIPS_SHARE = 0.05  # share of a test's readings that may be slips of the instruments
 
@@ -68,9 +68,9 @@ def same_line(test: Experiment) -> NDArray[np.intp]:
     """Rows that share the journal's position."""
     match test:
         case PerturbationTest():
-            return same_rows(test.run, test.set_speed, test.frequency, test.force_plane)
+            return distinguished(test.run, test.set_speed, test.frequency, test.force_plane)[1]
         case StaticTest():
-            return same_rows(test.run, test.speed, test.load_plane, test.load.real, test.load.imag)
+            return distinguished(test.run, test.speed, test.load_plane, test.load)[1]
     return np.arange(len(test))
 
 
@@ -78,3 +78,62 @@ def _where(test: Experiment, row: int) -> str:
     if isinstance(test, PerturbationTest | DisplacementTest):
         return f"{test.frequency[row]:.4g} rad/s"
     return f"row {row + 1}"
+
+
+_LEAST_STEP = 0.05  # step of the journal's vector from one line to the next, in clearances, that may be a jump
+_STEP_RATIO = 4.0  # times the steps on either side of it
+_LINES_BEFORE = 2  # lines left out before a jump
+_LARGEST_SWEEP_GAP = 3.0  # step of the frequency over the usual one, within one sweep
+_LARGEST_FORCE_CHANGE = 0.2  # relative change of the force from line to line, within one sweep
+_FEWEST_LINES = 6  # lines of a sweep in which a jump can be distinguished from a resonance
+
+
+def usable(model: RotorModel, test: Experiment) -> tuple[Experiment, tuple[str, ...]]:
+    """A test as it can be fitted, and sentences on the readings that were left out."""
+    if model.clearance is None or not model.eccentricity_dependent:
+        return test, ()
+    inside, beyond = within_clearance(model, test)
+    clear, jumped = off_jumps(model, inside)
+    return clear, tuple(filter(None, (beyond, jumped)))
+
+
+def off_jumps(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
+    """A test without the last two lines before each jump of a sweep, and a sentence on them.
+
+    At the end of a branch the orbit's slope by every parameter is infinite, and a step further there is none: a search
+    stalls there, and what such lines say of the parameters is not what a slope says. Lines are taken to be in the order
+    in which they were swept.
+    """
+    if model.clearance is None or not model.eccentricity_dependent or not isinstance(test, PerturbationTest):
+        return test, ""
+    moving = np.flatnonzero(test.plane == model.coordinates[journal(model).at].plane)
+    if test.static_position is not None or not moving.size:
+        return test, ""
+    sweep = distinguished(test.run, test.set_speed, np.sign(test.frequency), test.force_plane, test.direction)[1]
+    ending: list[int] = []
+    jumps = 0
+    for number in np.unique(sweep[moving]).tolist():
+        rows = moving[sweep[moving] == number]
+        if rows.size < _FEWEST_LINES:
+            continue
+        step = np.abs(np.diff(test.response[rows])) / model.clearance
+        beside = np.maximum(np.append(step[1:], 0.0), np.append(0.0, step[:-1]))
+        places = np.flatnonzero((step > _LEAST_STEP) & (step > _STEP_RATIO * beside) & _swept_on(test, rows)).tolist()
+        jumps += len(places)
+        ending += [row for place in places for row in rows[max(place + 1 - _LINES_BEFORE, 0) : place + 1].tolist()]
+    if not ending:
+        return test, ""
+    line = same_line(test)
+    out = np.isin(line, line[ending])
+    return test.select(~out), (
+        f"{test.source or test.title}: {jumps} jumps from one orbit to another; the last {_LINES_BEFORE} lines before "
+        "each, where the orbit left ceases to exist, are left out"
+    )
+
+
+def _swept_on(test: PerturbationTest, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """True if from each row to the next the sweep went on: a step in frequency as the others, and the same force."""
+    ahead, force = np.diff(test.frequency[rows]), np.abs(test.force[rows])
+    usual = float(np.median(ahead))
+    same = np.abs(np.diff(force)) <= _LARGEST_FORCE_CHANGE * force[:-1]
+    return np.asarray((ahead * usual > 0) & (np.abs(ahead) <= _LARGEST_SWEEP_GAP * abs(usual)) & same)

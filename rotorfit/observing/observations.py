@@ -16,16 +16,15 @@ from rotorfit.data.experiments import (
 )
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block, Responses
+from rotorfit.estimators.blocks.row_keys import distinguished
 from rotorfit.models import AnisotropicShaft, RotorModel, Turning
 from rotorfit.models.array_types import Index
 from rotorfit.models.motion.journal import journal
 from rotorfit.observing.circular import observe
-from rotorfit.observing.coefficient_tables import journal_coefficients
-from rotorfit.observing.free_vibration import free_vibrations
 from rotorfit.observing.off_centre import off_centre_responses
 from rotorfit.observing.refusals import check_clearance
 from rotorfit.observing.shaft_lines import lines_of_test, main_lines
-from rotorfit.observing.static_loads import static_loads
+from rotorfit.observing.static_and_free import free_vibrations, journal_coefficients, static_loads
 
 
 def observe_any(model: RotorModel, experiment: Experiment, group: Index) -> Block:
@@ -85,15 +84,13 @@ def _orbits(model: RotorModel, base: Responses) -> OrbitResponses:
     check_clearance(eps, model, "orbits")
     sense = np.where(base.frequency < 0, -1.0, 1.0)
     plane = np.argmax(np.abs(base.force), axis=1)
-    run = np.unique(base.run, return_inverse=True)[1].reshape(-1)
-    of_line = np.zeros(base.speed.size)
-    of_line[base.line] = run
+    run = np.full(base.speed.size, "", dtype=base.run.dtype)
+    run[base.line] = base.run
     size = np.round(np.abs(base.force).max(axis=1) / np.maximum(base.frequency**2, 1.0), 15)
     constant = np.round(np.abs(base.force).max(axis=1), 12)
     # A run may hold several force levels, of constant forces or of unbalances: the fewer levels are meant.
     level = min(size, constant, key=lambda values: np.unique(values).size)
-    codes = np.column_stack([of_line, base.set_speed, sense, plane, level])
-    sweep = np.unique(codes, axis=0, return_inverse=True)[1].reshape(-1).astype(np.intp)
+    _, sweep = distinguished(run, base.set_speed, sense, plane, level)
     return OrbitResponses(base, eps, "nearest" if np.isfinite(eps).all() else "followed", sweep)
 
 

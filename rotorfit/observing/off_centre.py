@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Index
 from rotorfit.models.motion.journal import journal
 from rotorfit.observing.circular import first_rows, observe
 from rotorfit.observing.refusals import check_clearance, check_finite
-from rotorfit.observing.row_labels import numbered_labels
 
 
 def off_centre_responses(
@@ -42,7 +42,7 @@ def off_centre_responses(
             parts.append((axis, block, eps[rows][first], np.angle(position[rows][first])))
     phasors = [_probe_phasors(axis, block) for axis, block, _, _ in parts]
     names = [f"{block.labels[k]} {axis}" for axis, block, _, _ in parts for k in block.label.tolist()]
-    label, labels = numbered_labels(names)
+    labels, label = words(np.array(names))
     starts = np.cumsum([0, *(block.speed.size for _, block, _, _ in parts)])
 
     def joined(pick: Callable[[Responses], NDArray[np.generic]]) -> NDArray[np.generic]:
@@ -62,7 +62,7 @@ def off_centre_responses(
         measured=np.concatenate(phasors),
         sigma=joined(lambda b: b.sigma).astype(float),
         label=label,
-        labels=labels,
+        labels=tuple(labels),
         run=joined(lambda b: b.run).astype(str),
     )
 

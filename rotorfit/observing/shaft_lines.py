@@ -6,10 +6,12 @@ import numpy as np
 
 from rotorfit.data.experiments import LineTest
 from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.blocks.row_keys import distinguished, words
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses, is_image_line
 from rotorfit.models import AnisotropicShaft, RotorModel, Turning, TurningOnSupports
 from rotorfit.models.array_types import Index
 from rotorfit.models.shafts.combination_lines import line_order
+from rotorfit.observing.refusals import check_finite
 
 
 def lines_of_test(model: RotorModel, test: LineTest, group: Index) -> LineResponses | PairResponses:
@@ -31,19 +33,14 @@ def lines_of_test(model: RotorModel, test: LineTest, group: Index) -> LineRespon
             line_order(direction, line)
     if isinstance(model, AnisotropicShaft) and model.torsion is None and (test.direction == "twist").any():
         raise ValueError(f"{where} has readings of the twist, the model has none; use AnisotropicShaft() with torsion")
-    columns = (test.speed, test.frequency, test.force, test.response)
-    bad = ~np.logical_and.reduce([np.isfinite(column) for column in columns])
-    if bad.any():
-        rows = ", ".join(str(row + 1) for row in np.flatnonzero(bad)[:8])
-        raise ValueError(f"{where}: {bad.sum()} rows are not finite ({rows}); remove them")
+    check_finite(test, test.speed, test.frequency, test.force, test.response)
     if not (test.sigma > 0).all():
         raise ValueError(f"{where}: the noise of {np.sum(~(test.sigma > 0))} readings is not known; give their sigma")
     names = zip(test.run.tolist(), test.plane.tolist(), test.direction.tolist(), test.line.tolist(), strict=True)
     titles = [f"{run} / {'twist' if way == 'twist' else plane} {line}" for run, plane, way, line in names]
-    labels = tuple(dict.fromkeys(titles))
-    number = {title: i for i, title in enumerate(labels)}
+    labels, label = words(np.array(titles))
     if isinstance(model, Turning):
-        return _pairs(model, test, group, np.array([number[title] for title in titles], dtype=np.intp), labels)
+        return _pairs(model, test, group, label, tuple(labels))
     return LineResponses(
         model=model,
         speed=test.speed,
@@ -54,8 +51,8 @@ def lines_of_test(model: RotorModel, test: LineTest, group: Index) -> LineRespon
         reading_group=group,
         measured=test.response,
         sigma=test.sigma,
-        label=np.array([number[title] for title in titles], dtype=np.intp),
-        labels=labels,
+        label=label,
+        labels=tuple(labels),
         run=test.run,
     )
 
@@ -73,10 +70,8 @@ def _pairs(model: Turning, test: LineTest, group: Index, label: Index, labels: t
             f"{', '.join(known[:-1])} and {known[-1]}: select those rows"
         )
     force = np.where(test.frequency < 0, test.force.conj(), test.force)
-    condition = [test.run, test.speed, test.frequency, test.force_plane, force.real, force.imag, group]
-    codes = np.column_stack([np.unique(column, return_inverse=True)[1].reshape(-1) for column in condition])
-    _, first, line = np.unique(codes, axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(line.reshape(-1), kind="stable")  # readings of a line stand together
+    first, line = distinguished(test.run, test.speed, test.frequency, test.force_plane, force, group)
+    order = np.argsort(line, kind="stable")  # readings of a line stand together
     rows = test.select(order)
     n = len(model.coordinates)
     drive = np.zeros((first.size, len(model.turning.coordinates)), dtype=complex)
@@ -91,7 +86,7 @@ def _pairs(model: Turning, test: LineTest, group: Index, label: Index, labels: t
         frequency=(test.frequency - test.speed)[first],
         force=drive,
         group=group[first],
-        line=line.reshape(-1)[order].astype(np.intp),
+        line=line[order],
         coordinate=coordinate + n * place,
         measured=np.where(image, rows.response.conj(), rows.response),
         sigma=rows.sigma,

@@ -12,8 +12,8 @@ from rotorfit.data.experiments import PerturbationTest
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.inference.optimal_shares import Shares
 from rotorfit.fitting.digits import with_error
-from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.quantities import Quantity
+from rotorfit.fitting.summary import text_html
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rotorfit.data.common_zero import at_common_zero
+from rotorfit.data.probes import at_common_zero
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.fitting.quantities import THRESHOLD
 from rotorfit.fitting.result import FitResult

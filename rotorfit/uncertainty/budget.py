@@ -15,9 +15,9 @@ from rotorfit.fitting.assumptions.calibration import NUISANCE_KINDS, Calibration
 from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.fit import solve_again
 from rotorfit.fitting.judge import inverse_curvature
-from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.summary import text_html
 from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import bare_name

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.fitting.digits import with_error
-from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.summary import text_html
 from rotorfit.models.array_types import Float
 from rotorfit.models.text_table import text_table
 

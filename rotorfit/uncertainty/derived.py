@@ -10,7 +10,7 @@ import numpy as np
 
 from rotorfit.estimators.matching import matched
 from rotorfit.fitting.digits import interval, with_error
-from rotorfit.fitting.notebook import text_html
+from rotorfit.fitting.summary import text_html
 from rotorfit.models import RotorModel, eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
 

@@ -14,9 +14,9 @@ from rotorfit.estimators.inference.covariance import prior_curvature
 from rotorfit.estimators.misfit.losses import robust_weights
 from rotorfit.estimators.noise.odd_run import FEWEST_RUNS
 from rotorfit.fitting.digits import interval, with_error
-from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.summary import text_html
 from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import ROUND_OFF, Float
 from rotorfit.models.parameters import unknown_name

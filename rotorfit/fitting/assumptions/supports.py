@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.data.directional import directional
 from rotorfit.data.experiments import PerturbationTest
+from rotorfit.data.linear_force import directional
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.inference.left_out_columns import is_linear
 from rotorfit.estimators.inference.smooth_causes import Cause, Kind, Part, cause_change

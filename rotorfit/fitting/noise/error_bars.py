@@ -11,8 +11,7 @@ import numpy as np
 
 from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.noise.correlation import scatter
-from rotorfit.estimators.noise.robust_covariance import line_scatter
+from rotorfit.estimators.noise.correlation import line_scatter, scatter
 from rotorfit.fitting.noise.linearised import channels_of, lines_in
 from rotorfit.fitting.noise.record import RUN_KINDS, FoundNoise, NoiseVerdict, is_run_effect
 from rotorfit.fitting.noise.residual_study import ResidualStudy

@@ -16,11 +16,11 @@ from rotorfit.fitting.fit import fitted, solve_again
 from rotorfit.fitting.judge import with_model_uncertainty
 from rotorfit.fitting.noise.residual_study import MODEL_LIMITED_REDCHI
 from rotorfit.fitting.noise.study import NOISE_LIKE_REDCHI
-from rotorfit.fitting.notebook import text_html
 from rotorfit.fitting.problem_setup import with_noise_scale
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import Onset
 from rotorfit.fitting.structure.refinable import why_not_refined
+from rotorfit.fitting.summary import text_html
 from rotorfit.models import BLOCKS, RotorModel, threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import bare_name

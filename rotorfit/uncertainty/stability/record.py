@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rotorfit.fitting.notebook import text_html
+from rotorfit.fitting.summary import text_html
 from rotorfit.models.array_types import Float
 from rotorfit.models.text_table import text_table
 from rotorfit.units import RPM_PER_RAD_S
