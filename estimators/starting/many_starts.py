@@ -119,7 +119,9 @@ def _none(problem: Problem) -> _Ends:
 def _limits(problem: Problem, ratios: RationalFit | None) -> tuple[float, float]:
     """Costs below which a minimum is taken for the deepest, and below which it may be."""
     if ratios is None:
-        return -np.inf, noise_limit(problem)
+        # What stands round a known shaft is little: a minimum that leaves the noise alone is taken as of a closed form.
+        explained = problem.space.model.shaft is not None and problem.loss == "linear"
+        return noise_limit(problem) if explained else -np.inf, noise_limit(problem)
     sure, likely = (
         ratios.limit(len(problem.space.names), deviations) for deviations in (_DEVIATIONS_OF_TWO, SIGNIFICANT_ERRORS)
     )
