@@ -39,6 +39,8 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.fitting.quantities import FittedParameter as FittedParameter
     from rotorfit.fitting.quantities import Quantity as Quantity
     from rotorfit.fitting.result import FitResult as FitResult
+    from rotorfit.fitting.structure.coefficient_rows import CoefficientRows as CoefficientRows
+    from rotorfit.fitting.structure.coefficient_rows import Coefficients as Coefficients
     from rotorfit.fitting.structure.law_ranking import LawComparison as LawComparison
     from rotorfit.fitting.structure.law_ranking import compare_laws as compare_laws
     from rotorfit.fitting.structure.law_ranking import fit_law as fit_law
@@ -144,6 +146,8 @@ _HOME = {
     "FitResult": "rotorfit.fitting.result",
     "FittedParameter": "rotorfit.fitting.quantities",
     "Quantity": "rotorfit.fitting.quantities",
+    "CoefficientRows": "rotorfit.fitting.structure.coefficient_rows",
+    "Coefficients": "rotorfit.fitting.structure.coefficient_rows",
     "ring_down_modes": "rotorfit.data.ring_down",
     "Bootstrap": "rotorfit.uncertainty.bootstrap",
     "Budget": "rotorfit.uncertainty.budget",

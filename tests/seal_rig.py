@@ -20,7 +20,7 @@ def FLUID(rpm: float) -> dict[str, float]:  # noqa: N802
     """Coefficients of a seal whose cross-coupling grows with speed, by the names of ``Anisotropic``."""
     share = rpm / 3000.0
     return {
-        "Kxx": 2.4e6 + 2e5 * share, "Kxy": 2.6e6 * share, "Kyx": -2.7e6 * share, "Kyy": 2.2e6 + 3e5 * share,
+        "Kxx": 2.4e6 + 2e5 * share, "Kxy": 1.2e6 * share, "Kyx": -1.25e6 * share, "Kyy": 2.2e6 + 3e5 * share,
         "Dxx": 5200.0, "Dxy": 700.0 * share, "Dyx": -650.0 * share, "Dyy": 4900.0,
         "Mxx": 0.0, "Mxy": 0.0, "Myx": 0.0, "Myy": 0.0,
     }  # fmt: skip

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from rotorfit.fitting.assumptions.anisotropy import TurningAnisotropy
     from rotorfit.fitting.assumptions.assumption_table import Assumptions
     from rotorfit.fitting.assumptions.calibration import Uncertainty
+    from rotorfit.fitting.structure.coefficient_rows import CoefficientRows, Coefficients
     from rotorfit.fitting.structure.mode_table import Modes
     from rotorfit.io.shafts.ross_elements import ElementKind, RossElement
     from rotorfit.uncertainty.bootstrap import Bootstrap
@@ -411,6 +412,65 @@ class FitResult:
         if onset is None and math.isfinite(self.stability_band) and self.settings.onsets:
             return self.settings.onsets[self.group(at)].whirl_ratio
         return math.nan if onset is None else onset.whirl_ratio
+
+    def coefficients(
+        self,
+        speed: float,
+        *,
+        plane: str | None = None,
+        at: Mapping[str, Any] | None = None,
+        eccentricity: float = 0.0,
+    ) -> Coefficients:
+        """Coefficients of a fitted fluid as engineers tabulate them: Kxx, Kxy, ... Cxx, ... Myy, with correlations.
+
+        ``Kxx = K0 - Mf lam^2 Om^2``, ``Kxy = -Kyx = D lam Om``, ``Cxx = D``, ``Cxy = -Cyx = 2 lam Om Mf`` and ``Mxx =
+        Mf``; of :class:`~rotorfit.models.Anisotropic` its own, of a rotor on supports that differ in two directions the
+        sum.
+
+        Args:
+            speed: rotative speed, rad/s.
+            plane: name of the plane, where forces were fitted at several.
+            at: values of attributes that name one group; by default that of the speed, where parameters were fitted
+                speed by speed.
+            eccentricity: orbit radius over clearance, for models with a law.
+
+        Raises:
+            ValueError: a model without fluid, an unknown plane, or a speed that was not tested where parameters were
+                fitted speed by speed.
+
+        Example:
+            >>> found = fit.coefficients(speed=157.0)
+            >>> print(round(found["Kxy"].value / (fit.params["D"].value * fit.params["lam"].value * 157.0), 6))
+            1.0
+        """
+        from rotorfit.fitting.structure.coefficients import coefficients_of
+
+        return coefficients_of(self, speed, plane, at, eccentricity)
+
+    def coefficient_table(self, speeds: Sequence[float] | None = None, *, plane: str | None = None) -> CoefficientRows:
+        """:meth:`coefficients` at several speeds, as text, data frame and CSV.
+
+        Args:
+            speeds: rotative speeds, rad/s, by default those that were tested.
+            plane: name of the plane, where forces were fitted at several.
+
+        Example:
+            >>> fit.coefficient_table().to_csv(folder / "coefficients.csv")
+        """
+        from rotorfit.fitting.structure.coefficients import coefficient_rows
+
+        return coefficient_rows(self, speeds, plane)
+
+    def plot_coefficients(self, speeds: Sequence[float] | None = None, *, plane: str | None = None) -> Figure:
+        """Draw the coefficients of :meth:`coefficient_table` against speed, with their 95 % errors.
+
+        Args:
+            speeds: rotative speeds, rad/s, by default those that were tested.
+            plane: name of the plane, where forces were fitted at several.
+        """
+        from rotorfit.plots.coefficients import coefficients
+
+        return coefficients(self.coefficient_table(speeds, plane=plane))
 
     def natural_frequencies(self, speed: float, at: Mapping[str, Any] | None = None) -> list[tuple[Quantity, Quantity]]:
         """Damped natural frequency (rad/s, signed) and damping ratio of each mode at a rotative speed (rad/s).

@@ -161,19 +161,22 @@ def _measured(block: Responses, fit: FitResult) -> list[_Points]:
         measured = stiffness_matrices(block)
         if measured.frequency.size:
             some = slice(None, None, max(1, measured.frequency.size // most))
+            beside = 0.0 if block.beside is None else block.beside[measured.first_line]
+            kappa = np.asarray(measured.kappa - beside)
             n = len(block.model.coordinates)
             return [
                 _Points(
                     row=i,
                     column=j,
                     frequency=measured.frequency[some],
-                    kappa=measured.kappa[some, i, j],
+                    kappa=kappa[some, i, j],
                     sigma=measured.sigma[some, i, j],
                 )
                 for i in range(n)
                 for j in range(n)
             ]
-    return _drive_points(block)
+    # A drive point of rotor and rig together says nothing of the rotor's alone.
+    return _drive_points(block) if block.beside is None else []
 
 
 def _drive_points(block: Responses) -> list[_Points]:

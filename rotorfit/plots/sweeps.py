@@ -239,15 +239,17 @@ def _curves(fit: FitResult, conditions: Sequence[SweepCondition], part: Sweeps) 
     w = base.frequency[base.line]
     plane = np.argmax(np.abs(base.force), axis=1)[base.line]
     drive = base.force[base.line, plane]
-    share = np.round(base.force[base.line] / drive[:, None], 9)  # forces at several planes at once
-    _, direction = np.unique(share, axis=0, return_inverse=True)
+    share = np.round(base.force[base.line] / drive[:, None], 9)  # forces that act at once
     load = np.array([_load(base, row) for row in base.force])[base.line]
+    at_several = load >= len(base.model.coordinates)
+    _, direction = np.unique(np.where(at_several[:, None], share, 0), axis=0, return_inverse=True)
     keys = np.column_stack([base.coordinate, load, part.condition[base.line], w < 0, direction.reshape(-1)])
     for key in np.unique(keys[w != 0], axis=0):
         rows = np.flatnonzero((keys == key).all(axis=1))
         rows = rows[np.argsort(w[rows], kind="stable")]
         condition = conditions[int(key[2])]
-        if isinstance(part.block, Responses) and not base.imposed:
+        alike = base.beside is None and bool((share[rows] == share[rows[0]]).all())
+        if isinstance(part.block, Responses) and not base.imposed and alike:
             fine, fitted, slope = _fine(fit, part.block, rows)
         else:
             fine, fitted, slope = w[rows], predicted[rows] / drive[rows], by_theta[rows] / drive[rows, None]

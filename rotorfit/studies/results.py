@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.structure.coefficients import of_a_rig
 from rotorfit.studies.data_files import StudyProgress
 from rotorfit.studies.recording_files import RecordingFiles
 from rotorfit.studies.study import Outcome
@@ -31,6 +32,9 @@ def write_outcome(
     _write_csv(folder / "parameters.csv", _parameter_rows(outcome))
     _write_csv(folder / "covariance.csv", _covariance_rows(best))
     _write_csv(folder / "responses.csv", _response_rows(best))
+    if of_a_rig(best):
+        best.coefficient_table().to_csv(folder / "coefficients.csv")
+        best.plot_coefficients().savefig(folder / f"coefficients.{figure_format}")
     if outcome.profiles:
         _write_csv(folder / "profiles.csv", _profile_rows(outcome.profiles))
     if outcome.bootstrap is not None:

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.io.shafts.ross_rotor import installed_ross
 from rotorfit.models import KnownStructure, Orthotropic, RotorModel
-from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.models.fluid import fluid_parameters
+from rotorfit.models.array_types import Float
+from rotorfit.models.plane_forces import plane_force
 
 ElementKind: TypeAlias = Literal["bearing", "seal"]
 """Class of ROSS: BearingElement or SealElement."""
@@ -138,26 +138,11 @@ def _checked_speeds(speeds: ArrayLike) -> Float:
 
 def _forces(model: RotorModel, theta: Float, speeds: Float, eccentricity: float) -> dict[str, Float]:
     """What acts at each plane, as real matrices of x and y by powers of s, shape ``(speeds, 3, 2, 2)``."""
-    whole = model.base if isinstance(model, Orthotropic) else model
-    if not isinstance(whole, KnownStructure):
-        law = getattr(model, "law", None)
-        own = {q.name for two in (False, True) for q in fluid_parameters(two)}
-        own |= {q.name for q in law.parameters} if law else set()
-        if not {"K0", "D"} <= set(model.parameter_names):
-            raise ValueError(f"{model.name} has no fluid force that could become an element")
-        theta = np.where([name in own for name in model.parameter_names], theta, 0.0)
-    found = model.coefficients(np.broadcast_to(theta, (speeds.size, theta.size)), speeds, eccentricity)[:, :3]
-    found = np.pad(found, ((0, 0), (0, 3 - found.shape[1]), (0, 0), (0, 0)))
-    forces = {plane: _real(model, found, plane) for plane in model.planes}
+    forces = {
+        plane: np.array([plane_force(model, theta, speed, plane, eccentricity).values for speed in speeds.tolist()])
+        for plane in model.planes
+    }
     return {plane: force for plane, force in forces.items() if force.any()}
-
-
-def _real(model: RotorModel, found: ComplexArray, plane: str) -> Float:
-    if model.frame == "xy":
-        at = [model.coordinate(plane, axis) for axis in ("x", "y")]
-        return np.asarray(found[..., at, :][..., at].real)
-    own = found[..., model.coordinate(plane, "z"), model.coordinate(plane, "z")]
-    return np.stack([np.stack([own.real, -own.imag], -1), np.stack([own.imag, own.real], -1)], -2)
 
 
 def _nodes(model: RotorModel, given: Mapping[str, int] | None, planes: list[str]) -> dict[str, int]:

@@ -1,0 +1,103 @@
+"""What a model exerts at one plane as an engineer tabulates it: stiffness, damping and inertia in x and y."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorfit.models.anisotropic import Anisotropic
+from rotorfit.models.array_types import Bool, Float
+from rotorfit.models.fluid import fluid_parameters
+from rotorfit.models.known_structure import KnownStructure
+from rotorfit.models.model import RotorModel
+from rotorfit.models.orthotropic import Orthotropic
+from rotorfit.models.parameters import unknown_name
+
+COEFFICIENTS = tuple(f"{kind}{row}{column}" for kind in "KCM" for row in "xy" for column in "xy")
+"""Kxx, Kxy, ... Myy: Kxy is the force in x for a displacement in y."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaneForce:
+    """Coefficients of the force at a plane at one speed, ``F = K r + C r' + M r''`` with r = (x, y).
+
+    Attributes:
+        values: by power of s, row and column, shape ``(3, 2, 2)``: N/m, N s/m, kg.
+        slopes: derivatives by the model's parameters, shape ``(3, 2, 2, P)``.
+    """
+
+    values: Float
+    slopes: Float
+
+
+def plane_force(model: RotorModel, theta: Float, speed: float, plane: str, eccentricity: float = 0.0) -> PlaneForce:
+    """Coefficients of the fluid at a plane, or of all that a model holds where its structure stands apart.
+
+    In ``z = x + jy`` a coefficient ``a + jb`` is ``[[a, -b], [b, a]]`` of x and y: ``Kxx = K0 - Mf lam^2 Om^2``,
+    ``Kxy = -Kyx = D lam Om``, ``Cxx = D``, ``Cxy = -Cyx = 2 lam Om Mf``, ``Mxx = Mf``.
+
+    Args:
+        model: the rotor.
+        theta: parameter vector, shape ``(P,)``, SI units.
+        speed: rotative speed, rad/s.
+        plane: name of the plane.
+        eccentricity: orbit radius over clearance, for models with a law.
+
+    Raises:
+        ValueError: a model without fluid, or without such a plane.
+    """
+    if plane not in model.planes:
+        raise ValueError(unknown_name(f"plane of {model.name}", plane, model.planes))
+    own = force_parameters(model)
+    vector = np.where(own, theta, 0.0)
+    parts = model.coefficients(vector, speed, eccentricity)[:3]
+    found = model.functions.jacobian(vector, speed, eccentricity)
+    size, count = parts.shape[-1], theta.size
+    slopes = np.zeros((parts.shape[0], size, size, count), dtype=complex)
+    kept = (found.inputs < count) & (found.powers < len(parts))
+    at = (found.powers[kept], found.rows[kept], found.columns[kept], found.inputs[kept])
+    np.add.at(slopes, at, found.values[kept])
+    slopes *= own
+    both = np.concatenate([parts[..., None], slopes], axis=-1)
+    real = np.zeros((3, 2, 2, count + 1))
+    if model.frame == "xy":
+        rows = [model.coordinate(plane, axis) for axis in ("x", "y")]
+        real[: len(both)] = both[:, rows][:, :, rows].real
+    else:
+        one = both[:, model.coordinate(plane, "z"), model.coordinate(plane, "z")]
+        real[: len(both)] = np.stack([np.stack([one.real, -one.imag], 1), np.stack([one.imag, one.real], 1)], 1)
+    return PlaneForce(values=real[..., 0], slopes=real[..., 1:])
+
+
+def force_parameters(model: RotorModel) -> Bool:
+    """Parameters that make the force at a plane: those of the fluid, or all where the structure stands apart.
+
+    Args:
+        model: the rotor.
+
+    Raises:
+        ValueError: a model without fluid.
+    """
+    whole = model.base if isinstance(model, Orthotropic) else model
+    if isinstance(whole, KnownStructure | Anisotropic):
+        return np.ones(len(model.parameters), dtype=bool)
+    if not {"K0", "D"} <= set(model.parameter_names):
+        raise ValueError(f"{model.name} has no fluid force whose coefficients could be tabulated")
+    law = getattr(whole, "law", None)
+    names = {q.name for two in (False, True) for q in fluid_parameters(two)}
+    names |= {q.name for q in law.parameters} if law else set()
+    return np.array([name in names for name in model.parameter_names])
+
+
+def force_planes(model: RotorModel) -> tuple[str, ...]:
+    """Planes at which a model has such a force.
+
+    Args:
+        model: the rotor.
+
+    Raises:
+        ValueError: a model without fluid.
+    """
+    typical = np.array([q.scale for q in model.parameters])
+    return tuple(plane for plane in model.planes if plane_force(model, typical, 1.0, plane).values.any())

@@ -1,0 +1,83 @@
+"""Coefficients of a fitted bearing or seal, with their errors by the fit's covariance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rotorfit.fitting.quantities import Quantity
+from rotorfit.fitting.structure.coefficient_rows import UNITS, CoefficientRows, Coefficients
+from rotorfit.models import Anisotropic
+from rotorfit.models.array_types import Float
+from rotorfit.models.plane_forces import COEFFICIENTS, force_planes, plane_force
+from rotorfit.models.shafts.angular_rates import angular_rate
+from rotorfit.units import RPM_PER_RAD_S
+
+if TYPE_CHECKING:
+    from rotorfit.fitting.result import FitResult
+
+
+def coefficients_of(
+    fit: FitResult, speed: float, plane: str | None, at: Mapping[str, Any] | None, eccentricity: float
+) -> Coefficients:
+    """See :meth:`FitResult.coefficients`."""
+    speed = angular_rate(speed)
+    planes = force_planes(fit.model)
+    if plane is None and len(planes) > 1:
+        raise ValueError(f"{fit.model.name} has forces at {', '.join(planes)}: say at which, plane={planes[0]!r}")
+    where = plane or planes[0]
+    group = fit.group(_at_speed(fit, speed) if at is None else at)
+    force = plane_force(fit.model, fit.thetas[group], speed, where, eccentricity)
+    values, slopes = force.values.reshape(-1), force.slopes.reshape(len(COEFFICIENTS), -1)
+
+    def propagated(value: float, by_values: Float, unit: str) -> Quantity:
+        return fit.propagate_in(group, value, by_values @ slopes, unit)
+
+    by_name = {
+        name: propagated(value, unit, UNITS[name[0]])
+        for name, value, unit in zip(COEFFICIENTS, values.tolist(), np.eye(values.size), strict=True)
+    }
+    pulled = np.array([fit.problem.space.pull_back(row, group) for row in slopes])
+    covariance = pulled @ fit.covar @ pulled.T
+    for place, name in enumerate(COEFFICIENTS):
+        if not math.isfinite(by_name[name].stderr):
+            covariance[place, place] = by_name[name].stderr
+    return Coefficients(
+        speed=speed,
+        plane=where,
+        values=values,
+        covariance=covariance,
+        by_name=by_name,
+        propagated=propagated,
+    )
+
+
+def _at_speed(fit: FitResult, speed: float) -> Mapping[str, Any] | None:
+    """The group of a speed where parameters were fitted speed by speed."""
+    if set(fit.settings.per.values()) != {"speed_rpm"}:
+        return None
+    rpm = speed * RPM_PER_RAD_S
+    tested = fit.speeds * RPM_PER_RAD_S
+    nearest = float(tested[np.argmin(np.abs(tested - rpm))])
+    if abs(nearest - rpm) > 1e-3 * max(abs(nearest), 1.0):
+        there = ", ".join(f"{value:.5g}" for value in tested.tolist())
+        raise ValueError(f"parameters were fitted speed by speed, at {there} rpm; {rpm:.5g} rpm is none of them")
+    return {"speed_rpm": float(np.round(nearest, 6))}
+
+
+def of_a_rig(fit: FitResult) -> bool:
+    """True if a fit is of a seal or bearing alone, its rig taken out or left to the coefficients, speed by speed."""
+    rig = fit.settings.baseline is not None or fit.settings.stator_mass_kg is not None
+    by_speed = len(fit.thetas) == 1 or set(fit.settings.per.values()) == {"speed_rpm"}
+    if not (fit.success and by_speed and fit.speeds.size and (rig or isinstance(fit.model, Anisotropic))):
+        return False
+    return len(force_planes(fit.model)) == 1
+
+
+def coefficient_rows(fit: FitResult, speeds: Sequence[float] | None, plane: str | None) -> CoefficientRows:
+    """See :meth:`FitResult.coefficient_table`."""
+    chosen = fit.speeds.tolist() if speeds is None else list(speeds)
+    return CoefficientRows(tuple(coefficients_of(fit, speed, plane, None, 0.0) for speed in chosen))
