@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Real
 from typing import Any
@@ -72,6 +72,22 @@ class ParameterSpace:
         slope = np.zeros((*gradient.shape[:-1], self.size), dtype=gradient.dtype)
         np.add.at(slope.T, index[free], gradient[..., free].T)
         return slope
+
+    def holding(self, values: Mapping[int, float]) -> ParameterSpace:
+        """The space with entries, by their numbers, held at values: no longer fitted."""
+        kept = [i for i in range(self.size) if i not in values]
+        number, held = np.full(self.size + 1, -1), np.zeros(self.size)
+        number[kept] = np.arange(len(kept))  # the last one answers to -1, what was known before
+        held[list(values)] = list(values.values())
+        return replace(
+            self,
+            names=tuple(self.names[i] for i in kept if i < len(self.names)),
+            base=tuple(self.base[i] for i in kept if i < len(self.base)),
+            template=np.where(np.isin(self.index, list(values)), held[self.index], self.template),
+            index=number[self.index],
+            lower=self.lower[kept],
+            upper=self.upper[kept],
+        )
 
     @property
     def labels(self) -> tuple[tuple[str, ...], ...]:

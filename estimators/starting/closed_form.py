@@ -225,17 +225,7 @@ def _with_convention(
         raise ClosedFormError(
             "these data do not determine the lumped coefficients of the model: fix parameters or give start values"
         )
-    keep = np.arange(space.size) != entry
-    reduced = replace(
-        space,
-        names=space.names[:entry] + space.names[entry + 1 :],
-        base=space.base[:entry] + space.base[entry + 1 :],
-        template=np.where(space.index == entry, nominal, space.template),
-        index=np.where(space.index == entry, -1, space.index - (space.index > entry)),
-        lower=space.lower[keep],
-        upper=space.upper[keep],
-    )
     note = f"{space.names[entry]} taken as {nominal:g}: these data leave it open"
-    for found in _closed_forms(reduced, blocks, weighted, passes):
+    for found in _closed_forms(space.holding({entry: nominal}), blocks, weighted, passes):
         x = np.insert(found.x, entry, nominal)
         yield replace(found, x=x, open=(*found.open, entry), notes=(note, *found.notes))

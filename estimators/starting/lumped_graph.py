@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -21,9 +21,9 @@ class Place:
 
     block: Index
     group: Index
-    row: Index  # entry of kappa and power of s
-    column: Index  # entry of kappa and power of s
-    power: Index  # entry of kappa and power of s
+    row: Index  # entry of kappa
+    column: Index  # entry of kappa
+    power: Index  # power of s
     unit: ComplexArray  # 1 or j
     speed_power: Index  # power of the rotative speed
     speed: Float  # speed to which it is restricted, NaN for all
@@ -41,16 +41,6 @@ class LumpedGraph:
     place: Place  # where they enter, ``speed`` being the running number of the speed, -1 for all
 
 
-class _Entry(NamedTuple):
-    """Real or imaginary part of an entry of kappa at a power of s."""
-
-    row: int  # as in :class:`Place`
-    column: int  # as in :class:`Place`
-    power: int  # as in :class:`Place`
-    unit: complex  # as in :class:`Place`
-    expression: ca.SX  # of the fitted values, the speed and known values
-
-
 @lru_cache(maxsize=32)
 def lumped_graph(
     model: RotorModel,
@@ -66,23 +56,27 @@ def lumped_graph(
     known = ca.SX.sym("known", sum(value is None for row in template for value in row))
     symbols = iter(range(known.numel()))
     thetas = [[known[next(symbols)] if value is None else value for value in row] for row in template]
-    places: list[_Where] = []
+    places: list[tuple[float | complex, ...]] = []
     expressions: list[ca.SX] = []
     first = 0
     for block, groups in enumerate(kinds):
         for group, count, turns in groups:
             theta = [x[k] if k >= 0 else value for k, value in zip(index[group], thetas[group], strict=True)]
             own = [(first + k, speeds[first + k]) for k in range(count)]
-            for entry in _entries(model, theta, speed):
-                for degree, at, part in _speed_parts(entry.expression, speed, own, turns):
-                    places.append((block, group, *entry[:-1], degree, at))
+            for *entry, expression in _entries(model, theta, speed):
+                for degree, at, part in _speed_parts(expression, speed, own, turns):
+                    places.append((block, group, *entry, degree, at))
                     expressions.append(part)
             first += count
-    return _compiled(ca.vertcat(*expressions), _place(places), (x, speeds, known))
+    numbers = [np.array(column) for column in zip(*places, strict=True)]  # in the order of the attributes
+    place = Place(**dict(zip((field.name for field in fields(Place)), numbers, strict=True)))
+    return _compiled(ca.vertcat(*expressions), place, (x, speeds, known))
 
 
-def _entries(model: RotorModel, theta: Sequence[ca.SX | float], speed: ca.SX) -> Iterator[_Entry]:
-    """Parts of the centred rotor's dynamic stiffness that are not zero, as the probes see it: without their factors."""
+def _entries(
+    model: RotorModel, theta: Sequence[ca.SX | float], speed: ca.SX
+) -> Iterator[tuple[int, int, int, complex, ca.SX]]:
+    """Row, column, power of s, unit and expression of what is not zero in a centred rotor, probes' factors left out."""
     n = len(model.coordinates)
     inputs = ca.vertcat(*theta, speed, 0.0)
     flat = model.functions.graph(inputs)
@@ -93,7 +87,7 @@ def _entries(model: RotorModel, theta: Sequence[ca.SX | float], speed: ca.SX) ->
         row, column = divmod(place, n)
         if not flat[number].is_zero():
             seen = ca.simplify(flat[number] / factors[2 * column])
-            yield _Entry(row=row, column=column, power=power, unit=1j if imaginary else 1.0, expression=seen)
+            yield row, column, power, 1j if imaginary else 1.0 + 0j, seen
 
 
 def _speed_parts(
@@ -121,25 +115,6 @@ def _speed_parts(
                 return parts
             break
     return [(0, number, ca.substitute(expression, speed, own)) for number, own in speeds]
-
-
-_Where = tuple[int, int, int, int, int, complex, int, int]
-"""The attributes of :class:`Place` for one coefficient, the speed as its running number."""
-
-
-def _place(rows: Sequence[_Where]) -> Place:
-    """The places of all coefficients."""
-    block, group, row, column, power, unit, degree, speed = (np.array(c) for c in zip(*rows, strict=True))
-    return Place(
-        block=block,
-        group=group,
-        row=row,
-        column=column,
-        power=power,
-        unit=unit.astype(complex),
-        speed_power=degree,
-        speed=speed.astype(float),
-    )
 
 
 def _compiled(values: ca.SX, place: Place, inputs: tuple[ca.SX, ca.SX, ca.SX]) -> LumpedGraph:

@@ -20,13 +20,12 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.estimators.starting.closed_form import ClosedFormError, closed_form
 from rotorfit.estimators.starting.rational_fit import RationalFit, rational_fit
-from rotorfit.estimators.starting.short_fits import ShortFits
+from rotorfit.estimators.starting.short_fits import ShortFits, short_fits
 from rotorfit.estimators.starting.start_points import (
     RANDOM,
     Start,
     full_vector,
     inside_bounds,
-    loose_fits,
     noise_limit,
     random_starts,
 )
@@ -108,7 +107,7 @@ def _refuse_undetermined(problem: Problem, blocks: Sequence[Responses]) -> None:
 
 def best_beside(problem: Problem, starts: Float) -> Float:
     """The deepest end of short fits from starts, shape ``(W, p)``, and from beside it, shape ``(p,)``."""
-    ends = _none(problem).joined(loose_fits(problem, starts), far=True)
+    ends = _none(problem).joined(short_fits(problem, starts), far=True)
     return np.asarray(_beside(problem, ends, -np.inf).x[0])
 
 
@@ -138,7 +137,7 @@ def _search(problem: Problem, candidates: Iterator[Float], limits: tuple[float, 
     ends = _none(problem)
     at_once = 4  # starts fitted before the ends are looked at
     while starts := list(islice(candidates, at_once)):
-        ends = ends.joined(loose_fits(problem, np.array(starts)), far=True)
+        ends = ends.joined(short_fits(problem, np.array(starts)), far=True)
         if ends.together > 1 and ends.cost[0] <= limits[int(ends.cost.size >= _STARTS_OF_DEEP_MINIMUM)]:
             break
     return ends
@@ -160,7 +159,7 @@ def _beside(problem: Problem, ends: _Ends, sure: float) -> _Ends:
         starts = np.tile(ends.x[0], (_BESIDE.size, 1))
         changes = np.exp(_BESIDE[:, None] * rng.normal(size=(_BESIDE.size, count)))
         starts[:, :count] = inside_bounds(starts[:, :count] * changes, problem.space)
-        ends = ends.joined(loose_fits(problem, starts), far=False)
+        ends = ends.joined(short_fits(problem, starts), far=False)
         fruitless = 0 if ends.cost[0] < least - _SAME_COST else fruitless + 1
     return ends
 
@@ -194,7 +193,7 @@ def _another(problem: Problem, ends: _Ends) -> float | None:
     best = problem.residuals(ends.x[0])
     for x in ends.x[1:][ends.cost[1:] < ends.cost[0] + 2 * _RIVAL_COST]:
         if _apart(problem, best, x, ends.cost[0]):
-            end = loose_fits(problem, x[None])
+            end = short_fits(problem, x[None])
             if end.cost[0] < ends.cost[0] + _RIVAL_COST and _apart(problem, best, end.x[0], ends.cost[0]):
                 return float(end.cost[0])
     return None

@@ -49,7 +49,7 @@ def linear_starts(problem: Problem, passes: tuple[int, ...]) -> list[Float]:
     typical = {q.name: q.scale for q in space.model.parameters}
     begin = law.start(typical.get("K0", 1.0), typical.get("D", 1.0))
     _check_start(law, begin, typical)
-    reduced = _without(space, begin)
+    reduced = space.holding({entry: begin[base] for entry, base in enumerate(space.base) if base in begin})
     try:
         candidates = list(dict.fromkeys(closed_forms(reduced, _small_orbits(problem.blocks), passes=passes)))
     except ClosedFormError:
@@ -67,28 +67,6 @@ def _check_start(law: Law, begin: Mapping[str, float], typical: Mapping[str, flo
             f"law {law.name} gives no finite K0, D and lam where a fit begins, at {said} and eccentricity "
             f"{_LINEAR_ECCENTRICITY:g}: give its parameters a scale, or the law a start(), at which it does"
         )
-
-
-def _without(space: ParameterSpace, held_at: Mapping[str, float]) -> ParameterSpace:
-    """The space with some parameters held at values."""
-    keep = np.array([base not in held_at for base in space.base], dtype=bool)
-    template = space.template.copy()
-    for place, name in enumerate(space.model.parameter_names):
-        if name in held_at:
-            template[:, place] = np.where(space.index[:, place] >= 0, held_at[name], template[:, place])
-    number = np.cumsum(keep) - 1
-    held = (space.index >= 0) & ~keep[space.index]
-    size = keep.size
-    return replace(
-        space,
-        names=tuple(name for name, k in zip(space.names, keep, strict=True) if k),
-        base=tuple(name for name, k in zip(space.base, keep, strict=True) if k),
-        template=template,
-        index=np.where(held | (space.index < 0), -1, number[space.index]),
-        lower=space.lower[:size][keep],
-        upper=space.upper[:size][keep],
-        nuisance=(),
-    )
 
 
 def _small_orbits(blocks: tuple[Block, ...]) -> tuple[Block, ...]:

@@ -1,4 +1,4 @@
-"""Points where a search may begin: inside the bounds, of typical size, at random; and short fits from several."""
+"""Points where a search may begin: inside the bounds, of typical size, at random."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.starting.short_fits import ShortFits, short_fits
 from rotorfit.models.array_types import Float
 
 CLOSED_FORM = "closed form"  # eqs 5 to 9, weighted
@@ -57,14 +56,6 @@ def random_starts(problem: Problem, count: int) -> Iterator[Float]:
     deviation = 0.8  # standard deviation of the logarithm of random starts: most lie within a decade
     for _ in range(count):
         yield full_vector(problem, scale * np.exp(rng.normal(0.0, deviation, scale.size)))
-
-
-def loose_fits(problem: Problem, starts: Float) -> ShortFits:
-    """Short fits held loosely at their starts, shape ``(W, p)``."""
-    sizes = np.abs(starts) + (starts == 0)
-    count = len(problem.space.names)
-    sizes[:, :count] = np.maximum(np.abs(starts[:, :count]), problem.space.typical)
-    return short_fits(problem, starts, sizes)
 
 
 def noise_limit(problem: Problem) -> float:

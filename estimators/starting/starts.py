@@ -30,6 +30,7 @@ from rotorfit.estimators.starting.nonlinear_starts import (
     linear_starts,
 )
 from rotorfit.estimators.starting.shaft_line_starts import has_lines, line_start, round_part, support_starts
+from rotorfit.estimators.starting.short_fits import short_fits
 from rotorfit.estimators.starting.start_points import (
     CLOSED_FORM,
     GIVEN,
@@ -39,7 +40,6 @@ from rotorfit.estimators.starting.start_points import (
     SPECTRAL_LINES,
     Start,
     full_vector,
-    loose_fits,
     noise_limit,
     random_starts,
 )
@@ -180,8 +180,8 @@ def _from_round(problem: Problem, found: Start) -> Start:
     starts = support_starts(problem, whole)
     if len(starts) == 1:
         return replace(found, x=whole)
-    ends = loose_fits(problem, np.array([full_vector(problem, start) for start in starts]))
-    return Start(x=ends.x[np.argmin(ends.cost), : whole.size], kind=SHORT_FIT, notes=found.notes)
+    ends = short_fits(problem, np.array([full_vector(problem, start) for start in starts]))
+    return Start(x=ends.best[: whole.size], kind=SHORT_FIT, notes=found.notes)
 
 
 def _nonlinear_guess(problem: Problem) -> Start:
@@ -195,8 +195,8 @@ def _nonlinear_guess(problem: Problem) -> Start:
     starts = [full_vector(problem, x) for x in linear_starts(problem, _PASSES)]
     found: Solution | None = None
     if starts:
-        ends = loose_fits(explicit, np.array(starts))
-        found = _short_fit(problem, _inside_full(problem, ends.x[np.argmin(ends.cost)]))
+        ends = short_fits(explicit, np.array(starts))
+        found = _short_fit(problem, _inside_full(problem, ends.best))
         if found.status not in (Status.CONVERGED, Status.SINGULAR):
             # Data that leave a combination open: Ipopt follows a flat valley to its end, damped steps creep along it.
             along = min((_short_fit(explicit, start) for start in starts), key=lambda fit: fit.cost)
@@ -227,9 +227,9 @@ def _explicit_multistart(problem: Problem) -> Float:
     best, least = starts[0], np.inf
     at_once = 8  # random starts fitted together
     for group in np.split(starts, range(at_once, len(starts), at_once)):
-        ends = loose_fits(problem, group)
+        ends = short_fits(problem, group)
         if ends.cost.min() < least:
-            best, least = ends.x[np.argmin(ends.cost)], float(ends.cost.min())
+            best, least = ends.best, float(ends.cost.min())
         if 2 * least < _EXPLICIT_MISFIT * problem.n_data:
             break
     return np.asarray(best[: len(problem.space.names)])

@@ -10,7 +10,7 @@ import numpy as np
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import closed_form
-from rotorfit.estimators.starting.start_points import loose_fits
+from rotorfit.estimators.starting.short_fits import short_fits
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Text
 
 Hint = Callable[[ComplexArray], bool]
@@ -47,7 +47,7 @@ def trial(problem: Problem) -> tuple[float, Float]:
     if begin is None:
         return float("inf"), np.zeros(problem.space.size)
     try:
-        (end,) = loose_fits(problem, begin[None]).x
+        (end,) = short_fits(problem, begin[None]).x
     except np.linalg.LinAlgError:  # what cannot be fitted explains nothing
         return float("inf"), begin
     return 2 * problem.cost(end), end
