@@ -47,11 +47,9 @@ def _identity(path: Path) -> tuple[int, int]:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A draft beside a file, of the same suffix, that takes its place when the block ends well.
-
-    No reader ever sees half a file, and a failure or a kill leaves an old one as it was: the draft is on disk before
-    it is renamed. A link keeps pointing where it does, and a file that is replaced keeps its mode.
-    """
+    """A draft beside a file, of the same suffix, that takes its place when the block ends well. No reader ever sees
+    half a file, and a failure or a kill leaves an old one as it was: the draft is on disk before it is renamed. A link
+    keeps pointing where it does, and a file that is replaced keeps its mode."""
     refuse_input(path)
     target = Path(os.path.realpath(path))
     if not target.parent.is_dir():

@@ -105,10 +105,8 @@ def refuse_deadly(path: Path) -> None:
 
 
 def check_hdf5(path: Path) -> None:
-    """Refuse an HDF5 file that declares too much, reads from other files, or has damaged heaps.
-
-    The library loops for ever over some of these, and takes external storage from wherever the file says.
-    """
+    """Refuse an HDF5 file that declares too much, reads from other files, or has damaged heaps. The library loops for
+    ever over some of these, and takes external storage from wherever the file says."""
     import h5py
 
     _check_heaps(path)

@@ -6,11 +6,7 @@ import gc
 
 
 def main() -> int:
-    """Run the command line of this process.
-
-    Returns:
-        the exit code.
-    """
+    """Run the command line of this process. Returns the exit code."""
     # New objects after which Python looks for unused ones, in place of 700. Nearly all that imports and drawing make
     # stays: looking through it again and again takes a tenth of a fit's time.
     gc.set_threshold(100_000)

@@ -13,11 +13,8 @@ T = TypeVar("T")
 def carry_out(
     work: Callable[[Item], T], items: Sequence[Item], executor: Executor | None, done: Callable[[Item], None]
 ) -> list[T]:
-    """``work(item)`` for every item, in their order.
-
-    An item whose worker was lost is sent again, and worked on here in the end: none is lost. What the work itself
-    raises is raised when it is done here.
-    """
+    """``work(item)`` for every item, in their order. An item whose worker was lost is sent again, and worked on here in
+    the end: none is lost. What the work itself raises is raised when it is done here."""
     results: dict[int, T] = {}
     left = list(range(len(items)))
     for _ in range(0 if executor is None else 3):  # an item is sent again twice before it is worked on here

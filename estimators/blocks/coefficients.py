@@ -14,11 +14,9 @@ from rotorfit.models.motion.journal import journal
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class JournalCoefficients:
-    """Stiffness, damping and mass at the journal, one observation each for every row of a table.
-
-    An observation is ``kxx + j kxy``, ``cxx + j cxy`` or ``mxx + j mxy``, its parts over their own standard
-    deviations, which differ by decades; ``mxy = 0`` in an isotropic fluid. Rows follow one another power by power.
-    """
+    """Stiffness, damping and mass at the journal, one observation each for every row of a table. An observation is
+    ``kxx + j kxy``, ``cxx + j cxy`` or ``mxx + j mxy``, its parts over their own standard deviations, which differ by
+    decades; ``mxy = 0`` in an isotropic fluid. Rows follow one another power by power."""
 
     model: RotorModel  # the rotor; what else acts at the journal (mass, springs) belongs to the coefficients too
     speed: Float  # shape ``(L,)``

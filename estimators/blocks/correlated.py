@@ -16,11 +16,9 @@ from rotorfit.models.array_types import ComplexArray, Float
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CorrelatedResponses(OnResponses):
-    """Responses to circular forces with correlated errors.
-
-    The fit is weighted by ``correlation``, a structure simple enough to be estimated from few mountings; error bars
-    come from ``covariance``, which assumes no structure but has too small a rank to weigh by.
-    """
+    """Responses to circular forces with correlated errors. The fit is weighted by ``correlation``, a structure simple
+    enough to be estimated from few mountings; error bars come from ``covariance``, which assumes no structure but has
+    too small a rank to weigh by."""
 
     correlation: ComplexArray  # what the fit is weighted by, unit diagonal, shape ``(R, R)``, Hermitian
     covariance: ComplexArray  # of the readings over sigma, shape ``(R, R)``, Hermitian
@@ -38,10 +36,8 @@ class CorrelatedResponses(OnResponses):
 
     @cached_property
     def mixing(self) -> ComplexArray:
-        """Inverse of the correlation's root: residuals over sigma times it are independent, shape ``(R, R)``.
-
-        The symmetric root, which leaves each whitened residual as near to its own reading as can be.
-        """
+        """Inverse of the correlation's root: residuals over sigma times it are independent, shape ``(R, R)``. The
+        symmetric root, which leaves each whitened residual as near to its own reading as can be."""
         return _by_component(self.correlation, lambda values: 1 / np.sqrt(values))
 
     @cached_property
@@ -51,10 +47,8 @@ class CorrelatedResponses(OnResponses):
 
     @cached_property
     def channel_correlation(self) -> Float:
-        """Correlation of the errors of two channels, in size, ones on the diagonal, shape ``(C, C)``.
-
-        Of readings at the same line; the square is that of the estimate less what chance adds to it.
-        """
+        """Correlation of the errors of two channels, in size, ones on the diagonal, shape ``(C, C)``. Of readings at
+        the same line; the square is that of the estimate less what chance adds to it."""
         numbers = np.unique(self.base.coordinate)
         found = np.eye(numbers.size)
         chance = min(2.0 / self.freedom, 1.0)  # of |r|^2 between complex errors that have nothing in common

@@ -32,10 +32,8 @@ class _State:
 
 @dataclass(frozen=True, eq=False)
 class OrbitResponses(OnResponses):
-    """Centred orbits under circular forces, or displacements under constant loads (w = 0), of a nonlinear rotor.
-
-    The journal's eccentricity solves ``kappa(w, |A_b|) A = F``; see :mod:`rotorfit.models.motion.orbits`.
-    """
+    """Centred orbits under circular forces, or displacements under constant loads (w = 0), of a nonlinear rotor. The
+    journal's eccentricity solves ``kappa(w, |A_b|) A = F``; see :mod:`rotorfit.models.motion.orbits`."""
 
     # measured eccentricity of the journal in each line, NaN where it was not measured, shape ``(L,)``
     eccentricity: Float
@@ -48,10 +46,8 @@ class OrbitResponses(OnResponses):
         return journal(self.model)
 
     def frozen(self) -> OrbitResponses:
-        """The same with the measured eccentricities taken as given: explicit, a good place to start a fit from.
-
-        Where it was not measured the journal is taken as centred.
-        """
+        """The same with the measured eccentricities taken as given: explicit, a good place to start a fit from. Where
+        it was not measured the journal is taken as centred."""
         return replace(self, mode="given", eccentricity=np.nan_to_num(self.eccentricity))
 
     def lines(self, keep: Bool) -> OrbitResponses:
@@ -120,10 +116,8 @@ class OrbitResponses(OnResponses):
         return total
 
     def predict(self, theta: Float) -> ComplexArray:
-        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`.
-
-        Of vectors of shape ``(..., G, P)`` it gives ``(..., R)``.
-        """
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`. Of vectors of shape ``(..., G, P)`` it
+        gives ``(..., R)``."""
         state = self._state(theta)
         if self.base.imposed:
             coordinates = range(state.H.shape[0])
@@ -144,11 +138,9 @@ class OrbitResponses(OnResponses):
         return np.array_equal(self.base.line, np.arange(self.base.s.size))
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
-        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`.
-
-        By the implicit function theorem ``d eps = (d|A_b| / clearance) / (1 - d|A_b|/d eps / clearance)``, the
-        derivatives on the right those at fixed eccentricity.
-        """
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`. By the implicit function theorem
+        ``d eps = (d|A_b| / clearance) / (1 - d|A_b|/d eps / clearance)``, the derivatives on the right those at fixed
+        eccentricity."""
         state, base, count = self._state(theta), self.base, theta.shape[-1]
         coordinates = range(state.H.shape[0])
         if base.imposed:
@@ -172,8 +164,7 @@ class OrbitResponses(OnResponses):
 
     def _orbit_slopes(self, state: _State, slopes: ComplexArray) -> Float:
         """Derivatives of the eccentricities by the parameters, shape ``(P, ..., L)``; zero where the orbit fills the
-        gap.
-        """
+        gap."""
         seat, moving = self.journal, state.amplitude[self.journal.at]
         size = np.abs(moving)
         pointer = np.divide(moving.conj(), size * seat.clearance, out=np.zeros_like(moving), where=size > 0)

@@ -23,10 +23,8 @@ from rotorfit.models.shafts.shaft import KnownStiffness
 
 
 class Block(Protocol):
-    """Complex observations whose predictions depend on the parameter vectors of some groups.
-
-    A group is a set of readings that share one parameter vector; ``theta`` below has shape ``(..., G, P)``.
-    """
+    """Complex observations whose predictions depend on the parameter vectors of some groups. A group is a set of
+    readings that share one parameter vector; ``theta`` below has shape ``(..., G, P)``."""
 
     @property
     def measured(self) -> ComplexArray:

@@ -251,10 +251,8 @@ def read_by_probes_jacobian(
 
 
 def displacement_to_force(block: Responses, theta: Float) -> ComplexArray:
-    """Force at the plane of an imposed orbit while the other planes are free (eqs 14 to 17), shape ``(..., R)``.
-
-    The force is the displacement over the drive-point receptance; with one plane, ``kappa A``.
-    """
+    """Force at the plane of an imposed orbit while the other planes are free (eqs 14 to 17), shape ``(..., R)``. The
+    force is the displacement over the drive-point receptance; with one plane, ``kappa A``."""
     return _imposed(block) / _drive_point(block, _receptance(block, theta))
 
 

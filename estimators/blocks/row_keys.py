@@ -14,10 +14,8 @@ _MOST = int(np.iinfo(np.intp).max) // 2
 
 def numbers(column: NDArray[Any]) -> Index:
     """Number of each entry among the distinct ones: of numbers in ascending order, of others in the order of the rows.
-
     Equal entries that follow one another in long stretches, as names of runs do, are compared with their neighbours
-    only.
-    """
+    only."""
     heads, lengths = _stretches(column)
     return _spread(_first_places(heads)[1] if column.dtype.kind in "UO" else _ranks(heads), lengths)
 

@@ -90,9 +90,7 @@ def is_image_line(line: Text) -> Bool:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PairResponses(OnResponses):
     """Lines of a rotor with a turning element, such as w and the image 2 Om - w, one a reading, all of shape ``(R,)``.
-
-    In turning coordinates they are ordinary responses: the vector (A, conj(B), ...) at w - Om.
-    """
+    In turning coordinates they are ordinary responses: the vector (A, conj(B), ...) at w - Om."""
 
     speed: Float  # Om and w, rad/s
     frequency: Float  # Om and w, rad/s

@@ -43,9 +43,7 @@ class OffCentreResponses:
 
     def _solve(self, theta: Float) -> tuple[Float, ComplexArray, ComplexArray]:
         """Parameter vectors of the lines, receptance of (A, conj(B)) and these amplitudes, lines along the last axis.
-
-        Shapes ``(..., L or 1, P)``, ``(2n, 2n, ..., L)`` and ``(2n, ..., L)``.
-        """
+        Shapes ``(..., L or 1, P)``, ``(2n, 2n, ..., L)`` and ``(2n, ..., L)``."""
         vectors = theta if theta.shape[-2] == 1 else theta[..., self.group, :]
         stiffness = coupled_stiffness(self.model, vectors, self.frequency, self.speed, self.eccentricity, self.attitude)
         back = (self.frequency < 0)[:, None]
@@ -65,10 +63,8 @@ class OffCentreResponses:
         return replace(self, sigma=self.sigma * factor)
 
     def predict(self, theta: Float) -> ComplexArray:
-        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`.
-
-        Of vectors of shape ``(..., G, P)`` it gives ``(..., R)``.
-        """
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`. Of vectors of shape ``(..., G, P)`` it
+        gives ``(..., R)``."""
         return read_by_probes(self, theta, self._read(self._solve(theta)[2]))
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:

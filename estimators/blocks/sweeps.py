@@ -22,10 +22,8 @@ def acts_alone(block: Responses) -> Bool:
 
 
 def sweeps_of(block: Responses, *, synchronous: bool = False) -> list[Index]:
-    """Readings of each sweep, ordered by frequency.
-
-    Frequencies that one run holds again, at another level of force, are another sweep.
-    """
+    """Readings of each sweep, ordered by frequency. Frequencies that one run holds again, at another level of force,
+    are another sweep."""
     kept = block.layout_notes
     if ("sweeps", synchronous) not in kept:
         kept["sweeps", synchronous] = _sweeps(block, synchronous)

@@ -47,10 +47,8 @@ class Constraint(Protocol):
         ...
 
     def alone(self, entry: int, value: float, start: Float) -> tuple[float, Float, bool]:
-        """Cost and vector at the minimum for one value, and whether it is one to full precision.
-
-        The cost is infinite where there is nothing.
-        """
+        """Cost and vector at the minimum for one value, and whether it is one to full precision. The cost is infinite
+        where there is nothing."""
         ...
 
 
@@ -100,20 +98,16 @@ class Condition(Protocol):
     """Constraint that holds a derived quantity at a value: an equation between the vector and the value."""
 
     def __call__(self, x: Float, values: Float) -> tuple[Float, Float, Float]:
-        """Residual of the equation at vectors of shape ``(W, p)``, and its derivatives by vector and value.
-
-        NaN where the equation does not hold the quantity there.
-        """
+        """Residual of the equation at vectors of shape ``(W, p)``, and its derivatives by vector and value. NaN where
+        the equation does not hold the quantity there."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class QuantityConstraint:
-    """Minimum where a derived quantity has a value: Gauss-Newton steps inside the linearised condition.
-
-    The Lagrangian's stationary point of the quadratic model, ``H d = -g + mu c`` with ``c^T d = value - q``, is taken
-    until the step, in standard errors, is negligible; bounds of the vector are kept by shortening steps.
-    """
+    """Minimum where a derived quantity has a value: Gauss-Newton steps inside the linearised condition. The
+    Lagrangian's stationary point of the quadratic model, ``H d = -g + mu c`` with ``c^T d = value - q``, is taken until
+    the step, in standard errors, is negligible; bounds of the vector are kept by shortening steps."""
 
     problem: Problem  # the problem
     quantity: ValueAndGradient  # the quantity and its gradient
@@ -222,10 +216,8 @@ def _solved(matrix: Float, *sides: Float) -> tuple[Float, ...]:
 
 
 def _held_step(gradient: Float, matrix: Float, slope: Float, missing: float, low: Float, high: Float) -> Float:
-    """Step to the minimum of the quadratic model where the quantity changes by what is missing.
-
-    Entries that rest on a bound and would leave it stay where they are.
-    """
+    """Step to the minimum of the quadratic model where the quantity changes by what is missing. Entries that rest on a
+    bound and would leave it stay where they are."""
     free = np.ones(gradient.size, dtype=bool)
     step = np.zeros_like(gradient)
     while free.any():

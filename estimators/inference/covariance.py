@@ -39,11 +39,8 @@ def widening(redchi: float, loss: Loss, *, rescaled: bool = False, nfree: int = 
 
 
 def standard_error(slope: Float, covar: Float) -> Float:
-    """Standard error of quantities that follow from an estimate, by the delta method.
-
-    Returns:
-        shape ``(...)``; zero where round-off makes a variance negative.
-    """
+    """Standard error of quantities that follow from an estimate, by the delta method, shape ``(...)``; zero where
+    round-off makes a variance negative."""
     return np.asarray(np.sqrt(np.maximum(np.sum(slope @ covar * slope, axis=-1), 0.0)))
 
 
@@ -63,11 +60,8 @@ def information(
     problem: Problem, x: Float, r: ComplexArray, J: ComplexArray, *, widening: float = 1.0
 ) -> tuple[Float, Float | None]:
     """Square root of the cost's expected curvature, and for a robust loss its gradient's scatter (the sandwich).
-
-    Returns:
-        ``R`` with ``R^T R`` the curvature, shape ``(p, p)``, and the scatter of the gradient, None for squares of
-        independent errors.
-    """
+    Returns ``R`` with ``R^T R`` the curvature, shape ``(p, p)``, and the scatter of the gradient, None for squares of
+    independent errors."""
     prior = prior_curvature(problem, x)
     if problem.loss == "linear":
         curvature = problem.gauss_newton(x)[2]
@@ -164,10 +158,8 @@ def _common_scatter(problem: Problem, x: Float, J: ComplexArray) -> Float | None
 
 
 def _left_out(r: ComplexArray, J: ComplexArray, bend: float, covar: Float) -> ComplexArray:
-    """Residual of each reading from a fit without it, to first order (MacKinnon and White 1985, HC3).
-
-    A fit follows the readings that matter most, whose own residuals are therefore too small to tell the noise.
-    """
+    """Residual of each reading from a fit without it, to first order (MacKinnon and White 1985, HC3). A fit follows the
+    readings that matter most, whose own residuals are therefore too small to tell the noise."""
     parts = np.stack([J.real, J.imag], axis=1)  # (R, 2, p)
     hat = bend * (parts @ covar @ parts.transpose(0, 2, 1))
     power, basis = np.linalg.eigh(hat)
@@ -184,10 +176,8 @@ def inverse_curvature(problem: Problem, x: Float) -> Float:
 
 
 def excess(wide: Float, own: Float) -> Float:
-    """Least addition to a covariance so that no combination is surer than by another, shape ``(p, p)``.
-
-    The positive part of their difference, entries scaled by the standard errors.
-    """
+    """Least addition to a covariance so that no combination is surer than by another, shape ``(p, p)``. The positive
+    part of their difference, entries scaled by the standard errors."""
     size = np.sqrt(np.maximum(np.diag(own), np.diag(wide)))
     size = np.where(size > 0, size, 1.0)
     power, basis = np.linalg.eigh((wide - own) / np.outer(size, size))

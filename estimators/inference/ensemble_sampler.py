@@ -188,11 +188,9 @@ def _assess(memory: Any, ess: float, seed: int, learned: int) -> WalkerPaths:
 
 
 def _tau(chain: Float) -> Float:
-    """Integrated autocorrelation time of each entry, infinite where nothing moves.
-
-    emcee measures each walker from its own mean, so walkers that are stuck in places of their own look well mixed:
-    where their means differ by much more than that time allows, the time that explains the difference takes its place.
-    """
+    """Integrated autocorrelation time of each entry, infinite where nothing moves. emcee measures each walker from its
+    own mean, so walkers that are stuck in places of their own look well mixed: where their means differ by much more
+    than that time allows, the time that explains the difference takes its place."""
     still = np.ptp(chain, axis=0).max(axis=0) == 0
     tau = np.full(chain.shape[2], np.inf)
     timed_walkers = 16  # of them enough to estimate the autocorrelation time from

@@ -67,11 +67,9 @@ class Identifiability:
 
 
 def natural_scales(model: RotorModel, base: Sequence[str], values: Float, stiffness: float, frequency: float) -> Float:
-    """Size of each parameter against which an error is judged.
-
-    The parameter's own value, but not less than a tenth of what would matter in the test: dynamic stiffness level for
-    N/m, over the highest frequency for damping, over its square for masses, over higher powers for structural blocks.
-    """
+    """Size of each parameter against which an error is judged. The parameter's own value, but not less than a tenth of
+    what would matter in the test: dynamic stiffness level for N/m, over the highest frequency for damping, over its
+    square for masses, over higher powers for structural blocks."""
     by_unit = {
         "N/m": stiffness,
         "N s/m": stiffness / frequency,
@@ -88,12 +86,9 @@ def natural_scales(model: RotorModel, base: Sequence[str], values: Float, stiffn
 
 
 def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, Bool]:
-    """Covariance of the determined combinations.
-
-    Returns:
-        covariance with directions that the data do not see at all left out, shape ``(p, p)``; standard error of each
-        scaled direction, ascending information, shape ``(p,)``; scaled directions as columns; their unresolved mask.
-    """
+    """Covariance of the determined combinations. Returns the covariance with directions that the data do not see at all
+    left out, shape ``(p, p)``; standard error of each scaled direction, ascending information, shape ``(p,)``; scaled
+    directions as columns; their unresolved mask."""
     kept, unseen, lost, silent = _scaled_directions(root, scales)
     seen = not (lost.any() or silent.any())
     null = np.zeros((scales.size, 0)) if seen else _null_basis(unseen[:, lost], silent)
@@ -113,11 +108,9 @@ def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, Bool]:
 
 
 def _scaled_directions(root: Float, scales: Float) -> tuple[Float, Float, Bool, Bool]:
-    """Directions of scaled parameters as columns, ascending information.
-
-    Each is over what the data tell of it, zero where that is nothing; then as they are; which of them the data do not
-    tell; and which of the parameters have no influence at all.
-    """
+    """Directions of scaled parameters as columns, ascending information. Each is over what the data tell of it, zero
+    where that is nothing; then as they are; which of them the data do not tell; and which of the parameters have no
+    influence at all."""
     scaled = root * scales[..., None, :]
     norm = np.linalg.norm(scaled, axis=-2)
     silent = norm == 0
@@ -155,11 +148,8 @@ def diagnose(
     root: Float,
     scales: Float,
 ) -> tuple[Float, Identifiability]:
-    """Covariance and identifiability verdict of a fit.
-
-    Returns:
-        covariance of the determined combinations, shape ``(p, p)``, and the verdict.
-    """
+    """Covariance and identifiability verdict of a fit. Returns the covariance of the determined combinations, shape
+    ``(p, p)``, and the verdict."""
     covar, stderr, directions, open_ = covariance(root, scales)
     determined = bool(np.isfinite(stderr).all()) and stderr.min() > 0
     condition = float(stderr.max() / stderr.min()) if determined else float("inf")

@@ -105,10 +105,8 @@ class LogPosterior:
     # ---- normal approximation ----------------------------------------------------------------------------------------
 
     def laplace(self, start: Float) -> tuple[Float, Float]:
-        """Mode and covariance of the density's normal approximation.
-
-        Directions without curvature get the width of the bounds across them.
-        """
+        """Mode and covariance of the density's normal approximation. Directions without curvature get the width of the
+        bounds across them."""
         if self.noise == "fixed":
             x, levels = start, np.full(self.counts.size, 0.5 * np.log(self.inflation))
         else:

@@ -87,23 +87,14 @@ class Lines:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Shares:
-    """Shares of measuring time.
+    """Shares of measuring time."""
 
-    Attributes:
-        share: of each line, shape ``(K,)``, sum one, the even part included.
-        even: part of the time that is spread over all lines alike.
-        phi: gain of each line, shape ``(K,)``.
-        gap: excess of the largest phi over the mean of what the free part measures; zero at the optimum.
-        efficiency: least information on the quantities over that of the best shares without an even part.
-        steps: of the search.
-    """
-
-    share: Float
-    even: float
-    phi: Float
-    gap: float
-    efficiency: float
-    steps: int
+    share: Float  # of each line, shape ``(K,)``, sum one, the even part included
+    even: float  # part of the time that is spread over all lines alike
+    phi: Float  # gain of each line, shape ``(K,)``
+    gap: float  # excess of the largest phi over the mean of what the free part measures; zero at the optimum
+    efficiency: float  # least information on the quantities over that of the best shares without an even part
+    steps: int  # of the search
 
     @property
     def optimal(self) -> bool:

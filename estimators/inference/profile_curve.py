@@ -85,10 +85,8 @@ class Curve:
             self._points.append(_Point(value, x, rise, np.full_like(x, np.nan)))
 
     def predict(self, values: Sequence[float]) -> Float:
-        """Vectors at values, shape ``(W, p)``: Hermite's cubic where slopes are known, else a straight line.
-
-        It goes through the nearest point and the nearest one at least as far from that as the value is.
-        """
+        """Vectors at values, shape ``(W, p)``: Hermite's cubic where slopes are known, else a straight line. It goes
+        through the nearest point and the nearest one at least as far from that as the value is."""
         known, wanted = np.array([point.value for point in self._points]), np.array(values)
         x, slope = (np.array(part) for part in zip(*((point.x, point.slope) for point in self._points), strict=True))
         off = np.abs(wanted[:, None] - known)
@@ -107,10 +105,8 @@ class Curve:
         return np.asarray(x[near] + way[:, None] * straight + curved)
 
     def search(self, side: int, level: float, step: float, limit: float, at_bound: bool) -> Search:
-        """Follow the curve to one side until it has risen to a level.
-
-        The signed root of the rise is nearly a straight line, so its zero is soon found.
-        """
+        """Follow the curve to one side until it has risen to a level. The signed root of the rise is nearly a straight
+        line, so its zero is soon found."""
         centre, goal = self._points[0].value, math.sqrt(level)
         reach = abs(limit - centre)
         inner, low = 0.0, -goal
@@ -190,12 +186,9 @@ def _root(rise: float) -> float:
 def _solve(
     centre: float, side: int, a: tuple[float, float], b: tuple[float, float], goal: float, steps: int
 ) -> Generator[float, float, tuple[float, float, bool]]:
-    """Zero of root minus goal between two distances: false position, the end that stays halved (Illinois).
-
-    Returns:
-        the distance, what is left of root minus goal there, and whether it is the zero: where the curve ends short of
-        the goal, as no minimum is found beyond, it is the last place before that.
-    """
+    """Zero of root minus goal between two distances: false position, the end that stays halved (Illinois). Returns the
+    distance, what is left of root minus goal there, and whether it is the zero: where the curve ends short of the goal,
+    as no minimum is found beyond, it is the last place before that."""
     (u, f), (v, g), kept = a, b, 0
     short = f  # root minus goal at u, which f is not where it was halved
     for _ in range(steps):

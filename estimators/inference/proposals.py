@@ -19,11 +19,9 @@ GOOD_EFFICIENCY = 0.6
 
 
 class IndependenceMove(emcee.moves.MHMove):  # type: ignore[misc]
-    """Metropolis-Hastings step with proposals that do not depend on where the walker stands.
-
-    Walkers move freely wherever the proposal resembles the posterior; where it does not, they stay, and the other
-    moves of a mixture have to carry them. The factor is ``q(x) / q(x')`` (Tierney 1994, independence chains).
-    """
+    """Metropolis-Hastings step with proposals that do not depend on where the walker stands. Walkers move freely
+    wherever the proposal resembles the posterior; where it does not, they stay, and the other moves of a mixture have
+    to carry them. The factor is ``q(x) / q(x')`` (Tierney 1994, independence chains)."""
 
     def __init__(self, centre: Float, covariance: Float, df: float = DEGREES_OF_FREEDOM) -> None:
         # In units of the standard deviations, where the matrix is well scaled, and along directions that have a spread:
@@ -57,11 +55,9 @@ class IndependenceMove(emcee.moves.MHMove):  # type: ignore[misc]
 def best_proposal(
     log_density: Callable[[Float], Float], centre: Float, covariance: Float
 ) -> tuple[IndependenceMove, float]:
-    """The proposal whose tails suit the posterior best, and how much it resembles it.
-
-    The measure is the efficiency of importance sampling, ``E(w)^2 / E(w^2)`` with weights ``w = p / q``: one where the
-    proposal is the posterior itself. The same draws, from the heaviest tails, judge all.
-    """
+    """The proposal whose tails suit the posterior best, and how much it resembles it. The measure is the efficiency of
+    importance sampling, ``E(w)^2 / E(w^2)`` with weights ``w = p / q``: one where the proposal is the posterior itself.
+    The same draws, from the heaviest tails, judge all."""
     heavy = IndependenceMove(centre, covariance)
     # The same where the proposal resembles the posterior: that of few readings with noise of unknown level is Student's
     # t itself, that of hundreds is normal. Tails stay heavier than the posterior's, so that walkers leave every place.
@@ -83,10 +79,8 @@ def best_proposal(
 
 def mixture(log_density: Callable[[Float], Float], centre: Float, covariance: Float) -> list[tuple[Any, float]]:
     """Independence proposals mixed with moves that need no approximation: differential evolution and stretch.
-
     Independence proposals get the larger a share the more they resemble the posterior, and half where they do not and
-    walkers have to be carried.
-    """
+    walkers have to be carried."""
     independence, efficiency = best_proposal(log_density, centre, covariance)
     # Share of independence proposals at most: the rest keeps a chain moving where 512 draws have seen nothing.
     largest_share = 0.9

@@ -25,11 +25,9 @@ _LARGEST_CHANGE = 0.5  # change of a parameter, over its value, from which it ha
 
 
 def along_valley(problem: Problem, x: Float, covar: Float, scales: Float, verdict: Identifiability) -> Identifiability:
-    """The verdict, with parameters not determined that go together farther than their standard errors tell.
-
-    A parameter that others are estimated as ratios to is held at six standard errors from its estimate, all else being
-    fitted again: chi-squared is to rise by nine there at least, a quarter of what the curvature promises.
-    """
+    """The verdict, with parameters not determined that go together farther than their standard errors tell. A parameter
+    that others are estimated as ratios to is held at six standard errors from its estimate, all else being fitted
+    again: chi-squared is to rise by nine there at least, a quarter of what the curvature promises."""
     space = problem.space
     for denominator, over in space.model.ratios.items():
         numerators = [i for i, base in enumerate(space.base) if base in over]

@@ -18,11 +18,9 @@ METHODS: tuple[Method, ...] = ("auto", "gauss-newton", "ipopt")
 
 
 class Objective(Protocol):
-    """A cost to minimise: half a sum of squared residuals, or a robustified one; never negative.
-
-    ``x`` has shape (n,) in the caller's units.  A point where the model is undefined is reported by a
-    non-finite cost; the line search then backtracks.  An exception aborts the fit and reaches the caller.
-    """
+    """A cost to minimise: half a sum of squared residuals, or a robustified one; never negative. ``x`` has shape (n,)
+    in the caller's units. A point where the model is undefined is reported by a non-finite cost; the line search then
+    backtracks. An exception aborts the fit and reaches the caller."""
 
     def cost(self, x: Vector) -> float:
         """Cost at ``x``; ``nan`` or ``inf`` where the model is undefined."""

@@ -33,10 +33,8 @@ def available() -> bool:
 
 def cache_directory() -> Path | None:
     """Directory for compiled kernels that only this user can write, ``None`` if there is no such place.
-
-    ``ROTORFIT_CACHE_DIR`` chooses it, else the platform's cache directory of the user. Machine code is loaded from
-    it, so a directory that others own or may write, or may replace by another, is refused.
-    """
+    ``ROTORFIT_CACHE_DIR`` chooses it, else the platform's cache directory of the user. Machine code is loaded from it,
+    so a directory that others own or may write, or may replace by another, is refused."""
     chosen = os.environ.get("ROTORFIT_CACHE_DIR")
     if chosen:
         path = Path(chosen)
@@ -56,9 +54,7 @@ def cache_directory() -> Path | None:
 
 def _only_mine(path: Path) -> bool:
     """Whether nobody but this user and root can change a folder, or put another in the place of any part of its path.
-
-    Folders above it may be open to others if these cannot rename what is not theirs there (``/tmp``).
-    """
+    Folders above it may be open to others if these cannot rename what is not theirs there (``/tmp``)."""
     if not hasattr(os, "getuid"):
         return True
     for part in dict.fromkeys(p for start in (path.absolute(), path.resolve()) for p in (start, *start.parents)):
@@ -121,11 +117,8 @@ def _module_name(source: str) -> str:
 
 @cache
 def compile_kernels(source: str) -> dict[str, Kernel]:
-    """Compile the functions that a generated module decorates as ``outer``.
-
-    The text compiled is the argument, never what lies on disk; the file gives numba's own cache a name and a time
-    stamp.
-    """
+    """Compile the functions that a generated module decorates as ``outer``. The text compiled is the argument, never
+    what lies on disk; the file gives numba's own cache a name and a time stamp."""
     import numba
 
     directory = cache_directory()

@@ -19,12 +19,9 @@ READINGS_OF_A_NODE = 8
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class KernelLayout:
-    """Plain arrays of all responses of a problem.
-
-    A *node* is one dynamic stiffness matrix: a condition (parameter group and rotative speed) at one frequency.
-    Nodes that were read in the same way form a *segment*; the readings of a segment form *entries*, each with one datum
-    a node.
-    """
+    """Plain arrays of all responses of a problem. A *node* is one dynamic stiffness matrix: a condition (parameter
+    group and rotative speed) at one frequency. Nodes that were read in the same way form a *segment*; the readings of a
+    segment form *entries*, each with one datum a node."""
 
     group: Index  # of each condition, shape ``(C,)``
     speed: Float  # of each condition, shape ``(C,)``
@@ -58,10 +55,8 @@ class KernelLayout:
 
 
 def _distinct(rows: Float | Index) -> tuple[Index, Index]:
-    """First place of each distinct row, ascending by row, and the number of that row for each one.
-
-    Column by column: rows as records, ``np.unique(axis=0)``, take several times as long to sort as numbers.
-    """
+    """First place of each distinct row, ascending by row, and the number of that row for each one. Column by column:
+    rows as records, ``np.unique(axis=0)``, take several times as long to sort as numbers."""
     number = np.zeros(len(rows), dtype=np.intp)
     for column in rows.T:
         values, own = np.unique(column, return_inverse=True)

@@ -84,11 +84,8 @@ def within_support(space: ParameterSpace, priors: Sequence[Prior]) -> ParameterS
 
 
 class LogPriors:
-    """Sum of the log densities of priors.
-
-    SciPy's checks cost a hundred times the arithmetic of a few vectors, so priors of one family, whose shapes, places
-    and scales are just numbers, are evaluated in one call.
-    """
+    """Sum of the log densities of priors. SciPy's checks cost a hundred times the arithmetic of a few vectors, so
+    priors of one family, whose shapes, places and scales are just numbers, are evaluated in one call."""
 
     def __init__(self, priors: Sequence[Prior]) -> None:
         families: dict[Any, list[Prior]] = {}

@@ -16,10 +16,8 @@ from rotorfit.models.array_types import COLLINEAR, ComplexArray, Float, Index
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MountingFit:
-    """Linear coefficients of one kind of reading, ``y_m = X_m beta + b_m + e_m``, over the mountings m.
-
-    Variances are those of the real part and of the imaginary part.
-    """
+    """Linear coefficients of one kind of reading, ``y_m = X_m beta + b_m + e_m``, over the mountings m. Variances are
+    those of the real part and of the imaginary part."""
 
     beta: ComplexArray  # coefficients, shape ``(p,)``
     weights: ComplexArray  # ``beta = weights @ y``, shape ``(p, M)``, zero where a mounting has no such reading
@@ -112,10 +110,7 @@ def _restricted(y: ComplexArray, X: ComplexArray, within: Float) -> float:
 
 def repeat_variance(readings: ComplexArray, mounting: Index) -> tuple[float, int]:
     """Variance of real and imaginary part between repeats of one mounting, pooled, and its complex degrees of freedom.
-
-    Returns:
-        the variance, NaN where nothing was repeated, and the degrees of freedom.
-    """
+    Returns the variance, NaN where nothing was repeated, and the degrees of freedom."""
     count = np.bincount(mounting)
     mean = (np.bincount(mounting, readings.real) + 1j * np.bincount(mounting, readings.imag)) / np.maximum(count, 1)
     freedom = int(readings.size - np.count_nonzero(count))
@@ -126,10 +121,8 @@ def repeat_variance(readings: ComplexArray, mounting: Index) -> tuple[float, int
 
 def scatter(cells: list[MountingFit]) -> ComplexArray:
     """Covariance of the mean readings of one mounting across kinds of reading (channels and speeds), shape ``(C, C)``.
-
     No structure is assumed: whatever a mounting does to several channels and speeds at once is in it. Its rank is that
-    of the residuals, so that it serves for error bars but cannot weigh.
-    """
+    of the residuals, so that it serves for error bars but cannot weigh."""
     found = np.zeros((len(cells), len(cells)), dtype=complex)
     for i, one in enumerate(cells):
         for k, other in enumerate(cells):
@@ -142,11 +135,8 @@ def scatter(cells: list[MountingFit]) -> ComplexArray:
 
 
 def coefficient_covariance(cells: list[MountingFit], between: ComplexArray) -> ComplexArray:
-    """Covariance of the coefficients of all cells, cell by cell, from that of the mean readings of one mounting.
-
-    Returns:
-        shape ``(C p, C p)``.
-    """
+    """Covariance of the coefficients of all cells, cell by cell, from that of the mean readings of one mounting, shape
+    ``(C p, C p)``."""
     weights = np.array([cell.weights for cell in cells])
     spread = np.einsum("cim,dkm->cidk", weights, weights.conj())
     size = weights.shape[0] * weights.shape[1]

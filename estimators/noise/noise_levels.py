@@ -48,10 +48,8 @@ def likelihood(power: Float, weight: Float, variance: Float) -> float:
 def fit_probes(
     probes: Sequence[Sequence[Index]], power: Float, weight: Float, size2: Float, *, along: str = ""
 ) -> list[list[Shape]]:
-    """Constant and proportional noise of each of several probes by restricted likelihood.
-
-    The sweeps of a probe share both parts, or have them each where the data refuse to pool them.
-    """
+    """Constant and proportional noise of each of several probes by restricted likelihood. The sweeps of a probe share
+    both parts, or have them each where the data refuse to pool them."""
     from scipy.special import gammaincc  # late: loading it takes longer than a fit
 
     found = [[shape] for shape in _fit_groups([np.concatenate(s) for s in probes], power, weight, size2, along)]
@@ -66,11 +64,9 @@ def fit_probes(
 
 
 def _fit_groups(groups: Sequence[Index], power: Float, weight: Float, size2: Float, along: str) -> list[Shape]:
-    """The shape of each of several groups of readings.
-
-    For a given ratio of the two parts, the level has a closed form; the ratio is looked for on a grid, which no start
-    can lead astray. Shorter groups are filled up with readings of no weight.
-    """
+    """The shape of each of several groups of readings. For a given ratio of the two parts, the level has a closed form;
+    the ratio is looked for on a grid, which no start can lead astray. Shorter groups are filled up with readings of no
+    weight."""
     longest, number = max((rows.size for rows in groups), default=0), np.arange(len(groups))
     if not longest:
         return []

@@ -121,11 +121,8 @@ def _local_variances(w: Float, y: ComplexArray, poles: int) -> Float:
 
 
 def _solved(design: ComplexArray, target: ComplexArray) -> ComplexArray:
-    """Least squares in each window, ``(N, m, p)`` and ``(N, m)``.
-
-    Triangles take a part of the time of singular values, which are left to windows whose columns depend on each other,
-    as those of exact data may.
-    """
+    """Least squares in each window, ``(N, m, p)`` and ``(N, m)``. Triangles take a part of the time of singular values,
+    which are left to windows whose columns depend on each other, as those of exact data may."""
     q, r = np.linalg.qr(design)
     size = np.abs(np.diagonal(r, axis1=1, axis2=2))
     sound = size.min(axis=1) > ROUND_OFF * size.max(axis=1)
@@ -138,10 +135,8 @@ def _solved(design: ComplexArray, target: ComplexArray) -> ComplexArray:
 
 
 def deviations_of_repeats(sweeps: ComplexArray) -> ComplexArray:
-    """Samples of the noise from repeated sweeps, of its own size, shape ``(n_repeats, L)``.
-
-    Each sweep's gain and phase against the mean are taken out: a force or a mark that is set anew is no noise.
-    """
+    """Samples of the noise from repeated sweeps, of its own size, shape ``(n_repeats, L)``. Each sweep's gain and phase
+    against the mean are taken out: a force or a mark that is set anew is no noise."""
     mean = sweeps.mean(axis=0)
     count, lines = sweeps.shape
     if lines < 3:  # nothing would be left

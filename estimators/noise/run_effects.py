@@ -95,10 +95,8 @@ class MixedModel:
         return -0.5 * float(np.linalg.slogdet(spread)[1].sum() + solved.square)
 
     def score_p_values(self) -> Float:
-        """Probability, kind by kind, of scores at least as large where runs do not differ, shape ``(k,)``.
-
-        The sum of squared scores is a mixture of chi-squared, matched in mean and variance.
-        """
+        """Probability, kind by kind, of scores at least as large where runs do not differ, shape ``(k,)``. The sum of
+        squared scores is a mixture of chi-squared, matched in mean and variance."""
         from scipy.special import gammaincc  # late: loading it takes longer than a fit
 
         outer = inverse_of_determined(self.information)
@@ -115,10 +113,8 @@ class MixedModel:
         return np.where(blind, 1.0, p)
 
     def freedom(self, variance: Float) -> Float:
-        """Degrees of freedom that each estimated variance has, at least two (one for two runs), shape ``(k,)``.
-
-        A variance that was chosen because it is large errs to the safe side, and fewer would widen without end.
-        """
+        """Degrees of freedom that each estimated variance has, at least two (one for two runs), shape ``(k,)``. A
+        variance that was chosen because it is large errs to the safe side, and fewer would widen without end."""
         solved = self.solve(variance)
         found = []
         for kind, own in enumerate(variance):
@@ -188,11 +184,9 @@ def runs_agree(model: MixedModel, *, level: float) -> bool:
 
 
 def select_effects(model: MixedModel, *, level: float, forced: Sequence[int] = ()) -> Float:
-    """Variances of the kinds of effects that the data ask for, zero for the others, shape ``(k,)``.
-
-    Kinds join one by one, that which raises the restricted likelihood most first, while a score test refuses that runs
-    agree and the likelihood gains accordingly.
-    """
+    """Variances of the kinds of effects that the data ask for, zero for the others, shape ``(k,)``. Kinds join one by
+    one, that which raises the restricted likelihood most first, while a score test refuses that runs agree and the
+    likelihood gains accordingly."""
     count = model.gram.shape[1]
     variance, chosen = np.zeros(count), list(forced)
     if chosen:
@@ -220,11 +214,9 @@ def select_effects(model: MixedModel, *, level: float, forced: Sequence[int] = (
 
 
 def shared_variances(model: MixedModel) -> Float:
-    """Variances of all kinds that may be the one by which runs differ, each by how likely it is, shape ``(k,)``.
-
-    Few runs do not separate, say, a force that differs from a damping. Each kind gets the variance that it has alone,
-    times its weight: the mean of the covariances that one kind each would give.
-    """
+    """Variances of all kinds that may be the one by which runs differ, each by how likely it is, shape ``(k,)``. Few
+    runs do not separate, say, a force that differs from a damping. Each kind gets the variance that it has alone, times
+    its weight: the mean of the covariances that one kind each would give."""
     parts = [model.part([kind]) for kind in range(model.gram.shape[1])]
     alone = [_one(part, np.zeros(1), 0) for part in parts]
     gain = np.array([p.log_likelihood(v) if v[0] > 0 else -np.inf for p, v in zip(parts, alone, strict=True)])

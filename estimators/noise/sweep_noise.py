@@ -115,11 +115,9 @@ def _is_smooth(samples: ComplexArray) -> bool:
 
 
 def _repeated(block: Responses, w: Float, condition: Sequence[Float | Index]) -> Iterator[tuple[Index, Float | float]]:
-    """Sweeps that were run again at the same force, in the same conditions and order, and their noise.
-
-    Differences of repeats are noise only where they are no larger than what each sweep shows by itself, and do not
-    follow a curve: what differs on purpose, or drifts, is none.
-    """
+    """Sweeps that were run again at the same force, in the same conditions and order, and their noise. Differences of
+    repeats are noise only where they are no larger than what each sweep shows by itself, and do not follow a curve:
+    what differs on purpose, or drifts, is none."""
     number = None if len(block.labels) < 2 else _repeats(block, w, condition)
     if number is None:
         return

@@ -61,11 +61,9 @@ def _criterion(fit: LocalFit, noise: Float) -> float:
 
 
 def pooled_noise(fits: Sequence[LocalFit]) -> Float:
-    """Noise ``sqrt(E |N|^2)`` of each output in each band, shape ``(P, bands)``.
-
-    The nearest bands that together have :data:`POOLED_FREEDOM` degrees of freedom are pooled, but for those above
-    their median (hum, an order of the shaft). A band that is clearly above its pool keeps its own level.
-    """
+    """Noise ``sqrt(E |N|^2)`` of each output in each band, shape ``(P, bands)``. The nearest bands that together have
+    :data:`POOLED_FREEDOM` degrees of freedom are pooled, but for those above their median (hum, an order of the shaft).
+    A band that is clearly above its pool keeps its own level."""
     misfit = np.array([fit.misfit for fit in fits]).T
     dof = np.array([fit.dof for fit in fits], dtype=float)
     own = misfit / dof

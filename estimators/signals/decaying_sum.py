@@ -31,10 +31,8 @@ class Projected:
 
 
 class DecayingSum:
-    """Residuals of a record and their derivatives by the eigenvalues of a sum of decaying vibrations.
-
-    Eigenvalues are one vector ``u``: real and imaginary parts of the vibrating ones, then the real ones, over a scale.
-    """
+    """Residuals of a record and their derivatives by the eigenvalues of a sum of decaying vibrations. Eigenvalues are
+    one vector ``u``: real and imaginary parts of the vibrating ones, then the real ones, over a scale."""
 
     def __init__(self, time: Float, signals: Float, s: ComplexArray, real: Float, steady: Float) -> None:
         """The sum for a record."""

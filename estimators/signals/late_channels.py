@@ -11,14 +11,9 @@ from rotorfit.models.array_types import Float
 
 
 def on_time(read: Callable[[int, int], Float], first: int, last: int, size: int, late: float) -> Float:
-    """Samples of a channel that comes late, as they would have been on time.
-
-    Between samples the signal is what a windowed sinc makes of its neighbours; beyond the ends of the recording it goes
-    on as the end's image in the first or last sample.
-
-    Returns:
-        shape ``(last - first,)``.
-    """
+    """Samples of a channel that comes late, as they would have been on time. Between samples the signal is what a
+    windowed sinc makes of its neighbours; beyond the ends of the recording it goes on as the end's image in the first
+    or last sample. Of shape ``(last - first,)``."""
     if last <= first:
         return read(first, last)
     whole = math.floor(late)

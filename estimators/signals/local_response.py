@@ -227,11 +227,9 @@ def _solver(
 
 
 def _without_noise(r: ComplexArray, noise: ComplexArray, scale: Float) -> ComplexArray:
-    """Matrix that turns ``q^H Z`` into unknowns where the forces were measured with noise.
-
-    Least squares would take the power of the noise for that of the force and find responses too small. What the noise
-    adds to the normal equations on average is taken out of them (errors in variables), at most half of any direction.
-    """
+    """Matrix that turns ``q^H Z`` into unknowns where the forces were measured with noise. Least squares would take the
+    power of the noise for that of the force and find responses too small. What the noise adds to the normal equations
+    on average is taken out of them (errors in variables), at most half of any direction."""
     size = noise.shape[1]
     extra = np.zeros_like(r)
     for first in range(0, scale.size, size):

@@ -56,11 +56,9 @@ class NumberedPulses:
 
 
 def find_levels(voltage: Float, *, edge: str = "", level: float | None = None) -> PulseLevels:
-    """The two voltages of a pulse train and the leading edge of its pulse, found where not given.
-
-    The split is Otsu's (largest variance between the two classes). The pulse is what takes less than half of the time;
-    its leading edge is timed: falling for a notch, rising for a projection.
-    """
+    """The two voltages of a pulse train and the leading edge of its pulse, found where not given. The split is Otsu's
+    (largest variance between the two classes). The pulse is what takes less than half of the time; its leading edge is
+    timed: falling for a notch, rising for a projection."""
     bottom, top = float(voltage.min()), float(voltage.max())
     if not top > bottom:
         raise ValueError(f"no pulses: the voltage is constant at {bottom:.4g} V")
@@ -110,11 +108,8 @@ def _plateau(voltage: Float, span: float) -> float:
 
 
 def find_edges(pieces: Iterable[Float], levels: PulseLevels) -> Float:
-    """Positions of the timed edges, in samples from the start of the first piece.
-
-    Returns:
-        positions, shape ``(N,)``, ascending, interpolated between the two samples on either side of the level.
-    """
+    """Positions of the timed edges, in samples from the start of the first piece. Returns positions, shape ``(N,)``,
+    ascending, interpolated between the two samples on either side of the level."""
     sign = -1.0 if levels.falling else 1.0
     found: list[Float] = []
     begin, held = 0, np.zeros(0)  # held: the samples since the voltage was last clear of the hysteresis
@@ -146,10 +141,8 @@ def _crossing(values: Float, first: int, last: int) -> float:
 
 def number_pulses(times: Float) -> NumberedPulses:
     """Count pulses by the intervals around them: a gap of n intervals counts n, an edge too close to others is not one.
-
     Around gaps and edges too many, the way through the edges on which the speed changes least decides: the intervals
-    beside an edge do not say which of two is the pulse where they are doubled or split themselves.
-    """
+    beside an edge do not say which of two is the pulse where they are doubled or split themselves."""
     kept, turns = _by_neighbours(times)
     if kept.size < 4:
         raise ValueError(f"{kept.size} pulses; at least four are needed to know the angle")
@@ -173,9 +166,7 @@ def number_pulses(times: Float) -> NumberedPulses:
 
 def uneven_turns(times: Float, turns: Index) -> Float:
     """Times of the pulses that begin turns unlike the two before and the two after them: a shaft has too much inertia.
-
-    A pulse counted once too often or too seldom makes two of three such turns half or twice as long as the others.
-    """
+    A pulse counted once too often or too seldom makes two of three such turns half or twice as long as the others."""
     period = np.diff(times) / turns
     return np.asarray(times[:-1][np.abs(period / _expected(period) - 1) > _LARGEST_CHANGE_OF_TURN])
 
@@ -212,12 +203,9 @@ def _settled(times: Float, kept: Index, turns: Index) -> tuple[Index, Index]:
 
 
 def from_index(pulses: NumberedPulses, per_turn: int) -> tuple[NumberedPulses, int]:
-    """Count from the index of a wheel, the gap of teeth that are missing at the same place of every turn.
-
-    Returns:
-        the pulses, counted so that the first tooth after the gap is a multiple of ``per_turn`` and without the gap
-        among the missing; and how many teeth the gap leaves out. Without such a gap, the pulses as they were and zero.
-    """
+    """Count from the index of a wheel, the gap of teeth that are missing at the same place of every turn. Returns the
+    pulses, counted so that the first tooth after the gap is a multiple of ``per_turn`` and without the gap among the
+    missing; and how many teeth the gap leaves out. Without such a gap, the pulses as they were and zero."""
     turns = int(pulses.numbers[-1]) // per_turn
     if turns < 4 or pulses.missing.size < 0.8 * turns:
         return pulses, 0
@@ -237,11 +225,9 @@ def from_index(pulses: NumberedPulses, per_turn: int) -> tuple[NumberedPulses, i
 
 
 def _expected(intervals: Float) -> Float:
-    """Length that an interval should have by its two neighbours on both sides: the median of the five.
-
-    Beyond the ends they are continued as those of a constant acceleration, whose speeds squared go straight with the
-    count: the first turns of a start are long, not signs of missing pulses.
-    """
+    """Length that an interval should have by its two neighbours on both sides: the median of the five. Beyond the ends
+    they are continued as those of a constant acceleration, whose speeds squared go straight with the count: the first
+    turns of a start are long, not signs of missing pulses."""
     first, last = _continued(intervals[:7])[::-1], _continued(intervals[:-8:-1])
     return np.asarray(median_filter(np.concatenate([first, intervals, last]), 5)[2:-2])
 
@@ -292,9 +278,7 @@ def _between_halves(intervals: Float, short: Index, turn: Float) -> Index:
 
 def _bend(intervals: Float, short: Index, side: int) -> Float:
     """How unlike an even change the intervals around a short one are, once it is joined to its neighbour on one side.
-
-    The intervals left and right of the joined one count too, unless they are short themselves or off the record.
-    """
+    The intervals left and right of the joined one count too, unless they are short themselves or off the record."""
     padded = np.pad(intervals, 3, constant_values=np.nan)
     at = short + 3
     joined = padded[at] + padded[at + side]

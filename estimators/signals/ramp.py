@@ -49,14 +49,9 @@ def steady_response(speed: Float, wn: float, zeta: float) -> ComplexArray:
 
 
 def find_beat(speed: Float, response: ComplexArray) -> tuple[float, float, float] | None:
-    """True if the amplitude beats beyond its peak as a ramp makes it.
-
-    Minima of the beat follow each other at even steps of the square of the distance from the resonance,
-    ``4 pi rate`` apart.
-
-    Returns:
-        speed of the peak, speed of the first minimum beyond it, and the ramp's rate, rad/s^2; None without a beat.
-    """
+    """True if the amplitude beats beyond its peak as a ramp makes it. Minima of the beat follow each other at even
+    steps of the square of the distance from the resonance, ``4 pi rate`` apart. Returns the speed of the peak, speed of
+    the first minimum beyond it, and the ramp's rate, rad/s^2; None without a beat."""
     from scipy.signal import find_peaks  # loads much of SciPy, and few tests are run-ups
 
     size = np.abs(response)
@@ -75,10 +70,8 @@ def find_beat(speed: Float, response: ComplexArray) -> tuple[float, float, float
 
 
 def fit_ramp(speed: Float, response: ComplexArray) -> Ramp | None:
-    """Natural frequency from a run-up that rings on, the ramp fitted with it; None where nothing beats.
-
-    Beside mode and ramp a constant vector is fitted: run-out, and other modes.
-    """
+    """Natural frequency from a run-up that rings on, the ramp fitted with it; None where nothing beats. Beside mode and
+    ramp a constant vector is fitted: run-out, and other modes."""
     order = np.argsort(speed)
     w, y = speed[order], response[order] / np.abs(response).max()
     fewest = 20  # samples that the fit of seven numbers needs at least

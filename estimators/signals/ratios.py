@@ -58,11 +58,9 @@ class Ratio:
 
 
 def ratio_through(x: Float, y: ComplexArray) -> Ratio | None:
-    """The ratio with as many modes as y needs (Schwarz's criterion), none where one is too many already.
-
-    The denominator is a real polynomial of jx, as that of a rotor is: poles at -x, where nothing was read, are the
-    mirror images of those at x.
-    """
+    """The ratio with as many modes as y needs (Schwarz's criterion), none where one is too many already. The
+    denominator is a real polynomial of jx, as that of a rotor is: poles at -x, where nothing was read, are the mirror
+    images of those at x."""
     top = float(np.abs(x).max())
     step = float(np.median(np.diff(np.sort(x)))) / top
     sigma, best, least = np.ones(x.size), None, np.inf

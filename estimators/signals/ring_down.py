@@ -36,11 +36,8 @@ class Decay:
 
 
 def decay_of(time: Float, signals: Float, modes: int, steady: Float | None = None) -> Decay | None:
-    """The sum of decaying vibrations that a record holds, of the order that BIC prefers.
-
-    Returns:
-        the sum, None where the record determines no sum of so many modes.
-    """
+    """The sum of decaying vibrations that a record holds, of the order that BIC prefers. Returns the sum, None where
+    the record determines no sum of so many modes."""
     found = list(_decays(time, signals, modes, np.zeros(0)))
     if steady is not None and any(_is_steady(decay, steady) for decay in found):
         found += _decays(time, signals, modes, steady)
@@ -147,10 +144,8 @@ def _variances(rest: Float, jacobian: Float, q: Float) -> Float:
 
 
 def _noise(rest: Float, own: Float) -> tuple[float, Float]:
-    """Variance of the noise and its correlations at distances 0, 1, ... up to the first that chance explains.
-
-    What is left of noise lacks what the sum took up, which is the more the longer its memory: repeated a few times.
-    """
+    """Variance of the noise and its correlations at distances 0, 1, ... up to the first that chance explains. What is
+    left of noise lacks what the sum took up, which is the more the longer its memory: repeated a few times."""
     lags, variance = np.ones(1), 0.0
     for _ in range(4):  # in which correlations and what the sum takes up of the noise settle
         follows = own + sum(v * (_later(own, k) + _earlier(own, k)) for k, v in enumerate(lags[1:].tolist(), start=1))

@@ -153,10 +153,8 @@ def _looked_at(count: int) -> Index:
 
 
 def _scatter(times: Float, speed: Float, squares: Float, left: Float) -> Float:
-    """Standard deviation of each pulse's angle, from the squares that the spline has left a share of.
-
-    The likeliest mixture of scatter in angle and scatter in time, pooled over neighbours for what is neither.
-    """
+    """Standard deviation of each pulse's angle, from the squares that the spline has left a share of. The likeliest
+    mixture of scatter in angle and scatter in time, pooled over neighbours for what is neither."""
     shares = np.array([0.0, 0.01, 0.03, 0.1, 0.3, 0.6, 0.85, 0.95, 0.99, 1.0])
     best, least = speed**2, np.inf
     for share in shares.tolist():

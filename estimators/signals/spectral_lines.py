@@ -37,24 +37,17 @@ def turning_power(z: ComplexArray, angle: Float, turns: float = 6.0) -> tuple[fl
 
 
 def mains_hum(signal: Float, rate: float, harmonics: int = 5) -> list[tuple[float, float]]:
-    """Lines at 50 or 60 Hz and their odd harmonics that stand out of what is around them.
-
-    Returns:
-        frequency (Hz) and amplitude (0-peak, in the unit of the signal) of each line found.
-    """
+    """Lines at 50 or 60 Hz and their odd harmonics that stand out of what is around them. Returns the frequency (Hz)
+    and amplitude (0-peak, in the unit of the signal) of each line found."""
     places = [(order * mains, order * 0.05) for mains in (50.0, 60.0) for order in range(1, harmonics + 1, 2)]
     # the mains' frequency wanders by some hundredths of a hertz
     return [line for line in _standing_out(signal, rate, places) if line is not None]
 
 
 def folded_orders(signal: Float, rate: float, turning: float, spread: float) -> list[tuple[int, float, float]]:
-    """Orders of a shaft above half the sampling rate that stand where sampling folds them to.
-
-    Only up to the sixtieth order and once folded, and not where the place is that of another order.
-
-    Returns:
-        order, frequency of the line (Hz) and amplitude of each found.
-    """
+    """Orders of a shaft above half the sampling rate that stand where sampling folds them to. Only up to the sixtieth
+    order and once folded, and not where the place is that of another order. Returns the order, the frequency of the
+    line (Hz) and amplitude of each found."""
     orders = [n for n in range(int(rate / 2 / turning) + 1, 61) if n * turning < 0.98 * rate]
     margin = 8 * rate / signal.size
     orders = [n for n in orders if _off_orders(rate - n * turning, turning) > margin + 2 * n * spread]
@@ -89,13 +82,9 @@ def _standing_out(
 
 
 def full_spectrum(z: ComplexArray, rate: float) -> tuple[Float, Float]:
-    """Amplitudes of a complex motion over signed frequency: a circle of radius A has A at its frequency, not 2 A.
-
-    A Hann window is laid over the motion, its mean taken out first; a line between two bins reads up to 15 % low.
-
-    Returns:
-        frequencies (Hz, ascending, negative is backward) and amplitudes in the unit of z.
-    """
+    """Amplitudes of a complex motion over signed frequency: a circle of radius A has A at its frequency, not 2 A. A
+    Hann window is laid over the motion, its mean taken out first; a line between two bins reads up to 15 % low. Returns
+    frequencies (Hz, ascending, negative is backward) and amplitudes in the unit of z."""
     window = np.hanning(z.size + 1)[:-1]
     spectrum = np.fft.fft((z - z.mean()) * window) / window.sum()
     return np.fft.fftshift(np.fft.fftfreq(z.size, 1 / rate)), np.fft.fftshift(np.abs(spectrum))

@@ -62,11 +62,8 @@ class RoughShaft:
 
 
 def start_up_lines(run: StartUp) -> dict[int, LocalResponse]:
-    """Lines 1x and 2x at steady speeds.
-
-    Returns:
-        by order, at frequencies of order times speed: one response of one output, m.
-    """
+    """Lines 1x and 2x at steady speeds. Returns lines by order, at frequencies of order times speed: one response of
+    one output, m."""
     image = np.exp(2j * run.angle) * run.motion.conj()
     rough = _rough_shaft(run, image)
     for _ in range(2):  # steps of Gauss and Newton from there

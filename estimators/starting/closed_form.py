@@ -73,10 +73,8 @@ def closed_form(
 def closed_forms(
     space: ParameterSpace, blocks: tuple[Block, ...], *, weighted: bool = True, passes: tuple[int, ...]
 ) -> Iterator[ClosedForm]:
-    """Closed forms after several numbers of passes, ascending, up to where they settle; see :func:`closed_form`.
-
-    They are of set speeds: speeds that wander are too near to one another to tell what changes with speed.
-    """
+    """Closed forms after several numbers of passes, ascending, up to where they settle; see :func:`closed_form`. They
+    are of set speeds: speeds that wander are too near to one another to tell what changes with speed."""
     steady = tuple(block.at_set_speed() if isinstance(block, Responses) else block for block in blocks)
     if any(own is not block for own, block in zip(steady, blocks, strict=True)):
         rough = next(_closed_forms(space, steady, weighted, (min(passes),)))
@@ -182,10 +180,8 @@ def _covariance(jacobian: Float, information: Float) -> Float:
 
 def _determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses]) -> bool:
     """True if such a test can give all independent lumped coefficients, judged on exact responses of a typical rotor.
-
     Noise hides the defect: the force balance of a plane that is never forced is homogeneous, and noisy data "solve" it
-    with zeros.
-    """
+    with zeros."""
     key = 0
     for b in blocks:
         where = b.coordinate if b.imposed else np.round(b.force.T / np.abs(b.force.T).max(axis=0), 6)

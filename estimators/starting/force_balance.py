@@ -136,9 +136,7 @@ def _powers(values: NDArray[Any], most: int) -> NDArray[Any]:
 
 def weigh(sides: ComplexArray, weight: ComplexArray | Float) -> Float:
     """Sides of equations, shape ``(n, C, L)``, mixed by weights of shape ``(L, n, n)``: real, shape ``(n, C, 2 L)``.
-
-    Weights of shape ``(L,)`` are those of whole lines.
-    """
+    Weights of shape ``(L,)`` are those of whole lines."""
     if weight.ndim == 1:
         return (sides * weight).view(float)
     mixed, product = np.empty_like(sides), np.empty_like(sides[0])
@@ -161,10 +159,8 @@ def products(left: Float, right: Float) -> Float:
 
 
 def solve(systems: Callable[[], Iterable[Float]]) -> tuple[Float, Float]:
-    """Least squares of systems that are made one after the other, and the products of the left sides.
-
-    By normal equations, a tenth of the work of a triangle; that is made where digits of theirs would be lost.
-    """
+    """Least squares of systems that are made one after the other, and the products of the left sides. By normal
+    equations, a tenth of the work of a triangle; that is made where digits of theirs would be lost."""
     projected = reduce(np.add, (products(system[:, :-1], system) for system in systems()))
     information = projected[:, :-1]
     unit, right, norm = _of_unit_length(projected, information)

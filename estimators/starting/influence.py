@@ -43,43 +43,29 @@ class Readings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Influence:
-    """Residual vectors and influences of the cells, a cell being one channel at one dwell speed.
+    """Residual vectors and influences of the cells, a cell being one channel at one dwell speed. Covariances are those
+    of real and of imaginary parts, influences ordered cell by cell, plane by plane."""
 
-    Covariances are those of real and of imaginary parts, influences ordered cell by cell, plane by plane.
-
-    Attributes:
-        channel, dwell: of each cell, shape ``(C,)``.
-        speed: speed to which the readings of each dwell were brought, rad/s, shape ``(dwells,)``.
-        residual: readings without weights, shape ``(C,)``.
-        influence: per kg m, shape ``(C, planes)``.
-        covariance: of the influences, without any assumption on what a mounting does to which channels, shape
-            ``(C planes, C planes)``; its rank may be too small to weigh by.
-        whole: the same of residuals and influences, shape ``(C (1 + planes), C (1 + planes))``.
-        given: standard deviation that was given with the readings of each cell, NaN where it was not, shape ``(C,)``.
-        working: the same where channels are independent and speeds are correlated alike in all of them; it weighs.
-        mounting, repeat: standard deviations between mountings and between repeats in each cell, shape ``(C,)``, NaN
-            where they are not known.
-        freedom: real degrees of freedom behind the error bars, infinite where the noise was given.
-        weight_freedom: those behind the weight of each channel in ``working``.
-        correlation: correlation between the speeds of one channel in ``working``.
-        left_out: cells (channel, dwell) whose weights do not determine an influence.
-    """
-
-    channel: Index
-    dwell: Index
-    speed: Float
-    residual: ComplexArray
-    influence: ComplexArray
+    channel: Index  # of each cell, shape ``(C,)``
+    dwell: Index  # of each cell, shape ``(C,)``
+    speed: Float  # speed to which the readings of each dwell were brought, rad/s, shape ``(dwells,)``
+    residual: ComplexArray  # readings without weights, shape ``(C,)``
+    influence: ComplexArray  # per kg m, shape ``(C, planes)``
+    # of the influences, without any assumption on what a mounting does to which channels, shape ``(C planes, C
+    # planes)``; its rank may be too small to weigh by
     covariance: ComplexArray
-    whole: ComplexArray
+    whole: ComplexArray  # the same of residuals and influences, shape ``(C (1 + planes), C (1 + planes))``
+    # standard deviation that was given with the readings of each cell, NaN where it was not, shape ``(C,)``
     given: Float
+    # the same where channels are independent and speeds are correlated alike in all of them; it weighs
     working: ComplexArray
+    # standard deviations between mountings and between repeats in each cell, shape ``(C,)``, NaN where not known
     mounting: Float
     repeat: Float
-    freedom: float
-    weight_freedom: float
-    correlation: float
-    left_out: tuple[tuple[int, int], ...]
+    freedom: float  # real degrees of freedom behind the error bars, infinite where the noise was given
+    weight_freedom: float  # those behind the weight of each channel in ``working``
+    correlation: float  # correlation between the speeds of one channel in ``working``
+    left_out: tuple[tuple[int, int], ...]  # cells (channel, dwell) whose weights do not determine an influence
 
 
 class UndeterminedError(ValueError):
@@ -87,11 +73,9 @@ class UndeterminedError(ValueError):
 
 
 def solve_influence(readings: Readings) -> Influence:
-    """Solve every cell by least squares, with the variance between mountings by restricted maximum likelihood.
-
-    Readings of one dwell that were taken at slightly different speeds are brought to their mean speed first, along the
-    channel's own change from dwell to dwell (as the square of the speed where there is one dwell only).
-    """
+    """Solve every cell by least squares, with the variance between mountings by restricted maximum likelihood. Readings
+    of one dwell that were taken at slightly different speeds are brought to their mean speed first, along the channel's
+    own change from dwell to dwell (as the square of the speed where there is one dwell only)."""
     speed = np.bincount(readings.dwell, readings.speed) / np.bincount(readings.dwell)
     value = readings.value * _to_common_speed(readings, speed)
     design = np.column_stack([np.ones(len(readings.unbalance)), readings.unbalance])
@@ -160,10 +144,8 @@ def _assembled(
 
 
 def _pooled(size: Float, channel: Index, dwell: Index) -> Float:
-    """Standard deviations of the cells as a factor of the channel times one of the dwell.
-
-    Weights from a cell's own few mountings would follow chance; a channel that scatters does so at every speed.
-    """
+    """Standard deviations of the cells as a factor of the channel times one of the dwell. Weights from a cell's own few
+    mountings would follow chance; a channel that scatters does so at every speed."""
     if not (size > 0).all():
         return size
     columns = np.hstack([channel[:, None] == np.unique(channel), dwell[:, None] == np.unique(dwell)]).astype(float)

@@ -111,13 +111,9 @@ class Lumped:
         return np.asarray(kind, dtype=np.intp)
 
     def parameters(self, values: Float, typical: Float) -> Float:
-        """Solve the coefficients for the parameters one after the other.
-
-        Each comes from a coefficient in which it is the only unknown, first those that depend on it most.
-
-        Returns:
-            parameters, NaN where no coefficient gives one singly, shape ``(p,)``.
-        """
+        """Solve the coefficients for the parameters one after the other. Each comes from a coefficient in which it is
+        the only unknown, first those that depend on it most. Returns parameters, NaN where no coefficient gives one
+        singly, shape ``(p,)``."""
         point, unknown = typical.copy(), np.ones(self.size, dtype=bool)
         with np.errstate(divide="ignore"):
             while unknown.any() and np.isfinite(point).all():
@@ -188,13 +184,9 @@ def _kept(graph: LumpedGraph, conditions: tuple[Any, ...]) -> dict[Any, Any]:
 
 
 def _independent(lumped: Lumped, scale: Float) -> tuple[Index, Float, Float]:
-    """Write every lumped coefficient as an affine function of independent ones.
-
-    Relations such as kappa_12 = -K2 = kappa_21 are found by evaluating the coefficients at random parameters.
-
-    Returns:
-        rows of independent coefficients ``b``; matrix ``S`` and offset ``o`` with ``all = S b + o``.
-    """
+    """Write every lumped coefficient as an affine function of independent ones. Relations such as kappa_12 = -K2 =
+    kappa_21 are found by evaluating the coefficients at random parameters. Returns rows of independent coefficients
+    ``b``; matrix ``S`` and offset ``o`` with ``all = S b + o``."""
     count, size = lumped.place.row.size, scale.size
     rng = np.random.default_rng(0)
     samples = scale * np.exp(rng.uniform(-1, 1, (2 * min(count, 4 * size) + 4 * size + 8, size)))

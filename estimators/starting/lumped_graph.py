@@ -32,8 +32,7 @@ class Place:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LumpedGraph:
     """Expressions of lumped coefficients, speeds and known values among their variables: fits that differ in those
-    share one.
-    """
+    share one."""
 
     function: Callable[[Sequence[Any]], Float]
     rows: Index  # coefficient and fitted value of each derivative
@@ -93,11 +92,8 @@ def _entries(
 def _speed_parts(
     expression: ca.SX, speed: ca.SX, speeds: Sequence[tuple[int, ca.SX]], turns: bool
 ) -> list[tuple[int, int, ca.SX]]:
-    """Split a coefficient by powers of the speed, or by speed where too few speeds were tested for that.
-
-    Returns:
-        power of the speed, running number of the speed or -1 for all, and expression of each part.
-    """
+    """Split a coefficient by powers of the speed, or by speed where too few speeds were tested for that. Returns the
+    power of the speed, running number of the speed or -1 for all, and expression of each part."""
     if not turns:  # a rotor at rest: terms with the speed say nothing
         expression = ca.simplify(ca.substitute(expression, speed, ca.SX(0.0)))
     if not ca.depends_on(expression, speed):

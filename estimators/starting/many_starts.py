@@ -82,9 +82,7 @@ def best_of_many(problem: Problem, reason: str) -> Start:
 
 def _refuse_undetermined(problem: Problem, blocks: Sequence[Responses]) -> None:
     """Refuse readings of which no value can be determined, whatever the rotor: a search would wander without an end.
-
-    Derivatives at a vector chosen at random have the rank that they have at almost every one.
-    """
+    Derivatives at a vector chosen at random have the rank that they have at almost every one."""
     x = next(random_starts(problem, 1))
     _, complex_columns = problem.jacobian(x)
     columns = np.concatenate([complex_columns.real, complex_columns.imag])
@@ -144,11 +142,9 @@ def _search(problem: Problem, candidates: Iterator[Float], limits: tuple[float, 
 
 
 def _beside(problem: Problem, ends: _Ends, sure: float) -> _Ends:
-    """With ends of short fits from beside the best one, round after round, until several lead no deeper.
-
-    A sharp resonance between coarse lines has a minimum in every gap: the deepest is a small change of the parameters
-    away, which few of many starts all over their range hit. Skipped where the best is taken for the deepest.
-    """
+    """With ends of short fits from beside the best one, round after round, until several lead no deeper. A sharp
+    resonance between coarse lines has a minimum in every gap: the deepest is a small change of the parameters away,
+    which few of many starts all over their range hit. Skipped where the best is taken for the deepest."""
     rng = np.random.default_rng(0)
     count, fruitless = len(problem.space.names), 0
     most_fruitless = 4  # rounds of such starts in a row that lead no deeper

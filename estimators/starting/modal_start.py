@@ -37,11 +37,8 @@ class Lines:
 
 
 def modal_start(model: Modal, blocks: Sequence[Responses]) -> tuple[dict[str, float], float]:
-    """Parameters of a modal model, and the common datum angle, rad, from responses.
-
-    Returns:
-        values by name, and the lead of the responses over the forces at the first plane.
-    """
+    """Parameters of a modal model, and the common datum angle, rad, from responses. Returns values by name, and the
+    lead of the responses over the forces at the first plane."""
     forced, probe = (model.planes.index(names[0]) for names in (model.force_planes, model.probe_planes))
     axes = ("x", "y") if model.frame == "xy" else ("z",)
     along = {axis: lines for axis in axes if (lines := _lines_along(model, blocks, axis)).value.size}
@@ -183,9 +180,7 @@ def _few_lines(lines: Lines, modes: int) -> tuple[Float, Float]:
 
 def _residues(lines: Lines, wn: Float, zeta: Float, planes: int) -> ComplexArray:
     """Strength of each mode between force and probe planes, 1/kg, shape ``(modes, planes, planes)``; zero where unseen.
-
-    ``H_pr = sum_i R_ipr / (wn_i^2 - w^2 + 2 j zeta_i wn_i w)``.
-    """
+    ``H_pr = sum_i R_ipr / (wn_i^2 - w^2 + 2 j zeta_i wn_i w)``."""
     w = lines.frequency[:, None]
     basis = 1 / (wn**2 - w**2 + 2j * zeta * wn * w) * lines.weight[:, None]
     found = np.zeros((wn.size, planes, planes), dtype=complex)

@@ -20,17 +20,12 @@ _LARGEST_ERROR = 0.2  # relative standard error of a natural frequency beyond wh
 
 @dataclass(frozen=True, kw_only=True)
 class ModesSeen:
-    """Modes that influences show.
+    """Modes that influences show."""
 
-    Attributes:
-        singular: singular values of all influences, the largest that noise alone makes being one.
-        frequencies: natural frequencies that are determined, rad/s, ascending, with standard errors.
-        shapes: number of singular values above the noise.
-    """
-
-    singular: tuple[float, ...]
+    singular: tuple[float, ...]  # singular values of all influences, the largest that noise alone makes being one
+    # natural frequencies that are determined, rad/s, ascending, with standard errors
     frequencies: tuple[tuple[float, float], ...]
-    shapes: int
+    shapes: int  # number of singular values above the noise
 
     @property
     def count(self) -> int:

@@ -32,10 +32,8 @@ def has_lines(problem: Problem) -> bool:
 
 
 def round_part(problem: Problem) -> Problem | None:
-    """The problem of a rotor with a turning element as if it were round, from its motion at w; None of others.
-
-    What is fitted besides comes last, so that the start of this problem is the beginning of that of the whole one.
-    """
+    """The problem of a rotor with a turning element as if it were round, from its motion at w; None of others. What is
+    fitted besides comes last, so that the start of this problem is the beginning of that of the whole one."""
     space = problem.space
     if not isinstance(space.model, Turning):
         return None
@@ -114,9 +112,7 @@ def line_start(problem: Problem) -> Float:
 
 def _along_the_valley(problem: Problem, ratios: Ratios, start: Float) -> Float:
     """The start with the best of several sizes of a parameter of which lines give only ratios, and steps of all else.
-
-    Noise makes more than one dent in the valley: which is the deeper is seen by a step more, and between the sizes.
-    """
+    Noise makes more than one dent in the valley: which is the deeper is seen by a step more, and between the sizes."""
     objective = LogRatioProblem(problem, ratios)
     lower, upper = ratios.bounds(problem.space)
     sizes = np.log(_SIZES)
@@ -270,11 +266,9 @@ def _side_load(readings: _Readings, values: dict[str, float]) -> dict[str, float
 
 
 def _torsion(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
-    """``(nu_t^2 - nu^2 + 2j zeta_t nu_t nu) Phi = T/J``, the torque of each kind of line known but for a factor.
-
-    At w - Om the torque is that of the unbalance, ``-j M w^2 A conj(eps)``; at w - 2 Om that of the sag S,
-    ``2j conj(delta) A S``; at 2(w - Om) it is ``j conj(delta) A^2``, free of both, and tells J.
-    """
+    """``(nu_t^2 - nu^2 + 2j zeta_t nu_t nu) Phi = T/J``, the torque of each kind of line known but for a factor. At w -
+    Om the torque is that of the unbalance, ``-j M w^2 A conj(eps)``; at w - 2 Om that of the sag S, ``2j conj(delta) A
+    S``; at 2(w - Om) it is ``j conj(delta) A^2``, free of both, and tells J."""
     delta = _delta(values)
     shapes: list[tuple[Float, ComplexArray, Float, ComplexArray, int]] = []
     for place, order in enumerate([(1, 0), (1, -1), (2, 0)]):

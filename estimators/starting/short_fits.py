@@ -79,4 +79,4 @@ def _steps(slope: Float, matrix: Float, damping: Float, free: Bool) -> tuple[Flo
     matrix[:, every, every] *= 1 + damping[:, None]
     matrix[:, every, every] += ~free
     step = -np.linalg.solve(matrix, slope[..., None])[..., 0]
-    return step, np.asarray(-(slope * step).sum(axis=1) / 2)
+    return np.asarray(step, dtype=float), np.asarray(-(slope * step).sum(axis=1) / 2)

@@ -134,10 +134,8 @@ def _guess(problem: Problem) -> Start:
 
 def _linear_guess(problem: Problem) -> Start:
     """The closed form; where it is not near an optimum that explains the data, the best of those after more passes.
-
     Sharp resonances between coarse lines leave local minima right beside the global one. There the passes wander, and
-    the best end of short fits from all of them, and from beside it, is taken.
-    """
+    the best end of short fits from all of them, and from beside it, is taken."""
     found: list[tuple[float, ClosedForm]] = []
     settled = True
     try:
@@ -158,10 +156,8 @@ def _linear_guess(problem: Problem) -> Start:
 
 
 def _remaining(problem: Problem, values: Float) -> tuple[float, float]:
-    """Cost, and the square of the step that leads to the optimum, in standard errors; infinite where there is none.
-
-    The derivatives that come with the cost are those that the search asks for first.
-    """
+    """Cost, and the square of the step that leads to the optimum, in standard errors; infinite where there is none. The
+    derivatives that come with the cost are those that the search asks for first."""
     cost, gradient, matrix = problem.gauss_newton(full_vector(problem, values))
     size = np.sqrt(matrix.diagonal())
     if not (np.isfinite(cost) and size.all()):
@@ -185,11 +181,9 @@ def _from_round(problem: Problem, found: Start) -> Start:
 
 
 def _nonlinear_guess(problem: Problem) -> Start:
-    """Closed form at small eccentricity, then a fit with the measured eccentricities taken as given.
-
-    Measured eccentricities carry noise, so that what they give is checked, and improved, against the orbits that the
-    rotor itself would run on.
-    """
+    """Closed form at small eccentricity, then a fit with the measured eccentricities taken as given. Measured
+    eccentricities carry noise, so that what they give is checked, and improved, against the orbits that the rotor
+    itself would run on."""
     explicit = frozen(problem)
     size = len(problem.space.names)
     starts = [full_vector(problem, x) for x in linear_starts(problem, _PASSES)]

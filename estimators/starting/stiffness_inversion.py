@@ -12,20 +12,13 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StiffnessMatrices:
-    """Measured dynamic stiffness (eq. 7).
+    """Measured dynamic stiffness (eq. 7)."""
 
-    Attributes:
-        frequency, speed: rad/s, shape ``(N,)``; the frequency is signed where forward and backward are apart.
-        kappa: shape ``(N, n, n)``, N/m.
-        sigma: standard deviation of real and imaginary part of each entry, from the propagated noise, same shape.
-        first_line: line of the block that carries each frequency, shape ``(N,)``.
-    """
-
-    frequency: Float
-    speed: Float
-    kappa: ComplexArray
-    sigma: Float
-    first_line: Index
+    frequency: Float  # rad/s, shape ``(N,)``; the frequency is signed where forward and backward are apart
+    speed: Float  # rad/s, shape ``(N,)``; the frequency is signed where forward and backward are apart
+    kappa: ComplexArray  # shape ``(N, n, n)``, N/m
+    sigma: Float  # standard deviation of real and imaginary part of each entry, from the propagated noise, same shape
+    first_line: Index  # line of the block that carries each frequency, shape ``(N,)``
 
 
 def complete_lines(block: Responses) -> Responses:
@@ -38,11 +31,9 @@ def complete_lines(block: Responses) -> Responses:
 
 
 def stiffness_matrices(block: Responses) -> StiffnessMatrices:
-    """Invert the response matrix at every frequency at which all planes were forced (eqs 5 and 7).
-
-    In models with x and y apart the forward and the backward run at ``|w|`` make the 2n columns of eq. (5).
-    Frequencies whose forces or readings are incomplete, and singular response matrices, are left out.
-    """
+    """Invert the response matrix at every frequency at which all planes were forced (eqs 5 and 7). In models with x and
+    y apart the forward and the backward run at ``|w|`` make the 2n columns of eq. (5). Frequencies whose forces or
+    readings are incomplete, and singular response matrices, are left out."""
     block = complete_lines(block)
     n = len(block.model.coordinates)
     amplitude, sigma = block.amplitudes()

@@ -67,11 +67,9 @@ def _by_squares(fitted: Sequence[FittedRun], names: Sequence[str], factor: float
 
 
 def _of_robust_loss(workers: Workers, fitted: Sequence[FittedRun], names: Sequence[str]) -> JointErrors:
-    """The sandwich of :func:`rotorfit.estimators.inference.covariance.information`, put together from the runs.
-
-    Its filling is the scatter of each run's slope, which reaches the shared parameters directly and through those of
-    the run's own that follow them. The scatter already shows a model that does not fit: nothing is widened.
-    """
+    """The sandwich of :func:`rotorfit.estimators.inference.covariance.information`, put together from the runs. Its
+    filling is the scatter of each run's slope, which reaches the shared parameters directly and through those of the
+    run's own that follow them. The scatter already shows a model that does not fit: nothing is widened."""
     runs, options = [item.run for item in fitted], [item.options for item in fitted]
     found = workers(bends_of, runs, options)
     bend = float(np.mean(np.concatenate([bends for bends, _ in found])))

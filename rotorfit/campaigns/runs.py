@@ -37,17 +37,11 @@ CHI_SQUARED_BY_CHANCE = 10.0
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One run of a campaign: its readings and what is known of its conditions.
+    """One run of a campaign: its readings and what is known of its conditions."""
 
-    Attributes:
-        name: by which the campaign lists it.
-        experiment: its readings.
-        attributes: conditions of the run: the mean of numbers, the text of texts.
-    """
-
-    name: str
-    experiment: Experiment
-    attributes: Mapping[str, float | str]
+    name: str  # by which the campaign lists it
+    experiment: Experiment  # its readings
+    attributes: Mapping[str, float | str]  # conditions of the run: the mean of numbers, the text of texts
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -213,10 +207,8 @@ class Workers:
     progress: Callable[[int, int], None] | None = None  # called with the number of runs done and the number of all
 
     def __call__(self, work: Work[T], runs: Sequence[Run], options: Sequence[Mapping[str, Any]]) -> list[T]:
-        """``work(model, run, **option)`` for every run, in their order.
-
-        A batch whose worker was lost is not repeated for ever: see :func:`~rotorfit.executors.carry_out`.
-        """
+        """``work(model, run, **option)`` for every run, in their order. A batch whose worker was lost is not repeated
+        for ever: see :func:`~rotorfit.executors.carry_out`."""
         pairs = list(zip(runs, options, strict=True))
         results: list[T] = []
         if self.executor is None:

@@ -84,9 +84,7 @@ def trends_of(
     runs: Sequence[RunFit], parameter: str, unit: str, against: Sequence[str], group: str, centre: Float
 ) -> list[Trend]:
     """Weighted plane through the runs of one group, one trend for each attribute with the others held at ``centre``.
-
-    Values of a trend are those of the runs less what the other attributes' slopes say of them.
-    """
+    Values of a trend are those of the runs less what the other attributes' slopes say of them."""
     x = np.array([[float(run.attributes[name]) for name in against] for run in runs])
     value = np.array([run.params[parameter].value for run in runs])
     stderr = np.array([run.params[parameter].stderr for run in runs])

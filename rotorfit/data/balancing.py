@@ -299,10 +299,8 @@ def _for_planes(
 
 def _importance(sigma: Float) -> Float:
     """Weight of each reading in the sum of squares, one on average; the same for all where no noise was given.
-
     Estimated noise would not do: weights would follow the readings that few mountings happened to leave alike, and
-    intervals of 95 % hold 91 to 93 % then.
-    """
+    intervals of 95 % hold 91 to 93 % then."""
     if not np.isfinite(sigma).all():
         return np.ones(sigma.size)
     return np.asarray(sigma**-2 / np.mean(sigma**-2))

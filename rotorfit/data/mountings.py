@@ -47,10 +47,8 @@ def tells_mountings(test: PerturbationTest) -> bool:
 
 
 def mountings(test: PerturbationTest) -> list[str]:
-    """Name of the mounting of each row: the column, else the name of the run without the number of the repeat.
-
-    Runs whose weights differ are never one mounting, whatever their names.
-    """
+    """Name of the mounting of each row: the column, else the name of the run without the number of the repeat. Runs
+    whose weights differ are never one mounting, whatever their names."""
     given = MOUNTING in test.attributes
     if given:
         names = [str(value) for value in test.attributes[MOUNTING].tolist()]

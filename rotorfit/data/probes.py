@@ -29,10 +29,8 @@ def check_channels(test: PerturbationTest, given: Mapping[Channel, Any], option:
 def correct_channels(
     test: PerturbationTest, gains: Mapping[Channel, complex], delays: Mapping[Channel, float]
 ) -> PerturbationTest:
-    """Undo gain and delay of channels: ``response exp(j |w| tau) / gain``.
-
-    Combined readings (z, rz) at negative w are conjugated phasors and are corrected as such.
-    """
+    """Undo gain and delay of channels: ``response exp(j |w| tau) / gain``. Combined readings (z, rz) at negative w are
+    conjugated phasors and are corrected as such."""
     check_channels(test, gains, "gains")
     check_channels(test, delays, "delays")
     if not all(np.isfinite(value) for value in delays.values()):
@@ -68,10 +66,8 @@ def subtract_measured_slow_roll(test: PerturbationTest, below: float) -> Perturb
 
 
 def resolve_probe_angles(test: PerturbationTest, angles: Mapping[str, tuple[float, float]]) -> PerturbationTest:
-    """Resolve pairs of probes that do not sit at 0 and 90 degrees into x and y.
-
-    A probe at angle a reads ``cos(a) X + sin(a) Y``. Noise of the two probes is taken as independent.
-    """
+    """Resolve pairs of probes that do not sit at 0 and 90 degrees into x and y. A probe at angle a reads ``cos(a) X +
+    sin(a) Y``. Noise of the two probes is taken as independent."""
     response, sigma = test.response.copy(), test.sigma.copy()
     for plane, pair in angles.items():
         if plane not in test.planes:

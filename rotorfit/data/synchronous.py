@@ -98,11 +98,9 @@ def difference_synchronous(test: PerturbationTest) -> PerturbationTest:
 
 
 def uneven_weights(test: PerturbationTest) -> list[str]:
-    """Pairs of start-ups with the weight at opposite angles whose weights differ, in words.
-
-    The difference of their responses is divided by the sum of their weights: where one weight was turned, and is given
-    twice the size in one of the runs, everything comes out too stiff, and no fit notices.
-    """
+    """Pairs of start-ups with the weight at opposite angles whose weights differ, in words. The difference of their
+    responses is divided by the sum of their weights: where one weight was turned, and is given twice the size in one of
+    the runs, everything comes out too stiff, and no fit notices."""
     sentences: list[str] = []
     for pair in _pairs(test, np.asarray(test.attributes.get(DIFFERENCED, np.zeros(len(test))) != 1)):
         sizes = [float(np.median(np.abs(test.force[rows]) / test.speed[rows] ** 2)) * 1e6 for rows in pair]
@@ -189,11 +187,9 @@ def _difference(a: PerturbationTest, b: PerturbationTest) -> PerturbationTest:
 
 
 def _response_at(position: Float, run: PerturbationTest, force: ComplexArray) -> ComplexArray:
-    """Response of one channel of a run at other speeds.
-
-    Between coarse lines a spline cuts a resonance's corners. A rotor's response to unbalance, run-out included, is a
-    ratio of polynomials in speed: that carries the resonances, and the spline what is left, which is little but noise.
-    """
+    """Response of one channel of a run at other speeds. Between coarse lines a spline cuts a resonance's corners. A
+    rotor's response to unbalance, run-out included, is a ratio of polynomials in speed: that carries the resonances,
+    and the spline what is left, which is little but noise."""
     ratio = ratio_through(run.speed, run.response)
     if ratio is None:
         # What hardly varies is interpolated: response over force, and of a run without a weight over speed squared.

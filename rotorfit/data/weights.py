@@ -167,11 +167,9 @@ def influence(test: PerturbationTest) -> Influences:
 
 
 def differenced(test: PerturbationTest) -> PerturbationTest:
-    """A synchronous test with its runs differenced (eq. 20), unless they say more when solved together.
-
-    Runs that dwell at a few speeds are left alone where some would stay without a partner, or where a mounting was
-    repeated: :func:`influence` uses them all.
-    """
+    """A synchronous test with its runs differenced (eq. 20), unless they say more when solved together. Runs that dwell
+    at a few speeds are left alone where some would stay without a partner, or where a mounting was repeated:
+    :func:`influence` uses them all."""
     paired = difference_synchronous(test)
     if not dwells(test) or (test.speed <= 0).any():
         return paired

@@ -56,18 +56,14 @@ def two_disk() -> Experiment:
 
 def published_two_disk() -> dict[str, float]:
     """What the paper prints of its two-disk rotor: masses, springs, and mass, stiffness, damping and shape of modes.
-
-    The rig of :func:`two_disk` was simulated with these masses and springs.
-    """
+    The rig of :func:`two_disk` was simulated with these masses and springs."""
     rows = path("base_paper_two_disk.csv").read_text().splitlines()[2:]
     return {name: float(value) for name, value, _ in (row.split(",") for row in rows)}
 
 
 def rk4() -> Experiment:
     """Measured 1x vectors of a Bently Nevada RK-4 rotor kit: known weights on two disks, mounted again and again.
-
-    Source and licence: ``rk4_LICENSE.txt`` beside the file.
-    """
+    Source and licence: ``rk4_LICENSE.txt`` beside the file."""
     from rotorfit.io.files import read
 
     return read(path("rk4_sync.csv"))
@@ -82,17 +78,13 @@ def rk4_runup() -> Experiment:
 
 def volts() -> list[Path]:
     """Files of raw signals: sweeps of 10 s of a perturbator at disk and journal, both ways, with probes and Keyphasors.
-
-    They were made as ``truth("volts")`` says; :func:`rotorfit.read_recording` opens one.
-    """
+    They were made as ``truth("volts")`` says; :func:`rotorfit.read_recording` opens one."""
     return [path(f"volts_{plane}-{way}.h5") for plane in ("disk", "journal") for way in ("fwd", "bwd")]
 
 
 def seal_muszynska_tum() -> CoefficientTable:
-    """Computed coefficients of two seals over speed and eccentricity, six digits, of Muszynska's form.
-
-    A run is one seal at one speed.
-    """
+    """Computed coefficients of two seals over speed and eccentricity, six digits, of Muszynska's form. A run is one
+    seal at one speed."""
     file = path("seal_muszynska_tum_computed.csv")
     seal, eps, rpm, kxx, kxy, cxx, cxy, mxx = np.loadtxt(file, delimiter=",", skiprows=3).T
     run = np.array([f"seal {s:g} at {n:g} rpm" for s, n in zip(seal.tolist(), rpm.tolist(), strict=True)])

@@ -112,10 +112,8 @@ def _axis(orbits: Orbits, at: Index) -> str:
 
 
 def _rational(w: Float, values: ComplexArray, sigma: Float, modes: int) -> bool:
-    """True if the response of so many modes goes through values on either side of zero to within their noise.
-
-    More modes than planes might follow an anisotropic rotor under a circular force as well.
-    """
+    """True if the response of so many modes goes through values on either side of zero to within their noise. More
+    modes than planes might follow an anisotropic rotor under a circular force as well."""
     u = w / np.abs(w).max()
     for poles in range(2, 2 * modes + 1, 2):
         unknowns = 2 * poles - 1

@@ -23,12 +23,9 @@ SYNCHRONOUS_DISTANCE = 1e-3
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Orbits:
-    """Readings of one plane at one frequency, x and y put together; arrays of one length.
-
-    ``force``, ``right`` and ``wrong`` (the component in and against the direction of the force) are relative to
-    exp(jwt) with w signed, ``wrong`` to exp(-jwt). It is NaN where only one probe was read, which then counts as a
-    circular orbit.
-    """
+    """Readings of one plane at one frequency, x and y put together; arrays of one length. ``force``, ``right`` and
+    ``wrong`` (the component in and against the direction of the force) are relative to exp(jwt) with w signed,
+    ``wrong`` to exp(-jwt). It is NaN where only one probe was read, which then counts as a circular orbit."""
 
     test: PerturbationTest  # what was measured, forces along an axis as their halves
     origin: Index  # numbers that each of its rows has in the whole test, shape ``(rows, k)``
@@ -111,11 +108,9 @@ def total_power(amplitude: ComplexArray) -> float:
 
 
 def orbits_of(test: PerturbationTest, rows: Index) -> Orbits:
-    """Readings of a test, which are such rows of a whole, put together.
-
-    Under a force along an axis the forward and the backward part are two orbits, each with its half of the force;
-    readings of one probe alone, which do not tell them apart, are left out.
-    """
+    """Readings of a test, which are such rows of a whole, put together. Under a force along an axis the forward and the
+    backward part are two orbits, each with its half of the force; readings of one probe alone, which do not tell them
+    apart, are left out."""
     lines, origin = test.lines, rows[:, None]
     if lines.names["force_direction"] != ["circular"]:
         kept = np.setdiff1d(np.arange(len(test)), probe_pairs(test, test.linear)[1])

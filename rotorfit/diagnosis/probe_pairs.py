@@ -76,8 +76,7 @@ class _Relation:
 
 def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
     """Planes where x and y differ by more than their noise: by one factor, a delay, a filter, or as on an anisotropic
-    rotor.
-    """
+    rotor."""
     relations = _relations(orbits)
     good = any(one.even for one in relations.values())
     uneven = []

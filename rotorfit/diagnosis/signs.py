@@ -85,10 +85,8 @@ def _in_some_lines(orbits: Orbits, at: Index) -> Finding:
 
 def turned(along: ComplexArray, against: ComplexArray) -> NDArray[np.bool_]:
     """Lines that are clearly against the force, if of a run some are, some are clearly along it, and few are neither.
-
     Strong anisotropy turns orbits between two resonances too, but through lines that are neither, eight for each that
-    is clearly against; noise makes mostly such lines.
-    """
+    is clearly against; noise makes mostly such lines."""
     wrong, both = np.abs(against) ** 2, np.abs(along) ** 2 + np.abs(against) ** 2
     known = np.isfinite(both) & (both > 0)
     share = np.divide(wrong, both, out=np.full(both.shape, np.nan), where=known)
@@ -143,9 +141,8 @@ def _negative_damping(drives: Orbits, kappa: ComplexArray, hit: Index) -> Findin
 
 
 def _dissipates(drives: Orbits, kappa: ComplexArray) -> Float:
-    """Sign of the dissipation of each drive at |w| >= Omega, where the force leads or opposes the fluid whatever
-    lam < 1 is; 0: unknown. Shape ``(G,)``.
-    """
+    """Sign of the dissipation of each drive at |w| >= Omega, where the force leads or opposes the fluid whatever lam <
+    1 is; 0: unknown. Shape ``(G,)``."""
     fast = np.abs(drives.frequency) >= np.abs(drives.speed) * (1 - SYNCHRONOUS_DISTANCE)
     sine = kappa.imag / np.abs(kappa) * np.sign(drives.frequency)
     # a phase of a few degrees may be an error of the reference: such readings hardly count
@@ -157,10 +154,8 @@ def _dissipates(drives: Orbits, kappa: ComplexArray) -> Float:
 
 
 def _falls(drives: Orbits, kappa: ComplexArray, sweep: Index, planes: int) -> bool:
-    """True if quadrature falls from backward to forward in a sweep below the speed, by Spearman's correlation.
-
-    One direction is enough if there is but one plane; else the other planes' motion turns the slope within a direction.
-    """
+    """True if quadrature falls from backward to forward in a sweep below the speed, by Spearman's correlation. One
+    direction is enough if there is but one plane; else the other planes' motion turns the slope within a direction."""
     w, quadrature = drives.frequency[sweep], kappa.imag[sweep]
     if w.size < FEWEST_READINGS or np.ptp(w) == 0 or np.ptp(quadrature) == 0:
         return False

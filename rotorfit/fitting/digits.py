@@ -35,10 +35,8 @@ def plus_minus(value: float, error: float) -> str:
 
 
 def interval(low: float, high: float) -> str:
-    """An interval, to the second digit of a quarter of its width, about the standard error; words where it is NaN.
-
-    Ends that are decades apart have two digits each: the width says nothing of the lower one.
-    """
+    """An interval, to the second digit of a quarter of its width, about the standard error; words where it is NaN. Ends
+    that are decades apart have two digits each: the width says nothing of the lower one."""
     if math.isnan(low) or math.isnan(high):
         return "not determined"
     width = (high - low) / 4

@@ -171,11 +171,9 @@ def _has_phase(block: Block) -> bool:
 
 
 def _phase_factors(block: Block, runs: Sequence[str]) -> ComplexArray:
-    """Sensitivity of the logarithm of each prediction to the phase reference of each run, shape ``(R, n_runs)``.
-
-    In complex coordinates a backward run's amplitude is the conjugate of its phasors, and so is the effect of an
-    offset.
-    """
+    """Sensitivity of the logarithm of each prediction to the phase reference of each run, shape ``(R, n_runs)``. In
+    complex coordinates a backward run's amplitude is the conjugate of its phasors, and so is the effect of an
+    offset."""
     sense = np.full(block.measured.size, float(_has_phase(block)))
     circular = responses_of(block)
     if circular is not None and circular.model.frame == "z":

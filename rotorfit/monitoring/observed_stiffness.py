@@ -136,11 +136,8 @@ def _observed(test: PerturbationTest, date: str, force_plane: str, plane: str) -
 
 
 def straight_lines(speed: Float, stiffness: ComplexArray, sigma: Float) -> tuple[dict[str, tuple[float, float]], float]:
-    """K and M from the direct part against the squared speed, D from the quadrature part against speed.
-
-    Returns:
-        value and standard error by name, widened by ``sqrt(redchi)`` where that exceeds one; and redchi.
-    """
+    """K and M from the direct part against the squared speed, D from the quadrature part against speed. Returns the
+    value and standard error by name, widened by ``sqrt(redchi)`` where that exceeds one; and redchi."""
     if np.unique(speed).size < 2 or speed.max() < _LEAST_SPEED_RATIO * speed.min():
         return {}, float("nan")
     scale = speed.max()

@@ -20,11 +20,9 @@ from rotorfit.observing.refusals import check_planes
 
 
 def observe(model: RotorModel, experiment: Experiment, group: Index) -> Responses:
-    """Observations of an experiment in the model's coordinates, with their noise.
-
-    Isotropic models see the component of each x/y pair in the direction of the force, and take a single probe's reading
-    for that of a circular orbit. Under a force along an axis they see both components of each x/y pair, at +w and -w.
-    """
+    """Observations of an experiment in the model's coordinates, with their noise. Isotropic models see the component of
+    each x/y pair in the direction of the force, and take a single probe's reading for that of a circular orbit. Under a
+    force along an axis they see both components of each x/y pair, at +w and -w."""
     if not isinstance(experiment, DisplacementTest | PerturbationTest):
         raise TypeError(f"{type(experiment).__name__} has no responses")
     if isinstance(experiment, DisplacementTest):

@@ -22,11 +22,9 @@ _SLIPS_SHARE = 0.05  # share of a test's readings that may be slips of the instr
 
 
 def within_clearance(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
-    """A test without the few readings that no journal within its clearance can have made, and a sentence on them.
-
-    All readings of such a line go: they would be compared with a wrong orbit. Where there are many, the test is left as
-    it is, and is refused when it is observed.
-    """
+    """A test without the few readings that no journal within its clearance can have made, and a sentence on them. All
+    readings of such a line go: they would be compared with a wrong orbit. Where there are many, the test is left as it
+    is, and is refused when it is observed."""
     if model.clearance is None or not model.eccentricity_dependent:
         return test, ""
     size = _excursion(model, test)

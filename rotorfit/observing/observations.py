@@ -74,10 +74,8 @@ def _forced(model: RotorModel, test: PerturbationTest, group: Index) -> Block:
 
 
 def _orbits(model: RotorModel, base: Responses) -> OrbitResponses:
-    """Responses with the measured eccentricity of each line, which chooses the branch.
-
-    Where the journal was not measured the branch is that which a sweep from its first line on would reach.
-    """
+    """Responses with the measured eccentricity of each line, which chooses the branch. Where the journal was not
+    measured the branch is that which a sweep from its first line on would reach."""
     seat = journal(model)
     amplitude, _ = base.amplitudes()
     eps = np.abs(amplitude[:, seat.at]) / seat.clearance

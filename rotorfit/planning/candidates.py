@@ -105,10 +105,8 @@ def line_times(
 
 
 def too_fast(design: Design, model: RotorModel, theta: Float) -> str:
-    """A sentence where the sweep is too fast for the vibration to follow; else empty.
-
-    A response swept at the rate r lags behind by about ``r / decay^2`` of itdesign at a resonance.
-    """
+    """A sentence where the sweep is too fast for the vibration to follow; else empty. A response swept at the rate r
+    lags behind by about ``r / decay^2`` of itdesign at a resonance."""
     if design.sweep_rpm_per_s is None:
         return ""
     decay = min(-float(growth_rate(model, theta, one)) for one in design.speeds.tolist())

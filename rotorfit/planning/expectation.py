@@ -95,9 +95,7 @@ class Expectation:
 
     def rows(self, draws: Float) -> Float:
         """Derivatives of whitened readings at vectors ``(D, p)``, real and imaginary parts, shape ``(D, 2 R, p)``.
-
-        Those at which the rotor is unstable at the speed of a response are zero: such a line gives nothing.
-        """
+        Those at which the rotor is unstable at the speed of a response are zero: such a line gives nothing."""
         problem = self.problem
         sigma = np.concatenate([block.sigma for block in problem.blocks])
         found = []

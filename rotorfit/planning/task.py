@@ -63,10 +63,8 @@ class Task:
 
     def lines(self, found: Expectation, asked: Sequence[Target], first: int) -> tuple[Lines, Float]:
         """Lines from the first reading of the design on, those before it as information that is there; and their draws.
-
         Draws at which less is determined than at others, because the rotor is unstable, are left out, and those without
-        a threshold speed where it is asked for.
-        """
+        a threshold speed where it is asked for."""
         draws = found.guess.draws
         rows, line = found.rows(draws), found.row_line
         own = slice(2 * first, None)

@@ -25,10 +25,8 @@ _TOLERANCE = 1e-6
 def virtual_run(
     model: RotorModel, theta: Float, test: PerturbationTest, noise: PlannedNoise, weight: Float, seed: int
 ) -> PerturbationTest:
-    """The planned test as a rotor with given parameters, shape ``(P,)``, would fill it in.
-
-    The weight of each line is its averaging time over that which the noise is given for.
-    """
+    """The planned test as a rotor with given parameters, shape ``(P,)``, would fill it in. The weight of each line is
+    its averaging time over that which the noise is given for."""
     rng = np.random.default_rng(seed)
     line, first = test.lines.apart()[0], first_rows(test)
     kinds = {kind: float(sd) for kind, sd in noise.runs.items()}

@@ -113,10 +113,8 @@ def synchronous(
     planes: str | Sequence[str] | None = None,
     kept: bool = False,
 ) -> PerturbationTest:
-    """Start-ups with a calibration weight at 0 and at 180 degrees at each plane (eqs 19 to 23).
-
-    With ``kept``, as in balancing: one without a weight, then one weight more in each, those before staying in.
-    """
+    """Start-ups with a calibration weight at 0 and at 180 degrees at each plane (eqs 19 to 23). With ``kept``, as in
+    balancing: one without a weight, then one weight more in each, those before staying in."""
     speed = positive("speed_rpm", speed_rpm) * RAD_S_PER_RPM
     model = rig.model
     decay = np.array([rig.decay(v) for v in speed.tolist()])
@@ -285,10 +283,8 @@ def _test(rig: VirtualRig, lines: _Lines, steady: Steady, *, off_centre: bool) -
 def probes(
     model: RotorModel, axis: str, frequency: Float, along: ComplexArray, against: ComplexArray
 ) -> list[tuple[str, ComplexArray]]:
-    """Phasors, relative to exp(+j|w|t), of the probes that see a coordinate.
-
-    ``z = A exp(j|w|t) + B exp(-j|w|t)`` is read as ``X = A + conj(B)`` and ``Y = -j (A - conj(B))``.
-    """
+    """Phasors, relative to exp(+j|w|t), of the probes that see a coordinate. ``z = A exp(j|w|t) + B exp(-j|w|t)`` is
+    read as ``X = A + conj(B)`` and ``Y = -j (A - conj(B))``."""
     if model.frame != "z":
         return [(axis, along)]
     A, B = np.where(frequency > 0, along, against), np.where(frequency > 0, against, along)

@@ -97,11 +97,7 @@ class Played:
 
 
 def record(played: Played, instruments: Instruments, folder: Path, rng: np.random.Generator) -> Path:
-    """Measure a run and write its HDF5 file.
-
-    Returns:
-        path of the file.
-    """
+    """Measure a run and write its HDF5 file. Returns the path of the file."""
     channels: dict[str, Float] = {}
     time = np.arange(played.shaft.size) / instruments.sample_rate
     for plane, z in played.motion.items():
@@ -131,11 +127,8 @@ def write_counts(
     bits: int = 16,
     full_scale: float = 20.0,
 ) -> Path:
-    """Write channels as the counts of a recorder, for :func:`rotorfit.read_recording`, whole or not at all.
-
-    Returns:
-        the path.
-    """
+    """Write channels as the counts of a recorder, for :func:`rotorfit.read_recording`, whole or not at all. Returns the
+    path."""
     import h5py
 
     limit = 2 ** (bits - 1)

@@ -27,11 +27,7 @@ def linear_path(
     rate: float,
     count: int,
 ) -> ComplexArray:
-    """Displacements of all coordinates at equally spaced times, starting from rest.
-
-    Returns:
-        shape ``(count, n)``.
-    """
+    """Displacements of all coordinates at equally spaced times, starting from rest, shape ``(count, n)``."""
     from scipy.signal import lfilter
 
     h, n = 1 / rate, len(model.coordinates)

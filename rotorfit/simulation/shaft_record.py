@@ -38,11 +38,9 @@ def record_shaft(
     support: complex = 0.0,
     seed: int = 0,
 ) -> Path:
-    """Run the virtual shaft and write what its probes see as HDF5, for :func:`rotorfit.read_recording`.
-
-    The shaft starts from its steady state without perturbation. Channels: ``PLANE_X``, ``PLANE_Y``, ``twist``,
-    ``keyphasor_shaft`` and, with a perturbation, ``keyphasor_perturbator``; the attributes say the rest.
-    """
+    """Run the virtual shaft and write what its probes see as HDF5, for :func:`rotorfit.read_recording`. The shaft
+    starts from its steady state without perturbation. Channels: ``PLANE_X``, ``PLANE_Y``, ``twist``,
+    ``keyphasor_shaft`` and, with a perturbation, ``keyphasor_perturbator``; the attributes say the rest."""
     how = acquisition or Acquisition()
     motor = speed if isinstance(speed, RunUp) else steady(speed)
     for name, number in (

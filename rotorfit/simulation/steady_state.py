@@ -128,10 +128,8 @@ def _typical(motion: Motion, w: Float, force: ComplexArray, load: ComplexArray) 
 
 
 def _phasors(path: Path, frequency: Float) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-    """Mean, forward and backward amplitude by least squares over the last whole periods, shapes ``(L, n)``.
-
-    Harmonics are fitted along: small motion about an eccentric equilibrium has some.
-    """
+    """Mean, forward and backward amplitude by least squares over the last whole periods, shapes ``(L, n)``. Harmonics
+    are fitted along: small motion about an eccentric equilibrium has some."""
     orders = [0, 1, -1]
     harmonics = 3
     orders += [sign * k for k in range(2, harmonics + 1) for sign in (1, -1)]

@@ -19,11 +19,9 @@ CONTENTS = ".rotorfit-result"
 
 @contextmanager
 def complete_folder(out: Path) -> Iterator[Path]:
-    """A draft folder whose files are the result in ``out`` when the block ends well; else nothing is left behind.
-
-    A result that is there becomes ``out.previous``, in place of one of that name; files that are no result stay.
-    The folder is switched by renaming: whoever looks, or is left with it after a kill, has one result or the other.
-    """
+    """A draft folder whose files are the result in ``out`` when the block ends well; else nothing is left behind. A
+    result that is there becomes ``out.previous``, in place of one of that name; files that are no result stay. The
+    folder is switched by renaming: whoever looks, or is left with it after a kill, has one result or the other."""
     for above in (out, *out.parents):
         if above.exists() and not above.is_dir():
             raise NotADirectoryError(f"{above} is a file; give a folder for the results")

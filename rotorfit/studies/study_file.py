@@ -39,10 +39,8 @@ from rotorfit.units import RAD_S_PER_RPM
 
 
 def read_study(path: str | Path, *, of_a_store: bool = False) -> Study:
-    """Read a study from a TOML file; its keys are the attributes of :class:`~rotorfit.studies.study.Study`.
-
-    That of a store may leave ``files`` out, see :func:`study_of`.
-    """
+    """Read a study from a TOML file; its keys are the attributes of :class:`~rotorfit.studies.study.Study`. That of a
+    store may leave ``files`` out, see :func:`study_of`."""
     path = Path(path)
     with reading(str(path), "TOML file"):
         content = read_toml(path, str(path))
@@ -53,10 +51,8 @@ def read_study(path: str | Path, *, of_a_store: bool = False) -> Study:
 
 
 def study_of(content: Mapping[str, Any], base: Path = Path(), *, of_a_store: bool = False) -> Study:
-    """The study that TOML keys describe, with paths relative to a folder.
-
-    In that of a store ``files`` are patterns of names (``"*.csv"``): which files are taken, and how they are read.
-    """
+    """The study that TOML keys describe, with paths relative to a folder. In that of a store ``files`` are patterns of
+    names (``"*.csv"``): which files are taken, and how they are read."""
     _refuse_unknown(content, _KEYS)
     if "structure" in content:
         content = {"model": KnownStructure.name, **content}

@@ -40,9 +40,7 @@ class Explanation:
 
 def trial(problem: Problem) -> tuple[float, Float]:
     """Sum of squares that a short search from the closed form leaves, and its end; infinite where the data allow none.
-
-    What is right needs no better start, and to look for one takes longer than all the rest.
-    """
+    What is right needs no better start, and to look for one takes longer than all the rest."""
     begin = _closed_form(problem)
     if begin is None:
         return float("inf"), np.zeros(problem.space.size)
@@ -127,8 +125,7 @@ class Readings:
 
 def readings_of(problem: Problem) -> Readings | None:
     """Readings of a problem, every so many lines of each run where they are many; None where it has others than
-    responses of a linear rotor to forces that turn.
-    """
+    responses of a linear rotor to forces that turn."""
     blocks = [block for block in problem.blocks if isinstance(block, Responses)]
     if len(blocks) < len(problem.blocks) or any(block.imposed or not block.frequency.all() for block in blocks):
         return None

@@ -181,10 +181,7 @@ def _critical_table(level: float) -> tuple[Float, Float]:
 
 def lines_cut_off(fit: FitResult) -> tuple[float, float]:
     """What lines that a :class:`~rotorfit.models.TurningOnSupports` leaves out change in those that were fitted.
-
-    Returns:
-        greatest change over the greatest reading, and over the noise of its own reading.
-    """
+    Returns the greatest change over the greatest reading, and over the noise of its own reading."""
     size = share = 0.0
     for block in fit.problem.blocks:
         if isinstance(block, PairResponses):

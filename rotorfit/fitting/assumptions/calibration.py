@@ -95,11 +95,8 @@ class Nuisance:
 
 
 def nuisance_entries(calibration: Calibration, experiments: Sequence[Experiment], blocks: Sequence[Block]) -> Nuisance:
-    """Lay a calibration out as nuisance entries.
-
-    An isotropic model sees the mean of the x and the y probe of a plane: the errors of both are then one entry, with
-    the uncertainty of their mean.
-    """
+    """Lay a calibration out as nuisance entries. An isotropic model sees the mean of the x and the y probe of a plane:
+    the errors of both are then one entry, with the uncertainty of their mean."""
     pairs = [_checked(experiment, block) for experiment, block in zip(experiments, blocks, strict=True)]
     probes = [_probes(test, block) for test, block in pairs]
     columns = [

@@ -81,10 +81,8 @@ def assuming(fit: FitResult, given: Mapping[str, float], *, also_fitted: bool = 
 
 
 def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
-    """Entries of the table for some terms; of found causes with the size that the study of residuals gave them.
-
-    Effects of runs, which the fit may have since, take up a part of a cause.
-    """
+    """Entries of the table for some terms; of found causes with the size that the study of residuals gave them. Effects
+    of runs, which the fit may have since, take up a part of a cause."""
     if not terms:
         return []
     problem = fit.problem
@@ -175,10 +173,8 @@ def _clearance(fit: FitResult) -> list[Clearance]:
 
 
 def _rest(fit: FitResult) -> list[Rest]:
-    """A journal that rests off centre, which responses to circular forces hardly show.
-
-    Without a law of the model's own a typical one says what fluid was seen there in place of that of the centre.
-    """
+    """A journal that rests off centre, which responses to circular forces hardly show. Without a law of the model's own
+    a typical one says what fluid was seen there in place of that of the centre."""
     model = fit.model
     if not fluid_coordinates(model) or not any(
         isinstance(b, OrbitResponses) or is_linear(b) for b in fit.problem.blocks

@@ -21,10 +21,8 @@ _FLUID = ("K0", "D", "lam", "lam_D")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LinearisedFit:
-    """A fit about its optimum, all blocks in one row, whitened by the noise of the data.
-
-    Offsets of the phase reference that the fit has as entries are effects of runs here, and no fitted values.
-    """
+    """A fit about its optimum, all blocks in one row, whitened by the noise of the data. Offsets of the phase reference
+    that the fit has as entries are effects of runs here, and no fitted values."""
 
     r: ComplexArray  # residuals
     J: ComplexArray  # their derivatives by the fitted values, shape ``(R, p)``

@@ -165,11 +165,9 @@ def is_misfit(study: ResidualStudy | None, widening: float) -> bool:
 
 
 def largest_redchi(study: ResidualStudy | None, nfree: int, known_from: float) -> float:
-    """redchi that noise alone exceeds once in a thousand tests: a quantile of the F distribution.
-
-    ``nfree`` readings tell it, fewer where neighbours correlate; its own noise is known from ``known_from`` readings,
-    infinite for noise that was given. Of many of both the sampling error of redchi is ``sqrt(2/nfree + 2/known_from)``.
-    """
+    """redchi that noise alone exceeds once in a thousand tests: a quantile of the F distribution. ``nfree`` readings
+    tell it, fewer where neighbours correlate; its own noise is known from ``known_from`` readings, infinite for noise
+    that was given. Of many of both the sampling error of redchi is ``sqrt(2/nfree + 2/known_from)``."""
     from scipy.special import fdtri  # late: loading it takes longer than a fit
 
     lags = () if study is None else study.lags

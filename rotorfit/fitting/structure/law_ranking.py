@@ -257,11 +257,9 @@ def _on_the_same_data(
     known: Mapping[str, float | None],
     options: FitKeywords,
 ) -> list[LawFit]:
-    """Fit the linear fluid to the readings that the others see.
-
-    A linear rotor moves in circles wherever it rests and gets one number from each x/y pair, an off-centre
-    nonlinear one two; information criteria compare on the same data only.
-    """
+    """Fit the linear fluid to the readings that the others see. A linear rotor moves in circles wherever it rests and
+    gets one number from each x/y pair, an off-centre nonlinear one two; information criteria compare on the same data
+    only."""
     counts = {entry.fit.ndata for entry in entries if entry.fit is not None}
     if len(counts) < 2:
         return entries

@@ -299,10 +299,8 @@ def refit(
     extra_known: Mapping[str, float] | None = None,
     priors: Mapping[str, Any] | None = None,
 ) -> FitResult:
-    """Fit another model to the data of a result with the same settings.
-
-    New parameters start from zero influence, the others from the result, so a richer nested model can only gain.
-    """
+    """Fit another model to the data of a result with the same settings. New parameters start from zero influence, the
+    others from the result, so a richer nested model can only gain."""
     settings = fit.settings
     start = {name: p.value for name, p in fit.params.items() if p.vary and name in _names(model, fit)}
     block_start = {q.name: 0.0 for q in model.parameters if q.name not in {bare_name(b) for b in fit.params}}

@@ -22,20 +22,13 @@ _BLOCK = 200
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Rotors:
-    """Rotors of one model.
+    """Rotors of one model."""
 
-    Attributes:
-        model: the model.
-        theta: parameter vectors, shape ``(W, P)``.
-        terms: of the equation of motion that the model leaves out.
-        sizes: of these terms in each rotor, shape ``(W, T)``.
-        coupling: cross-coupled stiffness at planes, N/m, which drives forward whirl; by plane, each shape ``(W,)``.
-    """
-
-    model: RotorModel
-    theta: Float
-    terms: tuple[LeftOut, ...]
-    sizes: Float
+    model: RotorModel  # the model
+    theta: Float  # parameter vectors, shape ``(W, P)``
+    terms: tuple[LeftOut, ...]  # of the equation of motion that the model leaves out
+    sizes: Float  # of these terms in each rotor, shape ``(W, T)``
+    # cross-coupled stiffness at planes, N/m, which drives forward whirl; by plane, each shape ``(W,)``
     coupling: Mapping[str, Float]
 
     def part(self, rows: Index | slice) -> Rotors:
@@ -56,10 +49,8 @@ class Rotors:
         return replace(self, coupling={p: np.broadcast_to(q, (len(self.theta),)) for p, q in coupling.items()})
 
     def eigenvalues(self, speed: float, reference: ComplexArray) -> ComplexArray:
-        """Those of each rotor that belong to the reference ones, shape ``(W, modes)``.
-
-        Left-out terms, which are small, move them to first order: some would bring roots far above the band along.
-        """
+        """Those of each rotor that belong to the reference ones, shape ``(W, modes)``. Left-out terms, which are small,
+        move them to first order: some would bring roots far above the band along."""
         motion = self._motion(speed)
         found = matched(spectrum(self.model, motion), reference)
         return found + self._shifts(motion[:, None], speed, found)
@@ -168,11 +159,9 @@ def unseen_rotors(fit: FitResult, group: int) -> Rotors:
 
 
 def drawn_rotors(fit: FitResult, group: int, draws: int, thetas: Float | None = None) -> Rotors:
-    """Rotors within the errors of a fit, or of a posterior's draws ``thetas`` of shape ``(W, P)``.
-
-    What the model leaves out or takes as known takes the sizes of the table of assumptions at random; what the tests
-    would have made of it moves the parameters along.
-    """
+    """Rotors within the errors of a fit, or of a posterior's draws ``thetas`` of shape ``(W, P)``. What the model
+    leaves out or takes as known takes the sizes of the table of assumptions at random; what the tests would have made
+    of it moves the parameters along."""
     rng = np.random.default_rng(0)
     theta = _scattered(fit, group, draws, rng) if thetas is None else thetas.copy()
     names, terms, sizes, planes = fit.model.parameter_names, [], [], has_planes(fit.model)

@@ -18,15 +18,10 @@ NO_MARGIN_ASKED = 2.5
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Peaks:
-    """One critical speed of many rotors.
+    """One critical speed of many rotors."""
 
-    Attributes:
-        speed: of the peak, shape ``(W,)``, NaN for rotors without a peak there.
-        amplification: ``N_c / (N_2 - N_1)``, zero where one side does not fall to 0.707 of the peak.
-    """
-
-    speed: Float
-    amplification: Float
+    speed: Float  # of the peak, shape ``(W,)``, NaN for rotors without a peak there
+    amplification: Float  # ``N_c / (N_2 - N_1)``, zero where one side does not fall to 0.707 of the peak
 
 
 def peaks_near(amplitude: Float) -> Index:
