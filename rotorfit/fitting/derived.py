@@ -30,7 +30,12 @@ class _Symbols:
 
 def derive(fit: FitResult, quantity: Callable[[Any], Any], unit: str, at: Mapping[str, Any] | None) -> Quantity:
     """See :meth:`FitResult.derive`."""
-    return fit.propagate(*value_and_gradient(fit.model, quantity)(fit.theta(at)), unit, at)
+    value, gradient = value_and_gradient(fit.model, quantity)(fit.theta(at))
+    space, group = fit.problem.space, fit.group(at)
+    slopes = dict(zip(space.names, space.pull_back(gradient, group).tolist(), strict=True))
+    names, index = fit.model.parameter_names, space.index[group]
+    known = {name: slope for name, slope, i in zip(names, gradient.tolist(), index.tolist(), strict=True) if i < 0}
+    return fit.quantity(value, slopes | known, unit)
 
 
 def value_and_gradient(model: RotorModel, quantity: Callable[[Any], Any]) -> Callable[[Float], tuple[float, Float]]:

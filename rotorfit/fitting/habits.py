@@ -24,7 +24,7 @@ ELSEWHERE = {
     "resid": "residuals over their noise are fit.problem.residuals(fit.x), complex",
     "residual": "residuals over their noise are fit.problem.residuals(fit.x), complex",
     "rsquared": "the agreement of each response is fit.responses, that of all fit.redchi",
-    "uvars": "correlated quantities are made by fit.derive(lambda p: p.K0 / p.D)",
+    "uvars": "parameters know their covariance, fit.params['K0'] / fit.params['D']; see fit.derive too",
     "values": "the estimates are {name: p.value for name, p in fit.params.items()}",
 }
 """Sentence for each name that a result does not have."""

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from rotorfit.estimators.blocks.correlated import quantile
+from rotorfit.fitting.arithmetic import Number, Source
 from rotorfit.fitting.digits import plus_minus
 from rotorfit.units import si_factor
 
@@ -14,16 +16,16 @@ THRESHOLD = "threshold_speed"
 """Name of the threshold speed where a parameter could stand."""
 
 
-class Assuming(Protocol):
-    """A result that knows what its numbers rest on."""
+class Assuming(Source, Protocol):
+    """A result that knows how its parameters vary together, and what they rest on."""
 
     def systematic(self, name: str) -> float:
         """Standard uncertainty of a parameter by what the model leaves out or takes as known."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class FittedParameter:
-    """One parameter of a result.
+class FittedParameter(Number):
+    """One parameter of a result. Sums, products and powers of parameters of one result know their covariance.
 
     Attributes:
         name: name, with the group in brackets where it was fitted per attribute.
@@ -58,8 +60,20 @@ class FittedParameter:
     freedom: float = math.inf
     fit: Assuming | None = field(default=None, init=False, compare=False, repr=False)
 
-    def __float__(self) -> float:
-        return self.value
+    @property
+    def source(self) -> Source | None:
+        """The result that it belongs to."""
+        return self.fit
+
+    @property
+    def slopes(self) -> Mapping[str, float]:
+        """Its derivative by itself."""
+        return {self.name: 1.0}
+
+    @property
+    def alone(self) -> tuple[float, float]:
+        """Standard error and systematic share."""
+        return self.stderr, self.systematic
 
     @property
     def systematic(self) -> float:
@@ -78,8 +92,10 @@ class FittedParameter:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class Quantity(Number):
     """A derived quantity and its standard error, infinite where the data do not determine it, NaN for a stalled fit.
+
+    Sums, products and powers keep the covariance with what else was derived from the same fit, and the unit.
 
     Attributes:
         value: in ``unit``.
@@ -87,6 +103,8 @@ class Quantity:
         unit: SI unit.
         freedom: degrees of freedom of ``stderr``.
         systematic: standard uncertainty by what the model leaves out or takes as known; zero where that was not asked.
+        source: the result that it was derived from; None for a number on its own.
+        slopes: derivatives by the parameters of the source, by name.
     """
 
     value: float
@@ -94,9 +112,13 @@ class Quantity:
     unit: str
     freedom: float = math.inf
     systematic: float = 0.0
+    source: Source | None = field(default=None, compare=False, repr=False)
+    slopes: Mapping[str, float] = field(default_factory=dict, compare=False, repr=False)
 
-    def __float__(self) -> float:
-        return self.value
+    @property
+    def alone(self) -> tuple[float, float]:
+        """Standard error and systematic share."""
+        return self.stderr, self.systematic
 
     def interval(self, level: float = 0.95, *, statistical: bool = False) -> tuple[float, float]:
         """Confidence interval by ``stderr`` and ``systematic``, Student's t with the degrees of freedom of ``stderr``.
@@ -108,7 +130,7 @@ class Quantity:
         return _interval(self.value, self.stderr, 0.0 if statistical else self.systematic, self.freedom, level)
 
     def to(self, unit: str) -> Quantity:
-        """The quantity in another unit of frequency: rpm, Hz, cpm or rad/s.
+        """The quantity in another unit of frequency: rpm, Hz, cpm or rad/s; 1/s is rad/s.
 
         Args:
             unit: its name.
@@ -120,9 +142,11 @@ class Quantity:
             >>> print(fit.threshold_speed().to("rpm"))
             2667 +- 76 rpm (1.3 statistical, 76 systematic)
         """
-        own, other = (si_factor("frequency", name.replace("/", "_")) for name in (self.unit, unit))
+        own = si_factor("frequency", "rad_s" if self.unit == "1/s" else self.unit.replace("/", "_"))
+        other = si_factor("frequency", unit.replace("/", "_"))
         value, stderr, systematic = (part * own / other for part in (self.value, self.stderr, self.systematic))
-        return replace(self, value=value, stderr=stderr, systematic=systematic, unit=unit)
+        slopes = {name: slope * own / other for name, slope in self.slopes.items()}
+        return replace(self, value=value, stderr=stderr, systematic=systematic, unit=unit, slopes=slopes)
 
     def __str__(self) -> str:
         if not math.isfinite(self.stderr):

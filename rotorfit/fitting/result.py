@@ -327,13 +327,39 @@ class FitResult:
             gradient: its derivative by the model parameters, shape ``(P,)``.
             unit: its unit.
         """
-        slope = self.problem.space.pull_back(np.asarray(gradient), group)
+        return self._with_error(value, self.problem.space.pull_back(np.asarray(gradient), group), unit)
+
+    def _with_error(self, value: float, slope: Float, unit: str) -> Quantity:
+        """A quantity with its derivatives by the fitted vector."""
+        slopes = dict(zip(self.problem.space.names, slope.tolist(), strict=True))
+        made = Quantity(value, math.inf, unit, source=self, slopes=slopes)
         if self.identifiability.leaves_open(np.abs(value), slope[None]).any():
-            return Quantity(value, math.inf, unit)
+            return made
         if not self.success:
-            return Quantity(value, math.nan, unit)
+            return replace(made, stderr=math.nan)
         freedom = self.freedom if self.noise is None else self.noise.degrees(slope)
-        return Quantity(value, float(standard_error(slope, self.covar)), unit, freedom)
+        return replace(made, stderr=float(standard_error(slope, self.covar)), freedom=freedom)
+
+    def quantity(self, value: float, slopes: Mapping[str, float], unit: str) -> Quantity:
+        """A quantity made of parameters and the threshold speed, with its error and its systematic share.
+
+        Args:
+            value: the quantity.
+            slopes: its derivatives, by names in :attr:`params` or that of the threshold speed.
+            unit: its unit.
+        """
+        slope = np.array([slopes.get(name, 0.0) for name in self.problem.space.names])
+        by_onset = slopes.get(THRESHOLD_COLUMN, 0.0)
+        onset = self.onset(0) if by_onset else None
+        beside = 0.0
+        if onset is not None:
+            along = self.problem.space.pull_back(onset.gradient, 0)
+            slope = slope + by_onset * along
+            own = self.threshold_of(0).stderr  # with the difference between candidates, which parameters do not know
+            beside = abs(by_onset) * math.sqrt(max(own**2 - float(standard_error(along, self.covar)) ** 2, 0.0))
+        found = self._with_error(value, slope, unit)
+        systematic = self.assumed.systematic_along(slopes) if math.isfinite(found.stderr) else 0.0
+        return replace(found, stderr=math.hypot(found.stderr, beside), systematic=systematic, slopes=dict(slopes))
 
     def threshold_speed(self, at: Mapping[str, Any] | None = None, *, eccentricity: float | None = None) -> Quantity:
         """Rotative speed at which the rotor becomes unstable, rad/s, with its standard error.
@@ -355,7 +381,9 @@ class FitResult:
         """
         if eccentricity is None:
             found = self.threshold_of(self.group(at))
-            return replace(found, systematic=self.systematic(THRESHOLD)) if math.isfinite(found.stderr) else found
+            if not math.isfinite(found.stderr) or len(self.thetas) > 1:
+                return found
+            return replace(found, systematic=self.systematic(THRESHOLD), source=self, slopes={THRESHOLD_COLUMN: 1.0})
         from rotorfit.models.motion.off_centre import off_centre_threshold
 
         allowed = "|displacement| / clearance, from 0 to below 1"
@@ -682,7 +710,9 @@ class FitResult:
 
         Example:
             >>> print(fit.derive(lambda p: p.K0 / p.D, unit="1/s"))
-            7.001 +- 0.074 1/s
+            7.0 +- 1.4 1/s (0.074 statistical, 1.4 systematic)
+            >>> print(fit.params["K0"] / fit.params["D"])  # the same: parameters of one fit know their covariance
+            7.0 +- 1.4 1/s (0.074 statistical, 1.4 systematic)
         """
         from rotorfit.fitting.derived import derive
 

@@ -145,6 +145,19 @@ class Assumptions:
         """
         return math.hypot(*(entry.shifts.get(result, 0.0) * entry.left for entry in self.entries))
 
+    def systematic_along(self, slopes: Mapping[str, float]) -> float:
+        """The same of a quantity, by its derivatives by parameters; a known one moves with its own entry.
+
+        Args:
+            slopes: by name of the parameter, SI.
+        """
+
+        def moved(entry: Assumption) -> float:
+            own = {**entry.shifts, entry.name: entry.shifts.get(entry.name, 1.0)}
+            return entry.left * sum(slope * own.get(name, 0.0) for name, slope in slopes.items())
+
+        return math.hypot(*map(moved, self.entries))
+
     def combined(self, result: str) -> float:
         """Standard error of a result by the fit and :meth:`systematic` together.
 
