@@ -11,6 +11,7 @@ from rotorfit.models.laws import LAWS, Collapse, Constant, EvenPolynomial, Law, 
 from rotorfit.models.modal import Modal
 from rotorfit.models.model import Coordinate, RotorModel
 from rotorfit.models.motion.stability import Threshold, eigenvalues, threshold_speed
+from rotorfit.models.motion.whirl import WhirlBranch, whirl_branch
 from rotorfit.models.one_mode import OneMode
 from rotorfit.models.orthotropic import Orthotropic
 from rotorfit.models.overhung import Overhung
@@ -64,6 +65,7 @@ __all__ = [
     "TurningFrame",
     "TurningOnSupports",
     "TwoDisk",
+    "WhirlBranch",
     "WhirlWhip",
     "chain_from_modes",
     "chain_modes",
@@ -72,4 +74,5 @@ __all__ = [
     "harmonic_set",
     "threshold_speed",
     "unstable_bands",
+    "whirl_branch",
 ]

@@ -109,6 +109,13 @@ class StiffnessKeywords(PlotKeywords, total=False):
     against: str
 
 
+class WhirlKeywords(PlotKeywords, total=False):
+    """Keywords of :meth:`rotorfit.FitResult.plot_whirl`; see there."""
+
+    max_speed_rpm: float | None
+    group: int
+
+
 def check_keywords(function: str, given: Iterable[str], keywords: type, *own: str) -> None:
     """Refuse a keyword that a function does not take."""
     allowed = (*own, *keywords.__annotations__)

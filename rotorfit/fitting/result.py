@@ -29,6 +29,7 @@ from rotorfit.fitting.keywords import (
     PredictKeywords,
     SampleKeywords,
     StiffnessKeywords,
+    WhirlKeywords,
     check_keywords,
 )
 from rotorfit.fitting.noise.residual_study import ResidualStudy, is_misfit, largest_redchi
@@ -973,6 +974,33 @@ class FitResult:
         from rotorfit.plots.responses import plot_stability
 
         return plot_stability(self, **look)
+
+    def plot_whirl(self, **options: Unpack[WhirlKeywords]) -> Figure:
+        """Radius and frequency of the whirl that the rotor keeps up beyond its threshold, against speed, with a band.
+
+        Args:
+            **options: ``max_speed_rpm``: end of the speeds, 2.5 times the threshold unless given. ``group``: number of
+                the parameter group, from 0. ``ax`` and ``unit``, as for :meth:`plot_bode`.
+
+        Raises:
+            ValueError: a fluid that does not change with eccentricity, or no threshold up to the end.
+        """
+        from rotorfit.plots.beyond_onset import plot_whirl
+
+        return plot_whirl(self, **options)
+
+    def plot_side_load(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Threshold speed against static eccentricity and side load, with its 95 % band.
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
+
+        Raises:
+            ValueError: a fluid that does not change with eccentricity, parameters per attribute, or no threshold.
+        """
+        from rotorfit.plots.beyond_onset import plot_side_load
+
+        return plot_side_load(self, **look)
 
     def plot_law(self, **look: Unpack[PlotKeywords]) -> Figure:
         """K0, D and lam against eccentricity with their 95 % bands.
