@@ -44,7 +44,7 @@ FLOORS = (
 """Rooms from the ground up; the third floor's are files. Imports go down, and none between rooms of a floor."""
 ESTIMATOR_FLOORS = (
     ("file_limits",),
-    ("atomic_file", "file_reading", "matching", "change_point", "significance"),
+    ("atomic_file", "file_reading", "matching", "change_point", "sequential", "significance"),
     ("blocks",),
     ("misfit",),
     ("minimisation",),

@@ -143,7 +143,7 @@ def test_killed_at_any_instant_loses_nothing_and_leaves_nothing_half(tmp_path: P
     files = days(tmp_path, 6)
     path, chance = tmp_path / "machine.db", random.Random(3)
     seen: set[str] = set()
-    for _ in range(8):
+    for _ in range(6):
         writers = [FORK.Process(target=add_all, args=(path, chance.sample(files, 6))) for _ in range(2)]
         for writer in writers:
             writer.start()

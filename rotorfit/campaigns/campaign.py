@@ -19,6 +19,7 @@ from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import listed
 from rotorfit.estimators.misfit.losses import LOSSES, Loss
 from rotorfit.estimators.misfit.parameter_space import parameter_space
+from rotorfit.executors import Kept, executor_of
 from rotorfit.fitting.digits import plus_minus, with_error
 from rotorfit.fitting.fit import fit as fit_model
 from rotorfit.fitting.noise.residual_study import MODEL_LIMITED_REDCHI
@@ -343,6 +344,8 @@ def campaign(
     loss: Loss = "linear",
     start: Mapping[str, float] | None = None,
     executor: Executor | None = None,
+    client: Any = None,
+    store: Kept | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Campaign:
     """Fit every run of a campaign, all parameters run by run but those that are known or shared.
@@ -355,7 +358,11 @@ def campaign(
         shared: parameters with one value for all runs, fitted jointly with the others.
         known, bounds, priors, loss, start: as for :func:`rotorfit.fit`.
         executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor()``; by default the runs are
-            fitted one after the other in this process. A run whose worker is lost is fitted again.
+            fitted one after the other in this process. A run whose worker is lost is fitted again, and when no worker
+            has answered for five minutes the rest is fitted here.
+        client: a Dask client, in place of its executor.
+        store: a :class:`rotorfit.Store` where fits are kept as they come: a campaign that was stopped or killed takes
+            up where it was when it is begun again.
         progress: called with the number of runs done and the number of all, once for each pass over the runs.
 
     Returns:
@@ -376,7 +383,7 @@ def campaign(
     names = (shared,) if isinstance(shared, str) else tuple(shared)
     _check(model, settings, names, start)
     runs = split_runs(experiments, split)
-    workers = Workers(model, executor, progress)
+    workers = Workers(model, executor_of(executor, client), progress, store)
     if names:
         joint = fit_shared(workers, runs, names, settings, start)
         success = joint.success and all(run.success for run in joint.runs)

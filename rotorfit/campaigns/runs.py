@@ -12,9 +12,10 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.campaigns.kept import from_bytes, key_of, run_key, to_bytes
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.blocks.row_keys import words
-from rotorfit.executors import carry_out
+from rotorfit.executors import Kept, carry_out
 from rotorfit.fitting.fit import fit
 from rotorfit.fitting.noise.record import FoundNoise
 from rotorfit.fitting.problem_setup import as_tuple
@@ -205,27 +206,61 @@ class Workers:
     model: RotorModel  # the rotor; a worker compiles it once
     executor: Executor | None = None  # any ``concurrent.futures`` executor, ``None`` for this process
     progress: Callable[[int, int], None] | None = None  # called with the number of runs done and the number of all
+    kept: Kept | None = None  # where fits are kept as they come, and found again
 
     def __call__(self, work: Work[T], runs: Sequence[Run], options: Sequence[Mapping[str, Any]]) -> list[T]:
-        """``work(model, run, **option)`` for every run, in their order. A batch whose worker was lost is not repeated
-        for ever: see :func:`~rotorfit.executors.carry_out`."""
+        """``work(model, run, **option)`` for every run, in their order; fits that are kept are not made again. A batch
+        whose worker was lost is not repeated for ever: see :func:`~rotorfit.executors.carry_out`."""
         pairs = list(zip(runs, options, strict=True))
-        results: list[T] = []
-        if self.executor is None:
-            for run, option in pairs:
-                results.append(work(self.model, run, **option))
-                self._report(len(results), len(runs))
-            return results
-        batches = [pairs[i : i + RUNS_OF_A_BATCH] for i in range(0, len(pairs), RUNS_OF_A_BATCH)]
-        count = 0
+        keys = self._keys(pairs) if work is fit_run and self.kept is not None else []
+        found = self._found(keys)
+        size = 1 if self.executor is None and not keys else RUNS_OF_A_BATCH
+        left = [number for number in range(len(pairs)) if not keys or keys[number] not in found]
+        numbers = [left[i : i + size] for i in range(0, len(left), size)]
+        count = len(pairs) - len(left)
 
-        def report(batch: Batch) -> None:
+        def done(batch: Sequence[int], results: Sequence[Any]) -> None:
             nonlocal count
             count += len(batch)
-            self._report(count, len(runs))
+            if keys and self.kept is not None:
+                self.kept.keep({keys[n]: to_bytes(vars(result)) for n, result in zip(batch, results, strict=True)})
+            self._report(count, len(pairs))
 
-        found = carry_out(partial(_work_batch, _packed(self.model), work), batches, self.executor, report)
-        return [result for batch in found for result in batch]
+        made = self._carried_out(work, [[pairs[number] for number in batch] for batch in numbers], numbers, done)
+        results = dict(zip(left, (result for batch in made for result in batch), strict=True))
+        return [results[n] if n in results else found[keys[n]] for n in range(len(pairs))]
+
+    def _carried_out(
+        self,
+        work: Work[T],
+        batches: Sequence[Batch],
+        numbers: Sequence[Sequence[int]],
+        done: Callable[[Sequence[int], Sequence[Any]], None],
+    ) -> list[list[T]]:
+        """Results of batches of runs, here or over the executor."""
+        if self.executor is None:
+            by_batch: list[list[T]] = []
+            for batch, places in zip(batches, numbers, strict=True):
+                by_batch.append([work(self.model, run, **option) for run, option in batch])
+                done(places, by_batch[-1])
+            return by_batch
+        items = list(zip(numbers, batches, strict=True))
+        return carry_out(
+            partial(_work_batch, _packed(self.model), work),
+            items,
+            self.executor,
+            lambda item, results: done(item[0], results),
+        )
+
+    def _keys(self, pairs: Batch) -> list[str]:
+        common = {id(option): key_of(self.model, option) for _, option in pairs}
+        return [run_key(common[id(option)], run.experiment) for run, option in pairs]
+
+    def _found(self, keys: Sequence[str]) -> dict[str, Any]:
+        """Fits that are kept."""
+        if self.kept is None or not keys:
+            return {}
+        return {key: RunFit(**from_bytes(data)) for key, data in self.kept.find(keys).items()}
 
     def _report(self, done: int, total: int) -> None:
         if self.progress is not None:
@@ -249,6 +284,6 @@ def _unpacked(model: bytes) -> RotorModel:
     return found
 
 
-def _work_batch(packed: bytes, work: Work[T], batch: Batch) -> list[T]:
+def _work_batch(packed: bytes, work: Work[T], item: tuple[Sequence[int], Batch]) -> list[T]:
     model = _unpacked(packed)
-    return [work(model, run, **option) for run, option in batch]
+    return [work(model, run, **option) for run, option in item[1]]

@@ -104,20 +104,24 @@ def add_setup(to: argparse.ArgumentParser) -> None:
 
 
 def add_jobs(to: argparse.ArgumentParser, what: str) -> None:
-    """Number of processes."""
+    """Processes of this machine, or a cluster."""
     to.add_argument("--jobs", type=int, default=1, metavar="N", help=f"processes to {what} with [%(default)s]")
+    to.add_argument(
+        "--cluster", metavar="ADDRESS", help=f"Dask cluster to {what} with: local:8, or a scheduler's tcp://host:8786"
+    )
 
 
-def processes(count: int) -> AbstractContextManager[Executor | None]:
-    """An executor of so many processes; None within for one."""
-    if count < 1:
-        raise ValueError(f"--jobs takes a number of processes from 1, got {count}")
-    if count == 1:
-        return nullcontext()
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
+def workers_of(options: argparse.Namespace) -> AbstractContextManager[Executor | None]:
+    """An executor of the processes or the cluster that was asked for; None within for this process alone."""
+    from rotorfit.executors import cluster, process_pool
 
-    return ProcessPoolExecutor(count, mp_context=get_context("spawn"))
+    if options.jobs < 1:
+        raise ValueError(f"--jobs takes a number of processes from 1, got {options.jobs}")
+    if options.cluster and options.jobs > 1:
+        raise ValueError("--jobs are processes of this machine, --cluster those of a cluster: give one of them")
+    if options.cluster:
+        return cluster(options.cluster)
+    return process_pool(options.jobs) if options.jobs > 1 else nullcontext()
 
 
 def add_model(to: argparse.ArgumentParser, options: Iterable[str] = MODEL) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rotorfit.cli.answer import finite, give, say
-from rotorfit.cli.arguments import add_figure_format, add_files, add_jobs, add_model, add_output, fit_study, processes
+from rotorfit.cli.arguments import add_figure_format, add_files, add_jobs, add_model, add_output, fit_study, workers_of
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.options.kinds import words
 from rotorfit.options.table import CAMPAIGN
@@ -37,6 +37,9 @@ def add_options(to: argparse.ArgumentParser) -> None:
     to.add_argument("--by", metavar="ATTRIBUTE", help="column that makes groups: inlet")
     to.add_argument("--follow", type=words, metavar="A,B", help="parameters whose trends are shown [K0, lam, D]")
     add_jobs(to, "reduce recordings and fit")
+    to.add_argument(
+        "--store", type=Path, metavar="STORE", help="keep fits as they come; begun again, it takes up there"
+    )
     add_output(to)
 
 
@@ -66,6 +69,7 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
     """The fits of all runs, what is wrong with the data, and what their check warns of."""
     from rotorfit.campaigns.campaign import campaign
     from rotorfit.data.findings import attributed, error_sentence, errors_in, warnings_in
+    from rotorfit.store.store import Store
     from rotorfit.studies.data_files import no_progress, read_files
     from rotorfit.studies.study_model import build_model, check_model
 
@@ -74,7 +78,7 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
     study = fit_study(options, CAMPAIGN)
     check_model(study)
     with ExitStack() as stack:
-        executor = stack.enter_context(processes(options.jobs))
+        executor = stack.enter_context(workers_of(options))
         tests, findings = read_files(study.files, no_progress, executor)
         line = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
         stack.callback(line.close)
@@ -89,6 +93,7 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
             loss=study.loss,
             start=study.start,
             executor=executor,
+            store=None if options.store is None else Store(options.store),
             progress=lambda done, total: line(f"{done} of {total} runs", done / total),
         )
     everything = attributed(findings, [test.source or test.title for test in tests])

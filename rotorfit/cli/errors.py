@@ -15,6 +15,7 @@ class ExitCode(IntEnum):
     DONE = 0
     NOT_CONVERGED = 1
     BAD_INPUT = 2
+    ALARM = 3
     INTERRUPTED = 130
 
 

@@ -1,7 +1,7 @@
 """The command line: ``rotorfit demo``, ``fit``, ``run``, ``campaign``, ``compare-laws``, ``simulate`` and others.
 
 Exit codes: 0 done, 1 the data have an error or the fit or sampling did not converge, 2 bad input (one sentence on
-stderr), 130 interrupted.
+stderr), 3 an alarm of a watched machine, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from rotorfit.cli import (
     store,
     trend,
     vectors,
+    watch,
 )
 from rotorfit.cli.answer import say
 from rotorfit.cli.arguments import (
@@ -212,6 +213,7 @@ COMMANDS = {
     "judge": judge.run,
     "store": store.run,
     "trend": trend.run,
+    "watch": watch.run,
     "vectors": vectors.run,
     "join": join.run,
     "balance": balance.run,
@@ -234,6 +236,7 @@ _MODULES = (
     ("judge", judge),
     ("store", store),
     ("open", browser),
+    ("watch", watch),
 )
 
 
@@ -250,7 +253,8 @@ def build_parser() -> argparse.ArgumentParser:
         prog="rotorfit",
         allow_abbrev=False,
         description="Identify rotor and fluid-force parameters from rotating-force perturbation tests.",
-        epilog="Exit codes: 0 done, 1 the data have an error or the fit or sampling did not converge, 2 bad input.",
+        epilog="Exit codes: 0 done, 1 the data have an error or the fit or sampling did not converge, 2 bad input, "
+        "3 an alarm.",
     )
     whole.add_argument("--version", action="version", version=f"rotorfit {__version__}")
     whole.set_defaults(command=None)

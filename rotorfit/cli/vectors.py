@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from rotorfit.cli.arguments import add_jobs, add_setup, processes
+from rotorfit.cli.arguments import add_jobs, add_setup, workers_of
 
 DESCRIPTION = "turn recordings of raw signals into vectors: responses with their noise, in a tidy CSV"
 
@@ -30,7 +30,7 @@ def run(options: argparse.Namespace) -> int:
     from rotorfit.studies.recording_files import RecordingFiles
     from rotorfit.studies.text import describe_test
 
-    executor = checked(lambda: processes(options.jobs))
+    executor = checked(lambda: workers_of(options))
     checked(lambda: check_target(options.out))  # before the work, which may take long
     progress = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
     try:

@@ -31,7 +31,8 @@ _KIND = "store of tests"
 
 _TABLES = """
 CREATE TABLE tests (
-    number INTEGER PRIMARY KEY AUTOINCREMENT, -- in order of arrival
+    number INTEGER PRIMARY KEY AUTOINCREMENT,
+    batch INTEGER NOT NULL,                   -- time of adding; its tests are in order of date
     content TEXT NOT NULL UNIQUE,             -- hash of the readings
     kind TEXT NOT NULL,
     readings INTEGER NOT NULL,

@@ -37,6 +37,7 @@ class StoredTest:
 
     Attributes:
         number: by which the store knows it, in order of arrival.
+        batch: the same of tests that were added together.
         content: hash of its readings.
         kind: what was measured.
         readings: how many.
@@ -50,6 +51,7 @@ class StoredTest:
     """
 
     number: int
+    batch: int
     content: str
     kind: str
     readings: int

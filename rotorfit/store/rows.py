@@ -10,12 +10,12 @@ from datetime import datetime
 from typing import Any
 
 from rotorfit.campaigns.runs import conditions
+from rotorfit.data.content import content_hash
 from rotorfit.data.findings import Finding, errors_in, warnings_in
 from rotorfit.fitting.fit_file import fit_to_json
 from rotorfit.fitting.json_values import encode
 from rotorfit.fitting.quantities import THRESHOLD
 from rotorfit.fitting.result import FitResult
-from rotorfit.store.content import content_hash
 from rotorfit.store.database import packed
 from rotorfit.store.records import StoredFit, StoredTest, StoredValue
 from rotorfit.store.sources import Source
@@ -112,10 +112,11 @@ def stored_findings(text: str) -> tuple[tuple[Finding, ...], ...]:
 
 def stored_test(row: Sequence[Any], paths: Sequence[str]) -> StoredTest:
     """The record of a row and of the files it was found in."""
-    number, content, kind, readings, machine, date, date_given, attributes, findings, superseded = row
+    number, batch, content, kind, readings, machine, date, date_given, attributes, findings, superseded = row
     said = [finding for found in stored_findings(findings) for finding in found]
     return StoredTest(
         number=number,
+        batch=batch,
         content=content,
         kind=kind,
         readings=readings,

@@ -14,7 +14,7 @@ from pathlib import Path
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import Finding
 from rotorfit.recordings.formats.files import ALWAYS_RAW
-from rotorfit.store.content import digest_of
+from rotorfit.store.settings import digest_of
 from rotorfit.studies.data_files import DataFile, StudyProgress, read_files
 from rotorfit.studies.recording_files import RecordingFiles
 from rotorfit.studies.run import for_model

@@ -6,10 +6,12 @@ import json
 import math
 import os
 import sqlite3
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from rotorfit.data.content import content_hash
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import Finding
 from rotorfit.estimators.atomic_file import refuse_input
@@ -21,10 +23,10 @@ from rotorfit.models import RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.monitoring.trend import DatedValues, MachineTrend, trend
 from rotorfit.store.claims import claimed
-from rotorfit.store.content import content_hash, settings_key
 from rotorfit.store.database import Database, unpacked
 from rotorfit.store.records import Added, StoredFit, StoredTest, StoredValue
 from rotorfit.store.rows import as_time, fit_row, insert, stored_findings, stored_fit, stored_test, test_row, values_of
+from rotorfit.store.settings import settings_key
 from rotorfit.store.sources import Source, continues, sources_of
 from rotorfit.studies.data_files import StudyProgress, no_progress
 from rotorfit.studies.run import identify
@@ -50,6 +52,10 @@ class Store:
         ValueError: another file, a damaged one, or one that a newer version wrote.
         OSError: no such folder, or one that may not be written to.
 
+    Attributes:
+        path: the file.
+        database: its tables.
+
     Example:
         >>> store = rf.Store(folder / "machine.db")
         >>> file = rf.datasets.path("rig_lumped.csv")
@@ -63,10 +69,10 @@ class Store:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         refuse_input(self.path)
-        self._database = Database(self.path)
+        self.database = Database(self.path)
 
     def __repr__(self) -> str:
-        with self._database.look() as ask:
+        with self.database.look() as ask:
             tests, fits = (ask(f"SELECT count(*) FROM {table}")[0][0] for table in ("tests", "fits"))
         return f"<Store {self.path}: {tests} test{'s' * (tests != 1)}, {fits} fit{'s' * (fits != 1)}>"
 
@@ -101,20 +107,28 @@ class Store:
         settings = study_for_store(study)
         rig = None if setup is None else Path(setup)
         sources = sources_of([Path(file) for file in files], settings, rig, progress)
-        return tuple(self.add_source(source, machine=machine, progress=progress) for source in sources)
+        return self.add_sources(sources, machine=machine, progress=progress)
 
-    def add_source(self, source: Source, *, machine: str = "", progress: StudyProgress = no_progress) -> Added:
-        """Add one source; see :meth:`add`.
+    def add_sources(
+        self, sources: Iterable[Source], *, machine: str = "", progress: StudyProgress = no_progress
+    ) -> tuple[Added, ...]:
+        """Add what :meth:`add` was given; what arrives together is followed in order of date.
 
         Args:
-            source: file or folder, with the study.
+            sources: files and folders, with the study.
             machine: of tests that do not name one.
             progress: called as each stage begins.
         """
+        batch = time.time_ns()
+        return tuple(self._add(source, batch, machine, progress) for source in sources)
+
+    def _add(self, source: Source, batch: int, machine: str, progress: StudyProgress) -> Added:
         name = str(source.path)
         try:
-            test, is_new = self._test_of(source, machine, progress)
-        except (ValueError, KeyError, OSError) as problem:
+            test, is_new = self._test_of(source, batch, machine, progress)
+        except OSError as problem:  # a file that is locked, or a network that is down, may be there the next time
+            return Added(source=name, refusal=f"{problem.filename or source.path}: {problem.strerror or problem}")
+        except (ValueError, KeyError) as problem:
             reason = str(problem.args[0] if isinstance(problem, KeyError) and problem.args else problem)
             self._refuse(source, reason)
             return Added(source=name, refusal=reason)
@@ -129,7 +143,7 @@ class Store:
         Args:
             source: file or folder, with the study.
         """
-        with self._database.look() as ask:
+        with self.database.look() as ask:
             found = ask(
                 "SELECT test, refusal, version FROM sources WHERE path = ? AND stamp = ? ORDER BY number DESC LIMIT 1",
                 (source.name, source.stamp()),
@@ -147,23 +161,23 @@ class Store:
             stamp = source.stamp()
         except OSError:  # it is gone meanwhile, and looked at again when it is there again
             return
-        with self._database.change() as connection:
+        with self.database.change() as connection:
             row = {"path": source.name, "files": "[]", "stamp": stamp, "test": None, "refusal": reason}
             insert(connection, "sources", {**row, "version": __version__})
 
-    def _test_of(self, source: Source, machine: str, progress: StudyProgress) -> tuple[int, bool]:
+    def _test_of(self, source: Source, batch: int, machine: str, progress: StudyProgress) -> tuple[int, bool]:
         """Number of the test, and whether it is new."""
         stamp, identity = source.stamp(), source.identity()
-        with self._database.look() as ask:
+        with self.database.look() as ask:
             known = ask(
                 "SELECT test FROM sources WHERE path = ? AND files = ? AND test NOT NULL", (source.name, identity)
             )
         row = None
         if not known:
-            row = test_row(source, machine, progress)
+            row = {"batch": batch, **test_row(source, machine, progress)}
             if source.stamp() != stamp:
                 raise ValueError(f"{source.path} changed while it was read; it is read again when it stands still")
-        with self._database.change() as connection:
+        with self.database.change() as connection:
             test = known[0][0] if known else None
             is_new = False
             if row is not None:
@@ -192,7 +206,7 @@ class Store:
         found = self._fit_number(test, key)
         if found is not None:
             return found, False
-        with claimed(self._database, f"fit {test} {key}"):
+        with claimed(self.database, f"fit {test} {key}"):
             found = self._fit_number(test, key)  # another process may have made it while this one waited
             if found is not None:
                 return found, False
@@ -206,7 +220,7 @@ class Store:
 
     def _fit_number(self, test: int, key: str) -> int | None:
         """Number of a fit; what could not be fitted is tried again by another version."""
-        with self._database.look() as ask:
+        with self.database.look() as ask:
             rows = ask(
                 "SELECT number FROM fits WHERE test = ? AND settings = ? AND (result NOT NULL OR version = ?)",
                 (test, key, __version__),
@@ -214,13 +228,13 @@ class Store:
         return int(rows[0][0]) if rows else None
 
     def _findings(self, test: int) -> tuple[tuple[Finding, ...], ...]:
-        with self._database.look() as ask:
+        with self.database.look() as ask:
             return stored_findings(ask("SELECT findings FROM tests WHERE number = ?", (test,))[0][0])
 
     def _keep(self, test: int, key: str, text: str, study: Study, outcome: Outcome | str) -> int:
         row = {**fit_row(outcome), "test": test, "settings": key}
         values = () if isinstance(outcome, str) else values_of(outcome.best)
-        with self._database.change() as connection:
+        with self.database.change() as connection:
             connection.execute("INSERT OR IGNORE INTO settings VALUES (?, ?, ?)", (key, study.model, text))
             connection.execute("DELETE FROM fits WHERE test = ? AND settings = ?", (test, key))
             number = insert(connection, "fits", row)
@@ -234,10 +248,10 @@ class Store:
     @property
     def tests(self) -> tuple[StoredTest, ...]:
         """All tests in order of arrival, superseded ones included."""
-        with self._database.look() as ask:
+        with self.database.look() as ask:
             rows = ask(
-                "SELECT number, content, kind, readings, machine, date, date_given, conditions, findings, superseded "
-                "FROM tests ORDER BY number"
+                "SELECT number, batch, content, kind, readings, machine, date, date_given, conditions, findings, "
+                "superseded FROM tests ORDER BY number"
             )
             paths: dict[int, list[str]] = {}
             for test, path in ask("SELECT DISTINCT test, path FROM sources WHERE test NOT NULL ORDER BY number"):
@@ -247,7 +261,7 @@ class Store:
     @property
     def fits(self) -> tuple[StoredFit, ...]:
         """All fits in order of their making."""
-        with self._database.look() as ask:
+        with self.database.look() as ask:
             rows = ask(
                 "SELECT number, test, model, settings, success, message, redchi, findings, version "
                 "FROM fits JOIN settings ON key = settings ORDER BY number"
@@ -258,6 +272,14 @@ class Store:
                 stored = StoredValue(value=value, stderr=stderr, systematic=systematic, unit=unit)
                 values.setdefault(fit, {})[name] = stored
         return tuple(stored_fit(row, values.get(row[0], {})) for row in rows)
+
+    @property
+    def refused(self) -> dict[str, str]:
+        """Files that could not be read and have not been read since, with the reason."""
+        with self.database.look() as ask:
+            rows = ask("SELECT path, test, refusal FROM sources ORDER BY number")
+        latest = {path: (test, refusal) for path, test, refusal in rows}
+        return {path: refusal for path, (test, refusal) in latest.items() if test is None}
 
     def experiments(self, test: int) -> tuple[Experiment, ...]:
         """The readings of a test.
@@ -287,7 +309,7 @@ class Store:
         return fit_from_json(text, model=model, source=f"fit {fit} of {self.path}")
 
     def _blob(self, sql: str, number: int, what: str) -> str:
-        with self._database.look() as ask:
+        with self.database.look() as ask:
             rows = ask(sql, (number,))
         if not rows or rows[0][0] is None:
             raise KeyError(f"{self.path} holds no {what} {number}")
@@ -300,7 +322,7 @@ class Store:
         machine: str | None = None,
         since: str = "",
     ) -> tuple[tuple[StoredTest, StoredFit], ...]:
-        """Tests that count with their fits by one study, in order of arrival.
+        """Tests that count with their fits by one study, in order of arrival, those that came together by date.
 
         Args:
             study: settings of the fits; by default the only ones in the store.
@@ -321,12 +343,12 @@ class Store:
         pairs = [(tests[fit.test], fit) for fit in self.fits if fit.settings == key and fit.test in tests]
         return tuple(
             (test, fit)
-            for test, fit in sorted(pairs, key=lambda pair: pair[0].number)
+            for test, fit in sorted(pairs, key=lambda pair: (pair[0].batch, pair[0].date, pair[0].number))
             if machine in (None, test.machine) and (first is None or as_time(test.date, test.sources[0]) >= first)
         )
 
     def _only_settings(self) -> str:
-        with self._database.look() as ask:
+        with self.database.look() as ask:
             rows = ask("SELECT key, text FROM settings")
         if len(rows) > 1:
             texts = "; ".join(text for _, text in rows[:4])
@@ -370,9 +392,48 @@ class Store:
             raise ValueError(f"{self.path} holds no fit to follow: none converged on data without errors")
         return trend(entries, false_alarm=false_alarm)
 
+    def is_told(self, fit: int, rule: str) -> bool:
+        """True if the alarm that a fit raised was told.
+
+        Args:
+            fit: number of the fit.
+            rule: name of the rule.
+        """
+        with self.database.look() as ask:
+            return bool(ask("SELECT 1 FROM alarms WHERE fit = ? AND rule = ?", (fit, rule)))
+
+    def note_told(self, fit: int, rule: str) -> None:
+        """Keep that an alarm was told.
+
+        Args:
+            fit: number of the fit.
+            rule: name of the rule.
+        """
+        with self.database.change() as connection:
+            connection.execute("INSERT OR IGNORE INTO alarms VALUES (?, ?)", (fit, rule))
+
+    def find(self, keys: Sequence[str]) -> dict[str, bytes]:
+        """Pieces of work that :meth:`keep` kept, of a campaign for instance, as far as they are there.
+
+        Args:
+            keys: of the pieces.
+        """
+        with self.database.look() as ask:
+            rows = (ask("SELECT key, data FROM pieces WHERE key = ?", (key,)) for key in keys)
+            return {found[0][0]: found[0][1] for found in rows if found}
+
+    def keep(self, pieces: Mapping[str, bytes]) -> None:
+        """Keep pieces of work that is under way, for whoever begins it again; all of them or none.
+
+        Args:
+            pieces: by their keys.
+        """
+        with self.database.change() as connection:
+            connection.executemany("INSERT OR IGNORE INTO pieces VALUES (?, ?)", list(pieces.items()))
+
     def problems(self) -> tuple[str, ...]:
         """What is damaged in the store: every page, every test against its hash, every fit."""
-        found = self._database.problems()
+        found = self.database.problems()
         for test in self.tests:
             try:
                 if content_hash(self.experiments(test.number)) != test.content:

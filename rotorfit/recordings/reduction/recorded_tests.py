@@ -59,7 +59,7 @@ def recorded_tests(
             if blows
             else static_positions(same, executor=executor, on_finding=report)
         )
-        for findings in carry_out(_findings, same, executor, lambda record: None):
+        for findings in carry_out(_findings, same, executor):
             for finding in findings:
                 report(finding)
     return tuple(tests)

@@ -125,11 +125,11 @@ def checked_responses(
         for group, groups in _together(records, forces, turns)
     ]
     if executor is None:
-        reduced = carry_out(lambda job: _reduced(job, tell), jobs, None, lambda job: None)
+        reduced = carry_out(lambda job: _reduced(job, tell), jobs, None)
     else:
         tell(f"responses of {len(records)} recordings")
         reduced = carry_out(
-            _reduced, jobs, executor, lambda job: tell(f"reduced {', '.join(r.name for r in job.records)}")
+            _reduced, jobs, executor, lambda job, _: tell(f"reduced {', '.join(r.name for r in job.records)}")
         )
     for each in reduced:
         for finding in each.findings:

@@ -69,7 +69,7 @@ def ring_downs(
         _Struck(record=record, plane=_plane(record, plane), highest_hz=_highest(record, highest_hz))
         for record in listed
     ]
-    for job, (mean, blows) in zip(jobs, carry_out(_reduced, jobs, executor, lambda job: None), strict=True):
+    for job, (mean, blows) in zip(jobs, carry_out(_reduced, jobs, executor), strict=True):
         for number, (speed, time, z, settled) in enumerate(blows, start=1):
             runs += [f"{job.record.name}, blow {number}"] * time.size
             at = z + (position if position is not None else 0.0 if mean is None else mean + settled)

@@ -67,7 +67,7 @@ def static_positions(
     rests: list[RestPosition] = []
     for record in listed:
         load_of(record)
-    reduced = carry_out(rest_positions, listed, executor, lambda record: None)
+    reduced = carry_out(rest_positions, listed, executor)
     for record, (found, left_out) in zip(listed, reduced, strict=True):
         rests += [replace(rest, record=record) for rest in found]
         for why in left_out:

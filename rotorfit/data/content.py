@@ -1,29 +1,22 @@
-"""What makes two tests the same, and two settings: hashes of readings as they are meant, not of bytes."""
+"""What makes two tests the same: a hash of readings as they are meant, not of bytes."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import fields
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
-from rotorfit.fitting.json_values import encode
 from rotorfit.models.array_types import Index
-from rotorfit.options.kinds import is_set
-from rotorfit.options.table import StudyOptions
-from rotorfit.studies.study import Study
 
 _STEPS = 2.0**30
 """Parts of a column's largest value by which its values are the same: far below any reading's error, far above what
 conversion of units and file formats rounds."""
-_PIECE = 1 << 20
-"""Bytes of a file that are read at once."""
 _MISSING = np.iinfo(np.int64).min
 """Stands for a value that is not known."""
 
@@ -34,48 +27,7 @@ def content_hash(experiments: Iterable[Experiment]) -> str:
     Neither names of files, formats and units count, nor the order of files, rows and columns: a test that was saved
     again is the same test. A reading, condition or run that differs makes another.
     """
-    return _sha256("".join(sorted(map(_hash, experiments))))
-
-
-def settings_key(study: Study) -> tuple[str, str]:
-    """Hash of the settings of a study, and the settings as JSON; files and folders do not count."""
-    given = {f.name: _sorted(encode(getattr(study, f.name))) for f in fields(StudyOptions) if _says(study, f.name)}
-    if study.structure:  # what the file holds counts, not where it is
-        shaft = Path(study.structure)
-        files = sorted(shaft.iterdir()) if shaft.is_dir() else [shaft]
-        given["structure"] = _sha256("".join(digest_of(file)[1] for file in files if file.is_file()))
-    text = json.dumps({"model": study.model, **given}, sort_keys=True, allow_nan=False)
-    return _sha256(text), text
-
-
-def _says(study: Study, name: str) -> bool:
-    value = getattr(study, name)
-    default = next(f for f in fields(StudyOptions) if f.name == name).default
-    return is_set(value) and value != default
-
-
-def _sorted(value: Any) -> Any:
-    """JSON of which no order of keys counts."""
-    if isinstance(value, Mapping):
-        return {
-            key: sorted(map(_sorted, item), key=json.dumps) if key == "mapping" else _sorted(item)
-            for key, item in value.items()
-        }
-    return [_sorted(item) for item in value] if isinstance(value, list) else value
-
-
-def _sha256(text: str) -> str:
-    return hashlib.sha256(text.encode("utf-8")).hexdigest()
-
-
-def digest_of(path: Path, length: int | None = None) -> tuple[int, str]:
-    """Size and SHA-256 of a file, or of so many bytes at its beginning."""
-    digest, size = hashlib.sha256(), 0
-    with path.open("rb") as stream:
-        while piece := stream.read(_PIECE if length is None else min(_PIECE, length - size)):
-            digest.update(piece)
-            size += len(piece)
-    return size, digest.hexdigest()
+    return hashlib.sha256("".join(sorted(map(_hash, experiments))).encode("utf-8")).hexdigest()
 
 
 def _hash(experiment: Experiment) -> str:
@@ -120,12 +72,10 @@ def _steps(values: NDArray[np.floating[Any]], size: float) -> Index:
 
 def _text(item: Any) -> str:
     """A record of a row, numbers with nine digits."""
-    return json.dumps(_rounded(encode(item)), sort_keys=True)
+    return json.dumps(_rounded(item))
 
 
 def _rounded(value: Any) -> Any:
-    if isinstance(value, float):
+    if isinstance(value, complex | float):
         return f"{value:.9g}"
-    if isinstance(value, list):
-        return [_rounded(item) for item in value]
-    return {key: _rounded(item) for key, item in value.items()} if isinstance(value, dict) else value
+    return [_rounded(item) for item in value] if isinstance(value, list | tuple) else str(value)

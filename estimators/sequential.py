@@ -1,0 +1,90 @@
+"""Evidence that something has changed, looked at after every test, with a bound on false alarms for ever.
+
+Test after test the same question is asked, and a test of significance at a fixed level would raise a false alarm sooner
+or later. Evidence here is a non-negative martingale M that begins at 1: as long as nothing has changed, the probability
+that it ever reaches 1/a is at most a, however long one looks and whenever one stops (Ville 1939).
+
+A change of level. Values scatter normally about a level, which may depend on conditions in a straight line; scatter and
+level are not known. From test k on the level is shifted by d standard deviations of one test, d from N(0, t^2). Level
+and scatter are integrated over the priors that treat all of them alike (right Haar measure), so that the ratio of the
+marginal likelihoods,
+
+    (1 + t^2 r)^(-1/2) (R / (R - t^2 c^2 / (1 + t^2 r)))^((n - p) / 2),
+
+is one of quantities that do not depend on level and scatter, and hence a martingale, whatever both are (Lai 1976;
+Perez-Ortiz, Lardy, de Heide and Grunwald 2024). R is the sum of the squared residuals y without a shift, r that of the
+shift's own step u once level and conditions are taken out of it, c the product of u and y. The mean over t and k, with
+weights 1/(j (j + 1)) of the j-th possible k, is a martingale too. No error bar of a test is needed, which says little
+of what mounting a weight anew scatters. Scatter with tails makes single values far off: evidence that is to count has
+to hold whichever single value is left out, which only makes alarms fewer.
+
+A value below what is required. Scores that are N(0, 1) at the limit and lower above it: for a mean d > 0 from score k
+on the likelihood ratio is exp(d S - m d^2/2), S the sum of the m scores since then, d averaged over half of N(0, t^2).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rotorfit.models.array_types import ROUND_OFF, Float
+
+SHIFTS = (1.0, 4.0, 16.0)
+"""Standard deviations of the shifts looked for, in standard deviations of one test. Chosen."""
+FEWEST_FREEDOM = 3
+"""Degrees of freedom of the scatter before a change. Chosen."""
+
+
+def change_evidence(values: Float, conditions: Float | None = None) -> Float:
+    """Evidence that the level has changed after each value, shape ``(N,)``; ``conditions`` have shape ``(N, C)``."""
+    design = np.column_stack([np.ones(len(values)), *([] if conditions is None else conditions.T)])
+    return np.array([_change(values[:n], design[:n]) for n in range(1, len(values) + 1)])
+
+
+def without_any(values: Float, conditions: Float | None = None) -> float:
+    """Evidence after the last value, whichever single value is left out: the least."""
+    design = np.column_stack([np.ones(len(values)), *([] if conditions is None else conditions.T)])
+    rows = ~np.eye(len(values), dtype=bool)
+    return min(_change(values[row], design[row]) for row in rows)
+
+
+def _change(values: Float, design: Float) -> float:
+    """Evidence after the last of these values."""
+    count = len(values)
+    first = design.shape[1] + FEWEST_FREEDOM  # values before the first change that is looked for
+    if count <= first or np.linalg.matrix_rank(design) < design.shape[1]:
+        return 1.0
+    basis = np.linalg.qr(design)[0]
+    residual = values - basis @ (basis.T @ values)
+    rest = float(residual @ residual)
+    if rest <= (ROUND_OFF * np.abs(values).max()) ** 2 * count:
+        return 1.0  # values that never change
+    after = slice(first, None)
+    products = np.cumsum(residual[::-1])[::-1][after]
+    taken_out = np.sum(np.cumsum(basis[::-1], axis=0)[::-1][after] ** 2, axis=1)
+    steps = np.maximum(np.arange(count - first, 0, -1) - taken_out, 0.0)
+    squares = np.square(SHIFTS)[:, None]
+    share = squares * products**2 / (1 + squares * steps) / rest
+    ratios = -np.log1p(squares * steps) / 2 - (count - design.shape[1]) / 2 * np.log1p(-share)
+    return _mixed(ratios)
+
+
+def low_evidence(scores: Float) -> Float:
+    """Evidence that scores are above 0 from some time on, after each of them, shape ``(N,)``."""
+    from scipy.special import log_ndtr
+
+    found = np.ones(len(scores))
+    squares = np.square(SHIFTS)[:, None]
+    for n in range(1, len(scores) + 1):
+        total = np.cumsum(scores[:n][::-1])[::-1]
+        wide = 1 + squares * np.arange(n, 0, -1)
+        ratios = -np.log(wide) / 2 + squares * total**2 / (2 * wide)
+        found[n - 1] = _mixed(ratios + np.log(2) + log_ndtr(total * np.sqrt(squares / wide)))
+    return found
+
+
+def _mixed(ratios: Float) -> float:
+    """Mean of likelihood ratios, whose logarithms have shape ``(t, k)``, over sizes and times of a change."""
+    j = np.arange(1, ratios.shape[1] + 1)
+    parts = np.logaddexp.reduce(ratios, axis=0) - np.log(len(ratios)) - np.log(j * (j + 1))
+    yet_to_come = -np.log(len(j) + 1)
+    return float(np.exp(min(float(np.logaddexp.reduce(np.append(parts, yet_to_come))), 600.0)))

@@ -1,0 +1,170 @@
+"""``rotorfit watch``: fit what arrives in a folder, and raise an alarm when the machine has changed."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shlex
+import shutil
+import sys
+import time
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rotorfit.cli.answer import say
+from rotorfit.cli.progress import ProgressLine
+from rotorfit.cli.store import add_followed, add_study, added_json, added_words
+from rotorfit.options.kinds import positive_word, words
+from rotorfit.units import RAD_S_PER_RPM
+
+if TYPE_CHECKING:
+    from rotorfit.store.alarms import MachineState
+    from rotorfit.store.watch import FolderWatch
+
+DESCRIPTION = "watch a folder: fit tests and recordings as they arrive, keep a history, raise an alarm on a change"
+
+
+def add_options(to: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    to.add_argument("folder", type=Path, metavar="FOLDER", help="where files arrive; a folder in it is one test")
+    add_study(to, required=True)
+    to.add_argument("--store", type=Path, required=True, metavar="STORE", help="machine.db; machine.html is beside it")
+    add_followed(to)
+    to.add_argument("--against", type=words, default=(), metavar="A,B", help="conditions that a level may depend on")
+    to.add_argument(
+        "--false-alarm",
+        type=positive_word,
+        default=0.01,
+        metavar="P",
+        help="probability that a machine which does not change ever raises an alarm [%(default)g]",
+    )
+    to.add_argument("--running-speed", type=positive_word, metavar="RPM", help="watch the threshold speed against it")
+    to.add_argument(
+        "--margin",
+        type=positive_word,
+        metavar="X",
+        help="threshold speed over --running-speed that is required [1]",
+    )
+    to.add_argument("--on-alarm", default="", metavar="CMD", help="program and arguments; it reads the alarm as JSON")
+    to.add_argument("--once", action="store_true", help="one round, for cron; exit code 3 while an alarm stands")
+    to.add_argument("--every", type=positive_word, default=10.0, metavar="S", help="s between rounds [%(default)g]")
+    to.add_argument(
+        "--settle", type=float, default=5.0, metavar="S", help="a file is ready unchanged for so long [%(default)g]"
+    )
+    to.add_argument("--json", action="store_true", help="print events as JSON, one a line")
+    to.add_argument("--quiet", action="store_true", help="print alarms only")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do what the command line says; returns the exit code."""
+    from rotorfit.cli.errors import ExitCode, checked
+
+    watch = checked(lambda: _watch(options))
+    if options.once:
+        states = checked(lambda: _round(watch, wait=True))
+        if not options.json and not options.quiet:
+            print("\n".join(state.sentence(rule) for state in states for rule in state.rules) or "no test yet")
+        return ExitCode.ALARM if any(state.alarms for state in states) else ExitCode.DONE
+    while True:
+        try:
+            _round(watch)
+        except (OSError, ValueError) as problem:
+            _tell_problem(options, problem)  # a network that is down, a full disk: the next round may do
+        time.sleep(options.every)
+
+
+def _round(watch: FolderWatch, *, wait: bool = False) -> list[MachineState]:
+    """Look, fit, raise alarms, and write the page where something is new."""
+    from rotorfit.store.page import write_page
+
+    added = watch.look()
+    if wait and watch.waiting():
+        time.sleep(watch.settle)
+        added += watch.look()
+    states = watch.states()
+    if added or wait or not watch.store.path.with_suffix(".html").exists():
+        write_page(watch.store, states)
+    return states
+
+
+def _tell_problem(options: argparse.Namespace, problem: BaseException) -> None:
+    from rotorfit.cli.errors import sentence
+
+    said = sentence(problem)
+    if options.json:
+        print(json.dumps({"event": "problem", "said": said}), flush=True)
+    else:
+        say(said)
+
+
+def _watch(options: argparse.Namespace) -> FolderWatch:
+    from rotorfit.store.alarms import Watching
+    from rotorfit.store.store import Store, study_for_store
+    from rotorfit.store.watch import FolderWatch
+
+    _check(options)
+    study = study_for_store(options.study)
+    if study is None:
+        raise ValueError("--study is needed")
+    if options.setup is not None and not options.setup.is_file():
+        raise FileNotFoundError(2, "there is no such file", str(options.setup))
+    speed = None if options.running_speed is None else options.running_speed * RAD_S_PER_RPM
+    watching = Watching(
+        names=tuple(options.follow or ()),
+        false_alarm=options.false_alarm,
+        running_speed=speed,
+        margin=options.margin or 1.0,
+        against=tuple(options.against),
+        since=options.since,
+    )
+    return FolderWatch(
+        folder=options.folder,
+        store=Store(options.store),
+        study=study,
+        watching=watching,
+        setup=options.setup,
+        machine=options.machine,
+        settle=options.settle,
+        on_alarm=options.on_alarm,
+        tell=partial(_tell, options),
+        progress=ProgressLine(enabled=not (options.quiet or options.json) and sys.stderr.isatty()),
+    )
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuse, before anything is fitted, what could not work."""
+    if not options.folder.is_dir():
+        raise NotADirectoryError(f"{options.folder} is no folder; give the one in which files arrive")
+    if options.false_alarm >= 1:
+        raise ValueError(f"--false-alarm takes a probability below 1, got {options.false_alarm:g}")
+    if not 0 <= options.settle < float("inf"):
+        raise ValueError(f"--settle takes seconds from 0, got {options.settle:g}")
+    if options.margin is not None and options.running_speed is None:
+        raise ValueError("--margin is a factor on the running speed: give --running-speed RPM too")
+    if options.on_alarm:
+        try:
+            program = shlex.split(options.on_alarm, posix=os.name == "posix")[0]
+        except (ValueError, IndexError) as problem:
+            raise ValueError(f"--on-alarm {options.on_alarm!r} is no command: {problem}") from problem
+        if shutil.which(program) is None:
+            raise FileNotFoundError(f"--on-alarm: there is no program {program} that can be run")
+
+
+def _tell(options: argparse.Namespace, event: dict[str, Any]) -> None:
+    """One event, as a JSON line or a sentence."""
+    if event["event"] == "test":
+        added, fits = event["added"], {event["fit"].number: event["fit"]}
+        if options.json:
+            print(json.dumps({"event": "test", **added_json(added, fits)}, allow_nan=False), flush=True)
+        elif not options.quiet:
+            print(added_words(added, fits), flush=True)
+    elif options.json:
+        print(json.dumps(event, allow_nan=False), flush=True)
+    elif event["event"] == "alarm":
+        print(event["said"], flush=True)
+    elif event["event"] == "refused":
+        say(f"{event['source']}: refused: {event['reason']}")
+    else:
+        say(event["said"])

@@ -1,0 +1,72 @@
+"""The page beside a store: one HTML file without script or network, with alarms, history and what was refused."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from rotorfit.fitting.digits import plus_minus
+from rotorfit.monitoring.watch_figure import plot_rules
+from rotorfit.plots.style import picture_of
+from rotorfit.report.html import Html, bullets, paragraph, picture, table
+from rotorfit.report.page import page, write_whole
+from rotorfit.report.parts import note, section, sentence
+from rotorfit.store.alarms import MachineState
+from rotorfit.store.store import Store
+
+_SHOWN = 200
+"""Latest tests in the table of a machine. Chosen."""
+
+
+def write_page(store: Store, states: Sequence[MachineState], path: Path | None = None) -> Path:
+    """Write the page of a store, whole or not at all; by default beside it, ``machine.html`` of ``machine.db``."""
+    target = store.path.with_suffix(".html") if path is None else path
+    content = page(f"History of {store.path.stem}", str(store.path), [*_sections(states), *_refused(store)])
+    return write_whole(target, content.encode("utf-8"))
+
+
+def _sections(states: Sequence[MachineState]) -> list[Html]:
+    if not states:
+        return [section("No test yet", paragraph("Nothing has been fitted by this study."))]
+    return [part for state in states for part in _machine(state)]
+
+
+def _machine(state: MachineState) -> list[Html]:
+    name = state.machine or "The machine"
+    verdict = "ALARM" if state.alarms else "no alarm"
+    parts = [section(f"{name}: {verdict}", bullets(sentence(state.sentence(rule)) for rule in state.rules))]
+    if state.history:
+        dates = {test.number: test.date for test, _ in state.history}
+        rules = [rule for rule in state.rules if len(rule.evidence)]
+        figure = plot_rules(rules, dates)
+        caption = "Values by date with their standard errors, and the evidence after each test that they have changed."
+        parts.append(section("History", picture(picture_of(figure, dpi=150), caption, figure.get_figwidth())))
+    return [*parts, _tests(state)]
+
+
+def _tests(state: MachineState) -> Html:
+    names = [rule.name for rule in state.rules if rule.name in (state.history[-1][1].params if state.history else {})]
+    rows = []
+    for test, fit in sorted((*state.history, *state.left_out), key=lambda pair: pair[0].date, reverse=True)[:_SHOWN]:
+        values = [fit.params.get(name) for name in names]
+        cells = ["" if v is None or not math.isfinite(v.value) else plus_minus(v.value, v.stderr) for v in values]
+        remark = fit.errors[0] if fit.errors else "" if fit.success else fit.message
+        rows.append([test.date, str(test.number), Path(test.sources[0]).name, *cells, remark])
+    units = [state.history[-1][1].params[name].unit for name in names]
+    heads = [f"{name}, {unit}" if unit != "1" else name for name, unit in zip(names, units, strict=True)]
+    count = len(state.history) + len(state.left_out)
+    more = f"The latest {_SHOWN} of {count} tests; all are in the store." if count > _SHOWN else ""
+    return section(
+        "Tests",
+        table(["date", "test", "file", *heads, "left out because"], rows),
+        note("Errors are statistical.", more),
+    )
+
+
+def _refused(store: Store) -> list[Html]:
+    refused = store.refused
+    if not refused:
+        return []
+    words = (f"{Path(path).name}: {reason}" for path, reason in list(refused.items())[-_SHOWN:])
+    return [section("Files that could not be read", bullets(words))]

@@ -1,0 +1,158 @@
+"""Work sent elsewhere: a lost cluster is not waited for, what was done is kept, workers end with their parent."""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from concurrent.futures import Executor, Future
+from pathlib import Path
+
+import pytest
+from seal_campaigns import KNOWN, same_fits, seal_campaign
+
+import rotorfit as rf
+from rotorfit.cli.main import main
+from rotorfit.executors import carry_out, cluster
+from rotorfit.models import OneMode
+
+FORK = multiprocessing.get_context("fork")
+
+
+class Silent(Executor):
+    """Answers some items and then nothing: a cluster scaled to zero."""
+
+    def __init__(self, answers):
+        self.answers, self.sent = answers, 0
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        self.sent += 1
+        if self.sent <= self.answers:
+            future.set_result(fn(*args, **kwargs))
+        return future
+
+
+class Closed(Executor):
+    """Takes nothing: a client that was closed."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        raise AssertionError("tried to send a message over a closed comm")
+
+
+@pytest.mark.parametrize(("pool", "said"), [(Silent(3), "no worker has answered for 0.2 s"), (Closed(), "closed comm")])
+def test_a_cluster_that_is_lost_is_not_waited_for(pool, said):
+    done = []
+    with pytest.warns(UserWarning, match=f"of 10 pieces of work are done here: .*{said}"):
+        found = carry_out(lambda n: n * n, range(10), pool, lambda n, square: done.append(n), patience=0.2)
+    assert found == [n * n for n in range(10)]
+    assert sorted(done) == list(range(10))
+
+
+def test_no_machine_holds_all_items():
+    """Items are sent as others are answered."""
+    pool = Silent(0)
+    with pytest.warns(UserWarning, match="are done here"):
+        carry_out(lambda n: n, range(2000), pool, patience=0.1)
+    assert pool.sent == 256
+
+
+def kept_campaign(path, table, stop=None):
+    """A campaign over a store, killed by itself after so many runs."""
+
+    def progress(done, total):
+        if stop is not None and done >= stop:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    return rf.campaign(OneMode(), table, known=KNOWN, store=rf.Store(path), progress=progress)
+
+
+def test_a_campaign_that_was_killed_takes_up_where_it_stopped(tmp_path):
+    table, _ = seal_campaign(20)
+    process = FORK.Process(target=kept_campaign, args=(tmp_path / "m.db", table, 10))
+    process.start()
+    process.join()
+    assert process.exitcode == -signal.SIGKILL
+    seen = []
+    store = rf.Store(tmp_path / "m.db")
+    found = rf.campaign(OneMode(), table, known=KNOWN, store=store, progress=lambda *n: seen.append(n))
+    assert seen[0][0] > 16  # two batches of eight were kept
+    plain = rf.campaign(OneMode(), table, known=KNOWN)
+    same_fits(found, plain)
+    again = rf.campaign(OneMode(), table, known=KNOWN, store=store)
+    assert again.to_csv() == found.to_csv()  # what is kept is exact
+    seen.clear()
+    rf.campaign(OneMode(), table, known=KNOWN | {"Ds": 8.5}, store=store, progress=lambda *n: seen.append(n))
+    assert seen[0][0] == 8  # other settings are other fits
+
+
+PARENT = """
+import time
+from rotorfit.executors import process_pool
+if __name__ == "__main__":
+    with process_pool(2) as pool:
+        for work in [pool.submit(time.sleep, 0.5) for _ in range(2)]:
+            work.result()
+        for _ in range(2):
+            pool.submit(time.sleep, 600)
+        print(*pool._processes, flush=True)
+        time.sleep(600)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGKILL])
+def test_processes_end_with_the_one_that_started_them(end, tmp_path):
+    (tmp_path / "parent.py").write_text(PARENT)
+    with subprocess.Popen([sys.executable, tmp_path / "parent.py"], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        workers = [int(word) for word in parent.stdout.readline().split()]
+        assert len(workers) == 2
+        parent.send_signal(end)
+    until = time.monotonic() + 10
+    while any(Path(f"/proc/{worker}").exists() and running(worker) for worker in workers):
+        assert time.monotonic() < until, "the workers go on"
+        time.sleep(0.05)
+
+
+def running(process: int) -> bool:
+    """False for one that has ended and was not asked for its exit code."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--cluster", "host:8786"], "--cluster takes local:N or the address of a scheduler"),
+        (["--cluster", "local:0"], "from 1"),
+        (["--cluster", "local:2", "--jobs", "2"], "give one of them"),
+    ],
+)
+def test_an_address_that_is_none_is_one_sentence(words, said, capsys, tmp_path):
+    table, _ = seal_campaign(2)
+    rf.write(table, tmp_path / "seal.csv")
+    assert main(["campaign", str(tmp_path / "seal.csv"), "--model", "one-mode", *words]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_dask_cluster_and_one_scaled_to_zero(monkeypatch):
+    """A real cluster of one process: it works, and when it is taken away the rest is done here."""
+    pytest.importorskip("distributed")
+    table, _ = seal_campaign(16)
+    plain = rf.campaign(OneMode(), table, known=KNOWN)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the cluster itself
+        with cluster("local:1") as pool:
+            same_fits(rf.campaign(OneMode(), table, known=KNOWN, executor=pool), plain)
+            same_fits(rf.campaign(OneMode(), table, known=KNOWN, client=pool._client), plain)
+            logging.getLogger("distributed").setLevel(logging.CRITICAL)
+            pool._client.cluster.scale(0)
+            assert carry_out(abs, [-1, -2], pool, patience=1.0) == [1, 2]
