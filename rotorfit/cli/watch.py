@@ -90,7 +90,7 @@ def _round(watch: FolderWatch, *, wait: bool = False) -> list[MachineState]:
 
 
 def _tell_problem(options: argparse.Namespace, problem: BaseException) -> None:
-    from rotorfit.cli.errors import sentence
+    from rotorfit.studies.wording import sentence
 
     said = sentence(problem)
     if options.json:
