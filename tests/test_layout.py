@@ -42,7 +42,7 @@ FLOORS = (
     ("app",),
     ("cli",),
 )
-"""Rooms from the ground up; those of the third and fourth floor are files. Imports go down, and none between rooms of a floor."""
+"""Rooms from the ground up; the third and fourth floor are files. Imports go down, none between rooms of a floor."""
 ESTIMATOR_FLOORS = (
     ("file_limits",),
     ("atomic_file", "file_reading", "matching", "change_point", "sequential", "significance"),
