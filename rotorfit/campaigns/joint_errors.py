@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from rotorfit.campaigns.curvatures import bends_of, scatter_of
 from rotorfit.campaigns.runs import Run, RunFit, Workers
-from rotorfit.estimators.inference.covariance import widening
+from rotorfit.estimators.inference.covariance import bends, score_scatter, widening
 from rotorfit.estimators.inference.schur import Curvature, Parts, shared_covariance
+from rotorfit.fitting.problem_setup import build_problem
+from rotorfit.fitting.settings import FitSettings
+from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
 
 
@@ -71,8 +73,8 @@ def _of_robust_loss(workers: Workers, fitted: Sequence[FittedRun], names: Sequen
     filling is the scatter of each run's slope, which reaches the shared parameters directly and through those of the
     run's own that follow them. The scatter already shows a model that does not fit: nothing is widened."""
     runs, options = [item.run for item in fitted], [item.options for item in fitted]
-    found = workers(bends_of, runs, options)
-    bend = float(np.mean(np.concatenate([bends for bends, _ in found])))
+    found = workers(_bends_of, runs, options)
+    bend = float(np.mean(np.concatenate([own for own, _ in found])))
     quadratics = [
         replace(item.quadratic, matrix=squares + np.diag(item.quadratic.prior)).scaled(bend)
         for item, (_, squares) in zip(fitted, found, strict=True)
@@ -81,7 +83,7 @@ def _of_robust_loss(workers: Workers, fitted: Sequence[FittedRun], names: Sequen
     inverse = shared_covariance(parts, names)
     inverses = [part.covariance(inverse) for part in parts]
     asked = [{**option, "bend": bend, "covar": covar} for option, covar in zip(options, inverses, strict=True)]
-    scatters = workers(scatter_of, runs, asked)
+    scatters = workers(_scatter_of, runs, asked)
     reached = [part.reach().T @ scatter @ part.reach() for part, scatter in zip(parts, scatters, strict=True)]
     filling = np.sum(reached, axis=0)
     own = []
@@ -98,3 +100,19 @@ def _own_order(item: FittedRun, names: Sequence[str], matrix: Float) -> Float:
     own = [name for name in item.quadratic.names if name not in names]
     order = [own.index(name) for name in item.fit.var_names]
     return np.asarray(matrix[np.ix_(order, order)])
+
+
+def _bends_of(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float]) -> tuple[Float, Float]:
+    """Bends of a robust loss in one run's readings, shape ``(R,)``, and its matrix by squares, shape ``(p, p)``."""
+    problem = build_problem(model, run.experiment, settings)
+    r, J = problem.jacobian(np.array([at[name] for name in problem.space.names]))
+    return bends(problem.loss, r), np.asarray((J.conj().T @ J).real)
+
+
+def _scatter_of(
+    model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float], bend: float, covar: Float
+) -> Float:
+    """Scatter of the slope of one run's cost, shape ``(p, p)``."""
+    problem = build_problem(model, run.experiment, settings)
+    x = np.array([at[name] for name in problem.space.names])
+    return score_scatter(problem, x, *problem.jacobian(x), bend=bend, covar=covar)
