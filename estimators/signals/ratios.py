@@ -14,7 +14,12 @@ _NARROWEST_RESONANCE = 0.25  # half width of a resonance, in steps between readi
 
 
 def best_ratio(
-    response: ComplexArray, sigma: Float, powers: Float | ComplexArray, numerators: Float, *, real: bool = False
+    response: ComplexArray,
+    sigma: Float,
+    powers: Float | ComplexArray,
+    numerators: Float | ComplexArray,
+    *,
+    real: bool = False,
 ) -> tuple[ComplexArray, ComplexArray, float]:
     """Denominator, numerators and half the sum of squares that they leave, of the best of several passes."""
     target: ComplexArray = response / sigma

@@ -17,6 +17,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.signals.ratios import best_ratio
 from rotorfit.estimators.starting.vector_fitting import Response, common_poles
 from rotorfit.models import Modal
 from rotorfit.models.array_types import ComplexArray, Float, Index
@@ -153,21 +154,10 @@ def _few_lines(lines: Lines, modes: int) -> tuple[Float, Float]:
     pairs, pair = np.unique(lines.probe * (lines.plane.max() + 1) + lines.plane, return_inverse=True)
     own = np.zeros((s.size, pairs.size), dtype=complex)
     own[np.arange(s.size), pair.reshape(-1)] = 1.0
-    powers = s[:, None] ** np.arange(2 * modes + 1)
+    powers = np.asarray(s[:, None] ** np.arange(2 * modes + 1), dtype=complex)
     numerator = (own[:, :, None] * powers[:, None, : 2 * modes - 1]).reshape(s.size, -1)
-    unknown = np.hstack([lines.value[:, None] * powers[:, :-1], -numerator, -1j * numerator])
-    weight = lines.weight
-    coefficients = np.zeros(2 * modes)
-    for _ in range(8):
-        A, b = unknown * weight[:, None], -lines.value * powers[:, -1] * weight
-        stacked = np.concatenate([A.real, A.imag])
-        size = np.linalg.norm(stacked, axis=0)
-        size = np.where(size > 0, size, 1.0)
-        solution = np.linalg.lstsq(stacked / size, np.concatenate([b.real, b.imag]), rcond=1e-12)[0] / size
-        coefficients = solution[: 2 * modes]
-        denominator = np.abs(powers[:, :-1] @ coefficients + powers[:, -1])
-        weight = lines.weight / np.maximum(denominator, 1e-3 * denominator.max())
-    roots = np.roots(np.concatenate([[1.0], coefficients[::-1]]))
+    denominator, _, _ = best_ratio(lines.value, 1 / lines.weight, powers, numerator, real=True)
+    roots = np.roots(denominator[::-1])
     roots = roots[roots.imag > 1e-6]
     roots = roots[np.argsort(np.abs(roots))][:modes]
     beyond = 1.5  # where a mode that the data do not show is put, over the highest frequency

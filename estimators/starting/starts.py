@@ -229,10 +229,10 @@ def _explicit_multistart(problem: Problem) -> Float:
     return np.asarray(best[: len(problem.space.names)])
 
 
-def _short_fit(problem: Problem, start: Float, options: Options = _SHORT) -> Solution:
+def _short_fit(problem: Problem, start: Float) -> Solution:
     space = problem.space
     size = np.abs(start) + (start == 0)
-    return minimise(problem, start, lower=space.lower, upper=space.upper, scale=size, options=options)
+    return minimise(problem, start, lower=space.lower, upper=space.upper, scale=size, options=_SHORT)
 
 
 def without_outliers(problem: Problem) -> tuple[Block, ...]:

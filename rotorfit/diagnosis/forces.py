@@ -19,6 +19,7 @@ from rotorfit.data.linear_force import probe_pairs
 from rotorfit.diagnosis.orbits import FEWEST_READINGS, Orbits, total_power
 from rotorfit.diagnosis.probe_pairs import LARGEST_REDCHI
 from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
+from rotorfit.estimators.signals.ratios import best_ratio
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
 _LINES_A_COEFFICIENT = 4.0
@@ -119,16 +120,8 @@ def _rational(w: Float, values: ComplexArray, sigma: Float, modes: int) -> bool:
         unknowns = 2 * poles - 1
         if w.size < _LINES_A_COEFFICIENT * unknowns:
             return False
-        top = np.stack([u**k for k in range(poles - 1)], axis=1)
-        bottom = np.stack([u**k for k in range(1, poles + 1)], axis=1)
-        denominator = np.ones_like(values)
-        for _ in range(8):  # the equation error is the response error times the denominator: divide by the last one
-            weight = 1 / (denominator * sigma)
-            design = np.hstack([top, -values[:, None] * bottom]) * weight[:, None]
-            solution, *_ = np.linalg.lstsq(design, values * weight, rcond=None)
-            denominator = 1 + bottom @ solution[poles - 1 :]
-            denominator = np.where(denominator == 0, 1.0, denominator)
-        miss = values - top @ solution[: poles - 1] / denominator
-        if float(np.sum(np.abs(miss / sigma) ** 2) / (2 * (w.size - unknowns))) < LARGEST_REDCHI:
+        powers = np.asarray(np.polynomial.chebyshev.chebvander(u, poles), dtype=float)
+        _, _, cost = best_ratio(values, sigma, powers, powers[:, : poles - 1])
+        if cost / (w.size - unknowns) < LARGEST_REDCHI:
             return True
     return False

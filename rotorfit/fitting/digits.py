@@ -7,12 +7,12 @@ import math
 _LARGEST_END_RATIO = 100.0  # ratio of an interval's ends
 
 
-def with_error(value: float, error: float, *, digits: int = 6) -> tuple[str, str]:
+def with_error(value: float, error: float) -> tuple[str, str]:
     """Value and error, both to the second significant digit of the error."""
     if not math.isfinite(value):
         return "-", "-"
     if not (math.isfinite(error) and error > 0):
-        return f"{value:.{digits}g}", "-"
+        return f"{value:.6g}", "-"
     size = max(abs(value), error)
     if not 1e-4 <= size < 1e7:
         exponent = math.floor(math.log10(size))

@@ -25,7 +25,7 @@ from rotorfit.fitting.assumptions.shifts import assuming
 from rotorfit.fitting.judge import judge, with_model_uncertainty
 from rotorfit.fitting.noise.error_bars import with_noise
 from rotorfit.fitting.noise.study import study_residuals
-from rotorfit.fitting.problem_setup import as_tuple, build_problem, dry_run, make_priors
+from rotorfit.fitting.problem_setup import as_tuple, build_problem, dry_run
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets
 from rotorfit.models import Modal, RotorModel
@@ -201,20 +201,9 @@ def closed_form(
     )
 
 
-def solve_again(
-    fit: FitResult,
-    problem: Problem,
-    priors: Mapping[str, Any] | None = None,
-    noise_scale: Mapping[str, float] | None = None,
-) -> FitResult:
-    """The result of a fit with its problem changed: more priors, nuisance entries or other readings."""
-    settings = fit.settings if noise_scale is None else replace(fit.settings, noise_scale=noise_scale)
-    if priors:
-        settings = replace(settings, priors={**settings.priors, **priors})
-        new = make_priors(problem.space, priors)
-        entries = {prior.entry for prior in new}
-        kept = tuple(prior for prior in problem.priors if prior.entry not in entries)
-        problem = replace(problem, priors=(*kept, *new))
+def solve_again(fit: FitResult, problem: Problem) -> FitResult:
+    """The result of a fit with its settings, solved for another problem: other nuisance entries, noise or readings."""
+    settings = fit.settings
     begin = np.zeros(problem.space.size)
     begin[: min(fit.x.size, begin.size)] = fit.x[: begin.size]
     solution = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options(method=settings.method))

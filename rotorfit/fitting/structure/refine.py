@@ -274,7 +274,8 @@ def rescale_noise(fit: FitResult) -> FitResult:
         settled = all(abs(scale[name] / fit.settings.noise_scale.get(name, 1.0) - 1) < 1e-3 for name in scale)
         if settled:
             break
-        fit = solve_again(fit, with_noise_scale(plain, scale), noise_scale=scale)
+        rescaled = replace(fit, settings=replace(fit.settings, noise_scale=scale))
+        fit = solve_again(rescaled, with_noise_scale(plain, scale))
     return fit
 
 
