@@ -345,7 +345,10 @@ def test_bad_words(
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("fit rig.csv", "the following arguments are required: --model; `rotorfit fit --help` says what there is"),
+        (
+            "fit --model one-mode",
+            "the following arguments are required: FILE; `rotorfit fit --help` says what there is",
+        ),
         ("fit rig.csv --model one-mode --seed -1", "argument --seed:"),
         ("fitt rig.csv", "invalid choice: 'fitt'"),
     ],

@@ -77,7 +77,9 @@ def test_sampling_cut_short_is_no_success(run: Run, tmp_path: Path, small: list[
     assert code == cli.ExitCode.NOT_CONVERGED
     assert err.startswith("rotorfit: the posterior's sampling has not converged")
     assert "NOT CONVERGED" in out
-    assert "not converged" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8").partition("Parameters")[0]
+    assert (
+        "not converged" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8").partition("<h2>Parameters")[0]
+    )
 
 
 def test_interrupted_sampling_goes_on(

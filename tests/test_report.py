@@ -141,7 +141,7 @@ def test_a_posterior_that_did_not_converge_is_said_at_the_top(rig_fit: FitResult
     page = report_of(
         rig_fit, tmp_path / "r.html", posterior=normal_draws(rig_fit, converged=False, message="too short")
     )
-    assert "too short" in page.shown.partition("Parameters")[0]
+    assert "too short" in page.text.partition("<h2>Parameters")[0]
 
 
 @pytest.mark.usefixtures("sketched")

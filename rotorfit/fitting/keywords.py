@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 class FitKeywords(TypedDict, total=False):
     """Keywords of :func:`rotorfit.fit` but for ``known``; see there."""
 
-    bounds: Mapping[str, tuple[float, float]] | None
+    bounds: Mapping[str, tuple[float | None, float | None]] | None
     priors: Mapping[str, Any] | None
     per: Mapping[str, str] | None
     loss: Loss
