@@ -25,6 +25,8 @@ FIND = """
   };
   window.findAll = (selector, words) => within(document).filter(e => e.matches(selector) && e.getClientRects().length
     && (!words || (e.innerText || e.textContent || '').includes(words)));
+  window.fields = label => findAll('input').filter(
+    e => (e.getRootNode().querySelector('label')?.textContent || '').startsWith(label));
   window.shown = () => {
     const text = root => [...root.childNodes].map(n => n.nodeType == 3 ? n.textContent
       : n.nodeType != 1 || ['STYLE', 'SCRIPT'].includes(n.tagName) || !(n.getClientRects().length || n.tagName == 'BODY'
@@ -140,8 +142,10 @@ class Tab:
 
     def place(self, selector: str, words: str = "", number: int = 0) -> tuple[float, float, float, float]:
         """Left, top, width and height of an element in the window, scrolled to where it can be seen."""
-        found = f"findAll({json.dumps(selector)}, {json.dumps(words)})"
-        self.wait(lambda: self.run(f"window.findAll ? {found}.length : 0") > number, f"{selector} {words}")
+        return self._place(f"findAll({json.dumps(selector)}, {json.dumps(words)})", number)
+
+    def _place(self, found: str, number: int) -> tuple[float, float, float, float]:
+        self.wait(lambda: self.run(f"window.findAll ? {found}.length : 0") > number, found)
         self.run(f"{found}[{number}].scrollIntoView({{block: 'center', behavior: 'instant'}})")
         box = self.run(f"(b => [b.left, b.top, b.width, b.height])({found}[{number}].getBoundingClientRect())")
         return (*map(float, box),)  # type: ignore[return-value]
@@ -151,11 +155,14 @@ class Tab:
         button = {"button": "left", "clickCount": 1} if kind in ("mousePressed", "mouseReleased") else {}
         self._call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **button, **options)
 
-    def click(self, selector: str, words: str = "", number: int = 0) -> None:
+    def click(self, selector: str, words: str = "", number: int = 0, *, ctrl: bool = False) -> None:
         """Move to the middle of an element and click."""
-        left, top, width, height = self.place(selector, words, number)
+        self._click(self.place(selector, words, number), modifiers=2 * ctrl)
+
+    def _click(self, box: tuple[float, float, float, float], **options: Any) -> None:
+        left, top, width, height = box
         for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
-            self.mouse(kind, left + width / 2, top + height / 2)
+            self.mouse(kind, left + width / 2, top + height / 2, **options)
 
     def drag(self, begin: tuple[float, float], end: tuple[float, float]) -> None:
         """Press, move in a few steps, release."""
@@ -166,9 +173,9 @@ class Tab:
             self.mouse("mouseMoved", here[0], here[1], buttons=1)
         self.mouse("mouseReleased", *end)
 
-    def write(self, selector: str, words: str, text: str, number: int = 0) -> None:
-        """Click into a field and write, in place of what stands there, and leave it by Enter."""
-        self.click(selector, words, number)
+    def write(self, label: str, text: str) -> None:
+        """Click into the field whose label begins so and write, in place of what stands there; leave it by Enter."""
+        self._click(self._place(f"fields({json.dumps(label)})", 0))
         self._call("Input.dispatchKeyEvent", type="keyDown", key="a", code="KeyA", modifiers=2, commands=["selectAll"])
         self._call("Input.insertText", text=text)
         for kind in ("keyDown", "keyUp"):

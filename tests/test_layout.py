@@ -58,8 +58,8 @@ RECORDING_FLOORS = (
     ("formats",),
     ("rig",),
     (
-        "angle_track", "channel_statistics", "marks", "quality", "recording", "signals", "slow_roll", "spectra",
-        "summary", "twist", "views",
+        "angle_track", "channel_statistics", "envelope", "marks", "quality", "recording", "signals", "slow_roll",
+        "spectra", "summary", "twist", "views",
     ),
     ("reduction",),
 )  # fmt: skip

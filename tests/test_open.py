@@ -1,4 +1,4 @@
-"""The front in a browser, headless, with a mouse: the way from a file to a report, and a TOML that repeats it."""
+"""The front in a browser, headless, with a mouse: from volts to a report, and the TOML that repeats it."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
 
+import pandas as pd
 import pytest
 from browser import Browser, Tab
 
@@ -23,12 +24,20 @@ from rotorfit import datasets
 pytest.importorskip("panel", reason="of the extra app")
 pytest.importorskip("tomli_w", reason="of the extra app")
 
+VOLTS = ("volts_disk-fwd.h5", "volts_journal-fwd.h5")
+Run = Callable[..., tuple[int, str, str]]
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder that is opened."""
+    """The folder that is opened: recordings, a test, one whose journal y is inverted, and one that is none."""
     made = tmp_path_factory.mktemp("rig")
-    shutil.copy(datasets.path("rig_lumped.csv"), made / "rig.csv")
+    for name in VOLTS:
+        shutil.copy(datasets.path(name), made / name)
+    table = pd.read_csv(datasets.path("rig_lumped.csv"), comment="#")
+    table.to_csv(made / "a.csv", index=False)
+    inverted = (table["plane"] == "journal") & (table["direction"] == "y")
+    table.assign(phase_deg=table["phase_deg"] + 180.0 * inverted).to_csv(made / "b.csv", index=False)
     (made / "wrong.csv").write_text("speed_rpm,amplitude_um\n1000,1\n", encoding="utf-8")
     return made
 
@@ -36,11 +45,18 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def address(folder: Path) -> Iterator[str]:
     """Address of a server for the folder."""
-    words = [sys.executable, "-m", "rotorfit", "open", str(folder / "rig.csv"), "--no-browser"]
+    words = [sys.executable, "-m", "rotorfit", "open", str(folder / "a.csv"), "--no-browser"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=os.environ) as server:
         assert server.stdout is not None
         yield server.stdout.readline().split()[-1]
         server.terminate()
+
+
+def open_files(tab: Tab, *names: str) -> None:
+    """Choose files in the list, the first by a click and the others with Ctrl, and open them."""
+    for number, name in enumerate(names):
+        tab.click("option", name, ctrl=number > 0)
+    tab.click("button", "Open")
 
 
 def downloaded(tab: Tab, name: str, folder: Path) -> Path:
@@ -50,37 +66,82 @@ def downloaded(tab: Tab, name: str, folder: Path) -> Path:
     return Path(tab.wait(lambda: (folder / name).is_file() and folder / name, f"the download of {name}"))
 
 
-def test_from_a_file_to_a_report_and_again_on_the_command_line(
-    browser: Browser, address: str, folder: Path, tmp_path: Path, run: Callable[..., tuple[int, str, str]]
+def repeated(tab: Tab, folder: Path, run: Run) -> rf.FitResult:
+    """The fit that is downloaded, which the downloaded study gives again to the last digit."""
+    fitted, study = (downloaded(tab, name, folder) for name in ("fit.json", "study.toml"))
+    code, _, stderr = run("run", study, "--out", folder / "again", "--no-figures")
+    assert (code, stderr) == (0, "")
+    kept, again = (json.loads(path.read_text(encoding="utf-8")) for path in (fitted, folder / "again" / "fit.json"))
+    assert kept["params"] == again["params"]
+    assert kept["covar"] == again["covar"]
+    return rf.load_fit(fitted)
+
+
+def test_from_volts_to_a_report_and_again_on_the_command_line(
+    browser: Browser, address: str, folder: Path, tmp_path: Path, run: Run
 ) -> None:
     before = sorted(folder.iterdir())
     tab = browser.tab(address)
-    text = tab.wait_for("Model")
-    assert "rig.csv: perturbation test, 1920 readings in 8 runs" in text
-    assert "The check of the data found nothing." in text
-    tab.write("input", "", "6000", number=field(tab, "K3"))
+    open_files(tab, *VOLTS)
+    tab.wait_for("journal-fwd: 10.000 s at 4096 Hz, 6 channels")
+    tab.wait_for("rms)")
+    tab.click("button", "Make vectors")
+    tab.wait_for("perturbation test, 696 readings in 2 runs", 40)
+    tab.write("K3,", "6000")
     tab.click("button", "Fit")
     text = tab.wait_for("Download report.html", 60)
-    assert "The fit converged" in text
-    fitted = downloaded(tab, "fit.json", tmp_path)
-    study = downloaded(tab, "study.toml", tmp_path)
+    assert "Fit: converged" in text
+    fit = repeated(tab, tmp_path, run)
+    assert f"{fit.params['lam'].value:.3f}" in text
     report = downloaded(tab, "report.html", tmp_path)
     assert "<h2>Verdict</h2>" in report.read_text(encoding="utf-8")
-    code, _, stderr = run("run", study, "--out", tmp_path / "again", "--no-figures")
-    assert (code, stderr) == (0, "")
-    kept, again = (json.loads(path.read_text(encoding="utf-8")) for path in (fitted, tmp_path / "again" / "fit.json"))
-    assert kept["params"] == again["params"]
-    lam = rf.load_fit(fitted).params["lam"]
-    assert f"{lam.value:.2f}" in text
     assert sorted(folder.iterdir()) == before
     assert tab.complaints == []
     assert {urlsplit(one).netloc for one in tab.requests if re.match("https?|ws", one)} == {urlsplit(address).netloc}
 
 
-def field(tab: Tab, name: str) -> int:
-    """Which of the input fields belongs to a parameter."""
-    labels = tab.run("findAll('input').map(e => e.getRootNode().querySelector('label')?.textContent || '')")
-    return next(i for i, label in enumerate(labels) if label.startswith(f"{name},"))
+def test_brushing_leaves_readings_out_and_a_finding_is_undone(
+    browser: Browser, address: str, tmp_path: Path, run: Run
+) -> None:
+    tab = browser.tab(address)
+    tab.wait_for("a.csv: perturbation test, 1920 readings in 8 runs")
+    open_files(tab, "b.csv")
+    tab.wait_for("b.csv: perturbation test, 1920 readings in 8 runs")
+    left, top, width, height = tab.place("canvas")
+    tab.drag((left + 0.4 * width, top + 0.2 * height), (left + 0.6 * width, top + 0.8 * height))
+    tab.wait(lambda: tab.run("!findAll('button', 'Leave out')[0].disabled"), "readings to be brushed")
+    tab.click("button", "Leave out what is brushed")
+    tab.wait_for("readings are left out, drawn as crosses")
+    tab.write("K3,", "6000")
+    tab.click("button", "Fit")
+    tab.wait_for("the probes at journal are inverted in y", 40)
+    tab.click("button", "Undo this and fit again")
+    tab.wait_for("Undone in the data: probes-inverted (inverted in y at journal)")
+    tab.wait_for("Fit: converged", 40)
+    fit = repeated(tab, tmp_path, run)
+    assert fit.redchi < fit.largest_redchi
+    assert 1000 < len(fit.experiments[0]) < 1920
+
+
+def test_wrong_files_and_two_tabs(browser: Browser, address: str, folder: Path, run: Run) -> None:
+    """A wrong file is told as the command line tells it, in its own tab; a fit that is stopped leaves nothing."""
+    before = sorted(folder.iterdir())
+    first, second = browser.tab(address), browser.tab(address)
+    first.wait_for("Values that are known")
+    first.click("button", "Fit")
+    first.click("button", "Stop")
+    text = first.wait_for("It was stopped; nothing was written.")
+    second.wait_for("Values that are known")
+    open_files(second, "wrong.csv")
+    _, _, stderr = run("info", folder / "wrong.csv")
+    sentence = " ".join(stderr.removeprefix("rotorfit: ").split())
+    second.wait_for(sentence)
+    assert "a.csv: perturbation test" not in second.text()
+    text = first.text()
+    assert "a.csv: perturbation test, 1920 readings" in text
+    assert sentence not in text
+    assert "Download" not in text
+    assert sorted(folder.iterdir()) == before
 
 
 def test_the_address_is_this_machines_alone_and_a_secret(address: str) -> None:

@@ -44,6 +44,7 @@ SETTINGS = {
     "phase_offsets": True,
     "method": "ipopt",
     "max_iterations": 1000,
+    "undo": ("lag-as-lead", "probes-turned (journal by 45)"),
     "refine": True,
     "baseline": "dry.csv",
     "stator_mass_kg": 12.5,

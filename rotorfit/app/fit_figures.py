@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rotorfit.app.readings_figure import TOOLS
+from rotorfit.app.frames import framed
 from rotorfit.plots.sweeps import SweepCurve, curves, forced_planes, joined
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -38,8 +38,8 @@ def bode(found: Sequence[SweepCurve], title: str, unit: str) -> Any:
     """Amplitude and phase of a response to a unit force: points measured, lines fitted, with their 95 % bands."""
     from bokeh.layouts import column
 
-    top = _figure(title, 260, "", unit, y_axis_type="log")
-    bottom = _figure("", 200, _FREQUENCY, "phase lead, °", x_range=top.x_range)
+    top = framed(title, 260, "", unit, y_axis_type="log")
+    bottom = framed("", 200, _FREQUENCY, "phase lead, °", x_range=top.x_range)
     bottom.y_range.start, bottom.y_range.end = -190, 190
     for curve in found:
         x, fine = curve.frequency * RPM_PER_RAD_S, curve.fine * RPM_PER_RAD_S
@@ -58,7 +58,7 @@ def bode(found: Sequence[SweepCurve], title: str, unit: str) -> Any:
 
 def polar(found: Sequence[SweepCurve], title: str, unit: str) -> Any:
     """Response to a unit force in the complex plane."""
-    plot = _figure(title, 380, f"in phase, {unit}", f"quadrature, {unit}", match_aspect=True)
+    plot = framed(title, 380, f"in phase, {unit}", f"quadrature, {unit}", match_aspect=True)
     for curve in found:
         fitted = 1e6 * curve.fitted
         plot.line(fitted.real, fitted.imag, color=curve.condition.colour, line_width=1.4)
@@ -72,7 +72,7 @@ def residuals(found: Sequence[SweepCurve], title: str, unit: str) -> Any:
     """Residuals over their noise: dots real, crosses imaginary; noise alone leaves 95 % in the band."""
     from bokeh.models import BoxAnnotation
 
-    plot = _figure(title, 240, _FREQUENCY, "residual / noise")
+    plot = framed(title, 240, _FREQUENCY, "residual / noise")
     plot.add_layout(BoxAnnotation(bottom=-2, top=2, fill_color="#d5dbe1", fill_alpha=0.5, level="underlay"))
     for curve in found:
         points = _measured(curve, curve.frequency * RPM_PER_RAD_S)
@@ -84,17 +84,6 @@ def residuals(found: Sequence[SweepCurve], title: str, unit: str) -> Any:
 
 
 _FREQUENCY = "frequency, rpm (backward < 0 < forward)"
-
-
-def _figure(title: str, height: int, across: str, up: str, **options: Any) -> Any:
-    from bokeh.plotting import figure
-
-    plot = figure(
-        title=title or None, height=height, sizing_mode="stretch_width", tools=TOOLS, active_drag="box_zoom",
-        x_axis_label=across or None, y_axis_label=up, **options,
-    )  # fmt: skip
-    plot.toolbar.logo = None
-    return plot
 
 
 def _measured(curve: SweepCurve, rpm: Any) -> Any:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.io.files import SUFFIXES
 from rotorfit.io.tables.cells import EXCEL
 from rotorfit.recordings.formats.files import FORMATS
@@ -27,6 +28,17 @@ class Folder:
         if not found.is_relative_to(self.root):
             raise ValueError(f"{name} is not within {self.root}, the folder that rotorfit was opened for")
         return found
+
+    def write_new(self, name: str, text: str) -> Path:
+        """Write a file of the folder, whole or not at all; one that is there is left alone."""
+        path = self.path(name)
+        if path.suffix != ".toml":
+            raise ValueError(f"{name or 'the file'}: give a name that ends in .toml")
+        if path.exists():
+            raise FileExistsError(f"{name} is there already and is left alone; give another name")
+        with whole_file(path) as draft:
+            draft.write_text(text, encoding="utf-8")
+        return path
 
     def data_files(self) -> list[str]:
         """Test files and recordings, as paths in the folder."""

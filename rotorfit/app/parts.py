@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from importlib.resources import files
 from io import BytesIO
+from time import sleep
 from typing import Any
 
 import panel as pn
@@ -14,6 +15,8 @@ from rotorfit.report.html import Html, element, join
 
 STYLE = files("rotorfit.app").joinpath("page.css").read_text(encoding="utf-8")
 """Look of all markup."""
+_ENTRY_S = 0.15
+"""Seconds that a click waits for what was entered just before it: Panel takes entries in 0.05 s late."""
 WIDE = {"sizing_mode": "stretch_width"}
 """A part that takes the width of the page."""
 
@@ -40,9 +43,16 @@ def finding_words(finding: Finding) -> Html:
     return element("div", said, class_=f"said {finding.severity}")
 
 
-def button(label: str, *, main: bool = False, **options: Any) -> Any:
-    """A button."""
-    return pn.widgets.Button(name=label, button_type="primary" if main else "default", **options)
+def button(label: str, act: Callable[[], object], *, main: bool = False, **options: Any) -> Any:
+    """A button and what a click on it does."""
+
+    def clicked(_: Any) -> None:
+        sleep(_ENTRY_S)
+        act()
+
+    made = pn.widgets.Button(name=label, button_type="primary" if main else "default", **options)
+    made.on_click(clicked)
+    return made
 
 
 def download(name: str, text: Callable[[], str]) -> Any:

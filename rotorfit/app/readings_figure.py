@@ -7,14 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from rotorfit.app.frames import TOOLS, framed
 from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.plots.style import colour_of
 from rotorfit.units import RPM_PER_RAD_S
 
 _BRUSHED = "#b34700"
 """Colour of readings that are brushed."""
-TOOLS = "pan,box_zoom,wheel_zoom,reset,save"
-"""Tools of every figure."""
 
 
 def readings_figures(test: Experiment, skipped: Set[int], on_brush: Callable[[set[int]], None]) -> list[Any]:
@@ -67,7 +66,6 @@ def _source(test: PerturbationTest, rows: Any, skipped: Set[int]) -> Any:
 def _pair(channel: str, source: Any, test: PerturbationTest) -> Any:
     from bokeh.layouts import column
     from bokeh.models import HoverTool
-    from bokeh.plotting import figure
 
     unit = "µrad" if channel.rpartition(" ")[2].startswith("r") else "µm"
     tips = [
@@ -81,18 +79,15 @@ def _pair(channel: str, source: Any, test: PerturbationTest) -> Any:
     ]
     across = "speed, rpm" if test.synchronous else "frequency, rpm (backward < 0 < forward)"
     common: dict[str, Any] = {
-        "sizing_mode": "stretch_width",
         "tools": f"box_select,lasso_select,{TOOLS}",
         "active_drag": "box_select",
-        "output_backend": "canvas",
     }
-    top = figure(height=220, y_axis_type="log", title=channel, y_axis_label=f"{unit} 0-peak", **common)
-    bottom = figure(height=190, x_range=top.x_range, x_axis_label=across, y_axis_label="phase lead, °", **common)
+    top = framed(channel, 220, "", f"{unit} 0-peak", y_axis_type="log", **common)
+    bottom = framed("", 190, across, "phase lead, °", x_range=top.x_range, **common)
     bottom.y_range.start, bottom.y_range.end = -190, 190
     for plot, values in ((top, "amplitude"), (bottom, "phase")):
         look = {"color": "colour", "nonselection_alpha": 0.25, "selection_color": _BRUSHED}
         plot.scatter("rpm", values, source=source, marker="marker", size=5, **look)
         plot.add_tools(HoverTool(tooltips=tips))
-        plot.toolbar.logo = None
     bottom.toolbar_location = None
     return column(top, bottom, sizing_mode="stretch_width")

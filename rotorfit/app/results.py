@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import panel as pn
 
 from rotorfit.app.fit_figures import bode, fit_figures, polar, residuals
-from rotorfit.app.parts import WIDE, figures_beside, finding_words, heading, markup, message
+from rotorfit.app.parts import WIDE, button, figures_beside, finding_words, heading, markup, message
+from rotorfit.diagnosis.trials.data_errors import PHASE_ZEROS
 from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.report.html import Html, join, table
@@ -18,24 +19,36 @@ from rotorfit.studies.wording import spoken
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
+    from rotorfit.data.findings import Finding
     from rotorfit.fitting.result import FitResult
     from rotorfit.studies.study import Outcome
 
 _FIGURES = (("Bode", bode), ("Polar", polar), ("Residuals", residuals))
 
 
-def result_parts(outcome: Outcome) -> list[Any]:
+def result_parts(outcome: Outcome, undo: Callable[[Finding], None]) -> list[Any]:
     """The parts of the page that show an outcome."""
     fit = outcome.best
-    went = message(outcome.failure, "error") if outcome.failure else message(f"The fit {fit.message}.", "good")
+    went = (
+        message(outcome.failure, "error")
+        if outcome.failure
+        else message(f"Fit: {fit.message}.", "warning" if fit.identifiability.unresolved else "good")
+    )
     return [
         heading("Result"),
         went,
         markup(parameter_table(fit), *_notes(fit)),
-        *[markup(finding_words(found)) for found in fit.findings],
+        *[part for found in fit.findings for part in _finding(found, undo)],
         *[message(spoken(text), "warning") for text in fit.warnings],
         _figures(fit),
     ]
+
+
+def _finding(found: Finding, undo: Callable[[Finding], None]) -> list[Any]:
+    """A finding, and a button where the data can be corrected as they stand."""
+    if found.correction is None and found.code != PHASE_ZEROS:
+        return [markup(finding_words(found))]
+    return [markup(finding_words(found)), button("Undo this and fit again", lambda: undo(found))]
 
 
 def parameter_table(fit: FitResult) -> Html:

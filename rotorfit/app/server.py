@@ -31,7 +31,7 @@ def serve(files: Sequence[Path], *, port: int = 0, on_ready: Callable[[str], Non
     from rotorfit.app.page import page
 
     pn.extension(notifications=False)
-    pn.config.nthreads = 2  # what one tab waits for does not hold up another
+    pn.config.nthreads = 4  # what one tab waits for does not hold up another
     token = secrets.token_urlsafe(24)
     port = port or _free_port()
     server = pn.serve(

@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rotorfit.app.folder import Folder
+from rotorfit.app.work import Data
+from rotorfit.data.selection import without
+from rotorfit.diagnosis.trials.data_errors import PHASE_ZEROS
 from rotorfit.models import MODELS
 from rotorfit.recordings.formats.files import ALWAYS_RAW
-from rotorfit.studies.data_files import no_progress, read_files
-from rotorfit.studies.study import Study
+from rotorfit.studies.data_files import checked_again
+from rotorfit.studies.recording_files import RecordingFiles
+from rotorfit.studies.run import with_errors_undone
 from rotorfit.studies.study_file import study_of
 from rotorfit.studies.study_model import build_model
-from rotorfit.studies.wording import in_options, sentence, spoken
 
 if TYPE_CHECKING:
     from rotorfit.data.experiments import Experiment
     from rotorfit.data.findings import Finding
     from rotorfit.models import RotorModel
-    from rotorfit.studies.study import Outcome
+    from rotorfit.recordings.recording import Recording
+    from rotorfit.studies.study import Outcome, Study
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,15 +33,16 @@ class Session:
 
     folder: Folder  # what the server was started for
     content: Mapping[str, Any] = field(default_factory=dict)  # keys and values of the study's TOML file
-    whole: tuple[Experiment, ...] = ()  # the data with all their readings
-    experiments: tuple[Experiment, ...] = ()  # the data, without the readings that are left out
-    findings: tuple[tuple[Finding, ...], ...] = ()  # what the data check found, file by file
+    records: tuple[Recording, ...] = ()  # the recordings among the files, opened
+    data: Data | None = None  # the tests with all their readings, once they were read
+    experiments: tuple[Experiment, ...] = ()  # the tests as the fit takes them
+    findings: tuple[tuple[Finding, ...], ...] = ()  # what the data check found in them, test by test
     outcome: Outcome | None = None  # the result of this very study
 
     @property
     def study(self) -> Study:
         """The study as ``rotorfit run`` would read it."""
-        return study_of(self.content, self.folder.root)
+        return study_of({"model": next(iter(MODELS)), **self.content}, self.folder.root)
 
     @property
     def model(self) -> RotorModel:
@@ -45,59 +50,90 @@ class Session:
         return build_model(self.study, self.experiments)
 
     def with_option(self, name: str, value: Any) -> Session:
-        """The session with a key of the study set, or left out where the value is None or empty."""
+        """The session with a key of the study set, or left out where the value says nothing."""
         content = {key: item for key, item in self.content.items() if key != name}
-        if value is not None and value != {}:
+        if value not in (None, "", False, [], {}):
             content[name] = value
         return replace(self, content=content, outcome=None)
 
-    def with_files(self, files: Sequence[Any]) -> Session:
-        """The session with other data, read and looked over, whose model is one that has their planes."""
-        model = self.content.get("model", next(iter(MODELS)))
-        opened = self.with_option("files", list(files)).with_option("model", model)._read()
-        opened = replace(opened, whole=opened.experiments)
-        return opened if "model" in self.content else opened.with_option("model", _model_for(opened.whole))
+    def with_files(self, entries: Sequence[Any]) -> Session:
+        """The session with other files, neither opened nor read yet."""
+        return replace(self.with_option("files", list(entries)), records=(), data=None, experiments=(), findings=())
+
+    @property
+    def recorded(self) -> list[str]:
+        """The recordings among the files."""
+        return [name for entry in self.content["files"] for name in entry_table(entry).get("recordings", ())]
+
+    def with_records(self) -> Session:
+        """The session with its recordings opened, of which nothing but headings is read."""
+        raw = [files for files in self.study.files if isinstance(files, RecordingFiles)]
+        return replace(self, records=tuple(record for files in raw for record in files.open(lambda _: None)))
+
+    def with_data(self, data: Data) -> Session:
+        """The session with its files read, and a model that has their planes unless one is chosen."""
+        read = replace(self, data=data)
+        chosen = read if "model" in self.content else read.with_option("model", _model_for(data.experiments))
+        return chosen._prepared()
+
+    def with_undone(self, finding: Finding) -> Session:
+        """The session with the error of the data that a finding names undone."""
+        if finding.code == PHASE_ZEROS:
+            return self.with_option("phase_offsets", "common")
+        return self.with_option("undo", [*self.content.get("undo", ()), finding.correction])._prepared()
+
+    def with_all_errors(self) -> Session:
+        """The session with the data as they were given."""
+        return self.with_option("undo", None)._prepared()
+
+    def with_model(self, name: str) -> Session:
+        """The session with another model, and of the known values those that it has too."""
+        own = MODELS[name]().parameter_names
+        known = {key: value for key, value in self.content.get("known", {}).items() if key in own}
+        return self.with_option("model", name).with_option("known", known)
 
     def skipped(self, test: int) -> frozenset[int]:
         """Rows of a test, with all its readings, that are left out."""
         entry, before = self._entry_of(test)
         skip = entry_table(self.content["files"][entry]).get("skip", ())
-        return frozenset(number - 1 - before for number in skip) & frozenset(range(len(self.whole[test])))
+        return frozenset(number - 1 - before for number in skip) & frozenset(range(self._sizes[test]))
 
     def with_skipped(self, test: int, rows: Iterable[int]) -> Session:
         """The session with these rows of a test, and no others of it, left out."""
         entry, before = self._entry_of(test)
         files = list(self.content["files"])
         table = entry_table(files[entry])
-        own = range(before + 1, before + 1 + len(self.whole[test]))
+        own = range(before + 1, before + 1 + self._sizes[test])
         others = [number for number in table.pop("skip", ()) if number not in own]
-        skip = sorted([*others, *(row + 1 + before for row in rows)])
-        files[entry] = {**table, "skip": skip} if skip else table["path"] if set(table) == {"path"} else table
-        return self.with_option("files", files)._read()
+        files[entry] = {**table, "skip": sorted([*others, *(row + 1 + before for row in rows)])}
+        return self.with_option("files", [_shortest(one) for one in files])._prepared()
 
-    def _read(self) -> Session:
-        experiments, findings = read_files(self.study.files, no_progress)
+    @property
+    def _sizes(self) -> list[int]:
+        return [] if self.data is None else [len(test) for test in self.data.experiments]
+
+    def _prepared(self) -> Session:
+        """The session with the tests as the fit takes them."""
+        if self.data is None:
+            return self
+        whole = self.data.experiments
+        kept = tuple(without(test, [row + 1 for row in self.skipped(i)]) for i, test in enumerate(whole))
+        findings = checked_again(whole, kept, self.data.findings) if kept != whole else self.data.findings
+        experiments, findings = with_errors_undone(self.content.get("undo", ()), kept, findings)
         return replace(self, experiments=experiments, findings=findings)
 
     def _entry_of(self, test: int) -> tuple[int, int]:
         """Which entry of ``files`` a test came from, and how many readings of other tests came from it before."""
         raw = [i for i, entry in enumerate(self.content["files"]) if "recordings" in entry_table(entry)]
-        if not raw:
+        if not raw or test < raw[0]:  # recordings stand last
             return test, 0
-        if len(raw) > 1:
-            raise ValueError("the study has several tables of recordings: edit their skip in the TOML file")
-        last = raw[0] + len(self.whole) - len(self.content["files"])
-        if not raw[0] <= test <= last:
-            return (test if test < raw[0] else test - last + raw[0]), 0
-        return raw[0], sum(len(one) for one in self.whole[raw[0] : test])
+        return raw[0], sum(self._sizes[raw[0] : test])
 
 
-def entry_table(entry: Any) -> dict[str, Any]:
-    """An entry of ``files`` as a table."""
-    return {"path": entry} if isinstance(entry, str) else dict(entry)
+# ---- entries of files -----------------------------------------------------------------------------------------
 
 
-def chosen(folder: Folder, names: Sequence[str], setup: str | None = None) -> list[Any]:
+def chosen_entries(folder: Folder, names: Sequence[str], setup: str | None = None) -> list[Any]:
     """Entries of ``files`` for some files of the folder; with a setup all of them are recordings."""
     if not names:
         raise ValueError("choose at least one file")
@@ -106,6 +142,24 @@ def chosen(folder: Folder, names: Sequence[str], setup: str | None = None) -> li
     raw = [name for name in names if setup or Path(name).suffix.lower() in ALWAYS_RAW]
     entries: list[Any] = [name for name in names if name not in raw]
     return [*entries, {"recordings": raw, **({"setup": setup} if setup else {})}] if raw else entries
+
+
+def entry_table(entry: Any) -> dict[str, Any]:
+    """An entry of ``files`` as a table."""
+    return {"path": entry} if isinstance(entry, str) else dict(entry)
+
+
+def _shortest(entry: Any) -> Any:
+    """An entry without what says nothing."""
+    table = {key: value for key, value in entry_table(entry).items() if value not in ("", [], {}, None)}
+    return table["path"] if set(table) == {"path"} else table
+
+
+def with_read_option(session: Session, entry: int, key: str, value: Any) -> Session:
+    """The session with an option of reading one of its test files, or without where the value is None."""
+    files = list(session.content["files"])
+    files[entry] = _shortest({**entry_table(files[entry]), key: value})
+    return session.with_files(files)
 
 
 def toml_of(session: Session, *, absolute: bool) -> str:
@@ -132,11 +186,3 @@ def _model_for(experiments: Sequence[Experiment]) -> str:
     planes = {plane for experiment in experiments for plane in experiment.planes}
     fitting = [name for name, model in MODELS.items() if set(model().planes) == planes]
     return (fitting or list(MODELS))[0]
-
-
-def attempted(work: Callable[[], Session], otherwise: Session) -> tuple[Session, str]:
-    """What work on a session gives, or the session as it was and the command line's sentence about what is wrong."""
-    try:
-        return work(), ""
-    except (ValueError, KeyError, OSError) as problem:
-        return otherwise, in_options(spoken(sentence(problem)))

@@ -1,23 +1,26 @@
-"""A fit in a process of its own: it reports how far it is, can be stopped, and leaves nothing behind."""
+"""Long work in a process of its own: it reports how far it is, can be stopped, and leaves nothing behind."""
 
 from __future__ import annotations
 
 import signal
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
-from rotorfit.studies.study import Outcome
-from rotorfit.studies.wording import sentence, spoken
+from rotorfit.studies.study import Outcome, Study
+from rotorfit.studies.wording import refusal
+
+if TYPE_CHECKING:
+    from rotorfit.data.experiments import Experiment
+    from rotorfit.data.findings import Finding
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stage:
-    """What a fit is at."""
+    """What the work is at."""
 
     words: str  # the stage in a few words
     done: float | None  # share of it that is done, where that is known
@@ -25,40 +28,56 @@ class Stage:
 
 @dataclass(frozen=True, kw_only=True)
 class Refusal:
-    """Why a fit came to nothing."""
+    """Why the work came to nothing."""
 
     words: str  # the command line's sentence
 
 
 @dataclass(frozen=True, kw_only=True)
+class Data:
+    """The tests of a study, with all their readings, and what was found odd in each."""
+
+    experiments: tuple[Experiment, ...]
+    findings: tuple[tuple[Finding, ...], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Report:
-    """The report of the outcome, the last that a fit sends."""
+    """The report of an outcome."""
 
     text: str
 
 
-News = Stage | Refusal | Outcome | Report
+@dataclass(frozen=True, kw_only=True)
+class End:
+    """Nothing more is sent."""
+
+
+News = Stage | Refusal | Data | Outcome | Report | End
+Send = Callable[[News], None]
+Task = Callable[[Study, Send], None]
 
 
 class Work:
-    """A fit that is going on."""
+    """A task that is going on."""
 
-    def __init__(self, content: Mapping[str, Any], base: Path) -> None:
+    def __init__(self, task: Task, study: Study) -> None:
         context = get_context("spawn")
         self._receiver, sender = context.Pipe(duplex=False)
-        self._process: BaseProcess = context.Process(target=_fit, args=(dict(content), base, sender), daemon=True)
+        self._process: BaseProcess = context.Process(target=_carry_out, args=(task, study, sender), daemon=True)
         self._process.start()
         sender.close()
 
     def news(self) -> list[News]:
-        """All that was sent since it was last asked; the last of all is a refusal or the report."""
+        """All that was sent since it was last asked."""
         found: list[News] = []
         try:
             while self._receiver.poll():
                 found.append(self._receiver.recv())
         except EOFError:
-            self._process.join()
-            found.append(Refusal(words=f"the fit's process ended with exit code {self._process.exitcode}"))
+            if not any(isinstance(one, Refusal | End) for one in found):
+                self._process.join()
+                found.append(Refusal(words=f"the process of the work ended with exit code {self._process.exitcode}"))
         return found
 
     def stop(self) -> None:
@@ -68,24 +87,42 @@ class Work:
         self._receiver.close()
 
 
-def _fit(content: Mapping[str, Any], base: Path, sender: Connection) -> None:
-    """Run the study and send its stages and its outcome."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the server's, which ends this process
+def read(study: Study, send: Send) -> None:
+    """Read the files of a study and look them over."""
+    from rotorfit.studies.data_files import read_files
+    from rotorfit.studies.run import for_model
 
+    experiments, findings = read_files([for_model(study, file) for file in study.files], _progress(send))
+    send(Data(experiments=experiments, findings=findings))
+
+
+def fit(study: Study, send: Send) -> None:
+    """Run a study; its outcome is sent first, its report when it is drawn."""
     from rotorfit.studies.data_files import no_progress
     from rotorfit.studies.results import report_text
     from rotorfit.studies.run import run_study
-    from rotorfit.studies.study_file import study_of
 
+    progress = _progress(send)
+    outcome = run_study(study, progress)
+    progress("looking for errors of the data")
+    outcome.failure  # noqa: B018 - findings are kept with the fit, as the table of what its numbers rest on
+    outcome.best.assumed  # noqa: B018
+    send(outcome)
+    send(Report(text=report_text(outcome, no_progress)))
+
+
+def _progress(send: Send) -> Callable[..., None]:
     def progress(stage: str, done: float | None = None) -> None:
-        sender.send(Stage(words=stage, done=done))
+        send(Stage(words=stage, done=done))
 
+    return progress
+
+
+def _carry_out(task: Task, study: Study, sender: Connection) -> None:
+    """Do a task and send what comes of it; what the user's files or settings have wrong becomes a sentence."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the server's, which ends this process
     try:
-        outcome = run_study(study_of(content, base), progress)
-        progress("looking for errors of the data")
-        outcome.failure  # noqa: B018 - kept with the fit, as the table of what its numbers rest on
-        outcome.best.assumed  # noqa: B018
-        sender.send(outcome)
-        sender.send(Report(text=report_text(outcome, no_progress)))
+        task(study, sender.send)
+        sender.send(End())
     except (ValueError, KeyError, OSError) as problem:
-        sender.send(Refusal(words=spoken(sentence(problem))))
+        sender.send(Refusal(words=refusal(problem)))

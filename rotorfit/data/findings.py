@@ -26,6 +26,7 @@ class Finding:
         lines: lines of the file that these rows stand in, where they are known.
         undo: what undoes it, in a phrase, where that is known.
         source: the data concerned, where there are several sets.
+        correction: name under which a study undoes it, ``--undo NAME``, where the data can be corrected as they stand.
     """
 
     severity: Literal["error", "warning", "note"]
@@ -35,6 +36,7 @@ class Finding:
     lines: tuple[int, ...] = ()
     undo: str | None = None
     source: str = ""
+    correction: str | None = None
 
     @property
     def words(self) -> str:

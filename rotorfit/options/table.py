@@ -45,6 +45,7 @@ class StudyOptions(FitOptions):
     runout_um: float | None = option(
         None, "plausible run-out; 1x and 2x of recordings then give unbalance and side load (anisotropic-shaft)", "UM"
     )
+    undo: tuple[str, ...] = option((), "errors of the data to undo, by the names that their findings give them", "A,B")
     refine: bool = option(False, "add structural blocks while the data ask for them (AIC)")
     baseline: str = option(
         "", "dry run of the rig, whose dynamic stiffness is taken out; read as the first test file is", "FILE"

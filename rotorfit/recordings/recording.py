@@ -171,7 +171,7 @@ class Recording(Signals):
         from rotorfit.plots.recordings import plot_timebase
 
         return plot_timebase(
-            [stretch(self, self._marks, each, at, turns) for each in self._of(plane)], self.name, **look
+            [stretch(self, self.marks, each, at, turns) for each in self._of(plane)], self.name, **look
         )
 
     def plot_orbit(
@@ -196,7 +196,7 @@ class Recording(Signals):
         from rotorfit.plots.recordings import plot_orbit
 
         return plot_orbit(
-            [stretch(self, self._marks, each, at, turns) for each in self._pairs(plane)], self.name, **look
+            [stretch(self, self.marks, each, at, turns) for each in self._pairs(plane)], self.name, **look
         )
 
     def plot_centreline(self, plane: str | None = None, **look: Unpack[PlotKeywords]) -> Figure:
@@ -213,7 +213,7 @@ class Recording(Signals):
 
         if any(finding.code == "ac-coupled" for finding in self.findings):
             raise ValueError(f"{self.name} has no gap voltages (AC-coupled?): there is no centreline in it")
-        lines = [centreline(self, self._marks, each) for each in self._pairs(plane)]
+        lines = [centreline(self, self.marks, each) for each in self._pairs(plane)]
         return plot_centreline(lines, self.name, **look)
 
     def plot_bode(
@@ -278,7 +278,7 @@ class Recording(Signals):
         from rotorfit.plots.recordings import plot_full_spectrum
 
         spectra = {each: spectrum(self, each, start, stop) for each in self._of(plane)}
-        lines = steady_lines(self._marks, start, self.duration if stop is None else stop)
+        lines = steady_lines(self.marks, start, self.duration if stop is None else stop)
         return plot_full_spectrum(spectra, lines, self.name, limit_hz, marks or {}, **look)
 
     def plot_cascade(
@@ -306,7 +306,7 @@ class Recording(Signals):
         """
         from rotorfit.plots.recordings import plot_cascade
 
-        found = cascade(self, self._marks, self._of(plane)[0], over=over, spectra=spectra)
+        found = cascade(self, self.marks, self._of(plane)[0], over=over, spectra=spectra)
         return plot_cascade(found, self.name, limit_hz, lines or {}, **look)
 
     def plot_twist(
@@ -333,7 +333,7 @@ class Recording(Signals):
         from rotorfit.plots.twist import plot_twist
 
         return plot_twist(
-            twist_view(self, self._marks, over=over, spectra=spectra), self.name, limit_hz, marks or {}, **look
+            twist_view(self, self.marks, over=over, spectra=spectra), self.name, limit_hz, marks or {}, **look
         )
 
     def plot_speed(self, **look: Unpack[PlotKeywords]) -> Figure:
@@ -347,12 +347,13 @@ class Recording(Signals):
         """
         from rotorfit.plots.recordings import plot_speed
 
-        if not self._marks.present:
+        if not self.marks.present:
             raise ValueError(f"{self.name} has no phase reference, so no speed")
-        return plot_speed(speeds(self._marks), self.name, **look)
+        return plot_speed(speeds(self.marks), self.name, **look)
 
     @cached_property
-    def _marks(self) -> Marks:
+    def marks(self) -> Marks:
+        """Angles of shaft and perturbator, either may be missing."""
         shaft = None if self.rig.shaft is None else self._shaft
         return Marks(
             shaft=shaft, perturbator=self.perturbator_angle(), whirl=1 if self.force is None else self.force.whirl
@@ -360,11 +361,11 @@ class Recording(Signals):
 
     def _vectors(self, reference: str | None, turns: float | None) -> OrderVectors:
         known = self.__dict__.setdefault("_known_vectors", {})
-        key = (reference or self._marks.main, turns)
+        key = (reference or self.marks.main, turns)
         if key not in known:
             from rotorfit.plots.recordings import vectors_shown
 
-            known[key] = vectors_shown(self, self._marks, key[0], turns)
+            known[key] = vectors_shown(self, self.marks, key[0], turns)
         return known[key]  # type: ignore[no-any-return]
 
     def _of(self, plane: str | None) -> tuple[str, ...]:

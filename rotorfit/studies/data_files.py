@@ -79,6 +79,20 @@ def read_files(
     return tuple(experiments), tuple(findings)
 
 
+def checked_again(
+    before: Sequence[Experiment], after: Sequence[Experiment], findings: Sequence[Sequence[Finding]]
+) -> tuple[tuple[Finding, ...], ...]:
+    """Findings of data that were changed: those of reading stay, the check is made anew."""
+    from rotorfit.diagnosis.check import check
+
+    found = []
+    for old, new, own in zip(before, after, findings, strict=True):
+        of_check = {(finding.code, finding.message) for finding in check(old)}
+        stay = [finding for finding in own if (finding.code, finding.message) not in of_check]
+        found.append(tuple(errors_first((*stay, *check(new)))))
+    return tuple(found)
+
+
 def _with_lines(findings: list[Finding], file: DataFile | RecordingFiles, count: int) -> list[Finding]:
     """Findings with the lines of the file that their rows stand in, where each row is a line of a table."""
     if not isinstance(file, DataFile) or not any(f.rows for f in findings) or not table_suffix(file.path):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import Finding, without_phases
+from rotorfit.diagnosis.trials.undone import undone
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.fitting.assumptions.calibration import calibration_of
 from rotorfit.fitting.fit import closed_form, fit
@@ -15,7 +17,7 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitOptions
 from rotorfit.fitting.structure.refine import refine
 from rotorfit.models import AnisotropicShaft
-from rotorfit.studies.data_files import DataFile, StudyProgress, read_files
+from rotorfit.studies.data_files import DataFile, StudyProgress, checked_again, read_files
 from rotorfit.studies.recording_files import RecordingFiles
 from rotorfit.studies.study import Outcome, Study
 from rotorfit.studies.study_model import build_model, check_model
@@ -31,6 +33,16 @@ def run_study(study: Study, progress: StudyProgress, checkpoint: Path | None = N
     return identify(study, experiments, findings, progress, checkpoint)
 
 
+def with_errors_undone(
+    names: Sequence[str], experiments: tuple[Experiment, ...], findings: tuple[tuple[Finding, ...], ...]
+) -> tuple[tuple[Experiment, ...], tuple[tuple[Finding, ...], ...]]:
+    """The data with errors undone by their names, looked over again."""
+    if not names:
+        return experiments, findings
+    corrected = undone(experiments, names)
+    return corrected, checked_again(experiments, corrected, findings)
+
+
 def identify(
     study: Study,
     experiments: tuple[Experiment, ...],
@@ -39,6 +51,7 @@ def identify(
     checkpoint: Path | None = None,
 ) -> Outcome:
     """The results of a study whose files have been read and looked over."""
+    experiments, findings = with_errors_undone(study.undo, experiments, findings)
     if study.phase_offsets == "common":  # the fit judges by the zero that it finds
         findings = tuple(without_phases(found) for found in findings)
     model = build_model(study, experiments)

@@ -53,3 +53,8 @@ def sentence(problem: BaseException) -> str:
     if isinstance(problem, OSError) and problem.strerror:
         return f"{problem.filename}: {problem.strerror}" if problem.filename else problem.strerror
     return str(problem)
+
+
+def refusal(problem: BaseException) -> str:
+    """What the command line says when a file or a setting of the user is wrong."""
+    return in_options(spoken(sentence(problem)))

@@ -30,6 +30,8 @@ _MISFIT_OF_LEVELS = 0.03
 any data, which many models explain somewhat better."""
 _DECIBELS = {"um": 1e-6, "mil": 25.4e-6, "mm": 1e-3}
 
+PHASE_ZEROS = "phase-zeros-differ"
+"""Code of the error that a fit undoes itself, by one angle between forces and readings."""
 _MOUNTING_ANGLES = (45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)
 _PLANES = {"plane": "readings", "force_plane": "forces"}
 _SPEED_UNITS = {("Hz", "rpm"): 60.0, ("rpm", "Hz"): 1 / 60, ("rad/s", "rpm"): RPM_PER_RAD_S}
@@ -55,12 +57,25 @@ class DataError:
     message: str  # what is wrong
     undo: str  # what a user does about it
     correct: Correction  # the test without it
+    of: str = ""  # which of several errors of this code
     frees_datum: bool = False  # whether a common zero of phases is fitted then
+    leaves_scale_open: bool = False  # whether the numbers that were given do not say how large the right ones are
     leaves_at_most: float = 1.0  # share of the misfit
+
+    @property
+    def name(self) -> str:
+        """What tells it from all others that the same data may have: ``probes-turned (journal by 45)``."""
+        return f"{self.code} ({self.of})" if self.of else self.code
+
+    @property
+    def can_be_undone(self) -> bool:
+        """True if the data as given say all that the right ones need."""
+        return not (self.frees_datum or self.leaves_scale_open)
 
     def explains(self, left: float) -> Explanation:
         """The error as an explanation of the misfit but for a share that is left."""
-        return Explanation(left=left, code=self.code, message=self.message, undo=self.undo)
+        name = self.name if self.can_be_undone else None
+        return Explanation(left=left, code=self.code, message=self.message, undo=self.undo, correction=name)
 
 
 def filtered_probes(uneven: Mapping[str, FilteredProbe | None]) -> Iterator[DataError]:
@@ -70,6 +85,7 @@ def filtered_probes(uneven: Mapping[str, FilteredProbe | None]) -> Iterator[Data
             what, undo = one.words
             yield DataError(
                 code="probe-filter",
+                of=f"{plane} {one.probe}",
                 message=f"the readings of the {one.probe} probe at {plane} are {what}",
                 undo=undo,
                 correct=partial(_unfiltered, plane=plane, probe=one),
@@ -108,6 +124,7 @@ def mirrored_orbits(orbits: Sequence[Orbits]) -> Iterator[DataError]:
     for what, (swapped, signs) in _PAIRS.items():
         yield DataError(
             code=f"probes-{'exchanged' if swapped else 'inverted'}",
+            of=f"{what} at {where}",
             message=f"the probes at {where} are {what}",
             undo="give the readings of x and y at these planes the right names and signs",
             correct=partial(_paired_anew, planes=planes, swapped=swapped, signs=signs),
@@ -127,6 +144,7 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
             "as constant",
             undo="give the unbalance (mr_g_mm) in place of force_N",
             correct=lambda test: test.with_forces(lambda force: force * test.frequency**2),
+            leaves_scale_open=True,
         )
     if all(_is_constant(test, np.abs(test.force) / test.frequency**2) for test in tests):
         yield DataError(
@@ -134,6 +152,7 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
             message="the forces are constant, and are given as those of an unbalance",
             undo="give force_N in place of mr_g_mm",
             correct=lambda test: test.with_forces(lambda force: force / test.frequency**2),
+            leaves_scale_open=True,
         )
     yield from _exchanges(tests)
     yield from _exchanged_runs(tests)
@@ -141,14 +160,16 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
         if all(_may_be_decibels(np.abs(test.response) / size) for test in tests):
             yield DataError(
                 code="levels-in-decibels",
+                of=unit,
                 message=f"the amplitudes are in dB and read as {unit}",
                 undo="give them in the unit that 0 dB stands for",
                 correct=partial(_from_decibels, unit=size),
                 leaves_at_most=_MISFIT_OF_LEVELS,
+                leaves_scale_open=True,
             )
     for degrees in (*_MOUNTING_ANGLES, 0.0):  # near one of which the search finds the angle
         yield DataError(
-            code="phase-zeros-differ",
+            code=PHASE_ZEROS,
             message="all forces are one angle off against all readings, as where weight holes, Keyphasor and probes "
             "have no common zero",
             undo="give the angle, or fit it (phase_offsets common)",
@@ -161,6 +182,7 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
             who = "all probes" if some == planes else f"the probes at {some[0]}"
             yield DataError(
                 code="probes-turned",
+                of=f"{'all' if some == planes else some[0]} by {degrees:g}",
                 message=f"{who} sit {degrees:g} degrees from where they are given, counted from x towards y",
                 undo=f"give their angles (probe_angles: {degrees:g} and {degrees + 90:g})",
                 correct=partial(_turned_back, planes=some, degrees=degrees),
@@ -168,6 +190,7 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
     for (true, read), factor in () if any(test.synchronous for test in tests) else _SPEED_UNITS.items():
         yield DataError(
             code="speed-unit",
+            of=f"{true} read as {read}",
             message=f"the speeds are in {true} and read as {read}",
             undo=f"name their unit ({_COLUMNS[true]})",
             correct=partial(_with_speeds, factor=factor),
@@ -178,6 +201,7 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
         ):
             yield DataError(
                 code="phases-in-radians",
+                of=whose,
                 message=f"the phases of the {whose} are in radians and read as degrees",
                 undo=f"give {'force_phase_deg' if column == 'force' else 'phase_deg'} in degrees",
                 correct=partial(_from_radians, column=column),
@@ -194,11 +218,16 @@ def _exchanges(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
             continue  # there the speed is the frequency
         values = np.unique(np.concatenate([getattr(test, column) for test in tests])).tolist()
         for a, b in islice(combinations(values, 2), 3):
-            message = f"the planes {a} and {b} of the {_PLANES.get(column)} are exchanged"
+            which, message = (
+                f"{column} {a} and {b}",
+                f"the planes {a} and {b} of the {_PLANES.get(column)} are exchanged",
+            )
             if column == "speed":
-                message = f"the speeds {a * RPM_PER_RAD_S:.6g} and {b * RPM_PER_RAD_S:.6g} rpm are exchanged"
+                which = f"{a * RPM_PER_RAD_S:.6g} and {b * RPM_PER_RAD_S:.6g} rpm"
+                message = f"the speeds {which} are exchanged"
             yield DataError(
                 code="speeds-exchanged" if column == "speed" else "planes-exchanged",
+                of=which,
                 message=message,
                 undo=f"exchange them in the column {column}",
                 correct=partial(_exchanged, column=column, a=a, b=b),
@@ -216,6 +245,7 @@ def _exchanged_runs(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
     for number, a, b, own, other in islice(alike, 12):  # pairs of runs
         yield DataError(
             code="runs-exchanged",
+            of=f"{a} and {b}",
             message=f"the readings of the runs {a} and {b} are exchanged",
             undo="exchange the names of the two runs",
             correct=partial(_with_readings_of, wrong=tests[number], rows=own, others=other),

@@ -176,5 +176,5 @@ def _findings(tried: Sequence[Explanation]) -> list[Finding]:
             f"A trial fit says: {one.message}. So taken, the model misses the data {better:,.0f} times less.{others} "
             f"To undo it: {one.undo}."
         )
-        found.append(Finding("error", one.code, text, undo=one.undo))
+        found.append(Finding("error", one.code, text, undo=one.undo, correction=one.correction))
     return found

@@ -35,6 +35,7 @@ class Explanation:
     code: str
     message: str
     undo: str
+    correction: str | None = None  # name of the error in the table of those that can be undone
     free: int = 0  # values that were searched for; of errors that explain the data alike, those with the fewest count
 
 

@@ -1,0 +1,115 @@
+"""The form of the model: which one, what is known of its parameters, and the options that change most."""
+
+from __future__ import annotations
+
+import inspect
+from argparse import ArgumentTypeError
+from typing import TYPE_CHECKING, Any
+
+import panel as pn
+
+from rotorfit.app.parts import WIDE, markup, message, side_by_side
+from rotorfit.estimators.misfit.losses import LOSSES
+from rotorfit.models import LAWS, MODELS
+from rotorfit.options.table import FIT
+from rotorfit.report.html import element
+from rotorfit.studies.wording import refusal
+
+if TYPE_CHECKING:
+    from rotorfit.app.page import Page
+    from rotorfit.models.parameters import Parameter
+
+_CHOICES = {
+    "law": ("law of eccentricity", ["", *LAWS]),
+    "loss": ("loss", ["", *LOSSES]),
+    "phase_offsets": ("zero of the phases", {"known": "", "one for every run but the first": True, "common": "common"}),
+}
+"""Options with a few values: label and choices."""
+_WORDS = {"planes": "planes, in the model's order: A,B", "clearance_um": "clearance, µm", "modes": "modes (modal)"}
+"""Options that are written: label."""
+
+
+def model_form(page: Page) -> list[Any]:
+    """Fields for the model of a session; each changes the study when it is left."""
+    content = page.session.content
+    labels = {f"{name}: {(inspect.getdoc(kind) or '').splitlines()[0]}": name for name, kind in MODELS.items()}
+    model = pn.widgets.Select(name="Model", options=labels, value=content["model"], **WIDE)
+    model.param.watch(lambda event: page.change_model(lambda: page.session.with_model(event.new)), "value")
+    return [
+        model,
+        _known(page),
+        pn.Card(
+            _options(page), title="More options", collapsed=not set(content) & {*_CHOICES, *_WORDS, "refine"}, **WIDE
+        ),
+    ]
+
+
+def _known(page: Page) -> Any:
+    """A field for each parameter: a number where it is known."""
+    try:
+        parameters = page.session.model.parameters
+    except (ValueError, KeyError) as problem:
+        return message(refusal(problem), "error")
+    words = "Values that are known; what is left empty is fitted, but for those whose usual value stands in grey."
+    return pn.Column(
+        markup(element("p", words, class_="faint")),
+        side_by_side([_field(page, p) for p in parameters], least=250),
+        **WIDE,
+    )
+
+
+def _field(page: Page, p: Parameter) -> Any:
+    known = page.session.content.get("known", {})
+    field = pn.widgets.TextInput(
+        name=f"{p.name}{'' if p.unit == '1' else f', {p.unit}'}: {p.meaning}",
+        value=str(known.get(p.name, "")),
+        placeholder="fitted" if p.default is None else f"{p.default:g}; write free to fit it",
+        stylesheets=["label { white-space: normal; }"],
+        **WIDE,
+    )
+    field.param.watch(lambda event: _know(page, p.name, event.new.strip()), "value")
+    return field
+
+
+def _know(page: Page, name: str, word: str) -> None:
+    known = {key: value for key, value in page.session.content.get("known", {}).items() if key != name}
+    if word:
+        try:
+            known[name] = "free" if word == "free" else float(word)
+        except ValueError:
+            page.say(f"{name}: {word!r} is not a number")
+            return
+    page.say("")
+    page.session = page.session.with_option("known", known)
+
+
+def _options(page: Page) -> Any:
+    fields: list[Any] = []
+    for name, (label, choices) in _CHOICES.items():
+        field = pn.widgets.Select(name=label, options=choices, value=page.session.content.get(name, ""), **WIDE)
+        field.param.watch(lambda event, name=name: _set(page, name, event.new), "value")
+        fields.append(field)
+    for name, label in _WORDS.items():
+        value = page.session.content.get(name, "")
+        shown = ",".join(value) if isinstance(value, list) else str(value)
+        field = pn.widgets.TextInput(name=label, value=shown, **WIDE)
+        field.param.watch(lambda event, name=name: _write(page, name, event.new.strip()), "value")
+        fields.append(field)
+    refine = pn.widgets.Checkbox(name=FIT["refine"].help, value=bool(page.session.content.get("refine")), **WIDE)
+    refine.param.watch(lambda event: _set(page, "refine", event.new), "value")
+    return side_by_side([*fields, refine], least=250)
+
+
+def _write(page: Page, name: str, word: str) -> None:
+    """Set an option by a word as behind that option on the command line."""
+    parse = FIT[name].kind.word
+    try:
+        value = parse(word) if word and parse is not None else None
+    except (ValueError, ArgumentTypeError) as problem:
+        page.say(f"{_WORDS[name]}: {problem}")
+        return
+    _set(page, name, list(value) if isinstance(value, tuple) else value)
+
+
+def _set(page: Page, name: str, value: Any) -> None:
+    page.change_model(lambda: page.session.with_option(name, value))
