@@ -123,7 +123,7 @@ class Tab:
             raise RuntimeError(json.dumps(found["exceptionDetails"])[:500])
         return found["result"].get("value")
 
-    def wait(self, truth: Callable[[], Any], what: str, seconds: float = 20.0) -> Any:
+    def wait(self, truth: Callable[[], Any], what: str, seconds: float = 60.0) -> Any:
         """Ask again until something is true."""
         end = time.monotonic() + seconds
         while not (value := truth()):
@@ -136,7 +136,7 @@ class Tab:
         """All that can be read on the page."""
         return " ".join(str(self.run("window.shown ? shown() : ''")).split())
 
-    def wait_for(self, words: str, seconds: float = 20.0) -> str:
+    def wait_for(self, words: str, seconds: float = 60.0) -> str:
         """The page's text once it holds some words."""
         return str(self.wait(lambda: words in (text := self.text()) and text, repr(words), seconds))
 

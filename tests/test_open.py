@@ -86,10 +86,10 @@ def test_from_volts_to_a_report_and_again_on_the_command_line(
     tab.wait_for("journal-fwd: 10.000 s at 4096 Hz, 6 channels")
     tab.wait_for("rms)")
     tab.click("button", "Make vectors")
-    tab.wait_for("perturbation test, 696 readings in 2 runs", 40)
+    tab.wait_for("perturbation test, 696 readings in 2 runs")
     tab.write("K3,", "6000")
     tab.click("button", "Fit")
-    text = tab.wait_for("Download report.html", 60)
+    text = tab.wait_for("Download report.html")
     assert "Fit: converged" in text
     fit = repeated(tab, tmp_path, run)
     assert f"{fit.params['lam'].value:.3f}" in text
@@ -114,10 +114,10 @@ def test_brushing_leaves_readings_out_and_a_finding_is_undone(
     tab.wait_for("readings are left out, drawn as crosses")
     tab.write("K3,", "6000")
     tab.click("button", "Fit")
-    tab.wait_for("the probes at journal are inverted in y", 40)
+    tab.wait_for("the probes at journal are inverted in y")
     tab.click("button", "Undo this and fit again")
     tab.wait_for("Undone in the data: probes-inverted (inverted in y at journal)")
-    tab.wait_for("Fit: converged", 40)
+    tab.wait_for("Fit: converged")
     fit = repeated(tab, tmp_path, run)
     assert fit.redchi < fit.largest_redchi
     assert 1000 < len(fit.experiments[0]) < 1920
