@@ -19,14 +19,14 @@ from rotorfit.studies.text import describe_test
 from rotorfit.studies.wording import refusal
 
 if TYPE_CHECKING:
-    from rotorfit.app.page import Page
+    from rotorfit.app.front import Front
     from rotorfit.recordings.recording import Recording
 
 
 class DataView:
     """Parts of the page that show the data."""
 
-    def __init__(self, page: Page) -> None:
+    def __init__(self, page: Front) -> None:
         self._page, self._session = page, page.session
         self._signals: SignalsView | None = None
         self._looked = pn.Column(**WIDE)

@@ -16,7 +16,7 @@ from rotorfit.report.html import element
 from rotorfit.studies.wording import refusal
 
 if TYPE_CHECKING:
-    from rotorfit.app.page import Page
+    from rotorfit.app.front import Front
     from rotorfit.models.parameters import Parameter
 
 _CHOICES = {
@@ -29,7 +29,7 @@ _WORDS = {"planes": "planes, in the model's order: A,B", "clearance_um": "cleara
 """Options that are written: label."""
 
 
-def model_form(page: Page) -> list[Any]:
+def model_form(page: Front) -> list[Any]:
     """Fields for the model of a session; each changes the study when it is left."""
     content = page.session.content
     labels = {f"{name}: {(inspect.getdoc(kind) or '').splitlines()[0]}": name for name, kind in MODELS.items()}
@@ -44,7 +44,7 @@ def model_form(page: Page) -> list[Any]:
     ]
 
 
-def _known(page: Page) -> Any:
+def _known(page: Front) -> Any:
     """A field for each parameter: a number where it is known."""
     try:
         parameters = page.session.model.parameters
@@ -58,7 +58,7 @@ def _known(page: Page) -> Any:
     )
 
 
-def _field(page: Page, p: Parameter) -> Any:
+def _field(page: Front, p: Parameter) -> Any:
     known = page.session.content.get("known", {})
     field = pn.widgets.TextInput(
         name=f"{p.name}{'' if p.unit == '1' else f', {p.unit}'}: {p.meaning}",
@@ -71,7 +71,7 @@ def _field(page: Page, p: Parameter) -> Any:
     return field
 
 
-def _know(page: Page, name: str, word: str) -> None:
+def _know(page: Front, name: str, word: str) -> None:
     known = {key: value for key, value in page.session.content.get("known", {}).items() if key != name}
     if word:
         try:
@@ -83,7 +83,7 @@ def _know(page: Page, name: str, word: str) -> None:
     page.session = page.session.with_option("known", known)
 
 
-def _options(page: Page) -> Any:
+def _options(page: Front) -> Any:
     fields: list[Any] = []
     for name, (label, choices) in _CHOICES.items():
         field = pn.widgets.Select(name=label, options=choices, value=page.session.content.get(name, ""), **WIDE)
@@ -100,7 +100,7 @@ def _options(page: Page) -> Any:
     return side_by_side([*fields, refine], least=250)
 
 
-def _write(page: Page, name: str, word: str) -> None:
+def _write(page: Front, name: str, word: str) -> None:
     """Set an option by a word as behind that option on the command line."""
     parse = FIT[name].kind.word
     try:
@@ -111,5 +111,5 @@ def _write(page: Page, name: str, word: str) -> None:
     _set(page, name, list(value) if isinstance(value, tuple) else value)
 
 
-def _set(page: Page, name: str, value: Any) -> None:
+def _set(page: Front, name: str, value: Any) -> None:
     page.change_model(lambda: page.session.with_option(name, value))

@@ -13,7 +13,7 @@ from rotorfit.app.session import entry_table, with_read_option
 from rotorfit.options.kinds import number_word, pairs, two_numbers
 
 if TYPE_CHECKING:
-    from rotorfit.app.page import Page
+    from rotorfit.app.front import Front
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +64,7 @@ _FIELDS = {
 """Options of reading by their key in the TOML file."""
 
 
-def read_form(page: Page, entry: int) -> Any:
+def read_form(page: Front, entry: int) -> Any:
     """Fields of one test file; it is read again when one is left."""
     table = entry_table(page.session.content["files"][entry])
     fields = [_field(page, entry, key, table.get(key)) for key in _FIELDS]
@@ -72,7 +72,7 @@ def read_form(page: Page, entry: int) -> Any:
     return pn.Card(side_by_side(fields, least=300), title=title, collapsed=page.session.data is not None, **WIDE)
 
 
-def _field(page: Page, entry: int, key: str, value: Any) -> Any:
+def _field(page: Front, entry: int, key: str, value: Any) -> Any:
     known = _FIELDS[key]
     shown = "" if value is None else known.shown(value)
     field = pn.widgets.TextInput(

@@ -17,7 +17,7 @@ from rotorfit.report.html import element
 from rotorfit.studies.wording import refusal
 
 if TYPE_CHECKING:
-    from rotorfit.app.page import Page
+    from rotorfit.app.front import Front
 
 _MARKS = {"mark of the shaft": "shaft", "mark of the perturbator": "perturbator"}
 _ROLES = ("not used", *_MARKS, "probe")
@@ -31,7 +31,7 @@ _FORCE = {
 class SetupForm:
     """Fields for the channels of a recording, filled in from its setup, else from what the recording says."""
 
-    def __init__(self, page: Page, path: Path) -> None:
+    def __init__(self, page: Front, path: Path) -> None:
         self._page = page
         self._base = _known_setup(page, path)
         self._rows = {name: _ChannelRow(name, self._base) for name in open_raw(path).channels}
@@ -129,7 +129,7 @@ class _ChannelRow:
             content.setdefault("probe", []).append(probe)
 
 
-def _known_setup(page: Page, path: Path) -> Mapping[str, Any]:
+def _known_setup(page: Front, path: Path) -> Mapping[str, Any]:
     """Keys of the setup that the recording was opened with, else those of a template for it."""
     given: Sequence[str] = [entry["setup"] for entry in page.session.content["files"] if "setup" in entry]
     text = page.session.folder.path(given[0]).read_text(encoding="utf-8") if given else template(path)
