@@ -145,6 +145,16 @@ def test_probes_and_accelerometers_stand_in_one_table() -> None:
     assert found.derivative.tolist() == [0, 2]
 
 
+def test_a_wide_table_has_accelerometers_with_their_coherence() -> None:
+    head = "run,speed_rpm,frequency_rad_s,force_plane,force_N,force_phase_deg,force_direction,averages,"
+    text = f"{head}j_x_acceleration_g,j_x_deg,j_x_coherence,k_x_velocity_mm_s,k_x_deg,k_x_coherence\n"
+    found = read_text(f"{text}a,0,100,j,1,0,x,20,0.01,180,0.9,5,90,0.99\n")
+    assert found.response.tolist() == pytest.approx([0.01 * STANDARD_GRAVITY / 1e4, 5e-5])
+    assert (found.sigma / np.abs(found.response)).tolist() == pytest.approx(
+        [np.sqrt((1 - g) / (2 * 17 * g)) for g in (0.9, 0.99)]
+    )
+
+
 @pytest.mark.parametrize("suffix", ["csv", "nc", "mat"])
 def test_files_keep_what_was_measured(tmp_path: Path, suffix: str) -> None:
     test = rf.read(accelerations(1e-3, 0)[0])

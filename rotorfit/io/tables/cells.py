@@ -221,7 +221,8 @@ def _pointed(cells: list[str], source: str, name: str) -> list[str]:
     """Cells of a column of numbers with decimal commas, with points; other columns as they are."""
     with_comma = [bool(_COMMA.fullmatch(cell)) for cell in cells]
     if not any(with_comma) or not all(
-        comma or not cell or _POINT.fullmatch(cell) for cell, comma in zip(cells, with_comma, strict=True)
+        comma or cell.lower() in NOT_TAKEN or _POINT.fullmatch(cell)
+        for cell, comma in zip(cells, with_comma, strict=True)
     ):
         return cells
     if any("." in cell for cell in cells):

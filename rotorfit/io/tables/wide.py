@@ -1,8 +1,9 @@
 """Wide tables, one row a frequency and a column a probe: turned into the tidy table of one row a reading.
 
 Columns are recognised by ``<plane>_<x|y>_<unit>`` (amplitude) with ``<plane>_<x|y>_lag_deg`` or ``_deg``, or by
-``<plane>_<x|y>_real_<unit>`` and ``_imag_<unit>``; z (already combined), rx and ry as well. All other columns are
-repeated for each probe.
+``<plane>_<x|y>_real_<unit>`` and ``_imag_<unit>``; z (already combined), rx and ry as well. Accelerometers have
+``<plane>_<x|y>_acceleration_g``, sensors of velocity ``_velocity_mm_s``, and each probe may have its ``_coherence``.
+All other columns are repeated for each probe.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def tidy(table: Table) -> Table:
     """The same readings, one a row."""
     channels = _channels(table)
     for (plane, direction), columns in channels.items():
-        kinds = sorted(column.tidy.split("_")[0] for column in columns)
+        kinds = sorted(column.tidy.split("_")[0] for column in columns if column.tidy != "coherence")
         if kinds not in (["amplitude", "phase"], ["imag", "real"]):
             have = ", ".join(table.spelled(column.name) for column in columns)
             raise ValueError(
@@ -99,9 +100,23 @@ def _column(name: str, direction: str, rest: str) -> _Column | None:
         unit = rest.removeprefix(f"{prefix}_")
         if unit in units and (unit != rest or prefix == "amplitude"):
             return _Column(name=name, tidy=f"{prefix}_{tidy_unit}", factor=units[unit] * 1e6)
+    if rest == "coherence":
+        return _Column(name=name, tidy=rest, factor=1.0)
+    if not tilt and (found := _rate(name, rest)) is not None:
+        return found
     unit = rest.removeprefix("phase_")
     if unit in UNITS["phase"]:
         return _Column(name=name, tidy="phase_deg", factor=UNITS["phase"][unit] / UNITS["phase"]["deg"])
+    return None
+
+
+def _rate(name: str, rest: str) -> _Column | None:
+    """Meaning of the column of a sensor of velocity or acceleration, in SI units."""
+    for quantity, usual in (("velocity", "m_s"), ("acceleration", "m_s2")):
+        for prefix, part in ((quantity, "amplitude"), ("real", "real"), ("imag", "imag")):
+            unit = rest.removeprefix(f"{prefix}_")
+            if unit != rest and unit in UNITS[quantity]:
+                return _Column(name=name, tidy=f"{part}_{usual}", factor=UNITS[quantity][unit])
     return None
 
 
