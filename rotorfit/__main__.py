@@ -3,6 +3,35 @@
 from __future__ import annotations
 
 import gc
+import io
+import os
+import sys
+from typing import TextIO
+
+_CONTROLS = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\t\n\r"}
+"""Characters that steer a terminal, as they are printed."""
+
+
+_ERASE = "\033[K"
+"""Erases the rest of a line, as a line of progress does."""
+
+
+class _PlainStream(io.TextIOWrapper):
+    """Output in which names from files cannot steer the terminal, and what it has no letter for is escaped."""
+
+    def write(self, text: str, /) -> int:
+        return super().write(_ERASE.join(part.translate(_CONTROLS) for part in text.split(_ERASE)))
+
+
+def _plain(stream: TextIO | None) -> TextIO:
+    """An output of this process made plain; nowhere where it was closed."""
+    if stream is None:
+        return open(os.devnull, "w", encoding="utf-8")
+    if not isinstance(stream, io.TextIOWrapper):
+        return stream
+    return _PlainStream(
+        stream.buffer, encoding=stream.encoding, errors="backslashreplace", line_buffering=stream.line_buffering
+    )
 
 
 def main() -> int:
@@ -10,6 +39,7 @@ def main() -> int:
     # New objects after which Python looks for unused ones, in place of 700. Nearly all that imports and drawing make
     # stays: looking through it again and again takes a tenth of a fit's time.
     gc.set_threshold(100_000)
+    sys.stdout, sys.stderr = _plain(sys.stdout), _plain(sys.stderr)
     from rotorfit.cli.main import main as run
 
     try:

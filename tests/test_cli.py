@@ -448,3 +448,20 @@ def test_sampling_counts_no_further_than_it_has_to(tmp_path: Path) -> None:
     assert all(0 <= state.done < 1 for state in states[:-1])
     for state in states:
         assert float(state.waiting.split()[0]) <= max(50, RESOLVED_TIMES * state.tau + 1)
+
+
+def test_an_output_that_is_closed_full_or_of_few_letters_is_no_traceback(tmp_path):
+    """Names cannot steer the terminal either."""
+    names = {"disk": "Scheibe \u00fc", "journal": "\x1b[31mred"}
+    text = Path(RIG).read_text(encoding="utf-8")
+    for name, other in names.items():
+        text = text.replace(f",{name},", f",{other},")
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
+    info = f"{sys.executable} -m rotorfit info {tmp_path / 'a.csv'}"
+    for script, code in ((f"PYTHONIOENCODING=ascii {info}", 0), (f"{info} >&-", 0), (f"{info} > /dev/full", 2)):
+        done = subprocess.run(["bash", "-c", script], capture_output=True, check=False)
+        said = done.stdout + done.stderr
+        assert done.returncode == code, said
+        assert b"Traceback" not in said
+        assert b"\x1b" not in said
+    assert b"No space left on device" in said

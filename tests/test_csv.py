@@ -269,3 +269,17 @@ def test_names_that_no_cell_can_hold_are_refused(tmp_path):
         clash = type(test)(**columns, attributes={name: test.speed})
         with pytest.raises(ValueError, match=f"attributes {re.escape(name)} have the name of a column"):
             write_csv(clash, tmp_path / "t.csv")
+
+
+def test_names_that_spreadsheets_run_are_text_in_files_and_read_back(tmp_path):
+    """A plane named as a formula, as a hostile file has it; numbers keep their sign."""
+    names = ["=cmd|' /C calc'!A0", "-journal", "@run"]
+    source = table(tmp_path, *[f'{names[2]},1000,300,"{p}",-2.5,-30,"{p}",x,12,-40' for p in names[:2]])
+    test = read(source)
+    write_csv(test, tmp_path / "a.csv")
+    for line in (tmp_path / "a.csv").read_text(encoding="utf-8").splitlines()[2:]:
+        assert not [cell for cell in line.split(",") if cell.startswith(("=", "@", "-j"))]
+        assert "-40" in line
+    again = read(tmp_path / "a.csv")
+    same(again, test, rtol=1e-12)
+    assert (again.planes, again.runs) == (tuple(names[:2]), tuple(names[2:]))

@@ -27,6 +27,7 @@ from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.fitting.summary import natural, text_html
+from rotorfit.io.tables.cells import as_text
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
@@ -312,7 +313,7 @@ class Campaign:
                 if run.params
                 else ["", 0, False, run.message]
             )
-            writer.writerow([run.name, *conditions, *cells, *quality, run.silent])
+            writer.writerow(map(as_text, [run.name, *conditions, *cells, *quality, run.silent]))
         if path is not None:
             Path(path).write_text(text.getvalue(), encoding="utf-8")
         return text.getvalue()

@@ -11,8 +11,9 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import replace
+from io import UnsupportedOperation
 from pathlib import Path
 from shutil import copyfile
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -83,8 +84,12 @@ def _carry_out(options: argparse.Namespace) -> int:
         sys.stdout.flush()
         return code
     except BrokenPipeError:  # whoever reads the output, `head` for instance, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nor may the last flush complain
+        _close_output()
         return ExitCode.DONE
+    except OSError as problem:  # the output, or what no command expects of its files
+        _close_output()
+        print(f"rotorfit: the output cannot be written: {sentence(problem)}", file=sys.stderr)
+        return ExitCode.BAD_INPUT
     except BadInputError as problem:
         said = spoken(str(problem))
         print(f"rotorfit: {said if options.command in (_run, plan.run) else in_options(said)}", file=sys.stderr)
@@ -92,6 +97,12 @@ def _carry_out(options: argparse.Namespace) -> int:
     except KeyboardInterrupt as stop:
         print(f"rotorfit: interrupted, {stop.args[0] if stop.args else 'nothing was written'}", file=sys.stderr)
         return ExitCode.INTERRUPTED
+
+
+def _close_output() -> None:
+    """Drop what is still to be printed: nor may the last flush complain."""
+    with suppress(UnsupportedOperation):  # an output of no file, as of tests and notebooks
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 # ---- commands ---------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.structure.coefficients import of_a_rig
+from rotorfit.io.tables.cells import as_text
 from rotorfit.studies.data_files import StudyProgress
 from rotorfit.studies.recording_files import RecordingFiles
 from rotorfit.studies.study import Outcome
@@ -77,7 +78,7 @@ def _report_parts(outcome: Outcome, progress: StudyProgress) -> dict[str, Any]:
 
 def _write_csv(path: Path, rows: Iterable[Sequence[Any]]) -> None:
     with path.open("w", newline="", encoding="utf-8") as stream:
-        csv.writer(stream).writerows(rows)
+        csv.writer(stream).writerows([as_text(cell) for cell in row] for row in rows)
 
 
 def status(p: FittedParameter) -> str:

@@ -25,9 +25,22 @@ _POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}")
 NOT_TAKEN = ("", "nan", "n/a", "na", "-", "--")
 """How a reading that was not taken is written."""
+_FORMULA = ("=", "+", "-", "@")
+"""What a text begins with that a spreadsheet takes for a formula; with an apostrophe before it is text there."""
 _CELL_BYTES = 8
 """Memory that an empty cell takes; a sheet with one cell in its last row and column has 1.7e10 of them."""
 _ARCHIVE, _OLD_EXCEL = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"
+
+
+def as_text(cell: Any) -> Any:
+    """A cell to write, a name that spreadsheets would run as a formula with an apostrophe before it."""
+    formula = isinstance(cell, str) and cell.startswith(_FORMULA) and not _is_number(cell)
+    return f"'{cell}" if formula else cell
+
+
+def _as_written(cell: str) -> str:
+    """A cell as it was before :func:`as_text`."""
+    return cell[1:] if cell.startswith("'") and cell[1:].startswith(_FORMULA) else cell
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,8 +178,8 @@ def _text_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         rows = list(csv.reader((line for _, line in numbered), delimiter=delimiter, strict=True))
     except csv.Error as error:
         raise ValueError(f"{path.name} is not a readable CSV: {error}") from error
-    for (line, _), row in zip(numbered, rows, strict=False):
-        yield line, [cell.strip() for cell in row]
+    for (line, text), row in zip(numbered, rows, strict=False):
+        yield line, [_as_written(cell.strip()) for cell in row] if "'" in text else [cell.strip() for cell in row]
 
 
 def _sheet(path: Path, sheet: str | None) -> Iterator[tuple[int, list[str]]]:

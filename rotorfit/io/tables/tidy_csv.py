@@ -37,6 +37,7 @@ from rotorfit.data.findings import Finding
 from rotorfit.data.joined import check_planes_spelt
 from rotorfit.data.several_forces import gathered, written_per_force
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
+from rotorfit.io.tables.cells import as_text
 from rotorfit.io.tables.coherence import noise_of_coherence, without_incoherent
 from rotorfit.io.tables.headers import quantity_meant, refuse_doubtful, understood
 from rotorfit.io.tables.line_columns import line_columns, line_test
@@ -303,7 +304,8 @@ def _cell(value: Any) -> str:
         return "" if value != value else f"{value:.15g}"  # noqa: PLR0124 - NaN
     if any(c in value for c in "\r\n") or value != value.strip():
         raise ValueError(f"cannot write the name {value!r} to a CSV: no line breaks and no blanks at its ends")
-    return '"' + value.replace('"', '""') + '"' if any(c in value for c in ',;"#\t') else value
+    text = str(as_text(value))
+    return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',;"#\t') else text
 
 
 def _written_perturbation(test: PerturbationTest) -> dict[str, Any]:
