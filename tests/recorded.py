@@ -33,11 +33,11 @@ def motion(t: Float, whirl: int = 1) -> NDArray[np.complex128]:
     return 30e-6 * np.exp(1j * (shaft_angle(t) + 0.5)) + 50e-6 * np.exp(1j * whirl * (perturbator_angle(t) - 0.3))
 
 
-def notch(angle: Float) -> Float:
-    """-8 V in a notch of 30 degrees, -2 V outside, with the edge spread over some samples as filters do."""
+def notch(angle: Float, spread: float = 0.02) -> Float:
+    """-8 V in a notch of 30 degrees, -2 V outside, with the edge spread over some samples as filters do, rad."""
     position = np.mod(angle, 2 * np.pi)
     return -5.0 + 3.0 * (
-        np.tanh((position - np.pi / 6) / 0.02) - np.tanh(position / 0.02) + np.tanh((2 * np.pi - position) / 0.02)
+        np.tanh((position - np.pi / 6) / spread) - np.tanh(position / spread) + np.tanh((2 * np.pi - position) / spread)
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 import shutil
 import wave
@@ -80,7 +81,7 @@ def write_mat73(path: Path) -> None:
         raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
 
 
-def write_uff(path: Path) -> None:
+def write_uff(path: Path, **changes: object) -> None:
     import pyuff
 
     records = []
@@ -91,7 +92,7 @@ def write_uff(path: Path) -> None:
             "type": 58, "binary": 0, "func_type": 1, "rsp_node": 1 if lateral else 0, "ref_node": 0,
             "rsp_dir": " XY".index(axis) if lateral else 0, "ref_dir": 0, "rsp_ent_name": "disk" if lateral else "NONE",
             "ref_ent_name": "NONE", "id1": name, "data": v, "x": TIME, "abscissa_spacing": 1,
-            "abscissa_inc": 1 / RATE, "abscissa_min": 0.0, "ord_data_type": 4, "orddenom_spec_data_type": 0,
+            "abscissa_inc": 1 / RATE, "abscissa_min": 0.0, "ord_data_type": 4, "orddenom_spec_data_type": 0, **changes,
         })  # fmt: skip
     pyuff.UFF(str(path)).write_sets(records, "overwrite")
 
@@ -114,6 +115,17 @@ def write_parquet(path: Path) -> None:
     parquet.write_table(pa.table({"Time [ms]": TIME * 1e3, **CHANNELS}), path, row_group_size=5000)
 
 
+def write_npz(path: Path) -> None:
+    np.savez(path, fs=RATE, **CHANNELS)
+
+
+def write_npz_matrix(path: Path) -> None:
+    """A matrix, its names, times, and what the rig is as JSON."""
+    table = np.column_stack(list(CHANNELS.values())).T
+    said = json.dumps({"force_plane": "disk", "mr_kg_m": 2e-5, "whirl": "forward"})
+    np.savez_compressed(path, data=table, channels=list(CHANNELS), t=TIME, attributes=said)
+
+
 FORMATS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "hdf5": (".h5", lambda path: write_hdf5(path, CHANNELS)),
     "tdms": (".tdms", write_tdms),
@@ -123,9 +135,12 @@ FORMATS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "mat matrix": (".mat", write_mat_matrix),
     "mat 7.3": (".mat", write_mat73),
     "uff": (".uff", write_uff),
+    "uff of no type": (".uff", lambda path: write_uff(path, func_type=0, abscissa_spec_data_type=17)),
     "csv": (".csv", write_csv),
     "tsv with a rate": (".tsv", write_csv_rate),
     "parquet": (".parquet", write_parquet),
+    "npz": (".npz", write_npz),
+    "npz matrix": (".npz", write_npz_matrix),
 }
 
 
@@ -144,6 +159,32 @@ def test_every_format_reads_alike(tmp_path: Path, kind: str) -> None:
         np.testing.assert_allclose(record.channel(name), values, atol=step)
         np.testing.assert_allclose(record.channel(name, 3000, 3010), values[3000:3010], atol=step)
     np.testing.assert_allclose(np.concatenate(list(record.pieces("disk_X"))), CHANNELS["disk_X"], atol=step)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({**CHANNELS, "fs": RATE, "rig": {"mr_kg_m": 1.0}}, "rig is a pickled Python object, which is not opened"),
+        ({"fs": RATE, "few": np.arange(5.0)}, "holds no signals"),
+        (CHANNELS, "sampl"),
+        ({**CHANNELS, "t": TIME**2}, "even"),
+    ],
+)
+def test_npz_files_that_are_no_recording(tmp_path: Path, content: dict[str, object], message: str) -> None:
+    np.savez(tmp_path / "run.npz", **content)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=message):
+        rf.read_recording(tmp_path / "run.npz", setup_file(tmp_path, SETUP.replace("sample_rate_hz = 3200.0\n", "")))
+
+
+def test_an_npz_file_says_what_the_rig_is(tmp_path: Path) -> None:
+    write_npz_matrix(tmp_path / "run.npz")
+    setup = SETUP.partition("[force]")[0].replace("sample_rate_hz = 3200.0\n", "")
+    record = rf.read_recording(tmp_path / "run.npz", setup_file(tmp_path, setup))
+    assert record.force is not None
+    assert record.force.mr == pytest.approx(2e-5)
+    (tmp_path / "text.npz").write_text("x,y\n")
+    with pytest.raises(ValueError, match=r"text\.npz is not a readable npz file"):
+        rf.read_recording(tmp_path / "text.npz")
 
 
 @pytest.mark.parametrize("width", [16, 24, 32, -32])

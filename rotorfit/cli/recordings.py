@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 TEMPLATE = "print an example file with comments, or a setup, rig.toml, to fill in for a recording of raw signals"
 LOOK = "say what recordings of raw signals hold and what is odd about them, and draw it"
-FORMATS = "recording (.h5 .tdms .mat .wav .uff .csv .parquet)"
+FORMATS = "recording (.h5 .tdms .mat .npz .wav .uff .csv .parquet)"
 
 
 def add_template_options(to: argparse.ArgumentParser) -> None:

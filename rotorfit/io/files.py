@@ -44,7 +44,7 @@ SUFFIXES = {
     ".mat": "mat",
 }
 """Format by suffix of the file."""
-RECORDINGS = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet", ".uf58")
+RECORDINGS = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet", ".npz", ".uf58")
 """Suffixes that only recordings of raw signals have."""
 
 

@@ -22,6 +22,7 @@ FORMATS = {
     ".hdf": "hdf5",
     ".tdms": "tdms",
     ".mat": "matlab",
+    ".npz": "npz",
     ".wav": "wav",
     ".uff": "universal",
     ".unv": "universal",
@@ -36,6 +37,7 @@ KINDS = {
     "hdf5": "HDF5 file",
     "tdms": "TDMS file",
     "matlab": "MAT file",
+    "npz": "npz file",
     "wav": "WAV file",
     "universal": "universal file",
     "text": "text file",
@@ -45,7 +47,7 @@ KINDS = {
 FASTEST = 1e9
 """Sampling rate, Hz, above which it is no rate: vibration is sampled at some 1e5 Hz at most."""
 
-ALWAYS_RAW = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet")
+ALWAYS_RAW = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet", ".npz")
 """Suffixes of files that hold raw signals whether a setup is given or not."""
 
 

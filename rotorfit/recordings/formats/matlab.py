@@ -49,15 +49,19 @@ def open_file(path: Path) -> RawFile:
     """What a MAT file holds."""
     with path.open("rb") as file:
         modern = b"MATLAB 7.3" in file.read(128)
-    tree = _modern(path) if modern else _classic(path)
+    return file_of(path.name, _modern(path) if modern else _classic(path))
+
+
+def file_of(name: str, tree: Mapping[str, Any]) -> RawFile:
+    """What a tree of structs holds."""
     attributes = plain({name: value for name, value in tree.items() if not isinstance(value, _Array | dict | list)})
     channels: dict[str, RawChannel] = {}
-    for channel in _channels(path.name, tree, "", None):
-        name, number = channel.name, 2
-        while name in channels:
-            name, number = f"{channel.name}_{number}", number + 1
-        channels[name] = RawChannel(**{**vars(channel), "name": name})
-    return RawFile(name=path.name, channels=channels, attributes=attributes, sample_rate=rate_of(attributes))
+    for channel in _channels(name, tree, "", None):
+        own, number = channel.name, 2
+        while own in channels:
+            own, number = f"{channel.name}_{number}", number + 1
+        channels[own] = RawChannel(**{**vars(channel), "name": own})
+    return RawFile(name=name, channels=channels, attributes=attributes, sample_rate=rate_of(attributes))
 
 
 def _channels(source: str, tree: Mapping[str, Any], above: str, rate: float | None) -> Iterator[RawChannel]:
@@ -132,21 +136,21 @@ def _classic(path: Path) -> dict[str, Any]:
     check_mat(path)
     tree: dict[str, Any] = {}
     for name, _, _ in whosmat(path):
-        tree[name] = _held(loadmat(path, variable_names=[name], simplify_cells=True)[name])
+        tree[name] = held(loadmat(path, variable_names=[name], simplify_cells=True)[name])
     return tree
 
 
-def _held(value: Any) -> Any:
-    """A value with its arrays on disk."""
+def held(value: Any) -> Any:
+    """A value of SciPy or NumPy with its arrays on disk."""
     if isinstance(value, dict):
-        return {key: _held(part) for key, part in value.items()}
+        return {key: held(part) for key, part in value.items()}
     if isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and 1 <= value.ndim <= 2:
         if value.size < FEWEST:
             return value.item() if value.size == 1 else value.tolist()
         flat = spooled([value.reshape(-1)], value.size, value.dtype).reshape(value.shape)
         return _Array(shape=value.shape, dtype=value.dtype, read=partial(_from_array, flat))
     if isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
-        return [_held(part) for part in value]
+        return [held(part) for part in value]
     if isinstance(value, np.ndarray) and value.dtype.kind == "U":
         return [str(part).strip() for part in value.reshape(-1)]
     return value.item() if isinstance(value, np.generic) else value

@@ -1,4 +1,6 @@
-"""Universal files with time records: functions at nodal DOF (dataset 58) of type 1, by pyuff.
+"""Universal files with time records: functions at nodal DOF (dataset 58), by pyuff.
+
+They are of type 1, or, as some makers write them, of no type (0) over an abscissa that is time.
 
 A channel is called by the entity or node and the direction of its response, ``disk_X``, else by its first ID line.
 """
@@ -17,7 +19,9 @@ from rotorfit.io.sampling import FEWEST, rate_of_times
 from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
 from rotorfit.recordings.formats.spool import once, spooled
 
-_TIME_RESPONSE = 1
+_GENERAL, _TIME_RESPONSE = 0, 1
+_TIME = 17
+"""Data type of an abscissa that is time."""
 _AXES = {1: "X", 2: "Y", 3: "Z", -1: "-X", -2: "-Y", -3: "-Z"}
 
 
@@ -33,7 +37,7 @@ def open_file(path: Path) -> RawFile:
     records = {i: file.read_sets(i, header_only=True) for i in numbers}
     channels: dict[str, RawChannel] = {}
     for i, record in records.items():
-        if record["func_type"] != _TIME_RESPONSE or record["num_pts"] < FEWEST:
+        if not _is_time_record(record) or record["num_pts"] < FEWEST:
             continue
         name = _name(record)
         name = name if name not in channels else f"{name} ({i + 1})"
@@ -45,6 +49,12 @@ def open_file(path: Path) -> RawFile:
             unit=str(record.get("ordinate_axis_units_lab") or "").strip(),
         )
     return RawFile(name=path.name, channels=channels)
+
+
+def _is_time_record(record: dict[str, Any]) -> bool:
+    of_no_type = record["func_type"] == _GENERAL and record.get("abscissa_spec_data_type") == _TIME
+    real = record["ord_data_type"] in (2, 4)
+    return record["func_type"] == _TIME_RESPONSE or (of_no_type and real)
 
 
 def _name(record: dict[str, Any]) -> str:
