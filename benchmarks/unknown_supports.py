@@ -58,9 +58,10 @@ def main() -> int:
     lines = [
         "# Unknown supports of a known shaft",
         "",
-        f"{draws} draws, {environment('numpy', 'scipy')}. 8 accelerometers along x at rest (150 lines), x and y at three planes at two "
-        f"speeds forward and backward (80 lines), 2 % noise. A fit takes {np.median([t for _, t in every]):.1f} s of "
-        f"processor time (median). Coverage within {low:.2f} to {high:.2f} is sampling error.",
+        f"{draws} draws, {environment('numpy', 'scipy')}. 8 accelerometers along x at rest (150 lines), x and y at "
+        "three planes at two speeds forward and backward (80 lines), 2 % noise. A fit takes "
+        f"{np.median([t for _, t in every]):.1f} s of processor time (median). Coverage within {low:.2f} to {high:.2f} "
+        "is sampling error.",
         "",
         "| quantity | largest error | 95 % interval holds |",
         "| --- | --- | --- |",

@@ -176,3 +176,17 @@ def test_scripts_write_their_results(tmp_path, capsys):
         assert "Made by `python benchmarks/" in (tmp_path / f"{name}.md").read_text(encoding="utf-8")
         assert (tmp_path / f"{name}.png").stat().st_size > 5000
     assert "variance over bound" in capsys.readouterr().out
+
+
+def test_a_twin_from_two_records():
+    """Errors of five draws within the limits, at the size that the bound says: rms of 20 numbers."""
+    from rotor_twin import LIMIT, bounds, draw, motion
+
+    orbits = {degrees: motion(np.radians(degrees)) for degrees in (0.0, 180.0)}
+    pulls = []
+    for seed in range(100, 105):
+        found = draw(orbits, seed)
+        assert all(abs(error) < LIMIT[name[0]] for name, (error, _, _) in found.items())
+        pulls += [error / stated for error, stated, _ in found.values()]
+        assert all(0.8 * bounds()[name] < stated < 1.6 * bounds()[name] for name, (_, stated, _) in found.items())
+    assert 0.5 < np.sqrt(np.mean(np.square(pulls))) < 1.6
