@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from html import escape
 from itertools import repeat
 from typing import TYPE_CHECKING, Any, ClassVar, Self, Unpack
 
@@ -47,6 +48,15 @@ def _read_only(values: NDArray[Any]) -> NDArray[Any]:
     return values
 
 
+def _range(rates: Float) -> str:
+    """Lowest and highest of some frequencies or speeds, rad/s, in rpm."""
+    rates = rates[np.isfinite(rates)] * RPM_PER_RAD_S
+    if not rates.size:
+        return ""
+    ends = [f"{end:.5g}" for end in (rates.min(), rates.max())]
+    return ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}"
+
+
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class _Rows:
     """Read-only arrays of one length, one row a reading."""
@@ -87,6 +97,24 @@ class _Rows:
         places = f", at {', '.join(self.planes)}" if self.planes else ""
         source = self.source or "from arrays"
         return f"<{type(self).__name__} {source}: {self.size_in_words}{places}, {speeds or 'no'} rpm>"
+
+    def _repr_html_(self) -> str:
+        """Runs as a table, for a notebook."""
+        head = ("run", "readings", "speed, rpm", "frequency, rpm", "planes")
+        most = 30  # runs that are read at a glance
+        rows = [self._run_cells(run) for run in self.runs[:most]]
+        body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+        names = "".join(f"<th>{name}</th>" for name in head)
+        more = f"<p>and {len(self.runs) - most} more runs</p>" if len(self.runs) > most else ""
+        table = f"<table><thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>"
+        return f"<p>{escape(repr(self)[1:-1])}</p>{table}{more}"
+
+    def _run_cells(self, run: str) -> tuple[str, ...]:
+        rows = np.flatnonzero(np.asarray(self.run) == run)
+        w = self.frequencies[rows] if len(self.frequencies) else np.zeros(0)
+        planes = np.asarray(getattr(self, "plane", np.zeros(0)))
+        named = ", ".join(dict.fromkeys(planes[rows].tolist())) if planes.size else ""
+        return run, str(rows.size), _range(self.set_speed[rows]), _range(w), named
 
     @property
     def size_in_words(self) -> str:

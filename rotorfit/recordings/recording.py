@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -51,6 +52,13 @@ class Recording(Signals):
         """Name, length and channels, on one line."""
         channels = ", ".join(self.channels)
         return f"<Recording {self.name}: {self.duration:.4g} s at {self.sample_rate:.6g} Hz, {channels}>"
+
+    def _repr_html_(self) -> str:
+        """Channels and what they are, as a table for a notebook."""
+        probes = {p.channel: f"probe at {p.plane}, {np.degrees(p.angle or 0.0):g} degrees" for p in self.probes}
+        cells = "".join(f"<tr><td>{escape(c)}</td><td>{escape(probes.get(c, ''))}</td></tr>" for c in self.channels)
+        head = "<thead><tr><th>channel</th><th>what it is</th></tr></thead>"
+        return f"<p>{escape(repr(self)[1:-1])}</p><table>{head}<tbody>{cells}</tbody></table>"
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _opened_again, (self.path, self.setup, self.label)  # a worker opens the file again

@@ -7,10 +7,18 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from rotorfit.estimators.blocks.correlated import CorrelatedResponses
+from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.estimators.blocks.observations import Block
+from rotorfit.estimators.inference.covariance import standard_error
+from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.structure.coefficients import of_a_rig
 from rotorfit.io.tables.cells import as_text
+from rotorfit.models.array_types import Float
 from rotorfit.studies.data_files import StudyProgress
 from rotorfit.studies.recording_files import RecordingFiles
 from rotorfit.studies.study import Outcome
@@ -33,6 +41,7 @@ def write_outcome(
     _write_csv(folder / "parameters.csv", _parameter_rows(outcome))
     _write_csv(folder / "covariance.csv", _covariance_rows(best))
     _write_csv(folder / "responses.csv", _response_rows(best))
+    _write_csv(folder / "curves.csv", _curve_rows(best))
     if of_a_rig(best):
         best.coefficient_table().to_csv(folder / "coefficients.csv")
         best.plot_coefficients().savefig(folder / f"coefficients.{figure_format}")
@@ -118,6 +127,47 @@ def _response_rows(fit: FitResult) -> Iterator[Sequence[Any]]:
     yield "response", "readings", "nrmse", "frac", "redchi"
     for r in fit.responses:
         yield r.name, r.count, r.nrmse, r.frac, r.redchi
+
+
+def _curve_rows(fit: FitResult) -> Iterator[Sequence[Any]]:
+    """Every reading with what the fit has there, in the model's coordinates and SI units."""
+    parts = [f"{what}_{part}" for what in ("measured", "fitted", "fitted_low", "fitted_high") for part in ("re", "im")]
+    yield "run", "response", "speed_rad_s", "frequency_rad_s", *parts, "sigma", "residual_re", "residual_im"
+    space = fit.problem.space
+    begin = 0
+    whitened = fit.problem.residuals(fit.x)
+    _, rows = fit.problem.jacobian(fit.x)
+    for block, predicted in zip(fit.problem.blocks, fit.problem.predict(fit.x), strict=True):
+        here = slice(begin, begin + block.measured.size)
+        begin = here.stop
+        mixed = isinstance(
+            block, CorrelatedResponses
+        )  # whose residuals are mixed: errors of predictions come from these
+        slope = block.predict_jacobian(fit.thetas)[1] if mixed else rows[here] * block.sigma[:, None]
+        if mixed:
+            slope = np.array(
+                [space.pull_back(one, group) for one, group in zip(slope, block.reading_group, strict=True)]
+            )
+        half = [CHANCE_ERRORS * standard_error(part, fit.covar) for part in (slope.real, slope.imag)]
+        speed, frequency = _conditions(block)
+        low, high = predicted - half[0] - 1j * half[1], predicted + half[0] + 1j * half[1]
+        values = [part for z in (block.measured, predicted, low, high) for part in (z.real, z.imag)]
+        columns = [speed, frequency, *values, block.sigma, whitened[here].real, whitened[here].imag]
+        names = np.array(block.labels)[block.label]
+        for run, name, *numbers in zip(block.run, names, *(column.tolist() for column in columns), strict=True):
+            yield str(run), str(name), *numbers
+
+
+def _conditions(block: Block) -> tuple[Float, Float]:
+    """Speed and frequency of each reading, rad/s, NaN where a kind of test has none."""
+    base: Any = responses_of(block) or block
+    line = getattr(base, "line", None)
+    lines = line if isinstance(line, np.ndarray) and line.dtype.kind == "i" else slice(None)
+    found = [
+        np.asarray(getattr(base, name, np.full(block.measured.size, np.nan)), float) for name in ("speed", "frequency")
+    ]
+    speed, frequency = (values[lines] if values.size != block.measured.size else values for values in found)
+    return speed, frequency
 
 
 def _profile_rows(profiles: Sequence[Profile]) -> Iterator[Sequence[Any]]:
