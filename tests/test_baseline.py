@@ -170,3 +170,13 @@ def test_the_command_line_and_a_study_take_a_dry_run(
     assert "its own dry run" in capsys.readouterr().err
     assert cli.main(["fit", "wet.csv", "--baseline", "none.csv", *words]) != 0
     assert "none.csv" in capsys.readouterr().err
+
+
+def test_the_closed_form_is_of_the_fluid_alone_too() -> None:
+    wet, dry = pair(0)
+    per = dict.fromkeys(STIFFNESS_AND_DAMPING, "speed_rpm")
+    closed = rf.closed_form(MODEL, wet, baseline=dry, known=NO_MASS, per=per)
+    fit = coefficients(wet, dry)
+    for name, p in fit.params.items():
+        assert abs(closed.params[name].value - p.value) < 4 * p.stderr + 1e-9, name
+    assert any("is taken out" in remark for remark in fit.remarks)

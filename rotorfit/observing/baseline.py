@@ -63,6 +63,7 @@ class _Dry:
     lines: tuple[_Line, ...]
     share: Float  # of each of them in each line of the test, shape ``(L, N)``
     remarks: tuple[str, ...]
+    source: str  # what it is called in sentences
 
 
 def with_baseline(
@@ -126,7 +127,8 @@ def _beside(model: RotorModel, block: Responses, test: PerturbationTest, baselin
             share = np.pad(share, ((0, 0), (0, len(own))))
             share[np.ix_(lines, np.arange(len(found), len(found) + len(own)))] = part
             found += own
-    return _Dry(lines=tuple(found), share=share, remarks=remarks)
+    source = f"the dry run {baseline.source}".rstrip()
+    return _Dry(lines=tuple(found), share=share, remarks=remarks, source=source)
 
 
 def _variable(block: Responses) -> Float:
@@ -280,6 +282,7 @@ def _correlated(block: Responses, test: PerturbationTest, dry: _Dry | None) -> B
     if dry is not None:
         covariance += _dry_covariance(block, rows, dry)
     sigma = np.sqrt(covariance.diagonal().real)
+    source = "the dry run" if dry is None else dry.source
     correlation: ComplexArray = covariance / np.outer(sigma, sigma)
     return CorrelatedResponses(
         base=replace(block, sigma=sigma),
@@ -287,7 +290,7 @@ def _correlated(block: Responses, test: PerturbationTest, dry: _Dry | None) -> B
         covariance=correlation,
         freedom=math.inf,
         weight_freedom=math.inf,
-        remarks=() if dry is None else dry.remarks,
+        remarks=() if dry is None else (f"{source} is taken out, its noise counts", *dry.remarks),
     )
 
 

@@ -114,7 +114,8 @@ def jackknife(fit: FitResult) -> Jackknife:
         raise ValueError("the fit did not converge: what a run changes is not known")
     if any(isinstance(block, CorrelatedResponses) for block in problem.blocks):
         raise ValueError(
-            "the errors of this fit count mountings of weights already; runs of one mounting share its error"
+            "runs of this fit share errors, of a mounting, of measured forces or of a dry run, which its standard "
+            "errors count already: leaving one run out does not show them"
         )
     run = np.concatenate([block.run for block in problem.blocks])
     runs = tuple(dict.fromkeys(run.tolist()))
