@@ -70,21 +70,33 @@ class Block(Protocol):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Responses:
-    """Responses to circular forces, or forces under imposed orbits, one line a run at one frequency."""
+class Observed:
+    """What every kind of test has of its readings, shape ``(R,)``."""
 
     model: RotorModel  # the rotor whose coordinates these are
+    measured: ComplexArray
+    sigma: Float
+    label: Index
+    labels: tuple[str, ...]  # names of the responses
+    run: Text
+
+    def with_noise(self, factor: Float) -> Self:
+        """See :meth:`Block.with_noise`; what was worked out of the layout, which does not change, goes along."""
+        found = copy(self)
+        object.__setattr__(found, "sigma", self.sigma * factor)
+        return found
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Responses(Observed):
+    """Responses to circular forces, or forces under imposed orbits, one line a run at one frequency."""
+
     speed: Float  # rad/s, shape ``(L,)``
     frequency: Float  # rad/s, shape ``(L,)``
     force: ComplexArray  # generalised force, shape ``(L, n)``; with ``imposed``, the imposed displacement instead
     group: Index  # parameter group of each line, shape ``(L,)``
     line: Index  # line and coordinate of each reading, shape ``(R,)``, lines ascending
     coordinate: Index  # line and coordinate of each reading, shape ``(R,)``, lines ascending
-    measured: ComplexArray
-    sigma: Float
-    label: Index
-    labels: tuple[str, ...]  # names of the responses
-    run: Text
     imposed: bool = False  # the displacement is imposed and ``measured`` is the force
     sigma_given: bool = True  # sigma was given with all readings, not estimated from them
     beside: ComplexArray | None = None  # known dynamic stiffness that acts beside the model's, shape ``(L, n, n)``
@@ -206,12 +218,6 @@ class Responses:
         """See :meth:`Block.predict_jacobian`."""
         predicted, rows = (displacement_to_force_jacobian if self.imposed else respond_jacobian)(self, theta)
         return predicted, np.swapaxes(rows, -1, -2)
-
-    def with_noise(self, factor: Float) -> Self:
-        """See :meth:`Block.with_noise`; what was worked out of the layout, which does not change, goes along."""
-        found = copy(self)
-        object.__setattr__(found, "sigma", self.sigma * factor)
-        return found
 
     def amplitudes(self) -> tuple[ComplexArray, Float]:
         """Measured amplitude and sigma of every coordinate in every line, shape ``(L, n)``, NaN where there is none."""

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 
-from rotorfit.estimators.blocks.observations import OnResponses
+from rotorfit.estimators.blocks.observations import Observed, OnResponses
 from rotorfit.models import AnisotropicShaft
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Text
 from rotorfit.models.shafts.combination_lines import Order, line_order
@@ -16,7 +15,7 @@ from rotorfit.models.shafts.turning_on_supports import LinesFrame
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class LineResponses:
+class LineResponses(Observed):
     """Lines under rotating forces, or without a force, one a reading, all of shape ``(R,)``."""
 
     model: AnisotropicShaft  # the shaft
@@ -26,11 +25,6 @@ class LineResponses:
     direction: Text  # ``z`` or ``twist``
     line: Text  # name of the line
     reading_group: Index  # parameter group
-    measured: ComplexArray
-    sigma: Float
-    label: Index
-    labels: tuple[str, ...]
-    run: Text
 
     @cached_property
     def kinds(self) -> tuple[tuple[str, Order, Index], ...]:
@@ -76,10 +70,6 @@ class LineResponses:
         for k, (_, _, rows) in enumerate(self.kinds):
             whole[..., rows] = found[:, k][..., number[rows]]
         return whole
-
-    def with_noise(self, factor: Float) -> Self:
-        """See :meth:`~rotorfit.estimators.blocks.observations.Block.with_noise`."""
-        return replace(self, sigma=self.sigma * factor)
 
 
 def is_image_line(line: Text) -> Bool:

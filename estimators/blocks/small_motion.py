@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import dataclass
 
 import numpy as np
 
 from rotorfit.estimators.blocks.nonlinear import inverse_of_lines
+from rotorfit.estimators.blocks.observations import Observed
 from rotorfit.estimators.blocks.response import read_by_probes, read_by_probes_jacobian
-from rotorfit.models import RotorModel
-from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Text
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.line_stiffness import known_structure, line_stiffness
 from rotorfit.models.motion.off_centre import coupled_stiffness, off_centre_eigenvalues, off_centre_gradient
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class OffCentreResponses:
-    """Small responses to circular forces about an off-centre equilibrium; the fluid couples both directions."""
+class OffCentreResponses(Observed):
+    """Small responses to circular forces about an off-centre equilibrium; the fluid couples both directions.
 
-    model: RotorModel  # the rotor
+    They are phasors relative to ``exp(+j|w|t)``.
+    """
+
     speed: Float  # rad/s, frequency signed by the sense of the force, shape ``(L,)``
     frequency: Float  # rad/s, frequency signed by the sense of the force, shape ``(L,)``
     force: ComplexArray  # generalised force in complex coordinates, shape ``(L, n)``
@@ -30,11 +31,6 @@ class OffCentreResponses:
     line: Index  # line and complex coordinate of each reading, shape ``(R,)``
     coordinate: Index  # line and complex coordinate of each reading, shape ``(R,)``
     vertical: Bool  # whether a reading is that of the y probe, shape ``(R,)``
-    measured: ComplexArray  # phasors relative to ``exp(+j|w|t)``, shape ``(R,)``
-    sigma: Float
-    label: Index
-    labels: tuple[str, ...]
-    run: Text
 
     @property
     def reading_group(self) -> Index:
@@ -57,10 +53,6 @@ class OffCentreResponses:
         A, B = pairs[self.coordinate, ..., self.line], pairs[n + self.coordinate, ..., self.line]
         vertical = self.vertical.reshape(-1, *[1] * (A.ndim - 1))
         return np.moveaxis(np.where(vertical, -1j * (A - B), A + B), 0, -1)
-
-    def with_noise(self, factor: Float) -> Self:
-        """See :meth:`~rotorfit.estimators.blocks.observations.Block.with_noise`."""
-        return replace(self, sigma=self.sigma * factor)
 
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`. Of vectors of shape ``(..., G, P)`` it
@@ -102,22 +94,12 @@ class OffCentreResponses:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class FreeVibrations:
-    """Eigenvalues of small free motion about equilibria, each the one nearest to what was measured."""
+class FreeVibrations(Observed):
+    """Eigenvalues of small free motion about equilibria, each nearest to a measured ``s = -zeta |s| + j w_d``, 1/s."""
 
-    model: RotorModel  # the rotor
     speed: Float  # rotative speed, rad/s, and static eccentricity of the journal, shape ``(R,)``
     eccentricity: Float  # rotative speed, rad/s, and static eccentricity of the journal, shape ``(R,)``
     reading_group: Index  # parameter group, shape ``(R,)``
-    measured: ComplexArray  # eigenvalues ``s = -zeta |s| + j w_d``, 1/s, shape ``(R,)``
-    sigma: Float
-    label: Index
-    labels: tuple[str, ...]
-    run: Text
-
-    def with_noise(self, factor: Float) -> Self:
-        """See :meth:`~rotorfit.estimators.blocks.observations.Block.with_noise`."""
-        return replace(self, sigma=self.sigma * factor)
 
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""

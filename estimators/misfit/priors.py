@@ -91,8 +91,8 @@ class LogPriors:
         families: dict[Any, list[Prior]] = {}
         for number, prior in enumerate(priors):
             frozen = prior.distribution
-            plain = type(frozen.dist).__module__ == _SCIPY
-            key = (type(frozen.dist), len(frozen.args), *sorted(frozen.kwds)) if plain else number
+            of_scipy = type(frozen.dist).__module__ == _SCIPY
+            key = (type(frozen.dist), len(frozen.args), *sorted(frozen.kwds)) if of_scipy else number
             families.setdefault(key, []).append(prior)
         self._families: list[tuple[Index, Callable[[Float], Float]]] = []
         for members in families.values():

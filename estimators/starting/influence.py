@@ -116,10 +116,10 @@ def _assembled(
     size = np.sqrt([cell.mean for cell in cells])
     known = all(cell.freedom for cell in cells)
     between = scatter(cells) if known else np.diag(size**2).astype(complex)
-    alike = _correlation(between, channel) if known else 0.0
+    shared = _correlation(between, channel) if known else 0.0
     same = channel[:, None] == channel
     size = _pooled(size, channel, dwell)
-    assumed = np.outer(size, size) * np.where(np.eye(len(cells)) > 0, 1.0, alike * same)
+    assumed = np.outer(size, size) * np.where(np.eye(len(cells)) > 0, 1.0, shared * same)
     planes = len(cells[0].beta) - 1
     kept = np.tile(np.arange(planes + 1) > 0, len(cells))
     square = np.ix_(kept, kept)
@@ -137,8 +137,8 @@ def _assembled(
         mounting=np.sqrt([cell.mounting for cell in cells]),
         repeat=np.sqrt([cell.repeat for cell in cells]),
         freedom=freedom,
-        weight_freedom=freedom * speed.size / (1 + (speed.size - 1) * alike**2),
-        correlation=alike,
+        weight_freedom=freedom * speed.size / (1 + (speed.size - 1) * shared**2),
+        correlation=shared,
         left_out=tuple(left_out),
     )
 

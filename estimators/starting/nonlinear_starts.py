@@ -22,7 +22,7 @@ _LINEAR_ECCENTRICITY = 0.3  # eccentricity up to which the linear rotor is taken
 _STIFFNESS_SHARES = (1.0, 0.4, 1.6)  # of K0 in the sum with springs beside it, which a linear test cannot tell
 
 
-def is_plain_linear(problem: Problem) -> bool:
+def are_linear_responses(problem: Problem) -> bool:
     """True if all observations are responses of a linear rotor."""
     return all(isinstance(block, Responses) for block in problem.blocks)
 

@@ -24,9 +24,9 @@ from rotorfit.estimators.starting.closed_form import (
 from rotorfit.estimators.starting.many_starts import best_beside, best_of_many
 from rotorfit.estimators.starting.modal_start import modal_start
 from rotorfit.estimators.starting.nonlinear_starts import (
+    are_linear_responses,
     explicit_with_sense,
     frozen,
-    is_plain_linear,
     linear_starts,
 )
 from rotorfit.estimators.starting.shaft_line_starts import has_lines, line_start, round_part, support_starts
@@ -78,24 +78,24 @@ def _guess_with_datum(problem: Problem) -> tuple[Start, float]:
         values, datum = modal_start(model, blocks)
         typical = np.array([values.get(name, model.parameter(name).scale) for name in space.base])
         return Start(x=typical, kind=RATIONAL_FIT), datum if DATUM in space.nuisance else 0.0
-    plain = problem  # the same object where nothing changes: it keeps what it evaluated last
+    uncorrelated = problem  # the same object where nothing changes: it keeps what it evaluated last
     if any(isinstance(block, CorrelatedResponses) for block in problem.blocks):
         without = (b.base if isinstance(b, CorrelatedResponses) else b for b in problem.blocks)
-        plain = replace(problem, blocks=tuple(without))
+        uncorrelated = replace(problem, blocks=tuple(without))
     if DATUM not in space.nuisance:
-        return _guess(plain), 0.0
+        return _guess(uncorrelated), 0.0
     count = 12  # datum angles tried where no model of modes gives it: one is within 15 degrees
     angles = np.arange(count) * 2 * np.pi / count
-    angle = min(angles.tolist(), key=lambda a: _explained(_turned(plain, a)))
-    turned = _guess(_turned(plain, angle))
-    best = _short_fit(plain, full_vector(plain, turned.x, angle)).x
+    angle = min(angles.tolist(), key=lambda a: _explained(_turned(uncorrelated, a)))
+    turned = _guess(_turned(uncorrelated, angle))
+    best = _short_fit(uncorrelated, full_vector(uncorrelated, turned.x, angle)).x
     found = Start(x=best[: len(space.names)], kind=SHORT_FIT, notes=turned.notes)
     return found, float(best[len(space.names) + space.nuisance.index(DATUM)])
 
 
 def _explained(problem: Problem) -> float:
     """Cost that one closed form leaves, infinite where there is none."""
-    if not is_plain_linear(problem):
+    if not are_linear_responses(problem):
         return np.inf
     try:
         return _cost(problem, closed_form(problem.space, problem.blocks, passes=_PASSES[0]).x)
@@ -129,7 +129,7 @@ def _guess(problem: Problem) -> Start:
     as_if_round = round_part(problem)
     if as_if_round is not None:
         return _from_round(problem, _guess(as_if_round))
-    return _linear_guess(problem) if is_plain_linear(problem) else _nonlinear_guess(problem)
+    return _linear_guess(problem) if are_linear_responses(problem) else _nonlinear_guess(problem)
 
 
 def _linear_guess(problem: Problem) -> Start:

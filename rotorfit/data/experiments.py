@@ -293,7 +293,7 @@ class PerturbationTest(_Rows):
 
     @cached_property
     def force_sigma(self) -> Float:
-        """Standard deviation of both parts of each measured force, N, zero where none is told, shape ``(R,)``."""
+        """Standard deviation of both parts of each measured force, N, zero where none is given, shape ``(R,)``."""
         said = self.attributes.get(FORCE_SIGMA)
         return np.zeros(len(self)) if said is None else np.nan_to_num(said.astype(float))
 

@@ -859,8 +859,8 @@ class FitResult:
         for p in self.params.values():
             low, high = p.interval(0.95)
             errors = {"stderr": p.stderr, "stderr_noise": p.stderr_noise, "systematic": p.systematic}
-            told = {"low": low, "high": high, "unit": p.unit, "vary": p.vary, "determined": p.resolved}
-            rows.append({"parameter": p.name, "value": p.value, **errors, **told, "meaning": p.meaning})
+            limits = {"low": low, "high": high, "unit": p.unit, "vary": p.vary, "determined": p.resolved}
+            rows.append({"parameter": p.name, "value": p.value, **errors, **limits, "meaning": p.meaning})
         return DataFrame(rows)
 
     def summary(self) -> str:

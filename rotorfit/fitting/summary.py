@@ -216,8 +216,8 @@ def _row(p: FittedParameter, both: bool, more: bool) -> list[str | Wide]:
         return [p.name, Wide("not determined by the data", 2 + both + more), f"{p.init_value:.6g}", p.unit]
     whole = math.hypot(p.stderr, p.systematic)
     value, start = with_error(p.value, whole)[0], with_error(p.init_value, whole)[0]
-    alike = [p.stderr, *([p.stderr_noise] * both), *([p.systematic] * more)]
-    errors = [with_error(0.0, error)[1] if 0 < error < math.inf else "-" for error in alike]
+    shares = [p.stderr, *([p.stderr_noise] * both), *([p.systematic] * more)]
+    errors = [with_error(0.0, error)[1] if 0 < error < math.inf else "-" for error in shares]
     return [p.name, value, *errors, start, p.unit, "at its bound" if p.at_bound else ""]
 
 

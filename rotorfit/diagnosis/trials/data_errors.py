@@ -237,12 +237,12 @@ def _exchanges(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
 def _exchanged_runs(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
     """Two runs with the same readings in their plan, under each other's names."""
     places = {(number, run): _places(test, run) for number, test in enumerate(tests) for run in test.runs}
-    alike = (
+    same_plan = (
         (number, a, b, own, other)
         for ((number, a), own), ((also, b), other) in combinations(places.items(), 2)
         if number == also and own.size == other.size and _is_one_plan(tests[number], own, other)
     )
-    for number, a, b, own, other in islice(alike, 12):  # pairs of runs
+    for number, a, b, own, other in islice(same_plan, 12):  # pairs of runs
         yield DataError(
             code="runs-exchanged",
             of=f"{a} and {b}",

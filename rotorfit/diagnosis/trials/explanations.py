@@ -165,9 +165,9 @@ def _findings(tried: Sequence[Explanation]) -> list[Finding]:
     least = min((one.left for one in tried), default=np.inf)
     if not least < _EXPLAINING_MISFIT_SHARE:
         return []
-    alike = sorted((one for one in tried if one.left < _SAME_MISFIT_RATIO * least), key=lambda one: one.left)
-    fewest = min(one.free for one in alike)
-    named = list({one.message: one for one in alike if one.free == fewest}.values())[:3]
+    equal = sorted((one for one in tried if one.left < _SAME_MISFIT_RATIO * least), key=lambda one: one.left)
+    fewest = min(one.free for one in equal)
+    named = list({one.message: one for one in equal if one.free == fewest}.values())[:3]
     better = float(f"{1 / least:.2g}")
     others = f" One of {len(named)} explanations that the data cannot tell apart." if len(named) > 1 else ""
     found = []

@@ -13,9 +13,11 @@ from rotorfit.units import RPM_PER_RAD_S
 
 THRESHOLD_COLUMN = "threshold speed"
 _NOTHING = 1e-3  # of a standard error: a shift below it is shown as none
-_TOLD = 3.0  # uncertainty over standard error from which data narrow it; less clear information is curvature's too
+_NARROWED_RATIO = (
+    3.0  # uncertainty over standard error from which data narrow it; less clear information is curvature's too
+)
 _NOTABLE_FALL = 0.95  # of a combined error without one entry, above which that entry is not named by itself
-_MISSING = 4.0  # standard errors at which the data ask for a term; a dozen are tested at once
+_SIGNIFICANT_RATIO = 4.0  # standard errors at which the data ask for a term; a dozen are tested at once
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,10 +44,10 @@ class Assumption:
     @property
     def left(self) -> float:
         """Root mean square size that it may have by its uncertainty and the data together; the results assume none."""
-        if self.stderr * _TOLD > self.uncertainty:
+        if self.stderr * _NARROWED_RATIO > self.uncertainty:
             return self.uncertainty
-        told = 1 / (1 + (self.stderr / self.uncertainty) ** 2)  # weight of the data in the mean of a normal posterior
-        return math.hypot(math.sqrt(told) * self.stderr, told * self.estimate)
+        weight = 1 / (1 + (self.stderr / self.uncertainty) ** 2)  # weight of the data in the mean of a normal posterior
+        return math.hypot(math.sqrt(weight) * self.stderr, weight * self.estimate)
 
     @property
     def tested(self) -> bool:
@@ -65,7 +67,7 @@ class Assumption:
     @property
     def missing(self) -> bool:
         """Whether the data ask for the term, or for something like it."""
-        return self.tested and abs(self.z) > _MISSING
+        return self.tested and abs(self.z) > _SIGNIFICANT_RATIO
 
     @property
     def bears(self) -> bool:

@@ -85,21 +85,21 @@ def _better_than_runs(data: LinearisedFit, beside: LinearisedFit) -> bool:
 
     separate = np.array([kind != "run_fluid" for kind in data.kinds])  # that is K0 and D together
     sigma = weighing_sigma(NoiseFit.of(beside, data.sigma, np.where(separate, np.inf, 0.0)))
-    plain, with_cause = (MixedModel.of(*one.weighed(sigma), one.rows, one.prior) for one in (data, beside))
-    variance = select_effects(plain, level=_P_CAUSE, forced=data.forced)
+    without_cause, with_cause = (MixedModel.of(*one.weighed(sigma), one.rows, one.prior) for one in (data, beside))
+    variance = select_effects(without_cause, level=_P_CAUSE, forced=data.forced)
     if np.count_nonzero(variance) <= len(data.forced):
         return True
     own = np.flatnonzero(separate)
     free = np.full(own.size, np.inf)
     columns = beside.prior.size - data.prior.size
     left = with_cause.part(own).solve(free).square
-    gain = plain.part(own).solve(free).square - left
+    gain = without_cause.part(own).solve(free).square - left
     freedom = 2 * data.r.size - beside.prior.size - own.size * len(data.runs)
     if freedom > 0 and fdtrc(columns, freedom, gain / columns / (left / freedom)) < _P_CAUSE:
         return True
     # Gain in likelihood as of a straight line through one value of each run, which few runs have by chance.
     spread = select_effects(with_cause, level=_P_CAUSE, forced=data.forced)
-    ratio = 2 * (_likelihood(with_cause, spread) - _likelihood(plain, variance)) / len(data.runs)
+    ratio = 2 * (_likelihood(with_cause, spread) - _likelihood(without_cause, variance)) / len(data.runs)
     freedom = len(data.runs) - 1 - columns
     return freedom > 0 and bool(fdtrc(columns, freedom, freedom / columns * np.expm1(max(ratio, 0.0))) < _P_BETWEEN)
 

@@ -92,7 +92,7 @@ class Modes(Sequence[Mode]):
                 raise KeyError(unknown_name("plane of the rotor", name, names))
         columns = [np.atleast_1d(np.asarray(values, dtype=complex)) for values in given.values()]
         if len(columns) < 2 or len({column.shape for column in columns}) > 1:
-            raise ValueError("a shape is told by its deflections at two planes or more, as many at each plane")
+            raise ValueError("a shape needs its deflections at two planes or more, as many at each plane")
         places = [names.index(name) for name in given]
         others = list(np.stack(columns, axis=1))
         return np.array([[modal_assurance(mode.vector[places], other) for other in others] for mode in self.modes])

@@ -119,7 +119,7 @@ def refine(fit: FitResult) -> Refinement:
         best, steps = _select(fit, may_leave_open=True)
     chosen = with_model_uncertainty(rescale_noise(best), _model_uncertainty(best, steps))
     found = _candidate_onsets(steps, best)
-    warnings = (*chosen.warnings, *_told_of_hidden(fit, chosen), *_told_of_a_run(fit, chosen))
+    warnings = (*chosen.warnings, *_hidden_warnings(fit, chosen), *_odd_run_warning(fit, chosen))
     chosen = replace(chosen, settings=replace(chosen.settings, onsets=found), warnings=warnings)
     return Refinement(tuple(steps), chosen)
 
@@ -170,7 +170,7 @@ def _hidden(step: FitResult) -> dict[str, Any]:
     return {p.name: norm(0.0, _PRIOR_DEVIATIONS * max(sizes)) for p in own if not p.resolved}
 
 
-def _told_of_hidden(plain: FitResult, chosen: FitResult) -> list[str]:
+def _hidden_warnings(plain: FitResult, chosen: FitResult) -> list[str]:
     """Parameters that were taken to be about zero because the data do not determine them."""
     names = sorted(set(chosen.settings.priors) - set(plain.settings.priors))
     if not names:
@@ -185,7 +185,7 @@ def _told_of_hidden(plain: FitResult, chosen: FitResult) -> list[str]:
     ]
 
 
-def _told_of_a_run(plain: FitResult, chosen: FitResult) -> list[str]:
+def _odd_run_warning(plain: FitResult, chosen: FitResult) -> list[str]:
     """The run that did not go with the others before, where no candidate explains the data: blocks taken in to
     follow that run hide it."""
     odd = "" if plain.noise is None else plain.noise.odd_run
