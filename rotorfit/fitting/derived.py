@@ -32,7 +32,7 @@ def derive(fit: FitResult, quantity: Callable[[Any], Any], unit: str, at: Mappin
     """See :meth:`FitResult.derive`."""
     value, gradient = value_and_gradient(fit.model, quantity)(fit.theta(at))
     space, group = fit.problem.space, fit.group(at)
-    slopes = dict(zip(space.names, space.pull_back(gradient, group).tolist(), strict=True))
+    slopes = dict(zip(fit.var_names, space.pull_back(gradient, group).tolist(), strict=True))
     names, index = fit.model.parameter_names, space.index[group]
     known = {name: slope for name, slope, i in zip(names, gradient.tolist(), index.tolist(), strict=True) if i < 0}
     return fit.quantity(value, slopes | known, unit)

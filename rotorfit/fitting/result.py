@@ -332,7 +332,7 @@ class FitResult:
 
     def _with_error(self, value: float, slope: Float, unit: str) -> Quantity:
         """A quantity with its derivatives by the fitted vector."""
-        slopes = dict(zip(self.problem.space.names, slope.tolist(), strict=True))
+        slopes = dict(zip(self.var_names, slope.tolist(), strict=True))
         made = Quantity(value, math.inf, unit, source=self, slopes=slopes)
         if self.identifiability.leaves_open(np.abs(value), slope[None]).any():
             return made
@@ -349,7 +349,7 @@ class FitResult:
             slopes: its derivatives, by names in :attr:`params` or that of the threshold speed.
             unit: its unit.
         """
-        slope = np.array([slopes.get(name, 0.0) for name in self.problem.space.names])
+        slope = np.array([slopes.get(name, 0.0) for name in self.var_names])
         by_onset = slopes.get(THRESHOLD_COLUMN, 0.0)
         onset = self.onset(0) if by_onset else None
         beside = 0.0
