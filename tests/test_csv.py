@@ -283,3 +283,20 @@ def test_names_that_spreadsheets_run_are_text_in_files_and_read_back(tmp_path):
     again = read(tmp_path / "a.csv")
     same(again, test, rtol=1e-12)
     assert (again.planes, again.runs) == (tuple(names[:2]), tuple(names[2:]))
+
+
+def test_titles_speed_alone_and_columns_either_way(tmp_path):
+    """As a start-up leaves an analyser: titles above the header, one speed, a column of another name."""
+    header = "speed_rpm,force_plane,mr_g_mm,force_phase_deg,plane,direction,amplitude_um,phase_deg"
+    rows = [f"{speed},disk,100,0,disk,x,{speed / 90:.3f},-{speed // 20}" for speed in range(300, 1800, 100)]
+    start_up = read(table(tmp_path, *rows, header=header))
+    np.testing.assert_array_equal(start_up.frequency, start_up.speed)
+    assert start_up.synchronous
+    titled = table(
+        tmp_path, header.replace("speed_rpm", "Drehzahl"), *rows, header="Machine: K-201\nDate: 5/3\n", name="b.csv"
+    )
+    for columns in ({"Drehzahl": "speed_rpm"}, {"speed_rpm": "Drehzahl"}):
+        np.testing.assert_array_equal(read_csv(titled, columns=columns).speed, start_up.speed)
+    forced = table(tmp_path, *rows, header=header.replace("mr_g_mm", "force_N"), name="c.csv")
+    with pytest.raises(ValueError, match="frequency_rpm"):  # a force may turn at any frequency
+        read(forced)

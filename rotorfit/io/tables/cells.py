@@ -27,6 +27,8 @@ NOT_TAKEN = ("", "nan", "n/a", "na", "-", "--")
 """How a reading that was not taken is written."""
 _FORMULA = ("=", "+", "-", "@")
 """What a text begins with that a spreadsheet takes for a formula; with an apostrophe before it is text there."""
+_TITLE_ROWS = 40
+"""Rows up to which a header is looked for below titles: exports of analysers have ten to twenty."""
 _CELL_BYTES = 8
 """Memory that an empty cell takes; a sheet with one cell in its last row and column has 1.7e10 of them."""
 _ARCHIVE, _OLD_EXCEL = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"
@@ -64,6 +66,7 @@ def read_cells(path: Path, sheet: str | None = None) -> Cells | None:
         raise ValueError(f"a sheet is an option of Excel files ({', '.join(EXCEL)}); {path.name} is a text file")
     else:
         found = list(_text_rows(path))
+    found = _without_titles(found)
     if not found:
         return None
     (_, header), *rest = found
@@ -81,6 +84,13 @@ def read_cells(path: Path, sheet: str | None = None) -> Cells | None:
         check_text(f"{path.name}, column {name[:80]!r}", column)
     columns = [_pointed(list(column), path.name, name) for column, name in zip(zip(*rows, strict=True), header)]  # noqa: B905 - the header may have empty names at its end
     return Cells(header=header[:width], rows=list(zip(*columns, strict=True)), lines=[line for line, _ in kept])
+
+
+def _without_titles(found: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
+    """Rows without those of a preamble, one or two cells each, above a header of three and more."""
+    sizes = [sum(map(bool, row)) for _, row in found[:_TITLE_ROWS]]
+    first = next((i for i, size in enumerate(sizes) if size > 2), 0)
+    return found[first:]
 
 
 def _refuse_units(source: str, first: Sequence[tuple[int, Sequence[str]]]) -> None:
@@ -173,7 +183,9 @@ def _text_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         delimiter = numbered.pop(0)[1].strip()[4]
     if not numbered:
         return
-    delimiter = delimiter or max(",;\t", key=numbered[0][1].count)
+    counts = [max(map(line.count, ",;\t")) for _, line in numbered[:_TITLE_ROWS]]
+    first = next((i for i, count in enumerate(counts) if count > 1), 0)  # a title has none, or a comma
+    delimiter = delimiter or max(",;\t", key=numbered[first][1].count)
     try:
         rows = list(csv.reader((line for _, line in numbered), delimiter=delimiter, strict=True))
     except csv.Error as error:

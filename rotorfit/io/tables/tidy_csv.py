@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -88,7 +89,7 @@ def experiment_of(
     kinds = _KINDS if {"force_plane", "direction"} & set(table.cells) else (*_KINDS, *BUILDERS)
     build = next((b for mark, b in kinds if any(name.startswith(mark) for name in table.cells)), _perturbation)
     if build is _perturbation:
-        table = with_amplitudes(table)
+        table = with_amplitudes(_start_up(table))
     if build in (_perturbation, _displacement):
         for without in (without_empty, without_incoherent, without_standstill):
             table, found = without(table)
@@ -98,6 +99,23 @@ def experiment_of(
             table = completed(table, forced=build is _perturbation)
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below, by name
         return build(table, speed_tolerance)
+
+
+def _start_up(table: Table) -> Table:
+    """A table of unbalance over speed alone with its speed as frequency too: the shaft turns the weight."""
+    speeds = [name for name in table.cells if name.startswith("speed_")]
+    if len(speeds) != 1 or any(name.startswith("frequency") for name in table.cells):
+        return table
+    if not any(name.startswith("mr_") for name in table.cells):
+        return table
+    name = speeds[0].replace("speed", "frequency", 1)
+    cells = {name: table.cells[speeds[0]]}
+    names = {name: table.names[speeds[0]].replace("speed", "frequency", 1)}
+    told = [key for key in table.cells if key.startswith(("force_plane", "force_phase", "force_angle", "mr_"))]
+    if "run" not in table.cells:  # one for each weight
+        cells["run"] = [" ".join(filter(None, row)) for row in zip(*(table.cells[key] for key in told), strict=True)]
+        names["run"] = "run"
+    return replace(table, cells={**table.cells, **cells}, names={**table.names, **names})
 
 
 def lines_of(

@@ -130,10 +130,14 @@ def renamed(table: Table, columns: Mapping[str, str]) -> Table:
     spelled = {name.lower(): name for name in table.names.values()} | {name: name for name in table.names.values()}
     by_key = {spelling: key for key, spelling in table.names.items()}
     new = {}
-    for given, name in columns.items():
+    for first, second in columns.items():
+        # Either way round: what the file has is its own name.
+        turned = first.lower() not in spelled and second.lower() in spelled
+        given, name = (second, first) if turned else (first, second)
         if given not in by_key and given.lower() not in spelled:
             raise ValueError(
-                f"{table.source} has no column {given!r} to call {name!r}; it has {', '.join(table.names.values())}"
+                f"{table.source} has no column {given!r} to call {name!r} (THEIRS=OURS); it has "
+                f"{', '.join(table.names.values())}"
             )
         new[by_key[spelled.get(given, spelled.get(given.lower(), given))]] = name
     cells = {new.get(key, key).lower(): values for key, values in table.cells.items()}
