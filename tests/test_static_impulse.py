@@ -346,7 +346,7 @@ def test_bad_readings_are_named(model: OneMode) -> None:
     with pytest.raises(ValueError, match="load planes journal, the model one-mode has seal"):
         rf.fit(OneMode(planes=("seal",), law=Muszynska(), clearance_um=200.0), test)
     centred = replace(impulse(LIGHT), eccentricity=np.full(10, np.nan))
-    with pytest.raises(ValueError, match="row 1 tells neither eccentricity nor position"):
+    with pytest.raises(ValueError, match="row 1 gives neither eccentricity nor position"):
         rf.fit(model, centred)
     with pytest.raises(ValueError, match=r"damping_ratio 1\.2 in row 1"):
         replace(impulse(LIGHT), damping_ratio=np.full(10, 1.2))

@@ -165,7 +165,7 @@ def test_other_intervals_agree_with_those_of_the_mountings(rk4_fit: rf.FitResult
     drawn = rk4_fit.bootstrap(n=200, seed=1)
     # spread of 200 draws: within 5 %, three of them; errors of the weights, which bootstrap leaves out, are 6 % here
     assert drawn.stderr["wn"] == pytest.approx(rk4_fit.params["wn"].stderr, rel=0.25)
-    with pytest.raises(ValueError, match="few mountings of weights tell the noise"):
+    with pytest.raises(ValueError, match="known from few mountings of weights"):
         rk4_fit.sample(seed=1)
 
 

@@ -44,7 +44,7 @@ class JournalCoefficients:
         if self.model.eccentricity_dependent:
             return journal(self.model).at
         if len(self.model.coordinates) > 1:
-            raise ValueError(f"{self.model.name} has several coordinates, and no law that tells which is the journal's")
+            raise ValueError(f"{self.model.name} has several coordinates, and no law that says which is the journal's")
         return 0
 
     def _whitened(self, values: ComplexArray) -> ComplexArray:

@@ -71,7 +71,7 @@ def own_shares(influence: ComplexArray, importance: Float) -> Float:
     return shares
 
 
-def alike(influence: ComplexArray, importance: Float) -> Bool:
+def confounded(influence: ComplexArray, importance: Float) -> Bool:
     """True for planes that act alike on the readings, shape ``(P,)``."""
     return own_shares(influence, importance) < _OWN_SHARE
 

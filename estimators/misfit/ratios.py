@@ -1,6 +1,6 @@
 """Coordinates of a search along a valley: the logarithm of one parameter, and others over it.
 
-Where data tell little more of some parameters than their ratios to another one, as lines of the twist do of
+Where data determine little more of some parameters than their ratios to another one, as lines of the twist do of
 eccentricity and side load to inertia, what fits lies along a bent valley thousands of times as long as wide. In these
 coordinates the valley is straight, one of them leads along it, and curvature along it stands apart from that across.
 """

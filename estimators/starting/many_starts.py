@@ -180,7 +180,7 @@ def _doubt(problem: Problem, ends: _Ends, limits: tuple[float, float], ratios: R
         return ()
     return (
         f"{LOCAL_MINIMUM}: another one has chi-squared {2 * other:.4g} where this one has {2 * least:.4g}. "
-        "More readings tell them apart, or values known beforehand",
+        "More readings separate them, or values known beforehand",
     )
 
 

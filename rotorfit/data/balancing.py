@@ -12,7 +12,7 @@ from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.weights import Influences
 from rotorfit.estimators.blocks.correlated import quantile
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
-from rotorfit.estimators.inference.correction_weights import Correction, alike, correct, own_shares
+from rotorfit.estimators.inference.correction_weights import Correction, confounded, correct, own_shares
 from rotorfit.models.array_types import ROUND_OFF, ComplexArray, Float, Index
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.text_table import text_table
@@ -320,7 +320,7 @@ def _limits(planes: Sequence[str], limits: Limits | None) -> Float:
 
 def _alike(planes: Sequence[str], influence: ComplexArray, importance: Float) -> tuple[str, ...]:
     """A sentence on planes that act alike."""
-    some = np.flatnonzero(alike(influence, importance))
+    some = np.flatnonzero(confounded(influence, importance))
     if not some.size:
         return ()
     names = [planes[k] for k in some.tolist()]

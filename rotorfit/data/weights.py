@@ -30,7 +30,7 @@ class Influences:
         mountings: names of the mountings.
         weight: unbalance that the rows of ``test`` are responses to, kg m, one a plane.
         measured: the readings that they come from.
-        by_name: whether the file tells which runs are repeats of one mounting.
+        by_name: whether the file says which runs are repeats of one mounting.
     """
 
     test: PerturbationTest
@@ -196,8 +196,8 @@ def weighed(experiment: Experiment) -> Influences | None:
     found = solved_together(experiment)
     if found is not None and np.isnan(found.test.sigma).any():
         raise ValueError(
-            f"{found.test.source or 'the test'}: neither repeats nor more mountings than unknowns tell the noise of "
-            "the readings; give a column sigma_um, repeat the runs (A-1, A-2), or mount the weight at one angle more"
+            f"{found.test.source or 'the test'}: neither repeats nor more mountings than unknowns determine the noise "
+            "of the readings; give a column sigma_um, repeat the runs (A-1, A-2), or mount the weight at one more angle"
         )
     return found
 

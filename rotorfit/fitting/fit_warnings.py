@@ -25,8 +25,8 @@ _QUIET_REDCHI = 0.5  # redchi below which errors are wider than they need be by 
 EXACT_REDCHI = 1e-4  # redchi below which the data are exact, and their noise the floor that keeps weights finite
 
 _FILTERED = (
-    "Noise that is correlated along the lines, as behind overlapping filters, looks alike where sigma is not given: "
-    "standard errors hold that too. Give sigma_um, or repeated sweeps, to tell them apart"
+    "Noise that is correlated along the lines, as behind overlapping filters, looks the same where sigma is not "
+    "given: standard errors include that too. Give sigma_um, or repeated sweeps, to separate them"
 )
 
 

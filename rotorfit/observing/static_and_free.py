@@ -130,7 +130,7 @@ def free_vibrations(model: RotorModel, test: ImpulseTest, group: Index) -> FreeV
     if np.isnan(eps).any():
         row = int(np.flatnonzero(np.isnan(eps))[0]) + 1
         raise ValueError(
-            f"{test.source or 'impulse test'}: row {row} tells neither eccentricity nor position of the journal; use 0 "
+            f"{test.source or 'impulse test'}: row {row} gives neither eccentricity nor position of the journal; use 0 "
             f"for a centred one"
         )
     check_clearance(eps, model, "static positions")

@@ -82,7 +82,7 @@ def _reshared(plan: Plan) -> list[str]:
     best = int(np.argmax(share))
     if len(names) < 2:
         return []
-    return [f"Run {names[best]} tells most of {_aim(plan)}: {share[best]:.0%} of any further time would go there."]
+    return [f"Run {names[best]} determines most of {_aim(plan)}: {share[best]:.0%} of any further time would go there."]
 
 
 def _for_wanted(plan: Plan, wanted: float | None) -> list[str]:

@@ -141,9 +141,9 @@ def _refuse_unsampled(fit: FitResult) -> None:
         raise ValueError(f"this is {state}: walkers start from the optimum of rf.fit")
     if np.isfinite(freedom_of(fit.problem.blocks)):
         raise ValueError(
-            "few mountings of weights tell the noise of these data, and their readings err together: their covariance "
-            "has too small a rank for a likelihood, and one that takes the noise as known would give intervals that "
-            "are too narrow. Use params[...].interval(), which is Student's t, or profile"
+            "the noise of these data is known from few mountings of weights, and their readings err together: their "
+            "covariance has too small a rank for a likelihood, and one that takes the noise as known would give "
+            "intervals that are too narrow. Use params[...].interval(), which is Student's t, or profile"
         )
 
 

@@ -213,15 +213,15 @@ def _shown(name: str, shift: float, error: float) -> str:
 def _words(found: Assumptions) -> list[str]:
     words = [
         "z: size that the residuals ask for over its standard error; beyond it, what results change by if the term has "
-        "the size shown (that asked for, or a plausible one where the data cannot tell), and the largest change in "
-        "standard errors."
+        "the size shown (that asked for, or a plausible one where the data do not determine it), and the largest "
+        "change in standard errors."
     ]
     if found.missing:
         names = ", ".join(f"{entry.meaning} {entry.name} (z {entry.z:+.1f})" for entry in found.missing[:3])
         words.append(f"The data ask for structure that the model lacks: {names}, or something like it.")
     words += [
         f"There is coupling damping: a damper somewhere, which acts at the journal too, perhaps as strongly. These "
-        f"data cannot tell {entry.name} from D and lam; see its row."
+        f"data cannot separate {entry.name} from D and lam; see its row."
         for entry in found.entries
         if entry.implied and not entry.tested
     ]

@@ -77,7 +77,7 @@ def onset_note(fit: FitResult, group: int) -> str:
     if onset is None or abs(onset.whirl_frequency) <= fit.band:
         return ""
     words = f"the whirl at onset ({abs(onset.whirl_frequency) * RPM_PER_RAD_S:.0f} cycles a minute) lies above the "
-    alone = "refine (--refine) would tell how much this depends on the model"
+    alone = "refine (--refine) would show how much this depends on the model"
     extrapolated = "the model extrapolates" if why_not_refined(fit.model, fit.identifiability) else alone
     known = error if fit.settings.onsets else extrapolated
     return f"{words}tested frequencies ({fit.band * RPM_PER_RAD_S:.0f}): {known}"

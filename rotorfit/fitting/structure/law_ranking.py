@@ -104,7 +104,7 @@ class LawComparison:
             gap = f"a linear fluid is worse by {linear - best.aic:.4g} in AIC" if np.isfinite(linear) else ""
             words.append("the data ask for a fluid that changes with eccentricity" + f": {gap}" * bool(gap))
             if np.isnan(self.stiffness):
-                words.append("whether its radial stiffness does they do not tell")
+                words.append("whether its radial stiffness changes too is not determined")
             else:
                 asks = "ask for" if self.nonlinear_stiffness else "do not ask for"
                 words.append(

@@ -180,8 +180,8 @@ def _hidden_warnings(plain: FitResult, chosen: FitResult) -> list[str]:
     if chosen.speeds.size == 1:
         data, more = "these data, as those at one speed,", "tests at another speed would"
     return [
-        f"{data} cannot tell {', '.join(names)} from the fluid's inertia: taken to be 0 +- "
-        f"{size:.2g} kg, which the errors of K0, Mf and the threshold speed hold; {more} tell"
+        f"{data} cannot separate {', '.join(names)} from the fluid's inertia: taken to be 0 +- "
+        f"{size:.2g} kg, which the errors of K0, Mf and the threshold speed include; {more} separate them"
     ]
 
 
