@@ -23,15 +23,8 @@ _SEAL = b"rotorfit sha256 "
 
 @contextmanager
 def reading(name: str, kind: str) -> Iterator[None]:
-    """Turn whatever is raised over a file into one :class:`ValueError` of one line that names it.
-
-    Packages raise all kinds of exceptions on damaged files. Sentences that name the file pass, and so do a lack of
-    memory and what the system says of a path.
-
-    Args:
-        name: of the file, as messages give it.
-        kind: what the file should be, ``"WAV file"``.
-    """
+    """Turn whatever is raised over a file, ``kind`` being what it should be, into one :class:`ValueError` of one line
+    that names it. Sentences that name the file pass, and so do a lack of memory and what the system says of a path."""
     try:
         yield
     except MemoryError:

@@ -131,11 +131,8 @@ class Sensitivities:
 
 
 def by_condition(block: Responses, values: ComplexArray) -> Iterator[tuple[slice | Index, slice | Index, Float]]:
-    """Values along readings, shape ``(..., K, R)``, parted by (group, speed).
-
-    Yields:
-        the numbers of some pairs, their readings, and real and imaginary parts there, shape ``(..., C, K, 2 m)``.
-    """
+    """Values along readings, shape ``(..., K, R)``, parted by (group, speed): the numbers of some pairs, their
+    readings, and real and imaginary parts there, shape ``(..., C, K, 2 m)``."""
     if block.stretch:  # a view: nothing is copied
         real = values.view(float).reshape(*values.shape[:-1], -1, 2 * block.stretch)
         yield slice(None), slice(None), np.swapaxes(real, -3, -2)

@@ -17,16 +17,11 @@ _WANDER_TOLERANCES = 10
 
 
 def set_speeds(speed: Float, frequency: Float, run: Index, tolerance: float = SPEED_TOLERANCE) -> Float:
-    """The constant speed that each logged one belongs to, a mean.
+    """The constant speed that each logged one belongs to, a mean, rad/s like all speeds and frequencies.
 
-    Sorted speeds of a run without a gap of more than ``tolerance`` are one speed, unless they span ten times as much:
-    then the speed was swept, and stays. So do runs at once-per-turn frequency. Constant speeds of several runs that
-    have no such gap, and span no more than twice the tolerance, are one.
-
-    Args:
-        speed, frequency: of each row, rad/s.
-        run: number of its run.
-        tolerance: fraction of the speed.
+    Sorted speeds of a run without a gap of more than ``tolerance`` (relative) are one speed, unless they span ten times
+    as much: then the speed was swept, and stays. So do runs at once-per-turn frequency. Constant speeds of several runs
+    that have no such gap, and span no more than twice the tolerance, are one.
     """
     steady = ~_synchronous(speed, frequency, run)
     if not steady.any() or np.ptp(speed[steady]) == 0:

@@ -32,15 +32,9 @@ class Correction:
 
 
 def correct(coefficients: ComplexArray, covariance: ComplexArray, importance: Float, limit: Float) -> Correction:
-    """Correction weights.
-
-    Args:
-        coefficients: vibration and influences of each reading, shape ``(C, 1 + P)``.
-        covariance: of real and of imaginary parts of the coefficients, reading by reading, shape
-            ``(C (1 + P), C (1 + P))``; NaN where it is not known.
-        importance: weight ``g`` of each reading's square, shape ``(C,)``.
-        limit: largest size of each weight, infinite where there is none, shape ``(P,)``.
-    """
+    """Correction weights of at most ``limit`` in each plane, shape ``(P,)``, from vibration and influences of each
+    reading, shape ``(C, 1 + P)``, their covariance reading by reading (NaN where not known), and the importance of each
+    reading."""
     y, A = coefficients[:, 0], coefficients[:, 1:]
     right = A.conj().T * importance
     normal, towards = right @ A, right @ y

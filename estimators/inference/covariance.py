@@ -123,10 +123,9 @@ def weighing_error(problem: Problem, J: ComplexArray, covar: Float) -> Float:
 
     A channel whose scatter came out small by chance is weighed too much: with ``d_c`` the error of the logarithm of its
     variance the estimate moves by ``A sum_c d_c (s_c - I_c A s)``, ``s_c`` the score of the channel and ``I_c`` its
-    information (Kenward and Roger 1997; Meier 1953 for a weighted mean). Scores scatter as the mountings do, and d of
-    two channels goes together by the square of their correlation: what moves all channels alike, as a weight that errs
-    does, spoils no weight of one against another. Their second such term, for a covariance that is the weights' own
-    inverse, is left out: here the covariance comes from the scatter itself (benchmarks/mounting_coverage.py).
+    information (Kenward and Roger 1997; Meier 1953 for a weighted mean). Errors d of two channels correlate by the
+    square of the channels' correlation. Their second such term is left out: here the covariance comes from the scatter
+    itself (benchmarks/mounting_coverage.py).
     """
     total, stop = np.zeros_like(covar), 0
     for block in problem.blocks:

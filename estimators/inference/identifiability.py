@@ -50,12 +50,8 @@ class Identifiability:
     null_space: Float
 
     def leaves_open(self, sizes: Float, slopes: Float) -> Bool:
-        """True for results that a change of parameters moves which no datum notices.
-
-        Args:
-            sizes: of the results, shape ``(N,)``.
-            slopes: their derivatives by the fitted vector, shape ``(N, ..., n)``.
-        """
+        """True for results, shape ``(N,)``, that a change of parameters moves which no datum notices; ``slopes``: their
+        derivatives by the fitted vector, shape ``(N, ..., n)``."""
         if not self.null_space.size:
             return np.zeros(len(slopes), dtype=bool)
         leak = np.abs(slopes[..., : self.null_space.shape[0]] @ self.null_space)

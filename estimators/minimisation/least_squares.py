@@ -44,15 +44,11 @@ def minimise(
     options: Options = _DEFAULTS,
     graph: ca.Function | None = None,
 ) -> Solution:
-    """Minimise a least-squares objective from ``start``, inside bounds.
+    """Minimise a least-squares objective from ``start``, inside bounds: the best point, with its cost and status.
 
     ``graph`` is the cost as a CasADi function of ``x``: Ipopt as chosen method then descends on it, with the first and
-    second derivatives that CasADi makes of it; the objective judges where that ends. A failed run returns the best
-    point seen together with a status that says so.  The function may be called from several threads and from within an
-    objective; the objective itself is called by one thread.
-
-    Returns:
-        The best point with its cost and status.
+    second derivatives that CasADi makes of it; the objective judges where that ends. The function may be called from
+    several threads and from within an objective; the objective itself is called by one thread.
     """
     x = np.array(start, dtype=float, ndmin=1)
     if x.ndim != 1 or x.size == 0 or not np.isfinite(x).all():

@@ -36,14 +36,9 @@ _MEAN_OVER_MEDIAN = 2.0
 
 
 def noise_from_samples(noise: ComplexArray, amplitude: ComplexArray, sizes: Sequence[int] | None = None) -> Float:
-    """Noise level of a channel from pure-noise samples that have the same distribution as its noise.
-
-    Two shapes of noise compete: constant over the sweep (probe and cable), and proportional to the
-    amplitude (gain flutter). Samples of several sweeps follow one another, ``sizes`` counts those of each.
-
-    Returns:
-        standard deviation of the real part and of the imaginary part, shape ``(L,)``.
-    """
+    """Standard deviation of real and of imaginary part, shape ``(L,)``, from samples of a channel's noise alone: of
+    constant noise (probe and cable) and of noise proportional to the amplitude (gain flutter), the likelier. Samples of
+    several sweeps follow one another, ``sizes`` counts those of each."""
     size = np.abs(amplitude)
     floor = NOISE_FLOOR * float(np.sqrt(np.mean(size * size)))
     constant = _level(noise)

@@ -27,13 +27,11 @@ _REPEATS_OVER_SMOOTHNESS = 2.5
 
 
 def estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool, condition: Index | None = None) -> Float:
-    """Noise of every reading: from repeated sweeps, else from the wrong direction, else from smoothness.
+    """Standard deviation of real and of imaginary part of each reading, shape ``(R,)``: from repeated sweeps, else from
+    the wrong direction, else from smoothness.
 
     The forward and the backward sweep of one test share a noise level, unless Bartlett's test refuses that: probes and
     cables do not know which way the force turns, and twice the samples halve the variance of the estimate.
-
-    Returns:
-        standard deviation of the real and of the imaginary part, shape ``(R,)``.
     """
     w = block.frequency[block.line]
     speed = np.zeros_like(w) if synchronous else np.round(block.set_speed[block.line], 6)

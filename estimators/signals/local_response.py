@@ -92,17 +92,9 @@ class LocalFit:
 def local_response(
     records: Sequence[RecordSpectra], low: float, high: float, *, degree: int = SMOOTH_DEGREE, transient: bool = True
 ) -> LocalResponse:
-    """Frequency response of each output to each force.
-
-    Args:
-        records: of one rotor; they share their responses.
-        low, high: band in which the forces act, rad/s.
-        degree: of the polynomials.
-        transient: whether a record has a transient; not where the rotor rests when it begins and when it ends.
-
-    Returns:
-        responses at ``degree + 1`` nodes a band.
-    """
+    """Frequency response of each output to each force, at ``degree + 1`` nodes a band, from records of one rotor
+    between frequencies in rad/s. A record has no ``transient`` where the rotor rests when it begins and when it
+    ends."""
     inside = [(record.frequency >= low) & (record.frequency <= high) for record in records]
     fewest = min(int(np.sum(lines)) for lines in inside)
     smooth = -(-(degree + 1) * records[0].forces.shape[0] // len(records)) + (degree + 1) * transient  # in each record

@@ -14,13 +14,10 @@ from rotorfit.models.array_types import ComplexArray, Float
 
 
 def order_vectors(z: ComplexArray, angles: Sequence[Float], orders: int) -> ComplexArray:
-    """Least-squares vectors of the orders of several references in one window.
-
-    Returns:
-        coefficients of ``exp(j k angle)``, shape ``(references, 2 orders + 1)``, ``C`` behind; ``k`` from ``-orders``.
-        The mean (``k = 0``) stands with the first reference, zero with the others. NaN for a reference that cannot be
-        distinguished from another, or from the mean, in this window: their angles drift apart by less than a turn.
-    """
+    """Least-squares coefficients of ``exp(j k angle)`` of several references in one window, shape ``(references, 2
+    orders + 1)``, ``C`` behind, ``k`` from ``-orders``. The mean (``k = 0``) stands with the first reference. NaN for a
+    reference that cannot be distinguished from another, or from the mean: their angles drift apart by less than a
+    turn."""
     rows, columns = [np.ones(z.shape[-1], dtype=complex)], [(0, orders)]
     separate = [_told_apart(i, angles) for i in range(len(angles))]
     for i, angle in enumerate(angles):

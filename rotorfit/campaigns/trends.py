@@ -70,11 +70,8 @@ class Trend:
         return tuple(np.array(self.runs)[off > _OUTLYING_DISTANCE * np.hypot(usual, self.stderr)].tolist())
 
     def at(self, x: float) -> Quantity:
-        """Parameter on the line, its error widened where the runs scatter more than their errors say.
-
-        Args:
-            x: value of the attribute, in its unit.
-        """
+        """Parameter at a value of the attribute, its error widened where the runs scatter more than their errors
+        say."""
         basis = np.array([1.0, x - self._centre])[: self._coefficients.size]
         error = float(standard_error(basis, self._covar))
         return Quantity(float(basis @ self._coefficients), error, self.unit)

@@ -17,19 +17,10 @@ def whirl_parts(test: PerturbationTest, planar: Bool | None = None) -> tuple[Per
     """The test with each x/y pair under a force along an axis replaced by its forward and its backward part.
 
     ``Re(X exp(jwt)) + j Re(Y exp(jwt))`` is ``(X + jY)/2`` at +w and ``conj(X - jY)/2`` at -w: readings z at signed
-    frequencies, one the answer to the forward half of the force, the other to its backward half. Their noises are
-    independent as long as x and y are equally noisy.
-
-    Where x and y are not coupled, motion stays in the plane of the force: ``X = H(w) Fx``, the answer to a circular
-    force of that size. There one direction is a test of its own.
-
-    Args:
-        test: what was measured.
-        planar: rows at which x and y are not coupled, shape ``(R,)``; left out, none.
-
-    Returns:
-        the test, and the two rows of the original that each of its rows was made of, shape ``(N, 2)``, equal where the
-        reading is as it was.
+    frequencies, whose noises are independent as long as x and y are equally noisy. At ``planar`` rows, shape ``(R,)``,
+    x and y are not coupled and motion stays in the plane of the force: ``X = H(w) Fx``, the answer to a circular force
+    of that size. Returns the test, and the two rows of the original that each of its rows was made of, shape ``(N,
+    2)``, equal where the reading is as it was.
     """
     split = test.linear & ~np.char.endswith(test.direction, "z")
     if not split.any():

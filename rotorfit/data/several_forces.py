@@ -26,12 +26,7 @@ def gathered(test: PerturbationTest, where: Where | None = None) -> Perturbation
     """The test with the rows of each reading under several forces put together.
 
     Only a run in which some reading stands under several planes of the force, or along both axes, is one with several
-    forces; there all readings have to stand under the same ones. Rows of other runs stay as they are, also where a run
-    forces one plane after the other.
-
-    Raises:
-        ValueError: a reading that contradicts another of the same run, two forces at one plane along one axis, forces
-            of which some turn and some do not.
+    forces; there all readings have to stand under the same ones. Rows of other runs stay as they are.
     """
     named = where or (lambda row: f"row {row + 1}")
     groups = _groups(test)

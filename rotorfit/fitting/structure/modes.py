@@ -122,15 +122,8 @@ def _measured(fit: FitResult) -> Iterator[tuple[Float, Float]]:
 
 
 def half_power(curves: Sequence[tuple[Float, Float]], frequency: float) -> float:
-    """Damping ratio from where measured responses fall to half the power of their peak, median over the responses.
-
-    Args:
-        curves: frequencies, ascending, and sizes of each response.
-        frequency: of the mode, near which the peak is looked for, rad/s.
-
-    Returns:
-        NaN where no response has a peak there with both of its sides.
-    """
+    """Damping ratio from where measured responses fall to half the power of their peak near a frequency, rad/s, median
+    over the responses (frequencies, ascending, and sizes); NaN where none has a peak there with both of its sides."""
     found = []
     for w, size in curves:
         near = np.flatnonzero(np.abs(w / frequency - 1) < 0.2)
