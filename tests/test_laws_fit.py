@@ -278,7 +278,7 @@ def test_table_of_coefficients_gives_back_its_law() -> None:
     # Two more exponents of the polynomial do not make up for the wrong form.
     assert rf.fit_law(EvenPolynomial(2), table).redchi > 1e3
     assert rf.fit_law(Constant(), table).redchi > 1e6
-    with pytest.raises(ValueError, match="no law that tells which is the journal's"):
+    with pytest.raises(ValueError, match="no law that says which is the journal's"):
         rf.fit(WhirlWhip(), table)
 
 
