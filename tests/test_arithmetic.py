@@ -90,3 +90,13 @@ def test_what_the_data_leave_open_stays_open(rig_fit: rf.FitResult) -> None:
     assert str(fit.params["Md"] / fit.params["D"]) == "not determined by these data"
     # what is determined as a combination is, however it is written
     assert math.isfinite((fit.params["Mf"] / fit.params["D"]).stderr)
+
+
+def test_entries_beside_the_parameters_keep_their_place(rig_fit: rf.FitResult) -> None:
+    """A common zero of the forces is fitted beside the parameters, and the covariance has a row of it."""
+    fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0}, phase_offsets="common")
+    assert len(fit.var_names) > len(fit.problem.space.names)
+    ratio = fit.params["K0"] / fit.params["D"]
+    assert ratio.stderr == pytest.approx(fit.derive(lambda p: p.K0 / p.D).stderr, rel=1e-9)
+    drawn = draws(fit)
+    assert ratio.stderr == pytest.approx((drawn["K0"] / drawn["D"]).std(), rel=0.01)

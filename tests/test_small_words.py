@@ -52,11 +52,11 @@ def test_one_reading_is_one_reading(tmp_path: Path) -> None:
 def test_an_attribute_keeps_its_last_digit() -> None:
     from dataclasses import replace
 
-    from rotorfit.campaigns.runs import _conditions
+    from rotorfit.campaigns.runs import conditions
 
     test = rf.datasets.rig_open()
     told = replace(test, attributes={"oil_C": np.full(len(test), 16.49)})
-    assert _conditions(told)["oil_C"] == 16.49
+    assert conditions(told)["oil_C"] == 16.49
 
 
 def test_a_pure_number_at_its_bound_has_no_unit() -> None:
