@@ -20,14 +20,15 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.estimators.starting.closed_form import ClosedFormError, closed_form
 from rotorfit.estimators.starting.rational_fit import RationalFit, rational_fit
-from rotorfit.estimators.starting.short_fits import ShortFits, short_fits
 from rotorfit.estimators.starting.start_points import (
     RANDOM,
+    ShortFits,
     Start,
     full_vector,
     inside_bounds,
     noise_limit,
     random_starts,
+    short_fits,
 )
 from rotorfit.models.array_types import RANK_TOLERANCE, ComplexArray, Float, Index
 from rotorfit.models.motion.stability import companion

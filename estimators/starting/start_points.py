@@ -1,4 +1,8 @@
-"""Points where a search may begin: inside the bounds, of typical size, at random."""
+"""Points where a search may begin: inside the bounds, of typical size, at random; and short fits from several at once.
+
+What tells candidates for the start of a nonlinear fit apart is settled by a few damped Gauss-Newton steps, of all of
+them in the same array operations: one evaluation of several vectors costs little more than that of one.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ import numpy as np
 
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import Bool, Float
 
 CLOSED_FORM = "closed form"  # eqs 5 to 9, weighted
 SHORT_FIT = "short fit"  # the best end of a few steps from several closed forms
@@ -61,3 +65,72 @@ def random_starts(problem: Problem, count: int) -> Iterator[Float]:
 def noise_limit(problem: Problem) -> float:
     """Cost that noise leaves, to six standard deviations of chi-squared."""
     return 0.5 * float(problem.n_data + 6 * np.sqrt(2 * problem.n_data))
+
+
+PRIOR_SIZES = 100.0
+"""Multiples of a parameter's size by which a short fit may move it, so that what the data leave open does not drift."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShortFits:
+    """Ends of short fits."""
+
+    x: Float  # vectors, shape ``(W, p)``
+    cost: Float  # half the (robust) sum of squares plus minus the log prior, the pull to the start included, ``(W,)``
+
+    @property
+    def best(self) -> Float:
+        """The end of least cost, shape ``(p,)``."""
+        return np.asarray(self.x[np.argmin(self.cost)])
+
+
+def short_fits(problem: Problem, starts: Float) -> ShortFits:
+    """Fit from every start, shape ``(W, p)``, held loosely there, until little more is to be gained."""
+    lower, upper = problem.space.lower, problem.space.upper
+    sizes = np.abs(starts) + (starts == 0)
+    count = len(problem.space.names)
+    sizes[:, :count] = np.maximum(np.abs(starts[:, :count]), problem.space.typical)
+    smallest_damping, largest_damping = 1e-3, 1e10
+    damping = np.full(len(starts), smallest_damping)
+    tolerance = 1e-3  # fall of the cost that the next step promises, relative to the cost, at which a fit has settled
+    x = starts.copy()
+    with np.errstate(all="ignore"):  # a trial point may well be absurd
+        cost, slope, matrix = _evaluate(problem, x, starts, sizes)
+        active = np.flatnonzero(np.isfinite(cost))
+        for _ in range(25):
+            inside = (x[active] > lower) | (slope[active] <= 0), (x[active] < upper) | (slope[active] >= 0)
+            step, promise = _steps(slope[active], matrix[active], damping[active], inside[0] & inside[1])
+            going = (promise > tolerance * cost[active]) & (damping[active] < largest_damping)
+            active, step = active[going], step[going]
+            if not active.size:
+                break
+            trial = np.clip(x[active] + step * sizes[active], lower, upper)
+            there = _evaluate(problem, trial, starts[active], sizes[active])
+            better = there[0] < cost[active]
+            for own, moved in zip((x, cost, slope, matrix), (trial, *there), strict=True):
+                own[active[better]] = moved[better]
+            damping[active] = np.where(better, damping[active] / 10, np.maximum(10 * damping[active], smallest_damping))
+    return ShortFits(x, cost)
+
+
+def _evaluate(problem: Problem, x: Float, starts: Float, sizes: Float) -> tuple[Float, Float, Float]:
+    """Cost with the pull to the start, infinite where undefined, its slope and Gauss-Newton matrix by units of size."""
+    cost, slope, matrix = problem.evaluate(x)
+    every = np.arange(x.shape[1])
+    slope, matrix = slope * sizes, matrix * sizes[:, :, None] * sizes[:, None, :]
+    moved = (x - starts) / (PRIOR_SIZES * sizes)
+    matrix[:, every, every] += 1 / PRIOR_SIZES**2
+    cost = cost + 0.5 * (moved**2).sum(axis=1)
+    cost = np.where(np.isfinite(cost + slope.sum(axis=1) + matrix.sum(axis=(1, 2))), cost, np.inf)
+    return cost, slope + moved / PRIOR_SIZES, matrix
+
+
+def _steps(slope: Float, matrix: Float, damping: Float, free: Bool) -> tuple[Float, Float]:
+    """Damped Gauss-Newton steps of the free entries, and the fall of the cost that they promise."""
+    every = np.arange(slope.shape[1])
+    slope = np.where(free, slope, 0.0)
+    matrix = np.where(free[:, :, None] & free[:, None, :], matrix, 0.0)
+    matrix[:, every, every] *= 1 + damping[:, None]
+    matrix[:, every, every] += ~free
+    step = -np.linalg.solve(matrix, slope[..., None])[..., 0]
+    return np.asarray(step, dtype=float), np.asarray(-(slope * step).sum(axis=1) / 2)

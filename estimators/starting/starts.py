@@ -30,7 +30,6 @@ from rotorfit.estimators.starting.nonlinear_starts import (
     linear_starts,
 )
 from rotorfit.estimators.starting.shaft_line_starts import has_lines, line_start, round_part, support_starts
-from rotorfit.estimators.starting.short_fits import short_fits
 from rotorfit.estimators.starting.start_points import (
     CLOSED_FORM,
     GIVEN,
@@ -42,6 +41,7 @@ from rotorfit.estimators.starting.start_points import (
     full_vector,
     noise_limit,
     random_starts,
+    short_fits,
 )
 from rotorfit.models import Modal
 from rotorfit.models.array_types import Float

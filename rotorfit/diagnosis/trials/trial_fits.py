@@ -10,7 +10,7 @@ import numpy as np
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import closed_form
-from rotorfit.estimators.starting.short_fits import short_fits
+from rotorfit.estimators.starting.start_points import short_fits
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Text
 
 Hint = Callable[[ComplexArray], bool]
