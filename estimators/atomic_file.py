@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import threading
+import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 
+_OLD_DRAFT = 24 * 3600.0
+"""Seconds after which a draft is no longer being written. Chosen."""
 _inputs: ContextVar[set[tuple[int, int]] | None] = ContextVar("inputs", default=None)
 """Device and inode of the files read, while these are protected."""
 
@@ -45,6 +49,18 @@ def _identity(path: Path) -> tuple[int, int]:
     return status.st_dev, status.st_ino
 
 
+def sweep(folder: Path, drafts: str) -> None:
+    """Remove the drafts, of names that match an expression, that a kill left in a folder a day ago or earlier."""
+    for name in [entry.name for entry in os.scandir(folder) if re.fullmatch(drafts, entry.name)]:
+        draft = folder / name
+        with suppress(OSError):  # of another user, or swept by another process meanwhile
+            if time.time() - draft.lstat().st_mtime > _OLD_DRAFT:
+                if draft.is_dir() and not draft.is_symlink():
+                    shutil.rmtree(draft)
+                else:
+                    draft.unlink()
+
+
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """A draft beside a file, of the same suffix, that takes its place when the block ends well. No reader ever sees
@@ -54,6 +70,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     target = Path(os.path.realpath(path))
     if not target.parent.is_dir():
         raise FileNotFoundError(f"cannot write {path}: there is no folder {path.parent}")
+    sweep(target.parent, rf"\.\d+-\d+-{re.escape(target.name)}")
     draft = target.with_name(f".{os.getpid()}-{threading.get_ident()}-{target.name}")
     try:
         yield draft

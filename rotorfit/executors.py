@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import threading
 import warnings
@@ -169,8 +170,8 @@ def cluster(address: str) -> Iterator[Executor | None]:
     except ImportError as reason:
         raise ValueError('a cluster needs Dask: pip install "rotorfit[cluster]"') from reason
     if kind == "local":
-        options = {"n_workers": int(rest), "threads_per_worker": 1, "dashboard_address": None}
-        with LocalCluster(**options) as workers, Client(workers) as client:
+        quiet = {"dashboard_address": None, "silence_logs": logging.CRITICAL}
+        with LocalCluster(n_workers=int(rest), threads_per_worker=1, **quiet) as workers, Client(workers) as client:
             yield executor_of(None, client)
         return
     try:

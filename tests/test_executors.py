@@ -10,9 +10,10 @@ import subprocess
 import sys
 import time
 import warnings
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import pytest
 from seal_campaigns import KNOWN, same_fits, seal_campaign
 
@@ -139,11 +140,23 @@ def running(process: int) -> bool:
 def test_an_address_that_is_none_is_one_sentence(words, said, capsys, tmp_path):
     table, _ = seal_campaign(2)
     rf.write(table, tmp_path / "seal.csv")
-    assert main(["campaign", str(tmp_path / "seal.csv"), "--model", "one-mode", *words]) == 2
-    assert said in capsys.readouterr().err
+    file = str(tmp_path / "seal.csv")
+    commands = ["campaign", file, "--model", "one-mode"], ["fit", file, "--model", "one-mode"]
+    for command in (*commands, ["vectors", file, "--out", str(tmp_path / "out.csv")]):
+        assert main([*command, *words]) == 2
+        assert said in capsys.readouterr().err
 
 
-def test_a_dask_cluster_and_one_scaled_to_zero(monkeypatch):
+def test_simulated_tests_are_fitted_elsewhere_as_here():
+    fit = rf.fit(OneMode(), seal_campaign(1)[0], known=KNOWN)
+    with ThreadPoolExecutor(2) as pool:
+        there = fit.bootstrap(n=80, seed=1, executor=pool)
+    here = fit.bootstrap(n=80, seed=1)
+    np.testing.assert_allclose(there.samples, here.samples, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_dask_cluster_and_one_scaled_to_zero():
     """A real cluster of one process: it works, and when it is taken away the rest is done here."""
     pytest.importorskip("distributed")
     table, _ = seal_campaign(16)

@@ -247,6 +247,16 @@ def test_what_cannot_work_is_one_sentence(more: list[str], said: str, inbox: Pat
     assert (code, said in err) == (2, True), err
 
 
+def test_a_study_that_names_other_files_is_said(inbox: Path, run: Run) -> None:
+    days(inbox, 2)
+    study = inbox.parent / "study.toml"
+    study.write_text('model = "one-mode"\nknown = {Ds = 8.0, K = 8000.0}\nfiles = ["rig.csv"]\n')
+    code, out, err = run("watch", inbox, "--study", study, "--store", inbox.parent / "m.db", "--once", "--settle", "0")
+    assert (code, out) == (0, "no test yet\n")
+    assert "none of the 2 files" in err
+    assert "rig.csv" in err
+
+
 def test_a_folder_or_study_that_is_not_there_is_one_sentence(inbox: Path, run: Run) -> None:
     store, study = inbox.parent / "machine.db", inbox.parent / "study.toml"
     for folder, file in ((inbox / "gone", study), (study, study), (inbox, inbox / "gone.toml")):

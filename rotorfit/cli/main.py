@@ -11,7 +11,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
-from contextlib import nullcontext, suppress
+from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import replace
 from io import UnsupportedOperation
 from pathlib import Path
@@ -39,9 +39,11 @@ from rotorfit.cli.arguments import (
     add_figure_format,
     add_files,
     add_fit_options,
+    add_jobs,
     add_output,
     data_files,
     fit_study,
+    workers_of,
 )
 from rotorfit.cli.errors import BadInputError, ExitCode, checked
 from rotorfit.cli.progress import ProgressLine
@@ -50,6 +52,8 @@ from rotorfit.studies.wording import in_options, sentence, spoken
 from rotorfit.version import __version__
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from rotorfit.report.material import FigureFormat
     from rotorfit.studies.study import Outcome, Study
 
@@ -139,7 +143,9 @@ def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> int:
 
     progress = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
     try:
-        outcome = _work(study, progress, rig, options.figure_format)
+        with ExitStack() as stack:
+            executor = None if rig else checked(lambda: stack.enter_context(workers_of(options)))
+            outcome = _work(study, progress, rig, options.figure_format, executor)
     except OSError as problem:  # the folder for the results
         raise BadInputError(sentence(problem)) from problem
     finally:
@@ -159,14 +165,16 @@ def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> int:
     return ExitCode.DONE
 
 
-def _work(study: Study, progress: ProgressLine, rig: str, figure_format: FigureFormat) -> Outcome:
+def _work(
+    study: Study, progress: ProgressLine, rig: str, figure_format: FigureFormat, executor: Executor | None
+) -> Outcome:
     from rotorfit.studies.folder import complete_folder, kept_checkpoint
     from rotorfit.studies.results import write_outcome
     from rotorfit.studies.run import run_study
 
     keep = kept_checkpoint(study.out) if study.out and study.sample else nullcontext()
     with keep as checkpoint, complete_folder(study.out) if study.out else nullcontext() as folder:
-        outcome = checked(lambda: run_study(study, progress, checkpoint))
+        outcome = checked(lambda: run_study(study, progress, checkpoint, executor))
         if folder is not None:
             write_outcome(outcome, folder, progress, rig, figure_format)
             for path in [path for file in study.files for path in file.paths] if rig else ():
@@ -287,11 +295,13 @@ def build_parser() -> argparse.ArgumentParser:
     add_output(demo)
     fit = command("fit", "fit a model to test files")
     add_fit_options(fit)
+    add_jobs(fit, "reduce recordings and fit simulated tests")
     add_figure_format(fit, may_lack=True)
     add_output(fit)
     run = command("run", "fit as a TOML file says")
     run.add_argument("study", type=Path, metavar="STUDY.toml", help="settings of a fit as TOML keys")
     run.add_argument("--out", type=Path, help="folder for the results, in place of the file's")
+    add_jobs(run, "reduce recordings and fit simulated tests")
     add_figure_format(run, may_lack=True)
     add_output(run)
     for name, module in _MODULES:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 from rotorfit.cli.arguments import add_jobs, add_setup, workers_of
@@ -30,12 +31,12 @@ def run(options: argparse.Namespace) -> int:
     from rotorfit.studies.recording_files import RecordingFiles
     from rotorfit.studies.text import describe_test
 
-    executor = checked(lambda: workers_of(options))
     checked(lambda: check_target(options.out))  # before the work, which may take long
     progress = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
     try:
         source = RecordingFiles(paths=tuple(options.files), setup=options.setup, windows=options.windows)
-        with executor as workers:
+        with ExitStack() as stack:
+            workers = checked(lambda: stack.enter_context(workers_of(options)))
             tests, found = checked(lambda: read_files([source], progress, workers))
     finally:
         progress.close()

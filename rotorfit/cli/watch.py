@@ -9,6 +9,7 @@ import shlex
 import shutil
 import sys
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -102,7 +103,7 @@ def _tell_problem(options: argparse.Namespace, problem: BaseException) -> None:
 def _watch(options: argparse.Namespace) -> FolderWatch:
     from rotorfit.store.alarms import Watching
     from rotorfit.store.store import Store, study_for_store
-    from rotorfit.store.watch import FolderWatch
+    from rotorfit.store.watch import FolderWatch, sources_in
 
     _check(options)
     study = study_for_store(options.study)
@@ -110,6 +111,10 @@ def _watch(options: argparse.Namespace) -> FolderWatch:
         raise ValueError("--study is needed")
     if options.setup is not None and not options.setup.is_file():
         raise FileNotFoundError(2, "there is no such file", str(options.setup))
+    others = sources_in(options.folder, replace(study, files=()), options.setup)
+    if others and not sources_in(options.folder, study, options.setup):
+        patterns = ", ".join(file.path.name for file in study.files)
+        say(f"none of the {len(others)} files in {options.folder} has a name that the study's files name: {patterns}")
     speed = None if options.running_speed is None else options.running_speed * RAD_S_PER_RPM
     watching = Watching(
         names=tuple(options.follow or ()),

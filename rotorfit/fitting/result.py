@@ -42,6 +42,8 @@ from rotorfit.models.shafts.angular_rates import real_number
 from rotorfit.version import renamed
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
@@ -719,13 +721,17 @@ class FitResult:
 
         return derive(self, quantity, unit, at)
 
-    def bootstrap(self, *, n: int = 500, seed: int = 0, accelerate: bool | None = None) -> Bootstrap:
+    def bootstrap(
+        self, *, n: int = 500, seed: int = 0, accelerate: bool | None = None, executor: Executor | None = None
+    ) -> Bootstrap:
         """Fits of data simulated from this one and their spread; see rotorfit.uncertainty.bootstrap.bootstrap.
 
         Args:
             n: number of data sets to simulate and fit.
             seed: of random numbers.
             accelerate: with compiled kernels; by default where numba is installed.
+            executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor()``, that fits beside each
+                other: for nonlinear rotors, of which one fit takes long.
 
         Example:
             >>> low, high = fit.bootstrap(n=20, seed=1).interval("lam")
@@ -734,7 +740,7 @@ class FitResult:
         """
         from rotorfit.uncertainty.bootstrap import bootstrap
 
-        return bootstrap(self, n=n, seed=seed, accelerate=accelerate)
+        return bootstrap(self, n=n, seed=seed, accelerate=accelerate, executor=executor)
 
     def calibration(
         self,

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from rotorfit.estimators.atomic_file import refuse_input
+from rotorfit.estimators.atomic_file import refuse_input, sweep
 
 CHECKPOINT = "posterior.checkpoint.h5"
 """File in the folder for the results from which a sampling that was stopped goes on."""
@@ -31,6 +32,7 @@ def complete_folder(out: Path) -> Iterator[Path]:
     if earlier:
         _check_switch(out, target, previous)
     place = target.parent if earlier else next(folder for folder in (target, *target.parents) if folder.is_dir())
+    sweep(place, rf"\.rotorfit-\d+-{re.escape(target.name)}")
     draft = place / f".rotorfit-{os.getpid()}-{target.name}"
     try:  # on the file system of the folder itself, so that moving is renaming
         draft.mkdir()

@@ -23,14 +23,18 @@ from rotorfit.studies.study import Outcome, Study
 from rotorfit.studies.study_model import build_model, check_model
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress
 
 
-def run_study(study: Study, progress: StudyProgress, checkpoint: Path | None = None) -> Outcome:
+def run_study(
+    study: Study, progress: StudyProgress, checkpoint: Path | None = None, executor: Executor | None = None
+) -> Outcome:
     """Read, check, solve in closed form, optimise and, if asked for, refine and sample."""
     check_model(study)  # before files are read, which may take long
-    experiments, findings = read_files([for_model(study, file) for file in study.files], progress)
-    return identify(study, experiments, findings, progress, checkpoint)
+    experiments, findings = read_files([for_model(study, file) for file in study.files], progress, executor)
+    return identify(study, experiments, findings, progress, checkpoint, executor)
 
 
 def with_errors_undone(
@@ -49,6 +53,7 @@ def identify(
     findings: tuple[tuple[Finding, ...], ...],
     progress: StudyProgress,
     checkpoint: Path | None = None,
+    executor: Executor | None = None,
 ) -> Outcome:
     """The results of a study whose files have been read and looked over."""
     experiments, findings = with_errors_undone(study.undo, experiments, findings)
@@ -84,7 +89,7 @@ def identify(
     outcome = Outcome(
         study=study, experiments=experiments, findings=findings, closed=closed, fit=result, refinement=refinement
     )
-    return _with_uncertainty(outcome, progress, checkpoint) if outcome.best.success else outcome
+    return _with_uncertainty(outcome, progress, checkpoint, executor) if outcome.best.success else outcome
 
 
 def _dry_run(study: Study, progress: StudyProgress) -> Experiment | None:
@@ -107,7 +112,9 @@ def for_model(study: Study, file: DataFile | RecordingFiles) -> DataFile | Recor
     return replace(file, lines=True, runout_um=study.runout_um) if isinstance(file, RecordingFiles) else file
 
 
-def _with_uncertainty(outcome: Outcome, progress: StudyProgress, checkpoint: Path | None) -> Outcome:
+def _with_uncertainty(
+    outcome: Outcome, progress: StudyProgress, checkpoint: Path | None, executor: Executor | None
+) -> Outcome:
     """Profiles, simulated data and posterior, as far as the study asks for them."""
     study, best = outcome.study, outcome.best
     if study.profile:
@@ -116,7 +123,7 @@ def _with_uncertainty(outcome: Outcome, progress: StudyProgress, checkpoint: Pat
     simulated = None
     if study.bootstrap:
         progress(f"fitting {study.bootstrap} simulated tests")
-        simulated = best.bootstrap(n=study.bootstrap, seed=study.seed or 0)
+        simulated = best.bootstrap(n=study.bootstrap, seed=study.seed or 0, executor=executor)
     posterior = None
     if study.sample:
         progress("sampling the posterior", 0.0)

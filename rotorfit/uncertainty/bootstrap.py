@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -13,14 +15,18 @@ from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.minimisation.batch import batch_fit
 from rotorfit.estimators.minimisation.least_squares import Options
 from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.executors import carry_out
 from rotorfit.fitting.digits import interval, with_error
+from rotorfit.fitting.fit_file import fit_from_json, fit_to_json
 from rotorfit.fitting.result import FitResult
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.text_table import Wide, text_table
 from rotorfit.uncertainty.derived import Derived, Draws
 from rotorfit.uncertainty.onsets import onsets_of
 
+_MEMBERS_OF_A_PART = 32
+"""Simulated tests sent to a worker at once. Chosen."""
 # Data without a minimum nearby are common where the noise is large; what runs away need not be followed far. At a bound
 # Gauss-Newton may stall: the exact Hessian then finishes.
 _OPTIONS = Options(max_iterations=50)
@@ -126,7 +132,14 @@ class Bootstrap(Draws):
         return "\n".join([head, *text_table(rows, "<22 >14 >12 >12 >12 >28 <1"), self.message])
 
 
-def bootstrap(fit: FitResult, *, n: int = 500, seed: int = 0, accelerate: bool | None = None) -> Bootstrap:
+def bootstrap(
+    fit: FitResult,
+    *,
+    n: int = 500,
+    seed: int = 0,
+    accelerate: bool | None = None,
+    executor: Executor | None = None,
+) -> Bootstrap:
     """Simulate data from the fitted model with the noise of the data, fit each, and look at the spread.
 
     The noise is that of the data, times sqrt(redchi) where the model limits the fit, as in ``stderr``. Nuisance entries
@@ -144,9 +157,9 @@ def bootstrap(fit: FitResult, *, n: int = 500, seed: int = 0, accelerate: bool |
     samples, good = [], []
     for begin in range(0, n, step):
         part = truth[begin : begin + step]
-        result = batch_fit(fit.problem, _simulate(fit, part, rng), fit.x, accelerate=accelerate, options=_OPTIONS)
-        samples.append(fit.x + result.x - part)
-        good.append(result.converged)
+        x, found = _fitted(fit, _simulate(fit, part, rng), accelerate, executor)
+        samples.append(fit.x + x - part)
+        good.append(found)
     converged = np.concatenate(good)
     message = f"noise of the data times {math.sqrt(fit.widening):.3g}" if fit.widening > 1 else "noise of the data"
     if not converged.all():
@@ -161,6 +174,29 @@ def bootstrap(fit: FitResult, *, n: int = 500, seed: int = 0, accelerate: bool |
         seed=seed,
         message=message,
     )
+
+
+def _fitted(
+    fit: FitResult, measured: ComplexArray, accelerate: bool | None, executor: Executor | None
+) -> tuple[Float, Bool]:
+    """Estimates from sets of readings, and which of them converged."""
+    if executor is None:
+        result = batch_fit(fit.problem, measured, fit.x, accelerate=accelerate, options=_OPTIONS)
+        return result.x, result.converged
+    parts = [measured[begin : begin + _MEMBERS_OF_A_PART] for begin in range(0, len(measured), _MEMBERS_OF_A_PART)]
+    done = carry_out(partial(_fitted_elsewhere, fit_to_json(fit), accelerate), parts, executor)
+    return np.concatenate([x for x, _ in done]), np.concatenate([converged for _, converged in done])
+
+
+def _fitted_elsewhere(text: str, accelerate: bool | None, measured: ComplexArray) -> tuple[Float, Bool]:
+    """The same on a worker, to which a fit goes as text."""
+    return _fitted(_fit_of(text), measured, accelerate, None)
+
+
+@lru_cache(maxsize=4)
+def _fit_of(text: str) -> FitResult:
+    """The fit, which a worker keeps from part to part."""
+    return fit_from_json(text)
 
 
 def _truths(fit: FitResult, n: int, rng: np.random.Generator) -> Float:
