@@ -190,10 +190,10 @@ def write(options: argparse.Namespace, rows: list[Row], killed: int) -> None:
             ],
         ),
         "",
-        f"{killed} workers were killed. By processor time a run costs {1e3 * fit:.1f} ms to fit and {1e3 * overhead:.1f} ms "
-        f"of the process that sends it, the scheduler included: by arithmetic {SIMULATED} workers give {many:.0f} times the "
-        f"plain loop, and more than {fit / overhead:.0f} are of no use for runs of this size. 100,000 runs take "
-        f"{100_000 * fit / 3600:.2f} core hours of fits.",
+        f"{killed} workers were killed. By processor time a run costs {1e3 * fit:.1f} ms to fit and "
+        f"{1e3 * overhead:.1f} ms of the process that sends it, the scheduler included: by arithmetic {SIMULATED} "
+        f"workers give {many:.0f} times the plain loop, and more than {fit / overhead:.0f} are of no use for runs of "
+        f"this size. 100,000 runs take {100_000 * fit / 3600:.2f} core hours of fits.",
     ]
     text = "\n".join(lines) + "\n"
     print(text)
