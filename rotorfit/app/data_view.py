@@ -86,9 +86,12 @@ class DataView:
         records, raw = self._session.records, self._session.recorded
         if not raw:
             return []
-        setup = SetupForm(self._page, self._session.folder.path(raw[0]))
+        try:
+            setup = [SetupForm(self._page, self._session.folder.path(raw[0])).card]
+        except (ValueError, OSError):  # the file itself cannot be read, which has been said
+            setup = []
         if not records:
-            return [setup.card]
+            return setup
         known = {record.name: record for record in records}
         chosen = pn.widgets.Select(name="Recording", options=list(known), width=220)
         plane = pn.widgets.Select(name="Plane", options=list(records[0].planes), width=160)
@@ -101,7 +104,7 @@ class DataView:
 
         chosen.param.watch(choose, "value")
         plane.param.watch(lambda event: self._look(known[chosen.value], event.new), "value")
-        return [self._looked, in_a_row(chosen, plane, make), self._shown, setup.card]
+        return [self._looked, in_a_row(chosen, plane, make), self._shown, *setup]
 
     def complete(self) -> None:
         """Show the first recording, then what takes longer: what is linked to the cursor, and what is odd."""

@@ -40,6 +40,14 @@ class Folder:
             draft.write_text(text, encoding="utf-8")
         return path
 
+    def free_name(self, name: str) -> str:
+        """The name, with a number if it is taken: ``rig-2.toml``."""
+        stem, suffix, number = Path(name).stem, Path(name).suffix, 1
+        while (self.root / name).exists():
+            number += 1
+            name = f"{stem}-{number}{suffix}"
+        return name
+
     def data_files(self) -> list[str]:
         """Test files and recordings, as paths in the folder."""
         return self._named((*SUFFIXES, *EXCEL, *FORMATS))

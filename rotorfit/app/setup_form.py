@@ -11,6 +11,7 @@ import panel as pn
 
 from rotorfit.app.parts import WIDE, button, in_a_row, markup, message, side_by_side
 from rotorfit.recordings.formats.files import open_raw
+from rotorfit.recordings.recording import read_recording
 from rotorfit.recordings.rig.rig_toml import setup_of
 from rotorfit.recordings.rig.template import template
 from rotorfit.report.html import element
@@ -33,11 +34,12 @@ class SetupForm:
 
     def __init__(self, page: Front, path: Path) -> None:
         self._page = page
+        self._path = path
         self._base = _known_setup(page, path)
         self._rows = {name: _ChannelRow(name, self._base) for name in open_raw(path).channels}
         force = self._base.get("force", {})
         self._force = {
-            key: pn.widgets.TextInput(name=f"{label} [the recording's]", value=_word(force.get(key)), **WIDE)
+            key: pn.widgets.TextInput(name=f"{label}", value=_word(force.get(key)), **WIDE)
             for key, label in _FORCE.items()
         }
         self._whirl = pn.widgets.Select(
@@ -48,9 +50,10 @@ class SetupForm:
             options={"from x towards y": "ccw", "from y towards x": "cw"},
         )  # fmt: skip
         self._rate = pn.widgets.TextInput(
-            name="samples a second, Hz [the recording's]", value=_word(self._base.get("sample_rate_hz")), **WIDE
+            name="samples a second, Hz", value=_word(self._base.get("sample_rate_hz")), **WIDE
         )
-        self._name = pn.widgets.TextInput(name="Write it into the folder as", value="rig.toml", width=220)
+        free = page.session.folder.free_name("rig.toml")
+        self._name = pn.widgets.TextInput(name="Write it into the folder as", value=free, width=220)
         self._said = pn.Column(**WIDE)
         write = button("Write and open", self._write, main=True)
         words = (
@@ -90,7 +93,7 @@ class SetupForm:
         name = self._name.value.strip()
         try:
             content = self.content()
-            setup_of(content, name)  # refuses what rotorfit would not read
+            read_recording(self._path, setup_of(content, name))  # refuses what is wrong and what is missing
             self._page.session.folder.write_new(name, tomli_w.dumps(content))
         except (ValueError, OSError) as problem:
             self._said.objects = [message(refusal(problem), "error")]

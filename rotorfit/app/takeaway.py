@@ -32,7 +32,8 @@ class Takeaway:
             name = "data.csv" if len(outcome.experiments) == 1 else f"data-{number}.csv"
             files.append(download(name, partial(_as_csv, test)))
         self._report = pn.Column(message("drawing the report ..."), width=220)
-        name = pn.widgets.TextInput(name="Or keep the study in the folder, as", value="study.toml", width=220)
+        free = session.folder.free_name("study.toml")
+        name = pn.widgets.TextInput(name="Or keep the study in the folder, as", value=free, width=220)
         keep, self._kept = button("Keep", lambda: self._keep(name.value), width=90), pn.Column(**WIDE)
         self.parts = [
             heading("Take away"),
