@@ -140,6 +140,13 @@ class Tab:
         """The page's text once it holds some words."""
         return str(self.wait(lambda: words in (text := self.text()) and text, repr(words), seconds))
 
+    def settle(self, seconds: float = 1.5) -> None:
+        """Wait until the page has kept its height for some time: nothing moves any more."""
+        heights = [-1, 0]
+        while heights[-1] != heights[-2]:
+            time.sleep(seconds)
+            heights.append(int(self.run("document.documentElement.scrollHeight")))
+
     def place(self, selector: str, words: str = "", number: int = 0) -> tuple[float, float, float, float]:
         """Left, top, width and height of an element in the window, scrolled to where it can be seen."""
         return self._place(f"findAll({json.dumps(selector)}, {json.dumps(words)})", number)

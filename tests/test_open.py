@@ -87,10 +87,12 @@ def test_from_volts_to_a_report_and_again_on_the_command_line(
     tab.wait_for("rms)")
     tab.click("button", "Make vectors")
     tab.wait_for("perturbation test, 696 readings in 2 runs")
+    tab.wait(lambda: tab.run("findAll('canvas').length") > 10, "all figures")  # above the form, which they move
+    tab.settle()
     tab.write("K3,", "6000")
     tab.click("button", "Fit")
     text = tab.wait_for("Download report.html")
-    assert "Fit: converged" in text
+    assert "Fit: converged" in text, text[-1500:]
     fit = repeated(tab, tmp_path, run)
     assert f"{fit.params['lam'].value:.3f}" in text
     report = downloaded(tab, "report.html", tmp_path)
@@ -126,11 +128,12 @@ def test_brushing_leaves_readings_out_and_a_finding_is_undone(
 def test_wrong_files_and_two_tabs(browser: Browser, address: str, folder: Path, run: Run) -> None:
     """A wrong file is told as the command line tells it, in its own tab; a fit that is stopped leaves nothing."""
     before = sorted(folder.iterdir())
-    first, second = browser.tab(address), browser.tab(address)
+    first = browser.tab(address)
     first.wait_for("Values that are known")
     first.click("button", "Fit")
     first.click("button", "Stop")
     text = first.wait_for("It was stopped; nothing was written.")
+    second = browser.tab(address)
     second.wait_for("Values that are known")
     open_files(second, "wrong.csv")
     _, _, stderr = run("info", folder / "wrong.csv")

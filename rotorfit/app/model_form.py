@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import inspect
 from argparse import ArgumentTypeError
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import panel as pn
 
-from rotorfit.app.parts import WIDE, markup, message, side_by_side
+from rotorfit.app.parts import WIDE, markup, message, shown_in, side_by_side
 from rotorfit.estimators.misfit.losses import LOSSES
 from rotorfit.models import LAWS, MODELS
 from rotorfit.options.table import FIT
@@ -29,31 +30,33 @@ _WORDS = {"planes": "planes, in the model's order: A,B", "clearance_um": "cleara
 """Options that are written: label."""
 
 
-def model_form(page: Front) -> list[Any]:
-    """Fields for the model of a session; each changes the study when it is left."""
+def model_form(page: Front) -> tuple[list[Any], Callable[[], bool]]:
+    """Fields for the model, which change the study when they are left; and what takes them in, if they are right."""
     content = page.session.content
     labels = {f"{name}: {(inspect.getdoc(kind) or '').splitlines()[0]}": name for name, kind in MODELS.items()}
     model = pn.widgets.Select(name="Model", options=labels, value=content["model"], **WIDE)
     model.param.watch(lambda event: page.change_model(lambda: page.session.with_model(event.new)), "value")
-    return [
-        model,
-        _known(page),
-        pn.Card(
-            _options(page), title="More options", collapsed=not set(content) & {*_CHOICES, *_WORDS, "refine"}, **WIDE
-        ),
-    ]
+    fields: dict[str, Any] = {}
+
+    def take_in() -> bool:
+        return all(_know(page, name, shown_in(field)) for name, field in fields.items())
+
+    usual = not set(content) & {*_CHOICES, *_WORDS, "refine"}
+    more = pn.Card(_options(page), title="More options", collapsed=usual, **WIDE)
+    return [model, _known(page, fields), more], take_in
 
 
-def _known(page: Front) -> Any:
-    """A field for each parameter: a number where it is known."""
+def _known(page: Front, fields: dict[str, Any]) -> Any:
+    """A field for each parameter: a number where it is known; fields are added by name."""
     try:
         parameters = page.session.model.parameters
     except (ValueError, KeyError) as problem:
         return message(refusal(problem), "error")
+    fields.update({p.name: _field(page, p) for p in parameters})
     words = "Values that are known; what is left empty is fitted, but for those whose usual value stands in grey."
     return pn.Column(
         markup(element("p", words, class_="faint")),
-        side_by_side([_field(page, p) for p in parameters], least=250),
+        side_by_side(list(fields.values()), least=250),
         **WIDE,
     )
 
@@ -71,16 +74,17 @@ def _field(page: Front, p: Parameter) -> Any:
     return field
 
 
-def _know(page: Front, name: str, word: str) -> None:
+def _know(page: Front, name: str, word: str) -> bool:
     known = {key: value for key, value in page.session.content.get("known", {}).items() if key != name}
     if word:
         try:
             known[name] = "free" if word == "free" else float(word)
         except ValueError:
             page.say(f"{name}: {word!r} is not a number")
-            return
+            return False
     page.say("")
     page.session = page.session.with_option("known", known)
+    return True
 
 
 def _options(page: Front) -> Any:

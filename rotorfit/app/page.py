@@ -127,9 +127,17 @@ class Page:
         return True
 
     def _show_model(self) -> None:
-        read_already = self.session.data is not None
-        fitting = button("Fit", lambda: self.start(fit), main=True, width=90)
-        self._model.objects = [heading("Model"), *model_form(self), fitting] if read_already else []
+        if self.session.data is None:
+            self._model.objects = []
+            return
+        parts, take_in = model_form(self)
+
+        def fit_as_entered() -> None:
+            if take_in():
+                self.start(fit)
+
+        fitting = button("Fit", fit_as_entered, main=True, width=90)
+        self._model.objects = [heading("Model"), *parts, fitting]
 
     def undo(self, finding: Finding) -> None:
         """Undo an error of the data and fit again."""

@@ -15,7 +15,7 @@ from rotorfit.report.html import Html, element, join
 
 STYLE = files("rotorfit.app").joinpath("page.css").read_text(encoding="utf-8")
 """Look of all markup."""
-_ENTRY_S = 0.15
+_ENTRY_S = 0.3
 """Seconds that a click waits for what was entered just before it: Panel takes entries in 0.05 s late."""
 WIDE = {"sizing_mode": "stretch_width"}
 """A part that takes the width of the page."""
@@ -53,6 +53,12 @@ def button(label: str, act: Callable[[], object], *, main: bool = False, **optio
     made = pn.widgets.Button(name=label, button_type="primary" if main else "default", **options)
     made.on_click(clicked)
     return made
+
+
+def shown_in(field: Any) -> str:
+    """What stands in a field on the page, which Panel may not have taken in yet."""
+    models = [model for model, _ in field._models.values()]
+    return str(models[0].value if models else field.value).strip()
 
 
 def download(name: str, text: Callable[[], str]) -> Any:
