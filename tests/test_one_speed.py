@@ -40,7 +40,7 @@ def test_what_was_taken_to_be_zero_is_said_and_in_the_errors(refinements):
         best = refinement.best
         prior = best.settings.priors["g22"]
         assert best.params["g22"].stderr == pytest.approx(prior.std(), rel=0.1)
-        assert any("cannot tell g22" in words for words in best.warnings)
+        assert any("cannot separate g22" in words for words in best.warnings)
         onset = next(e for e in best.settings.onsets)
         # the onset lies above the tested speed, where w Om g22 is larger than it was in the tests
         assert best.threshold_speed().stderr > onset.difference

@@ -52,7 +52,7 @@ def test_a_refinement_lends_its_threshold_to_the_candidate_that_cannot_tell(shor
 
 def test_a_plain_fit_says_that_its_onset_is_extrapolated_in_frequency(short):
     fit = rf.fit(WhirlWhip(), short[1], known={"K3": K3})
-    assert "refine (--refine) would tell" in fit.summary()
+    assert "refine (--refine) would show" in fit.summary()
 
 
 def test_an_onset_far_above_the_tested_speeds_has_the_difference_between_candidates_as_an_error():

@@ -55,7 +55,7 @@ def test_a_refinement_says_what_one_speed_leaves_open_before_it_misses_the_data(
     )
     best = rf.refine(rf.fit(WhirlWhip(), test, known={"K3": K3})).best
     assert "gyroscopic" in best.model.blocks
-    assert any("cannot tell g22" in words for words in best.warnings)
+    assert any("cannot separate g22" in words for words in best.warnings)
     assert best.params["Mf"].stderr > 1e-3  # known but for g22 / (2 lam), of which as much as 3e-3 kg is plausible
     for name in ("lam", "D", "Mf", "Mb", "K0"):
         assert abs(best.params[name].value - true[name]) < 4 * best.params[name].stderr

@@ -139,7 +139,7 @@ class _Joint:
         found = self.workers(_least_curvature, [self.runs[number] for number in options], list(options.values()))
         quadratics = {n: own for n, own in zip(options, found, strict=True) if isinstance(own, Curvature)}
         if not quadratics:
-            raise ValueError(f"no run of the campaign tells anything of the shared parameters: {found[0]}")
+            raise ValueError(f"no run of the campaign determines anything of the shared parameters: {found[0]}")
         parts = [Parts.of(quadratic, self.names) for quadratic in quadratics.values()]
         return _Profile(
             cost=sum(quadratic.cost for quadratic in quadratics.values()),
