@@ -24,11 +24,13 @@ _SEAL = b"rotorfit sha256 "
 @contextmanager
 def reading(name: str, kind: str) -> Iterator[None]:
     """Turn whatever is raised over a file, ``kind`` being what it should be, into one :class:`ValueError` of one line
-    that names it. Sentences that name the file pass, and so do a lack of memory and what the system says of a path."""
+    that names it. Sentences that name the file pass, and so does what the system says of a path."""
     try:
         yield
-    except MemoryError:
-        raise
+    except MemoryError as problem:
+        raise ValueError(
+            f"{name} takes more memory than there is, as a damaged {kind} may that declares what it does not hold"
+        ) from problem
     except RecursionError as problem:
         raise ValueError(f"{name} is not a readable {kind}: its content is nested too deeply") from problem
     except Exception as problem:

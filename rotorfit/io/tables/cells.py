@@ -224,7 +224,7 @@ def _workbook(path: Path, stream: BinaryIO) -> Any:
     except (BadZipFile, InvalidFileException, KeyError) as reason:
         head = path.read_bytes()[:4]
         advice = (
-            str(reason)
+            "a part of its archive is damaged or missing"
             if head == _ARCHIVE
             else _workbook_advice(head)
             if head == _OLD_EXCEL
