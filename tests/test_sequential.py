@@ -12,12 +12,12 @@ from rotorfit.monitoring.alarms import WatchedValues, watch_rules
 
 def marginal(values: np.ndarray, step: np.ndarray, size: float) -> float:
     """Likelihood integrated over level (flat), scatter (1/sigma) and shift (normal), by trapezia in all three."""
-    level = np.linspace(-40, 40, 801)[:, None, None]
-    sigma = np.exp(np.linspace(-3, 4, 141))[:, None]
-    shift = np.linspace(-6, 6, 61) * size if size else np.zeros(1)
+    level = np.linspace(-30, 30, 401)[:, None, None]
+    sigma = np.exp(np.linspace(-1.5, 3, 61))[:, None]
+    shift = np.linspace(-6, 6, 41) * size if size else np.zeros(1)
     likelihood = 1.0
     for value, stepped in zip(values, step, strict=True):
-        likelihood = likelihood * norm.pdf(value, level + sigma * shift * stepped, sigma)
+        likelihood = likelihood * np.exp(-(((value - level) / sigma - shift * stepped) ** 2) / 2) / sigma
     weights = norm.pdf(shift, scale=size) / norm.pdf(shift, scale=size).sum() if size else np.ones(1)
     return float((likelihood * weights).sum())  # flat in the logarithm of sigma is 1/sigma
 
