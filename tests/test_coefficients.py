@@ -11,7 +11,7 @@ from seal_rig import FLUID, floating_stator, matrices
 
 import rotorfit as rf
 from rotorfit.models import RotorModel
-from rotorfit.models.plane_forces import COEFFICIENTS, plane_force
+from rotorfit.models.shafts.plane_forces import COEFFICIENTS, plane_force
 
 RPM = np.pi / 30
 FLUIDS: list[tuple[RotorModel, dict[str, float]]] = [

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.fitting.structure.coefficient_rows import UNITS, CoefficientRows
-from rotorfit.models.plane_forces import COEFFICIENTS
+from rotorfit.models.shafts.plane_forces import COEFFICIENTS
 from rotorfit.plots.style import colour_of, grid, legend_below, prefix
 from rotorfit.units import RPM_PER_RAD_S
 

@@ -16,7 +16,7 @@ from rotorfit.fitting.digits import plus_minus
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
-from rotorfit.models.plane_forces import COEFFICIENTS
+from rotorfit.models.shafts.plane_forces import COEFFICIENTS
 from rotorfit.models.text_table import text_table
 from rotorfit.units import RPM_PER_RAD_S
 

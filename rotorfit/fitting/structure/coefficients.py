@@ -12,8 +12,8 @@ from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.structure.coefficient_rows import UNITS, CoefficientRows, Coefficients
 from rotorfit.models import Anisotropic
 from rotorfit.models.array_types import Float
-from rotorfit.models.plane_forces import COEFFICIENTS, force_planes, plane_force
 from rotorfit.models.shafts.angular_rates import angular_rate
+from rotorfit.models.shafts.plane_forces import COEFFICIENTS, force_planes, plane_force
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:

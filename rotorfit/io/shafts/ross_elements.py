@@ -15,7 +15,7 @@ from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.io.shafts.ross_rotor import installed_ross
 from rotorfit.models import KnownStructure, Orthotropic, RotorModel
 from rotorfit.models.array_types import Float
-from rotorfit.models.plane_forces import plane_force
+from rotorfit.models.shafts.plane_forces import plane_force
 
 ElementKind: TypeAlias = Literal["bearing", "seal"]
 """Class of ROSS: BearingElement or SealElement."""
