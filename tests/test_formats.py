@@ -133,7 +133,7 @@ def test_files_cut_short_are_refused(tmp_path: Path, suffix: str) -> None:
     rf.write(rf.datasets.two_disk(), path)
     whole = path.read_bytes()
     rng = np.random.default_rng(3)
-    for size in [*range(0, 200, 20), *rng.integers(200, len(whole) - 100, 25).tolist()]:
+    for size in [*range(0, 200, 50), *rng.integers(200, len(whole) - 100, 8).tolist()]:
         path.write_bytes(whole[:size])
         with pytest.raises(ValueError, match=rf"^t\{suffix}[ :,].+"):
             rf.read(path)

@@ -102,6 +102,7 @@ def test_from_volts_to_a_report_and_again_on_the_command_line(
     assert {urlsplit(one).netloc for one in tab.requests if re.match("https?|ws", one)} == {urlsplit(address).netloc}
 
 
+@pytest.mark.slow  # what it clicks through is in tests/test_undo.py without a browser
 def test_brushing_leaves_readings_out_and_a_finding_is_undone(
     browser: Browser, address: str, tmp_path: Path, run: Run
 ) -> None:
