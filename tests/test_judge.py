@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -240,3 +241,18 @@ def test_a_rotor_whose_model_misses_the_data_is_judged_with_caution() -> None:
     report = fit.stability_report()
     assert "CAUTION: the model misses the data" in str(report).splitlines()[1]
     assert exact().stability_report(max_speed_rpm=2800).caution == ""
+
+
+def test_a_rotor_that_is_unstable_from_standstill_on_is_judged_in_words() -> None:
+    """Forces that turn, said to act along x: the fit has negative damping, and no threshold that a term could move."""
+    rig = rf.datasets.rig_lumped()
+    assert isinstance(rig, rf.PerturbationTest)
+    some = rig.select(rig.frequency > 0)
+    wrong = replace(some, force_direction=np.full(len(some), "x"))
+    fit = rf.fit(rf.models.WhirlWhip(), wrong, known={"K3": 6000.0})
+    onset = fit.onset(0)
+    assert onset is not None
+    assert onset.speed == 0.0
+    report = fit.stability_report(max_speed_rpm=1500)
+    (ratio,) = [found for found in report.criteria if found.name.startswith("threshold speed")]
+    assert not ratio.met
