@@ -23,6 +23,7 @@ from rotorfit.campaigns.runs import Run, RunFit, Workers, fit_run
 from rotorfit.estimators.inference.covariance import prior_curvature
 from rotorfit.estimators.inference.schur import Curvature, Parts, inverse_information, shared_covariance
 from rotorfit.estimators.minimisation.least_squares import Options
+from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.fitting.fit import solve
 from rotorfit.fitting.problem_setup import build_problem
@@ -236,14 +237,24 @@ def _with_errors(fit: RunFit, errors: OwnErrors, names: Sequence[str]) -> RunFit
 # ---- work on one run, here or elsewhere --------------------------------------------------------------------------
 
 
-def _curvature(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float]) -> Curvature | str:
-    """Cost of one run and its derivatives at given parameters; the reason in words where there is none."""
+def _problem_at(
+    model: RotorModel, run: Run, settings: FitSettings, at: Mapping[str, float]
+) -> tuple[Problem, tuple[str, ...], Float] | str:
+    """The problem of one run, its entries by name, and the vector of given parameters; or why there is none."""
     try:
         problem = build_problem(model, run.experiment, settings)
     except (ValueError, KeyError, ClosedFormError) as reason:
         return str(reason)
     names = (*problem.space.names, *problem.space.nuisance)
-    x = np.array([at.get(name, 0.0) if name in problem.space.nuisance else at[name] for name in names])
+    return problem, names, np.array([at.get(n, 0.0) if n in problem.space.nuisance else at[n] for n in names])
+
+
+def _curvature(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float]) -> Curvature | str:
+    """Cost of one run and its derivatives at given parameters; the reason in words where there is none."""
+    found = _problem_at(model, run, settings, at)
+    if isinstance(found, str):
+        return found
+    problem, names, x = found
     cost, gradient, matrix = problem.gauss_newton(x)
     squares = float(np.sum(np.abs(problem.residuals(x)) ** 2))
     prior = prior_curvature(problem, x)
@@ -254,13 +265,10 @@ def _least_curvature(
     model: RotorModel, run: Run, *, settings: FitSettings, shared: Mapping[str, float], at: Mapping[str, float]
 ) -> Curvature | str:
     """Cost of one run and its derivatives where its own parameters are best for the shared ones given."""
-    inner = replace(settings, known={**settings.known, **shared})
-    try:
-        problem = build_problem(model, run.experiment, inner)
-    except (ValueError, KeyError, ClosedFormError) as reason:
-        return str(reason)
-    names = (*problem.space.names, *problem.space.nuisance)
-    begin = np.array([at.get(name, 0.0) if name in problem.space.nuisance else at[name] for name in names])
-    found = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options())
-    own = dict(zip(names, found.x.tolist(), strict=True))
+    found = _problem_at(model, run, replace(settings, known={**settings.known, **shared}), at)
+    if isinstance(found, str):
+        return found
+    problem, names, begin = found
+    solution = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options())
+    own = dict(zip(names, solution.x.tolist(), strict=True))
     return _curvature(model, run, settings=settings, at={**own, **shared})

@@ -102,9 +102,8 @@ def combined(a: Number, by_a: float, b: Number | float, by_b: float, value: floa
             one, other = by_a * a.slopes.get(name, 0.0), by_b * b.slopes.get(name, 0.0)
             slopes[name] = 0.0 if math.isclose(one, -other) else one + other
         return a.source.quantity(value, slopes, unit)
-    parts = [(abs(by_a), a.alone), *([] if b is a else [(abs(by_b), b.alone)])]
-    by = [(abs(by_a + by_b), a.alone)] if b is a else parts
-    stderr, systematic = (math.hypot(*(factor * share[i] for factor, share in by)) for i in (0, 1))
+    shares = [(by_a + by_b, a.alone)] if b is a else [(by_a, a.alone), (by_b, b.alone)]
+    stderr, systematic = (math.hypot(*(factor * share[i] for factor, share in shares)) for i in (0, 1))
     freedom = min(getattr(number, "freedom", math.inf) for number in (a, b))
     return Quantity(value, stderr, unit, freedom, systematic)
 
