@@ -207,6 +207,8 @@ def test_two_watches_of_a_store_fit_once_and_tell_once(inbox: Path) -> None:
     assert [watch.exitcode for watch in watches] == [0, 0]
     with sqlite3.connect(inbox.parent / "machine.db") as connection:
         assert dict(connection.execute("SELECT * FROM sqlite_sequence")) == {"tests": 10, "fits": 10}
+    dates = [test.date for test, _ in rf.Store(inbox.parent / "machine.db").history()]
+    assert dates == sorted(dates)
     assert len((inbox.parent / "alarms.txt").read_text().splitlines()) == 1
 
 

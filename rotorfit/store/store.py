@@ -8,6 +8,7 @@ import os
 import sqlite3
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -112,15 +113,18 @@ class Store:
     def add_sources(
         self, sources: Iterable[Source], *, machine: str = "", progress: StudyProgress = no_progress
     ) -> tuple[Added, ...]:
-        """Add what :meth:`add` was given; what arrives together is followed in order of date.
+        """Add all tests that :meth:`add` was given, then their fits; tests that arrive together are in order of date.
 
         Args:
             sources: files and folders, with the study.
             machine: of tests that do not name one.
             progress: called as each stage begins.
         """
-        batch = time.time_ns()
-        return tuple(self._add(source, batch, machine, progress) for source in sources)
+        given = tuple(sources)
+        with claimed(self.database, "tests"):  # two that find the same files would mix the order of what arrives
+            batch = time.time_ns()
+            added = [self._add(source, batch, machine, progress) for source in given]
+        return tuple(self._with_fit(source, one, progress) for source, one in zip(given, added, strict=True))
 
     def _add(self, source: Source, batch: int, machine: str, progress: StudyProgress) -> Added:
         name = str(source.path)
@@ -132,10 +136,13 @@ class Store:
             reason = str(problem.args[0] if isinstance(problem, KeyError) and problem.args else problem)
             self._refuse(source, reason)
             return Added(source=name, refusal=reason)
-        if source.study is None:
-            return Added(source=name, test=test, new_test=is_new)
-        fit, fitted = self._fit_of(test, source.study, progress)
-        return Added(source=name, test=test, fit=fit, new_test=is_new, new_fit=fitted)
+        return Added(source=name, test=test, new_test=is_new)
+
+    def _with_fit(self, source: Source, added: Added, progress: StudyProgress) -> Added:
+        if source.study is None or added.test is None:
+            return added
+        fit, fitted = self._fit_of(added.test, source.study, progress)
+        return replace(added, fit=fit, new_fit=fitted)
 
     def is_known(self, source: Source) -> bool:
         """True if nothing has changed since the source was last added, with its study, or refused.
