@@ -1,0 +1,206 @@
+"""Figures of a fit, a method each: what a user calls on a result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Unpack
+
+from rotorfit.data.figure_keywords import PlotKeywords
+from rotorfit.fitting.keywords import BodeKeywords, DrivePointKeywords, StiffnessKeywords, WhirlKeywords
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class FitFigures:
+    """Figures of a fit; the plots are imported when one is drawn."""
+
+    @property
+    def _fit(self) -> Any:
+        """The result, whose file knows this one and not the other way round."""
+        return self
+
+    def plot_dynamic_stiffness(self, **options: Unpack[StiffnessKeywords]) -> Figure:
+        """Direct and quadrature dynamic stiffness against signed frequency, data with error bars and fit.
+
+        Args:
+            **options: ``against``: ``"frequency"``, ``"square"`` (the direct part against the square of the frequency:
+                straight lines, as in Figs 6, 25 and 36) or ``"ratio"`` (frequency over rotative speed). ``ax`` and
+                ``unit``, as for :meth:`plot_bode`.
+
+        Raises:
+            ValueError: no such abscissa or unit, or a ratio to a speed that is swept.
+
+        Example:
+            >>> fit.plot_dynamic_stiffness().savefig(folder / "stiffness.png")
+        """
+        from rotorfit.plots.responses import plot_dynamic_stiffness
+
+        return plot_dynamic_stiffness(self._fit, **options)
+
+    def plot_bode(self, **options: Unpack[BodeKeywords]) -> Figure:
+        """Amplitude and phase of every response against frequency.
+
+        Args:
+            **options: ``against``: ``"frequency"``, signed; ``"ratio"``, that over the rotative speed (Fig. 9);
+                ``"size"``, forward and backward over one another (Fig. 8). ``mr``: an unbalance, kg m, for which
+                amplitudes are drawn in place of those per unit force. ``ax``: axes to draw in, one or as many as the
+                figure has panels; one place for several panels is divided, and a figure or subfigure filled. ``unit``:
+                of frequencies (``"rpm"``, ``"hz"``, ``"rad_s"``), of lengths (``"um"``, ``"mil_pp"``, ``"mm"``), or
+                both, ``("hz", "mil_pp")``.
+
+        Raises:
+            ValueError: no such abscissa or unit, a ratio to a speed that is swept, or axes that are too many or few.
+
+        Example:
+            >>> fit.plot_bode(against="size", unit="hz").savefig(folder / "bode.png")
+        """
+        from rotorfit.plots.responses import plot_bode
+
+        return plot_bode(self._fit, **options)
+
+    def plot_drive_point(self, **options: Unpack[DrivePointKeywords]) -> Figure:
+        """Phase, amplitude and dynamic stiffness of a forced plane above one another, a colour a condition (Fig. 11).
+
+        Args:
+            **options: ``plane``: a plane that was forced and read, the last unless given. ``mr``: an unbalance, kg m,
+                for which amplitudes are drawn. ``ax`` and ``unit``, as for :meth:`plot_bode`.
+
+        Raises:
+            ValueError: no such plane.
+
+        Example:
+            >>> len(fit.plot_drive_point(plane="journal").axes)
+            4
+        """
+        from rotorfit.plots.responses import plot_drive_point
+
+        return plot_drive_point(self._fit, **options)
+
+    def plot_polar(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Responses in the complex plane.
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
+        """
+        from rotorfit.plots.responses import plot_polar
+
+        return plot_polar(self._fit, **look)
+
+    def plot_residuals(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Whitened residuals against frequency.
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
+        """
+        from rotorfit.plots.responses import plot_residuals
+
+        return plot_residuals(self._fit, **look)
+
+    def plot_lines(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Spectral lines of a shaft that is not round, and of its twist, against the perturbation frequency.
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
+        """
+        from rotorfit.plots.shaft_lines import plot_lines
+
+        return plot_lines(self._fit, **look)
+
+    def plot_stability(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Eigenvalues against rotative speed with the threshold and its interval.
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
+        """
+        from rotorfit.plots.responses import plot_stability
+
+        return plot_stability(self._fit, **look)
+
+    def plot_whirl(self, **options: Unpack[WhirlKeywords]) -> Figure:
+        """Radius and frequency of the whirl that the rotor keeps up beyond its threshold, against speed, with a band.
+
+        Args:
+            **options: ``max_speed_rpm``: end of the speeds, 2.5 times the threshold unless given. ``group``: number of
+                the parameter group, from 0. ``ax`` and ``unit``, as for :meth:`plot_bode`.
+
+        Raises:
+            ValueError: a fluid that does not change with eccentricity, or no threshold up to the end.
+        """
+        from rotorfit.plots.beyond_onset import plot_whirl
+
+        return plot_whirl(self._fit, **options)
+
+    def plot_side_load(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Threshold speed against static eccentricity and side load, with its 95 % band.
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
+
+        Raises:
+            ValueError: a fluid that does not change with eccentricity, parameters per attribute, or no threshold.
+        """
+        from rotorfit.plots.beyond_onset import plot_side_load
+
+        return plot_side_load(self._fit, **look)
+
+    def plot_law(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """K0, D and lam against eccentricity with their 95 % bands.
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
+        """
+        from rotorfit.plots.responses import plot_law
+
+        return plot_law(self._fit, **look)
+
+    def plot_nonlinear_stiffness(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Nonlinear minus linear dynamic stiffness at the journal (Figs 13 to 15).
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
+        """
+        from rotorfit.plots.responses import plot_nonlinear_stiffness
+
+        return plot_nonlinear_stiffness(self._fit, **look)
+
+    def plot_static_locus(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Locus of the journal under static load (Figs 26 to 28).
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
+        """
+        from rotorfit.plots.responses import plot_static_locus
+
+        return plot_static_locus(self._fit, **look)
+
+    def plot_static_stiffness(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Static load over displacement, across and along the load, against eccentricity (Figs 27 and 28).
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
+        """
+        from rotorfit.plots.responses import plot_static_stiffness
+
+        return plot_static_stiffness(self._fit, **look)
+
+    def plot_velocity_ratio(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Frequency over speed of free vibrations against eccentricity (Fig. 29).
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
+        """
+        from rotorfit.plots.responses import plot_velocity_ratio
+
+        return plot_velocity_ratio(self._fit, **look)
+
+    def plot_coefficients(self, speeds: Sequence[float] | None = None, *, plane: str | None = None) -> Figure:
+        """Draw the coefficients of ``fit.coefficient_table`` against speed, with their 95 % errors.
+
+        Args:
+            speeds: rotative speeds, rad/s, by default those that were tested.
+            plane: name of the plane, where forces were fitted at several.
+        """
+        from rotorfit.plots.coefficients import coefficients
+
+        return coefficients(self._fit.coefficient_table(speeds, plane=plane))
