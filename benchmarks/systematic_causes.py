@@ -131,6 +131,7 @@ class Campaign:
     drift: float = 0.0  # of D, as a share, from the beginning of a sweep to its end
     probe: float = 0.0  # share by which probes read too much at their largest amplitude
     law: float = 0.0  # eccentricity of the largest orbit, in a fluid of a Muszynska law with n = 2
+    model: dict[str, Any] = field(default_factory=dict)  # arguments of the model that is fitted
 
 
 def _forward(
@@ -228,7 +229,7 @@ def chain(rng: np.random.Generator) -> Rig:
     return replace(rig, known={"K3": float(rig.K[1])})
 
 
-MODELS: dict[Callable[[np.random.Generator], Rig], Callable[[], rf.models.RotorModel]] = {
+MODELS: dict[Callable[[np.random.Generator], Rig], Callable[..., rf.models.RotorModel]] = {
     one_mode: rf.models.OneMode,
     chain: rf.models.WhirlWhip,
 }
@@ -256,12 +257,16 @@ def _with_speed(
     shares: tuple[float, ...] = (0.2, 0.35, 0.5, 0.7),
     lam_rise: float = 0.0,
     K0_power: float = 0.0,
+    fitted: str = "",
 ) -> tuple[Rig, Campaign]:
     """Values that change with speed, tested at shares of the threshold; they are those at the mean tested speed."""
     threshold = rig.truth()["threshold_speed"]
     speed = float(np.mean(shares)) * threshold
     changing = replace(rig, speed=speed, lam_rise=lam_rise * speed / (threshold / 2), K0_power=K0_power)
-    return changing, Campaign(speeds=tuple(share * threshold for share in shares))
+    law = rf.models.LinearInSpeed((fitted,), speed_rpm=speed * 30 / math.pi) if fitted else None
+    return changing, Campaign(
+        speeds=tuple(share * threshold for share in shares), model={"law": law} if law is not None else {}
+    )
 
 
 def _hysteresis(rig: Rig, rng: np.random.Generator) -> tuple[Rig, Campaign]:
@@ -300,6 +305,12 @@ CAUSES: dict[str, tuple[Callable[[np.random.Generator], Rig], Draw]] = {
     "lam +5 % a half threshold, two speeds": (one_mode, partial(_with_speed, shares=(0.4, 0.7), lam_rise=0.05)),
     "lam +5 % a half threshold, one speed": (one_mode, partial(_with_speed, shares=(0.5,), lam_rise=0.05)),
     "K0 as speed^0.3, four speeds": (one_mode, partial(_with_speed, K0_power=0.3)),
+    "in proportion to speed, lam +5 % a half threshold, four speeds": (
+        one_mode, partial(_with_speed, lam_rise=0.05, fitted="lam"),
+    ),
+    "in proportion to speed, K0 as speed^0.3, four speeds": (
+        one_mode, partial(_with_speed, K0_power=0.3, fitted="K0"),
+    ),
     "K0 as speed^0.3, one speed": (one_mode, partial(_with_speed, shares=(0.5,), K0_power=0.3)),
     **{
         f"{words}, {kind.__name__.replace('_', ' ')}": (kind, partial(_read_through, **change))
@@ -336,6 +347,7 @@ CAUSES: dict[str, tuple[Callable[[np.random.Generator], Rig], Draw]] = {
 NAMES = {
     "lam +5": "change with speed[lam]",
     "K0 as": "change with speed[K0]",
+    "in proportion to speed, K0": "bend with speed[K0]",
     "low-pass": "delay",
     "phase ref": "delay",
     "marks": "clock",
@@ -373,7 +385,7 @@ def study(cause: str, rigs: int, seed: int) -> list[Row]:
     found, named, limited = [], [], []
     for _ in range(rigs):
         rig, test = draw(kind(rng), rng)
-        fit = rf.fit(MODELS[kind](), measured(rig, test, rng), known=rig.known)
+        fit = rf.fit(MODELS[kind](**test.model), measured(rig, test, rng), known=rig.known)
         truth = rig.truth()
         said = [cause.name for cause in fit.noise.causes] if fit.noise else []
         said += [entry.name for entry in fit.assumptions().entries if entry.name.startswith("supports by both")]

@@ -225,7 +225,8 @@ def test_one_plane_peak_to_peak(rig: PerturbationTest) -> None:
     ("factor", "code", "severity"),
     [
         (1e6, "large-amplitude", "error"),
-        (10, "large-amplitude", "warning"),
+        (5, "large-amplitude", "warning"),
+        (25.4, "large-amplitude", "error"),
         (1e-4, "small-amplitude", "warning"),
         (1e-8, "small-amplitude", "warning"),
     ],

@@ -43,6 +43,7 @@ class Kind(StrEnum):
     ELSEWHERE = "fluid elsewhere"  # a second seal
     RESIDUAL = "residual unbalance"  # that start-ups hold beside their weight
     SPEED = "change with speed"  # of a value of the fluid
+    BEND = "bend with speed"  # of a value whose change in proportion to the speed is fitted
 
 
 MEANINGS = {
@@ -157,7 +158,8 @@ def causes_of(problem: Problem, x: Float) -> list[Cause]:
 
 
 def changes_with_speed(problem: Problem) -> list[Cause]:
-    """A change of each value of the fluid in proportion to the speed, its size the share at twice the mean speed."""
+    """A change of each value of the fluid in proportion to the speed, its size the share at twice the mean speed; in
+    proportion to its square where a law has the former."""
     blocks = [base for base in map(_base, problem.blocks) if base is not None]
     model = problem.space.model
     if not blocks or not model.speed_dependent or problem.space.index.shape[0] > 1:
@@ -167,9 +169,10 @@ def changes_with_speed(problem: Problem) -> list[Cause]:
         return []
     names = set(model.parameter_names)
     return [
-        Cause(parts=(Part(kind=Kind.SPEED, value=name, centre=mean, reach=mean),))
+        Cause(parts=(Part(kind=kind, value=name, centre=mean, reach=mean),))
         for name in FLUID
-        if names & {name, f"{name}_D"} and f"{name}_speed" not in names
+        for kind in [Kind.BEND if f"{name}_speed" in names else Kind.SPEED]
+        if names & {name, f"{name}_D"}
     ]
 
 
@@ -194,6 +197,11 @@ def changed_values(model: RotorModel, theta: Float, value: str) -> Float:
     """The values of parameter vectors that change where one of the fluid does, zero for the others, ``(..., P)``."""
     own = {value, f"{value}_D", f"{value}_M"}
     return np.where([name in own for name in model.parameter_names], theta, 0.0)
+
+
+def beyond(part: Part, tested: Float) -> Float:
+    """What a part grows with: the way from its centre, or its square."""
+    return np.asarray(((tested - part.centre) / part.reach) ** (2 if part.kind is Kind.BEND else 1))
 
 
 def onset_terms(cause: Cause, whirl: float) -> list[LeftOut]:
@@ -278,10 +286,10 @@ def _change(motion: _Motion, part: Part) -> ComplexArray:
             along = (np.abs(base.frequency) - part.centre) / part.reach if grows else np.ones(base.s.size)
             own = -(base.s * along)[line] * z[line, read] * motion.factors
             return np.asarray(np.where(read == (read if at is None else at), own, 0.0))
-        case Kind.DRIFT | Kind.SPEED:
+        case Kind.DRIFT | Kind.SPEED | Kind.BEND:
             tested = np.abs(base.frequency if part.kind is Kind.DRIFT else base.speed)
             values = changed_values(base.model, motion.theta[base.group], part.value)[line]
-            return np.asarray(np.sum(motion.by_theta * values, axis=1) * ((tested - part.centre) / part.reach)[line])
+            return np.asarray(np.sum(motion.by_theta * values, axis=1) * beyond(part, tested)[line])
         case Kind.SUPPORT:  # dK conj(z) couples w with -w, and one probe reads A + conj(B)
             against = motion.mirrored[:, :, at] * z[:, at, None]
             return np.asarray(-(1j**part.power) * against[line, read] * motion.factors)

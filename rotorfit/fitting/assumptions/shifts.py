@@ -27,6 +27,7 @@ from rotorfit.estimators.inference.smooth_causes import (
     UNITS,
     Cause,
     Kind,
+    beyond,
     changed_values,
     changes_with_speed,
     onset_terms,
@@ -133,9 +134,9 @@ def _onset_change(fit: FitResult, onset: Threshold | None, term: Term, shift: Fl
         return change + onset_shift(fit.model, fit.theta(), onset, term)
     if isinstance(term, Cause):
         for part in term.parts:
-            if part.kind is Kind.SPEED:
-                beyond = (abs(onset.speed) - part.centre) / part.reach
-                change += beyond * float(onset.gradient @ changed_values(fit.model, fit.theta(), part.value))
+            if part.kind in (Kind.SPEED, Kind.BEND):
+                changed = onset.gradient @ changed_values(fit.model, fit.theta(), part.value)
+                change += float(beyond(part, np.abs(onset.speed)) * changed)
         terms = onset_terms(term, onset.whirl_frequency)
         return change + sum(onset_shift(fit.model, fit.theta(), onset, own) for own in terms)
     return change + (float(onset.gradient[term]) if isinstance(term, int) else 0.0)
@@ -237,7 +238,7 @@ def _described(fit: FitResult, term: Term) -> tuple[str, str, str, float]:
             name = "gain" if term.at is None else f"gain[{planes[term.at]}]"
             described = name, f"gain of the only {'run' if term.at is None else 'probe'}", "1", _GAIN
         case Cause():
-            described = _described_cause(term)
+            described = _described_cause(fit, term)
         case Rest():
             described = _rest_name(fit), "eccentricity of the journal at rest, taken as centred", "1", _REST
         case Offset():
@@ -255,12 +256,17 @@ def _described(fit: FitResult, term: Term) -> tuple[str, str, str, float]:
     return described
 
 
-def _described_cause(cause: Cause) -> tuple[str, str, str, float]:
+def _described_cause(fit: FitResult, cause: Cause) -> tuple[str, str, str, float]:
     """Name, meaning, unit and plausible size of a smooth cause."""
     part, shown = cause.parts[0], ", shown by the data" if cause.sizes else ""
-    if part.kind is Kind.SPEED:
-        meaning = f"share by which {part.value} changes when the mean tested speed doubles{shown}"
-        return cause.name, meaning, "1", max(_WITH_SPEED[part.value], abs(cause.size) if cause.sizes else 0.0)
+    if part.kind in (Kind.SPEED, Kind.BEND):
+        otherwise = "" if part.kind is Kind.SPEED else " otherwise than in proportion"
+        meaning = f"share by which {part.value} changes{otherwise} when the mean tested speed doubles{shown}"
+        plausible = _WITH_SPEED[part.value]
+        if part.kind is Kind.BEND:  # as of a power of the speed that begins with the fitted slope
+            slope = fit.params[f"{part.value}_speed"].value
+            plausible = abs(slope * (1 - slope)) / 2
+        return cause.name, meaning, "1", max(plausible, abs(cause.size) if cause.sizes else 0.0)
     return cause.name, f"{MEANINGS[cause.kind]}{shown}", UNITS.get(cause.kind, "1"), abs(cause.size)
 
 

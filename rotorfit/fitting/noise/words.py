@@ -112,18 +112,18 @@ def _cause(cause: Cause) -> str:
         case Kind.ELSEWHERE:
             words = f"a fluid{where} too, D lam {size:.2g} N s/m"
         case _:
-            words = f"{part.value} that changes with speed, by {100 * size:+.2g} % when the mean tested speed doubles"
+            how = "changes with speed" if cause.kind is Kind.SPEED else "does not change in proportion to the speed"
+            words = f"{part.value} that {how}, by {100 * size:+.2g} % when the mean tested speed doubles"
     return words
 
 
 def _remedy(cause: Cause) -> str:
+    value = cause.parts[0].value
+    each = f'with a value for each speed (per={{"{value}": "speed_rpm"}})'
     if cause.kind is Kind.SPEED:
-        value = cause.parts[0].value
-        return (
-            f'Fit it with the law of speed (law=rf.models.LinearInSpeed(("{value}",)), --law linear-in-speed), which '
-            f'the threshold speed follows, or with a value for each speed (per={{"{value}": "speed_rpm"}})'
-        )
-    return _REMEDY[cause.kind]
+        law = f'law=rf.models.LinearInSpeed(("{value}",)), --law linear-in-speed'
+        return f"Fit it with the law of speed ({law}), which the threshold speed follows, or {each}"
+    return f"Fit it {each}, or test nearer to the threshold" if cause.kind is Kind.BEND else _REMEDY[cause.kind]
 
 
 def differences(effects: Sequence[RunEffect]) -> tuple[str, ...]:
