@@ -12,7 +12,7 @@ from rotorfit.estimators.inference.smooth_causes import Cause, cause_columns, ca
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.reading_noise import NOISE_FLOOR
 from rotorfit.estimators.noise.run_effects import MixedModel, select_effects
-from rotorfit.fitting.noise.linearised import LinearisedFit
+from rotorfit.fitting.noise.linearised import LinearisedFit, linearise
 from rotorfit.fitting.noise.noise_fit import RESPONSE, SPEED, NoiseFit, sigma_of_residuals, weighing_sigma
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
@@ -32,16 +32,39 @@ def fixed_causes(problem: Problem, x: Float, data: LinearisedFit) -> tuple[tuple
         return (), data
     columns = cause_columns(problem, x, causes)
     own = np.split(np.arange(columns.shape[1]), np.cumsum([len(cause.parts) for cause in causes])[:-1])
-    found: tuple[Cause, ...] = ()
+    found: tuple[int, ...] = ()
     while len(found) < _MOST_CAUSES:
         best = _most_likely(data, columns, own)
         if best is None:
             break
+        taken = [k for one in found for k in own[one]]
+        if found and best != _most_likely(*_at_own_optimum(problem, x, data, causes, taken), own):
+            break
         beside = _beside(data, columns[:, own[best]])
         if data.kinds and not _better_than_runs(data, beside):
             break
-        data, found = beside, (*found, causes[best])
-    return found, data
+        data, found = beside, (*found, best)
+    return tuple(causes[k] for k in found), data
+
+
+def _at_own_optimum(
+    problem: Problem, x: Float, data: LinearisedFit, causes: Sequence[Cause], taken: Sequence[int]
+) -> tuple[LinearisedFit, ComplexArray]:
+    """The fit beside the columns that were taken, about where they lead it, and the columns of all causes there: what is
+    left of a large cause by linearising about a fit without it is no further one."""
+    columns, sizes = cause_columns(problem, x, causes), np.zeros(0)
+    if data.forced or problem.priors:  # entries that the linearised fit does not have, or has with their gradients
+        return data, columns
+    at = x
+    for _ in range(10):  # Gauss-Newton steps, of which three do unless a cause is as large as what is tested
+        step = NoiseFit.of(data, data.sigma, np.zeros(len(data.kinds))).solution.step
+        at, sizes = at + step[: x.size], step[x.size :] + (sizes if sizes.size else 0.0)
+        there = linearise(problem, at)
+        if there is None or not np.isfinite(there.r).all():
+            break
+        columns = cause_columns(problem, at, causes)
+        data = replace(_beside(there, columns[:, taken]), r=there.r + columns[:, taken] @ sizes)
+    return data, columns
 
 
 def with_sizes(causes: Sequence[Cause], step: Float) -> tuple[Cause, ...]:
