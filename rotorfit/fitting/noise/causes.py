@@ -50,8 +50,8 @@ def fixed_causes(problem: Problem, x: Float, data: LinearisedFit) -> tuple[tuple
 def _at_own_optimum(
     problem: Problem, x: Float, data: LinearisedFit, causes: Sequence[Cause], taken: Sequence[int]
 ) -> tuple[LinearisedFit, ComplexArray]:
-    """The fit beside the columns that were taken, about where they lead it, and the columns of all causes there: what is
-    left of a large cause by linearising about a fit without it is no further one."""
+    """The fit beside the columns that were taken, about where they lead it, and the columns of all causes there: what
+    linearising about a fit without a large cause leaves of it is no further one."""
     columns, sizes = cause_columns(problem, x, causes), np.zeros(0)
     if data.forced or problem.priors:  # entries that the linearised fit does not have, or has with their gradients
         return data, columns
