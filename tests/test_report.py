@@ -26,8 +26,12 @@ from synthetic import (
 )
 
 import rotorfit as rf
+from rotorfit import datasets
+from rotorfit.cli import main as cli
 from rotorfit.data.findings import Finding
 from rotorfit.fitting.result import FitResult
+from rotorfit.report import interactive
+from rotorfit.report.interactive import interactive_section
 from rotorfit.report.numbers import with_error
 from rotorfit.report.write import document
 
@@ -213,6 +217,7 @@ def test_every_model_has_a_report(name: str, tmp_path: Path) -> None:
     assert fit.success
     page = report_of(fit, tmp_path / "report.html")
     assert name in page.shown
+    assert ("plotly.js" in interactive_section(fit)) == (name != "anisotropic-shaft")
     for known in KNOWN[name]:
         assert f"{known}=" in page.shown
     assert "κ" in page.shown
@@ -305,6 +310,7 @@ def test_every_kind_of_experiment_has_a_report(kind: str, tmp_path: Path) -> Non
     page = report_of(fit, tmp_path / "report.html")
     for experiment in fit.experiments:
         assert experiment.title in page.shown
+    assert ("plotly.js" in interactive_section(fit)) == any(isinstance(e, rf.PerturbationTest) for e in fit.experiments)
     assert "Not finite" not in page.shown
     assert ("muszynska law: K0 (1 - eps^2)^-n_K" in page.shown) == model.eccentricity_dependent
     assert "log1p" not in page.shown
@@ -346,6 +352,21 @@ def test_names_from_files_stay_text(tmp_path: Path) -> None:
     assert "<script" not in page.text
     assert page.shown.count(HOSTILE) > 20
     assert "<title>&lt;script&gt;alert(1)&lt;/script&gt;&amp;&quot;$x_{</title>" in page.text
+    assert HOSTILE not in interactive_section(fit)
+
+
+def test_an_interactive_report_without_plotly_is_refused_before_the_fit(
+    rig_fit: FitResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["fit", str(datasets.path("rig_lumped.csv")), "--model", "whirl-whip", "--interactive"]
+    assert cli.main(words) == 2
+    assert "--interactive is for the report; say by --out where to write it" in capsys.readouterr().err
+    monkeypatch.setattr(interactive, "find_spec", lambda name: None)
+    assert cli.main([*words, "--out", str(tmp_path / "results")]) == 2
+    assert 'pip install "rotorfit[interactive]"' in capsys.readouterr().err
+    with pytest.raises(ValueError, match="need plotly"):
+        rf.write_report(rig_fit, tmp_path / "report.html", interactive=True)
+    assert list(tmp_path.iterdir()) == []
 
 
 # ---- whole or not at all ------------------------------------------------------------------------

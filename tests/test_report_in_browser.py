@@ -5,15 +5,18 @@ Skipped on a machine without one, see the fixture ``chromium``.
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import Browser
 from report_pages import normal_draws
 
 import rotorfit as rf
+from rotorfit.units import RPM_PER_RAD_S
 
 MEASURE = """<script>
 window.onload = () => {
@@ -63,8 +66,6 @@ def test_renders_without_a_word_on_the_console(
 def test_nothing_is_cut(
     chromium: Callable[..., tuple[str, list[str]]], browsed: Path, tmp_path: Path, width: int
 ) -> None:
-    import json
-
     text = browsed.read_text(encoding="utf-8")
     measured = tmp_path / "measured.html"
     assert "default-src 'none'" in text or "default-src &#x27;none&#x27;" in text
@@ -93,3 +94,34 @@ def test_prints_to_a_pdf_of_a_few_pages(
     assert len(sizes) == 1
     *_, wide, high = sizes.pop()
     assert (wide, high) == pytest.approx((595.3, 841.9), abs=1)  # A4 in points
+
+
+def test_interactive_panels_are_zoomed_together_and_a_click_shows_the_rows(
+    browser: Browser, rig_refinement: rf.Refinement, tmp_path: Path
+) -> None:
+    fit = rig_refinement.best
+    page = rf.write_report(fit, tmp_path / "report.html", findings=[[]], figure_format="none", interactive=True)
+    tab = browser.tab(page.as_uri(), width=1200)
+    tab.wait(lambda: tab.run("document.querySelectorAll('#responses .point').length") > 100, "points of the figure")
+    axes = "Object.keys(responses._fullLayout).filter(k => /^xaxis[0-9]*$/.test(k))"
+    ranges = f"JSON.stringify([...new Set({axes}.map(k => responses._fullLayout[k].range.join()))])"
+    assert len(json.loads(tab.run(ranges))) == 1
+    before = tab.run(ranges)
+    left, top, width, height = tab.place("#responses .nsewdrag")
+    tab.drag((left + 0.6 * width, top + height / 2), (left + 0.9 * width, top + height / 2))
+    tab.wait(lambda: tab.run(ranges) != before, "the zoom")
+    assert len(json.loads(tab.run(ranges))) == 1
+    test = fit.experiments[0]
+    tab.run("Plotly.relayout(responses, {'xaxis.autorange': true}); 0")
+    tab.wait(lambda: tab.run(ranges) == before, "the whole range again")
+    left, top, width, height = tab.place("#responses .point", number=20)
+    tab.mouse("mouseMoved", left + width / 2, top + height / 2)
+    tab.wait(lambda: tab.run("findAll('.hovertext', 'run ').length"), "words beside the pointer")
+    for kind in ("mousePressed", "mouseReleased"):
+        tab.mouse(kind, left + width / 2, top + height / 2)
+    shown = tab.wait(lambda: "reading" in (text := tab.run("rows.textContent")) and text, "the rows", 15)
+    number, cells = re.findall(r"reading (\d+): (.*)", shown)[0]
+    row = int(number) - 1
+    assert f"frequency_rpm {test.frequency[row] * RPM_PER_RAD_S:.6g}," in cells
+    assert f"amplitude_um {abs(test.response[row]) * 1e6:.6g}" in cells
+    assert f"run {test.run[row]}" in cells

@@ -28,7 +28,7 @@ def add_output(to: argparse.ArgumentParser) -> None:
 
 
 def add_figure_format(to: argparse.ArgumentParser, *, may_lack: bool = False) -> None:
-    """Format of the figures in the folder for results, and where they may be left out, that."""
+    """Format of the figures in the folder for results, and of a report, whether it has figures and which."""
     one = to.add_mutually_exclusive_group()
     one.add_argument(
         "--figure-format", choices=("png", "pdf", "svg"), default="png", help="of the figures in --out [%(default)s]"
@@ -36,6 +36,8 @@ def add_figure_format(to: argparse.ArgumentParser, *, may_lack: bool = False) ->
     if may_lack:
         words = "no figures in --out: tables, report and files that read back only"
         one.add_argument("--no-figures", dest="figure_format", action="store_const", const="none", help=words)
+        words = "Bode plots in the report to zoom and to point at; needs plotly, and makes the file 5 MB larger"
+        to.add_argument("--interactive", action="store_true", help=words)
 
 
 def add_files(to: argparse.ArgumentParser) -> None:

@@ -54,7 +54,6 @@ from rotorfit.version import __version__
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from rotorfit.report.material import FigureFormat
     from rotorfit.studies.study import Outcome, Study
 
 
@@ -138,14 +137,19 @@ def _demo(options: argparse.Namespace) -> int:
 
 def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> int:
     """Run a study, write its folder, print its summary, say how it went."""
+    from rotorfit.report.interactive import check_interactive
     from rotorfit.studies.outcome_json import outcome_json
     from rotorfit.studies.text import summary
 
+    if options.interactive:
+        if study.out is None:
+            raise BadInputError("--interactive is for the report; say by --out where to write it")
+        checked(check_interactive)
     progress = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
     try:
         with ExitStack() as stack:
             executor = None if rig else checked(lambda: stack.enter_context(workers_of(options)))
-            outcome = _work(study, progress, rig, options.figure_format, executor)
+            outcome = _work(study, progress, rig, options, executor)
     except OSError as problem:  # the folder for the results
         raise BadInputError(sentence(problem)) from problem
     finally:
@@ -166,7 +170,7 @@ def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> int:
 
 
 def _work(
-    study: Study, progress: ProgressLine, rig: str, figure_format: FigureFormat, executor: Executor | None
+    study: Study, progress: ProgressLine, rig: str, options: argparse.Namespace, executor: Executor | None
 ) -> Outcome:
     from rotorfit.studies.folder import complete_folder, kept_checkpoint
     from rotorfit.studies.results import write_outcome
@@ -176,7 +180,7 @@ def _work(
     with keep as checkpoint, complete_folder(study.out) if study.out else nullcontext() as folder:
         outcome = checked(lambda: run_study(study, progress, checkpoint, executor))
         if folder is not None:
-            write_outcome(outcome, folder, progress, rig, figure_format)
+            write_outcome(outcome, folder, progress, rig, options.figure_format, options.interactive)
             for path in [path for file in study.files for path in file.paths] if rig else ():
                 copyfile(path, folder / path.name)  # so that what the report says to reproduce it runs there
     return outcome

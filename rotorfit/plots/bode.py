@@ -167,8 +167,8 @@ def draw_bode(fit: FitResult, pair: Sequence[Any], curve: SweepCurve, along: _Ax
     amplitude.plot(fine, line, style, lw=1.1, color=colour)
     reach = np.exp(np.minimum(relative, 20.0))
     amplitude.fill_between(fine, line / reach, line * reach, color=colour, alpha=0.25, lw=0)
-    phase.plot(x, _degrees(curve.seen), **points)
-    angle, half = _unwrapped(curve.line_seen), np.rad2deg(turn)
+    phase.plot(x, degrees(curve.seen), **points)
+    angle, half = broken_phase(curve.line_seen), np.rad2deg(turn)
     phase.plot(fine, angle, style, lw=1.1, color=colour)
     phase.fill_between(fine, angle - half, angle + half, color=colour, alpha=0.25, lw=0)
 
@@ -236,13 +236,14 @@ def frequency_label(found: Sequence[SweepCurve]) -> str:
     return f"frequency, {rate_unit()} (backward < 0 < forward)" if both else f"frequency, {rate_unit()}"
 
 
-def _degrees(values: ComplexArray) -> Float:
+def degrees(values: ComplexArray) -> Float:
+    """Phase in degrees."""
     return np.asarray(np.rad2deg(np.angle(values)))
 
 
-def _unwrapped(values: ComplexArray) -> Float:
+def broken_phase(values: ComplexArray) -> Float:
     """Phase in degrees, broken where it jumps over the cut so that no line crosses the plot."""
-    phase = _degrees(values)
+    phase = degrees(values)
     return np.where(np.abs(np.diff(phase, prepend=phase[:1])) > 180, np.nan, phase)
 
 

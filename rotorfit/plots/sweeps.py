@@ -42,6 +42,7 @@ class SweepCondition:
 class Sweeps:
     """The lines of one block."""
 
+    number: int  # of the block in the fit's problem
     responses: Responses  # observations, with the fit's errors of phase and calibration taken out
     block: Responses | OrbitResponses  # the block that predicts them
     condition: Index  # place of each line's condition in the list of all, shape ``(L,)``
@@ -56,9 +57,9 @@ class _Key:
 
 def sweeps(fit: FitResult) -> tuple[list[SweepCondition], list[Sweeps]]:
     """Conditions, and the blocks with responses to circular forces or imposed orbits."""
-    found: list[tuple[Responses, Responses | OrbitResponses]] = []
+    found: list[tuple[int, Responses, Responses | OrbitResponses]] = []
     theta = fit.thetas
-    for given, predicted in zip(fit.problem.blocks, fit.problem.predict(fit.x), strict=True):
+    for number, (given, predicted) in enumerate(zip(fit.problem.blocks, fit.problem.predict(fit.x), strict=True)):
         block = given.base if isinstance(given, CorrelatedResponses) else given
         base = responses_of(block)
         if base is None or not isinstance(block, Responses | OrbitResponses) or not base.frequency.any():
@@ -66,10 +67,10 @@ def sweeps(fit: FitResult) -> tuple[list[SweepCondition], list[Sweeps]]:
         plain = block.predict(theta)
         off = np.divide(predicted, plain, out=np.ones_like(predicted), where=plain != 0)
         clean = replace(base, measured=base.measured / off, sigma=base.sigma / np.abs(off))
-        found.append((clean, block))
+        found.append((number, clean, block))
     if not found:
         raise ValueError("this fit has no responses to a circular force to plot")
-    keyed = _keys([clean for clean, _ in found], nonlinear=fit.model.eccentricity_dependent)
+    keyed = _keys([clean for _, clean, _ in found], nonlinear=fit.model.eccentricity_dependent)
     distinct = sorted({key for keys in keyed for key in keys}, key=lambda k: _sorting(fit, k))
     names = _names(fit, distinct)
     conditions = [
@@ -82,8 +83,13 @@ def sweeps(fit: FitResult) -> tuple[list[SweepCondition], list[Sweeps]]:
         for i, (key, name) in enumerate(zip(distinct, names, strict=True))
     ]
     parts = [
-        Sweeps(responses=clean, block=block, condition=np.array([distinct.index(key) for key in keys], dtype=np.intp))
-        for (clean, block), keys in zip(found, keyed, strict=True)
+        Sweeps(
+            number=number,
+            responses=clean,
+            block=block,
+            condition=np.array([distinct.index(key) for key in keys], dtype=np.intp),
+        )
+        for (number, clean, block), keys in zip(found, keyed, strict=True)
     ]
     return conditions, parts
 
@@ -167,6 +173,8 @@ class SweepCurve:
     coordinate: int  # places in the model's coordinates
     force_plane: int  # places in the model's coordinates; of forces at several planes see `forced_planes`
     condition: SweepCondition  # what it was measured in
+    block: Index  # of the readings: the block of the fit's problem that each is in, and its place there
+    reading: Index  # of the readings: the block of the fit's problem that each is in, and its place there
     frequency: Float  # of the readings, rad/s
     measured: ComplexArray  # response over force (or force over imposed displacement)
     whitened: ComplexArray  # residual over noise
@@ -216,6 +224,8 @@ def joined(found: Sequence[SweepCurve]) -> list[SweepCurve]:
             coordinate=coordinate,
             force_plane=force_plane,
             condition=condition,
+            block=np.concatenate([c.block for c in same]),
+            reading=np.concatenate([c.reading for c in same]),
             frequency=np.concatenate([c.frequency for c in same]),
             measured=np.concatenate([c.measured for c in same]),
             whitened=np.concatenate([c.whitened for c in same]),
@@ -257,6 +267,8 @@ def _curves(fit: FitResult, conditions: Sequence[SweepCondition], part: Sweeps) 
             coordinate=int(key[0]),
             force_plane=int(key[1]),
             condition=condition,
+            block=np.full(rows.size, part.number),
+            reading=rows,
             frequency=w[rows],
             measured=base.measured[rows] / drive[rows],
             whitened=(predicted[rows] - base.measured[rows]) / base.sigma[rows],

@@ -39,4 +39,5 @@ class ReportInput:
     figure_format: FigureFormat = "png"  # likewise
     recordings: Sequence[Recording] = ()  # likewise
     turns: int | None = None  # likewise
+    interactive: bool = False  # likewise
     pictures: dict[str, bytes] = field(default_factory=dict)

@@ -1,7 +1,9 @@
-"""The frame of a report: one HTML page with its style inside, no script and no network."""
+"""The frame of a report: one HTML page with its style inside and no network."""
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import re
 from collections.abc import Sequence
 from datetime import datetime
@@ -13,11 +15,15 @@ from rotorfit.report.html import Html, element, join
 from rotorfit.version import __version__
 
 
-def page(title: str, source: str, sections: Sequence[str]) -> Html:
-    """The whole page."""
+def page(title: str, source: str, sections: Sequence[str], scripted: Sequence[str] = ()) -> Html:
+    """The whole page; of scripts, those in the sections ``scripted`` run and no others."""
     style = (files("rotorfit.report") / "report.css").read_text(encoding="utf-8")
-    # No script, no network: a reader need not trust the file, nor the names in the data.
-    policy = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+    # No network and no script but those known: a reader need not trust the file, nor the names in the data.
+    policy = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+    scripts = re.findall(r"<script[^>]*>(.*?)</script>", "".join(scripted), re.DOTALL)
+    if scripts:
+        known = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts]
+        policy += " blob:; script-src " + " ".join(f"'sha256-{one}'" for one in known)
     head = element(
         "head",
         element("meta", charset="utf-8"),

@@ -41,6 +41,7 @@ def write_report(
     figure_format: FigureFormat = "png",
     recordings: Sequence[Recording] = (),
     turns: int | None = None,
+    interactive: bool = False,
 ) -> Path:
     """Write the report of a fit as one self-contained HTML file, whole or not at all.
 
@@ -60,13 +61,14 @@ def write_report(
         figure_format: of these files: png, pdf or svg; none leaves figures out of the report too.
         recordings: what the experiments were reduced from, to be shown with what was done to them.
         turns: as :func:`rotorfit.responses` was given it.
+        interactive: with Bode plots to zoom and to point at; Plotly's script makes the file 5 MB larger.
 
     Returns:
         the path written.
 
     Raises:
         ValueError: names in ``profiles`` or ``shares`` that the fit does not have, findings that do not go with the
-            experiments, profiles at another level than 95 %, a posterior of other parameters.
+            experiments, profiles at another level than 95 %, a posterior of other parameters, Plotly missing.
         TypeError: models averaged over as the posterior.
         OSError: the file cannot be written.
 
@@ -91,6 +93,7 @@ def write_report(
         figure_format=figure_format,
         recordings=recordings,
         turns=turns,
+        interactive=interactive,
     )
     _check(material)
     text = document(material, title or title_of(fit))
@@ -126,6 +129,10 @@ def _calibration_shares(fit: FitResult) -> Mapping[str, tuple[float, float]]:
 
 def _check(material: ReportInput) -> None:
     fit = material.fit
+    if material.interactive:
+        from rotorfit.report.interactive import check_interactive
+
+        check_interactive()
     if len(material.findings) != len(fit.experiments):
         raise ValueError(f"findings of {len(material.findings)} experiments, but the fit has {len(fit.experiments)}")
     given = {
@@ -156,15 +163,18 @@ def document(material: ReportInput, title: str) -> Html:
     from rotorfit.report.budget import budget_section
     from rotorfit.report.data_and_model import data_section, model_section, refinement_section
     from rotorfit.report.figures import figure_sections
+    from rotorfit.report.interactive import interactive_section
     from rotorfit.report.parameters import identifiability_section, interval_section, parameter_section
     from rotorfit.report.recorded import recordings_section
     from rotorfit.report.reproduce import reproduce_section
     from rotorfit.report.verdict import verdict_section
 
     carrying, further = figure_sections(material)
+    interactive = [interactive_section(material.fit)] if material.interactive else []
     sections = [
         verdict_section(material),
         *carrying,
+        *interactive,
         parameter_section(material),
         identifiability_section(material),
         interval_section(material),
@@ -178,4 +188,4 @@ def document(material: ReportInput, title: str) -> Html:
         reproduce_section(material),
     ]
     sources = ", ".join(dict.fromkeys(e.source or "data in memory" for e in material.fit.experiments))
-    return page(title, sources, sections)
+    return page(title, sources, sections, scripted=interactive)

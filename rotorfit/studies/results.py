@@ -30,7 +30,12 @@ if TYPE_CHECKING:
 
 
 def write_outcome(
-    outcome: Outcome, folder: Path, progress: StudyProgress, rig: str = "", figure_format: FigureFormat = "png"
+    outcome: Outcome,
+    folder: Path,
+    progress: StudyProgress,
+    rig: str = "",
+    figure_format: FigureFormat = "png",
+    interactive: bool = False,
 ) -> None:
     """Write report, tables, figures and files that read back, of a study, into a folder."""
     from rotorfit.report.write import write_report
@@ -58,6 +63,7 @@ def write_outcome(
         folder / "report.html",
         figures=folder,
         figure_format=figure_format,
+        interactive=interactive,
         **_report_parts(outcome, progress),
     )
 

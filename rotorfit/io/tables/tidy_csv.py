@@ -367,17 +367,20 @@ def _written_displacement(test: DisplacementTest) -> dict[str, Any]:
     return columns | ({"sigma_N": test.sigma} if np.isfinite(test.sigma).any() else {})
 
 
+def columns_without_attributes(experiment: Experiment) -> dict[str, NDArray[Any]]:
+    """Columns of a tidy CSV by name, in rpm, um (urad for slopes), N and degrees; of several forces the first."""
+    if isinstance(experiment, PerturbationTest):
+        return _written_perturbation(experiment)
+    if isinstance(experiment, DisplacementTest):
+        return _written_displacement(experiment)
+    return line_columns(experiment) if isinstance(experiment, LineTest) else columns_of(experiment)
+
+
 def written_columns(experiment: Experiment) -> dict[str, NDArray[Any]]:
     """Columns of a tidy CSV by name, in rpm, um (urad for slopes), N and degrees, attributes last."""
     if isinstance(experiment, PerturbationTest):
         experiment = written_per_force(experiment)
-        columns = _written_perturbation(experiment)
-    elif isinstance(experiment, DisplacementTest):
-        columns = _written_displacement(experiment)
-    elif isinstance(experiment, LineTest):
-        columns = line_columns(experiment)
-    else:
-        columns = columns_of(experiment)
+    columns = columns_without_attributes(experiment)
     meant = {name for name in experiment.attributes if name != FORCE_SIGMA and quantity_meant(name)}
     taken = {*columns, *meant} & set(experiment.attributes)
     if taken:
