@@ -357,3 +357,82 @@ def test_trends_of_good_runs_name_none(fitted):
     assert all(t.far == () for t in fitted.trends(against="pressure_psi", by="inlet"))
     assert "far from" not in fitted.summary(against="pressure_psi", by="inlet")
     assert "more than noise" not in fitted.summary()
+
+
+# ---- curved trends ------------------------------------------------------------------------------------------------
+
+
+def test_curved_trends_are_weighted_polynomials(fitted):
+    """Coefficients in powers of the pressure itself, as NumPy fits them."""
+    for trend in fitted.trends(["K0", "D"], against="pressure_psi", by="inlet", degree=3):
+        powers, covariance = np.polyfit(trend.x, trend.value, 3, w=1 / trend.stderr, cov="unscaled")
+        residual = (trend.value - np.polyval(powers, trend.x)) / trend.stderr
+        scatter = float(np.sum(residual**2) / (trend.x.size - 4))
+        errors = np.sqrt(np.diag(covariance) * max(1.0, scatter))
+        assert trend.degree == 3
+        assert trend.scatter == pytest.approx(scatter, rel=1e-6)
+        assert [c.value for c in trend.coefficients] == pytest.approx(powers[::-1], abs=1e-6 * errors[::-1].min())
+        assert [c.stderr for c in trend.coefficients] == pytest.approx(errors[::-1], rel=1e-6)
+        basis = 40.0 ** np.arange(3, -1, -1)
+        assert trend.at(40.0).value == pytest.approx(np.polyval(powers, 40.0), rel=1e-9)
+        widened = basis @ covariance @ basis * max(1.0, scatter)
+        assert trend.at(40.0).stderr == pytest.approx(np.sqrt(widened), rel=1e-6)
+        step = (trend.at(trend._centre + 1e-3).value - trend.at(trend._centre - 1e-3).value) / 2e-3
+        assert trend.slope.value == pytest.approx(step, rel=1e-5)
+    units = [c.unit for c in trend.coefficients]
+    assert units == ["N s/m", *(f"N s/m per pressure_psi{power}" for power in ("", "^2", "^3"))]
+    text = fitted.summary("D", against="pressure_psi", by="inlet", degree=2)
+    assert "radial: D = " in text
+    assert ") pressure_psi^2" in text
+
+
+def test_intervals_of_a_curved_trend_hold(fitted):
+    """K0 grows with the flow squared: 95 % intervals of the curve, between the runs and of its leading coefficient."""
+    rng, draws = np.random.default_rng(8), 400
+    flow = np.linspace(2.0, 12.0, len(fitted.runs))
+    error = 200.0 * rng.uniform(0.5, 2.0, flow.size)
+    held = {"at": 0, "square": 0}
+    bent = 0
+    for _ in range(draws):
+        value = 3000.0 + 80.0 * flow**2 + error * rng.normal(size=flow.size)
+        runs = []
+        for run, q, k, e in zip(fitted.runs, flow, value, error, strict=True):
+            K0 = replace(run.params["K0"], value=float(k), stderr=float(e))
+            runs.append(replace(run, attributes={"flow": float(q)}, params={**run.params, "K0": K0}))
+        changed = replace(fitted, runs=tuple(runs))
+        (curve,) = changed.trends("K0", against="flow", degree=2)
+        at, square = curve.at(7.0), curve.coefficients[2]
+        held["at"] += abs(at.value - (3000.0 + 80.0 * 49.0)) < 1.96 * at.stderr
+        held["square"] += abs(square.value - 80.0) < 1.96 * square.stderr
+        (line,) = changed.trends("K0", against="flow")
+        bent += line.scatter > 2.0
+    # Three binomial deviations below 95 %; above it errors are widened where the runs scatter by chance.
+    assert min(held.values()) > draws * (0.95 - 3 * np.sqrt(0.95 * 0.05 / draws)), held
+    assert max(held.values()) < draws * 0.995
+    assert bent == draws
+
+
+def test_curves_in_several_conditions(fitted):
+    """K0 with the square of the flow and a straight line of the temperature: one surface, two panels."""
+    rng = np.random.default_rng(5)
+    flow, oil = rng.uniform(2, 12, 20), rng.uniform(30, 60, 20)
+    runs = []
+    for run, q, t in zip(fitted.runs, flow, oil, strict=True):
+        K0 = replace(run.params["K0"], value=float(3000 + 80 * q**2 - 12 * t), stderr=100.0)
+        runs.append(replace(run, attributes={"flow": float(q), "oil_C": float(t)}, params={**run.params, "K0": K0}))
+    by_flow, by_oil = replace(fitted, runs=tuple(runs)).trends("K0", against=("flow", "oil_C"), degree=2)
+    assert [c.value for c in by_flow.coefficients] == pytest.approx([3000 - 12 * oil.mean(), 0.0, 80.0], abs=1e-6)
+    assert [c.value for c in by_oil.coefficients][1:] == pytest.approx([-12.0, 0.0], abs=1e-6)
+    np.testing.assert_allclose(by_flow.value, [by_flow.at(q).value for q in by_flow.x], rtol=1e-9)
+
+
+def test_too_few_conditions_for_a_curve(small, fitted):
+    table, _ = small
+    pair = rf.campaign(OneMode(), table.select(np.isin(table.run, ["r00", "r02"])), known=KNOWN)
+    with pytest.raises(ValueError, match="needs 3 values of pressure_psi well apart, there are 2; give a lower degree"):
+        pair.trends("D", against="pressure_psi", degree=2)
+    with pytest.raises(ValueError, match="the degree of a trend is 1 for a straight line or more, got 0"):
+        fitted.trends("D", against="pressure_psi", degree=0)
+    assert (
+        "polynomial of degree 2" in fitted.plot_trends(against="pressure_psi", degree=2).legends[0].texts[0].get_text()
+    )

@@ -123,9 +123,14 @@ class Campaign:
         return run.params.get(name, self.shared.get(name) if run.params else None)
 
     def trends(
-        self, parameters: str | Sequence[str] | None = None, *, against: str | Sequence[str], by: str | None = None
+        self,
+        parameters: str | Sequence[str] | None = None,
+        *,
+        against: str | Sequence[str],
+        by: str | None = None,
+        degree: int = 1,
     ) -> tuple[Trend, ...]:
-        """Parameters against attributes of the runs, group by group, each with its weighted straight line.
+        """Parameters against attributes of the runs, group by group, each with its weighted line or curve.
 
         Runs that say nothing (:attr:`RunFit.silent`) are left out.
 
@@ -133,11 +138,21 @@ class Campaign:
             parameters: what to follow, by default K0, lam and D as far as they were fitted.
             against: attribute with numbers, or several: each trend is then the one with the others held.
             by: attribute that makes groups, for instance the kind of inlet.
+            degree: of the polynomial in each attribute: 1 for straight lines, 2 where K0 grows with the flow squared.
 
         Raises:
             KeyError: no such attribute, or a parameter that was not fitted run by run.
-            ValueError: ``against`` holds text, or several attributes that always change together.
+            ValueError: ``against`` holds text, or several attributes that always change together, or too few values for
+                the degree.
+
+        Example:
+            >>> found = rf.campaign(rf.models.WhirlWhip(), rig, split="speed_rpm", known={"K3": 6000.0})
+            >>> (trend,) = found.trends("D", against="speed_rpm")
+            >>> trend.degree, len(trend.coefficients)
+            (1, 2)
         """
+        if degree < 1:
+            raise ValueError(f"the degree of a trend is 1 for a straight line or more, got {degree}")
         names = self._followed(parameters)
         axes = (against,) if isinstance(against, str) else tuple(against)
         for attribute in (*axes, by):
@@ -163,7 +178,7 @@ class Campaign:
             unit = self.model.parameter(name).unit
             every = [[float(run.attributes[axis]) for axis in axes] for runs in groups.values() for run in runs]
             for group in sorted(groups, key=natural):
-                found += trends_of(groups[group], name, unit, axes, group, np.mean(every, axis=0))
+                found += trends_of(groups[group], name, unit, axes, group, np.mean(every, axis=0), degree)
         return tuple(found)
 
     def _followed(self, parameters: str | Sequence[str] | None) -> tuple[str, ...]:
@@ -229,6 +244,7 @@ class Campaign:
         *,
         against: str | Sequence[str] | None = None,
         by: str | None = None,
+        degree: int = 1,
     ) -> str:
         """The shared parameters, how the runs went, and with ``against`` the trends as for :meth:`trends`.
 
@@ -236,6 +252,7 @@ class Campaign:
             parameters: names whose trends are shown, by default K0, lam and D where fitted.
             against: attribute, or attributes, that trends are shown against.
             by: attribute that makes groups.
+            degree: of the trends' polynomials.
         """
         done = [run for run in self.runs if run.params]
         redchi = [run.redchi for run in done]
@@ -251,7 +268,7 @@ class Campaign:
         ]
         lines += _misfits(done)
         if against is not None:
-            trends = trend_table(self.trends(parameters, against=against, by=by))
+            trends = trend_table(self.trends(parameters, against=against, by=by, degree=degree))
             lines += [*self.condition_remarks(against), "", trends]
         return "\n".join(lines)
 
@@ -319,18 +336,24 @@ class Campaign:
         return text.getvalue()
 
     def plot_trends(
-        self, parameters: str | Sequence[str] | None = None, *, against: str | Sequence[str], by: str | None = None
+        self,
+        parameters: str | Sequence[str] | None = None,
+        *,
+        against: str | Sequence[str],
+        by: str | None = None,
+        degree: int = 1,
     ) -> Figure:
-        """Parameters with error bars and trend lines against attributes, as of :meth:`trends`.
+        """Parameters with error bars and trend lines or curves against attributes, as of :meth:`trends`.
 
         Args:
             parameters: names to show, by default K0, lam and D where fitted.
             against: attribute on the horizontal axis, ``"oil_C"``, or several, a column of panels each.
             by: attribute that makes groups, each with a line of its own.
+            degree: of the lines' polynomials.
         """
         from rotorfit.campaigns.trend_figure import plot_trends
 
-        return plot_trends(self.trends(parameters, against=against, by=by), by)
+        return plot_trends(self.trends(parameters, against=against, by=by, degree=degree), by)
 
 
 def campaign(

@@ -38,7 +38,9 @@ def plot_trends(trends: Sequence[Trend], by: str | None = None) -> Figure:
     labels = [literal(group if by is None else f"{by} {group}") for group in groups] if groups != [""] else []
     shown = [handles[group] for group in groups] if labels else []
     shown += [Line2D([], [], color=GREY, lw=1), Line2D([], [], color=GREY, marker="o", ls="", ms=4)]
-    labels += ["line ± 1 standard error", "runs ± 1 standard error"]
+    degree = max(trend.degree for trend in trends)
+    line = "line" if degree < 2 else f"polynomial of degree {degree}"
+    labels += [f"{line} ± 1 standard error", "runs ± 1 standard error"]
     if beyond:
         shown.append(Line2D([], [], ls=""))
         labels.append(f"{beyond} of the runs, far less certain, lie beyond the frame")

@@ -1,4 +1,4 @@
-"""How fitted parameters change with the conditions of the runs: weighted straight lines, group by group."""
+"""How fitted parameters change with the conditions of the runs: weighted lines and polynomials, group by group."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from rotorfit.data.findings import listed
 from rotorfit.estimators.inference.covariance import standard_error, widening
 from rotorfit.fitting.digits import plus_minus
 from rotorfit.fitting.quantities import Quantity
-from rotorfit.models.array_types import Float, Index
+from rotorfit.models.array_types import COLLINEAR, Float, Index
 from rotorfit.models.text_table import Wide, text_table
 
 if TYPE_CHECKING:
@@ -38,9 +39,10 @@ class Trend:
         x: attribute, shape ``(R,)``, ascending.
         value, stderr: parameter and its standard error, shape ``(R,)``; of several attributes, less what the others do.
         runs: names of the runs.
-        slope: change of the parameter per unit of the attribute, NaN with fewer than two conditions.
-        scatter: chi-squared of the runs about the line over its degrees of freedom, NaN with fewer than three runs;
-            far above one, the parameter depends on more than this attribute, or not in a straight line.
+        slope: change of the parameter per unit of the attribute, NaN with fewer than two conditions; of a curve that
+            at the mean of all runs.
+        scatter: chi-squared of the runs about the line over its degrees of freedom, NaN with no more runs than
+            coefficients; far above one, the parameter depends on more than this attribute, or in another curve.
     """
 
     parameter: str
@@ -54,8 +56,33 @@ class Trend:
     slope: Quantity
     scatter: float
     _centre: float
-    _coefficients: Float
+    _coefficients: Float  # of the powers of the distance from the centre
     _covar: Float
+
+    @property
+    def coefficients(self) -> tuple[Quantity, ...]:
+        """Of the powers of the attribute, the constant first; their errors are correlated."""
+        shift = _powers(-self._centre, 1.0, self.degree)
+        errors = np.sqrt(np.diag(shift @ self._covar @ shift.T))
+        units = (f"{self.unit} per {self.against}^{k}".removesuffix("^1") for k in range(1, errors.size))
+        values = (shift @ self._coefficients).tolist()
+        return tuple(map(Quantity, values, errors.tolist(), (self.unit, *units)))
+
+    @property
+    def degree(self) -> int:
+        """Degree of the polynomial, zero with one condition."""
+        return self._coefficients.size - 1
+
+    @property
+    def words(self) -> str:
+        """The polynomial as it is written: ``radial: K0 = 2000 +- 30 + (3.1 +- 0.2) flow + (0.40 +- 0.02) flow^2``."""
+        first, *others = self.coefficients
+        terms = [
+            f"({plus_minus(c.value, c.stderr)}) {self.against}{'' if k == 1 else f'^{k}'}"
+            for k, c in enumerate(others, 1)
+        ]
+        name = f"{self.group}: {self.parameter}".removeprefix(": ")
+        return " + ".join([f"{name} = {plus_minus(first.value, first.stderr)}", *terms])
 
     @property
     def far(self) -> tuple[str, ...]:
@@ -72,35 +99,39 @@ class Trend:
     def at(self, x: float) -> Quantity:
         """Parameter at a value of the attribute, its error widened where the runs scatter more than their errors
         say."""
-        basis = np.array([1.0, x - self._centre])[: self._coefficients.size]
+        basis = np.power(x - self._centre, np.arange(self._coefficients.size), dtype=float)
         error = float(standard_error(basis, self._covar))
         return Quantity(float(basis @ self._coefficients), error, self.unit)
 
 
 def trends_of(
-    runs: Sequence[RunFit], parameter: str, unit: str, against: Sequence[str], group: str, centre: Float
+    runs: Sequence[RunFit], parameter: str, unit: str, against: Sequence[str], group: str, centre: Float, degree: int
 ) -> list[Trend]:
-    """Weighted plane through the runs of one group, one trend for each attribute with the others held at ``centre``.
-    Values of a trend are those of the runs less what the other attributes' slopes say of them."""
+    """Weighted sum of polynomials through the runs of one group, one trend for each attribute with the others held at
+    ``centre``. Values of a trend are those of the runs less what the other attributes' polynomials say of them."""
     x = np.array([[float(run.attributes[name]) for name in against] for run in runs])
     value = np.array([run.params[parameter].value for run in runs])
     stderr = np.array([run.params[parameter].stderr for run in runs])
-    plane = _plane(x - centre, value, stderr)
-    if plane is None:
+    surface = _surface(x - centre, value, stderr, degree)
+    if surface is None:
+        which = f"the runs{f' with {group}' if group else ''}"
+        if len(against) > 1:
+            raise ValueError(
+                f"{which} do not tell {', '.join(against)} apart: they change together, or there are too few runs; "
+                "give fewer of them"
+            )
         raise ValueError(
-            f"the runs{f' with {group}' if group else ''} do not tell {', '.join(against)} apart: they change "
-            "together, or there are too few runs; give fewer of them"
+            f"{which} do not give {parameter} a polynomial of degree {degree}: that needs {degree + 1} values of "
+            f"{against[0]} well apart, there are {np.unique(x).size}; give a lower degree"
         )
-    slopes = np.zeros(len(against))
-    slopes[plane.moving] = plane.coefficients[1:]
+    own = [(x[:, k, None] - centre[k]) ** np.arange(1, degree + 1) @ surface.powers(k) for k in range(len(against))]
     found = []
     for k, name in enumerate(against):
-        others = np.where(np.arange(len(against)) == k, 0.0, slopes)
-        place = plane.moving.tolist().index(k) + 1 if k in plane.moving else 0
-        chosen = [0, place] if place else [0]
-        slope = (float(slopes[k]), float(np.sqrt(plane.covar[place, place]))) if place else (float("nan"),) * 2
+        chosen = np.r_[0, np.flatnonzero(surface.attribute == k)]
+        coefficients, covar = surface.coefficients[chosen], surface.covar[np.ix_(chosen, chosen)]
+        slope = (coefficients[1], np.sqrt(covar[1, 1])) if chosen.size > 1 else (np.nan, np.nan)
         order = np.argsort(x[:, k], kind="stable")
-        adjusted = value - (x - centre) @ others
+        adjusted = value - sum(other for i, other in enumerate(own) if i != k)
         found.append(
             Trend(
                 parameter=parameter,
@@ -111,41 +142,61 @@ def trends_of(
                 value=adjusted[order],
                 stderr=stderr[order],
                 runs=tuple(runs[i].name for i in order),
-                slope=Quantity(*slope, f"{unit} per {name}"),
-                scatter=plane.scatter,
+                slope=Quantity(float(slope[0]), float(slope[1]), f"{unit} per {name}"),
+                scatter=surface.scatter,
                 _centre=float(centre[k]),
-                _coefficients=plane.coefficients[chosen],
-                _covar=plane.covar[np.ix_(chosen, chosen)],
+                _coefficients=coefficients,
+                _covar=covar,
             )
         )
     return found
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Plane:
-    """A plane through the values of runs."""
+class _Surface:
+    """A constant and a polynomial in each attribute, through the values of runs."""
 
-    moving: Index  # attributes that change, and so have a slope
-    coefficients: Float  # value at the centre, then the slopes, shape ``(m + 1,)``
+    degree: int  # of the polynomials
+    attribute: Index  # which attribute each coefficient belongs to, -1 for the constant
+    coefficients: Float  # value at the centre, then powers of each attribute that changes, ascending
     covar: Float  # their covariance, widened where the runs scatter more than their errors say
     scatter: float  # chi-squared over the degrees of freedom, NaN where none are left
 
+    def powers(self, attribute: int) -> Float:
+        """Coefficients of an attribute's powers, zero where it does not change."""
+        mine = self.coefficients[self.attribute == attribute]
+        return mine if mine.size else np.zeros(self.degree)
 
-def _plane(x: Float, value: Float, stderr: Float) -> _Plane | None:
-    """The plane over attributes ``(R, A)``, counted from the centre; ``None`` where several cannot be separated."""
-    spread = np.ptp(x, axis=0)
-    moving = np.flatnonzero(spread > 0)
-    design = np.column_stack([np.ones(len(x)), x[:, moving] / spread[moving]]) / stderr[:, None]
+
+def _surface(x: Float, value: Float, stderr: Float, degree: int) -> _Surface | None:
+    """The surface over attributes ``(R, A)``, counted from the centre; ``None`` where its terms cannot be separated."""
+    spread, middle = np.ptp(x, axis=0), x.mean(axis=0)
+    moving = np.flatnonzero(spread > COLLINEAR * np.abs(x).max(axis=0))
+    attribute, power = np.repeat(moving, degree), np.tile(np.arange(1, degree + 1), moving.size)
+    own = (x[:, attribute] - middle[attribute]) / spread[attribute]
+    design = np.column_stack([np.ones(len(x)), own**power]) / stderr[:, None]
     if np.linalg.matrix_rank(design / np.linalg.norm(design, axis=0), tol=1e-6) < design.shape[1]:
-        if x.shape[1] > 1:
-            return None
-        moving, design = moving[:0], design[:, :1]
+        return None
     coefficients, *_ = np.linalg.lstsq(design, value / stderr, rcond=None)
     free = design.shape[0] - design.shape[1]
     scatter = float(np.sum((value / stderr - design @ coefficients) ** 2) / free) if free > 0 else float("nan")
-    size = np.concatenate([[1.0], 1 / spread[moving]])
-    covar = np.linalg.inv(design.T @ design) * widening(scatter, "linear") * np.outer(size, size)
-    return _Plane(moving=moving, coefficients=coefficients * size, covar=np.asarray(covar), scatter=scatter)
+    to_centre = np.eye(design.shape[1])
+    for k in moving:
+        mine = np.flatnonzero(np.r_[-1, attribute] == k)
+        to_centre[np.ix_(np.r_[0, mine], mine)] = _powers(-middle[k] / spread[k], 1 / spread[k], degree)[:, 1:]
+    return _Surface(
+        degree=degree,
+        attribute=np.r_[-1, attribute],
+        coefficients=to_centre @ coefficients,
+        covar=to_centre @ np.linalg.inv(design.T @ design) @ to_centre.T * widening(scatter, "linear"),
+        scatter=scatter,
+    )
+
+
+def _powers(shift: float, scale: float, degree: int) -> Float:
+    """Column k holds the coefficients of ``(shift + scale x)^k`` in powers of x."""
+    linear = Polynomial([shift, scale])
+    return np.array([np.pad((linear**k).coef, (0, degree - k)) for k in range(degree + 1)]).T
 
 
 def trend_table(trends: Sequence[Trend]) -> str:
@@ -162,11 +213,15 @@ def trend_table(trends: Sequence[Trend]) -> str:
             scatter = f"{t.scatter:.2f}" if np.isfinite(t.scatter) else "-"
             at = t.at(middle)
             rows.append([parameter, t.group, against, str(t.x.size), slope, scatter, plus_minus(at.value, at.stderr)])
-        rows += [["", Wide(sentence, 6, remark=True)] for sentence in (*_comparisons(mine, middle), *_far(mine))]
+        curves = [t.words for t in mine if t.degree > 1]
+        rows += [
+            ["", Wide(sentence, 6, remark=True)] for sentence in (*curves, *_comparisons(mine, middle), *_far(mine))
+        ]
     table = text_table(rows, "<10 <1 <1 >6 >26 >9 >26")
     held = ", each with the others held" if len(names) > 1 else ""
+    where = ", at the mean of the runs" if any(t.degree > 1 for t in trends) else ""
     return "\n".join(
-        [*table, f"slopes per {' and per '.join(names)}{held}; scatter is chi-squared per degree of freedom"]
+        [*table, f"slopes per {' and per '.join(names)}{held}{where}; scatter is chi-squared per degree of freedom"]
     )
 
 

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 from rotorfit.cli.answer import finite, give, say
 from rotorfit.cli.arguments import add_figure_format, add_files, add_jobs, add_model, add_output, fit_study, workers_of
 from rotorfit.cli.progress import ProgressLine
-from rotorfit.options.kinds import words
+from rotorfit.options.kinds import count_word, words
 from rotorfit.options.table import CAMPAIGN
 from rotorfit.studies.wording import spoken
 
 if TYPE_CHECKING:
     from rotorfit.campaigns.campaign import Campaign
-    from rotorfit.fitting.quantities import FittedParameter
+    from rotorfit.fitting.quantities import FittedParameter, Quantity
 
 DESCRIPTION = "fit every run of a campaign and show how the parameters change with its conditions"
 
@@ -35,6 +35,9 @@ def add_options(to: argparse.ArgumentParser) -> None:
         "--against", type=words, metavar="A,B", help="columns that trends are shown against: pressure_psi,oil_C"
     )
     to.add_argument("--by", metavar="ATTRIBUTE", help="column that makes groups: inlet")
+    to.add_argument(
+        "--degree", type=count_word, default=1, metavar="N", help="of the trends' polynomials; 1: lines [%(default)s]"
+    )
     to.add_argument("--follow", type=words, metavar="A,B", help="parameters whose trends are shown [K0, lam, D]")
     add_jobs(to, "reduce recordings and fit")
     to.add_argument(
@@ -48,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
     from rotorfit.cli.errors import ExitCode, checked
 
     found, wrong, warned = checked(lambda: _campaign(options))
-    text = checked(lambda: found.summary(options.follow, against=options.against, by=options.by))
+    text = checked(lambda: found.summary(options.follow, against=options.against, by=options.by, degree=options.degree))
     table = found.table(None if options.against is None else [a for a in (*options.against, options.by) if a])
     text = "\n".join([*warned, *([""] if warned else []), text])
     write = partial(_write, found, text, options)
@@ -73,8 +76,8 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
     from rotorfit.studies.data_files import no_progress, read_files
     from rotorfit.studies.study_model import build_model, check_model
 
-    if options.against is None and (options.by or options.follow):
-        raise ValueError("--by and --follow shape the trends: say --against what")
+    if options.against is None and (options.by or options.follow or options.degree > 1):
+        raise ValueError("--by, --follow and --degree shape the trends: say --against what")
     study = fit_study(options, CAMPAIGN)
     check_model(study)
     with ExitStack() as stack:
@@ -106,15 +109,14 @@ def _write(found: Campaign, text: str, options: argparse.Namespace, folder: Path
 
     found.to_csv(folder / "runs.csv")
     (folder / "summary.txt").write_text(f"{found.table()}\n\n{text}\n", encoding="utf-8")
-    if options.against is not None and found.trends(options.follow, against=options.against, by=options.by):
-        figure = found.plot_trends(options.follow, against=options.against, by=options.by)
+    shown = {"against": options.against, "by": options.by, "degree": options.degree}
+    if options.against is not None and found.trends(options.follow, **shown):
+        figure = found.plot_trends(options.follow, **shown)
         (folder / f"trends.{options.figure_format}").write_bytes(picture_of(figure, options.figure_format))
-    write_campaign_report(
-        found, folder / "report.html", against=options.against, by=options.by, parameters=options.follow
-    )
+    write_campaign_report(found, folder / "report.html", parameters=options.follow, **shown)
 
 
-def _estimate(parameter: FittedParameter) -> dict[str, Any]:
+def _estimate(parameter: FittedParameter | Quantity) -> dict[str, Any]:
     return {"value": parameter.value, "stderr": finite(parameter.stderr), "unit": parameter.unit}
 
 
@@ -146,8 +148,9 @@ def _plain(found: Campaign, options: argparse.Namespace) -> dict[str, Any]:
                 "runs": len(t.runs),
                 "slope": finite(t.slope.value),
                 "slope_stderr": finite(t.slope.stderr),
+                "coefficients": [_estimate(c) for c in t.coefficients],
                 "scatter": finite(t.scatter),
             }
-            for t in found.trends(options.follow, against=options.against, by=options.by)
+            for t in found.trends(options.follow, against=options.against, by=options.by, degree=options.degree)
         ]
     return result

@@ -27,6 +27,7 @@ def write_campaign_report(
     against: str | Sequence[str] | None = None,
     by: str | None = None,
     parameters: str | Sequence[str] | None = None,
+    degree: int = 1,
     title: str | None = None,
 ) -> Path:
     """Write the report of a campaign as one self-contained HTML file, whole or not at all.
@@ -34,7 +35,7 @@ def write_campaign_report(
     Args:
         campaign: the fits of all runs.
         path: file to write; one that is there is replaced.
-        against, by, parameters: trends to show, as for :meth:`Campaign.trends`; none without ``against``.
+        against, by, parameters, degree: trends to show, as for :meth:`Campaign.trends`; none without ``against``.
         title: heading.
 
     Raises:
@@ -48,18 +49,20 @@ def write_campaign_report(
     """
     sections = [_verdict(campaign)]
     if against is not None:
-        trends = campaign.trends(parameters, against=against, by=by)
+        trends = campaign.trends(parameters, against=against, by=by, degree=degree)
         if trends:
             from rotorfit.plots.style import picture_of
 
-            figure = campaign.plot_trends(parameters, against=against, by=by)
-            caption = "Runs and weighted straight lines, each with one standard error."
+            figure = campaign.plot_trends(parameters, against=against, by=by, degree=degree)
+            lines = "straight lines" if degree == 1 else f"polynomials of degree {degree}"
+            caption = f"Runs and weighted {lines}, each with one standard error."
             words = "Scatter: chi-squared per degree of freedom about the line; far above 1, more than this matters."
             sections.append(
                 section(
                     "Trends",
                     picture(picture_of(figure), caption, figure.get_figwidth()),
                     _trend_table(campaign, trends),
+                    *(note(t.words.replace("+-", "±")) for t in trends if t.degree > 1),
                     *(note(sentence(remark)) for remark in campaign.condition_remarks(against)),
                     note(words),
                 )
