@@ -89,6 +89,49 @@ def test_centreline_follows_the_gap_voltage(tmp_path: Path) -> None:
         coupled.plot_centreline()
 
 
+def test_the_clearance_stands_about_the_centre_that_the_gap_voltages_give(tmp_path: Path) -> None:
+    """The shaft sits 40 um to the right of the bearing's centre and 30 um above it; the probes read -10 V there."""
+    path = write_hdf5(tmp_path / "run.h5", volts(noise=1e-3))
+    toml = tmp_path / "rig.toml"
+    text = "[clearance_um]\ndisk = 150.0\n"
+    for channel, angle, away in (("disk_X", 0.0, 40e-6), ("disk_Y", 90.0, 30e-6)):
+        centre = rf.read_recording(path).gap_voltage(channel) - 7870 * away
+        text += f'[[probe]]\nplane = "disk"\nchannel = "{channel}"\nangle_deg = {angle}\ncentre_V = {centre!r}\n'
+    toml.write_text(text, encoding="utf-8")
+    record = rf.read_recording(path, toml)
+    circle = stretch(record, marks_of(record), "disk", None, 4.0).clearance
+    assert circle is not None
+    assert (circle.radius, circle.known) == (pytest.approx(150e-6), True)
+    assert circle.centre == pytest.approx(-40e-6 - 30e-6j, rel=1e-9)
+    line = centreline(record, marks_of(record), "disk", windows=20)
+    assert line.clearance is not None
+    assert np.abs(line.z - line.clearance.centre - (40e-6 + 30e-6j)).max() < 1.5e-6  # as the centreline above
+    unknown = stretch(rf.read_recording(path), marks_of(record), "disk", None, 4.0, clearance=100e-6).clearance
+    assert unknown is not None
+    assert (unknown.radius, unknown.centre, unknown.known) == (100e-6, 0j, False)
+    for figure in (record.plot_orbit(), record.plot_centreline(unit="mil")):
+        circles = [line for axis in figure.axes for line in axis.lines if line.get_label() == "clearance"]
+        assert len(circles) == 1
+    toml.write_text(text.replace("disk = 150", "dsk = 150"), encoding="utf-8")
+    with pytest.raises(ValueError, match="unknown plane 'dsk', did you mean 'disk'"):
+        rf.read_recording(path, toml)
+
+
+def test_look_subtracts_the_orbit_of_slow_turning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A shaft that turns slowly with 12 um of run-out, and the same at speed: what is left is the vibration's alone."""
+    channels, t = volts(), np.arange(volts()["disk_X"].size) / RATE
+    run_out = 12e-6 * np.exp(1j * shaft_angle(t))
+    slow = channels | {"disk_X": -10 + 7870 * run_out.real, "disk_Y": -10 + 7870 * run_out.imag}
+    write_hdf5(tmp_path / "slow.h5", slow)
+    parts = {"disk_X": run_out.real, "disk_Y": run_out.imag}
+    path = write_hdf5(tmp_path / "run.h5", channels | {k: channels[k] + 7870 * v for k, v in parts.items()})
+    assert main(["look", str(path), "--slow-roll", str(tmp_path / "slow.h5"), "--out", str(tmp_path / "out")]) == 0
+    assert "disk_X 12 µm, disk_Y 12 µm" in capsys.readouterr().out
+    for wrong in ("nothing.h5", "-300"):
+        assert main(["look", str(path), f"--slow-roll={wrong}"]) == 2
+        assert "neither a speed in rpm above zero nor a file that there is" in capsys.readouterr().err
+
+
 def test_cascade_follows_the_perturbation(record: rf.Recording) -> None:
     found = cascade(record, marks_of(record), "disk", spectra=20)
     assert found.over == "perturbation"
@@ -160,6 +203,7 @@ def test_look_says_and_draws_what_there_is(tmp_path: Path, capsys: pytest.Captur
         (["--plane", "journal"], "unknown plane 'journal'"),
         (["--at", "9"], "--at 9 is not within run, 0 to 4 s"),
         (["--setup", "none.toml"], "No such file"),
+        (["--clearance-um", "-3"], "--clearance-um is -3; it is a radius above zero"),
     ],
 )
 def test_look_refuses_in_one_sentence_and_leaves_nothing(

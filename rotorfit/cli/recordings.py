@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,11 +16,13 @@ from rotorfit.cli.errors import ExitCode, checked
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.io.templates import example, kinds
 from rotorfit.models.parameters import unknown_name
+from rotorfit.units import RAD_S_PER_RPM
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rotorfit.recordings.recording import Recording
+    from rotorfit.recordings.rig.setup import RigSetup
 
 TEMPLATE = "print an example file with comments, or a setup, rig.toml, to fill in for a recording of raw signals"
 LOOK = "say what recordings of raw signals hold and what is odd about them, and draw it"
@@ -37,6 +41,14 @@ def add_look_options(to: argparse.ArgumentParser) -> None:
     to.add_argument("--out", type=Path, metavar="DIR", help="folder for the figures; without it, words only")
     to.add_argument("--plane", help="only this plane")
     to.add_argument("--at", type=float, metavar="S", help="time of the time base and the orbits [the middle]")
+    to.add_argument(
+        "--clearance-um", type=float, metavar="UM", help="radial clearance, drawn in orbits and centrelines"
+    )
+    to.add_argument(
+        "--slow-roll",
+        metavar="RPM|FILE",
+        help="take run-out out of the signals, as the shaft shows it below a speed, or a recording of slow turning",
+    )
     to.add_argument("--quiet", action="store_true", help="print no progress and no summary")
 
 
@@ -66,7 +78,10 @@ def _look(options: argparse.Namespace) -> int:
     from rotorfit.recordings.summary import summary
     from rotorfit.studies.folder import complete_folder
 
-    records = named_apart([read_recording(file, options.setup) for file in options.files])
+    if options.clearance_um is not None and not 0 < options.clearance_um < math.inf:
+        raise ValueError(f"--clearance-um is {options.clearance_um:g}; it is a radius above zero")
+    setup = options.setup if options.slow_roll is None else _with_slow_roll(options.setup, options.slow_roll)
+    records = named_apart([read_recording(file, setup) for file in options.files])
     for record in records:
         if options.at is not None and not 0 <= options.at <= record.duration:
             raise ValueError(f"--at {options.at:g} is not within {record.name}, 0 to {record.duration:g} s")
@@ -100,7 +115,7 @@ def _draw(record: Recording, options: argparse.Namespace, folder: Path, stem: st
     from rotorfit.plots.style import picture_of
 
     left_out = []
-    figures = _figures(record, options.plane, options.at)
+    figures = _figures(record, options)
     for number, (name, draw) in enumerate(figures.items()):
         progress(f"{record.name}: {name}", number / len(figures))
         try:
@@ -112,12 +127,29 @@ def _draw(record: Recording, options: argparse.Namespace, folder: Path, stem: st
     return left_out
 
 
-def _figures(record: Recording, plane: str | None, at: float | None) -> dict[str, Callable[[], Figure]]:
+def _with_slow_roll(setup: Path | None, given: str) -> RigSetup:
+    """The setup with run-out to be taken out: a speed in rpm, or the file of a recording of slow turning."""
+    from rotorfit.recordings.rig.rig_toml import read_setup
+    from rotorfit.recordings.rig.setup import RigSetup, SlowRollSetup
+
+    try:
+        below, file = float(given) * RAD_S_PER_RPM, None
+    except ValueError:
+        below, file = None, str(Path(given).resolve())
+    if (file is not None and not Path(file).is_file()) or (below is not None and not 0 < below < math.inf):
+        raise ValueError(f"--slow-roll is {given}: neither a speed in rpm above zero nor a file that there is")
+    said = RigSetup(source="--slow-roll") if setup is None else read_setup(setup)
+    return replace(said, slow_roll=SlowRollSetup(below=below, file=file))
+
+
+def _figures(record: Recording, options: argparse.Namespace) -> dict[str, Callable[[], Figure]]:
     """The function that draws each figure, by the name of its file."""
+    plane, at = options.plane, options.at
+    clearance = None if options.clearance_um is None else options.clearance_um * 1e-6
     figures: dict[str, Callable[[], Figure]] = {
         "timebase": lambda: record.plot_timebase(plane, at=at),
-        "orbit": lambda: record.plot_orbit(plane, at=at),
-        "centreline": lambda: record.plot_centreline(plane),
+        "orbit": lambda: record.plot_orbit(plane, at=at, clearance=clearance),
+        "centreline": lambda: record.plot_centreline(plane, clearance=clearance),
         "full_spectrum": lambda: record.plot_full_spectrum(plane),
         "bode": record.plot_bode,
         "polar": record.plot_polar,

@@ -28,7 +28,7 @@ from rotorfit.plots.style import (
 from rotorfit.recordings.marks import Marks, SpeedTrack
 from rotorfit.recordings.reduction.swept_vectors import swept_vectors
 from rotorfit.recordings.spectra import Cascade
-from rotorfit.recordings.views import Centreline, OrderVectors, Stretch, vectors_over_time
+from rotorfit.recordings.views import Centreline, Clearance, OrderVectors, Stretch, vectors_over_time
 
 if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording
@@ -70,6 +70,8 @@ def plot_orbit(stretches: Sequence[Stretch], name: str) -> Figure:
     handles: dict[str, Any] = {}
     for row, part in zip(axes, stretches, strict=True):
         _orbit(row[0], part, part.z * length()[0], part.dots, handles)
+        if part.clearance is not None:
+            handles |= _draw_clearance(row[0], part.clearance)
         row[0].set_title(literal(f"{part.plane}, {'without run-out' if part.cleaned else 'as recorded'}"), fontsize=9)
         for axis, mark in zip(row[1:], marks, strict=True):
             _orbit(axis, part, part.filtered[mark] * length()[0], {mark: part.dots[mark]}, handles)
@@ -95,10 +97,25 @@ def _orbit(axis: Any, part: Stretch, z: NDArray[Any], dots: dict[str, Float], ha
         axis.text(0.5, 0.5, text, transform=axis.transAxes, ha="center", fontsize=8, color=GREY)
 
 
+def _draw_clearance(axis: Any, clearance: Clearance) -> dict[str, Any]:
+    """The circle that the shaft can move in, whole; returns its entry of a legend."""
+    turn = clearance.centre + clearance.radius * np.exp(1j * np.linspace(0, 2 * np.pi, 181))
+    z = turn * length()[0]
+    ends = np.array([*axis.get_xlim()]) + 1j * np.array([*axis.get_ylim()])
+    shown = np.concatenate([ends, z])
+    low, high = complex(shown.real.min(), shown.imag.min()), complex(shown.real.max(), shown.imag.max())
+    middle, reach = (low + high) / 2, 0.53 * max((high - low).real, (high - low).imag)
+    axis.set_xlim(middle.real - reach, middle.real + reach)
+    axis.set_ylim(middle.imag - reach, middle.imag + reach)
+    words = "clearance" if clearance.known else "clearance about the mean position (no centre_V)"
+    return {words: axis.plot(z.real, z.imag, color=GREY, linewidth=1, linestyle="--", label=words, zorder=1)[0]}
+
+
 @looked
 def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
     """Mean position of the shaft relative to the start of the recording, coloured by speed, else by time."""
-    figure, axes = grid(1, len(lines), literal(f"{name}: shaft centreline from the gap voltages"), size=(4.0, 3.6))
+    figure, axes = grid(1, len(lines), literal(f"{name}: shaft centreline from the gap voltages"), size=(4.0, 3.0))
+    handles: dict[str, Any] = {}
     for axis, line in zip(axes[0], lines, strict=True):
         z = line.z * length()[0]
         by_speed = np.isfinite(line.speed).all() and np.ptp(line.speed) > 0.02 * np.abs(line.speed).max()
@@ -107,17 +124,22 @@ def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
         )
         axis.plot(z.real, z.imag, color="0.8", linewidth=0.7, zorder=1)
         drawn = axis.scatter(z.real, z.imag, c=values, s=9, cmap="viridis", zorder=2)
-        axis.plot(z[0].real, z[0].imag, "s", color=COLOURS[1], markersize=6, markerfacecolor="none", label="start")
-        figure.colorbar(drawn, ax=axis, shrink=0.8).set_label(label, fontsize=8)
+        style = {"color": COLOURS[1], "markersize": 6, "markerfacecolor": "none", "linestyle": ""}
+        handles["start"] = axis.plot(z[0].real, z[0].imag, marker="s", **style)[0]
+        scale = figure.colorbar(drawn, ax=axis, shrink=0.6)
+        scale.set_label(label, fontsize=8)
+        scale.ax.tick_params(labelsize=7)
         middle = (z.real.min() + z.real.max() + 1j * (z.imag.min() + z.imag.max())) / 2
         reach = max(1.1 * float(np.abs(z - middle).max()), 1.0)  # less than a micrometre is not worth a figure of it
         axis.set_xlim(middle.real - reach, middle.real + reach)
         axis.set_ylim(middle.imag - reach, middle.imag + reach)
+        if line.clearance is not None:
+            handles |= _draw_clearance(axis, line.clearance)
         axis.set_aspect("equal")
         axis.set_title(literal(line.plane), fontsize=9)
         axis.set_xlabel(f"x ({length()[1]})", fontsize=9)
         axis.set_ylabel(f"y ({length()[1]})", fontsize=9)
-        axis.legend(fontsize=8, frameon=False)
+    legend_below(figure, list(handles.values()), list(handles))
     return figure
 
 

@@ -188,6 +188,7 @@ class Recording(Signals):
         *,
         at: float | None = None,
         turns: float = 4.0,
+        clearance: float | None = None,
         **look: Unpack[PlotKeywords],
     ) -> Figure:
         """Orbits as recorded and filtered to the shaft (1x) and to the perturbator (w), with Keyphasor dots.
@@ -196,6 +197,7 @@ class Recording(Signals):
             plane: one of :attr:`planes`; None: all with two probes.
             at: middle of what is shown, s; None: of the recording.
             turns: of the slower mark that are shown.
+            clearance: radial, m, drawn as a circle; None: as ``[clearance_um]`` of the setup says, if it does.
             **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
 
         Raises:
@@ -203,15 +205,17 @@ class Recording(Signals):
         """
         from rotorfit.plots.recordings import plot_orbit
 
-        return plot_orbit(
-            [stretch(self, self.marks, each, at, turns) for each in self._pairs(plane)], self.name, **look
-        )
+        parts = [stretch(self, self.marks, each, at, turns, clearance) for each in self._pairs(plane)]
+        return plot_orbit(parts, self.name, **look)
 
-    def plot_centreline(self, plane: str | None = None, **look: Unpack[PlotKeywords]) -> Figure:
+    def plot_centreline(
+        self, plane: str | None = None, *, clearance: float | None = None, **look: Unpack[PlotKeywords]
+    ) -> Figure:
         """Mean position of the shaft over the recording, from the gap voltages.
 
         Args:
             plane: one of :attr:`planes`; None: all with two probes.
+            clearance: radial, m, drawn as a circle; None: as ``[clearance_um]`` of the setup says, if it does.
             **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
 
         Raises:
@@ -221,7 +225,7 @@ class Recording(Signals):
 
         if any(finding.code == "ac-coupled" for finding in self.findings):
             raise ValueError(f"{self.name} has no gap voltages (AC-coupled?): there is no centreline in it")
-        lines = [centreline(self, self.marks, each) for each in self._pairs(plane)]
+        lines = [centreline(self, self.marks, each, clearance=clearance) for each in self._pairs(plane)]
         return plot_centreline(lines, self.name, **look)
 
     def plot_bode(

@@ -184,6 +184,16 @@ class Signals:
         inverse = np.linalg.pinv(directions)
         return np.asarray(inverse[0] + 1j * self.rig.rotation * inverse[1])
 
+    def bearing_centre(self, plane: str) -> complex | None:
+        """Where the bearing's centre is in the coordinates of :meth:`motion`, m; None where no ``centre_V`` says it."""
+        probes = self._probes_of(plane)
+        if len(probes) < 2 or any(probe.centre is None for probe in probes):
+            return None
+        volts = [float(probe.centre or 0.0) - self.gap_voltage(probe.channel) for probe in probes]
+        return complex(
+            self._mixing(plane) @ [v / float(p.sensitivity or 1.0) for v, p in zip(volts, probes, strict=True)]
+        )
+
     def force_signal(self, start: int = 0, stop: int | None = None) -> ComplexArray:
         """A measured force ``Fx + j Fy``, N."""
         force = self.force

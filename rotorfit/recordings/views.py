@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,26 @@ from rotorfit.estimators.signals.order_vectors import order_vectors
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.recordings.marks import Marks
 from rotorfit.recordings.signals import Signals
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clearance:
+    """The circle that the shaft can move in."""
+
+    radius: float  # m
+    centre: complex  # in the coordinates of the motion, m
+    known: bool  # the probes' ``centre_V`` says where the centre is; it is the mean position of the recording otherwise
+
+
+def clearance_of(record: Signals, plane: str, radius: float | None) -> Clearance | None:
+    """The clearance of a plane: the radius given, m, or the setup's; None where neither says one."""
+    size = record.rig.clearance.get(plane) if radius is None else radius
+    if size is None:
+        return None
+    if not 0 < size < np.inf:
+        raise ValueError(f"clearance is {size!r}; it is a radius above zero, m")
+    centre = record.bearing_centre(plane)
+    return Clearance(radius=size, centre=centre or 0j, known=centre is not None)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -25,10 +45,13 @@ class Stretch:
     filtered: dict[str, ComplexArray]
     speeds: dict[str, float]  # of each mark, rad/s, by name
     cleaned: bool  # run-out, as slow turning shows it, is taken out
+    clearance: Clearance | None
 
 
-def stretch(record: Signals, marks: Marks, plane: str, at: float | None, turns: float) -> Stretch:
-    """Motion of a plane over some turns of the slowest mark."""
+def stretch(
+    record: Signals, marks: Marks, plane: str, at: float | None, turns: float, clearance: float | None = None
+) -> Stretch:
+    """Motion of a plane over some turns of the slowest mark, with the radial clearance, m, or the setup's."""
     middle = record.duration / 2 if at is None else at
     if not 0 <= middle <= record.duration:
         raise ValueError(f"at = {middle:g} s is not within {record.name}, 0 to {record.duration:g} s")
@@ -47,7 +70,14 @@ def stretch(record: Signals, marks: Marks, plane: str, at: float | None, turns: 
     pulses = {name: angle.marks for name, angle in marks.present.items()}
     dots = {name: times[(times >= t[0]) & (times <= t[-1])] for name, times in pulses.items()}
     return Stretch(
-        plane=plane, t=t, z=z, dots=dots, filtered=filtered, speeds=speeds, cleaned=record.rig.slow_roll is not None
+        plane=plane,
+        t=t,
+        z=z,
+        dots=dots,
+        filtered=filtered,
+        speeds=speeds,
+        cleaned=record.rig.slow_roll is not None,
+        clearance=clearance_of(record, plane, clearance),
     )
 
 
@@ -108,11 +138,14 @@ class Centreline:
     t: Float  # s, shape ``(W,)``
     z: ComplexArray  # ``x + jy``, m, relative to the first, shape ``(W,)``
     speed: Float  # of the shaft, rad/s, NaN without a mark, shape ``(W,)``
+    clearance: Clearance | None
 
 
-def centreline(record: Signals, marks: Marks, plane: str, windows: int = 100) -> Centreline:
+def centreline(
+    record: Signals, marks: Marks, plane: str, windows: int = 100, clearance: float | None = None
+) -> Centreline:
     """Mean positions along the recording, by windows that overlap by half and fade at their ends: an orbit of more
-    than two turns in a window leaves nothing.
+    than two turns in a window leaves nothing. ``clearance``: radial, m, or the setup's.
     """
     if not np.iscomplexobj(record.motion(plane, 0, 1)):
         raise ValueError(f"{record.name}: {plane} has one probe; a centreline needs two")
@@ -124,4 +157,6 @@ def centreline(record: Signals, marks: Marks, plane: str, windows: int = 100) ->
     z = np.array(means)
     t = np.array(edges[1:-1]) / record.sample_rate
     speed = np.full(t.size, np.nan) if marks.shaft is None else marks.shaft.speed(t)
-    return Centreline(plane=plane, t=t, z=z - z[0], speed=speed)
+    circle = clearance_of(record, plane, clearance)
+    circle = None if circle is None else replace(circle, centre=circle.centre - z[0])
+    return Centreline(plane=plane, t=t, z=z - z[0], speed=speed, clearance=circle)

@@ -56,6 +56,7 @@ class Rig:
     impulse: ImpulseSetup | None  # that the rotor is struck or released
     twist: Twist | None  # channel of torsion
     slow_roll: SlowRollSetup | None  # run-out to be taken out of the signals
+    clearance: Mapping[str, float]  # radial, m, by plane
     scales: dict[str, tuple[float, float]]  # factor to volts and offset by channel
     speed: float | None  # nominal rotative speed, rad/s
     attributes: dict[str, float | str]  # test attributes
@@ -141,6 +142,7 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
         impulse=whole.impulse,
         twist=whole.twist,
         slow_roll=_slow_roll(whole.slow_roll, shaft, source),
+        clearance=_clearance(whole.clearance, planes, source),
         scales={channel.name: _scale(raw, channel, whole) for channel in used},
         speed=whole.speed,
         attributes=dict(whole.attributes),
@@ -198,6 +200,14 @@ def _slow_roll(how: SlowRollSetup | None, shaft: Reference | None, source: str) 
     if how is not None and shaft is None:
         raise ValueError(f"{source}, [slow_roll] needs the shaft's own mark; name its channel in [shaft]")
     return how
+
+
+def _clearance(given: Mapping[str, float], planes: tuple[str, ...], source: str) -> Mapping[str, float]:
+    """Clearances of planes that there are."""
+    for plane in given:
+        if plane not in planes:
+            raise ValueError(f"{source}, [clearance_um]: {unknown_name('plane', plane, planes)}")
+    return given
 
 
 def _how(raw: RawFile) -> str:

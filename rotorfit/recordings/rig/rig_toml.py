@@ -206,6 +206,7 @@ _TABLES = (
     "impulse",
     "twist",
     "slow_roll",
+    "clearance_um",
     "channel",
     "attributes",
     "run",
@@ -254,6 +255,10 @@ def setup_of(content: Mapping[str, Any], source: str) -> RigSetup:
         impulse=impulse or setup.impulse,
         twist=_record(Twist, _TWIST, _table(content, "twist", source), f"{source}, [twist]"),
         slow_roll=_record(SlowRollSetup, _SLOW_ROLL, _table(content, "slow_roll", source), f"{source}, [slow_roll]"),
+        clearance={
+            plane: _positive(f"{source}, [clearance_um]: {plane}", value) * 1e-6
+            for plane, value in (_table(content, "clearance_um", source) or {}).items()
+        },
         scales=_scales(content, source),
         attributes=_attributes(_table(content, "attributes", source) or {}, source),
         runs=_runs(content, source),

@@ -127,6 +127,7 @@ class RigSetup:
         impulse: that it is struck or released.
         twist: channel of torsion.
         slow_roll: run-out to be taken out.
+        clearance: radial, m, by plane.
         sensitivity: of probes that have none of their own, V/m.
         scales: of channels that hold counts, by channel.
         attributes: test attributes of the recording, such as the oil temperature.
@@ -145,6 +146,7 @@ class RigSetup:
     impulse: ImpulseSetup | None = None
     twist: Twist | None = None
     slow_roll: SlowRollSetup | None = None
+    clearance: Mapping[str, float] = field(default_factory=dict)
     sensitivity: float | None = None
     scales: Mapping[str, Scale] = field(default_factory=dict)
     attributes: Mapping[str, float | str] = field(default_factory=dict)

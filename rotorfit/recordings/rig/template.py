@@ -12,6 +12,11 @@ from rotorfit.recordings.rig.resolve import file_setup
 from rotorfit.recordings.rig.setup import ForceSetup, Probe, Reference, RigSetup
 from rotorfit.units import RAD_S_PER_RPM
 
+_CLEARANCE = (
+    "",
+    "# [clearance_um]                 # leave out, or: radial clearance, drawn in orbits and centrelines",
+    "# journal = 150.0                # of a plane, about the place that its probes' centre_V says",
+)
 _SLOW_ROLL = (
     "",
     "# [slow_roll]                    # leave out, or: run-out to take out of the signals",
@@ -37,6 +42,7 @@ def template(path: str | Path) -> str:
         *([] if own.probes else _unknown_probes(raw)),
         *_force(own.force),
         *_SLOW_ROLL,
+        *_CLEARANCE,
         *_counts(raw),
     ]
     return "\n".join(parts) + "\n"
