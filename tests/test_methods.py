@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
 from law_data import CLEARANCE_UM, ONE_MODE, static, sweep
 from scipy import stats
+from slow_cases import slow_but
 from synthetic import SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
+from test_known_structure import FITTED, known_rig
+from test_modal import EIGHT, hammer_test
+from test_shaft_lines import ALL, TORSION, VALUES, line_test
 
 import rotorfit as rf
 from rotorfit.estimators.misfit.cost_graph import cost_graph
-from rotorfit.estimators.misfit.losses import Loss
+from rotorfit.estimators.misfit.losses import LOSSES, Loss
 from rotorfit.models import MODELS, Chain, EvenPolynomial, Law, LinearInSpeed, MonotoneSpline, Muszynska, OneMode
 
 CHAIN = {
@@ -47,7 +52,7 @@ def both(model: rf.models.RotorModel, experiments: Any, **options: Any) -> rf.Fi
     return other
 
 
-@pytest.mark.parametrize("loss", ["linear", "soft_l1", "huber", "cauchy"])
+@pytest.mark.parametrize("loss", LOSSES)
 @pytest.mark.parametrize("name", list(TYPICAL))
 def test_every_model_and_loss(name: str, loss: Loss) -> None:
     fit = both(MODELS[name](), readings(name), known=known_of(name, TYPICAL[name]), loss=loss)
@@ -55,6 +60,49 @@ def test_every_model_and_loss(name: str, loss: Loss) -> None:
     assert graph is not None
     beside = fit.x * np.linspace(0.97, 1.04, fit.x.size)  # NumPy's inverses against CasADi's symbolic ones
     assert float(graph(beside)) == pytest.approx(fit.problem.cost(beside), rel=1e-9)
+
+
+BESIDE = {
+    "known structure": {"lam": (0.2, 0.47), "D": (0.0, 440.0)},
+    "modal": {"wn1": (200.0, 263.0)},
+    "anisotropic shaft": {"nu_t": (300.0, 339.5)},
+}
+"""Models that are no lumped ones, with bounds that the truth lies beyond."""
+
+
+def beside(name: str) -> tuple[rf.models.RotorModel, Any]:
+    """A model that is not lumped, and a test of it."""
+    if name == "modal":
+        test = hammer_test(60, 0.9, seed=3)
+        chosen = test.select(np.isin(test.plane, EIGHT[:2]) & (test.frequency < 800.0))
+        return rf.models.Modal(EIGHT[:2], modes=2, gains="plane", force_planes=("s0",)), chosen
+    if name == "anisotropic shaft":
+        sweep = -np.linspace(30.0, 310.0, 30)
+        rotor = rf.models.AnisotropicShaft()
+        rng = np.random.default_rng(3)
+        return rotor, line_test(rotor, VALUES | TORSION, ALL, rng, steady=("1x", "2x"), sweep=sweep)
+    rig, half = known_rig(), np.linspace(8.0, 320.0, 20)
+    frequency = np.r_[-half[::-1], half]
+    theta = rig.vector(FITTED)
+    return rig, circular_test(rig, theta, speeds=(100.0, 200.0), frequency=frequency, noise=0.02, seed=5)
+
+
+@pytest.mark.parametrize(
+    ("name", "loss"),
+    slow_but(
+        product(BESIDE, LOSSES),
+        ("known structure", "cauchy"),
+        ("modal", "linear"),
+        ("anisotropic shaft", "linear"),
+        ("anisotropic shaft", "soft_l1"),
+    ),
+)
+def test_models_that_are_not_lumped_with_bounds_and_every_loss(name: str, loss: Loss) -> None:
+    model, test = beside(name)
+    fit = both(model, test, loss=loss)
+    assert (cost_graph(fit.problem) is None) is (name != "modal")  # the others by Ipopt on numerical values
+    bounded = both(model, test, loss=loss, bounds=BESIDE[name])
+    assert any(bounded.params[parameter].value in ends for parameter, ends in BESIDE[name].items())
 
 
 def test_many_masses() -> None:
