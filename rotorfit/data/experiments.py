@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from html import escape
-from itertools import repeat
 from typing import TYPE_CHECKING, Any, ClassVar, Self, Unpack
 
 import numpy as np
@@ -75,12 +74,12 @@ class _Rows:
         frequency = self.frequencies if len(self.frequencies) else np.zeros(len(self))
         return set_speeds(self.speed, frequency, numbers(self.run), self.speed_tolerance)
 
-    @property
+    @cached_property
     def runs(self) -> tuple[str, ...]:
         """Names of the runs in order of appearance."""
         return tuple(words(self.run)[0])
 
-    @property
+    @cached_property
     def planes(self) -> tuple[str, ...]:
         """Measured planes in order of appearance, none for experiments that name no plane."""
         return tuple(words(getattr(self, "plane", np.zeros(0)))[0])
@@ -211,7 +210,7 @@ class PerturbationTest(_Rows):
 
     def __post_init__(self) -> None:
         if not self.force_direction.size:
-            object.__setattr__(self, "force_direction", np.full(len(self.run), "circular"))
+            object.__setattr__(self, "force_direction", np.broadcast_to("circular", len(self.run)))
         if not self.further_forces.size:
             object.__setattr__(self, "further_forces", none_further(len(self.run)))
         super().__post_init__()
@@ -236,14 +235,15 @@ class PerturbationTest(_Rows):
         """Rows put together by lines: what one run at one frequency under one force is."""
         return lines_of({name: getattr(self, name) for name in self._columns()} | {"speed": self.set_speed})
 
-    @property
+    @cached_property
     def forces(self) -> tuple[str, ...]:
         """Planes of the force in order of appearance, with the axis of those that do not turn: ``disk along x``; of
         forces that act at once all: ``disk + journal``."""
         columns = (self.force_plane, self.force_direction, self.further_forces)
+        first, _ = distinguished(*columns)
         distinct = dict.fromkeys(
             ((plane, along), *[(at, axis) for at, _, axis in further])
-            for plane, along, further in zip(*[column.tolist() for column in columns], strict=True)
+            for plane, along, further in zip(*[column[first].tolist() for column in columns], strict=True)
         )
         return tuple(
             " + ".join(plane if axis == "circular" else f"{plane} along {axis}" for plane, axis in acting)
@@ -302,7 +302,7 @@ class PerturbationTest(_Rows):
         """Rows whose force acts along an axis and does not turn, shape ``(R,)``."""
         return np.asarray(self.force_direction != "circular")
 
-    @property
+    @cached_property
     def force_planes(self) -> tuple[str, ...]:
         """Planes of the forces in order of appearance."""
         further = [plane for acting in words(self.further_forces)[0] for plane, *_ in acting]
@@ -376,7 +376,7 @@ def records(values: Iterable[Any]) -> Records:
 
 def none_further(rows: int) -> Records:
     """Further forces of rows on which one force acts alone."""
-    return records(repeat((), rows))
+    return np.broadcast_to(records([()]), rows)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

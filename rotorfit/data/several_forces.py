@@ -12,8 +12,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest, records
+from rotorfit.estimators.blocks.row_keys import combined, distinguished, numbers
 
 _PROBE = ("run", "speed", "frequency", "plane", "direction")
 """Columns that rows of one reading share, beside the reading itself."""
@@ -29,11 +31,15 @@ def gathered(test: PerturbationTest, where: Where | None = None) -> Perturbation
     forces; there all readings have to stand under the same ones. Rows of other runs stay as they are.
     """
     named = where or (lambda row: f"row {row + 1}")
-    groups = _groups(test)
-    runs = {str(test.run[rows[0]]) for rows in groups if _forced_anew(test, rows)}
-    if not runs:
+    first, group = distinguished(*[getattr(test, name) for name in _PROBE], *_readings(test))
+    place = combined(numbers(test.force_plane), numbers(test.force_direction))
+    anew = (place != place[first[group]]) & (test.response != 0) & np.isfinite(test.response)
+    if not anew.any():
         _refuse_two_readings(test, named)
         return test
+    runs = set(test.run[anew].tolist())
+    order = np.argsort(group, kind="stable")
+    groups = [rows.tolist() for rows in np.split(order, np.flatnonzero(np.diff(group[order])) + 1)]
     inside = np.isin(test.run, list(runs))
     kept: list[int] = []
     forces: dict[int, tuple[Any, ...]] = {}
@@ -41,11 +47,10 @@ def gathered(test: PerturbationTest, where: Where | None = None) -> Perturbation
         if inside[rows[0]]:
             _refuse_one_plane_twice(test, rows, named)
             _refuse_both_kinds(test, rows, named)
-            first, *further = _loaded(test, rows)
-            kept.append(first)
+            leading, *further = _loaded(test, rows)
+            kept.append(leading)
             columns = (test.force_plane, test.force, test.force_direction)
-            columns = (test.force_plane, test.force, test.force_direction)
-            forces[first] = tuple(zip(*[column[further].tolist() for column in columns], strict=True))
+            forces[leading] = tuple(zip(*[column[further].tolist() for column in columns], strict=True))
         else:
             kept += rows
     kept.sort()
@@ -86,19 +91,10 @@ def refuse_several(test: PerturbationTest, what: str) -> None:
         )
 
 
-def _groups(test: PerturbationTest) -> list[list[int]]:
-    """Rows that share run, speed, frequency, probe and reading, in order of appearance."""
-    columns = [getattr(test, name).tolist() for name in (*_PROBE, "response")]
-    found: dict[Any, list[int]] = {}
-    for row, key in enumerate(zip(*columns, strict=True)):
-        found.setdefault(key, []).append(row)
-    return list(found.values())
-
-
-def _forced_anew(test: PerturbationTest, rows: list[int]) -> bool:
-    """True if rows give one reading under forces at several places; a reading of zero is none."""
-    reading = complex(test.response[rows[0]])
-    return np.isfinite(reading) and reading != 0 and len({_place(test, row) for row in rows}) > 1
+def _readings(test: PerturbationTest) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Columns that are equal where readings are; one that is not finite is like no other."""
+    finite = np.isfinite(test.response)
+    return np.where(finite, test.response, 0), np.where(finite, -1, np.arange(len(test)))
 
 
 def _place(test: PerturbationTest, row: int) -> str:
@@ -159,12 +155,14 @@ def _refuse_two_readings(test: PerturbationTest, named: Where) -> None:
     """Refuse synchronous runs in which one probe reads twice at one speed, under different planes of the force."""
     if not test.synchronous:
         return
-    first: dict[Any, int] = {}
-    for row, key in enumerate(zip(*[getattr(test, name).tolist() for name in _PROBE], strict=True)):
-        other = first.setdefault(key, row)
-        if test.force_plane[row] != test.force_plane[other] and test.force[row] != 0 and test.force[other] != 0:
-            raise ValueError(
-                f"{named(row)}: run {test.run[row]} has two readings of {test.plane[row]} {test.direction[row]} at one "
-                f"speed, under a weight at {test.force_plane[other]} ({named(other)}) and at {test.force_plane[row]}. "
-                "If both weights were in, write the same reading for each; otherwise name the runs apart"
-            )
+    first, number = distinguished(*[getattr(test, name) for name in _PROBE])
+    others, plane = first[number], numbers(test.force_plane)
+    twice = np.flatnonzero((plane != plane[others]) & (test.force != 0) & (test.force[others] != 0))
+    if twice.size:
+        row = int(twice[0])
+        other = int(others[row])
+        raise ValueError(
+            f"{named(row)}: run {test.run[row]} has two readings of {test.plane[row]} {test.direction[row]} at one "
+            f"speed, under a weight at {test.force_plane[other]} ({named(other)}) and at {test.force_plane[row]}. "
+            "If both weights were in, write the same reading for each; otherwise name the runs apart"
+        )

@@ -28,6 +28,7 @@ from rotorfit.estimators.atomic_file import note_input, refuse_input, whole_file
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.file_reading import reading
 from rotorfit.io.tables.cells import EXCEL
+from rotorfit.models.array_types import Index
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import RAD_S_PER_RPM
 
@@ -68,6 +69,7 @@ def read(
     drop_near_1x: float = 0.0,
     skip: Sequence[int] = (),
     on_finding: Callable[[Finding], None] | None = None,
+    on_lines: Callable[[Index], None] | None = None,
 ) -> Experiment:
     """Read a test: CSV (.csv .tsv .txt), Excel (.xlsx .xlsm), universal file (.uff .unv), netCDF (.nc) or MAT 5 (.mat).
 
@@ -97,6 +99,8 @@ def read(
         where, exclude, drop_near_1x: readings to keep, :func:`rotorfit.data.selection.selected`.
         skip: numbers of readings to leave out, counted from 1 in the test as it is read without this option.
         on_finding: called with what was left out of a table, such as empty readings; by default it is warned of.
+        on_lines: called with the line of the file, or row of the sheet, of each reading of a table, shape ``(R,)``,
+            before readings are chosen by ``where`` and the like.
 
     Raises:
         ValueError: what in the file or in an option is wrong, where, and what is allowed.
@@ -111,9 +115,10 @@ def read(
         raise ValueError(f"speed_tolerance is a fraction of the speed, 0 to 1; got {speed_tolerance!r}")
     if speed is not None and not np.isfinite(speed):
         raise ValueError(f"speed must be a finite number, rad/s; got {speed!r}")
-    table = {"sheet": sheet, "columns": columns, "constants": constants, "on_finding": on_finding}
+    table = {"sheet": sheet, "columns": columns, "constants": constants}
+    told = {"on_finding": on_finding, "on_lines": on_lines}
     with _as_file(path) as file:
-        test = _read_raw(file, {"speed": speed, "axes": axes}, table, speed_tolerance)
+        test = _read_raw(file, {"speed": speed, "axes": axes}, table, told, speed_tolerance)
     test = selected(test, where=where, exclude=exclude, drop_near_1x=drop_near_1x)
     options: dict[str, Any] = {
         "gains": gains,
@@ -199,39 +204,39 @@ _READERS = {"csv": "tables (CSV and Excel)", "uff": "universal files"}
 
 
 def _read_raw(
-    path: str | Path, universal: Mapping[str, Any], table: Mapping[str, Any], speed_tolerance: float
+    path: str | Path,
+    universal: Mapping[str, Any],
+    table: Mapping[str, Any],
+    told: Mapping[str, Any],
+    speed_tolerance: float,
 ) -> Experiment:
     """Read a file with the options of its format; those of another format are refused."""
     kind = _format(path)
     note_input(Path(path))
     with reading(Path(path).name, _KINDS[kind]):
-        return _read_kind(kind, path, universal, table, speed_tolerance)
+        for of, options in (("uff", {**universal, "axes": universal["axes"] != "xy"}), ("csv", table)):
+            name = next((name for name, value in options.items() if value), None)
+            if name and kind != of:
+                raise ValueError(f"{name} is an option of {_READERS[of]}, which {Path(path).name} is not")
+        if kind == "csv":
+            from rotorfit.io.tables.tidy_csv import read_csv
+
+            return read_csv(path, speed_tolerance=speed_tolerance, **table, **told)
+        return replace(_read_kind(kind, path, universal), speed_tolerance=speed_tolerance)
 
 
-def _read_kind(
-    kind: str, path: str | Path, universal: Mapping[str, Any], table: Mapping[str, Any], speed_tolerance: float
-) -> Experiment:
-    for of, options in (("uff", {**universal, "axes": universal["axes"] != "xy"}), ("csv", {**table, "on_finding": 0})):
-        name = next((name for name, value in options.items() if value), None)
-        if name and kind != of:
-            raise ValueError(f"{name} is an option of {_READERS[of]}, which {Path(path).name} is not")
-    if kind == "csv":
-        from rotorfit.io.tables.tidy_csv import read_csv
-
-        return read_csv(path, speed_tolerance=speed_tolerance, **table)
+def _read_kind(kind: str, path: str | Path, universal: Mapping[str, Any]) -> Experiment:
     if kind == "uff":
         from rotorfit.io.universal import read_uff
 
-        test: Experiment = read_uff(path, **universal)
-    elif kind == "netcdf":
+        return read_uff(path, **universal)
+    if kind == "netcdf":
         from rotorfit.io.netcdf import read_netcdf
 
-        test = read_netcdf(path)
-    else:
-        from rotorfit.io.matlab import read_mat
+        return read_netcdf(path)
+    from rotorfit.io.matlab import read_mat
 
-        test = read_mat(path)
-    return replace(test, speed_tolerance=speed_tolerance)
+    return read_mat(path)
 
 
 def write(experiment: Experiment, path: str | Path) -> None:
@@ -301,12 +306,6 @@ def _writer(kind: str) -> Callable[[Any, Path], None]:
     from rotorfit.io.matlab import write_mat
 
     return write_mat
-
-
-def table_suffix(path: str | Path) -> bool:
-    """Whether a file is a table, CSV or Excel, by its suffix."""
-    suffix = Path(path).suffix.lower()
-    return suffix in EXCEL or SUFFIXES.get(suffix) == "csv"
 
 
 def _format(path: str | Path) -> str:

@@ -125,9 +125,7 @@ def _table(columns: Mapping[str, NDArray[Any]], source: str) -> Table:
         if len(words) not in (1, rows):
             raise ValueError(f"{source}: {name} has {len(words)} values, other columns have {rows}")
         cells[name.lower()] = words * rows if len(words) == 1 else words
-    return Table(
-        source=source, cells=cells, lines=list(range(1, rows + 1)), names={name.lower(): name for name in kept}
-    )
+    return Table(source=source, cells=cells, lines=np.arange(1, rows + 1), names={name.lower(): name for name in kept})
 
 
 def _cell(value: Any) -> str:

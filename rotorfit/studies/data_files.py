@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import PHASE_DATUM, errors_first, without_phases
-from rotorfit.io.files import read, table_suffix
-from rotorfit.io.tables.tidy_csv import lines_of
+from rotorfit.io.files import read
+from rotorfit.models.array_types import Index
 from rotorfit.studies.recording_files import RecordingFiles
 
 if TYPE_CHECKING:
@@ -44,11 +44,14 @@ class DataFile:
         return (self.path,)
 
     def read(
-        self, on_finding: Callable[[Finding], None] | None = None, progress: Callable[[str], None] = no_progress
+        self,
+        on_finding: Callable[[Finding], None] | None = None,
+        progress: Callable[[str], None] = no_progress,
+        on_lines: Callable[[Index], None] | None = None,
     ) -> Experiment:
         """Read the test."""
         progress(f"reading {self.path.name}")
-        return read(self.path, **{"on_finding": on_finding, **self.options})
+        return read(self.path, **{"on_finding": on_finding, "on_lines": on_lines, **self.options})
 
 
 def read_files(
@@ -62,14 +65,15 @@ def read_files(
     findings: list[tuple[Finding, ...]] = []
     for file in files:
         found: list[Finding] = []
+        lines: list[Index] = []
         if isinstance(file, RecordingFiles):
             tests = file.read(found.append, progress, executor)
         else:
-            tests = (file.read(found.append, progress),)
+            tests = (file.read(found.append, progress, lines.append),)
         for test in tests:
             checked = check(test)
             found += without_phases(checked) if any(f.code == PHASE_DATUM for f in found) else checked
-            found = _with_lines(found, file, len(test))
+            found = _with_lines(found, lines, len(test))
             findings.append(tuple(errors_first(found)))
             found = []  # findings about recordings of several kinds are reported with the first
         experiments += tests
@@ -93,12 +97,8 @@ def checked_again(
     return tuple(found)
 
 
-def _with_lines(findings: list[Finding], file: DataFile | RecordingFiles, count: int) -> list[Finding]:
+def _with_lines(findings: list[Finding], lines: Sequence[Index], count: int) -> list[Finding]:
     """Findings with the lines of the file that their rows stand in, where each row is a line of a table."""
-    if not isinstance(file, DataFile) or not any(f.rows for f in findings) or not table_suffix(file.path):
+    if not lines or lines[0].size != count:  # runs were differenced, or rows chosen
         return findings
-    options = {name: file.options[name] for name in ("sheet", "columns", "constants") if name in file.options}
-    lines = lines_of(file.path, **options)
-    if len(lines) != count:  # runs were differenced, or rows chosen
-        return findings
-    return [replace(f, lines=tuple(lines[row] for row in f.rows)) for f in findings]
+    return [replace(f, lines=tuple(lines[0][list(f.rows)].tolist())) for f in findings]

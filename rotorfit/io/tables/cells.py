@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import codecs
 import csv
+import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, islice
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, overload
+
+import numpy as np
 
 from rotorfit.estimators.file_limits import check_archive, check_text, check_unpacked
+from rotorfit.models.array_types import Bool, Float, Index
 from rotorfit.models.parameters import unknown_name
 
 EXCEL = (".xlsx", ".xlsm")
@@ -34,6 +39,10 @@ _CELL_BYTES = 8
 _ARCHIVE, _OLD_EXCEL = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"
 
 
+_Row = tuple[int, Sequence[str]]
+"""Line of the file, or row of the sheet, and its cells."""
+
+
 def as_text(cell: Any) -> Any:
     """A cell to write, a name that spreadsheets would run as a formula with an apostrophe before it."""
     formula = isinstance(cell, str) and cell.startswith(_FORMULA) and not _is_number(cell)
@@ -45,58 +54,187 @@ def _as_written(cell: str) -> str:
     return cell[1:] if cell.startswith("'") and cell[1:].startswith(_FORMULA) else cell
 
 
+class Numbers(Sequence[str]):
+    """Cells that are numbers, kept as such and NaN where blank; one that is looked at is written anew."""
+
+    def __init__(self, values: Float) -> None:
+        self.values = values
+
+    def __len__(self) -> int:
+        return self.values.size
+
+    @overload
+    def __getitem__(self, at: int) -> str: ...
+    @overload
+    def __getitem__(self, at: slice) -> Sequence[str]: ...
+    def __getitem__(self, at: int | slice) -> str | Sequence[str]:
+        if isinstance(at, slice):
+            return Numbers(self.values[at])
+        value = float(self.values[at])
+        return "" if math.isnan(value) else repr(value).removesuffix(".0")
+
+
+def taken(cells: Sequence[str], rows: Sequence[int] | Index) -> Sequence[str]:
+    """Cells of some rows."""
+    if isinstance(cells, Numbers):
+        return Numbers(cells.values[rows])
+    return [cells[row] for row in rows]
+
+
+def lacking(cells: Sequence[str], words: Sequence[str] = ("",)) -> Bool:
+    """Rows whose cell is blank, or one of these words whatever its case, shape ``(R,)``."""
+    if isinstance(cells, Numbers):
+        return np.isnan(cells.values)
+    blank = {cell for cell in set(cells) if cell.lower() in words}
+    return np.array([cell in blank for cell in cells], dtype=bool)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Cells:
     """A table as it stands in a file."""
 
     header: Sequence[str]  # names of the columns
-    rows: Sequence[Sequence[str]]  # cells of each row, stripped of blanks, as many as there are columns
-    lines: Sequence[int]  # line of the file, or row of the sheet, of each row
+    columns: Sequence[Sequence[str]]  # cells of each column, stripped of blanks
+    lines: Index  # line of the file, or row of the sheet, of each row
 
 
-def read_cells(path: Path, sheet: str | None = None) -> Cells | None:
-    """Header and rows of a text file or a sheet; None where there is nothing.
+class _Text(dict[str, str]):
+    """Cells of a column of text as they are meant, each kept once."""
 
-    Comment lines (``#``), blank lines and empty columns at the end are left out. Numbers with decimal commas are
-    written with points.
+    def __missing__(self, cell: str) -> str:
+        self[cell] = _as_written(cell.strip())
+        return self[cell]
+
+
+class _Column:
+    """A column while its rows arrive: numbers for as long as all cells are, with points or with commas."""
+
+    def __init__(self, name: str, is_text: bool) -> None:
+        self.name, self.is_text, self.lost = name, is_text, False
+        self._numbers: list[Float] = []
+        self._text: list[str] = []
+        self._meant = _Text()
+        self._rows = 0
+        self._mark = ""  # before the decimals of numbers
+        self._first = (0, "")  # row and cell where it stands first
+        self._thousands = True  # whether it may always stand between thousands
+        self._decimal = ""  # a number where it does not
+
+    def add(self, cells: Sequence[str]) -> None:
+        """Take the cells of further rows."""
+        values = None if self.is_text or self.lost else self._converted(cells)
+        if values is not None:
+            self._numbers.append(values)
+        elif self._numbers:
+            self.lost = True  # the cells above are needed as they were written
+        else:
+            self.is_text = True
+            self._text += map(self._meant.__getitem__, cells)
+        self._rows += len(cells)
+
+    def _converted(self, cells: Sequence[str]) -> Float | None:
+        """Cells as numbers, blank ones NaN; None where one is something else, or the mark is not that of the others."""
+        joined = "".join(cells)
+        mark = next((mark for mark in ".," if mark in joined), self._mark)
+        if mark != (self._mark or mark) or "_" in joined:
+            return None
+        try:
+            pointed = [cell.replace(",", ".") for cell in cells] if mark == "," else cells
+            values = np.array([float(cell) if cell else np.nan for cell in pointed])
+        except ValueError:
+            return None
+        if np.isfinite(values).sum() != len(cells) - cells.count(""):
+            return None
+        if mark and not self._mark:
+            row = next(row for row, cell in enumerate(cells) if mark in cell)
+            self._mark, self._first = mark, (self._rows + row, cells[row].strip())
+        if mark and not self._decimal:
+            words = [cell.strip() for cell in cells]
+            self._thousands = self._thousands and _only_thousands(words, mark)
+            self._decimal = next((cell for cell in words if _is_decimal(cell, mark)), "")
+        return values
+
+    def finished(self, source: str) -> Sequence[str]:
+        """All cells; those of a column of text with decimal commas, beside n/a and its like, with points."""
+        if not self.is_text:
+            return Numbers(np.concatenate(self._numbers or [np.zeros(0)]))
+        check_text(f"{source}, column {self.name[:80]!r}", self._text)
+        pointed = _pointed(list(self._meant.values()), source, self.name)
+        if pointed is None:
+            return self._text
+        return list(map(dict(zip(self._meant.values(), pointed, strict=True)).__getitem__, self._text))
+
+    def of_thousands(self, mark: str) -> tuple[int, str] | None:
+        """First row and cell with a mark, where all that are may stand between thousands."""
+        if not self.is_text:
+            return self._first if self._mark == mark and self._thousands else None
+        if not any(mark in cell for cell in self._meant.values()) or not _only_thousands(self._meant.values(), mark):
+            return None
+        return next((row, cell) for row, cell in enumerate(self._text) if mark in cell)
+
+    def decimal(self, mark: str) -> str:
+        """A number with the mark before its decimals; empty without."""
+        if not self.is_text:
+            return self._decimal if self._mark == mark else ""
+        return next((cell for cell in self._meant.values() if _is_decimal(cell, mark)), "")
+
+
+def read_cells(path: Path, sheet: str | None, is_text: Callable[[str], bool]) -> Cells | None:
+    """Header and columns of a text file or a sheet; None where there is nothing.
+
+    Comment lines (``#``), blank lines and empty columns at the end are left out. Columns in which all cells are numbers
+    become numbers as the rows arrive; others, and those that are text by their names, stay as they are written.
     """
-    if path.suffix.lower() in EXCEL:
-        found = list(_sheet(path, sheet))
-    elif sheet is not None:
+    if sheet is not None and path.suffix.lower() not in EXCEL:
         raise ValueError(f"a sheet is an option of Excel files ({', '.join(EXCEL)}); {path.name} is a text file")
-    else:
-        found = list(_text_rows(path))
-    found = _without_titles(found)
-    if not found:
+    rows = _sheet(path, sheet) if path.suffix.lower() in EXCEL else _text_rows(path)
+    first = _without_titles(list(islice(rows, _TITLE_ROWS)))
+    if not first:
         return None
-    (_, header), *rest = found
+    header = [_as_written(cell.strip()) for cell in first[0][1]]
     width = max((i + 1 for i, name in enumerate(header) if name), default=0)
-    kept = [(line, row) for line, row in rest if any(row)]
+    columns = [_Column(name, is_text=is_text(name)) for name in header[:width]]
+    lines: list[Index] = []
+    rest = chain(first[1:], rows)
+    while batch := list(islice(rest, 512)):  # which the processor's cache holds
+        numbers, cells = _even(path.name, batch, width)
+        if not lines and cells:
+            _refuse_units(path.name, numbers[0], [[cell.strip() for cell in row] for row in cells[:4]])
+        lines.append(np.array(numbers, dtype=np.intp))
+        for column, own in zip(columns, zip(*cells, strict=True), strict=bool(cells)):
+            column.add(own)
+    if lost := [column.name for column in columns if column.lost]:
+        return read_cells(path, sheet, lambda name: name in lost or is_text(name))
+    numbered = np.concatenate(lines) if lines else np.zeros(0, dtype=np.intp)
+    _refuse_thousands(path.name, columns, numbered)
+    return Cells(header=header[:width], columns=[column.finished(path.name) for column in columns], lines=numbered)
+
+
+def _even(source: str, batch: Sequence[_Row], width: int) -> tuple[Sequence[int], Sequence[Sequence[str]]]:
+    """Lines and cells of rows that are not blank, as many in each as there are columns."""
+    lines, cells = zip(*batch, strict=True)
+    if set(map(len, cells)) == {width} and all(map(any, cells)):
+        return lines, cells
+    kept = [(line, row) for line, row in batch if any(map(str.strip, row))]
     for line, row in kept:
-        if len(row) < width or any(row[width:]):
-            size = max((i + 1 for i, cell in enumerate(row) if cell), default=0) if len(row) > width else len(row)
-            raise ValueError(f"{path.name}: line {line} has {size} cells, the header has {width} columns")
-    rows = [row[:width] for _, row in kept]
-    if kept:
-        _refuse_units(path.name, kept[:4])
-    _refuse_thousands(path.name, header, [line for line, _ in kept], list(zip(*rows, strict=True)))
-    for column, name in zip(zip(*rows, strict=True), header):  # noqa: B905 - the header may have empty names at its end
-        check_text(f"{path.name}, column {name[:80]!r}", column)
-    columns = [_pointed(list(column), path.name, name) for column, name in zip(zip(*rows, strict=True), header)]  # noqa: B905 - the header may have empty names at its end
-    return Cells(header=header[:width], rows=list(zip(*columns, strict=True)), lines=[line for line, _ in kept])
+        size = max((i + 1 for i, cell in enumerate(row) if cell.strip()), default=0)
+        if len(row) < width or size > width:
+            size = size if len(row) > width else len(row)
+            raise ValueError(f"{source}: line {line} has {size} cells, the header has {width} columns")
+    return [line for line, _ in kept], [row[:width] for _, row in kept]
 
 
-def _without_titles(found: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
+def _without_titles(found: list[_Row]) -> list[_Row]:
     """Rows without those of a preamble, one or two cells each, above a header of three and more."""
-    sizes = [sum(map(bool, row)) for _, row in found[:_TITLE_ROWS]]
+    sizes = [sum(bool(cell.strip()) for cell in row) for _, row in found]
     first = next((i for i, size in enumerate(sizes) if size > 2), 0)
     return found[first:]
 
 
-def _refuse_units(source: str, first: Sequence[tuple[int, Sequence[str]]]) -> None:
+def _refuse_units(source: str, line: int, first: Sequence[Sequence[str]]) -> None:
     """Refuse a first row without a number in any of the columns that hold numbers in the rows below it."""
-    (line, row), *below = first
-    numeric = [i for i in range(len(row)) if below and all(_is_number(other[i]) for _, other in below)]
+    row, *below = first
+    numeric = [i for i in range(len(row)) if below and all(_is_number(other[i]) for other in below)]
     told = [row[i] for i in numeric if row[i]]
     if len(told) > 1 and not any(_is_number(cell) or cell.lower() in NOT_TAKEN for cell in told):
         raise ValueError(
@@ -105,29 +243,21 @@ def _refuse_units(source: str, first: Sequence[tuple[int, Sequence[str]]]) -> No
         )
 
 
-def _refuse_thousands(
-    source: str, header: Sequence[str], lines: Sequence[int], columns: Sequence[Sequence[str]]
-) -> None:
+def _refuse_thousands(source: str, columns: Sequence[_Column], lines: Index) -> None:
     """Refuse numbers such as 1,000 in a table with decimal points, and 1.000 in one with decimal commas."""
     for mark, other in ((",", "."), (".", ",")):
-        found = {i: next((k for k, cell in enumerate(cells) if mark in cell), None) for i, cells in enumerate(columns)}
-        doubtful = [i for i, k in found.items() if k is not None and _only_thousands(columns[i], mark)]
-        if not doubtful:
-            continue
-        decimal = next(
-            ((i, cell) for i, cells in enumerate(columns) for cell in cells if _is_decimal(cell, other)), None
-        )
-        if decimal:
-            at, row = doubtful[0], found[doubtful[0]] or 0
-            cell = columns[at][row]
+        doubtful = next(((column, at) for column in columns if (at := column.of_thousands(mark))), None)
+        decimal = next(((column, cell) for column in columns if (cell := column.decimal(other))), None)
+        if doubtful and decimal:
+            column, (row, cell) = doubtful
             raise ValueError(
-                f"{source}: line {lines[row]}, column {header[at]!r}: {cell!r} may be {cell.replace(mark, '')} or "
-                f"{cell.replace(mark, '.')}; column {header[decimal[0]]!r} writes decimals as in {decimal[1]!r}. Write "
+                f"{source}: line {lines[row]}, column {column.name!r}: {cell!r} may be {cell.replace(mark, '')} or "
+                f"{cell.replace(mark, '.')}; column {decimal[0].name!r} writes decimals as in {decimal[1]!r}. Write "
                 "all numbers in one way, without marks between thousands"
             )
 
 
-def _only_thousands(cells: Sequence[str], mark: str) -> bool:
+def _only_thousands(cells: Iterable[str], mark: str) -> bool:
     """Whether a column holds numbers, and all with the mark may be whole ones with a mark between thousands."""
     return all(
         _THOUSANDS.fullmatch(cell) if mark in cell else not cell or cell.lstrip("+-").isdigit() for cell in cells
@@ -150,23 +280,40 @@ def marked_encoding(raw: bytes) -> str:
     return encoding
 
 
-def decoded(path: Path) -> str:
-    """Text in UTF-8, UTF-16 or, as old programs save it, Windows' Western code page."""
-    raw = path.read_bytes()
-    if raw.startswith((_ARCHIVE, _OLD_EXCEL)):
-        raise ValueError(f"{path.name} is no text but a workbook, as Excel writes them: {_workbook_advice(raw)}")
-    encoding = marked_encoding(raw)
-    try:
-        return raw.decode(encoding or "utf-8")
-    except UnicodeDecodeError as error:
-        if encoding or b"\0" in raw:
-            raise ValueError(f"{path.name} is not text: {error.reason} at byte {error.start}") from error
-    try:
-        return raw.decode("cp1252")
-    except UnicodeDecodeError as error:
-        raise ValueError(
-            f"{path.name} is neither UTF-8 nor Windows-1252 text (byte {error.start}); save it as CSV UTF-8"
-        ) from error
+def encoding_of(path: Path) -> str:
+    """Encoding of a text file: UTF-8, UTF-16 or, as old programs save it, Windows' Western code page."""
+    with path.open("rb") as stream:
+        head = stream.read(400)
+    if head.startswith((_ARCHIVE, _OLD_EXCEL)):
+        raise ValueError(f"{path.name} is no text but a workbook, as Excel writes them: {_workbook_advice(head)}")
+    encoding = marked_encoding(head)
+    reason, nothing = _undecodable(path, encoding or "utf-8")
+    if not reason:
+        return encoding or "utf-8"
+    if encoding or nothing:
+        raise ValueError(f"{path.name} is not text: {reason}")
+    if reason := _undecodable(path, "cp1252")[0]:
+        raise ValueError(f"{path.name} is neither UTF-8 nor Windows-1252 text ({reason}); save it as CSV UTF-8")
+    return "cp1252"
+
+
+def _undecodable(path: Path, encoding: str) -> tuple[str, bool]:
+    """Why a file is not in an encoding, empty where it is, and whether it has bytes that are zero."""
+    decoder, nothing, at = codecs.getincrementaldecoder(encoding)(), False, 0
+    reason = ""
+    with path.open("rb") as stream:
+        while block := stream.read(1 << 20):
+            nothing |= b"\0" in block
+            kept = len(decoder.getstate()[0])
+            try:
+                if not reason:
+                    decoder.decode(block)
+            except UnicodeDecodeError as problem:
+                reason = f"{problem.reason} at byte {at - kept + problem.start}"
+            at += len(block)
+    if not reason and decoder.getstate()[0]:
+        reason = f"unexpected end of data at byte {at - len(decoder.getstate()[0])}"
+    return reason, nothing
 
 
 def _workbook_advice(raw: bytes) -> str:
@@ -175,26 +322,32 @@ def _workbook_advice(raw: bytes) -> str:
     return "name it .xlsx, or save it as CSV"
 
 
-def _text_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    lines = re.split(r"\r\n|\r|\n", decoded(path))
-    numbered = [(i, line) for i, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
-    delimiter = ""
-    if numbered and re.fullmatch(r"sep=.", numbered[0][1].strip()):  # written by Excel
-        delimiter = numbered.pop(0)[1].strip()[4]
-    if not numbered:
-        return
-    counts = [max(map(line.count, ",;\t")) for _, line in numbered[:_TITLE_ROWS]]
-    first = next((i for i, count in enumerate(counts) if count > 1), 0)  # a title has none, or a comma
-    delimiter = delimiter or max(",;\t", key=numbered[first][1].count)
-    try:
-        rows = list(csv.reader((line for _, line in numbered), delimiter=delimiter, strict=True))
-    except csv.Error as error:
-        raise ValueError(f"{path.name} is not a readable CSV: {error}") from error
-    for (line, text), row in zip(numbered, rows, strict=False):
-        yield line, [_as_written(cell.strip()) for cell in row] if "'" in text else [cell.strip() for cell in row]
+def _text_rows(path: Path) -> Iterator[_Row]:
+    with path.open(encoding=encoding_of(path)) as stream:
+        numbered = ((i, line) for i, line in enumerate(stream, 1) if line.strip() and not line.lstrip().startswith("#"))
+        head = list(islice(numbered, _TITLE_ROWS))
+        delimiter = ""
+        if head and re.fullmatch(r"sep=.", head[0][1].strip()):  # written by Excel
+            delimiter = head.pop(0)[1].strip()[4]
+        if not head:
+            return
+        counts = [max(map(line.count, ",;\t")) for _, line in head]
+        first = next((i for i, count in enumerate(counts) if count > 1), 0)  # a title has none, or a comma
+        delimiter = delimiter or max(",;\t", key=head[first][1].count)
+        taken_from: list[int] = [0]
+
+        def lines() -> Iterator[str]:
+            for taken_from[0], line in chain(head, numbered):
+                yield line
+
+        try:
+            for row in csv.reader(lines(), delimiter=delimiter, strict=True):
+                yield taken_from[0], row
+        except csv.Error as error:
+            raise ValueError(f"{path.name} is not a readable CSV: {error}") from error
 
 
-def _sheet(path: Path, sheet: str | None) -> Iterator[tuple[int, list[str]]]:
+def _sheet(path: Path, sheet: str | None) -> Iterator[_Row]:
     with path.open("rb") as stream:
         book = _workbook(path, stream)
         if sheet is not None and sheet not in book.sheetnames:
@@ -242,14 +395,14 @@ def _shown(value: Any) -> str:
     return str(value).strip()
 
 
-def _pointed(cells: list[str], source: str, name: str) -> list[str]:
-    """Cells of a column of numbers with decimal commas, with points; other columns as they are."""
+def _pointed(cells: Sequence[str], source: str, name: str) -> Sequence[str] | None:
+    """Cells of a column of numbers with decimal commas, with points; None for other columns."""
     with_comma = [bool(_COMMA.fullmatch(cell)) for cell in cells]
     if not any(with_comma) or not all(
         comma or cell.lower() in NOT_TAKEN or _POINT.fullmatch(cell)
         for cell, comma in zip(cells, with_comma, strict=True)
     ):
-        return cells
+        return None
     if any("." in cell for cell in cells):
         raise ValueError(
             f"{source}: column {name!r} has decimal points and decimal commas "

@@ -34,7 +34,7 @@ def without_incoherent(table: Table) -> tuple[Table, list[Finding]]:
         f"{table.source}: {rows.size} of {values.size} readings have coherence zero, noise alone, and were left out "
         f"(first in line {table.lines[int(rows[0])]})"
     )
-    return kept(table, np.flatnonzero(values != 0).tolist()), [Finding("note", "incoherent", words)]
+    return kept(table, np.flatnonzero(values != 0)), [Finding("note", "incoherent", words)]
 
 
 def noise_of_coherence(columns: Columns, size: Float) -> Float:

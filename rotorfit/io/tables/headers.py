@@ -10,7 +10,9 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 
-from rotorfit.io.tables.cells import NOT_TAKEN
+import numpy as np
+
+from rotorfit.io.tables.cells import NOT_TAKEN, lacking, taken
 from rotorfit.io.tables.table import MOTION, Table, floats
 from rotorfit.io.tables.wanted_columns import PREFIXES
 from rotorfit.io.tables.wide import NOT_PLANES, is_probe, is_wide
@@ -44,7 +46,7 @@ _SAME: Mapping[str, str] = {
 _PARTS = ("amplitude", "phase", "real", "imag")
 _DROPPED = ("1x", "lead")  # the order of the vibration that forces make; a phase leads unless it says lag
 _OTHER_ORDER = re.compile(r"(\d+|n)x|0?\.?5x")  # 1x is dropped before
-_TEXT = ("run", "plane", "direction", "force_plane", "force_direction")
+_TEXT = ("run", "plane", "direction", "force_plane", "force_direction", "load_plane", "line", "coherence")
 _DIRECTIONS = ("x", "y", "z", "rx", "ry")
 _OTHER_DIRECTIONS = ("h", "v", "horizontal", "vertical", "left", "right")
 _NO_MOTION = ("v", "mv", "volt", "volts", "vdc", "mm_s", "in_s", "g", "n", "c", "f", "bar", "kpa", "psi")
@@ -68,6 +70,12 @@ def understood(table: Table) -> Table:
         names={new.get(key, key).lower(): new.get(key, spelled) for key, spelled in table.names.items()},
         written={new.get(key, key).lower(): spelled for key, spelled in table.names.items()},
     )
+
+
+def is_text(spelled: str, columns: Mapping[str, str]) -> bool:
+    """Whether a column is text by its name, or by that which ``columns`` gives it: ``run`` may be called 007."""
+    names = [spelled, *(other for pair in columns.items() for other in pair if spelled in pair)]
+    return any(name.lower() in _TEXT or quantity_meant(name) in _TEXT for name in names)
 
 
 def refuse_doubtful(table: Table) -> None:
@@ -143,8 +151,8 @@ def _is_doubtful(table: Table, name: str) -> bool:
     words, unit = _apart(table.spelled(name).lower())
     if is_probe(name) or quantity_meant(name) or words[:1] == [] or words[0] in NOT_PLANES:
         return False
-    told = [cell for cell in table.cells[name] if cell.lower() not in NOT_TAKEN]
-    if not told or floats(told) is None:
+    told = np.flatnonzero(~lacking(table.cells[name], NOT_TAKEN))
+    if not told.size or floats(taken(table.cells[name], told)) is None:
         return False
     said = "_".join(unit)
     part = any(word in (*_PARTS, "lag") for word in words)

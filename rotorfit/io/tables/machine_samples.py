@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rotorfit.data.findings import Finding
-from rotorfit.io.tables.cells import EXCEL, decoded, marked_encoding
+from rotorfit.io.tables.cells import EXCEL, encoding_of, marked_encoding
 from rotorfit.io.tables.machine_tables import NUMBER, SEPARATED, Row, checked
 from rotorfit.io.tables.table import Table
 from rotorfit.units import UNITS, find_unit
@@ -50,7 +50,7 @@ def is_sample_table(path: Path) -> bool:
 def sample_table(path: Path, channels: Mapping[str, str]) -> tuple[Table, list[Finding]]:
     """Readings of a sample table, and what was left out of them."""
     source = path.name
-    readings = list(_samples(source, decoded(path)))
+    readings = list(_samples(source, path.read_text(encoding=encoding_of(path))))
     if not readings:
         raise ValueError(f"{source} has no samples: no row follows a header {'|'.join(SAMPLE_HEADER)}")
     if len({channel.machine for channel, _ in readings if _length(source, channel) is not None}) > 1:

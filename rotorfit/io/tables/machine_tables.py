@@ -14,6 +14,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from rotorfit.data.findings import Finding
 from rotorfit.io.tables.table import Table
 
@@ -102,7 +104,7 @@ def checked(
     names = list(kept[0][1])
     columns = {name: [row[name] for _, row in kept] for name in names}
     return Table(
-        source=source, cells=columns, lines=[line for line, _ in kept], names={name: name for name in names}
+        source=source, cells=columns, lines=np.array([line for line, _ in kept]), names={name: name for name in names}
     ), found
 
 

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from rotorfit.data.experiments import DERIVATIVES
+from rotorfit.io.tables.cells import lacking
 from rotorfit.io.tables.table import READING, Table
 from rotorfit.io.tables.wanted_columns import Columns
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Text
@@ -31,8 +32,8 @@ def with_amplitudes(table: Table) -> Table:
     new = {}
     for quantity, units in _SAID.items():
         for name in table.find(quantity, units):
-            pairs = (zip(table.cells[name], table.cells[other], strict=True) for other in readings)
-            if not any(one and other for both in pairs for one, other in both):
+            beside = [~lacking(table.cells[name]) & ~lacking(table.cells[other]) for other in readings]
+            if not np.any(beside):
                 new[name] = f"amplitude_{name.removeprefix(quantity + '_')}"
     if not new:
         return table

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from rotorfit.data.findings import Finding
-from rotorfit.io.tables.cells import NOT_TAKEN
+from rotorfit.io.tables.cells import NOT_TAKEN, Numbers, lacking, taken
 from rotorfit.io.tables.table import READING, Table, floats, kept
 from rotorfit.models.array_types import Bool
 from rotorfit.units import RPM_PER_RAD_S, UNITS, units_of
@@ -30,22 +30,18 @@ def without_empty(table: Table) -> tuple[Table, list[Finding]]:
     needed = [names for names in (*lengths, list(table.find("phase", UNITS["phase"]))) if names]
     if not needed:
         return table, []
-    lacking = (
-        any(all(table.cells[name][row].lower() in NOT_TAKEN for name in names) for names in needed)
-        for row in range(len(table.lines))
-    )
-    empty = np.array(list(lacking))
+    missing = [[lacking(table.cells[name], NOT_TAKEN) for name in names] for names in needed]
+    empty = np.logical_or.reduce([np.logical_and.reduce(own) for own in missing])
     if not empty.any() or empty.all():
         return table, []
     _refuse_halves(table, empty)
-    lines = [table.lines[i] for i in np.flatnonzero(empty).tolist()]
-    distinct = list(dict.fromkeys(lines))
+    distinct = list(dict.fromkeys(table.lines[empty].tolist()))
     where = ", ".join(map(str, distinct[:5])) + (", ..." if len(distinct) > 5 else "")
     words = (
         f"{table.source}: {empty.sum()} of {empty.size} readings are empty and were skipped "
         f"(line{'s' * (len(distinct) > 1)} {where})"
     )
-    return kept(table, np.flatnonzero(~empty).tolist()), [Finding("note", "empty", words)]
+    return kept(table, np.flatnonzero(~empty)), [Finding("note", "empty", words)]
 
 
 def without_standstill(table: Table) -> tuple[Table, list[Finding]]:
@@ -56,11 +52,11 @@ def without_standstill(table: Table) -> tuple[Table, list[Finding]]:
     values = floats(table.cells[next(iter(column))]) if names and len(column) == 1 else None
     if values is None:
         return table, []
-    still = np.array([any(table.cells[name][row] for name in names) for row in range(values.size)]) & (values == 0)
+    still = ~np.logical_and.reduce([lacking(table.cells[name]) for name in names]) & (values == 0)
     if not still.any() or still.all():
         return table, []
     words = f"{table.source}: {still.sum()} readings at frequency zero were left out: nothing accelerates there"
-    return kept(table, np.flatnonzero(~still).tolist()), [Finding("note", "standstill", words)]
+    return kept(table, np.flatnonzero(~still)), [Finding("note", "standstill", words)]
 
 
 _READING = ("run", "plane", "direction")
@@ -94,9 +90,16 @@ def _refuse_marks(table: Table) -> None:
     amplitudes = [name for prefix in ("amplitude", "real", "imag") for name in table.find(prefix, READING)]
     for name in (*amplitudes, *table.find("phase", UNITS["phase"])):
         cells = table.cells[name]
-        marked = [row for row, cell in enumerate(cells) if _MARK.fullmatch(cell)]
-        values = floats([cell for cell in cells if not _MARK.fullmatch(cell) and cell.lower() not in NOT_TAKEN])
-        if not marked or values is None or not values.size:
+        asked: Sequence[int] = range(len(cells))
+        if isinstance(cells, Numbers):
+            asked = np.flatnonzero(np.isin(np.floor(np.abs(cells.values)), (999, 9999, 99999))).tolist()
+        marked = [row for row in asked if _MARK.fullmatch(cells[row])]
+        if not marked:
+            continue
+        others = ~lacking(cells, NOT_TAKEN)
+        others[marked] = False
+        values = floats(taken(cells, np.flatnonzero(others)))
+        if values is None or not values.size:
             continue
         mark = float(cells[marked[0]])
         if abs(mark) > _BEYOND * np.abs(values).max() if name in amplitudes else np.abs(values - mark).min() > _TURN:

@@ -5,14 +5,14 @@ Which of them a test needs: :mod:`rotorfit.io.tables.wanted_columns`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from rotorfit.io.tables.cells import read_cells
-from rotorfit.models.array_types import Bool, Float
+from rotorfit.io.tables.cells import Numbers, lacking, read_cells, taken
+from rotorfit.models.array_types import Bool, Float, Index
 from rotorfit.units import find_unit, units_of
 
 PERTURBATION_COLUMNS = (
@@ -27,11 +27,11 @@ READING = MOTION | units_of("velocity", "acceleration")
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """Cells of a CSV file as text."""
+    """Cells of a CSV file."""
 
     source: str  # name of the file, for messages
     cells: Mapping[str, Sequence[str]]  # column by lower-case name
-    lines: Sequence[int]  # line of the file of each row
+    lines: Index  # line of the file of each row
     names: Mapping[str, str]  # column names as the file spells them, by lower-case name
     written: Mapping[str, str] = field(default_factory=dict)
 
@@ -62,8 +62,9 @@ class Table:
             cell = self.cells[name][row]
             hint = "; write decimals with a point" if floats([cell.replace(",", ".", 1)]) is not None else ""
             raise ValueError(f"{self.where(row, name)}: {cell!r} is not a number{hint}")
-        empty = np.array([not cell for cell in self.cells[name]])
-        bad = ~np.isfinite(values) & ~(empty & blank)
+        bad = ~np.isfinite(values)
+        if blank and bad.any():
+            bad &= ~lacking(self.cells[name])
         if bad.any():
             row = int(np.flatnonzero(bad)[0])
             cell = self.cells[name][row] or "a blank cell"
@@ -84,10 +85,10 @@ class Table:
             raise ValueError(f"{self.where(row, name)}: {self.cells[name][row]} {why}")
 
 
-def kept(table: Table, rows: Sequence[int]) -> Table:
+def kept(table: Table, rows: Index) -> Table:
     """Some rows of a table."""
-    cells = {name: [values[i] for i in rows] for name, values in table.cells.items()}
-    return replace(table, cells=cells, lines=[table.lines[i] for i in rows])
+    cells = {name: taken(values, rows) for name, values in table.cells.items()}
+    return replace(table, cells=cells, lines=table.lines[rows])
 
 
 _LONGEST_NUMBER = 64
@@ -96,6 +97,8 @@ _LONGEST_NUMBER = 64
 
 def floats(cells: Sequence[str]) -> Float | None:
     """Cells as numbers, blank ones as NaN; None if one of them is not a number."""
+    if isinstance(cells, Numbers):
+        return cells.values
     if max(map(len, cells), default=0) > _LONGEST_NUMBER:
         return None
     try:
@@ -104,17 +107,17 @@ def floats(cells: Sequence[str]) -> Float | None:
         return None
 
 
-def read_table(path: str | Path, sheet: str | None = None) -> Table:
-    """Columns of text of a CSV file (comma, semicolon or tab) or of a sheet of an Excel file."""
+def read_table(path: str | Path, sheet: str | None, is_text: Callable[[str], bool]) -> Table:
+    """Columns of a CSV file (comma, semicolon or tab) or of a sheet of an Excel file; those that are text by their
+    names stay as they are written."""
     source = Path(path).name
-    found = read_cells(Path(path), sheet)
+    found = read_cells(Path(path), sheet, is_text)
     if found is None:
         raise ValueError(f"{source} is empty; a tidy CSV has a header and rows. Known columns: {PERTURBATION_COLUMNS}")
     header = found.header
-    if not found.rows:
+    if not found.lines.size:
         raise ValueError(f"{source} has one line, {','.join(header)[:80]!r}, and no rows below it; nothing to read")
     names = {name.replace("µ", "u").replace("μ", "u").lower(): name for name in header}
     if len(names) < len(header) or "" in names:
         raise ValueError(f"{source}: every column needs a name of its own, the header is {', '.join(header)}")
-    columns = [list(column) for column in zip(*found.rows, strict=True)]
-    return Table(source=source, cells=dict(zip(names, columns, strict=True)), lines=found.lines, names=names)
+    return Table(source=source, cells=dict(zip(names, found.columns, strict=True)), lines=found.lines, names=names)

@@ -40,7 +40,7 @@ from rotorfit.data.several_forces import gathered, written_per_force
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.io.tables.cells import as_text
 from rotorfit.io.tables.coherence import noise_of_coherence, without_incoherent
-from rotorfit.io.tables.headers import quantity_meant, refuse_doubtful, understood
+from rotorfit.io.tables.headers import is_text, quantity_meant, refuse_doubtful, understood
 from rotorfit.io.tables.line_columns import line_columns, line_test
 from rotorfit.io.tables.machine_samples import is_sample_table, sample_table
 from rotorfit.io.tables.machine_tables import BODE_HEADER, bode_table, with_weight, without_weight_finding
@@ -51,7 +51,7 @@ from rotorfit.io.tables.table import PERTURBATION_COLUMNS, READING, Table, read_
 from rotorfit.io.tables.two_axes import with_force_rows
 from rotorfit.io.tables.wanted_columns import Columns, columns_for, optional, phase_or_angle, quantity, words
 from rotorfit.io.tables.wide import is_wide, renamed, tidy, with_constants
-from rotorfit.models.array_types import ComplexArray, Float, Text
+from rotorfit.models.array_types import ComplexArray, Float, Index, Text
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import UNITS, si_factor
 
@@ -69,16 +69,20 @@ def read_csv(
     columns: Mapping[str, str] | None = None,
     constants: Mapping[str, str | float] | None = None,
     on_finding: Callable[[Finding], None] | None = None,
+    on_lines: Callable[[Index], None] | None = None,
 ) -> Experiment:
     """Read a tidy or wide CSV, or a sheet of an Excel file; the columns tell which experiment it is."""
     table, found = _opened(path, sheet, columns or {}, constants or {})
     for finding in found:
         (on_finding or _warn)(finding)
-    return experiment_of(table, speed_tolerance, on_finding)
+    return experiment_of(table, speed_tolerance, on_finding, on_lines)
 
 
 def experiment_of(
-    table: Table, speed_tolerance: float, on_finding: Callable[[Finding], None] | None = None
+    table: Table,
+    speed_tolerance: float,
+    on_finding: Callable[[Finding], None] | None = None,
+    on_lines: Callable[[Index], None] | None = None,
 ) -> Experiment:
     """The experiment that a table holds; its columns tell which."""
     # A perturbation test may have attributes named like the marks of the others.
@@ -97,6 +101,8 @@ def experiment_of(
                 (on_finding or _warn)(finding)
         if "direction" in table.cells or build is _displacement:
             table = completed(table, forced=build is _perturbation)
+    if on_lines is not None:
+        on_lines(table.lines)
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below, by name
         return build(table, speed_tolerance)
 
@@ -118,18 +124,6 @@ def _start_up(table: Table) -> Table:
     return replace(table, cells={**table.cells, **cells}, names={**table.names, **names})
 
 
-def lines_of(
-    path: str | Path,
-    *,
-    sheet: str | None = None,
-    columns: Mapping[str, str] | None = None,
-    constants: Mapping[str, str | float] | None = None,
-) -> list[int]:
-    """Line of the file, or row of the sheet, of each reading that :func:`read_csv` finds there."""
-    table, _ = _opened(path, sheet, columns or {}, constants or {})
-    return list(without_empty(table)[0].lines)
-
-
 def _opened(
     path: str | Path, sheet: str | None, columns: Mapping[str, str], constants: Mapping[str, str | float]
 ) -> tuple[Table, list[Finding]]:
@@ -140,7 +134,7 @@ def _opened(
     if samples:
         table, found = sample_table(Path(path), columns)
     else:
-        table = read_table(path, sheet)
+        table = read_table(path, sheet, lambda spelled: is_text(spelled, columns))
         bode = set(BODE_HEADER) <= set(table.cells)
         table = renamed(table, columns) if columns else table
     if bode:
@@ -207,7 +201,7 @@ def _noise(columns: Columns, direction: Text, w: Float, reading: ComplexArray) -
     if columns.has("coherence"):
         return noise_of_coherence(columns, np.abs(reading))
     if not columns.has("sigma"):
-        return np.full(w.shape, np.nan)
+        return np.broadcast_to(np.nan, w.shape)
     noise, order = motion(columns, "sigma", direction, blank=True)
     columns.refuse(noise <= 0, "sigma", "must be positive, or blank where the noise is not known")
     return over_frequency(noise, order, w)
@@ -304,7 +298,7 @@ def _directions(columns: Columns) -> Text:
 def _force_directions(columns: Columns, w: Float, direction: Text) -> Text:
     """Whether each force turns or acts along an axis; a blank cell is a circular force, as is a missing column."""
     if not columns.has("force_direction"):
-        return np.full(w.shape, "circular")
+        return np.broadcast_to("circular", w.shape)
     written = columns.table.cells["force_direction"]
     cells = np.array([cell.lower() or "circular" for cell in written])
     unknown = ~np.isin(cells, FORCE_DIRECTIONS)

@@ -6,10 +6,12 @@ tidy table has as two rows that differ in force and ``force_direction``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from rotorfit.io.tables.cells import Numbers, taken
 from rotorfit.io.tables.table import Table
 from rotorfit.models.array_types import Float
 from rotorfit.units import UNITS, si_factor
@@ -27,23 +29,24 @@ def with_force_rows(table: Table) -> Table:
     given = {axis: found for axis, found in columns.items() if found is not None}
     if not given:
         return table
-    taken = {name for force, phase in given.values() for name, _ in (force, phase)}
-    _refuse_beside(table, taken)
-    phasors = {axis: [table.number(column) for column in found] for axis, found in given.items()}
-    axes = _first_axes(table, {axis: size for axis, (size, _) in phasors.items()})
-    kept = {name: np.array(values, dtype=object) for name, values in table.cells.items() if name not in taken}
-    cells = {name: np.repeat(values, len(given)).tolist() for name, values in kept.items()}
-    new: dict[str, list[str]] = {"force_direction": [], "force_n": [], "force_phase_deg": []}
-    for row, order in enumerate(axes):
-        for axis in order:
-            size, phase = (values[row] for values in phasors[axis])
-            new["force_direction"].append(axis)
-            new["force_n"].append(repr(float(size)))
-            new["force_phase_deg"].append(repr(float(phase / si_factor("phase", "deg"))))
+    own = {name for force, phase in given.values() for name, _ in (force, phase)}
+    _refuse_beside(table, own)
+    axes = list(given)
+    size, phase = (np.stack([table.number(found[k]) for found in given.values()], axis=1) for k in (0, 1))
+    place = [[axes.index(axis) for axis in order] for order in _first_axes(table, dict(zip(axes, size.T, strict=True)))]
+    rows = np.repeat(np.arange(len(size)), len(axes))
+    cells = {name: taken(values, rows) for name, values in table.cells.items() if name not in own}
+    new: dict[str, Sequence[str]] = {
+        "force_direction": [axes[k] for order in place for k in order],
+        "force_n": Numbers(np.take_along_axis(size, np.array(place), axis=1).ravel()),
+        "force_phase_deg": Numbers(
+            np.take_along_axis(phase, np.array(place), axis=1).ravel() / si_factor("phase", "deg")
+        ),
+    }
     names = {name: spelled for name, spelled in table.names.items() if name in cells} | {name: name for name in new}
     written = {**table.written, "force_n": "force_x_N, force_y_N", "force_direction": "force_x_N, force_y_N"}
-    lines = np.repeat(np.asarray(table.lines), len(given)).tolist()
-    return replace(table, cells={**cells, **new}, names={**names, "force_n": "force_N"}, lines=lines, written=written)
+    renamed = {**names, "force_n": "force_N"}
+    return replace(table, cells={**cells, **new}, names=renamed, lines=table.lines[rows], written=written)
 
 
 def _columns(table: Table, axis: str) -> tuple[tuple[str, float], tuple[str, float]] | None:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.io.sampling import time_factor
-from rotorfit.io.tables.cells import NOT_TAKEN
+from rotorfit.io.tables.cells import NOT_TAKEN, lacking, taken
 from rotorfit.io.tables.table import READING, Table, floats
 from rotorfit.models.array_types import Bool, Float, Text
 from rotorfit.models.parameters import unknown_name
@@ -114,12 +114,16 @@ class Columns:
         """All other columns, as numbers where every cell is one (blank, or as n/a: NaN), else as text."""
         used = _names(self.found)
         extra = {self.table.names[name]: cells for name, cells in self.table.cells.items() if name not in used}
-        told = {n: ["" if cell.lower() in NOT_TAKEN else cell for cell in cells] for n, cells in extra.items()}
-        numbers = {name: floats(cells) if any(cells) else None for name, cells in told.items()}
-        return {
-            name: np.array(cells, dtype=str) if (values := numbers[name]) is None else values
-            for name, cells in extra.items()
-        }
+        found = {}
+        for name, cells in extra.items():
+            missing = lacking(cells, NOT_TAKEN)
+            values = floats(taken(cells, np.flatnonzero(~missing)))
+            if values is None or missing.all():
+                found[name] = np.array(cells, dtype=str)
+            else:
+                found[name] = np.full(len(cells), np.nan)
+                found[name][~missing] = values
+        return found
 
     def has(self, name: str) -> bool:
         """Whether an optional column is there."""
@@ -128,7 +132,7 @@ class Columns:
     def words(self, name: str, otherwise: str = "") -> Text:
         """Cells of a column of text, none of them blank."""
         if not self.found[name]:
-            return np.full(self.rows, otherwise)
+            return np.broadcast_to(otherwise, self.rows)
         column = next(iter(self.found[name]))
         cells = self.table.cells[column]
         if "" in cells:
@@ -138,7 +142,7 @@ class Columns:
     def number(self, name: str, *, blank: bool = False) -> Float:
         """A column in SI units; NaN in blank cells, and throughout if it is not there."""
         if not self.found[name]:
-            return np.full(self.rows, np.nan)
+            return np.broadcast_to(np.nan, self.rows)
         return self.table.number(next(iter(self.found[name].items())), blank=blank)
 
     def force_phase(self, frequency: Float) -> Float:

@@ -14,7 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rotorfit.io.tables.cells import Numbers, taken
 from rotorfit.io.tables.table import MOTION, Table
+from rotorfit.models.array_types import Float
 from rotorfit.units import UNITS, units_of
 
 _CHANNEL = re.compile(r"(?P<plane>.+)_(?P<direction>rx|ry|x|y|z)_(?P<rest>.+)")
@@ -52,16 +54,19 @@ def tidy(table: Table) -> Table:
                 f"{table.source}: probe {plane} {direction} has {have}; it needs an amplitude and a phase "
                 f"({plane}_{direction}_um and {plane}_{direction}_lag_deg or _deg), or _real_um and _imag_um"
             )
-    taken = {column.name for columns in channels.values() for column in columns}
+    own = {column.name for columns in channels.values() for column in columns}
     rows, count = len(table.lines), len(channels)
-    cells = {name: list(np.repeat(values, count)) for name, values in table.cells.items() if name not in taken}
+    repeated = np.repeat(np.arange(rows), count)
+    cells = {name: taken(values, repeated) for name, values in table.cells.items() if name not in own}
     cells["plane"] = [plane for plane, _ in channels] * rows
     cells["direction"] = [direction for _, direction in channels] * rows
+    values: dict[str, Float] = {}
     for k, columns in enumerate(channels.values()):
         for column in columns:
-            target = cells.setdefault(column.tidy, [""] * (rows * count))
-            target[k::count] = _converted(table, column)
-    lines = np.repeat(np.asarray(table.lines), count).tolist()
+            target = values.setdefault(column.tidy, np.full(rows * count, np.nan))
+            target[k::count] = table.number((column.name, column.factor), blank=True)
+    cells |= {name: Numbers(found) for name, found in values.items()}
+    lines = table.lines[repeated]
     names = {name: table.names.get(name, name) for name in cells}
     return replace(table, cells=cells, lines=lines, names=names)
 
@@ -69,7 +74,7 @@ def tidy(table: Table) -> Table:
 def _channels(table: Table) -> dict[tuple[str, str], list[_Column]]:
     found: dict[tuple[str, str], list[_Column]] = {}
     # The plane as the column of forced planes spells it, or else its first column.
-    spelled = {_plain(cell): cell for cell in table.cells.get("force_plane", ())}
+    spelled = {_plain(cell): cell for cell in dict.fromkeys(table.cells.get("force_plane", ()))}
     for name in table.cells:
         if (parts := _parts(name)) is not None:
             size, direction, column = parts
@@ -118,11 +123,6 @@ def _rate(name: str, rest: str) -> _Column | None:
             if unit != rest and unit in UNITS[quantity]:
                 return _Column(name=name, tidy=f"{part}_{usual}", factor=UNITS[quantity][unit])
     return None
-
-
-def _converted(table: Table, column: _Column) -> list[str]:
-    values = table.number((column.name, column.factor), blank=True)
-    return ["" if np.isnan(value) else repr(float(value)) for value in values]
 
 
 def renamed(table: Table, columns: Mapping[str, str]) -> Table:
