@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
+from scipy.optimize import brentq, root
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
@@ -131,6 +131,7 @@ class Campaign:
     drift: float = 0.0  # of D, as a share, from the beginning of a sweep to its end
     probe: float = 0.0  # share by which probes read too much at their largest amplitude
     law: float = 0.0  # eccentricity of the largest orbit, in a fluid of a Muszynska law with n = 2
+    load: float = 0.0  # constant, at the journal of a fluid of that law, over what moves it by the clearance at rest
     model: dict[str, Any] = field(default_factory=dict)  # arguments of the model that is fitted
 
 
@@ -157,6 +158,58 @@ def _forward(
     return z, against
 
 
+CLEARANCE = 200e-6
+
+
+def loaded_orbit(rig: Rig, w: float, speed: float, force: float, load: float, begin: Complex | None) -> Complex:
+    """A closed orbit of one mode under a turning and a constant force, by points that its harmonics go through."""
+    points = 16
+    s = 1j * w * np.fft.fftfreq(points, 1 / points)
+    acting = force * np.exp(2j * np.pi * np.arange(points) / points) + load
+    n_K, n_D, b = rig.exponents
+
+    def missing(x: Float) -> Float:
+        z = x[:points] + 1j * x[points:]
+        v, a = np.fft.ifft(np.array([s, s**2]) * np.fft.fft(z))
+        eps = np.minimum(np.abs(z) / CLEARANCE, 0.98)
+        turn = 1j * rig.lam * (1 - eps) ** b * speed
+        fluid = rig.K0 * (1 - eps**2) ** -n_K * z + rig.D * (1 - eps**2) ** -n_D * (v - turn * z)
+        fluid = fluid + rig.Mf * (a - 2 * turn * v + turn**2 * z)
+        left = rig.M[0] * a + rig.Ds[0] * v + rig.K[0] * z + fluid - acting
+        return np.concatenate([left.real, left.imag]) / (rig.K0 * CLEARANCE)
+
+    z = np.full(points, 0.1 * CLEARANCE + 0j) if begin is None else begin
+    found = root(missing, np.concatenate([z.real, z.imag]), options={"xtol": 1e-12})
+    if np.abs(found.fun).max() > 1e-9:
+        raise RuntimeError(f"no orbit at {w} rad/s under {force} and {load} N")
+    return np.asarray(found.x[:points] + 1j * found.x[points:])
+
+
+def _under_load(rig: Rig, test: Campaign, rng: np.random.Generator) -> rf.PerturbationTest:
+    """Both probes of one mode in a fluid of a law of eccentricity, at two levels of force, under a constant load."""
+    sizes = np.linspace(5, 200, LINES // 2)
+    load = test.load * CLEARANCE * (rig.K[0] + rig.K0)
+    parts = []
+    for speed in test.speeds:
+        for force in (1.0, 4.0):
+            for way in (1.0, -1.0):
+                orbits: list[Complex] = []
+                for w in way * sizes:
+                    orbits.append(loaded_orbit(rig, w, speed, force, load, orbits[-1] if orbits else None))
+                harmonics = np.fft.fft(orbits) / len(orbits[0])
+                along, against = harmonics[:, 1], harmonics[:, -1].conj()
+                for direction, z in (("x", along + against), ("y", (along - against) / 1j)):
+                    sigma = test.noise * float(np.sqrt(np.mean(np.abs(z) ** 2)))
+                    noisy = z + sigma * (rng.normal(size=z.size) + 1j * rng.normal(size=z.size))
+                    read = noisy if way > 0 else noisy.conj()
+                    parts.append((f"{speed:g} {force:g} {way:g}", speed, force, direction, sigma, way * sizes, read))
+    run, speeds, forces, directions, sigmas = (np.repeat([p[k] for p in parts], sizes.size) for k in range(5))
+    return rf.perturbation_test(
+        run=run, speed=speeds, frequency=np.concatenate([p[5] for p in parts]), force_plane="journal", force=forces,
+        plane="journal", direction=directions, response=np.concatenate([p[6] for p in parts]), sigma=sigmas,
+    )  # fmt: skip
+
+
 def _read(test: Campaign, way: str, w: Float, along: Complex, against: Complex, largest: float) -> Complex:
     """Reading of a probe of the motion with the force and, conjugate, against it."""
     size = np.abs(w)
@@ -171,6 +224,8 @@ def _read(test: Campaign, way: str, w: Float, along: Complex, against: Complex, 
 
 def measured(rig: Rig, test: Campaign, rng: np.random.Generator) -> rf.PerturbationTest:
     """Responses of all planes to a force of 5 N at each, forward and backward; noise is common to no two probes."""
+    if "clearance_um" in test.model:
+        return _under_load(rig, test, rng)
     planes = ("disk", "journal")[-rig.M.size :]
     highest = 1.5 * float(np.sqrt((rig.K.sum() + rig.K12 + rig.K0) / rig.M.min()))
     w = np.concatenate([-np.linspace(highest, 5, LINES), np.linspace(5, highest, LINES)])
@@ -269,6 +324,12 @@ def _with_speed(
     )
 
 
+def _with_law(rig: Rig, rng: np.random.Generator, load: float) -> tuple[Rig, Campaign]:
+    """A fluid of a law of eccentricity, under a load that moves the journal by so much of the clearance at rest."""
+    model = {"law": rf.models.Muszynska(), "clearance_um": 1e6 * CLEARANCE}
+    return replace(rig, exponents=(2.0, 1.4, 0.5)), Campaign(load=load, model=model)
+
+
 def _hysteresis(rig: Rig, rng: np.random.Generator) -> tuple[Rig, Campaign]:
     return replace(rig, hysteresis=0.01 * float(rig.K[0])), Campaign()
 
@@ -333,6 +394,9 @@ CAUSES: dict[str, tuple[Callable[[np.random.Generator], Rig], Draw]] = {
     "anisotropy of 10 %, both probes, chain": (chain, partial(_uneven, 0.1, "xy", 0.002)),
     "second seal at the disk, 1 %": (chain, lambda rig, rng: (replace(rig, second_seal=0.01), Campaign())),
     "second seal at the disk, 10 %": (chain, lambda rig, rng: (replace(rig, second_seal=0.1), Campaign())),
+    "none, a law of eccentricity": (one_mode, partial(_with_law, load=0.0)),
+    "static load under a law, eccentricity 0.05": (one_mode, partial(_with_law, load=0.05)),
+    "static load under a law, eccentricity 0.15": (one_mode, partial(_with_law, load=0.15)),
     "none, noise estimated, one mode": (one_mode, partial(_read_through, sigma_given=False)),
     "none, noise estimated, chain": (chain, partial(_read_through, sigma_given=False)),
     "force jitters by 1 %": (one_mode, partial(_read_through, jitter=0.01, sigma_given=False)),
@@ -358,6 +422,7 @@ NAMES = {
     "anisotropy of 5 %, one": "supports[",
     "anisotropy of 5 %, both": "supports by both probes",
     "anisotropy of 10 %": "supports by both probes",
+    "static load": "static load",
     "second": "fluid elsewhere",
 }
 """Fixed cause that the fit should say, by the beginning of a row's name; none for the others."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
-import law_data
 import numpy as np
 import pytest
 from slow_cases import slow_but
@@ -14,7 +14,7 @@ import rotorfit as rf
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
 
-from systematic_causes import CAUSES, PROMISED, Campaign, measured, one_mode, study
+from systematic_causes import CAUSES, CLEARANCE, PROMISED, Campaign, loaded_orbit, measured, one_mode, study
 
 SHORT = (
     "off centre by 0.05, one mode",
@@ -42,6 +42,7 @@ FOUND = (
     "probes read 2 % too much, one mode",
     "fluid stiffens, eps 0.15, one mode",
     "anisotropy of 5 %, one probe",
+    "static load under a law, eccentricity 0.15",
 )
 
 
@@ -188,22 +189,39 @@ def test_gains_have_a_row_where_nothing_compares_them() -> None:
 
 
 def test_a_law_of_eccentricity_tells_what_a_journal_off_centre_moves() -> None:
-    """Small sweeps about rest at 0.01, by formulas of their own: lam comes out off by the row's shift, most of all."""
-    values, rest, model = law_data.ONE_MODE, 0.01, rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=200.0)
-    known = {name: values[name] for name in ("K", "Ds", "n_K", "n_D", "b")}
+    """Small orbits about rest at 0.01, integrated by their harmonics: lam comes out off by the row's shift."""
+    rig = replace(one_mode(np.random.default_rng(1)), exponents=(2.0, 1.4, 0.5))
+    rest, speed, force = 0.01, 150.0, 1e-3
+    model = rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=1e6 * CLEARANCE)
+    known = {**rig.known, "n_K": 2.0, "n_D": 1.4, "b": 0.5}
     w = np.concatenate([-np.linspace(5.0, 300.0, 40), np.linspace(5.0, 300.0, 40)])
     found = {}
+    at_speed = abs(rig.stiffness(np.zeros(1), speed)[0, 0])
     for eps in (0.0, rest):
-        exact = np.array([1e-4 / law_data.kappa(values, one, 150.0, eps)[0, 0] for one in w])
+        orbits = [loaded_orbit(rig, one, speed, force, eps * CLEARANCE * at_speed, None) for one in w]
+        exact = np.fft.fft(orbits)[:, 1] / len(orbits[0])
         test = rf.perturbation_test(
-            run=np.where(w > 0, "forward", "backward"), speed=150.0, frequency=w, force_plane="journal", force=1e-4,
+            run=np.where(w > 0, "forward", "backward"), speed=speed, frequency=w, force_plane="journal", force=force,
             plane="journal", direction="z", response=exact, sigma=1e-3 * np.abs(exact).max(),
         )  # fmt: skip
         found[eps] = rf.fit(model, test, known=known, assumptions={"rest[journal]": rest})
     shifts = found[rest].assumptions()["rest[journal]"].shifts
     moved = found[0.0].params["lam"].value - found[rest].params["lam"].value
-    assert moved > 0.002
+    assert moved > 0.003
     assert rest * shifts["lam"] == pytest.approx(moved, rel=0.05)  # bends by what 1 % of eps does to the peak
+
+
+def test_a_static_load_under_a_law_is_named_with_its_size() -> None:
+    rng = np.random.default_rng(3)
+    rig, test = CAUSES["static load under a law, eccentricity 0.15"][1](one_mode(rng), rng)
+    fit = rf.fit(rf.models.OneMode(**test.model), measured(rig, test, rng), known=rig.known)
+    assert fit.noise is not None
+    assert [cause.name for cause in fit.noise.causes] == ["static load[journal]"]
+    load = 0.15 * CLEARANCE * (rig.K[0] + rig.K0)
+    assert np.sqrt(fit.noise.causes[0].size) == pytest.approx(load, rel=0.15)  # by squares of the place, 0.15 at most
+    assert any(
+        f"a static load at journal of about {np.sqrt(fit.noise.causes[0].size):.2g} N" in w for w in fit.warnings
+    )
 
 
 @pytest.mark.parametrize("size", [1e-5, 5e-5])

@@ -98,11 +98,41 @@ class OrbitResponses(OnResponses):
 
     def _receptance(self, vectors: Float, eccentricity: Float | float) -> ComplexArray:
         """Receptance of the rotor with its journal at an eccentricity, shape ``(n, n, ..., L)``."""
-        base = self.base
-        kappa = line_stiffness(self.model).values(vectors, self._frequency, self._speed, eccentricity)
+        return inverse_of_lines(self._stiffness(vectors, self._frequency, eccentricity))
+
+    def _stiffness(self, vectors: Float, frequency: Float, eccentricity: Float | float) -> ComplexArray:
+        """Dynamic stiffness of every line at a frequency of its own, likewise."""
+        kappa = line_stiffness(self.model).values(vectors, frequency, self._speed, eccentricity)
         if self.model.shaft is not None:
-            kappa = kappa + known_structure(self.model, vectors, base.s, base.speed).values
-        return inverse_of_lines(kappa)
+            s: ComplexArray = np.asarray(1j * frequency, dtype=np.complex128)
+            kappa = kappa + known_structure(self.model, vectors, s, self.base.speed).values
+        return np.asarray(kappa)
+
+    def compliance(self, theta: Float, eccentricity: Float | float = 0.0) -> Float:
+        """Eccentricity by which a unit of a constant load moves the journal, shape ``(..., L)``, 1/N."""
+        vectors = theta if theta.shape[-2] == 1 else theta[..., self.base.group, :]
+        held = inverse_of_lines(self._stiffness(vectors, np.zeros_like(self._frequency), eccentricity))
+        return np.asarray(np.abs(held[self.journal.at, self.journal.at]) / self.journal.clearance)
+
+    def under_load(self, theta: Float, load: float) -> ComplexArray:
+        """Predictions where a constant load acts at the journal too: of an orbit a about the place p that it gives the
+        part at the frequency of the force, and the mean, balance; other harmonics are left out."""
+        state, seat = self._state(theta), self.journal
+        angle = np.pi * (np.arange(8) + 0.5)[:, None] / 8  # of the orbit from the place: Gauss and Chebyshev's nodes
+        turn = np.cos(angle)
+        orbit, place = state.eps, load * self.compliance(theta)
+        amplitude, still = state.amplitude, np.zeros_like(self._frequency)
+        for _ in range(20):  # orbit and place by turns, in part as they may swing
+            e = np.clip(np.sqrt(np.abs(orbit**2 + place**2 + 2 * orbit * place * turn)), 0.0, LARGEST_ECCENTRICITY)
+            held = self._stiffness(state.theta, still, e)
+            moved = self._stiffness(state.theta, self._frequency, e)
+            across = np.divide(place, orbit, out=np.zeros_like(orbit), where=orbit > 0)
+            amplitude = self._forced(inverse_of_lines((moved + across * turn * held).mean(axis=-2)))
+            along = np.divide(orbit, place, out=np.zeros_like(orbit), where=place > 0)
+            mean = inverse_of_lines((held + along * turn * moved).mean(axis=-2))[seat.at, seat.at]
+            orbit = orbit + 0.4 * (np.abs(amplitude[seat.at]) / seat.clearance - orbit)
+            place = place + 0.4 * (load * np.abs(mean) / seat.clearance - place)
+        return read_by_probes(self.base, theta, self._read(list(amplitude)))
 
     def _forced(self, H: ComplexArray) -> ComplexArray:
         """Response to the forces, shape ``(n, ..., L)``."""

@@ -13,7 +13,7 @@ from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
-from rotorfit.estimators.inference.smooth_causes import Cause, cause_change
+from rotorfit.estimators.inference.smooth_causes import Cause, cause_change, load_change
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.motion.neglected_terms import LeftOut
@@ -89,10 +89,9 @@ def _resized(block: Block, factor: float) -> Block:
 
 
 def _resting(block: OrbitResponses, theta: Float, eccentricity: float) -> ComplexArray:
-    """Change by a unit of eccentricity at rest, added in squares to that of each orbit; static loads show theirs."""
-    off_centre = np.hypot(block.orbits(theta), eccentricity)
-    change = replace(block, mode="given", eccentricity=off_centre).predict(theta) - block.predict(theta)
-    return np.asarray(np.where(block.base.frequency[block.base.line] != 0, change / eccentricity, 0.0))
+    """Change by a unit of eccentricity at rest, where a constant load moves the journal; static loads show theirs."""
+    load = eccentricity / float(block.compliance(theta).mean())
+    return load_change(block, theta, load) / eccentricity
 
 
 def _change(block: Block, theta: Float, term: Term) -> ComplexArray:

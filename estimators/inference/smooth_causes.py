@@ -41,6 +41,7 @@ class Kind(StrEnum):
     SUPPORT = "supports"  # stiffness that differs in x and y, seen by one probe
     PAIR = "supports by both probes"  # the same, of which pairs of probes see the square
     ELSEWHERE = "fluid elsewhere"  # a second seal
+    LOAD = "static load"  # that moves the orbits of a law of eccentricity off the centre
     RESIDUAL = "residual unbalance"  # that start-ups hold beside their weight
     SPEED = "change with speed"  # of a value of the fluid
     BEND = "bend with speed"  # of a value whose change in proportion to the speed is fitted
@@ -56,6 +57,7 @@ MEANINGS = {
     Kind.SUPPORT: "half the difference of stiffness in x and y, seen by one probe",
     Kind.PAIR: "square of half the difference of stiffness in x and y, by both probes",
     Kind.ELSEWHERE: "D lam of a fluid where the model has none",
+    Kind.LOAD: "square of a constant load, which moves the journal off the centre",
     Kind.RESIDUAL: "unbalance of the rotor itself, which start-ups hold beside their weight",
 }
 """What the size of a cause is of."""
@@ -68,9 +70,12 @@ UNITS = {
     Kind.HYSTERESIS: "N/m",
     Kind.SUPPORT: "N/m",
     Kind.PAIR: "N^2/m^2",
+    Kind.LOAD: "N^2",
     Kind.RESIDUAL: "kg m",
 }
 """Unit of a size that is no share."""
+
+_SHOWN_PLACE = 0.1  # eccentricity by a static load whose effect is taken for that of its square
 
 _AT_PROBES = ((Kind.PROBE, 1), (Kind.DELAY, 1), (Kind.SUPPORT, 2), (Kind.PAIR, 1))
 """Causes at planes that are read, and their columns."""
@@ -124,9 +129,15 @@ class Cause:
 
 
 def causes_of(problem: Problem, x: Float) -> list[Cause]:
-    """Causes that the tests of a linear rotor in complex coordinates could show."""
+    """Causes that tests of a rotor in complex coordinates could show, of one with a law of eccentricity a static
+    load."""
     blocks = [base for base in map(_base, problem.blocks) if base is not None]
     model = problem.space.model
+    orbits = [block for block in problem.blocks if isinstance(block, OrbitResponses) and not block.base.imposed]
+    if orbits and len(orbits) == len(problem.blocks):
+        stiffness = 1 / np.concatenate([np.ravel(block.compliance(problem.space.theta(x))) for block in orbits])
+        part = Part(kind=Kind.LOAD, plane=model.coordinates[orbits[0].journal.at].plane, reach=float(stiffness.mean()))
+        return [Cause(parts=(part,))]
     if len(blocks) != len(problem.blocks) or model.frame != "z" or any(c.axis != "z" for c in model.coordinates):
         return []
     read = sorted({int(k) for base in blocks for k in np.unique(base.coordinate)})
@@ -221,10 +232,19 @@ def onset_terms(cause: Cause, whirl: float) -> list[LeftOut]:
 def _changes(block: Block, theta: Float, parts: Sequence[Part]) -> ComplexArray:
     """Change of the predictions of a block by a unit of each part, shape ``(parts, R)``."""
     base = _base(block)
+    if isinstance(block, OrbitResponses) and all(part.kind is Kind.LOAD for part in parts):
+        loads = [_SHOWN_PLACE * part.reach for part in parts]
+        return np.array([load_change(block, theta, load) / load**2 for load in loads])
     if base is None:
         return np.zeros((len(parts), block.measured.size), dtype=complex)
     motion = _Motion(base=base, theta=theta)
     return np.array([_change(motion, part) for part in parts]).reshape(len(parts), -1)
+
+
+def load_change(block: OrbitResponses, theta: Float, load: float) -> ComplexArray:
+    """Change of the predictions of a block by a constant load at the journal, shape ``(R,)``; none of static tests."""
+    moving = block.base.frequency[block.base.line] != 0
+    return np.asarray(np.where(moving, block.under_load(theta, load) - block.under_load(theta, 0.0), 0.0))
 
 
 def _base(block: Block) -> Responses | None:

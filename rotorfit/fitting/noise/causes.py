@@ -52,18 +52,20 @@ def _at_own_optimum(
 ) -> tuple[LinearisedFit, ComplexArray]:
     """The fit beside the columns that were taken, about where they lead it, and the columns of all causes there: what
     linearising about a fit without a large cause leaves of it is no further one."""
-    columns, sizes = cause_columns(problem, x, causes), np.zeros(0)
+    columns = cause_columns(problem, x, causes)
     if data.forced or problem.priors:  # entries that the linearised fit does not have, or has with their gradients
         return data, columns
-    at = x
-    for _ in range(10):  # Gauss-Newton steps, of which three do unless a cause is as large as what is tested
-        step = NoiseFit.of(data, data.sigma, np.zeros(len(data.kinds))).solution.step
-        at, sizes = at + step[: x.size], step[x.size :] + (sizes if sizes.size else 0.0)
-        there = linearise(problem, at)
-        if there is None or not np.isfinite(there.r).all():
-            break
-        columns = cause_columns(problem, at, causes)
-        data = replace(_beside(there, columns[:, taken]), r=there.r + columns[:, taken] @ sizes)
+    at, sizes, share = x, np.zeros(len(taken)), 1.0
+    for _ in range(15):  # Gauss-Newton steps, shorter where they do not descend; three do unless a cause is large
+        step = share * NoiseFit.of(data, data.sigma, np.zeros(len(data.kinds))).solution.step
+        ahead, beside = at + step[: x.size], sizes + step[x.size :]
+        there, changes = linearise(problem, ahead), cause_columns(problem, ahead, causes)
+        r = np.full(1, np.inf) if there is None else there.r + changes[:, taken] @ beside
+        if there is None or not np.linalg.norm(r) < np.linalg.norm(data.r):
+            share /= 4
+            continue
+        at, sizes, columns, share = ahead, beside, changes, 1.0
+        data = replace(_beside(there, columns[:, taken]), r=r)
     return data, columns
 
 

@@ -43,6 +43,7 @@ _REMEDY = {
     Kind.SUPPORT: "Read both probes, x and y, or fit the model Anisotropic",
     Kind.PAIR: "Fit the model Anisotropic",
     Kind.ELSEWHERE: "Fit a model that has a fluid there too",
+    Kind.LOAD: "Take the load off, or fit small motion about the place that the journal has under it (x_um, y_um)",
     Kind.RESIDUAL: (
         "Take it out: start up once more with the weight moved by 180 degrees, or without it, and fit the differences "
         "(rf.difference_synchronous, reference run)"
@@ -107,6 +108,8 @@ def _cause(cause: Cause) -> str:
         case Kind.SUPPORT | Kind.PAIR:
             dK = math.hypot(*cause.sizes) if cause.kind is Kind.SUPPORT else math.sqrt(abs(size))
             words = f"stiffness unequal in x and y{where}, by {2 * dK:.2g} N/m"
+        case Kind.LOAD:
+            words = f"a static load{where} of about {math.sqrt(abs(size)):.2g} N, which moves the orbits off the centre"
         case Kind.RESIDUAL:
             words = f"residual unbalance{where} of {size:.2g} kg m, which these start-ups hold beside their weight"
         case Kind.ELSEWHERE:
