@@ -21,7 +21,7 @@ Two choices of ours:
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -65,6 +65,8 @@ class LocalResponse:
     noise: Float  # noise of the spectrum of each output around the node, ``sqrt(E |N|^2)``, shape ``(P, L)``
     width: Float  # width of the band around each node, rad/s, shape ``(L,)``
     residual: tuple[ComplexArray, ...]  # what is left of the spectra on the lines of each record, shape ``(P, K)`` each
+    covariance: ComplexArray = field(default_factory=lambda: np.zeros((0, 0, 0), dtype=complex))
+    """Of H to two forces, over the variance of the noise, shape ``(J, J, L)``; empty where nothing asks for it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,10 +75,15 @@ class LocalFit:
 
     node: Float  # frequencies of the nodes, rad/s, shape ``(L,)``
     response: ComplexArray  # H there, shape ``(J, P, L)``
-    leverage: Float  # variance of H over that of the noise of the spectrum, shape ``(J, L)``
+    covariance: ComplexArray  # of H to the forces, over the variance of the noise of the spectrum, shape ``(J, J, L)``
     residual: ComplexArray  # shape ``(P, N)``
     unknowns: int  # number of complex unknowns for each output
     lines: tuple[slice, ...]  # where the band is in each record
+
+    @property
+    def leverage(self) -> Float:
+        """Variance of H over that of the noise of the spectrum, shape ``(J, L)``."""
+        return np.asarray(np.einsum("jjl->jl", self.covariance).real)
 
     @property
     def dof(self) -> int:
@@ -119,7 +126,7 @@ def local_response(
     noise = np.repeat(pooled_noise(fits), nodes, axis=1)
     if not transient:  # wide bands, in which neighbours that respond less would hide the noise of the measured force
         noise = np.maximum(noise, np.sqrt(records[0].force_noise) * np.abs(response[0]))
-    leverage = np.concatenate([fit.leverage for fit in fits], axis=1)
+    covariance = np.concatenate([fit.covariance for fit in fits], axis=2)
     left = [np.full(record.outputs.shape, np.nan + 0j) for record in records]
     for fit in fits:
         begin = 0
@@ -129,7 +136,8 @@ def local_response(
     return LocalResponse(
         frequency=np.concatenate([fit.node for fit in fits]),
         response=response,
-        sigma=noise * np.sqrt(leverage / 2)[:, None],
+        sigma=noise * np.sqrt(np.einsum("jjl->jl", covariance).real / 2)[:, None],
+        covariance=covariance,
         noise=noise,
         width=np.repeat([step * (fit.lines[0].stop - fit.lines[0].start) for fit in fits], nodes),
         residual=tuple(left),
@@ -209,7 +217,7 @@ def _solver(
         return LocalFit(
             node=middle + half * node,
             response=(at_node @ projected).swapaxes(1, 2),
-            leverage=np.sum(np.abs(at_node) ** 2, axis=2),
+            covariance=np.einsum("jln,kln->jkl", at_node, at_node.conj()),
             residual=(measured - q @ (r @ (solving @ projected))).T,
             unknowns=matrix.shape[1],
             lines=lines,

@@ -17,7 +17,7 @@ from rotorfit.data.experiments import (
 )
 from rotorfit.data.findings import Finding, errors_first
 from rotorfit.data.mountings import dwells
-from rotorfit.diagnosis.forces import force_along_axis, turning_force
+from rotorfit.diagnosis.forces import exchanged_axes, force_along_axis, turning_force
 from rotorfit.diagnosis.imposed_orbits import imposed_orbits
 from rotorfit.diagnosis.orbits import orbits_of
 from rotorfit.diagnosis.phase_flips import half_turns
@@ -36,11 +36,11 @@ def check(test: Experiment) -> list[Finding]:
     Recognised are readings that are not finite, doubled, zero or cut off, forces of zero, implausible amplitudes,
     frequencies in another unit than speeds, readings at 1x, gaps in the plan of the test (planes without force, one
     direction only, one frequency only), conjugated FRFs, responses in the wrong direction, forces along an axis given
-    as circular and the reverse, readings inverted from some frequency on, a reversed sense of rotation, gains, delays
-    and filters of one probe of a pair, planes that answer each other unequally, start-ups without partner, positions
-    against their load, records without a mode, free vibration in another unit than the speed, run-ups too fast to
-    settle. Notes give the scatter between mountings of weights and the number of modes that weights at dwell speeds
-    show. What only a fit gives away is in :attr:`FitResult.findings`.
+    as circular and the reverse, axes of forces exchanged or inverted, readings inverted from some frequency on, a
+    reversed sense of rotation, gains, delays and filters of one probe of a pair, planes that answer each other
+    unequally, start-ups without partner, positions against their load, records without a mode, free vibration in
+    another unit than the speed, run-ups too fast to settle. Notes give the scatter between mountings of weights and the
+    number of modes that weights at dwell speeds show. What only a fit gives away is in :attr:`FitResult.findings`.
 
     Args:
         test: what was measured, SI units.
@@ -75,6 +75,7 @@ def _physics(test: PerturbationTest) -> Iterator[Finding]:
     yield from unread(test)
     yield from clipped(test)
     yield from turning_force(test)
+    yield from exchanged_axes(test)
     forced = np.flatnonzero((test.force != 0) & ~test.several)
     if not forced.size:
         return  # a reference run alone, or several forces at once, of which none has an orbit of its own

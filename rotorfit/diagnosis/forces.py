@@ -18,6 +18,7 @@ from rotorfit.data.findings import Finding, listed
 from rotorfit.data.linear_force import probe_pairs
 from rotorfit.diagnosis.orbits import FEWEST_READINGS, Orbits, total_power
 from rotorfit.diagnosis.probe_pairs import LARGEST_REDCHI
+from rotorfit.diagnosis.readings import rows_of
 from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
 from rotorfit.estimators.signals.ratios import best_ratio
 from rotorfit.models.array_types import ComplexArray, Float, Index
@@ -52,6 +53,60 @@ def force_along_axis(orbits: Orbits) -> Iterator[Finding]:
         )
         rows = orbits.rows_of(np.flatnonzero(np.isin(orbits.run, runs)))
         yield Finding("error", "linear-force", text, rows, undo=f"force_direction {axis}")
+
+
+def exchanged_axes(test: PerturbationTest) -> Iterator[Finding]:
+    """Forces along x and y whose plane moves as if its mass were negative in one direction and positive across it."""
+    for plane in test.force_planes if test.linear.any() else ():
+        elsewhere = np.array(
+            [any(at != plane for at, *_ in acting) for acting in test.further_forces.tolist()], dtype=bool
+        )
+        own = np.flatnonzero(test.linear & (test.force_plane == plane) & (test.plane == plane) & ~elsewhere)
+        pairs, _ = probe_pairs(test.select(own), np.ones(own.size, dtype=bool))
+        if len(pairs) < 2 * FEWEST_READINGS:
+            continue
+        rows = own[pairs[:, 0]]
+        amplitude = test.response[own[pairs]]
+        force = np.array([_along_axes(test, row) for row in rows.tolist()])
+        power = np.sum(np.abs(force) ** 2, axis=0)
+        mass = _moving_mass(test.frequency[rows], amplitude, force) if power.min() > 0.05 * power.max() else None
+        if mass is None or not -2 < mass[0] / mass[1] < -0.5:
+            continue
+        across = abs(mass[2])
+        what = "x and y are exchanged" if across > 0.5 * mass[1] else "one of x and y is inverted"
+        text = (
+            f"Under the forces at {plane} {mass[1]:.3g} kg move in one direction and {mass[0]:.3g} kg across it, as no "
+            f"body's do: {what}, either of the forces or of the probes. Check channels and cables of both."
+        )
+        yield Finding("error", "axes", text, rows_of(np.isin(np.arange(len(test)), own[pairs])))
+
+
+def _along_axes(test: PerturbationTest, row: int) -> list[complex]:
+    """Forces along x and y of one reading, N."""
+    acting = [(test.force[row], test.force_direction[row]), *((f, axis) for _, f, axis in test.further_forces[row])]
+    return [complex(sum(force for force, along in acting if along == axis)) for axis in "xy"]
+
+
+def _moving_mass(w: Float, amplitude: ComplexArray, force: ComplexArray) -> tuple[float, float, float] | None:
+    """Lesser and greater principal value of the inertia in ``F = (K + jw C - w^2 M) A``, kg, and its part that couples
+    x with y; None where these matrices do not stand for the plane.
+
+    Args:
+        amplitude, force: along x and y, shape ``(N, 2)``.
+    """
+    columns = np.hstack([amplitude, 1j * w[:, None] * amplitude, -(w[:, None] ** 2) * amplitude])
+    design = np.vstack([columns.real, columns.imag])
+    scale = np.linalg.norm(design, axis=0)
+    wanted = np.vstack([force.real, force.imag])
+    found, _, rank, _ = np.linalg.lstsq(design / np.where(scale > 0, scale, 1.0), wanted, rcond=1e-8)
+    left = wanted - design / np.where(scale > 0, scale, 1.0) @ found
+    poor = 0.1  # share of the forces' power that is left, or that moves the mass
+    inertia = (found / scale[:, None])[4:].T
+    moving = np.sum(np.abs(columns[:, 4:] @ inertia.T) ** 2)
+    if rank < design.shape[1] or np.sum(left**2) > poor * np.sum(wanted**2) or moving < poor * np.sum(wanted**2):
+        return None
+    low, high = np.linalg.eigvalsh((inertia + inertia.T) / 2)
+    return float(low), float(high), float(inertia[0, 1] + inertia[1, 0]) / 2
 
 
 def turning_force(test: PerturbationTest) -> Iterator[Finding]:

@@ -168,6 +168,8 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
     if columns.has("force_sigma"):
         said[FORCE_SIGMA] = columns.number("force_sigma")
         columns.refuse(said[FORCE_SIGMA] < 0, "force_sigma", "must not be negative; zero where the force is known")
+    if columns.has("coherence") and not columns.has("averages"):
+        said["coherence"] = columns.number("coherence", blank=True)
     omega = columns.number("speed")
     for name, values in {"force": force, "response": reading, "frequency": w, "speed": omega}.items():
         columns.refuse(~np.isfinite(values), "run", f"is a row whose {name} overflows; check its units")
@@ -198,7 +200,7 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
 
 def _noise(columns: Columns, direction: Text, w: Float, reading: ComplexArray) -> Float:
     """Noise of each reading, NaN where nothing is said of it."""
-    if columns.has("coherence"):
+    if columns.has("coherence") and (columns.has("averages") or not columns.has("sigma")):
         return noise_of_coherence(columns, np.abs(reading))
     if not columns.has("sigma"):
         return np.broadcast_to(np.nan, w.shape)

@@ -12,7 +12,8 @@ from scipy.fft import prev_fast_len
 from rotorfit.estimators.signals.dwells import DwellResponse, dwell_response, dwells
 from rotorfit.estimators.signals.local_response import LocalResponse
 from rotorfit.models.array_types import Bool
-from rotorfit.recordings.reduction.response_rows import apart_from_orders, readings, rows
+from rotorfit.recordings.reduction.response_lines import apart_from_orders
+from rotorfit.recordings.reduction.response_rows import readings, rows
 
 if TYPE_CHECKING:
     from rotorfit.data.experiments import PerturbationTest

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from rotorfit.data.findings import Finding
+from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.recordings.reduction.reduced_record import ReducedRecord, motion_at, reduced_times
 
@@ -44,6 +45,17 @@ class MeasuredForce:
     def noise_of(self, direction: str) -> float:
         """Density of the noise of the force that responses are referred to, N^2 s."""
         return {"circular": self.noise_x + self.noise_y, "x": 4 * self.noise_x, "y": 4 * self.noise_y}[direction]
+
+
+class ReducedForce(NamedTuple):
+    """A recording with a measured force at the rate that the force needs."""
+
+    record: ReducedRecord
+    direction: str  # how the force acts: ``circular``, ``x`` or ``y``
+    noise: float  # density of its noise, N^2 s
+    across: ComplexArray | None  # what acts along the other axis at once, as ``record.unit_force``; None: nothing
+    axis_across: str  # the other axis
+    noise_across: float  # density of its noise, N^2 s
 
 
 def look_at_force(record: Recording, *, struck: bool = False) -> MeasuredForce:
@@ -99,26 +111,23 @@ def _powers(record: Recording, length: float, *, over_ends: bool = False) -> tup
     return np.array(found) / scale, 2 * np.pi * record.sample_rate / size
 
 
-def reduce_measured(record: Recording, *, struck: bool) -> tuple[ReducedRecord, str, float]:
-    """Bring a recording with a measured force to the rate that the force needs.
-
-    Returns:
-        the record, how the force acts: ``circular``, ``x`` or ``y``, and the density of its noise, N^2 s.
-    """
+def reduce_measured(record: Recording, *, struck: bool) -> ReducedForce:
+    """Bring a recording with a measured force to the rate that the force needs."""
     shaft = record.shaft_angle() if record.rig.shaft is not None else None
     begin, end = (shaft.begin, shaft.end) if shaft is not None else (0.0, record.duration)
     force_seen = look_at_force(record, struck=struck)
     reduced, part = reduced_times(record, shaft, force_seen.high, begin, end)
     force = np.asarray(reduced.reduce(record.force_signal), dtype=complex)[part]
-    direction, whirl = _how_it_acts(record, force - force.mean(), reduced.rate, force_seen)
+    force -= force.mean()
+    direction, whirl = _how_it_acts(force, reduced.rate, force_seen)
     # of a force along an axis, F exp(jwt), the half at +w counts: its spectrum is that of twice the signal
-    seen = {"circular": force if whirl > 0 else force.conj(), "x": 2 * force.real, "y": 2 * force.imag}[direction]
+    seen = {"circular": force if whirl > 0 else force.conj(), "x": 2 * force.real, "y": 2 * force.imag}
     made = ReducedRecord(
         record=record,
         drive=None,
         whirl=whirl,
         band=(force_seen.low, force_seen.high),
-        unit_force=np.asarray(seen - seen.mean(), dtype=complex),
+        unit_force=np.asarray(seen[direction], dtype=complex),
         rate=reduced.rate,
         time=reduced.time[part],
         motion={plane: motion_at(record, reduced, part, plane) for plane in record.planes},
@@ -126,25 +135,55 @@ def reduce_measured(record: Recording, *, struck: bool) -> tuple[ReducedRecord, 
         drive_speed=np.zeros(0),
         shaft_angle=None if shaft is None else shaft.angle(reduced.time[part]),
     )
-    return made, direction, force_seen.noise_of(direction)
+    across = {"x": "y", "y": "x"}.get(direction, "")
+    measured = across and seen[across].any()
+    return ReducedForce(
+        record=made,
+        direction=direction,
+        noise=force_seen.noise_of(direction),
+        across=np.asarray(seen[across], dtype=complex) if measured else None,
+        axis_across=across,
+        noise_across=force_seen.noise_of(across) if measured else 0.0,
+    )
 
 
-def _how_it_acts(record: Recording, force: ComplexArray, rate: float, seen: MeasuredForce) -> tuple[str, int]:
-    """Along which axis the force acts, or which way it turns, by its power in the band above the noise."""
+def _how_it_acts(force: ComplexArray, rate: float, seen: MeasuredForce) -> tuple[str, int]:
+    """Which way a force turns, or along which axis the greater part of it acts, by its power in the band."""
     spectra = np.fft.fft(np.stack([force, force.real, force.imag]))
     w = 2 * np.pi * np.fft.fftfreq(force.size, 1 / rate)
     inside = (np.abs(w) >= seen.low) & (np.abs(w) <= seen.high)
     noise = np.array([seen.noise_x, seen.noise_y]) * rate * force.size * int(inside.sum())
-    along_x, along_y = np.sum(np.abs(spectra[1:, inside]) ** 2, axis=1) - noise
-    if min(along_x, along_y) < _ONE_SIDED_POWER_RATIO * max(along_x, along_y) + _NOISE_ERROR * noise.max():
-        return ("x", 1) if along_x > along_y else ("y", 1)
     ways = [float(np.sum(np.abs(spectra[0, inside & (sign * w > 0)]) ** 2)) - noise.sum() / 2 for sign in (1, -1)]
     if min(ways) < _ONE_SIDED_POWER_RATIO * max(ways) + _NOISE_ERROR * noise.sum():
         return "circular", 1 if ways[0] > ways[1] else -1
-    raise ValueError(
-        f"{record.name}: the measured force neither turns one way nor acts along x or y alone; record sweeps of one "
-        "kind at a time"
-    )
+    along_x, along_y = np.sum(np.abs(spectra[1:, inside]) ** 2, axis=1) - noise
+    return ("x", 1) if along_x > along_y else ("y", 1)
+
+
+def force_across(reduced: ReducedForce, found: LocalResponse) -> tuple[ComplexArray, Float] | None:
+    """What acts along the other axis over the force, and its standard deviation, shape ``(L,)``; None where it is
+    nothing but noise. It is the last of the outputs.
+
+    Raises:
+        ValueError: forces that are not of one signal, such as those of two shakers that run at once.
+    """
+    if reduced.across is None:
+        return None
+    ratio, sigma = found.response[0, -1], found.sigma[0, -1]
+    record = reduced.record
+    left = found.residual[0][-1]
+    inside = np.isfinite(left)
+    main, along = (np.sum(np.abs(record.spectrum(f)[inside]) ** 2) for f in (record.unit_force, reduced.across))
+    noise = reduced.noise_across * record.time.size / record.rate * inside.sum()
+    unlike = (np.sum(np.abs(left[inside]) ** 2) - noise) / along
+    if along - noise > _ONE_SIDED_POWER_RATIO * main and unlike > 1 - _LEAST_COHERENCE:
+        raise ValueError(
+            f"{record.record.name}: the force measured along {reduced.axis_across} does not follow that along "
+            f"{reduced.direction} ({unlike:.0%} of its power); record sweeps of one shaker at a time, each in a file "
+            "of its own"
+        )
+    excess = np.mean(np.abs(ratio) ** 2 / (2 * sigma**2)) - 1
+    return (ratio, sigma) if excess > SIGNIFICANT_ERRORS / np.sqrt(ratio.size) else None
 
 
 def clear_of_noise(found: LocalResponse, reduced: ReducedRecord, noise: float) -> Bool:

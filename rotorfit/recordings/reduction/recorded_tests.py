@@ -9,7 +9,7 @@ from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import Finding
 from rotorfit.executors import carry_out
 from rotorfit.recordings.recording import Recording, named_apart
-from rotorfit.recordings.reduction.reductions import Report
+from rotorfit.recordings.reduction.response_lines import Report
 from rotorfit.recordings.reduction.responses import checked_responses, driven_by
 from rotorfit.recordings.reduction.ring_downs import ring_downs
 from rotorfit.recordings.reduction.static_positions import static_positions

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -11,34 +11,27 @@ import numpy as np
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding
 from rotorfit.data.synchronous import DIFFERENCED
-from rotorfit.estimators.signals.local_response import SMOOTH_DEGREE, LocalResponse, RecordSpectra, local_response
-from rotorfit.models.array_types import Bool
-from rotorfit.recordings.reduction.blows import QUIET_SHARE, Blow, blow_findings, blows, rest_of
+from rotorfit.estimators.signals.local_response import SMOOTH_DEGREE
 from rotorfit.recordings.reduction.dwell_responses import dwell_responses, dwelling, dwells_of
 from rotorfit.recordings.reduction.images import image_seen
-from rotorfit.recordings.reduction.measured_force import clear_of_noise, coherence, coherence_note, reduce_measured
+from rotorfit.recordings.reduction.measured_responses import measured_responses
 from rotorfit.recordings.reduction.reduced_record import ReducedRecord, reduce_record
-from rotorfit.recordings.reduction.response_rows import (
-    apart_from_orders,
-    readings,
-    rows,
+from rotorfit.recordings.reduction.response_lines import (
+    Report,
+    clear_lines,
+    driven,
+    estimated,
+    say_lost,
     shaft_speed_at,
     time_at,
 )
+from rotorfit.recordings.reduction.response_rows import readings, rows
 from rotorfit.recordings.reduction.window_responses import window_responses
 
 if TYPE_CHECKING:
     from rotorfit.recordings.angle_track import AngleTrack
     from rotorfit.recordings.recording import Recording
     from rotorfit.recordings.rig.setup import Force
-
-Report = Callable[[Finding], None]
-
-_MANY_BLOWS = 3
-"""Blows whose spectrum is not smooth, so that it is distinguished from a transient."""
-
-DRIVEN_INFORMATION_SHARE = 3e-3
-"""Information of a line over that of the median line below which it is left out: 18 times the median error."""
 
 
 def reduced_responses(
@@ -47,7 +40,7 @@ def reduced_responses(
     """The responses of a record, or of start-ups with the weight in one plane."""
     force = force_of(records[0])
     if force.measured:
-        return _measured(records[0], report)
+        return measured_responses(records, report)
     if turns:
         return window_responses(_reduce(records[0]), force, turns)
     if force.reference == "perturbator":
@@ -88,7 +81,7 @@ def _perturbed(record: Recording, report: Report) -> PerturbationTest:
         raise ValueError(
             f"{record.name}: the perturbation dwells closer to an order of the shaft than the recording can separate"
         )
-    _say_lost(record, int(np.sum(~clear)), clear.size, float(np.ptp(parts[0].time)), report)
+    say_lost(record, int(np.sum(~clear)), clear.size, float(np.ptp(parts[0].time)), report)
     return test
 
 
@@ -97,7 +90,7 @@ def _sweep(reduced: ReducedRecord, report: Report) -> PerturbationTest:
     record = reduced.record
     force, drive = force_of(record), _drive(record)
     weight = np.array([force.mr * np.exp(1j * force.angle)])
-    found = _estimated([record], [reduced.without_orders().spectra(weight, reduced.orders())], *reduced.band)
+    found = estimated([record], [reduced.without_orders().spectra(weight, reduced.orders())], *reduced.band)
     w = found.frequency
     if image_seen(reduced, found):
         report(
@@ -111,7 +104,7 @@ def _sweep(reduced: ReducedRecord, report: Report) -> PerturbationTest:
         )
     return rows(
         readings(record, force.whirl, found, np.abs(found.response[0]) * drive.stderr(time_at(reduced, w))),
-        _clear(reduced, found, 4, report),
+        clear_lines(reduced, found, 4, report),
         run=record.name,
         frequency=force.whirl * w,
         speed=shaft_speed_at(reduced, w, found.width / (SMOOTH_DEGREE + 1)),
@@ -119,105 +112,6 @@ def _sweep(reduced: ReducedRecord, report: Report) -> PerturbationTest:
         force=force.mr * w**2 * np.exp(1j * force.angle),
         attributes=record.attributes,
     )
-
-
-def _measured(record: Recording, report: Report) -> PerturbationTest:
-    """One record of a force that was measured: magnetic bearing, load cells, shaker, hammer.
-
-    What the noise of its channels does to the motion that they predict is left over by the local fits, and so in sigma.
-    """
-    force = force_of(record)
-    struck = blows(record)
-    reduced, direction, density = reduce_measured(record, struck=bool(struck))
-    noise = density * reduced.time.size / reduced.rate  # of a line of the spectrum
-    for finding in blow_findings(record, struck):
-        report(finding)
-    found, left_out = _forced(reduced, noise, struck, report)
-    clear = _clear(reduced, found, 0, report) & clear_of_noise(found, reduced, noise)
-    if not clear.any():
-        raise ValueError(f"{record.name}: the measured force does not stand out of the noise of its channels")
-    size = float(np.sqrt(np.mean(np.abs(reduced.unit_force) ** 2)))
-    test = rows(
-        readings(record, reduced.whirl, found, np.zeros(found.noise.shape)),
-        clear,
-        run=record.name,
-        frequency=reduced.whirl * found.frequency,
-        speed=reduced.shaft_speed or record.speed or 0.0,
-        force_plane=force.plane,
-        force=np.full(found.frequency.size, size, dtype=complex),
-        attributes=record.attributes,
-        force_direction=direction,
-    )
-    coherent = coherence(test, found, reduced, clear)
-    report(coherence_note(test, coherent))
-    sigma = np.hypot(test.sigma, left_out * np.abs(test.response) / np.sqrt(2))
-    return replace(test, sigma=sigma, attributes={**test.attributes, "coherence": coherent})
-
-
-def _forced(
-    reduced: ReducedRecord, noise: float, struck: Sequence[Blow], report: Report
-) -> tuple[LocalResponse, float]:
-    """Responses to a force that was measured, and the share of the motion that the recording cuts off.
-
-    To one blow a smooth response and a smooth transient look alike. Where the rotor rests before the blows and after
-    them there is no transient, and the shaft's orders are those of the time when it is quiet.
-    """
-    record, unit = reduced.record, np.ones(1, dtype=complex)
-    rest = rest_of(reduced, struck) if struck else None
-    if rest is None or (rest.quiet.mean() < QUIET_SHARE and len(struck) >= _MANY_BLOWS):
-        spectra = reduced.without_orders().spectra(unit, reduced.orders())
-        return _estimated([record], [replace(spectra, force_noise=noise)], *reduced.band), 0.0
-    if rest.quiet.mean() < QUIET_SHARE and reduced.shaft_angle is not None:
-        raise ValueError(
-            f"{record.name}: the rotor is quiet in {rest.quiet.mean():.0%} of the {np.ptp(reduced.time):.3g} s between "
-            "the first mark of the shaft and the last, too little to tell the shaft's own orders from the blow: record "
-            "some turns before it, and until the rotor rests"
-        )
-    calm = reduced.without_orders(rest.quiet).spectra(unit, [])
-    found = _estimated([record], [replace(calm, force_noise=noise)], *reduced.band, transient=False)
-    if rest.left_out:
-        report(
-            Finding(
-                "warning",
-                "moving-at-ends",
-                f"{record.name}: the rotor moves when the recording begins or ends, by {rest.left_out:.2g} of its "
-                "motion after the blow; errors are wider by that share of each response. Record some turns before the "
-                "blow, and until the rotor rests.",
-            )
-        )
-    return found, rest.left_out
-
-
-def _estimated(
-    records: Sequence[Recording], spectra: Sequence[RecordSpectra], low: float, high: float, *, transient: bool = True
-) -> LocalResponse:
-    """Local responses; what is wrong is said with the names of the recordings."""
-    try:
-        return local_response(spectra, low, high, transient=transient)
-    except ValueError as problem:
-        raise ValueError(f"{', '.join(record.name for record in records)}: {problem}") from problem
-
-
-def _clear(reduced: ReducedRecord, found: LocalResponse, power: int, report: Report) -> Bool:
-    """Lines where the force says enough and that no order of the shaft is too near to."""
-    driven = _driven(found, power)
-    apart = apart_from_orders(reduced, found.frequency)
-    _say_lost(
-        reduced.record, int(np.sum(driven & ~apart)), int(driven.sum()), reduced.time[-1] - reduced.time[0], report
-    )
-    return driven & apart
-
-
-def _say_lost(record: Recording, lost: int, count: int, seconds: float, report: Report) -> None:
-    if lost:
-        report(
-            Finding(
-                "note",
-                "lines-at-orders",
-                f"{record.name}: {lost} of {count} lines left out: closer to "
-                f"an order of the shaft than {seconds:.3g} s can separate.",
-            )
-        )
 
 
 def _drive(record: Recording) -> AngleTrack:
@@ -228,16 +122,6 @@ def _drive(record: Recording) -> AngleTrack:
     if drive is None:
         raise ValueError(f"{record.name} has no phase reference of the perturbator; name its channel in [perturbator]")
     return drive
-
-
-def _driven(found: LocalResponse, power: int) -> Bool:
-    """True if the force says enough at each node, its growth with a power of the frequency aside.
-
-    Where a sweep begins and ends its spectrum falls off and cannot be distinguished from the transient. Chosen by the
-    force, not by what was measured, so that nothing is selected.
-    """
-    information = (found.noise[0] / found.sigma[0, 0]) ** 2 / found.width / found.frequency**power
-    return np.asarray(information > DRIVEN_INFORMATION_SHARE * np.median(information))
 
 
 def _start_ups(records: Sequence[Recording], groups: int, report: Report) -> PerturbationTest:
@@ -263,7 +147,7 @@ def _start_ups(records: Sequence[Recording], groups: int, report: Report) -> Per
     spectra = [r.spectra(drive, r.orders(2)) for r, drive in zip(reduced, drives, strict=True)]
     low = max(r.band[0] for r in reduced)
     high = min(r.band[1] for r in reduced)
-    found = _estimated(records, spectra, low, high)
+    found = estimated(records, spectra, low, high)
     w = found.frequency
     heaviest = int(np.argmax(np.abs(weights)))
     reference = weights[heaviest]
@@ -278,7 +162,7 @@ def _start_ups(records: Sequence[Recording], groups: int, report: Report) -> Per
     error = np.sqrt(np.einsum("r,rl,rpl->pl", shared, turned**2, moved))
     return rows(
         readings(records[0], 1, found, error),
-        _driven(found, 4),
+        driven(found, 4),
         run=" minus ".join(record.name for record in records),
         frequency=w,
         speed=w,

@@ -16,7 +16,6 @@ from rotorfit.recordings.reduction.reduced_record import is_pair
 if TYPE_CHECKING:
     from rotorfit.estimators.signals.local_response import LocalResponse
     from rotorfit.recordings.recording import Recording
-    from rotorfit.recordings.reduction.reduced_record import ReducedRecord
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,37 +104,3 @@ def rows(
         force_direction=force_direction,
         source=run,
     )
-
-
-def time_at(reduced: ReducedRecord, frequency: Float) -> Float:
-    """When the drive last passed each frequency, s; of the nearest one where it never did."""
-    speed = reduced.drive_speed
-    ascending = np.maximum.accumulate(speed) if speed[-1] >= speed[0] else np.minimum.accumulate(speed)[::-1]
-    time = reduced.time if speed[-1] >= speed[0] else reduced.time[::-1]
-    return time[np.clip(np.searchsorted(ascending, frequency), 0, time.size - 1)]
-
-
-def shaft_speed_at(reduced: ReducedRecord, frequency: Float, width: Float) -> Float:
-    """Mean rotative speed while the drive was within half a width of each frequency, rad/s.
-
-    That of the whole record where it stayed for less than a turn of the shaft.
-    """
-    if reduced.shaft_angle is None:
-        return np.zeros(frequency.size)
-    order = np.argsort(reduced.drive_speed, kind="stable")
-    drive = reduced.drive_speed[order]
-    step = np.diff(reduced.shaft_angle, append=reduced.shaft_angle[-1] + reduced.shaft_speed / reduced.rate)
-    turned = np.concatenate([[0.0], np.cumsum(step[order])])
-    begin, end = (np.searchsorted(drive, frequency + side * width / 2) for side in (-1, 1))
-    angle, count = turned[end] - turned[begin], np.maximum(end - begin, 1)
-    return np.where(np.abs(angle) < 2 * np.pi, reduced.shaft_speed, angle / count * reduced.rate)
-
-
-def apart_from_orders(reduced: ReducedRecord, w: Float) -> Bool:
-    """True if lines are further from every order than the record can separate, its own wander of speed added."""
-    if reduced.shaft_angle is None:
-        return np.ones(w.size, dtype=bool)
-    wander = float(np.std(np.diff(reduced.shaft_angle)) * reduced.rate)
-    order = np.maximum(np.rint(w / reduced.shaft_speed), 1)
-    resolution = 2 * np.pi / (reduced.time[-1] - reduced.time[0])
-    return np.asarray(np.abs(w - order * reduced.shaft_speed) > resolution + order * wander)

@@ -22,7 +22,8 @@ from rotorfit.executors import carry_out
 from rotorfit.recordings.quality import copied_recordings, spoiled
 from rotorfit.recordings.recording import Recording, named_apart
 from rotorfit.recordings.reduction.dwell_responses import dwelling
-from rotorfit.recordings.reduction.reductions import Report, force_of, reduced_responses
+from rotorfit.recordings.reduction.reductions import force_of, reduced_responses
+from rotorfit.recordings.reduction.response_lines import Report
 from rotorfit.recordings.signals import source_of
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -144,7 +145,9 @@ def _together(
     records: Sequence[Recording], forces: Sequence[Force], turns: int | None
 ) -> list[tuple[tuple[Recording, ...], int]]:
     """Recordings that are reduced together, and how many such groups their runs without a weight are part of."""
-    if forces[0].reference == "" or (forces[0].reference == "perturbator" and all(force.mr for force in forces)):
+    if forces[0].reference == "":
+        return [(group, 1) for group in _shaken_alike(records, forces)]
+    if forces[0].reference == "perturbator" and all(force.mr for force in forces):
         return [((record,), 1) for record in records]
     pairs = list(zip(records, forces, strict=True))
     bare = [record for record, force in pairs if not force.mr]
@@ -162,6 +165,15 @@ def _together(
         (tuple([record for record, force in pairs if force.mr and force.plane == plane] + bare), len(planes))
         for plane in planes
     ]
+
+
+def _shaken_alike(records: Sequence[Recording], forces: Sequence[Force]) -> list[tuple[Recording, ...]]:
+    """Recordings of forces that were measured along both axes at one plane, in one state of the rig; others alone."""
+    groups: dict[object, list[Recording]] = {}
+    for record, force in zip(records, forces, strict=True):
+        state = (force.plane, record.speed, tuple(sorted(record.attributes.items())))
+        groups.setdefault(state if all(force.channels) else record.name, []).append(record)
+    return [tuple(group) for group in groups.values()]
 
 
 def _refuse_alone(pairs: Sequence[tuple[Recording, Force]]) -> None:

@@ -22,7 +22,7 @@ from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.shafts.combination_lines import LATERAL, TWIST, Order
 from rotorfit.recordings.recording import Recording, named_apart
 from rotorfit.recordings.reduction.reduced_record import is_pair, reduce_record
-from rotorfit.recordings.reduction.response_rows import time_at
+from rotorfit.recordings.reduction.response_lines import time_at
 from rotorfit.recordings.signals import source_of
 
 _OF_SUPPORTS: dict[str, Order] = {"-w": (-1, -2), "w-2Om": (1, -2)}

@@ -14,7 +14,7 @@ from rotorfit.data.experiments import StaticTest
 from rotorfit.data.findings import Finding
 from rotorfit.executors import carry_out
 from rotorfit.recordings.recording import Recording, named_apart
-from rotorfit.recordings.reduction.reductions import Report
+from rotorfit.recordings.reduction.response_lines import Report
 from rotorfit.recordings.reduction.rest_positions import STEADY_SPEED_RANGE, RestPosition, rest_positions
 from rotorfit.recordings.signals import source_of
 from rotorfit.units import RPM_PER_RAD_S

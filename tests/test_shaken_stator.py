@@ -1,0 +1,93 @@
+"""Recordings of forces along x and along y at once: cross-talk, dry runs, exchanged channels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from seal_rig import FLUID
+from shaken_stator import SETUP, rods, shaken
+
+import rotorfit as rf
+from rotorfit.cli.main import main
+
+MODEL = rf.models.Anisotropic(("stator",))
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("stator")
+    (folder / "rig.toml").write_text(SETUP)
+    swapped = SETUP.replace('channel_x = "cell_X"', 'channel_x = "cell_Y"').replace('y = "cell_Y"', 'y = "cell_X"')
+    (folder / "swapped.toml").write_text(swapped)
+    shaken(folder, rpm=3000.0, band_hz=(40.0, 200.0), duration=6.0)
+    return folder
+
+
+def reduced(folder: Path, names: list[str], setup: str = "rig.toml") -> rf.PerturbationTest:
+    return rf.responses([rf.read_recording(folder / f"{name}.h5", folder / setup) for name in names])
+
+
+def misses(fit: rf.FitResult, wet: bool = True) -> np.ndarray:
+    """Errors of K and D over their standard errors, the rods counted with the fluid where nothing was taken out."""
+    K, C = rods()
+    held = dict(zip([k + a + b for k in "KD" for a in "xy" for b in "xy"], [*K.ravel(), *C.ravel()], strict=True))
+    truth = FLUID(3000.0)
+    names = [name for name in truth if name[0] in "KD"]
+    return np.array(
+        [(fit.params[n].value - truth[n] - (held[n] if wet else 0.0)) / fit.params[n].stderr_noise for n in names]
+    )
+
+
+def test_cross_talk_of_the_other_shaker_biases_nothing(rig: Path, tmp_path: Path) -> None:
+    """3 % and 40 %; noise of forces and motion, motion integrated in time."""
+    test = reduced(rig, ["wet-3000-shaken-x", "wet-3000-shaken-y"])
+    assert test.forces == ("stator along x", "stator along y")
+    fit = rf.fit(MODEL, test)
+    assert np.abs(misses(fit)).max() < 4
+    assert 0.7 < fit.redchi < 1.3
+    (tmp_path / "rig.toml").write_text(SETUP)
+    shaken(tmp_path, rpm=3000.0, cross_talk=0.4, band_hz=(40.0, 200.0), duration=6.0)
+    test = reduced(tmp_path, ["wet-3000-shaken-x", "wet-3000-shaken-y"])
+    assert test.forces == ("stator along x + stator along y", "stator along y + stator along x")
+    fit = rf.fit(MODEL, test)
+    assert np.abs(misses(fit)).max() < 4
+    assert 0.7 < fit.redchi < 1.3
+
+
+def test_one_recording_alone_has_both_forces(rig: Path) -> None:
+    test = reduced(rig, ["wet-3000-shaken-x"])
+    assert test.forces == ("stator along x + stator along y",)
+    ratio = np.array([acting[0][1] for acting in test.further_forces]) / test.force
+    off = (ratio - 0.03 * np.exp(-2e-3j * test.frequency)) * test.force / test.force_sigma
+    assert np.sqrt(np.mean(np.abs(off) ** 2) / 2) == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_dry_run_in_volts_is_taken_out(rig: Path, tmp_path: Path) -> None:
+    shaken(rig, rpm=0.0, wet=False, band_hz=(10.0, 240.0), duration=12.0, force=90.0, seed=4)
+    test = reduced(rig, ["wet-3000-shaken-x", "wet-3000-shaken-y"])
+    dry = reduced(rig, ["dry-0-shaken-x", "dry-0-shaken-y"])
+    known = {f"M{a}{b}": 0.0 for a in "xy" for b in "xy"}
+    fit = rf.fit(MODEL, test, baseline=dry, known=known)
+    assert np.abs(misses(fit, wet=False)).max() < 4
+    rf.write(dry, tmp_path / "dry.csv")  # with sigma and, as a column more, the coherence
+    again = rf.read(tmp_path / "dry.csv")
+    np.testing.assert_allclose(again.sigma, dry.sigma)
+    np.testing.assert_allclose(again.attributes["coherence"].astype(float), dry.attributes["coherence"])
+
+
+def test_shakers_that_run_at_once_are_refused(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shaken(rig, rpm=100.0, cross_talk=0.4, both=True, duration=4.0)
+    files = [str(rig / f"wet-100-shaken-{axis}.h5") for axis in "xy"]
+    assert main(["fit", *files, "--setup", str(rig / "rig.toml"), "--model", "anisotropic", "--planes", "stator"]) == 2
+    assert "one shaker at a time" in capsys.readouterr().err
+
+
+def test_exchanged_force_channels_are_named(rig: Path) -> None:
+    names = ["wet-3000-shaken-x", "wet-3000-shaken-y"]
+    assert not [f for f in rf.check(reduced(rig, names)) if f.severity == "error"]
+    found = [f for f in rf.check(reduced(rig, names, "swapped.toml")) if f.severity == "error"]
+    assert [f.code for f in found] == ["axes"]
+    assert "14 kg" in found[0].message
+    assert "exchanged" in found[0].message
