@@ -31,6 +31,7 @@ from rotorfit.cli import main as cli
 from rotorfit.data.findings import Finding
 from rotorfit.fitting.result import FitResult
 from rotorfit.report import interactive
+from rotorfit.report.explained import SECTIONS, VERDICT
 from rotorfit.report.interactive import interactive_section
 from rotorfit.report.numbers import with_error
 from rotorfit.report.write import document
@@ -335,6 +336,37 @@ def test_numbers_end_with_the_second_digit_of_their_error(value: float, error: f
 
 
 # ---- text from data files -------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("sketched")
+def test_a_report_leads_to_pages_that_explain_it_where_the_site_is(
+    rig_fit: FitResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    docs = Path(__file__).parents[1] / "docs"
+    for page in {*SECTIONS.values(), *VERDICT.values()}:
+        name, _, anchor = page.partition("#")
+        stem = name.removesuffix(".html")
+        source = docs / (f"{stem}.md" if not stem.startswith("_gallery/") else f"paper/{stem[9:]}.py")
+        text = source.read_text(encoding="utf-8")
+        headings = {re.sub(r"[^\w]+", "-", line[3:].lower()) for line in text.splitlines() if line.startswith("## ")}
+        assert not anchor or f"({anchor})=" in text or anchor in headings, page
+    monkeypatch.setenv("ROTORFIT_DOCS", str(tmp_path))  # nothing is built there
+    assert "explained" not in Page(write(rig_fit, tmp_path)).shown
+    monkeypatch.setenv("ROTORFIT_DOCS", "https://docs.example.org/rotorfit")
+    page = Page(write(rig_fit, tmp_path))
+    links = [value for tag, key, value in page.attributes if (tag, key) == ("a", "href") and value[0] != "#"]
+    assert {link.removeprefix("https://docs.example.org/rotorfit/") for link in links} <= {
+        *SECTIONS.values(),
+        *VERDICT.values(),
+    }
+    assert sum("faq-redchi" in link for link in links) == 3  # of the verdict, the residuals and the quality of fit
+    headings = re.findall(r"<h2>([^<]*?)(?: <a|</h2>)", page.text)
+    assert [title for title in headings if title not in SECTIONS] == ["To reproduce"]
+
+
+def write(fit: FitResult, folder: Path) -> str:
+    """The text of a report."""
+    return rf.write_report(fit, folder / "report.html").read_text(encoding="utf-8")
 
 
 def test_names_from_files_stay_text(tmp_path: Path) -> None:

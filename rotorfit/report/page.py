@@ -11,11 +11,12 @@ from importlib.resources import files
 from pathlib import Path
 
 from rotorfit.estimators.atomic_file import whole_file
+from rotorfit.report.explained import explained
 from rotorfit.report.html import Html, element, join
 from rotorfit.version import __version__
 
 
-def page(title: str, source: str, sections: Sequence[str], scripted: Sequence[str] = ()) -> Html:
+def page(title: str, source: str, sections: Sequence[Html], scripted: Sequence[Html] = ()) -> Html:
     """The whole page; of scripts, those in the sections ``scripted`` run and no others."""
     style = (files("rotorfit.report") / "report.css").read_text(encoding="utf-8")
     # No network and no script but those known: a reader need not trust the file, nor the names in the data.
@@ -39,7 +40,7 @@ def page(title: str, source: str, sections: Sequence[str], scripted: Sequence[st
         element("p", join([source, f"rotorfit {__version__}", when], " · "), class_="byline"),
         _contents(sections),
     )
-    whole = element("html", head, element("body", banner, element("main", *sections)), lang="en")
+    whole = element("html", head, element("body", banner, element("main", *explained(sections))), lang="en")
     return Html("<!DOCTYPE html>\n" + whole + "\n")
 
 

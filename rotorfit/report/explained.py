@@ -1,0 +1,72 @@
+"""Links from a report to the pages that explain it, where the variable ROTORFIT_DOCS says where they are."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from rotorfit.report.html import Html, element
+
+SECTIONS = {
+    "Verdict": "howto/faq.html",
+    "Dynamic stiffness": "_gallery/plot_fig_10_dynamic_stiffness.html",
+    "Stability": "judging.html",
+    "Parameters": "theory/models.html",
+    "Identifiability": "howto/faq.html#faq-not-determined",
+    "95 % intervals": "uncertainty.html",
+    "Uncertainty budget": "uncertainty.html#systematic-errors-the-calibration",
+    "What these numbers rest on": "uncertainty.html#systematic-errors-what-the-model-leaves-out",
+    "Bode plots": "conventions.html",
+    "Residuals": "howto/faq.html#faq-redchi",
+    "Quality of fit": "howto/faq.html#faq-redchi",
+    "Fluid against eccentricity": "experiments.html",
+    "Nonlinear dynamic stiffness": "_gallery/plot_fig_13_nonlinear.html",
+    "Static loads": "_gallery/plot_fig_26_static_load.html",
+    "Impulse tests": "_gallery/plot_fig_29_velocity_ratio.html",
+    "Spectral lines": "anisotropic_shaft.html",
+    "Profile likelihoods": "uncertainty.html",
+    "Posterior": "uncertainty.html",
+    "Test and data": "reference/file_columns.html",
+    "Recordings": "volts.html#what-is-done",
+    "Model": "theory/models.html",
+    "Structural refinement": "structure.html",
+    "Trends": "campaigns.html",
+}
+"""Page of each section of a report, by its heading."""
+VERDICT = {
+    "redchi": "howto/faq.html#faq-redchi",
+    "not determined?": "howto/faq.html#faq-not-determined",
+    "extrapolated": "howto/faq.html#faq-extrapolated",
+}
+"""Page of what a verdict says, by the words that say it."""
+
+
+def site() -> str | None:
+    """Address of the built site, with a slash at its end: one of the web or a folder; None where it is not there."""
+    given = os.environ.get("ROTORFIT_DOCS", "")
+    if re.match(r"(https?|file)://", given):
+        return given.rstrip("/") + "/"
+    return Path(given).resolve().as_uri() + "/" if given and (Path(given) / "index.html").is_file() else None
+
+
+def explained(sections: Sequence[Html]) -> Sequence[Html]:
+    """The sections with their links."""
+    address = site()
+    return sections if address is None else [_linked(one, address) for one in sections]
+
+
+def _linked(section: Html, address: str) -> Html:
+    heading = re.search(r"<h2>(.*?)</h2>", section)
+    if heading is None or heading[1] not in SECTIONS:
+        return section
+    more = element("a", "explained", href=address + SECTIONS[heading[1]], class_="explained", rel="noreferrer")
+    text = section.replace(heading[0], f"<h2>{heading[1]} {more}</h2>", 1)
+    for words, page in VERDICT.items() if heading[1] == "Verdict" else ():
+
+        def link(found: re.Match[str], page: str = page) -> str:
+            return element("a", found[0], href=address + page, rel="noreferrer")
+
+        text = re.sub(rf"\b{words}\b(?![^<]*>)", link, text, count=1)  # not within a tag
+    return Html(text)
