@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -104,3 +105,72 @@ def test_errors_of_the_data_are_said_and_end_with_1(
     assert all(line.startswith("rotorfit: warning: ") for line in warned)
     assert last.startswith("rotorfit: the check of the data calls these an error: ")
     assert "force_direction" in last
+
+
+SPEEDS = np.linspace(600, 4000, 60)
+RESIDUAL = 8e-6 * np.exp(0.7j)  # kg m, at outboard
+
+
+@pytest.fixture
+def exports(tmp_path: Path) -> list[str]:
+    """Three start-ups as an analyser exports them: titles, units in a line of their own, and nothing of a weight."""
+    model, speed, rng = rf.models.TwoDisk(), SPEEDS * np.pi / 30, np.random.default_rng(0)
+    H = model.receptance(model.vector(TYPICAL["two-disk"]), speed, speed)
+    names, words = [], []
+    for name, weight in (("ref", (0, 0)), ("in", (2e-5, 0)), ("out", (0, 2e-5))):
+        unbalance = np.array(weight) + np.array([0, RESIDUAL])
+        motion = np.einsum("lij,j,l->li", H, unbalance, speed**2)
+        read = np.stack([motion[:, 0], -1j * motion[:, 0], motion[:, 1], -1j * motion[:, 1]], axis=1)
+        read = read * (1 + 0.002 * (rng.normal(size=read.shape) + 1j * rng.normal(size=read.shape)))
+        lines = ["Machine: Pump 3", "Run: start-up", ""]
+        head = [
+            f"{plane} {way} 1X {part}"
+            for plane in ("Inboard", "Outboard")
+            for way in "XY"
+            for part in ("Amp", "Phase Lag")
+        ]
+        lines += [",".join(["Speed", *head]), ",".join(["rpm", *["mil pp", "deg"] * 4])]
+        for rpm, row in zip(SPEEDS, read, strict=True):
+            cells = [f"{abs(z) * 2 / 25.4e-6:.5f},{-np.degrees(np.angle(z)) % 360:.3f}" for z in row]
+            lines.append(",".join([f"{rpm:.2f}", *cells]))
+        file = tmp_path / f"{name}.csv"
+        file.write_text("\n".join(lines), encoding="utf-8")
+        names.append(str(file))
+        if any(weight):
+            plane = "inboard" if weight[0] else "outboard"
+            words += ["--constant", f"{file.name}:mr_g_mm=20,{file}:force_phase_deg=0,{file.name}:force_plane={plane}"]
+    return [*names, *words]
+
+
+@pytest.mark.filterwarnings("ignore:.*holds no weight")
+def test_exports_without_a_weight_are_joined_with_constants_of_their_own(exports: list[str], tmp_path: Path) -> None:
+    both = tmp_path / "both.csv"
+    assert main(["join", *exports, "--out", str(both), "--quiet"]) == 0
+    fit = rf.fit(rf.models.TwoDisk(), rf.read(both))
+    for name in ("M1", "M2", "K1", "K2", "K3", "D11", "D22"):  # a test at a thousandth and less
+        assert abs(fit.params[name].value - TYPICAL["two-disk"][name]) < 4 * fit.params[name].stderr, name
+
+
+def test_constants_of_a_file_that_is_not_given_are_refused(
+    exports: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--constant", "other.csv:mr_g_mm=20", "--out", str(tmp_path / "both.csv")]
+    assert main(["join", exports[0], *words]) == 2
+    assert "no file 'other.csv' is given; there are ref.csv" in capsys.readouterr().err
+    assert main(["fit", exports[0], "--model", "two-disk"]) == 2
+    assert "rotorfit join REFERENCE TRIAL" in capsys.readouterr().err
+
+
+@pytest.mark.filterwarnings("ignore:.*holds no weight")
+def test_start_ups_are_balanced_at_chosen_speeds(exports: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["balance", *exports]) == 2
+    assert "choose some, --speeds RPM,RPM" in capsys.readouterr().err
+    assert main(["balance", *exports, "--speeds", "1500,9000"]) == 2
+    assert "not sampled about 9000 rpm" in capsys.readouterr().err
+    assert main(["balance", *exports, "--speeds", "1500,3200", "--json"]) == 0
+    found = {row["plane"]: row for row in json.loads(capsys.readouterr().out)["weights"]}
+    own = found["outboard"]
+    assert own["mr_low_g_mm"] < abs(RESIDUAL) * 1e6 < own["mr_high_g_mm"]
+    assert own["mr_high_g_mm"] - own["mr_low_g_mm"] < 0.5
+    assert (own["force_phase_deg"] - np.degrees(np.angle(-RESIDUAL)) + 180) % 360 - 180 == pytest.approx(0, abs=1)
+    assert found["inboard"]["mr_g_mm"] < 0.2

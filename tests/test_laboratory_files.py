@@ -112,7 +112,7 @@ def test_marks_of_instruments_for_no_reading_are_refused(tmp_path, column, mark)
     with pytest.raises(ValueError, match=f"line 5, column '{column}': {float(mark):g} is far from all others"):
         rf.read(path)
     for shift, row in enumerate(rows):  # phases that were never wrapped, and amplitudes that are as large
-        row[at] = str(float(mark) - 5 * (shift - 3))
+        row[at] = str(float(mark) - 5 * shift)
     rows[3][at] = mark
     write()
     assert len(rf.read(path)) == len(rows)

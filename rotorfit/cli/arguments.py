@@ -72,8 +72,9 @@ def add_files(to: argparse.ArgumentParser) -> None:
         "--constant",
         action="append",
         default=[],
-        metavar="COLUMN=VALUE",
-        help="column that a table does not have, with one value throughout: force_plane=disk, mr_g_mm=30",
+        metavar="[FILE:]COLUMN=VALUE",
+        help="column that a table does not have, with one value throughout: force_plane=disk, mr_g_mm=30; of several "
+        "files for the one that is named, trial.csv:mr_g_mm=30",
     )
     to.add_argument(
         "--column",
@@ -188,8 +189,7 @@ def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, 
     if options.speed is not None:
         read["speed"] = options.speed * RAD_S_PER_RPM
     read |= {name: getattr(options, name) for name in ("axes", "sheet") if getattr(options, name)}
-    if options.constant:
-        read["constants"] = pairs("--constant", options.constant, str)
+    constants = _constants(options)
     if options.column:
         read["columns"] = pairs("--column", options.column, str)
     for name in ("where", "exclude"):
@@ -198,18 +198,34 @@ def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, 
     if options.drop_near_1x is not None:
         read["drop_near_1x"] = _share_near_1x(options.drop_near_1x)
     raw = tuple(file for file in options.files if options.setup or file.suffix.lower() in ALWAYS_RAW)
-    if raw and read:
+    if raw and (read or options.constant):
         raise ValueError(
             f"{raw[0].name} is a recording: what --probe-angles, --slow-roll-below and --speed say stands in its setup "
             "(--setup rig.toml); --axes, --sheet, --constant, --column, --where, --exclude and --drop-near-1x are for "
             "files of vectors"
         )
-    tests = tuple(DataFile(file, read) for file in options.files if file not in raw)
+    tests = tuple(DataFile(file, read | constants[file]) for file in options.files if file not in raw)
     if raw:
         return (*tests, RecordingFiles(paths=raw, setup=options.setup, windows=options.windows))
     if options.windows is not None:
         raise ValueError(f"--windows is for recordings of raw signals, which {options.files[0].name} is not")
     return tests
+
+
+def _constants(options: argparse.Namespace) -> dict[Path, dict[str, Any]]:
+    """Option ``constants`` of each file: those for all, and those behind its own name."""
+    words: dict[Path, list[str]] = {file: [] for file in options.files}
+    for word in (part for given in options.constant for part in given.split(",")):
+        name, colon, _ = word.partition("=")[0].rpartition(":")
+        own = [file for file in options.files if name.strip() in (str(file), file.name)]
+        if colon and not own:
+            raise ValueError(
+                f"--constant {word.strip()}: no file {name.strip()!r} is given; there are "
+                f"{', '.join(file.name for file in options.files)}"
+            )
+        for file in own or options.files:
+            words[file].append(word[len(name) + 1 :] if colon else word)
+    return {file: {"constants": pairs("--constant", given, str)} if given else {} for file, given in words.items()}
 
 
 def _share_near_1x(percent: float) -> float:

@@ -14,13 +14,13 @@ import numpy as np
 from rotorfit.cli.answer import finite, give
 from rotorfit.cli.arguments import add_files, add_output
 from rotorfit.options.kinds import number_word, pairs, words
-from rotorfit.units import RPM_PER_RAD_S
+from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.data.balancing import Balance
     from rotorfit.data.weights import Influences
 
-DESCRIPTION = "correction weights with their errors, from a reference run and runs with trial weights at dwell speeds"
+DESCRIPTION = "correction weights with their errors, from a reference run and runs with trial weights"
 
 
 def add_options(to: argparse.ArgumentParser) -> None:
@@ -32,6 +32,12 @@ def add_options(to: argparse.ArgumentParser) -> None:
         help="run whose vibration is to be corrected; its weights stay in [the rotor without any weight]",
     )
     to.add_argument("--planes", type=words, metavar="A,B", help="planes to put weights in [all that were tried]")
+    to.add_argument(
+        "--speeds",
+        type=words,
+        metavar="RPM,RPM",
+        help="speeds at which start-ups are read, rpm [those at which runs dwell]",
+    )
     to.add_argument(
         "--max-g-mm",
         action="append",
@@ -67,7 +73,8 @@ def _balance(options: argparse.Namespace) -> tuple[Influences, Balance]:
 
     limits = _by_plane("--max-g-mm", options.max_g_mm, _positive)
     holes = _by_plane("--holes", options.holes, _count)
-    influences = influence(joined_runs(options))
+    speeds = [number_word(one) * RAD_S_PER_RPM for one in options.speeds] if options.speeds else None
+    influences = influence(joined_runs(options), speeds)
     return influences, balance(influences, options.reference, planes=options.planes, limits=limits, holes=holes)
 
 

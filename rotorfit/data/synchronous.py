@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.estimators.blocks.row_keys import numbers
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE, set_speeds
+from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
 from rotorfit.estimators.signals.ratios import ratio_through
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Text
+from rotorfit.units import RPM_PER_RAD_S
 
 OPPOSITE_TOLERANCE = np.radians(5.0)
 """Forces are opposite when their phases differ by 180 degrees to this angle. The difference of the two force vectors is
@@ -95,6 +97,37 @@ def difference_synchronous(test: PerturbationTest) -> PerturbationTest:
     marked = dict(test.attributes) | {DIFFERENCED: done.astype(float)}
     rest = replace(test, attributes=marked).select(left)
     return join([*parts, rest] if len(rest) else parts)
+
+
+def at_speeds(test: PerturbationTest, speeds: Float) -> PerturbationTest:
+    """Start-ups at chosen speeds, rad/s, each run and probe interpolated as for differences; noise that was not given
+    is estimated from the smoothness of the readings around."""
+    around = 25  # readings, of which windows of thirteen tell the noise
+    parts = []
+    for run in test.runs:
+        rows = np.flatnonzero(test.run == run)
+        for own, _ in _channels(test, rows, rows):
+            whole = test.select(own)
+            missing = speeds[~_covered(speeds, whole.speed)]
+            if missing.size:
+                listed = ", ".join(f"{speed * RPM_PER_RAD_S:.0f}" for speed in missing)
+                raise ValueError(f"{test.source or 'the test'}: run {run} was not sampled about {listed} rpm")
+            force = _at(speeds, whole.speed, whole.force / whole.speed**2) * speeds**2
+            sigma = _at(speeds, whole.speed, whole.sigma).real
+            for k in np.flatnonzero(np.isnan(sigma)).tolist() if len(whole) >= around else ():
+                near = np.argsort(np.abs(whole.speed - speeds[k]), kind="stable")[:around]
+                sigma[k] = noise_from_smoothness(whole.speed[near], whole.response[near])[0]
+            parts.append(
+                replace(
+                    whole.select(np.zeros(speeds.size, dtype=int)),
+                    speed=speeds,
+                    frequency=speeds,
+                    force=force,
+                    sigma=sigma,
+                    response=_response_at(speeds, whole, force),
+                )
+            )
+    return join(parts)
 
 
 def uneven_weights(test: PerturbationTest) -> list[str]:

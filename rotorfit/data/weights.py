@@ -7,10 +7,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.data.mountings import MOUNTING, SHORTEST_SWEEP, dwell_number, dwells, mountings, tells_mountings
-from rotorfit.data.synchronous import DIFFERENCED, difference_synchronous
+from rotorfit.data.synchronous import DIFFERENCED, at_speeds, difference_synchronous
 from rotorfit.estimators.starting.influence import Influence, Readings, UndeterminedError, solve_influence
 from rotorfit.estimators.starting.modes_seen import ModesSeen, modes_seen
 from rotorfit.models.array_types import ComplexArray, Float
@@ -124,7 +125,7 @@ def _polar(value: complex) -> str:
     return f"{abs(value):.4g} @ {np.degrees(np.angle(value)):.1f}"
 
 
-def influence(test: PerturbationTest) -> Influences:
+def influence(test: PerturbationTest, speeds: ArrayLike | None = None) -> Influences:
     """Residual vectors and influences of a synchronous test at dwell speeds, from whatever weights it has.
 
     Weights at 0 and 180 degrees (eq. 20), a reference run without a weight (mass-radius product or force zero) beside
@@ -132,10 +133,12 @@ def influence(test: PerturbationTest) -> Influences:
     mounting share a random effect, whose variance is estimated by restricted maximum likelihood.
 
     Args:
-        test: a synchronous test whose runs dwell at a few speeds, not differenced.
+        test: a synchronous test, not differenced, whose runs dwell at a few speeds, or start-ups with ``speeds``.
+        speeds: where start-ups are read, rad/s; noise that was not given is estimated from their smoothness.
 
     Raises:
-        ValueError: the test is no such test, or its weights do not determine an influence.
+        ValueError: the test is no such test, a run was not sampled about one of the speeds, or its weights do not
+            determine an influence.
 
     Example:
         >>> weighed = rf.influence(rf.read(rf.datasets.path("rk4_sync.csv")))
@@ -145,8 +148,13 @@ def influence(test: PerturbationTest) -> Influences:
     name = test.source or "the test"
     if not test.synchronous:
         raise ValueError(f"{name} is not synchronous: influences need runs with frequency = speed on all rows")
+    if speeds is not None:
+        test = at_speeds(test, np.atleast_1d(np.asarray(speeds, dtype=float)))
     if not dwells(test):
-        raise ValueError(f"{name} has runs over many speeds (start-ups): call difference_synchronous")
+        raise ValueError(
+            f"{name} has runs over many speeds (start-ups): choose some, rf.influence(test, speeds=...), or fit the "
+            "differences, rf.difference_synchronous"
+        )
     readings, channels, planes, mountings = _readings(test)
     try:
         solved = solve_influence(readings)

@@ -66,7 +66,10 @@ def _check_finite(experiment: PerturbationTest) -> None:
     if bad.any():
         raise ValueError(f"{name}: the noise sigma must be positive and finite, or NaN if unknown ({_places(bad)})")
     if not experiment.force.any():
-        raise ValueError(f"{name}: every force is zero, so the responses say nothing of the rotor; check its column")
+        raise ValueError(
+            f"{name}: every force is zero, so the responses say nothing of the rotor; check its column, or put "
+            "a run without a weight together with those that have one, rf.join_runs([reference, trial])"
+        )
     still = experiment.force == 0
     if still.any():
         runs = ", ".join(dict.fromkeys(experiment.run[still].tolist()))

@@ -6,6 +6,7 @@ import re
 
 _SPOKEN = (
     (r"rf\.join_runs\(\[reference, trial\]\)", "rotorfit join REFERENCE TRIAL --out BOTH.csv"),
+    (r"rf\.influence\(test, speeds=\.\.\.\), or fit the differences, rf\.difference_synchronous", "--speeds RPM,RPM"),
     (r"rf\.refine\(fit\) \(--refine\)", "--refine"),
     (r"the slow roll, read\(\.\.\., slow_roll=\.\.\.\), or", "the slow roll (--slow-roll-below RPM), or"),
     (r"give it, read\(path, speed=\.\.\.\) in rad/s", "give it, --speed RPM"),

@@ -179,11 +179,14 @@ class _Column:
         return next((cell for cell in self._meant.values() if _is_decimal(cell, mark)), "")
 
 
-def read_cells(path: Path, sheet: str | None, is_text: Callable[[str], bool]) -> Cells | None:
+def read_cells(
+    path: Path, sheet: str | None, is_text: Callable[[str], bool], is_unit: Callable[[str], bool]
+) -> Cells | None:
     """Header and columns of a text file or a sheet; None where there is nothing.
 
-    Comment lines (``#``), blank lines and empty columns at the end are left out. Columns in which all cells are numbers
-    become numbers as the rows arrive; others, and those that are text by their names, stay as they are written.
+    Comment lines (``#``), blank lines and empty columns at the end are left out; units in a line below the header go
+    into the names, in brackets. Columns in which all cells are numbers become numbers as the rows arrive; others, and
+    those that are text by their names, stay as they are written.
     """
     if sheet is not None and path.suffix.lower() not in EXCEL:
         raise ValueError(f"a sheet is an option of Excel files ({', '.join(EXCEL)}); {path.name} is a text file")
@@ -193,18 +196,19 @@ def read_cells(path: Path, sheet: str | None, is_text: Callable[[str], bool]) ->
         return None
     header = [_as_written(cell.strip()) for cell in first[0][1]]
     width = max((i + 1 for i, name in enumerate(header) if name), default=0)
+    if units := _units_below(path.name, [row for row in first[1:] if any(row[1])][:4], width, is_unit):
+        header = [f"{name} ({unit})" if unit else name for name, unit in zip(header, units, strict=False)]
+        del first[: 1 + next(i for i, row in enumerate(first[1:]) if any(row[1]))]
     columns = [_Column(name, is_text=is_text(name)) for name in header[:width]]
     lines: list[Index] = []
     rest = chain(first[1:], rows)
     while batch := list(islice(rest, 512)):  # which the processor's cache holds
         numbers, cells = _even(path.name, batch, width)
-        if not lines and cells:
-            _refuse_units(path.name, numbers[0], [[cell.strip() for cell in row] for row in cells[:4]])
         lines.append(np.array(numbers, dtype=np.intp))
         for column, own in zip(columns, zip(*cells, strict=True), strict=bool(cells)):
             column.add(own)
     if lost := [column.name for column in columns if column.lost]:
-        return read_cells(path, sheet, lambda name: name in lost or is_text(name))
+        return read_cells(path, sheet, lambda name: name in lost or is_text(name), is_unit)
     numbered = np.concatenate(lines) if lines else np.zeros(0, dtype=np.intp)
     _refuse_thousands(path.name, columns, numbered)
     return Cells(header=header[:width], columns=[column.finished(path.name) for column in columns], lines=numbered)
@@ -231,16 +235,19 @@ def _without_titles(found: list[_Row]) -> list[_Row]:
     return found[first:]
 
 
-def _refuse_units(source: str, line: int, first: Sequence[Sequence[str]]) -> None:
-    """Refuse a first row without a number in any of the columns that hold numbers in the rows below it."""
-    row, *below = first
-    numeric = [i for i in range(len(row)) if below and all(_is_number(other[i]) for other in below)]
-    told = [row[i] for i in numeric if row[i]]
-    if len(told) > 1 and not any(_is_number(cell) or cell.lower() in NOT_TAKEN for cell in told):
+def _units_below(source: str, found: Sequence[_Row], width: int, is_unit: Callable[[str], bool]) -> list[str]:
+    """Units in the first row below a header, as far as it holds columns of numbers; empty where it is none of units."""
+    rows = [[cell.strip() for cell in (*cells, *[""] * width)][:width] for _, cells in found]
+    row, below = (rows or [[]])[0], rows[1:]
+    told = [row[i] for i in range(len(row)) if row[i] and below and all(_is_number(other[i]) for other in below)]
+    if len(told) < 2 or any(_is_number(cell) or cell.lower() in NOT_TAKEN for cell in told):
+        return []
+    if not all(map(is_unit, filter(None, row))):
         raise ValueError(
-            f"{source}: line {line} has no numbers, but {', '.join(map(repr, told[:4]))}. If these are units, the name "
-            "of each column ends with its own (amplitude_um, frequency_hz): rename the columns and remove the line"
+            f"{source}: line {found[0][0]} has no numbers, but {', '.join(map(repr, told[:4]))}. If these are units, "
+            "the name of each column ends with its own (amplitude_um, frequency_hz): rename them and remove the line"
         )
+    return row
 
 
 def _refuse_thousands(source: str, columns: Sequence[_Column], lines: Index) -> None:

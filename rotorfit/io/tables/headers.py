@@ -78,6 +78,12 @@ def is_text(spelled: str, columns: Mapping[str, str]) -> bool:
     return any(name.lower() in _TEXT or quantity_meant(name) in _TEXT for name in names)
 
 
+def is_unit(text: str) -> bool:
+    """Whether a cell names a unit, as in a line of units below a header."""
+    spelled = "_".join(_words(text.strip("()[]{} "))).lower()
+    return any(spelled == unit.lower() for units in UNITS.values() for unit in units)
+
+
 def refuse_doubtful(table: Table) -> None:
     """Refuse a table with a column a probe where some look like readings, but are not understood."""
     told_in_rows = {"plane", "direction"} & set(table.cells)

@@ -107,11 +107,13 @@ def floats(cells: Sequence[str]) -> Float | None:
         return None
 
 
-def read_table(path: str | Path, sheet: str | None, is_text: Callable[[str], bool]) -> Table:
+def read_table(
+    path: str | Path, sheet: str | None, is_text: Callable[[str], bool], is_unit: Callable[[str], bool]
+) -> Table:
     """Columns of a CSV file (comma, semicolon or tab) or of a sheet of an Excel file; those that are text by their
     names stay as they are written."""
     source = Path(path).name
-    found = read_cells(Path(path), sheet, is_text)
+    found = read_cells(Path(path), sheet, is_text, is_unit)
     if found is None:
         raise ValueError(f"{source} is empty; a tidy CSV has a header and rows. Known columns: {PERTURBATION_COLUMNS}")
     header = found.header

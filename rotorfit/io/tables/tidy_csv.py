@@ -40,7 +40,7 @@ from rotorfit.data.several_forces import gathered, written_per_force
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.io.tables.cells import as_text
 from rotorfit.io.tables.coherence import noise_of_coherence, without_incoherent
-from rotorfit.io.tables.headers import is_text, quantity_meant, refuse_doubtful, understood
+from rotorfit.io.tables.headers import is_text, is_unit, quantity_meant, refuse_doubtful, understood
 from rotorfit.io.tables.line_columns import line_columns, line_test
 from rotorfit.io.tables.machine_samples import is_sample_table, sample_table
 from rotorfit.io.tables.machine_tables import BODE_HEADER, bode_table, with_weight, without_weight_finding
@@ -93,7 +93,9 @@ def experiment_of(
     kinds = _KINDS if {"force_plane", "direction"} & set(table.cells) else (*_KINDS, *BUILDERS)
     build = next((b for mark, b in kinds if any(name.startswith(mark) for name in table.cells)), _perturbation)
     if build is _perturbation:
-        table = with_amplitudes(_start_up(table))
+        table, found = _start_up(with_amplitudes(table))
+        for finding in found:
+            (on_finding or _warn)(finding)
     if build in (_perturbation, _displacement):
         for without in (without_empty, without_incoherent, without_standstill):
             table, found = without(table)
@@ -107,21 +109,31 @@ def experiment_of(
         return build(table, speed_tolerance)
 
 
-def _start_up(table: Table) -> Table:
-    """A table of unbalance over speed alone with its speed as frequency too: the shaft turns the weight."""
+def _start_up(table: Table) -> tuple[Table, list[Finding]]:
+    """A table over speed alone with its speed as frequency too, as a weight that the shaft turns, or the residual
+    unbalance of a run without one, excites it; and a note where no weight is given."""
     speeds = [name for name in table.cells if name.startswith("speed_")]
-    if len(speeds) != 1 or any(name.startswith("frequency") for name in table.cells):
-        return table
-    if not any(name.startswith("mr_") for name in table.cells):
-        return table
-    name = speeds[0].replace("speed", "frequency", 1)
-    cells = {name: table.cells[speeds[0]]}
-    names = {name: table.names[speeds[0]].replace("speed", "frequency", 1)}
-    told = [key for key in table.cells if key.startswith(("force_plane", "force_phase", "force_angle", "mr_"))]
-    if "run" not in table.cells:  # one for each weight
-        cells["run"] = [" ".join(filter(None, row)) for row in zip(*(table.cells[key] for key in told), strict=True)]
-        names["run"] = "run"
-    return replace(table, cells={**table.cells, **cells}, names={**table.names, **names})
+    forced = any(name.startswith(("force_", "mr_")) and not name.startswith(_OF_WEIGHTS) for name in table.cells)
+    weighted = any(name.startswith("mr_") for name in table.cells)
+    if len(speeds) != 1 or any(name.startswith("frequency") for name in table.cells) or (forced and not weighted):
+        return table, []
+    if "direction" not in table.cells or (not weighted and not _sweeps_speed(table, speeds[0])):
+        return table, []
+    told = [key for key in table.cells if key.startswith((*_OF_WEIGHTS, "mr_"))]
+    if weighted and "run" not in table.cells:  # one for each weight
+        runs = [" ".join(filter(None, row)) for row in zip(*(table.cells[key] for key in told), strict=True)]
+        table = replace(table, cells={**table.cells, "run": runs}, names={**table.names, "run": "run"})
+    return with_weight(table), without_weight_finding(table)
+
+
+_OF_WEIGHTS = ("force_plane", "force_phase", "force_angle")
+
+
+def _sweeps_speed(table: Table, speed: str) -> bool:
+    """Whether each probe was read once at each of several speeds."""
+    places = [table.cells[name] for name in ("run", "plane", "direction") if name in table.cells]
+    rows = list(zip(*places, table.cells[speed], strict=True))
+    return len(set(rows)) == len(rows) > len(set(zip(*places, strict=True)))
 
 
 def _opened(
@@ -134,7 +146,7 @@ def _opened(
     if samples:
         table, found = sample_table(Path(path), columns)
     else:
-        table = read_table(path, sheet, lambda spelled: is_text(spelled, columns))
+        table = read_table(path, sheet, lambda spelled: is_text(spelled, columns), is_unit)
         bode = set(BODE_HEADER) <= set(table.cells)
         table = renamed(table, columns) if columns else table
     if bode:
