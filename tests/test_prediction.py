@@ -9,15 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy import stats
+from slow_cases import slow_but
 from synthetic import TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
 from rotorfit.cli.main import main
+from rotorfit.fitting.assumptions.shifts import assuming
 from rotorfit.models.array_types import Float
 
 NAME, TESTED, ELSEWHERE = "whirl-whip", (100.0, 180.0), 220.0
 DRAWS, LEVEL = 60, 0.9
+CHANGE = "change with speed[lam]"
 FREQUENCY = np.linspace(30.0, 400.0, 40)
+WHERE = {"force_plane": "disk", "plane": "journal"}
 MODEL = rf.models.WhirlWhip()
 THETA = MODEL.vector(TYPICAL[NAME])
 
@@ -40,7 +44,7 @@ def drawn(whole: bool) -> list[tuple[rf.FitResult, object]]:
         found.append(
             (
                 fit,
-                fit.predict(FREQUENCY, ELSEWHERE, force_plane="disk", plane="journal", level=LEVEL, whole=whole),
+                fit.predict(FREQUENCY, ELSEWHERE, **WHERE, level=LEVEL, whole=whole, statistical=True),
             )
         )
     return found
@@ -68,6 +72,42 @@ def test_bands_hold_the_truth_at_an_untested_speed() -> None:
         assert within(int(each[:, 0, point].sum()), DRAWS), point
         assert within(int(each[:, 1, point].sum()), DRAWS), point
     assert within(sum(held(p.band, exact).all() for _, p in drawn(True)), DRAWS)
+
+
+def truth_with(assumed: str, size: float, speed: float) -> Float:
+    """Parameters at a speed where a known value is another, or lam changes by a share at twice the mean speed."""
+    values = TYPICAL[NAME]
+    if assumed == "Mf":
+        return MODEL.vector(values | {"Mf": values["Mf"] + size})
+    mean = float(np.mean(TESTED))
+    return MODEL.vector(values | {"lam": values["lam"] * (1 + size * (speed - mean) / mean)})
+
+
+@pytest.mark.parametrize(("assumed", "size"), slow_but([("Mf", 0.1), (CHANGE, 0.03)], (CHANGE, 0.03)))
+def test_bands_hold_what_the_model_takes_as_known(assumed: str, size: float) -> None:
+    """A known value that is wrong at random, a lam that changes with speed: the truth by the model's own matrices."""
+    rng, w = np.random.default_rng(4), covering_frequencies(MODEL, THETA, TESTED, 10)
+    known = known_of(NAME, TYPICAL[NAME]) | ({"Mf": TYPICAL[NAME]["Mf"]} if assumed == "Mf" else {})
+    journal, disk = (MODEL.coordinate(plane, "z") for plane in ("journal", "disk"))
+    counts = {False: np.zeros(FREQUENCY.size), True: np.zeros(FREQUENCY.size)}
+    for seed in range(DRAWS):
+        truly = size * rng.normal()
+        parts = [
+            circular_test(
+                MODEL, truth_with(assumed, truly, speed), speeds=(speed,), frequency=w, noise=0.02,
+                seed=1000 * k + seed, sigma_known=True,
+            )
+            for k, speed in enumerate(TESTED)
+        ]  # fmt: skip
+        fit = rf.fit(MODEL, parts, known=known)
+        fit = assuming(fit, {entry.name: 0.0 for entry in fit.assumed.entries} | {assumed: size})
+        theta = truth_with(assumed, truly, ELSEWHERE)
+        exact = np.linalg.inv(MODEL.dynamic_stiffness(theta, FREQUENCY, ELSEWHERE))[:, journal, disk]
+        for statistical in counts:
+            found = fit.predict(FREQUENCY, ELSEWHERE, **WHERE, level=LEVEL, statistical=statistical)
+            counts[statistical] += held(found.band, exact)[0]
+    assert all(within(int(counts[False][point]), DRAWS) for point in (0, 13, 26, 39))
+    assert counts[True].min() < 0.8 * DRAWS
 
 
 def test_bands_hold_new_readings() -> None:

@@ -58,12 +58,7 @@ def whitened_columns(problem: Problem, x: Float, terms: Sequence[Term]) -> Compl
     theta = problem.space.theta(x)
     parts = []
     for number, block in enumerate(problem.blocks):
-        changes = np.array(
-            [
-                cause_change(block, theta, term) if isinstance(term, Cause) else _change(block, theta, term)
-                for term in terms
-            ]
-        ).reshape(len(terms), block.measured.size)
+        changes = np.array([term_change(block, theta, term) for term in terms]).reshape(len(terms), block.measured.size)
         if problem.factors and problem.factors[number] is not None:
             nuisance = np.asarray(problem.factors[number]) @ x[len(problem.space.names) :]
             changes = changes * np.exp(nuisance)
@@ -94,7 +89,10 @@ def _resting(block: OrbitResponses, theta: Float, eccentricity: float) -> Comple
     return load_change(block, theta, load) / eccentricity
 
 
-def _change(block: Block, theta: Float, term: Term) -> ComplexArray:
+def term_change(block: Block, theta: Float, term: Term) -> ComplexArray:
+    """Change of the predictions of a block by a unit of a term, shape ``(R,)``."""
+    if isinstance(term, Cause):
+        return cause_change(block, theta, term)
     step = 1e-4  # share of the clearance for a central difference: truncated at 1e-8, rounded at 1e-12
     base = responses_of(block)
     change: ComplexArray = np.zeros(block.measured.size, dtype=complex)

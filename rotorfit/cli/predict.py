@@ -37,6 +37,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
     to.add_argument("--direction", metavar="X", help="x or y, of models that keep both apart")
     to.add_argument("--level", type=positive_word, default=0.95, help="probability that a band holds [%(default)g]")
     to.add_argument("--whole", action="store_true", help="bands that hold whole curves, not each point by itself")
+    to.add_argument("--statistical", action="store_true", help="bands without what the model leaves out")
     to.add_argument("--out", type=Path, help="folder for prediction.csv, summary.txt and prediction.png")
     add_figure_format(to)
     add_output(to)
@@ -88,6 +89,7 @@ def _prediction(fit: FitResult, options: argparse.Namespace) -> Prediction:
         direction=options.direction,
         level=options.level,
         whole=options.whole,
+        statistical=options.statistical,
     )
 
 

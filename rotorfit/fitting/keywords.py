@@ -69,6 +69,7 @@ class PredictKeywords(TypedDict, total=False):
     direction: str | None
     level: float
     whole: bool
+    statistical: bool
     at: Mapping[str, Any] | None
 
 

@@ -637,7 +637,8 @@ class FitResult(FitFigures):
                 is ``mr w^2``. ``plane``: where the motion is predicted, a plane of the model, with a probe or without;
                 by default that of the force. ``direction``: ``z`` for x + j y, or of models of both directions ``x`` or
                 ``y``. ``level``: probability that a band holds, 0.95. ``whole``: bands that hold whole curves at once,
-                in place of each point by itself. ``at``: group of parameters, for fits with one value a group.
+                in place of each point by itself. ``statistical``: bands without the systematic share, see
+                :meth:`systematic`. ``at``: group of parameters, for fits with one value a group.
 
         Raises:
             TypeError: a keyword that is none of these.

@@ -17,6 +17,8 @@ from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
+from rotorfit.estimators.inference.left_out_columns import term_change
+from rotorfit.fitting.assumptions.assumption_table import Assumption
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.motion.stability import growth_rate
@@ -56,6 +58,8 @@ class Prediction:
         force_plane: where the force acts.
         response: predicted phasor, m (rad for slopes): of x + j y at the signed frequency, or of one probe, phase lead.
         covariance: of its real and imaginary part, shape ``(N, 2, 2)``; infinite where the data do not determine it.
+        systematic: the same by what the model leaves out or takes as known, in proportion to the table of
+            :meth:`FitResult.assumptions`; zero for statistical bands.
         noise: standard deviation of each part of a new reading about the truth, NaN where the fit has no readings of
             that plane.
         reach: half-width of the bands in standard errors, by Student's t; larger for bands of whole curves.
@@ -72,6 +76,7 @@ class Prediction:
     force_plane: str
     response: ComplexArray
     covariance: Float
+    systematic: Float
     noise: Float
     reach: Float
     reach_new: Float
@@ -93,7 +98,7 @@ class Prediction:
 
     @property
     def stderr(self) -> ComplexArray:
-        """Standard error of the mean: that of the real part plus j times that of the imaginary part.
+        """Statistical standard error of the mean: that of the real part plus j times that of the imaginary part.
 
         Example:
             >>> prediction = fit.predict(300.0, 200.0, force_plane="disk", plane="journal")
@@ -122,7 +127,7 @@ class Prediction:
             >>> bool(low < high)
             True
         """
-        return _band(self.response, self.covariance, self.reach)
+        return _band(self.response, self.covariance + self.systematic, self.reach)
 
     @cached_property
     def band_new(self) -> Band:
@@ -133,7 +138,7 @@ class Prediction:
             >>> bool(prediction.band_new.amplitude[0, 1] > prediction.band.amplitude[0, 1])
             True
         """
-        return _band(self.response, self._of_readings, self.reach_new)
+        return _band(self.response, self._of_readings + self.systematic, self.reach_new)
 
     @property
     def _of_readings(self) -> Float:
@@ -185,9 +190,10 @@ class Prediction:
             numbers = [f"{at[0]:.5g}", f"{at[1]:.5g}", f"{abs(self.response[i]) * 1e6:.4g}"]
             rows.append([*numbers, *cells, f"{np.rad2deg(np.angle(self.seen[i])):.1f}"])
         what = "of whole curves" if self.whole else "at each frequency"
+        by = "statistical errors and what the model leaves out" if self.systematic.any() else "statistical errors"
         head = (
             f"response at {self.plane} to a force at {self.force_plane}, {self.response.size} points; first, largest "
-            f"and last; {self.level:.0%} bands {what}, by statistical errors"
+            f"and last; {self.level:.0%} bands {what}, by {by}"
         )
         return "\n".join([head, *text_table(rows, ">8 >10 >10 >20 >20 >11"), *self.notes])
 
@@ -234,6 +240,7 @@ def predict(
     direction: str | None = None,
     level: float = 0.95,
     whole: bool = False,
+    statistical: bool = False,
     at: Mapping[str, Any] | None = None,
     thetas: Float | None = None,
 ) -> Prediction:
@@ -246,14 +253,21 @@ def predict(
     block = _block(fit, test, group)
     mean = _by_covariance(fit, block, group) if thetas is None else _by_draws(fit, block, thetas)
     noise = _noise(fit, test, model.coordinate(test.plane[0], _axis(test)), mean.response)
-    reach = reach_new = np.array([quantile(level, float(one)) for one in mean.freedom])
+    moved = _moved(fit, block, () if statistical else fit.assumed.entries)
+    systematic = np.einsum("kni,knj->nij", moved, moved)
+    wider = 1 + np.nan_to_num(np.trace(systematic, axis1=1, axis2=2) / np.trace(mean.covariance, axis1=1, axis2=2))
+    freedom = mean.freedom * wider**2  # Satterthwaite: the systematic share is taken as known
+    reach = reach_new = np.array([quantile(level, float(one)) for one in freedom])
     if whole:
         scale = reach / quantile(level, math.inf)  # of t over that of the normal distribution
         errors = _draws_of_errors(fit.covar, mean.slopes) if mean.errors is None else mean.errors
+        sizes = np.random.default_rng(2).normal(size=(len(errors), len(moved)))
+        errors = errors + np.einsum("wk,kni->wni", sizes, moved)
         known = np.nan_to_num(noise)[:, None]
         own = np.random.default_rng(0).normal(size=errors.shape) * known
-        new = mean.covariance + known[:, None] ** 2 * np.eye(2)
-        reach = scale * _largest(mean.response, mean.covariance, errors, level)
+        both = mean.covariance + systematic
+        new = both + known[:, None] ** 2 * np.eye(2)
+        reach = scale * _largest(mean.response, both, errors, level)
         reach_new = scale * _largest(mean.response, new, errors + own, level)
     return Prediction(
         frequency=test.frequency,
@@ -263,6 +277,7 @@ def predict(
         force_plane=str(test.force_plane[0]),
         response=mean.response,
         covariance=mean.covariance,
+        systematic=systematic,
         noise=noise,
         reach=reach,
         reach_new=reach_new,
@@ -284,8 +299,7 @@ class _Mean:
 
 
 def _by_covariance(fit: FitResult, block: Block, group: int) -> _Mean:
-    response, slope = block.predict_jacobian(fit.thetas)
-    slopes = np.stack([fit.problem.space.pull_back(part, group) for part in (slope.real, slope.imag)], axis=1)
+    response, slopes = _slopes(fit, block, group)
     covariance = slopes @ fit.covar @ slopes.transpose(0, 2, 1)
     undetermined = fit.identifiability.leaves_open(np.abs(response), slopes) if fit.success else np.s_[:]
     covariance[undetermined] = np.inf
@@ -299,6 +313,26 @@ def _by_draws(fit: FitResult, block: Block, thetas: Float) -> _Mean:
     covariance = np.einsum("wni,wnj->nij", errors, errors) / (len(errors) - 1)
     freedom = np.full(response.size, np.inf)
     return _Mean(response=response, covariance=covariance, freedom=freedom, slopes=np.zeros(0), errors=errors)
+
+
+def _moved(fit: FitResult, block: Block, entries: Sequence[Assumption]) -> Float:
+    """Change of real and imaginary parts by a standard uncertainty of each assumption, shape ``(K, N, 2)``: of what
+    acts on the rotor the change itself, and what it would have made of the tested parameters."""
+    names, changes = fit.problem.space.names, []
+    slopes = _slopes(fit, block, 0)[1][..., : len(names)]
+    for entry in entries:
+        change = slopes @ np.array([entry.shifts[name] for name in names])
+        if entry.acts is not None:
+            direct = term_change(block, fit.thetas, entry.acts)
+            change = change + np.column_stack([direct.real, direct.imag])
+        changes.append(entry.left * change)
+    return np.array(changes).reshape(len(changes), block.measured.size, 2)
+
+
+def _slopes(fit: FitResult, block: Block, group: int) -> tuple[ComplexArray, Float]:
+    """Predicted responses ``(N,)`` and the derivatives of their parts by the fitted parameters, ``(N, 2, p)``."""
+    response, slope = block.predict_jacobian(fit.thetas)
+    return response, np.stack([fit.problem.space.pull_back(part, group) for part in (slope.real, slope.imag)], axis=1)
 
 
 def _planned(

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from html import escape
 
-from rotorfit.models.motion.neglected_terms import LeftOut
+from rotorfit.estimators.inference.left_out_columns import Term
 from rotorfit.models.text_table import text_table
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -34,7 +34,7 @@ class Assumption:
     errors: Mapping[str, float]  # standard errors of the results that the table shows
     implied: bool = False  # something that was fitted says that the term is there, though not how large it is
     prior: float = math.nan  # standard uncertainty that was given for it in place of the plausible size
-    acts: LeftOut | int | None = None  # what of it acts on the rotor: a term of its equation, a known parameter's place
+    acts: Term | None = None  # what of it acts on the rotor, no matter of forces and readings
 
     @property
     def uncertainty(self) -> float:

@@ -120,10 +120,17 @@ def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
                 errors=errors,
                 implied=name.startswith("Ds[") and _coupled(fit) > 0,
                 prior=fit.settings.assumptions.get(name, math.nan),
-                acts=term if isinstance(term, LeftOut | int) else None,
+                acts=term if _acts(term) else None,
             )
         )
     return entries
+
+
+def _acts(term: Term) -> bool:
+    """True for what is of the rotor, and not of forces or of what is read."""
+    if isinstance(term, Cause):
+        return term.kind in (Kind.SPEED, Kind.BEND, Kind.HYSTERESIS, Kind.ELSEWHERE)
+    return not isinstance(term, Offset | Gain)
 
 
 def _onset_change(fit: FitResult, onset: Threshold | None, term: Term, shift: Float) -> float:

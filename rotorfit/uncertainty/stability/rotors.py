@@ -172,7 +172,7 @@ def drawn_rotors(fit: FitResult, group: int, draws: int, thetas: Float | None = 
                 theta[:, names.index(name)] += shift * size
         if isinstance(entry.acts, int):
             theta[:, entry.acts] += size
-        elif entry.acts is not None and planes:
+        elif isinstance(entry.acts, LeftOut) and planes:
             terms.append(entry.acts)
             sizes.append(size)
     columns = np.column_stack(sizes) if sizes else np.zeros((len(theta), 0))
