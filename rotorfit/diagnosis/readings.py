@@ -12,9 +12,9 @@ from rotorfit.data.findings import NO_COPIES, Finding, listed
 from rotorfit.estimators.blocks.row_keys import combined
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 
-_IMPOSSIBLE_DISPLACEMENT, _SUSPECT_DISPLACEMENT, _SMALLEST_DISPLACEMENT = 0.01, 5e-3, 1e-6
-"""Displacements, m: of no machine that runs, though in mil instead of um small rigs come to that; larger than any
-clearance in use; and the largest of a sweep that hardly shows."""
+_IMPOSSIBLE_DISPLACEMENT, _SUSPECT_DISPLACEMENT, _SMALLEST_DISPLACEMENT = 0.025, 5e-3, 1e-6
+"""Displacements, m: beyond what shakers and machines do, though small rigs come to it in mil instead of um; larger than
+any clearance in use; and the largest of a sweep that hardly shows."""
 
 _LAST_DIGIT = 1e-9  # relative difference of what is equal to the last digit
 _COPIED_READINGS = 3  # readings of a run that agree to the last digit from which that is no chance
@@ -26,7 +26,7 @@ _AMPLITUDES_COMPARED = 20  # distinct amplitudes that show the step
 
 def amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     """Amplitudes that are too large or too small to be true, which no fit notices: stiffnesses are scaled alike."""
-    lever = 0.1  # lever of slopes, m: one of 0.1 rad is as impossible as a displacement of 10 mm
+    lever = 0.1  # lever of slopes, m: one of 0.25 rad is as impossible as a displacement of 25 mm
     if isinstance(test, PerturbationTest):
         size = np.abs(test.response) * np.where(np.char.startswith(test.direction, "r"), lever, 1.0)
     else:
