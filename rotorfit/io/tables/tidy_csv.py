@@ -389,7 +389,8 @@ def written_columns(experiment: Experiment) -> dict[str, NDArray[Any]]:
     if isinstance(experiment, PerturbationTest):
         experiment = written_per_force(experiment)
     columns = columns_without_attributes(experiment)
-    meant = {name for name in experiment.attributes if name != FORCE_SIGMA and quantity_meant(name)}
+    own = (FORCE_SIGMA, "coherence")  # columns that are kept as attributes
+    meant = {name for name in experiment.attributes if name not in own and quantity_meant(name)}
     taken = {*columns, *meant} & set(experiment.attributes)
     if taken:
         raise ValueError(f"attributes {', '.join(sorted(taken))} have the name of a column; rename them")
