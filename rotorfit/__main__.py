@@ -23,10 +23,10 @@ class _PlainStream(io.TextIOWrapper):
         return super().write(_ERASE.join(part.translate(_CONTROLS) for part in text.split(_ERASE)))
 
 
-def _plain(stream: TextIO | None) -> TextIO:
-    """An output of this process made plain; nowhere where it was closed."""
+def _plain(stream: TextIO | None, closed: int) -> TextIO:
+    """An output of this process made plain; one that was closed is nothing, to be read or to be written to."""
     if stream is None:
-        return open(os.devnull, "w", encoding="utf-8")
+        return os.fdopen(os.open(os.devnull, closed), "w", encoding="utf-8")
     if not isinstance(stream, io.TextIOWrapper):
         return stream
     return _PlainStream(
@@ -39,7 +39,8 @@ def main() -> int:
     # New objects after which Python looks for unused ones, in place of 700. Nearly all that imports and drawing make
     # stays: looking through it again and again takes a tenth of a fit's time.
     gc.set_threshold(100_000)
-    sys.stdout, sys.stderr = _plain(sys.stdout), _plain(sys.stderr)
+    # What is printed must arrive somewhere, as in other programs; of errors and warnings there is the exit code.
+    sys.stdout, sys.stderr = _plain(sys.stdout, os.O_RDONLY), _plain(sys.stderr, os.O_WRONLY)
     from rotorfit.cli.main import main as run
 
     try:

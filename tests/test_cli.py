@@ -457,11 +457,19 @@ def test_an_output_that_is_closed_full_or_of_few_letters_is_no_traceback(tmp_pat
     for name, other in names.items():
         text = text.replace(f",{name},", f",{other},")
     (tmp_path / "a.csv").write_text(text, encoding="utf-8")
-    info = f"{sys.executable} -m rotorfit info {tmp_path / 'a.csv'}"
-    for script, code in ((f"PYTHONIOENCODING=ascii {info}", 0), (f"{info} >&-", 0), (f"{info} > /dev/full", 2)):
+    program = f"{sys.executable} -m rotorfit"
+    info = f"{program} info {tmp_path / 'a.csv'}"
+    for script, code, words in (
+        (f"PYTHONIOENCODING=ascii {info}", 0, b"measured at"),
+        (f"{info} >&-", 2, b"Bad file descriptor"),
+        (f"{info} > /dev/full", 2, b"No space left on device"),
+        (f"{program} --help > /dev/full", 2, b"No space left on device"),
+        (f"{program} --help >&- 2>&-", 2, b""),
+    ):
         done = subprocess.run(["bash", "-c", script], capture_output=True, check=False)
         said = done.stdout + done.stderr
         assert done.returncode == code, said
+        assert words in said
         assert b"Traceback" not in said
+        assert b"ignored" not in said
         assert b"\x1b" not in said
-    assert b"No space left on device" in said

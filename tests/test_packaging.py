@@ -88,7 +88,14 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     skip = shutil.ignore_patterns("__pycache__", "*.egg-info", "build")
     for name in ("rotorfit", *(Path(d).name for d in PACKAGE_DIR.values() if d != "rotorfit")):
         shutil.copytree(ROOT / name, copy / name, symlinks=True, ignore=skip)
-    for name in ("pyproject.toml", PYPROJECT["project"]["readme"], *PYPROJECT["project"]["license-files"]):
+    (copy / "tests").mkdir()
+    shutil.copy(__file__, copy / "tests")
+    for name in (
+        "pyproject.toml",
+        "MANIFEST.in",
+        PYPROJECT["project"]["readme"],
+        *PYPROJECT["project"]["license-files"],
+    ):
         shutil.copy(ROOT / name, copy / name)
     build = "import setuptools.build_meta as b, sys; print(getattr(b, sys.argv[1])(sys.argv[2]))"
     subprocess.run([sys.executable, "-c", build, "build_sdist", str(folder)], cwd=copy, check=True, capture_output=True)
@@ -115,6 +122,7 @@ def test_sdist_holds_the_sources_once(built: Path) -> None:
     modules = [name for name in names if name.endswith("whirl_whip.py")]
     assert modules == ["models/whirl_whip.py"]
     assert len(names) == len(set(names))
+    assert not [name for name in names if name.startswith("tests/")]  # without what they need they would not run
     for package in PYPROJECT["tool"]["setuptools"]["packages"]:
         folder = folder_of(package).relative_to(ROOT)
         for file in (ROOT / folder).glob("*.py"):

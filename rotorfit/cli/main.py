@@ -63,29 +63,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         the exit code.
     """
-    parser = build_parser()
-    options = parser.parse_args(arguments)
-    if options.command is None:
-        parser.print_help()
-        return ExitCode.DONE
-    named = (getattr(options, name, None) for name in ("setup", "study", "fit"))
-    given = (*getattr(options, "files", ()), *named)
-    with warnings.catch_warnings(), protected_inputs([path for path in given if path is not None]):
-        warnings.showwarning = _show_warning
-        return _carry_out(options)
-
-
-def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    """A warning as a sentence, without the file and line of the program that it comes from."""
-    print(f"rotorfit: {message}", file=sys.stderr)
-
-
-def _carry_out(options: argparse.Namespace) -> int:
-    """Do what the words say; what goes wrong becomes a sentence and an exit code."""
     try:
-        code = int(options.command(options))
-        sys.stdout.flush()
-        return code
+        try:
+            return _carry_out(arguments)
+        finally:  # help ends by an exit of its own
+            sys.stdout.flush()
     except BrokenPipeError:  # whoever reads the output, `head` for instance, has seen enough
         _close_output()
         return ExitCode.DONE
@@ -93,6 +75,26 @@ def _carry_out(options: argparse.Namespace) -> int:
         _close_output()
         print(f"rotorfit: the output cannot be written: {sentence(problem)}", file=sys.stderr)
         return ExitCode.BAD_INPUT
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    """A warning as a sentence, without the file and line of the program that it comes from."""
+    print(f"rotorfit: {message}", file=sys.stderr)
+
+
+def _carry_out(arguments: Sequence[str] | None) -> int:
+    """Do what the words say; what is wrong with them, or with the files that they name, becomes a sentence."""
+    parser = build_parser()
+    options = parser.parse_args(arguments)
+    if options.command is None:
+        parser.print_help()
+        return ExitCode.DONE
+    named = (getattr(options, name, None) for name in ("setup", "study", "fit"))
+    given = (*getattr(options, "files", ()), *named)
+    try:
+        with warnings.catch_warnings(), protected_inputs([path for path in given if path is not None]):
+            warnings.showwarning = _show_warning
+            return int(options.command(options))
     except BadInputError as problem:
         said = spoken(str(problem))
         print(f"rotorfit: {said if options.command in (_run, plan.run) else in_options(said)}", file=sys.stderr)

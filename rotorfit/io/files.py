@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -117,8 +115,7 @@ def read(
         raise ValueError(f"speed must be a finite number, rad/s; got {speed!r}")
     table = {"sheet": sheet, "columns": columns, "constants": constants}
     told = {"on_finding": on_finding, "on_lines": on_lines}
-    with _as_file(path) as file:
-        test = _read_raw(file, {"speed": speed, "axes": axes}, table, told, speed_tolerance)
+    test = _read_raw(path, {"speed": speed, "axes": axes}, table, told, speed_tolerance)
     test = selected(test, where=where, exclude=exclude, drop_near_1x=drop_near_1x)
     options: dict[str, Any] = {
         "gains": gains,
@@ -146,18 +143,6 @@ def _as_measured(
     if given:
         raise ValueError(f"{', '.join(given)} correct probe readings; {test.source} is a {type(test).__name__}")
     return test
-
-
-@contextmanager
-def _as_file(path: str | Path | DataFrame) -> Iterator[str | Path]:
-    """The file, that of a table in memory for as long as it is read."""
-    if isinstance(path, str | Path):
-        yield path
-        return
-    with TemporaryDirectory() as folder:
-        file = Path(folder) / "DataFrame.csv"
-        path.to_csv(file, index=False)
-        yield file
 
 
 def _tell_uneven(test: PerturbationTest, on_finding: Callable[[Finding], None] | None) -> None:
@@ -204,13 +189,17 @@ _READERS = {"csv": "tables (CSV and Excel)", "uff": "universal files"}
 
 
 def _read_raw(
-    path: str | Path,
+    path: str | Path | DataFrame,
     universal: Mapping[str, Any],
     table: Mapping[str, Any],
     told: Mapping[str, Any],
     speed_tolerance: float,
 ) -> Experiment:
     """Read a file with the options of its format; those of another format are refused."""
+    if not isinstance(path, str | Path):
+        from rotorfit.io.tables.tidy_csv import read_csv
+
+        return read_csv(path, speed_tolerance=speed_tolerance, **table, **told)
     kind = _format(path)
     note_input(Path(path))
     with reading(Path(path).name, _KINDS[kind]):

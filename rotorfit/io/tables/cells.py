@@ -10,13 +10,16 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any, BinaryIO, overload
+from typing import TYPE_CHECKING, Any, BinaryIO, overload
 
 import numpy as np
 
 from rotorfit.estimators.file_limits import check_archive, check_text, check_unpacked
 from rotorfit.models.array_types import Bool, Float, Index
 from rotorfit.models.parameters import unknown_name
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 EXCEL = (".xlsx", ".xlsm")
 _MARKS = (
@@ -212,6 +215,18 @@ def read_cells(
     numbered = np.concatenate(lines) if lines else np.zeros(0, dtype=np.intp)
     _refuse_thousands(path.name, columns, numbered)
     return Cells(header=header[:width], columns=[column.finished(path.name) for column in columns], lines=numbered)
+
+
+def frame_cells(frame: DataFrame, is_text: Callable[[str], bool]) -> Cells:
+    """Columns of a table in memory, whose rows have the numbers that they would have below a header."""
+    columns = [_Column(str(name), is_text=is_text(str(name))) for name in frame.columns]
+    for at, column in enumerate(columns):
+        values = frame.iloc[:, at]
+        column.add(tuple(values.where(values.notna(), "").astype(str)))
+    lines = np.arange(2, len(frame) + 2)
+    _refuse_thousands("DataFrame", columns, lines)
+    header = [column.name.strip() for column in columns]
+    return Cells(header=header, columns=[column.finished("DataFrame") for column in columns], lines=lines)
 
 
 def _even(source: str, batch: Sequence[_Row], width: int) -> tuple[Sequence[int], Sequence[Sequence[str]]]:

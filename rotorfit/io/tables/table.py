@@ -8,12 +8,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.io.tables.cells import Numbers, lacking, read_cells, taken
+from rotorfit.io.tables.cells import Numbers, frame_cells, lacking, read_cells, taken
 from rotorfit.models.array_types import Bool, Float, Index
 from rotorfit.units import find_unit, units_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 PERTURBATION_COLUMNS = (
     "run, speed_rpm, frequency_rpm, force_plane, force_N (or mr_g_mm), force_phase_deg (or force_angle_deg), plane, "
@@ -108,12 +112,14 @@ def floats(cells: Sequence[str]) -> Float | None:
 
 
 def read_table(
-    path: str | Path, sheet: str | None, is_text: Callable[[str], bool], is_unit: Callable[[str], bool]
+    path: str | Path | DataFrame, sheet: str | None, is_text: Callable[[str], bool], is_unit: Callable[[str], bool]
 ) -> Table:
-    """Columns of a CSV file (comma, semicolon or tab) or of a sheet of an Excel file; those that are text by their
-    names stay as they are written."""
-    source = Path(path).name
-    found = read_cells(Path(path), sheet, is_text, is_unit)
+    """Columns of a CSV file (comma, semicolon or tab), of a sheet of an Excel file or of a table in memory; those that
+    are text by their names stay as they are written."""
+    if isinstance(path, str | Path):
+        source, found = Path(path).name, read_cells(Path(path), sheet, is_text, is_unit)
+    else:
+        source, found = "DataFrame", frame_cells(path, is_text)
     if found is None:
         raise ValueError(f"{source} is empty; a tidy CSV has a header and rows. Known columns: {PERTURBATION_COLUMNS}")
     header = found.header

@@ -18,7 +18,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,9 @@ from rotorfit.models.array_types import ComplexArray, Float, Index, Text
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import UNITS, si_factor
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 DISPLACEMENT_COLUMNS = (
     "run, speed_rpm, frequency_rpm, plane, amplitude_um, phase_deg, force_x_N, force_x_phase_deg, force_y_N, "
     "force_y_phase_deg, optional sigma_N; other units by suffix, further columns are attributes"
@@ -62,7 +65,7 @@ DISPLACEMENT_COLUMNS = (
 
 
 def read_csv(
-    path: str | Path,
+    path: str | Path | DataFrame,
     *,
     speed_tolerance: float = SPEED_TOLERANCE,
     sheet: str | None = None,
@@ -137,13 +140,13 @@ def _sweeps_speed(table: Table, speed: str) -> bool:
 
 
 def _opened(
-    path: str | Path, sheet: str | None, columns: Mapping[str, str], constants: Mapping[str, str | float]
+    path: str | Path | DataFrame, sheet: str | None, columns: Mapping[str, str], constants: Mapping[str, str | float]
 ) -> tuple[Table, list[Finding]]:
     """The tidy table of a file, whatever its layout, and what was left out of it."""
     found: list[Finding] = []
-    samples = sheet is None and is_sample_table(Path(path))
+    samples = sheet is None and isinstance(path, str | Path) and is_sample_table(Path(path))
     bode = False
-    if samples:
+    if samples and isinstance(path, str | Path):
         table, found = sample_table(Path(path), columns)
     else:
         table = read_table(path, sheet, lambda spelled: is_text(spelled, columns), is_unit)
