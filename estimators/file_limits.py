@@ -57,13 +57,13 @@ def check_unpacked(name: str, declared: float, size: int) -> None:
 
 def check_text(name: str, cells: Sequence[str]) -> None:
     """Refuse a column of text with a cell too long: an array takes the room of its longest cell for every row."""
-    lengths = [len(cell) for cell in cells]
-    longest = max(lengths, default=0)
+    longest = max(map(len, set(cells)), default=0)
     if longest > _factor() * _CELL:
         raise ValueError(f"{name}: a cell of {longest} characters; up to {_factor() * _CELL:.0f} are allowed")
-    if 4 * len(lengths) * longest > allowed_bytes(sum(lengths)):
+    room = 4 * len(cells) * longest
+    if room > allowed_bytes(0) and room > allowed_bytes(sum(map(len, cells))):
         raise ValueError(
-            f"{name}: a cell of {longest} characters in a column of {len(lengths)} rows, of which each would take as "
+            f"{name}: a cell of {longest} characters in a column of {len(cells)} rows, of which each would take as "
             "much room; shorten it, or leave the column out"
         )
 

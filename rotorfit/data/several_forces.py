@@ -31,6 +31,9 @@ def gathered(test: PerturbationTest, where: Where | None = None) -> Perturbation
     forces; there all readings have to stand under the same ones. Rows of other runs stay as they are.
     """
     named = where or (lambda row: f"row {row + 1}")
+    if not (np.diff(np.sort(test.response.real)) == 0).any():
+        _refuse_two_readings(test, named)
+        return test
     first, group = distinguished(*[getattr(test, name) for name in _PROBE], *_readings(test))
     place = combined(numbers(test.force_plane), numbers(test.force_direction))
     anew = (place != place[first[group]]) & (test.response != 0) & np.isfinite(test.response)

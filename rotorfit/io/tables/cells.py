@@ -6,11 +6,12 @@ import codecs
 import csv
 import math
 import re
+from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, overload
+from typing import TYPE_CHECKING, Any, BinaryIO, TextIO, overload
 
 import numpy as np
 
@@ -125,15 +126,16 @@ class _Column:
 
     def add(self, cells: Sequence[str]) -> None:
         """Take the cells of further rows."""
-        values = None if self.is_text or self.lost else self._converted(cells)
+        count, alike = len(cells), cells[:1] if cells.count(cells[0]) == len(cells) else cells
+        values = None if self.is_text or self.lost else self._converted(alike)
         if values is not None:
-            self._numbers.append(values)
+            self._numbers.append(values if alike is cells else np.repeat(values, count))
         elif self._numbers:
             self.lost = True  # the cells above are needed as they were written
         else:
             self.is_text = True
-            self._text += map(self._meant.__getitem__, cells)
-        self._rows += len(cells)
+            self._text += list(map(self._meant.__getitem__, alike)) * (count // len(alike))
+        self._rows += count
 
     def _converted(self, cells: Sequence[str]) -> Float | None:
         """Cells as numbers, blank ones NaN; None where one is something else, or the mark is not that of the others."""
@@ -222,7 +224,8 @@ def frame_cells(frame: DataFrame, is_text: Callable[[str], bool]) -> Cells:
     columns = [_Column(str(name), is_text=is_text(str(name))) for name in frame.columns]
     for at, column in enumerate(columns):
         values = frame.iloc[:, at]
-        column.add(tuple(values.where(values.notna(), "").astype(str)))
+        if len(frame):
+            column.add(tuple(values.where(values.notna(), "").astype(str)))
     lines = np.arange(2, len(frame) + 2)
     _refuse_thousands("DataFrame", columns, lines)
     header = [column.name.strip() for column in columns]
@@ -346,27 +349,39 @@ def _workbook_advice(raw: bytes) -> str:
 
 def _text_rows(path: Path) -> Iterator[_Row]:
     with path.open(encoding=encoding_of(path)) as stream:
-        numbered = ((i, line) for i, line in enumerate(stream, 1) if line.strip() and not line.lstrip().startswith("#"))
-        head = list(islice(numbered, _TITLE_ROWS))
+        skipped: list[int] = []
+        lines = chain.from_iterable(_content(stream, skipped))
+        head = list(islice(lines, _TITLE_ROWS))
         delimiter = ""
-        if head and re.fullmatch(r"sep=.", head[0][1].strip()):  # written by Excel
-            delimiter = head.pop(0)[1].strip()[4]
+        if head and re.fullmatch(r"sep=.", head[0].strip()):  # written by Excel
+            delimiter = head.pop(0).strip()[4]
+            skipped.insert(0, 0)
         if not head:
             return
-        counts = [max(map(line.count, ",;\t")) for _, line in head]
+        counts = [max(map(line.count, ",;\t")) for line in head]
         first = next((i for i, count in enumerate(counts) if count > 1), 0)  # a title has none, or a comma
-        delimiter = delimiter or max(",;\t", key=head[first][1].count)
-        taken_from: list[int] = [0]
-
-        def lines() -> Iterator[str]:
-            for taken_from[0], line in chain(head, numbered):
-                yield line
-
+        reader = csv.reader(chain(head, lines), delimiter=delimiter or max(",;\t", key=head[first].count), strict=True)
         try:
-            for row in csv.reader(lines(), delimiter=delimiter, strict=True):
-                yield taken_from[0], row
+            for row in reader:
+                yield reader.line_num + bisect_left(skipped, reader.line_num), row
         except csv.Error as error:
             raise ValueError(f"{path.name} is not a readable CSV: {error}") from error
+
+
+def _content(stream: TextIO, skipped: list[int]) -> Iterator[list[str]]:
+    """Lines that are not blank and no comments, many at a time; of others, how many of these stand above is noted."""
+    count = 0
+    while lines := stream.readlines(1 << 16):
+        if "#" in "".join(lines) or not all(map(str.strip, lines)):
+            kept = []
+            for line in lines:
+                if line.strip() and not line.lstrip().startswith("#"):
+                    kept.append(line)
+                else:
+                    skipped.append(count + len(kept))
+            lines = kept
+        count += len(lines)
+        yield lines
 
 
 def _sheet(path: Path, sheet: str | None) -> Iterator[_Row]:

@@ -37,6 +37,7 @@ from rotorfit.data.experiments import (
 from rotorfit.data.findings import Finding
 from rotorfit.data.joined import check_planes_spelt
 from rotorfit.data.several_forces import gathered, written_per_force
+from rotorfit.estimators.blocks.row_keys import words as distinct
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.io.tables.cells import as_text
 from rotorfit.io.tables.coherence import noise_of_coherence, without_incoherent
@@ -188,6 +189,8 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
     omega = columns.number("speed")
     for name, values in {"force": force, "response": reading, "frequency": w, "speed": omega}.items():
         columns.refuse(~np.isfinite(values), "run", f"is a row whose {name} overflows; check its units")
+    for values in (run, force_plane, plane, direction, w, omega, force, reading):
+        values.flags.writeable = False  # so that the test holds them, and no copies
     written = PerturbationTest(
         run=run,
         force_plane=force_plane,
@@ -302,14 +305,12 @@ _KINDS: tuple[tuple[str, Callable[[Table, float], Experiment]], ...] = (
 
 
 def _directions(columns: Columns) -> Text:
-    cells = columns.words("direction")
-    direction: Text = np.char.lower(cells)
-    unknown = ~np.isin(direction, DIRECTIONS)
-    if unknown.any():
-        row = int(np.flatnonzero(unknown)[0])
-        allowed = unknown_name("direction", str(cells[row]), DIRECTIONS)
-        raise ValueError(f"{columns.where(row, 'direction')}: {allowed}")
-    return direction
+    written, number = distinct(columns.words("direction"))
+    for place, name in enumerate(written):
+        if name.lower() not in DIRECTIONS:
+            allowed = unknown_name("direction", name, DIRECTIONS)
+            raise ValueError(f"{columns.where(int(np.argmax(number == place)), 'direction')}: {allowed}")
+    return np.array([name.lower() for name in written])[number]
 
 
 def _force_directions(columns: Columns, w: Float, direction: Text) -> Text:
