@@ -127,3 +127,37 @@ def test_resonances_lie_on_the_eigenvalue_plot() -> None:
         damped = [q.value * RPM for q, zeta in fit.natural_frequencies(speed / RPM) if zeta.value < 0.06]
         for rpm in damped:
             assert np.abs(at[at[:, 0].round() == speed, 1] - rpm).min() < 40  # a reading each 25 rpm, a damped peak
+
+
+def test_figures_of_results_take_axes_and_units_too(fit: rf.FitResult) -> None:
+    """Predictions, judgements, plans, comparisons, profiles, campaigns, trends: each in a place given, in hertz."""
+    model, rig = fit.model, fit.experiments
+    where = {"force_plane": "journal", "plane": "journal"}
+    prediction = fit.predict([100.0, 200.0], 100.0, **where)
+    levels = {f"2026-01-{day:02d}": 1e6 + 1e4 * (day % 3) for day in range(1, 9)}
+    dated = [rf.DatedValues(date=d, values={"K": (K, 1e4)}, units={"K": "N/m"}) for d, K in levels.items()]
+    drawn = {
+        "prediction": prediction.plot,
+        "judgement": fit.stability_report(max_speed_rpm=1500).plot,
+        "plan": rf.plan(model, fit, rig[0], noise_um=0.2, quantity="lam").plot,
+        "comparison": rf.compare([fit]).plot,
+        "profile": fit.profile("threshold_speed", points=3).plot,
+        "coefficients": fit.plot_coefficients,
+        "trend": rf.trend(dated, orders=99).plot,
+    }
+    for name, draw in drawn.items():
+        figure, axes = plt.subplots(1, 2, layout="constrained")
+        draw(ax=axes[0], unit=("hz", "mil_pp"))
+        labels = [axis.get_xlabel() + axis.get_ylabel() for axis in figure.findobj(plt.Axes)]
+        assert any(labels), name
+        if name in ("prediction", "judgement", "plan", "profile", "coefficients"):
+            assert any("Hz" in label for label in labels), (name, labels)
+            assert not any("rpm" in label for label in labels), (name, labels)
+        plt.close(figure)
+    first, second = plt.subplots(2)[1]
+    assert prediction.plot(ax=[first, second], unit=("hz", "mil_pp")) is first.figure
+    assert first.get_ylabel() == "amplitude, mil pp"
+    line = first.get_lines()[-1]
+    np.testing.assert_allclose(line.get_xdata(), [100 / (2 * np.pi), 200 / (2 * np.pi)])
+    np.testing.assert_allclose(line.get_ydata(), 2 * np.abs(prediction.response) / 25.4e-6, rtol=1e-9)
+    plt.close("all")

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from rotorfit.campaigns.runs import Run, RunFit, Workers, fit_run, split_runs
 from rotorfit.campaigns.shared import fit_shared
 from rotorfit.campaigns.trends import Trend, trend_table, trends_of
 from rotorfit.data.experiments import Experiment
+from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.data.findings import listed
 from rotorfit.estimators.misfit.losses import LOSSES, Loss
 from rotorfit.estimators.misfit.parameter_space import parameter_space
@@ -342,6 +343,7 @@ class Campaign:
         against: str | Sequence[str],
         by: str | None = None,
         degree: int = 1,
+        **look: Unpack[PlotKeywords],
     ) -> Figure:
         """Parameters with error bars and trend lines or curves against attributes, as of :meth:`trends`.
 
@@ -350,10 +352,11 @@ class Campaign:
             against: attribute on the horizontal axis, ``"oil_C"``, or several, a column of panels each.
             by: attribute that makes groups, each with a line of its own.
             degree: of the lines' polynomials.
+            **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
         """
         from rotorfit.campaigns.trend_figure import plot_trends
 
-        return plot_trends(self.trends(parameters, against=against, by=by, degree=degree), by)
+        return plot_trends(self.trends(parameters, against=against, by=by, degree=degree), by, **look)
 
 
 def campaign(

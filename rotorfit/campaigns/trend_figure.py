@@ -10,12 +10,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from rotorfit.campaigns.trends import Trend
-from rotorfit.plots.style import GREY, colour_of, grid, legend_below, literal, prefix
+from rotorfit.plots.style import GREY, colour_of, grid, legend_below, literal, looked, prefix
 
 _MARKERS = ("o", "s", "^", "D", "v", "P")
 _LARGEST_ERROR_RATIO = 8.0  # standard errors over their median beyond which a run does not set the limits of a panel
 
 
+@looked
 def plot_trends(trends: Sequence[Trend], by: str | None = None) -> Figure:
     """One panel a parameter, one colour and marker a group, the weighted line with its standard error as a band."""
     if not trends:

@@ -194,13 +194,16 @@ class FitFigures:
 
         return plot_velocity_ratio(self._fit, **look)
 
-    def plot_coefficients(self, speeds: Sequence[float] | None = None, *, plane: str | None = None) -> Figure:
+    def plot_coefficients(
+        self, speeds: Sequence[float] | None = None, *, plane: str | None = None, **look: Unpack[PlotKeywords]
+    ) -> Figure:
         """Draw the coefficients of ``fit.coefficient_table`` against speed, with their 95 % errors.
 
         Args:
             speeds: rotative speeds, rad/s, by default those that were tested.
             plane: name of the plane, where forces were fitted at several.
+            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
         """
         from rotorfit.plots.coefficients import coefficients
 
-        return coefficients(self._fit.coefficient_table(speeds, plane=plane))
+        return coefficients(self._fit.coefficient_table(speeds, plane=plane), **look)

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from rotorfit.plots.style import COLOURS, GREY, SMALL_TYPE, grid, legend_below, literal, prefix
+from rotorfit.plots.style import COLOURS, GREY, SMALL_TYPE, grid, legend_below, literal, looked, prefix
 
 if TYPE_CHECKING:
     from rotorfit.monitoring.trend import MachineTrend
 
 
+@looked
 def plot_trend(trend: MachineTrend) -> Figure:
     """One column a place, one panel a value: tests in order of time, levels with the scatter of one test as a band."""
     rows = max(len(place.names) for place in trend.places)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
+from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.estimators.change_point import Change, along, fewest_dates, find_change
 from rotorfit.estimators.significance import P_CHANCE
 from rotorfit.models.array_types import Float
@@ -148,11 +149,15 @@ class MachineTrend:
     def __str__(self) -> str:
         return "\n\n".join(str(place) for place in self.places)
 
-    def plot(self) -> Figure:
-        """Values against time with levels before and after a change."""
+    def plot(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Values against time with levels before and after a change.
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
+        """
         from rotorfit.monitoring.history_figure import plot_trend
 
-        return plot_trend(self)
+        return plot_trend(self, **look)
 
 
 def trend(

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.plots.style import colour_of, grid, legend_below, literal
-from rotorfit.units import RPM_PER_RAD_S
+from rotorfit.plots.style import colour_of, grid, legend_below, literal, looked, per_rad_s, rate_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -15,6 +14,7 @@ if TYPE_CHECKING:
     from rotorfit.planning.record import Plan
 
 
+@looked
 def plot_plan(plan: Plan) -> Figure:
     """Share of the averaging time, and gain over that of what is measured, against frequency, run by run."""
     aim = " and ".join(plan.quantity) if plan.quantity else "all parameters together"
@@ -25,7 +25,7 @@ def plot_plan(plan: Plan) -> Figure:
     for number, name in enumerate(names):
         own = np.flatnonzero(runs == name)
         own = own[np.argsort(plan.lines.frequency[own], kind="stable")]
-        x = plan.lines.frequency[own] * RPM_PER_RAD_S
+        x = plan.lines.frequency[own] * per_rad_s()
         colour = colour_of(number, len(names))
         top.plot(x, plan.share[own] * 100, ".-", lw=1.0, ms=4, color=colour, label=literal(name))
         below.plot(x, plan.certificate.phi[own], ".-", lw=1.0, ms=4, color=colour)
@@ -33,7 +33,7 @@ def plot_plan(plan: Plan) -> Figure:
     below.axhline(plan.certificate.phi.max(), color="0.4", lw=0.8, ls=":")
     top.set_ylabel("share of the averaging time, %", fontsize=8)
     below.set_ylabel("gain of a line (1: as the mean)", fontsize=8)
-    below.set_xlabel("frequency of the force, rpm", fontsize=8)
+    below.set_xlabel(f"frequency of the force, {rate_unit()}", fontsize=8)
     few = 12  # runs that a legend names
     if len(names) <= few:
         legend_below(figure, *top.get_legend_handles_labels())

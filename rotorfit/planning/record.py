@@ -6,9 +6,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 from rotorfit.data.experiments import PerturbationTest
+from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.inference.optimal_shares import Shares
 from rotorfit.fitting.digits import with_error
@@ -165,15 +166,18 @@ class Plan:
         weight = self.share * self.share.size
         return virtual_run(self.model, theta, self.test, self.expectation.noise, weight, seed)
 
-    def plot(self) -> Figure:
+    def plot(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Share of the time of each line, and the gain by which the equivalence theorem judges it.
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
 
         Example:
             >>> figure = rf.plan(fit.model, fit, rig, noise_um=0.2, quantity="lam").plot()
         """
         from rotorfit.planning.plan_figure import plot_plan
 
-        return plot_plan(self)
+        return plot_plan(self, **look)
 
     def __str__(self) -> str:
         rows = [["", "value", "std error", "relative", "over the draws", "all lines alike", "unit"]]

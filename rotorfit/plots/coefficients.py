@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.fitting.structure.coefficient_rows import UNITS, CoefficientRows
 from rotorfit.models.shafts.plane_forces import COEFFICIENTS
-from rotorfit.plots.style import colour_of, grid, legend_below, prefix
-from rotorfit.units import RPM_PER_RAD_S
+from rotorfit.plots.style import colour_of, grid, legend_below, looked, per_rad_s, prefix, rate_unit
 
 
+@looked
 def coefficients(table: CoefficientRows) -> Figure:
     """Stiffness, damping and inertia in x and y against speed, error bars of 95 %.
 
@@ -20,7 +20,7 @@ def coefficients(table: CoefficientRows) -> Figure:
     """
     kinds = [kind for kind in "KCM" if any(_there(table, name) for name in COEFFICIENTS if name[0] == kind)]
     figure, axes = grid(len(kinds), 1, f"Coefficients at {table.rows[0].plane}", size=(6.5, 2.6))
-    rpm = np.array([row.speed for row in table.rows]) * RPM_PER_RAD_S
+    speed = np.array([row.speed for row in table.rows]) * per_rad_s()
     for axis, kind in zip(axes[:, 0], kinds, strict=True):
         names = [name for name in COEFFICIENTS if name[0] == kind and _there(table, name)]
         size = np.array([[row[name].value for row in table.rows] for name in names])
@@ -30,10 +30,10 @@ def coefficients(table: CoefficientRows) -> Figure:
             shown = np.where(np.isfinite(error), error, 0.0)
             place = ("xx", "xy", "yx", "yy").index(name[1:])
             axis.errorbar(
-                rpm, factor * values, factor * shown, fmt="o-", ms=3, lw=1, capsize=2, color=colour_of(place, 4)
+                speed, factor * values, factor * shown, fmt="o-", ms=3, lw=1, capsize=2, color=colour_of(place, 4)
             )
         axis.set_ylabel(f"{kind}, {unit}")
-    axes[-1, 0].set_xlabel("rotative speed, rpm")
+    axes[-1, 0].set_xlabel(f"rotative speed, {rate_unit()}")
     handles = axes[0, 0].containers
     legend_below(figure, list(handles), [n[1:] for n in COEFFICIENTS if n[0] == kinds[0] and _there(table, n)])
     return figure

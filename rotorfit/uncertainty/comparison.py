@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
+from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.summary import text_html
@@ -56,15 +57,18 @@ class Comparison:
             rows.append(row)
         return DataFrame(rows)
 
-    def plot(self) -> Figure:
+    def plot(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Each parameter's estimates side by side with their 95 % intervals.
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
 
         Example:
             >>> figure = rf.compare([fit]).plot()
         """
         from rotorfit.uncertainty.comparison_figure import plot_comparison
 
-        return plot_comparison(self)
+        return plot_comparison(self, **look)
 
     def __str__(self) -> str:
         best = min(fit.aic for fit in self.fits.values())

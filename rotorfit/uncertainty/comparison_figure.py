@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.plots.style import colour_of, grid, literal, prefix
+from rotorfit.plots.style import colour_of, grid, literal, looked, prefix
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from rotorfit.uncertainty.comparison import Comparison
 
 
+@looked
 def plot_comparison(comparison: Comparison) -> Figure:
     """A panel a parameter, with the 95 % interval of each fit."""
     fits = comparison.fits

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.fitting.keywords import JudgeKeywords, PredictKeywords, check_keywords
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Float
@@ -253,18 +254,26 @@ class Posterior(Draws):
 
         return summary(self)
 
-    def plot_corner(self) -> Figure:
-        """Marginal and pairwise densities, the optimum of the fit marked."""
+    def plot_corner(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Marginal and pairwise densities, the optimum of the fit marked.
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
+        """
         from rotorfit.plots.responses import plot_corner
 
         optimum = {name: float(value) for name, value in zip(self.fit.var_names, self.fit.x, strict=True)}
-        return plot_corner(self.samples, self.names, optimum)
+        return plot_corner(self.samples, self.names, optimum, **look)
 
-    def plot_traces(self) -> Figure:
-        """Walkers against the step."""
+    def plot_traces(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Walkers against the step.
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
+        """
         from rotorfit.plots.responses import plot_traces
 
-        return plot_traces(self.chain, self.names)
+        return plot_traces(self.chain, self.names, **look)
 
     def to_arviz(self) -> Any:
         """For ArviZ: ``arviz.InferenceData`` with ArviZ before 1.0, ``xarray.DataTree`` from there on."""

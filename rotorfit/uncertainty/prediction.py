@@ -6,12 +6,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.data.experiments import PerturbationTest
+from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.estimators.blocks.correlated import quantile
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block
@@ -168,15 +169,18 @@ class Prediction:
                 table[f"{name}phase_{end}_deg"] = np.rad2deg(band.phase[:, i])
         return DataFrame(table)
 
-    def plot(self) -> Figure:
+    def plot(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Amplitude and phase with both bands: of the mean, and of a new reading.
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
 
         Example:
             >>> figure = fit.predict([280.0, 300.0], 200.0, force_plane="disk", plane="journal").plot()
         """
         from rotorfit.uncertainty.prediction_figure import plot_prediction
 
-        return plot_prediction(self)
+        return plot_prediction(self, **look)
 
     def __str__(self) -> str:
         largest = int(np.argmax(np.abs(self.response)))

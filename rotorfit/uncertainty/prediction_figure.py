@@ -6,8 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.plots.style import PHASE_LABEL, decade_ticks, grid, legend_below, literal
-from rotorfit.units import RPM_PER_RAD_S
+from rotorfit.plots.style import (
+    PHASE_LABEL,
+    decade_ticks,
+    grid,
+    legend_below,
+    length,
+    literal,
+    looked,
+    per_rad_s,
+    rate_unit,
+    rate_words,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -15,18 +25,20 @@ if TYPE_CHECKING:
     from rotorfit.uncertainty.prediction import Prediction
 
 
+@looked
 def plot_prediction(prediction: Prediction) -> Figure:
     """Amplitude and phase lead against the frequency of the force, or against speed where it is once per turn."""
     synchronous = np.array_equal(prediction.frequency, prediction.speed)
-    speeds = np.unique(prediction.speed) * RPM_PER_RAD_S
-    at = "" if synchronous or speeds.size > 1 else f", {speeds[0]:.5g} rpm"
+    speeds = np.unique(prediction.speed)
+    at = "" if synchronous or speeds.size > 1 else f", {rate_words(speeds[0])}"
     title = literal(f"Predicted response at {prediction.plane}, force at {prediction.force_plane}{at}")
     figure, axes = grid(2, 1, title, size=(6.2, 2.4), one_abscissa=True)
     amplitude, phase = axes[:, 0]
     order = np.argsort(prediction.frequency, kind="stable")
-    x = prediction.frequency[order] * RPM_PER_RAD_S
+    x = prediction.frequency[order] * per_rad_s()
     seen = prediction.seen[order]
-    size, angle = np.abs(seen) * 1e6, np.unwrap(np.angle(seen))
+    scale, unit = (1e6, "µrad") if prediction.direction.startswith("r") else length()
+    size, angle = np.abs(seen) * scale, np.unwrap(np.angle(seen))
     what = "of the whole curve" if prediction.whole else "at each frequency"
     for band, label, shade in (
         (prediction.band_new, "a new reading", 0.15),
@@ -35,7 +47,7 @@ def plot_prediction(prediction: Prediction) -> Figure:
         if not np.isfinite(band.amplitude).all():
             continue
         words = f"{prediction.level:.0%} band of {label}, {what}"
-        low, high = band.amplitude[order].T * 1e6
+        low, high = band.amplitude[order].T * scale
         amplitude.fill_between(x, np.maximum(low, 1e-3 * size.max()), high, color="C0", alpha=shade, lw=0, label=words)
         half = np.diff(band.phase[order], axis=1)[:, 0] / 2
         phase.fill_between(x, np.rad2deg(angle - half), np.rad2deg(angle + half), color="C0", alpha=shade, lw=0)
@@ -43,9 +55,9 @@ def plot_prediction(prediction: Prediction) -> Figure:
     phase.plot(x, np.rad2deg(angle), "-", lw=1.2, color="C0")
     amplitude.set_yscale("log")
     decade_ticks(amplitude.yaxis)
-    amplitude.set_ylabel("amplitude, µm", fontsize=8)
+    amplitude.set_ylabel(f"amplitude, {unit}", fontsize=8)
     phase.set_ylabel(PHASE_LABEL, fontsize=8)
     phase.set_ylim(max(phase.get_ylim()[0], -540), min(phase.get_ylim()[1], 540))
-    phase.set_xlabel("speed, rpm" if synchronous else "frequency of the force, rpm", fontsize=8)
+    phase.set_xlabel(f"{'speed' if synchronous else 'frequency of the force'}, {rate_unit()}", fontsize=8)
     legend_below(figure, *amplitude.get_legend_handles_labels())
     return figure

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
+from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.estimators.blocks.correlated import freedom_of, quantile
 from rotorfit.estimators.inference.constrained_minima import (
     Condition,
@@ -79,19 +80,24 @@ class Profile:
         """Rise at the ends of the interval: quantile of chi-squared, of F where few differences tell the noise."""
         return quantile(self.level, self.freedom) ** 2
 
-    def plot(self) -> Figure:
-        """The curve with the level and the ends, beside the parabola that the standard error stands for."""
+    def plot(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """The curve with the level and the ends, beside the parabola that the standard error stands for.
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
+        """
         from rotorfit.plots.uncertainty import plot_profile
 
-        factor, unit = self._shown
         return plot_profile(
-            self.values * factor,
+            self.values,
             self.rise,
-            label=self.name.replace("_", " ") + ("" if unit == "1" else f" ({unit})"),
-            estimate=self.value * factor,
-            stderr=self.stderr * factor,
+            label=self.name.replace("_", " "),
+            measure=self.unit,
+            estimate=self.value,
+            stderr=self.stderr,
             goal=self.goal,
-            ends=[end * factor for end in self.interval],
+            ends=self.interval,
+            **look,
         )
 
     @property

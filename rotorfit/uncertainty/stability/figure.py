@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.models.array_types import Float
-from rotorfit.plots.style import colour_of, grid, legend_below, literal, prefix
-from rotorfit.units import RPM_PER_RAD_S
+from rotorfit.plots.style import colour_of, grid, legend_below, length, literal, looked, per_rad_s, prefix, rate_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -17,6 +16,7 @@ if TYPE_CHECKING:
     from rotorfit.uncertainty.stability.record import Curve, StabilityReport
 
 
+@looked
 def plot_stability_report(report: StabilityReport) -> Figure:
     """One panel for each kind of curve that the report has."""
     panels = [_decrements, *([_unbalance] if report.unbalance else []), *([_coupling] if report.cross_coupling else [])]
@@ -42,7 +42,7 @@ def _clipped(values: Float) -> Float:
 
 
 def _running(report: StabilityReport, axis: Any) -> None:
-    low, high = (RPM_PER_RAD_S * speed for speed in report.running)
+    low, high = (per_rad_s() * speed for speed in report.running)
     if low < high:
         axis.axvspan(low, high, color="0.5", alpha=0.15, lw=0, label="running speeds")
     else:
@@ -58,23 +58,23 @@ def _limit(report: StabilityReport, axis: Any) -> None:
 def _decrements(report: StabilityReport, axis: Any) -> None:
     damped = 3.0  # above which curves are cut off: such a mode is no question of stability
     shown = [curve for curve in report.decrement if np.min(curve.y) < damped]
-    _draw(axis, shown, RPM_PER_RAD_S, 1.0)
+    _draw(axis, shown, per_rad_s(), 1.0)
     _running(report, axis)
     _limit(report, axis)
     top = max([report.criteria[0].limit, *(float(np.max(np.minimum(c.y, damped))) for c in shown)])
     low = min([0.0, *(float(np.min(c.y)) for c in shown)])
     axis.set_ylim(max(low, -0.5 * top) - 0.1 * top, 1.15 * top)
-    axis.set_xlabel("speed, rpm", fontsize=8)
+    axis.set_xlabel(f"speed, {rate_unit()}", fontsize=8)
     axis.set_ylabel("log. decrement", fontsize=8)
 
 
 def _unbalance(report: StabilityReport, axis: Any) -> None:
-    scale, unit = prefix(np.concatenate([curve.y for curve in report.unbalance]), "m")
-    _draw(axis, report.unbalance, RPM_PER_RAD_S, scale, first=len(report.decrement))
+    scale, unit = length()
+    _draw(axis, report.unbalance, per_rad_s(), scale, first=len(report.decrement))
     _running(report, axis)
     axis.set_ylim(0.0, None)
-    axis.set_xlabel("speed, rpm", fontsize=8)
-    axis.set_ylabel(f"amplitude, {unit} 0-pk", fontsize=8)
+    axis.set_xlabel(f"speed, {rate_unit()}", fontsize=8)
+    axis.set_ylabel(f"amplitude, {unit}", fontsize=8)
 
 
 def _coupling(report: StabilityReport, axis: Any) -> None:

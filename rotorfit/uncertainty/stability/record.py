@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
+from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.fitting.summary import text_html
 from rotorfit.models.array_types import Float
 from rotorfit.models.text_table import text_table
@@ -158,15 +159,18 @@ class StabilityReport:
         ]
         return DataFrame(rows)
 
-    def plot(self) -> Figure:
+    def plot(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Decrement against speed, unbalance response, decrement against cross-coupling, each with its band.
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
 
         Example:
             >>> figure = fit.stability_report(max_speed_rpm=2000).plot()
         """
         from rotorfit.uncertainty.stability.figure import plot_stability_report
 
-        return plot_stability_report(self)
+        return plot_stability_report(self, **look)
 
     def rows(self, case: str = "") -> list[list[str]]:
         """The criteria of a case in words, head first.
