@@ -123,7 +123,29 @@ def test_a_swept_speed_is_none_that_was_set() -> None:
     np.testing.assert_array_equal(set_speeds(ramp, np.full(200, 30.0), np.zeros(200, dtype=int)), ramp)
 
 
-def recorded_sweeps(folder: Path, wander: float, seconds: float = 8.0) -> list[Path]:
+MEASURED = """
+rotation = "ccw"
+[shaft]
+channel = "keyphasor_shaft"
+[[probe]]
+plane = "disk"
+channel = "disk_X"
+angle_deg = 0.0
+sensitivity_V_per_mm = 7.87
+[[probe]]
+plane = "disk"
+channel = "disk_Y"
+angle_deg = 90.0
+sensitivity_V_per_mm = 7.87
+[force]
+plane = "disk"
+channel_x = "cell_X"
+channel_y = "cell_Y"
+sensitivity_V_per_N = 0.01
+"""
+
+
+def recorded_sweeps(folder: Path, wander: float, seconds: float = 8.0, measured: bool = False) -> list[Path]:
     """Volts of a sweep each way at 1800 rpm while the speed wanders; the rotor integrated in time (Runge-Kutta)."""
     rng, ways = np.random.default_rng(3), np.array([1, -1])
     step, count, mean = 1 / (2 * recorded.RATE), round(seconds * recorded.RATE), 1800 * RPM
@@ -157,15 +179,24 @@ def recorded_sweeps(folder: Path, wander: float, seconds: float = 8.0) -> list[P
             for axis, part in (("X", motion[:, number].real), ("Y", motion[:, number].imag))
         }
         channels["keyphasor_shaft"] = recorded.notch(angle[: 4 * count : 4, number])
-        channels["keyphasor_perturbator"] = recorded.notch(drive[: 4 * count : 4, 0])
+        if measured:
+            force_there = force[: 4 * count : 4, number]
+            channels |= {"cell_X": 0.01 * force_there.real, "cell_Y": 0.01 * force_there.imag}
+        else:
+            channels["keyphasor_perturbator"] = recorded.notch(drive[: 4 * count : 4, 0])
         given = recorded.ATTRIBUTES | {"whirl": name, "mr_kg_m": unbalance, "speed_rpm": 1800.0}
+        given = {"sample_rate_hz": recorded.RATE, "speed_rpm": 1800.0} if measured else given
         paths.append(recorded.write_hdf5(folder / f"{name}.h5", channels, given))
+    (folder / "rig.toml").write_text(MEASURED, encoding="utf-8")
     return paths
 
 
-def test_responses_of_a_recording_have_the_speed_at_their_own_moment(tmp_path: Path) -> None:
+@pytest.mark.parametrize("measured", [False, True])
+def test_responses_of_a_recording_have_the_speed_at_their_own_moment(tmp_path: Path, measured: bool) -> None:
     """A wander of 1 % in eight seconds: with the mean speed lam is 0.23 % off and redchi 45."""
-    test = rf.responses([rf.read_recording(path) for path in recorded_sweeps(tmp_path, 0.01)])
+    paths = recorded_sweeps(tmp_path, 0.01, measured=measured)
+    setup = tmp_path / "rig.toml" if measured else None
+    test = rf.responses([rf.read_recording(path, setup) for path in paths])
     assert 0.005 < np.std(test.speed) / np.mean(test.speed) < 0.02
     fit = rf.fit(rf.models.OneMode(planes=("disk",)), test, known=KNOWN)
     steady = rf.fit(rf.models.OneMode(planes=("disk",)), replace(test, speed=test.set_speed), known=KNOWN)

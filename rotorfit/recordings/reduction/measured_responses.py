@@ -16,7 +16,7 @@ from rotorfit.data.experiments import FORCE_SIGMA, PerturbationTest, records
 from rotorfit.data.findings import Finding
 from rotorfit.data.synchronous import join
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
-from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra
+from rotorfit.estimators.signals.local_response import SMOOTH_DEGREE, LocalResponse, RecordSpectra
 from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.recordings.reduction.blows import QUIET_SHARE, Blow, blow_findings, blows, rest_of
 from rotorfit.recordings.reduction.measured_force import (
@@ -27,11 +27,12 @@ from rotorfit.recordings.reduction.measured_force import (
     force_across,
     reduce_measured,
 )
-from rotorfit.recordings.reduction.response_lines import Report, clear_lines, estimated
+from rotorfit.recordings.reduction.response_lines import Report, clear_lines, estimated, shaft_speed_at
 from rotorfit.recordings.reduction.response_rows import readings, rows
 
 if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording
+    from rotorfit.recordings.reduction.reduced_record import ReducedRecord
 
 _MANY_BLOWS = 3
 """Blows whose spectrum is not smooth, so that it is distinguished from a transient."""
@@ -120,7 +121,7 @@ def _rows(driven: _Driven, found: LocalResponse, clear: Bool, report: Report) ->
         clear,
         run=record.name,
         frequency=reduced.whirl * found.frequency,
-        speed=reduced.shaft_speed or record.speed or 0.0,
+        speed=_speed_at(reduced, found),
         force_plane=record.force.plane if record.force else "",
         force=np.full(found.frequency.size, driven.size, dtype=complex),
         attributes=record.attributes,
@@ -129,6 +130,13 @@ def _rows(driven: _Driven, found: LocalResponse, clear: Bool, report: Report) ->
     coherent = coherence(test, found, reduced, clear)
     report(coherence_note(test, coherent))
     return replace(test, attributes={**test.attributes, "coherence": coherent})
+
+
+def _speed_at(reduced: ReducedRecord, found: LocalResponse) -> Float | float:
+    """Speed of each line, or that which was told of all."""
+    if not reduced.shaft_speed:
+        return reduced.record.speed or 0.0
+    return shaft_speed_at(reduced.without_orders(), found.frequency, found.width / (SMOOTH_DEGREE + 1))
 
 
 def _with_across(test: PerturbationTest, driven: _Driven, ratio: ComplexArray) -> PerturbationTest:

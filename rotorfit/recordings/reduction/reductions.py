@@ -90,7 +90,8 @@ def _sweep(reduced: ReducedRecord, report: Report) -> PerturbationTest:
     record = reduced.record
     force, drive = force_of(record), _drive(record)
     weight = np.array([force.mr * np.exp(1j * force.angle)])
-    found = estimated([record], [reduced.without_orders().spectra(weight, reduced.orders())], *reduced.band)
+    calm = reduced.without_orders()
+    found = estimated([record], [calm.spectra(weight, reduced.orders())], *reduced.band)
     w = found.frequency
     if image_seen(reduced, found):
         report(
@@ -107,7 +108,7 @@ def _sweep(reduced: ReducedRecord, report: Report) -> PerturbationTest:
         clear_lines(reduced, found, 4, report),
         run=record.name,
         frequency=force.whirl * w,
-        speed=shaft_speed_at(reduced, w, found.width / (SMOOTH_DEGREE + 1)),
+        speed=shaft_speed_at(calm, w, found.width / (SMOOTH_DEGREE + 1)),
         force_plane=force.plane,
         force=force.mr * w**2 * np.exp(1j * force.angle),
         attributes=record.attributes,

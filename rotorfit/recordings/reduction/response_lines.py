@@ -73,19 +73,28 @@ def time_at(reduced: ReducedRecord, frequency: Float) -> Float:
 
 
 def shaft_speed_at(reduced: ReducedRecord, frequency: Float, width: Float) -> Float:
-    """Mean rotative speed while the drive was within half a width of each frequency, rad/s.
+    """Rotative speed that the responses at some frequencies have, from a band of a width about each, rad/s; the record
+    is one without the shaft's orders.
 
-    That of the whole record where it stayed for less than a turn of the shaft.
+    A speed that is off its mean by v(t) presses on the motion z by what the fluid does to ``v(t) z(t)``: to first order
+    the response is that at the mean speed and V/Z, the ratio of the spectra. Of a sweep that is the speed when it
+    passed, a little later as the motion lags.
     """
     if reduced.shaft_angle is None:
         return np.zeros(frequency.size)
-    order = np.argsort(reduced.drive_speed, kind="stable")
-    drive = reduced.drive_speed[order]
-    step = np.diff(reduced.shaft_angle, append=reduced.shaft_angle[-1] + reduced.shaft_speed / reduced.rate)
-    turned = np.concatenate([[0.0], np.cumsum(step[order])])
-    begin, end = (np.searchsorted(drive, frequency + side * width / 2) for side in (-1, 1))
-    angle, count = turned[end] - turned[begin], np.maximum(end - begin, 1)
-    return np.where(np.abs(angle) < 2 * np.pi, reduced.shaft_speed, angle / count * reduced.rate)
+    away = np.gradient(reduced.shaft_angle) * reduced.rate - reduced.shaft_speed
+    cross, power = np.zeros((2, reduced.lines.size))
+    for z in reduced.motion.values():
+        for signal in (z, z.conj()):
+            spectrum = reduced.spectrum(signal)
+            cross += (reduced.spectrum(away * signal) * spectrum.conj()).real
+            power += np.abs(spectrum) ** 2
+    low, high = (np.searchsorted(reduced.lines, frequency + side * width / 2) for side in (-1, 1))
+    shift, size = (
+        total[np.minimum(high, power.size - 1)] - total[np.maximum(low - 1, 0)]
+        for total in map(np.cumsum, (cross, power))
+    )
+    return np.asarray(reduced.shaft_speed + np.divide(shift, size, out=np.zeros_like(shift), where=size > 0))
 
 
 def apart_from_orders(reduced: ReducedRecord, w: Float) -> Bool:
