@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import LineTest
-from rotorfit.estimators.signals.local_response import RecordSpectra, local_response
+from rotorfit.estimators.signals.local_response import SMOOTH_DEGREE, RecordSpectra, local_response
 from rotorfit.estimators.signals.start_up_lines import StartUp, start_up_lines
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.shafts.combination_lines import LATERAL, TWIST, Order
@@ -47,6 +47,8 @@ class _Swept:
     force: ComplexArray  # complex force, N
     turn: ComplexArray  # ``exp(j theta)``
     speed: float  # mean rotative speed, rad/s
+    speeds: Float  # rotative speed, rad/s, at each time
+    rates: Float  # signed w, rad/s, at each time
     low: float  # ends of the sweep, signed w ascending, rad/s
     high: float  # ends of the sweep, signed w ascending, rad/s
     mr: float  # unbalance, kg m
@@ -208,6 +210,8 @@ def _swept(record: Recording) -> _Swept:
         force=force.mr * (rate**2 - 1j * d * perturbator.acceleration(time)) * turn,
         turn=np.exp(1j * theta),
         speed=float(theta[-1] - theta[0]) / float(time[-1] - time[0]),
+        speeds=np.gradient(theta) * record.sample_rate,
+        rates=d * rate,
         low=ends[0],
         high=ends[1],
         mr=force.mr,
@@ -281,7 +285,7 @@ def _fit(
         if name == "2w-2Om" and main is not None:
             found.append(_square_rows(swept, main, *parts))
         else:
-            found.append(_rows(swept, direction, name, *parts))
+            found.append(_rows(swept, direction, name, *parts, response.width / (SMOOTH_DEGREE + 1)))
     return found
 
 
@@ -309,15 +313,23 @@ def _overlap(one: tuple[float, float], other: tuple[float, float]) -> bool:
 
 
 def _rows(
-    swept: _Swept, direction: str, name: str, nu: Float, response: ComplexArray, sigma: Float
+    swept: _Swept, direction: str, name: str, nu: Float, response: ComplexArray, sigma: Float, width: Float
 ) -> dict[str, NDArray[Any]]:
-    """Rows of a line, its answer to a unit drive taken to the force at w."""
+    """Rows of a line, its answer to a unit drive taken to the force at w; w and the speed are those while it was at a
+    frequency, of the whole record where that was passed in less than a sample."""
     m, n = _order_of(direction, name)
-    w = (nu - (n - m + (direction != "twist")) * swept.speed) / m
+    shift = n - m + (direction != "twist")
+    passed = m * swept.rates + shift * swept.speeds
+    order = np.argsort(passed, kind="stable")
+    low, high = (np.searchsorted(passed[order], nu + side * width / 2) for side in (-1, 1))
+    sums = np.concatenate([[0.0], np.cumsum((swept.speeds - swept.speed)[order])])
+    speed = swept.speed + (sums[high] - sums[low]) / np.maximum(high - low, 1)
+    w = (nu - shift * speed) / m
     force = np.asarray(swept.mr * w**2, dtype=complex)  # its angles are in the drives
     response, sigma = response * force, sigma * np.abs(force)
     known = sigma <= _LARGEST_ERROR_RATIO * np.median(sigma)
-    return _columns(swept, direction, name, w[known], force[known], response[known], sigma[known])
+    found = _columns(swept, direction, name, w[known], force[known], response[known], sigma[known])
+    return found | {"speed": speed[known]}
 
 
 def _columns(
