@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from seal_rig import FLUID, floating_stator
+from seal_rig import FLUID, STATOR_MASS, dry_stiffness, floating_stator, matrices
 
 import rotorfit as rf
 from rotorfit.data.experiments import PerturbationTest
@@ -78,6 +78,43 @@ def test_a_mat_file_of_the_laboratory_has_them_too(tmp_path: Path) -> None:
     test = rf.read(tmp_path / "lab.mat")
     assert isinstance(test, PerturbationTest)
     np.testing.assert_allclose(test.force, read(table).force, rtol=1e-12)
+
+
+def test_a_universal_file_with_both_references_has_a_dry_run(tmp_path: Path) -> None:
+    """Responses to forces along x and along y, wet at two speeds and dry, as an analyser solves for them."""
+    import pyuff
+
+    hz = np.linspace(20.0, 200.0, 61)
+    w, rng = 2 * np.pi * hz, np.random.default_rng(1)
+    for name, speeds in (("wet", (1500.0, 3000.0)), ("dry", (0.0,))):
+        records = []
+        for rpm in speeds:
+            K, D, _ = matrices(FLUID(rpm))
+            fluid = (K + 1j * w[:, None, None] * D) * (name == "wet")
+            H = np.linalg.inv(dry_stiffness(w, STATOR_MASS) + fluid)
+            noise = 2e-10 if rpm else 2e-9
+            for i, j in np.ndindex(2, 2):
+                frf = H[:, i, j] + noise * (rng.normal(size=w.size) + 1j * rng.normal(size=w.size))
+                records.append(
+                    pyuff.prepare_58(
+                        binary=0, func_type=4, ref_node=7, ref_dir=j + 1, rsp_node=7, rsp_dir=i + 1, x=hz, data=frf,
+                        num_pts=w.size, ord_data_type=6, abscissa_spacing=1, abscissa_spec_data_type=18,
+                        ordinate_spec_data_type=8, orddenom_spec_data_type=13, ordinate_axis_units_lab="m",
+                        orddenom_axis_units_lab="N", z_axis_spec_data_type=19, z_axis_value=rpm,
+                    )
+                )  # fmt: skip
+        pyuff.UFF(str(tmp_path / f"{name}.uff")).write_sets(records, mode="overwrite")
+    names = [kind + row + column for kind in "KD" for row in "xy" for column in "xy"]
+    fit = rf.fit(
+        rf.models.Anisotropic(("7",)),
+        rf.read(tmp_path / "wet.uff"),
+        baseline=rf.read(tmp_path / "dry.uff"),
+        known={f"M{row}{column}": 0.0 for row in "xy" for column in "xy"},
+        per=dict.fromkeys(names, "speed_rpm"),
+    )
+    found = [fit.params[f"{name}[speed_rpm={rpm}]"] for name in names for rpm in (1500, 3000)]
+    truth = [FLUID(rpm)[name] for name in names for rpm in (1500, 3000)]
+    assert max(abs(p.value - value) / p.stderr for p, value in zip(found, truth, strict=True)) < 4
 
 
 def test_a_wide_table_has_them_beside_its_probes() -> None:
