@@ -45,6 +45,8 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.fitting.structure.law_ranking import compare_laws as compare_laws
     from rotorfit.fitting.structure.law_ranking import fit_law as fit_law
     from rotorfit.fitting.structure.modes_to_disks import two_disk_from_modes as two_disk_from_modes
+    from rotorfit.fitting.structure.mountings import Mountings as Mountings
+    from rotorfit.fitting.structure.mountings import mountings as mountings
     from rotorfit.fitting.structure.refine import Refinement as Refinement
     from rotorfit.fitting.structure.refine import one_lam_test as one_lam_test
     from rotorfit.fitting.structure.refine import refine as refine
@@ -148,6 +150,8 @@ _HOME = {
     "Quantity": "rotorfit.fitting.quantities",
     "CoefficientRows": "rotorfit.fitting.structure.coefficient_rows",
     "Coefficients": "rotorfit.fitting.structure.coefficient_rows",
+    "Mountings": "rotorfit.fitting.structure.mountings",
+    "mountings": "rotorfit.fitting.structure.mountings",
     "ring_down_modes": "rotorfit.data.ring_down",
     "Bootstrap": "rotorfit.uncertainty.bootstrap",
     "Budget": "rotorfit.uncertainty.budget",

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from rotorfit.fitting.assumptions.assumption_table import Assumptions
     from rotorfit.fitting.assumptions.calibration import Uncertainty
     from rotorfit.fitting.structure.coefficient_rows import CoefficientRows, Coefficients
+    from rotorfit.fitting.structure.frequency_rows import FrequencyRows
     from rotorfit.fitting.structure.mode_table import Modes
     from rotorfit.io.shafts.ross_elements import ElementKind, RossElement
     from rotorfit.uncertainty.bootstrap import Bootstrap
@@ -474,7 +475,8 @@ class FitResult(FitFigures):
         return coefficients_of(self, speed, plane, at, eccentricity)
 
     def coefficient_table(self, speeds: Sequence[float] | None = None, *, plane: str | None = None) -> CoefficientRows:
-        """:meth:`coefficients` at several speeds, as text, data frame and CSV.
+        """:meth:`coefficients` at several speeds, and in all conditions that parameters were fitted per, as text, data
+        frame and CSV.
 
         Args:
             speeds: rotative speeds, rad/s, by default those that were tested.
@@ -486,6 +488,19 @@ class FitResult(FitFigures):
         from rotorfit.fitting.structure.coefficients import coefficient_rows
 
         return coefficient_rows(self, speeds, plane)
+
+    def frequency_coefficients(self, speeds: Sequence[float] | None = None) -> FrequencyRows:
+        """Stiffness and damping of a seal or bearing frequency by frequency, as measured, beside the fitted ones.
+
+        Args:
+            speeds: rotative speeds, rad/s, by default those that were tested.
+
+        Raises:
+            ValueError: a fit of anything but :class:`~rotorfit.models.Anisotropic` of one plane.
+        """
+        from rotorfit.fitting.structure.frequency_coefficients import frequency_coefficients_of
+
+        return frequency_coefficients_of(self, speeds)
 
     def natural_frequencies(self, speed: float, at: Mapping[str, Any] | None = None) -> list[tuple[Quantity, Quantity]]:
         """Damped natural frequency (rad/s, signed) and damping ratio of each mode at a rotative speed (rad/s).

@@ -207,3 +207,16 @@ class FitFigures:
         from rotorfit.plots.coefficients import coefficients
 
         return coefficients(self._fit.coefficient_table(speeds, plane=plane), **look)
+
+    def plot_frequency_coefficients(
+        self, speeds: Sequence[float] | None = None, **look: Unpack[PlotKeywords]
+    ) -> Figure:
+        """Draw stiffness and damping against frequency as measured, with the fitted ones and their 95 % bands.
+
+        Args:
+            speeds: rotative speeds, rad/s, by default those that were tested.
+            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
+        """
+        from rotorfit.plots.coefficients import frequency_coefficients
+
+        return frequency_coefficients(self._fit.frequency_coefficients(speeds), **look)

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.fitting.structure.coefficient_rows import UNITS, CoefficientRows
+from rotorfit.fitting.structure.frequency_rows import ENTRIES, FrequencyRows
 from rotorfit.models.shafts.plane_forces import COEFFICIENTS
 from rotorfit.plots.style import colour_of, grid, legend_below, looked, per_rad_s, prefix, rate_unit
 
@@ -41,3 +42,39 @@ def coefficients(table: CoefficientRows) -> Figure:
 
 def _there(table: CoefficientRows, name: str) -> bool:
     return any(row[name].value or row[name].stderr for row in table.rows)
+
+
+@looked
+def frequency_coefficients(table: FrequencyRows) -> Figure:
+    """Stiffness and damping against frequency, a colour a condition: points as measured, bands of 95 % as fitted.
+
+    Args:
+        table: of :meth:`FitResult.frequency_coefficients`.
+    """
+    figure, axes = grid(len(ENTRIES), 2, "Stiffness and damping against frequency", size=(4.6, 2.0), one_abscissa=True)
+    handles = []
+    for kind, column, si in (("stiffness", 0, "N/m"), ("damping", 1, "N s/m")):
+        factor, unit = prefix(
+            np.concatenate([np.abs(getattr(row, f"fitted_{kind}")).ravel() for row in table.rows]), si
+        )
+        for entry, name in enumerate(ENTRIES):
+            axis = axes[entry, column]
+            for number, row in enumerate(table.rows):
+                w, colour = row.frequency * per_rad_s(), colour_of(number, len(table.rows))
+                value, error, fitted, width = (
+                    factor * getattr(row, part)[entry]
+                    for part in (kind, f"{kind}_stderr", f"fitted_{kind}", f"fitted_{kind}_stderr")
+                )
+                own = axis.errorbar(w, value, CHANCE_ERRORS * error, fmt="o", ms=2, lw=0.6, alpha=0.6, color=colour)
+                order = np.argsort(w)
+                axis.plot(w[order], fitted[order], lw=1, color=colour)
+                reach = CHANCE_ERRORS * width[order]
+                low, high = fitted[order] - reach, fitted[order] + reach
+                axis.fill_between(w[order], low, high, alpha=0.25, color=colour, lw=0)
+                handles += [own] if not column and not entry else []
+            axis.set_ylabel(f"{'KC'[column]}{name}, {unit}", fontsize=8)
+            axis.margins(y=0.3)
+    for axis in axes[-1]:
+        axis.set_xlabel(f"frequency, {rate_unit()}", fontsize=8)
+    legend_below(figure, handles, [row.condition for row in table.rows])
+    return figure

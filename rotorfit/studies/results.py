@@ -50,6 +50,9 @@ def write_outcome(
     if of_a_rig(best):
         best.coefficient_table().to_csv(folder / "coefficients.csv")
         best.plot_coefficients().savefig(folder / f"coefficients.{figure_format}")
+        if best.model.frame != "z":
+            best.frequency_coefficients().to_csv(folder / "frequency_coefficients.csv")
+            best.plot_frequency_coefficients().savefig(folder / f"frequency_coefficients.{figure_format}")
     if outcome.profiles:
         _write_csv(folder / "profiles.csv", _profile_rows(outcome.profiles))
     if outcome.bootstrap is not None:

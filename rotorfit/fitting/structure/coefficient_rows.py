@@ -35,6 +35,8 @@ class Coefficients:
 
     Attributes:
         speed: rotative speed, rad/s.
+        condition: the speed in words, after what else parameters were fitted per: ``pressure_bar=5, 3000 rpm``.
+        group: number of the parameter group.
         plane: name of the plane.
         values: Kxx, Kxy, Kyx, Kyy, Cxx, ... Myy, SI units, shape ``(12,)``.
         covariance: of these, shape ``(12, 12)``; infinite on the diagonal where the data do not determine one.
@@ -43,6 +45,8 @@ class Coefficients:
     """
 
     speed: float
+    condition: str
+    group: int
     plane: str
     values: Float
     covariance: Float
@@ -143,7 +147,7 @@ class CoefficientRows:
     rows: tuple[Coefficients, ...]
 
     def to_dataframe(self) -> DataFrame:
-        """A row a speed: ``speed_rpm``, coefficients in SI units with ``<name>_stderr``, ``whirl_frequency_ratio``."""
+        """A row a condition: ``speed_rpm``, coefficients in SI units, ``<name>_stderr``, ``whirl_frequency_ratio``."""
         from pandas import DataFrame
 
         return DataFrame([_columns(row) for row in self.rows])
@@ -162,7 +166,7 @@ class CoefficientRows:
 
 
 def _columns(row: Coefficients) -> dict[str, Any]:
-    found: dict[str, Any] = {"plane": row.plane, "speed_rpm": row.speed * RPM_PER_RAD_S}
+    found: dict[str, Any] = {"plane": row.plane, "condition": row.condition, "speed_rpm": row.speed * RPM_PER_RAD_S}
     for name in (*COEFFICIENTS, "whirl_frequency_ratio"):
         own = row[name] if name in COEFFICIENTS else row.whirl_frequency_ratio
         found |= {name: own.value, f"{name}_stderr": own.stderr}
@@ -171,7 +175,7 @@ def _columns(row: Coefficients) -> dict[str, Any]:
 
 def table_of(rows: Sequence[Coefficients]) -> list[str]:
     """Lines of a table, one column a speed."""
-    heads = ["", *[f"{row.speed * RPM_PER_RAD_S:.5g} rpm" for row in rows], ""]
+    heads = ["", *[row.condition for row in rows], ""]
     lines = [heads]
     for name in COEFFICIENTS:
         if any(row[name].value or row[name].stderr for row in rows):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.structure.coefficient_rows import UNITS, CoefficientRows, Coefficients
 from rotorfit.models import Anisotropic
@@ -47,6 +48,8 @@ def coefficients_of(
             covariance[place, place] = by_name[name].stderr
     return Coefficients(
         speed=speed,
+        condition=_condition(fit, group, speed),
+        group=group,
         plane=where,
         values=values,
         covariance=covariance,
@@ -68,16 +71,31 @@ def _at_speed(fit: FitResult, speed: float) -> Mapping[str, Any] | None:
     return {"speed_rpm": float(np.round(nearest, 6))}
 
 
+def _condition(fit: FitResult, group: int, speed: float) -> str:
+    """Name of a condition: the speed, after what else parameters were fitted per."""
+    others = [label for label in fit.problem.space.labels[group] if not label.startswith("speed_rpm=")]
+    return ", ".join([*others, f"{speed * RPM_PER_RAD_S:.5g} rpm"])
+
+
 def of_a_rig(fit: FitResult) -> bool:
-    """True if a fit is of a seal or bearing alone, its rig taken out or left to the coefficients, speed by speed."""
+    """True if a fit is of a seal or bearing alone, its rig taken out or left to the coefficients."""
     rig = fit.settings.baseline is not None or fit.settings.stator_mass_kg is not None
-    by_speed = len(fit.thetas) == 1 or set(fit.settings.per.values()) == {"speed_rpm"}
-    if not (fit.success and by_speed and fit.speeds.size and (rig or isinstance(fit.model, Anisotropic))):
+    if not (fit.success and fit.speeds.size and (rig or isinstance(fit.model, Anisotropic))):
         return False
     return len(force_planes(fit.model)) == 1
 
 
 def coefficient_rows(fit: FitResult, speeds: Sequence[float] | None, plane: str | None) -> CoefficientRows:
     """See :meth:`FitResult.coefficient_table`."""
-    chosen = fit.speeds.tolist() if speeds is None else list(speeds)
-    return CoefficientRows(tuple(coefficients_of(fit, speed, plane, None, 0.0) for speed in chosen))
+    by_speed = len(fit.thetas) == 1 or set(fit.settings.per.values()) == {"speed_rpm"}
+    if by_speed:
+        chosen = fit.speeds.tolist() if speeds is None else list(speeds)
+        return CoefficientRows(tuple(coefficients_of(fit, speed, plane, None, 0.0) for speed in chosen))
+    tested = [block for block in map(responses_of, fit.problem.blocks) if block is not None]
+    pairs = {(g, round(v, 9)) for b in tested for g, v in zip(b.group.tolist(), b.set_speed.tolist(), strict=True)}
+    wanted = sorted(pairs if speeds is None else {(group, speed) for group, _ in pairs for speed in speeds})
+    labels = fit.problem.space.labels
+    at = [dict(label.split("=", 1) for label in labels[group]) for group, _ in wanted]
+    return CoefficientRows(
+        tuple(coefficients_of(fit, speed, plane, own, 0.0) for (_, speed), own in zip(wanted, at, strict=True))
+    )
