@@ -206,10 +206,14 @@ def _models(options: argparse.Namespace) -> int:
 
 
 def _info(options: argparse.Namespace) -> int:
-    from rotorfit.studies.data_files import no_progress, read_files
+    from rotorfit.studies.data_files import read_files
     from rotorfit.studies.text import describe_test
 
-    tests = checked(lambda: read_files(data_files(options), no_progress))
+    progress = ProgressLine(enabled=sys.stderr.isatty())
+    try:
+        tests = checked(lambda: read_files(data_files(options), progress))
+    finally:
+        progress.close()
     print("\n\n".join(describe_test(test, findings) for test, findings in zip(*tests, strict=True)))
     wrong = any(finding.severity == "error" for findings in tests[1] for finding in findings)
     return ExitCode.NOT_CONVERGED if wrong else ExitCode.DONE

@@ -68,6 +68,7 @@ def read(
     skip: Sequence[int] = (),
     on_finding: Callable[[Finding], None] | None = None,
     on_lines: Callable[[Index], None] | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Experiment:
     """Read a test: CSV (.csv .tsv .txt), Excel (.xlsx .xlsm), universal file (.uff .unv), netCDF (.nc) or MAT 5 (.mat).
 
@@ -99,6 +100,7 @@ def read(
         on_finding: called with what was left out of a table, such as empty readings; by default it is warned of.
         on_lines: called with the line of the file, or row of the sheet, of each reading of a table, shape ``(R,)``,
             before readings are chosen by ``where`` and the like.
+        progress: called with the share of a table that is read.
 
     Raises:
         ValueError: what in the file or in an option is wrong, where, and what is allowed.
@@ -114,7 +116,7 @@ def read(
     if speed is not None and not np.isfinite(speed):
         raise ValueError(f"speed must be a finite number, rad/s; got {speed!r}")
     table = {"sheet": sheet, "columns": columns, "constants": constants}
-    told = {"on_finding": on_finding, "on_lines": on_lines}
+    told = {"on_finding": on_finding, "on_lines": on_lines, "progress": progress}
     test = _read_raw(path, {"speed": speed, "axes": axes}, table, told, speed_tolerance)
     test = selected(test, where=where, exclude=exclude, drop_near_1x=drop_near_1x)
     options: dict[str, Any] = {

@@ -46,12 +46,14 @@ class DataFile:
     def read(
         self,
         on_finding: Callable[[Finding], None] | None = None,
-        progress: Callable[[str], None] = no_progress,
+        progress: StudyProgress = no_progress,
         on_lines: Callable[[Index], None] | None = None,
     ) -> Experiment:
         """Read the test."""
-        progress(f"reading {self.path.name}")
-        return read(self.path, **{"on_finding": on_finding, "on_lines": on_lines, **self.options})
+        stage = f"reading {self.path.name}"
+        progress(stage)
+        told = {"on_finding": on_finding, "on_lines": on_lines, "progress": lambda share: progress(stage, share)}
+        return read(self.path, **{**told, **self.options})
 
 
 def read_files(
@@ -71,6 +73,7 @@ def read_files(
         else:
             tests = (file.read(found.append, progress, lines.append),)
         for test in tests:
+            progress(f"checking {test.source}")
             checked = check(test)
             found += without_phases(checked) if any(f.code == PHASE_DATUM for f in found) else checked
             found = _with_lines(found, lines, len(test))

@@ -185,7 +185,11 @@ class _Column:
 
 
 def read_cells(
-    path: Path, sheet: str | None, is_text: Callable[[str], bool], is_unit: Callable[[str], bool]
+    path: Path,
+    sheet: str | None,
+    is_text: Callable[[str], bool],
+    is_unit: Callable[[str], bool],
+    progress: Callable[[float], None],
 ) -> Cells | None:
     """Header and columns of a text file or a sheet; None where there is nothing.
 
@@ -195,7 +199,7 @@ def read_cells(
     """
     if sheet is not None and path.suffix.lower() not in EXCEL:
         raise ValueError(f"a sheet is an option of Excel files ({', '.join(EXCEL)}); {path.name} is a text file")
-    rows = _sheet(path, sheet) if path.suffix.lower() in EXCEL else _text_rows(path)
+    rows = _sheet(path, sheet) if path.suffix.lower() in EXCEL else _text_rows(path, progress)
     first = _without_titles(list(islice(rows, _TITLE_ROWS)))
     if not first:
         return None
@@ -213,7 +217,7 @@ def read_cells(
         for column, own in zip(columns, zip(*cells, strict=True), strict=bool(cells)):
             column.add(own)
     if lost := [column.name for column in columns if column.lost]:
-        return read_cells(path, sheet, lambda name: name in lost or is_text(name), is_unit)
+        return read_cells(path, sheet, lambda name: name in lost or is_text(name), is_unit, progress)
     numbered = np.concatenate(lines) if lines else np.zeros(0, dtype=np.intp)
     _refuse_thousands(path.name, columns, numbered)
     return Cells(header=header[:width], columns=[column.finished(path.name) for column in columns], lines=numbered)
@@ -347,10 +351,10 @@ def _workbook_advice(raw: bytes) -> str:
     return "name it .xlsx, or save it as CSV"
 
 
-def _text_rows(path: Path) -> Iterator[_Row]:
+def _text_rows(path: Path, progress: Callable[[float], None]) -> Iterator[_Row]:
     with path.open(encoding=encoding_of(path)) as stream:
         skipped: list[int] = []
-        lines = chain.from_iterable(_content(stream, skipped))
+        lines = chain.from_iterable(_content(stream, skipped, path.stat().st_size, progress))
         head = list(islice(lines, _TITLE_ROWS))
         delimiter = ""
         if head and re.fullmatch(r"sep=.", head[0].strip()):  # written by Excel
@@ -368,7 +372,7 @@ def _text_rows(path: Path) -> Iterator[_Row]:
             raise ValueError(f"{path.name} is not a readable CSV: {error}") from error
 
 
-def _content(stream: TextIO, skipped: list[int]) -> Iterator[list[str]]:
+def _content(stream: TextIO, skipped: list[int], size: int, progress: Callable[[float], None]) -> Iterator[list[str]]:
     """Lines that are not blank and no comments, many at a time; of others, how many of these stand above is noted."""
     count = 0
     while lines := stream.readlines(1 << 16):
@@ -381,6 +385,7 @@ def _content(stream: TextIO, skipped: list[int]) -> Iterator[list[str]]:
                     skipped.append(count + len(kept))
             lines = kept
         count += len(lines)
+        progress(min(1.0, stream.buffer.tell() / size))
         yield lines
 
 

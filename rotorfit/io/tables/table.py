@@ -112,12 +112,16 @@ def floats(cells: Sequence[str]) -> Float | None:
 
 
 def read_table(
-    path: str | Path | DataFrame, sheet: str | None, is_text: Callable[[str], bool], is_unit: Callable[[str], bool]
+    path: str | Path | DataFrame,
+    sheet: str | None,
+    is_text: Callable[[str], bool],
+    is_unit: Callable[[str], bool],
+    progress: Callable[[float], None],
 ) -> Table:
     """Columns of a CSV file (comma, semicolon or tab), of a sheet of an Excel file or of a table in memory; those that
     are text by their names stay as they are written."""
     if isinstance(path, str | Path):
-        source, found = Path(path).name, read_cells(Path(path), sheet, is_text, is_unit)
+        source, found = Path(path).name, read_cells(Path(path), sheet, is_text, is_unit, progress)
     else:
         source, found = "DataFrame", frame_cells(path, is_text)
     if found is None:

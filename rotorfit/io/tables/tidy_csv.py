@@ -74,9 +74,10 @@ def read_csv(
     constants: Mapping[str, str | float] | None = None,
     on_finding: Callable[[Finding], None] | None = None,
     on_lines: Callable[[Index], None] | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Experiment:
     """Read a tidy or wide CSV, or a sheet of an Excel file; the columns tell which experiment it is."""
-    table, found = _opened(path, sheet, columns or {}, constants or {})
+    table, found = _opened(path, sheet, columns or {}, constants or {}, progress or (lambda share: None))
     for finding in found:
         (on_finding or _warn)(finding)
     return experiment_of(table, speed_tolerance, on_finding, on_lines)
@@ -141,7 +142,11 @@ def _sweeps_speed(table: Table, speed: str) -> bool:
 
 
 def _opened(
-    path: str | Path | DataFrame, sheet: str | None, columns: Mapping[str, str], constants: Mapping[str, str | float]
+    path: str | Path | DataFrame,
+    sheet: str | None,
+    columns: Mapping[str, str],
+    constants: Mapping[str, str | float],
+    progress: Callable[[float], None],
 ) -> tuple[Table, list[Finding]]:
     """The tidy table of a file, whatever its layout, and what was left out of it."""
     found: list[Finding] = []
@@ -150,7 +155,7 @@ def _opened(
     if samples and isinstance(path, str | Path):
         table, found = sample_table(Path(path), columns)
     else:
-        table = read_table(path, sheet, lambda spelled: is_text(spelled, columns), is_unit)
+        table = read_table(path, sheet, lambda spelled: is_text(spelled, columns), is_unit, progress)
         bode = set(BODE_HEADER) <= set(table.cells)
         table = renamed(table, columns) if columns else table
     if bode:
