@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
+
+from sphinx.application import Sphinx
 
 sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 
@@ -56,6 +59,18 @@ sphinx_gallery_conf = {
     "write_computation_times": False,
     "min_reported_time": 20,
 }
+
+
+def for_whom(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Say on the pages of the gallery too whom they are for; their first paragraph is the text of their thumbnail."""
+    if docname.startswith("_gallery/plot_"):
+        source[0] = re.sub(r"\n=+\n", r"\g<0>\nFor lecturers and readers of the paper.\n", source[0], count=1)
+
+
+def setup(app: Sphinx) -> None:
+    """Have it said when a page is read."""
+    app.connect("source-read", for_whom)
+
 
 html_theme = "pydata_sphinx_theme"
 html_title = "rotorfit"

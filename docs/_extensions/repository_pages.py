@@ -65,6 +65,8 @@ def _turn(app: Sphinx, docname: str, source: list[str]) -> None:
     if page.suffix == ".md":
         original = ROOT / page.relative_to(COPIES) if page.is_relative_to(COPIES) else page
         source[0] = turned_links(source[0], page, original)
+        if original.name == "CHANGELOG.md":  # names everything, and would come first whatever is looked for
+            source[0] = f"---\nnosearch: true\n---\n{source[0]}"
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

@@ -4,7 +4,7 @@ Beyond the onset: whirl, whip, side loads
 
 The paper names oil whirl and oil whip and tests below them. A rotor whose film stiffens with eccentricity does not run
 away at its threshold: the journal circles on an orbit whose radius and frequency follow from the dynamic stiffness,
-``kappa(w, Om, eps) = 0``. A fit of a law of eccentricity, made from tests below the threshold, tells it.
+``kappa(w, Om, eps) = 0``. A fit of a law of eccentricity, made from tests below the threshold, predicts it.
 """
 
 import matplotlib.pyplot as plt

@@ -3,7 +3,7 @@ Figs 1 to 5 and 7: how a turning rotor is tested
 ================================================
 
 A machine at work is fed by its rotation, so it is tested at work: a known force or motion goes in at a
-frequency of its own, and what comes out tells the parameters. The force turns as a circle does, forward or
+frequency of its own, and what comes out gives the parameters. The force turns as a circle does, forward or
 backward. Displacement probes in pairs and a mark per turn read the answer. Schematics, not to scale.
 """
 

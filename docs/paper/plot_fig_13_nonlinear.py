@@ -43,5 +43,5 @@ fit.plot_law()
 # What to look at: forward, the curves of the three weights part from ``lam Om`` on, where the orbit grows;
 # backward, where it stays small, they agree. Stiffness over eccentricity (right) is not one curve, as what
 # damping and inertia add depends on the frequency too. A linear fit of the same data would be a
-# mean over what happened to be measured; whether the data ask for a law is told by :func:`rotorfit.compare_laws`
+# mean over what happened to be measured; whether the data ask for a law is answered by :func:`rotorfit.compare_laws`
 # (:doc:`/experiments`).

@@ -41,5 +41,5 @@ axis.legend()
 fit.plot_dynamic_stiffness(against="square")
 
 # %%
-# What to look at: parallel lines. Their slope is M + Mf, which no test at standstill can part: the fit was told
+# What to look at: parallel lines. Their slope is M + Mf, which no test at standstill can part: the fit was given
 # M. The slope of the quadrature stiffness, a line through zero, is D.

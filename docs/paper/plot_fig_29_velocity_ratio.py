@@ -69,7 +69,7 @@ axes[1].set(xlabel="D, N s/m", ylabel="damping ratio of that mode", title="its d
 # Where lam itself collapses
 # --------------------------
 #
-# Static loads tell lam without a ring-down (Figs 26 to 28). The law ``Collapse`` has a lam that falls slightly, then
+# Static loads give lam without a ring-down (Figs 26 to 28). The law ``Collapse`` has a lam that falls slightly, then
 # collapses at an edge that comes earlier at high speed. Here it is fitted to loads on a rig whose lam collapses in
 # another form; a power law cannot follow.
 
