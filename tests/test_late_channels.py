@@ -111,6 +111,7 @@ def test_samples_between_samples(late: float) -> None:
     ("said", "words"),
     [
         ("delay_s = 0.2", "journal_Y would be 0.2 s late; at most 0.08 s"),
+        ("[perturbator]\nclock_ppm = 1e5", "clock_ppm is at most 1000 either way, got 100000"),
         ("delay_us = nan", "delay_us must be a finite number"),
         ("delay_s = 1e-4\ndelay_us = 100.0", "delay_s and delay_us say the same thing"),
         ("delay = 1e-4", "unknown key 'delay', did you mean 'delay_"),
@@ -128,3 +129,28 @@ def test_the_template_offers_a_delay(tmp_path: Path) -> None:
     text = template(path)
     assert "# delay_us = 0.0" in text
     assert vectors([path], text.replace("# delay_us = 0.0", "delay_us = 10.0")).planes == ("disk", "journal")
+
+
+def test_marks_of_a_clock_of_their_own_are_named_and_put_right_by_the_setup(tmp_path: Path) -> None:
+    """A clock 20 ppm fast takes sample k at the time k/(1 + 2e-5) of that of the probes."""
+    fast, paths = 2e-5, []
+    for source in quick():
+        with h5py.File(source) as file:
+            volts = {name: data[:] * data.attrs.get("volts_per_count", 1.0) for name, data in file.items()}
+            attributes = dict(file.attrs) | {"sample_rate_hz": QUICK / THINNED}
+        at = np.arange(next(iter(volts.values())).size // THINNED - 1) * float(THINNED)
+        channels = {
+            name: np.interp(at / (1 + fast), np.arange(own.size), own) if "keyphasor" in name else own[at.astype(int)]
+            for name, own in volts.items()
+        }
+        paths.append(write_hdf5(tmp_path / source.name, channels, attributes))
+    fit = rf.fit(rf.models.WhirlWhip(), vectors(paths), known=KNOWN)
+    assert fit.noise is not None
+    assert [cause.name for cause in fit.noise.causes] == ["clock[all channels]"]
+    assert -2 * fit.noise.causes[0].size / 8.0 == pytest.approx(fast, rel=0.2)  # grows over the eight seconds
+    told = vectors(paths, "[shaft]\nclock_ppm = 20.0\n[perturbator]\nclock_ppm = 20.0\n")
+    right = rf.fit(rf.models.WhirlWhip(), told, known=KNOWN)
+    assert right.noise is not None
+    assert not right.noise.causes
+    for name in ("D", "lam", "K0", "Mf"):
+        assert abs(right.params[name].value - TRUTH[name]) < 4 * right.params[name].stderr, name

@@ -76,7 +76,7 @@ def track(record: Signals, reference: Reference) -> AngleTrack:
     where = f"{record.name}, channel {channel}"
     try:
         levels = find_levels(_sample(record, channel), edge=reference.edge or "", level=reference.level)
-        times = find_edges(record.pieces(channel), levels) / record.sample_rate
+        times = find_edges(record.pieces(channel), levels) / record.sample_rate / (1 + (reference.clock or 0.0))
         pulses, gap = from_index(number_pulses(times), per_turn) if per_turn > 1 else (number_pulses(times), 0)
         smooth = smooth_angle(
             pulses, duration=record.duration, pulses_per_turn=per_turn, resolution=1 / record.sample_rate

@@ -37,7 +37,10 @@ _REMEDY = {
     Kind.PROBE: "Check the probe's characteristic, or test with less motion",
     Kind.FLUID: "Fit a law of eccentricity (law=, --law), or test with less motion",
     Kind.DELAY: "Undo the delay or filter of the channels, or give phase_offsets where the reference drifted",
-    Kind.CLOCK: "Sample marks and probes by one clock, or sweep faster",
+    Kind.CLOCK: (
+        "Sample marks and probes by one clock, or say how fast that of the marks is: clock_ppm in [shaft] and "
+        "[perturbator] of rig.toml, less the growth over the duration of the sweep"
+    ),
     Kind.DRIFT: "Let temperatures settle, and repeat the sweep the other way",
     Kind.HYSTERESIS: "A model with viscous damping alone follows it at one frequency only",
     Kind.SUPPORT: "Read both probes, x and y, or fit the model Anisotropic",

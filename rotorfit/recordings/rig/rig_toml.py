@@ -114,6 +114,13 @@ def _count(where: str, value: Any) -> int:
     return value
 
 
+def _ppm(where: str, value: Any) -> float:
+    found, most = _number(where, value), 1000.0  # quartz is right to a hundred
+    if abs(found) > most:
+        raise ValueError(f"{where} is at most {most:g} either way, got {found:g}")
+    return found
+
+
 def _truth(where: str, value: Any) -> bool:
     if not isinstance(value, bool):
         raise ValueError(f"{where} must be true or false, got {value!r}")
@@ -142,6 +149,7 @@ _REFERENCE: dict[str, tuple[str, Reader]] = {
     "edge": ("edge", _choice({edge: edge for edge in _EDGES})),
     "level_V": ("level", _number),
     "pulses_per_turn": ("pulses_per_turn", _count),
+    "clock_ppm": ("clock", _scaled(_ppm, 1e-6)),
 }
 _PERTURBATOR: dict[str, tuple[str, Reader]] = {**_REFERENCE, "steady": ("steady", _truth)}
 _FORCE: dict[str, tuple[str, Reader]] = {

@@ -35,6 +35,7 @@ class Reference:
     edge: str | None = None  # ``"falling"`` or ``"rising"``, the edge that is angle zero; None: found from the signal
     level: float | None = None  # voltage at which the edge is timed; None: half way
     pulses_per_turn: int | None = None  # 1 unless given
+    clock: float | None = None  # share by which its channel's clock is fast against that of the probes; None: the same
     steady: bool | None = None
 
 
