@@ -132,7 +132,8 @@ def test_margin_that_is_asked() -> None:
 
 def test_intervals_hold_the_truth_and_probabilities_are_calibrated() -> None:
     """Statistical share alone: nothing is left out of a model that the data come from."""
-    report = exact().stability_report(max_speed_rpm=RUNNING * RPM, cross_coupling={"disk": 900.0})
+    loop = {"max_speed_rpm": RUNNING * RPM, "cross_coupling": {"disk": 900.0}, "sensitivity": "disk"}
+    report = exact().stability_report(**loop)
     truth = {c.name: c.value for c in report.criteria}
     held = dict.fromkeys(truth, 0)
     place = []
@@ -144,7 +145,7 @@ def test_intervals_hold_the_truth_and_probabilities_are_calibrated() -> None:
             assumptions=dict.fromkeys((e.name for e in fit.assumptions().entries), 0.0),
         )
         limit = truth["log. decrement of the least stable forward mode"]
-        found = sure.stability_report(max_speed_rpm=RUNNING * RPM, min_decrement=limit, cross_coupling={"disk": 900.0})
+        found = sure.stability_report(min_decrement=limit, **loop)
         for criterion in found.criteria:
             held[criterion.name] += criterion.interval[0] <= truth[criterion.name] <= criterion.interval[1]
         place.append(found.criteria[0].probability)
@@ -152,6 +153,51 @@ def test_intervals_hold_the_truth_and_probabilities_are_calibrated() -> None:
     assert min(held.values()) >= low, held
     # The probability to exceed the truth itself is uniform over experiments.
     assert stats.kstest(place, "uniform").pvalue > 1e-4
+
+
+def test_sensitivity_of_a_loop_is_that_of_a_disturbed_sensor() -> None:
+    """A disturbance e joins what the bearing at the journal sees of it: S = (z + e)/e, integrated in time."""
+    model, speed = rf.models.WhirlWhip(), 150.0
+    v = {
+        "Md": 0.95, "Ds": 25.0, "K1": 14e3, "K2": 15e3, "sigma": 1.0, "Mb": 0.6, "K3": 6e3, "K0": 1e4, "D": 250.0,
+        "lam": 0.1, "Mf": 0.0,
+    }  # fmt: skip
+    rotors = Rotors(model=model, theta=model.vector(v)[None], terms=(), sizes=np.zeros((1, 0)), coupling={})
+    shaft = np.array([[v["K1"] + v["K2"], -v["K2"]], [-v["K2"], v["K2"] + v["K3"]]])
+    for w in (190.0, -120.0):
+
+        def motion(t: float, state: np.ndarray, w: float = w) -> np.ndarray:
+            z, velocity = state[:2], state[2:]
+            e, rate = 1e-6 * np.exp(1j * w * t), 1e-6j * w * np.exp(1j * w * t)
+            seen, seen_rate = z[1] + e, velocity[1] + rate
+            bearing = (v["K0"] - 1j * v["D"] * v["lam"] * speed) * seen + v["D"] * seen_rate
+            force = -shaft @ z - np.array([v["Ds"] * velocity[0], bearing])
+            return np.concatenate([velocity, force / np.array([v["Md"], v["Mb"]])])
+
+        end = 2 * np.pi / abs(w) * np.ceil(1.2 * abs(w) / (2 * np.pi))  # whole turns, after which all has died out
+        z = solve_ivp(motion, (0.0, end), np.zeros(4, complex), rtol=1e-9, atol=1e-14).y[1, -1]
+        assert rotors.sensitivity(np.array([w]), speed, "journal")[0, 0] == pytest.approx(abs(z / 1e-6 + 1), rel=1e-5)
+
+
+def test_sensitivity_of_a_mass_on_a_controller_and_what_has_none() -> None:
+    """A mass on stiffness and damping of its bearing alone: S = M s^2 / (M s^2 + D s + K0)."""
+    model = rf.models.OneMode(planes=("disk",))
+    values = TRUE | {"K": 0.0, "Ds": 0.0, "lam": 0.0}
+    rotors = Rotors(model=model, theta=model.vector(values)[None], terms=(), sizes=np.zeros((1, 0)), coupling={})
+    s = 1j * np.array([-80.0, 20.0, 82.0, 300.0])
+    inertia = values["M"] * s**2
+    expected = np.abs(inertia / (inertia + values["D"] * s + values["K0"]))
+    np.testing.assert_allclose(rotors.sensitivity(s.imag, 100.0, "disk")[0], expected, rtol=1e-12)
+    report = exact().stability_report(max_speed_rpm=2000, sensitivity="disk", max_sensitivity=1.1)
+    peak = by_name(report, "sensitivity")
+    assert peak.value == pytest.approx(report.sensitivity[0].y.max())
+    assert not peak.met
+    assert "ISO 14839-3; the standard was not read" in str(report)
+    with pytest.raises(ValueError, match="unknown plane of sensitivity 'disc', did you mean 'disk'"):
+        exact().stability_report(sensitivity="disc")
+    whip = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
+    with pytest.raises(ValueError, match="no bearing or seal at disk whose loop could be opened"):
+        whip.stability_report(sensitivity="disk")
 
 
 def test_a_left_out_term_acts_as_the_parameter_that_a_larger_model_has_for_it() -> None:

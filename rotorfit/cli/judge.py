@@ -28,6 +28,8 @@ def add_options(to: argparse.ArgumentParser) -> None:
     to.add_argument("--unbalance", action="append", default=[], metavar="PLANE=G_MM", help="unbalance at a plane")
     to.add_argument("--plane", metavar="PLANE", help="where unbalance responses are judged [that of the unbalance]")
     to.add_argument("--max-amplitude", type=positive_word, metavar="UM", help="largest deflection at running speeds")
+    to.add_argument("--sensitivity", metavar="PLANE", help="bearing whose sensitivity function is judged")
+    to.add_argument("--max-sensitivity", type=positive_word, default=3.0, help="its largest value [%(default)g]")
     to.add_argument("--level", type=positive_word, default=0.95, help="probability of the intervals [%(default)g]")
     to.add_argument("--out", type=Path, help="folder for stability.csv, summary.txt and stability.png")
     add_figure_format(to)
@@ -52,6 +54,8 @@ def run(options: argparse.Namespace) -> int:
             unbalance_g_mm=pairs("--unbalance", options.unbalance, float),
             plane=options.plane,
             max_amplitude_um=options.max_amplitude,
+            sensitivity=options.sensitivity,
+            max_sensitivity=options.max_sensitivity,
             level=options.level,
         )
     )

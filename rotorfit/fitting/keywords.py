@@ -85,6 +85,8 @@ class JudgeKeywords(TypedDict, total=False):
     unbalance_g_mm: Mapping[str, float] | None
     plane: str | None
     max_amplitude_um: float | None
+    sensitivity: str | None
+    max_sensitivity: float
     cases: Mapping[str, Mapping[str, float]] | None
     level: float
     at: Mapping[str, Any] | None

@@ -679,7 +679,9 @@ class FitResult(FitFigures):
                 anticipated cross-coupled stiffness, ``{"disk": 2e5}``, N/m; ``min_cross_coupling_ratio``: factor on it
                 that the rotor should bear, 2. ``unbalance_g_mm``: ``{"disk": 30.0}``, for amplification factors and
                 separation margins of critical speeds of ``plane``, by default that of the unbalance;
-                ``max_amplitude_um``: largest 0-peak deflection allowed there at running speeds. ``cases``: factors on
+                ``max_amplitude_um``: largest 0-peak deflection allowed there at running speeds. ``sensitivity``: plane
+                of a (magnetic) bearing whose sensitivity function should not exceed ``max_sensitivity``, 3, at the
+                highest running speed. ``cases``: factors on
                 parameters by name of a case, ``{"smallest clearance": {"K0": 1.3, "D": 1.5}}``. ``level``: probability
                 of the intervals, 0.95. ``at``: group of parameters, for fits with one value a group.
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from rotorfit.models.array_types import Float
 from rotorfit.plots.style import colour_of, grid, legend_below, length, literal, looked, per_rad_s, prefix, rate_unit
+from rotorfit.uncertainty.stability.record import SENSITIVITY
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
 @looked
 def plot_stability_report(report: StabilityReport) -> Figure:
     """One panel for each kind of curve that the report has."""
-    panels = [_decrements, *([_unbalance] if report.unbalance else []), *([_coupling] if report.cross_coupling else [])]
+    more = ((_unbalance, report.unbalance), (_coupling, report.cross_coupling), (_sensitivity, report.sensitivity))
+    panels = [_decrements, *(panel for panel, curves in more if curves)]
     figure, axes = grid(len(panels), 1, f"Stability, with {report.level:.0%} bands", size=(6.6, 2.4))
     for panel, axis in zip(panels, axes[:, 0], strict=True):
         panel(report, axis)
@@ -83,3 +85,12 @@ def _coupling(report: StabilityReport, axis: Any) -> None:
     _limit(report, axis)
     axis.set_xlabel(f"cross-coupled stiffness, {unit}", fontsize=8)
     axis.set_ylabel("log. decrement", fontsize=8)
+
+
+def _sensitivity(report: StabilityReport, axis: Any) -> None:
+    _draw(axis, report.sensitivity, per_rad_s(), 1.0, first=len(report.decrement) + 2)
+    limit = next(c.limit for c in report.criteria if c.source == SENSITIVITY)
+    axis.axhline(limit, color="C3", lw=0.9, ls=":", label=f"limit {limit:g}")
+    axis.set_ylim(0.0, None)
+    axis.set_xlabel(f"frequency, {rate_unit()}", fontsize=8)
+    axis.set_ylabel("sensitivity", fontsize=8)

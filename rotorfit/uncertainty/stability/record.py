@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
+SENSITIVITY = "sensitivity function"
+_CITED_SENSITIVITY = "limit of the sensitivity function: 3 is cited as zone A of ISO 14839-3; the standard was not read"
 _CITED = "as code in public cites API 617 and 684; the standards were not read"
 _OVERDAMPED = 1 / math.sqrt(2)
 """Damping ratio from which a mode has no resonance: the amplitude of a forced response has no peak."""
@@ -107,6 +109,7 @@ class StabilityReport:
         decrement: of each forward mode against speed, rad/s.
         unbalance: amplitude against speed, rad/s and m; empty without an unbalance.
         cross_coupling: decrement of the least stable forward mode against cross-coupled stiffness, N/m; likewise.
+        sensitivity: modulus of the sensitivity function against signed frequency, rad/s; likewise.
         notes: what a reader must know.
         caution: why no number may be relied on as it stands; empty where there is nothing.
     """
@@ -119,6 +122,7 @@ class StabilityReport:
     decrement: tuple[Curve, ...]
     unbalance: tuple[Curve, ...]
     cross_coupling: tuple[Curve, ...]
+    sensitivity: tuple[Curve, ...]
     notes: tuple[str, ...]
     caution: str
 
@@ -160,7 +164,7 @@ class StabilityReport:
         return DataFrame(rows)
 
     def plot(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """Decrement against speed, unbalance response, decrement against cross-coupling, each with its band.
+        """Decrement against speed, unbalance response, decrement against cross-coupling, sensitivity, with their bands.
 
         Args:
             **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
@@ -188,8 +192,9 @@ class StabilityReport:
     @property
     def remarks(self) -> tuple[str, ...]:
         """Where limits come from, and :attr:`notes`."""
-        cited = ", ".join(dict.fromkeys(c.source for c in self.criteria if c.source))
-        return (*([f"limits of {cited}: {_CITED}"] if cited else []), *self.notes)
+        sources = list(dict.fromkeys(c.source for c in self.criteria if c.source))
+        api = [f"limits of {', '.join(s for s in sources if s != SENSITIVITY)}: {_CITED}"] if sources else []
+        return (*api, *([_CITED_SENSITIVITY] if SENSITIVITY in sources else []), *self.notes)
 
     def __str__(self) -> str:
         low, high = (RPM_PER_RAD_S * speed for speed in self.running)

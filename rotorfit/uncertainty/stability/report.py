@@ -17,10 +17,11 @@ from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.motion.neglected_terms import onset_shift
 from rotorfit.models.motion.stability import threshold_speeds
 from rotorfit.models.parameters import unknown_name
+from rotorfit.models.shafts.plane_forces import force_parameters
 from rotorfit.uncertainty.derived import DERIVED_DRAWS, SHAFT_DRAWS
 from rotorfit.uncertainty.onsets import onsets_of
 from rotorfit.uncertainty.prediction import extrapolation
-from rotorfit.uncertainty.stability.record import Criterion, Curve, ModeDamping, StabilityReport
+from rotorfit.uncertainty.stability.record import SENSITIVITY, Criterion, Curve, ModeDamping, StabilityReport
 from rotorfit.uncertainty.stability.rotors import (
     Rotors,
     counted,
@@ -65,6 +66,8 @@ def stability_report(
     unbalance_g_mm: Mapping[str, float] | None = None,
     plane: str | None = None,
     max_amplitude_um: float | None = None,
+    sensitivity: str | None = None,
+    max_sensitivity: float = 3.0,
     cases: Mapping[str, Mapping[str, float]] | None = None,
     level: float = 0.95,
     at: Mapping[str, Any] | None = None,
@@ -78,6 +81,7 @@ def stability_report(
         raise ValueError(f"{fit.model.name} is written in modes, where a cross-coupling at a plane has no place")
     unbalance = {where: mr * 1e-6 for where, mr in _at_planes(fit, unbalance_g_mm, "unbalance_g_mm").items()}
     seen = _seen(fit, plane, unbalance, max_amplitude_um)
+    _refuse_sensitivity(fit, sensitivity)
     one, unseen = fitted_rotor(fit, group), unseen_rotors(fit, group)
     many = drawn_rotors(fit, group, DERIVED_DRAWS if fit.model.shaft is None else SHAFT_DRAWS, thetas)
     questions = [_decrement_question(fit, running[1], min_decrement, {}, "")]
@@ -103,6 +107,21 @@ def stability_report(
     speeds = _speeds_of_curves(fit, one, running[1]) if unbalance else np.zeros(0)
     if unbalance:
         questions += _unbalance_questions(one, speeds, running, seen, unbalance, max_amplitude_um)
+    frequencies = np.zeros(0)
+    if sensitivity is not None:
+        frequencies = _frequencies_of_loop(fit, one, running[1])
+        questions.append(
+            _Question(
+                name=f"peak of the sensitivity function at {sensitivity}",
+                unit="",
+                source=SENSITIVITY,
+                ask=lambda rotors: (
+                    rotors.sensitivity(frequencies, running[1], sensitivity).max(axis=1),
+                    max_sensitivity,
+                ),
+                at_least=False,
+            )
+        )
     criteria = [
         _answer(question, case, one.scaled(factors), many.scaled(factors), unseen.scaled(factors), level)
         for case, factors in {"": {}, **(cases or {})}.items()
@@ -117,6 +136,7 @@ def stability_report(
         decrement=_decrement_curves(fit, one, many, running[1], level),
         unbalance=_unbalance_curves(one, many, speeds, seen, unbalance, level),
         cross_coupling=_coupling_curve(fit, one, many, running[1], coupling, level),
+        sensitivity=_sensitivity_curve(one, many, frequencies, running[1], sensitivity, level),
         notes=_notes(fit, one, running, speeds),
         caution=_caution(fit),
     )
@@ -325,6 +345,45 @@ def _coupling_curve(
         values[k] = _least_decrement(fit, one.coupled(driven), speed)[0]
         bands[k] = _quantiles(_least_decrement(fit, few.coupled(driven), speed), level)
     return (Curve(label=f"at {', '.join(coupling)}", x=factors * total, y=values, band=bands),)
+
+
+# ---- loop of a bearing ------------------------------------------------------------------------------------------
+
+
+def _refuse_sensitivity(fit: FitResult, plane: str | None) -> None:
+    """Refuse a sensitivity function at a plane without a force that could be opened as a loop."""
+    if plane is None:
+        return
+    model = fit.model
+    if plane not in model.planes:
+        raise ValueError(unknown_name("plane of sensitivity", plane, model.planes))
+    if model.frame != "z":
+        raise ValueError(f"{model.name} keeps x and y apart; a sensitivity function is that of one loop")
+    own = force_parameters(model)
+    at = model.coordinate(plane, "z")
+    if not model.coefficients(np.where(own, fit.thetas[0], 0.0), 1.0)[:, at, at].any():
+        raise ValueError(f"{model.name} has no bearing or seal at {plane} whose loop could be opened")
+
+
+def _frequencies_of_loop(fit: FitResult, rotor: Rotors, speed: float) -> Float:
+    """Signed frequencies up to the tested ones and the modes', close to one another at resonances. What the model
+    leaves out grows with powers of the frequency: further up it would be all there is."""
+    modes = _reference(fit, rotor, speed)
+    modes = modes[np.abs(modes.imag) > 0]
+    top = max([fit.band, *np.abs(modes.imag).tolist()])
+    grid = [np.linspace(-top, top, 401)]
+    grid += [s.imag + abs(s.real) * np.linspace(-4.0, 4.0, 81) for s in modes]
+    every = np.unique(np.concatenate(grid))
+    return np.asarray(every[np.abs(every) <= top])
+
+
+def _sensitivity_curve(
+    one: Rotors, many: Rotors, w: Float, speed: float, plane: str | None, level: float
+) -> tuple[Curve, ...]:
+    if plane is None:
+        return ()
+    band = _quantiles(_few(many).sensitivity(w, speed, plane), level).T
+    return (Curve(label=f"sensitivity at {plane}", x=w, y=one.sensitivity(w, speed, plane)[0], band=band),)
 
 
 # ---- unbalance response ------------------------------------------------------------------------------------------
