@@ -226,3 +226,54 @@ def test_poles_by_vector_fitting() -> None:
     found = common_poles([Response(w, one + n, 1 / np.abs(one)) for one, n in zip(exact, noise, strict=True)], 7)
     for pole in poles:
         assert np.abs(found - pole).min() < 0.01 * abs(pole)
+
+
+def eight_sensors(noise: float, seed: int = 3) -> rf.PerturbationTest:
+    """Three modes of a beam tapped at its first sensor, 400 lines."""
+    rng, places = np.random.default_rng(seed), np.linspace(0.1, 0.9, 8)
+    w = 2 * np.pi * np.linspace(10.0, 200.0, 400)
+    response = np.zeros((8, w.size), dtype=complex)
+    for k, (hertz, zeta, mass) in enumerate(((42.0, 0.02, 3.0), (95.0, 0.012, 2.0), (160.0, 0.02, 1.5)), 1):
+        wn, shape = 2 * np.pi * hertz, np.sin(k * np.pi * places) / np.sin(k * np.pi * places[0])
+        response += shape[:, None] / (mass * (wn**2 - w**2 + 2j * zeta * wn * w))
+    sigma = noise * np.sqrt(np.mean(np.abs(response) ** 2, axis=1, keepdims=True)) * np.ones(w.size)
+    response = response + sigma * (rng.normal(size=response.shape) + 1j * rng.normal(size=response.shape))
+    return rf.perturbation_test(
+        run="tap", speed=0.0, force_plane="s0", force=1.0, force_direction="x", direction="x",
+        plane=np.repeat([f"s{i}" for i in range(8)], w.size), frequency=np.tile(w, 8), response=response.ravel(),
+        sigma=sigma.ravel(),
+    )  # fmt: skip
+
+
+def beam(modes: int) -> rf.models.Modal:
+    return rf.models.Modal(tuple(f"s{i}" for i in range(8)), modes=modes, gains="plane", force_planes=("s0",))
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.3])
+def test_more_modes_than_the_responses_hold_are_refused_at_once(noise: float) -> None:
+    from rotorfit.estimators.starting.modal_start import modal_start
+    from rotorfit.observing.circular import observe
+
+    blocks = [observe(beam(3), test, np.zeros(len(test), dtype=np.intp)) for test in [eight_sensors(noise)]]
+    values, _ = modal_start(beam(3), blocks)
+    assert values["wn3"] / (2 * np.pi) == pytest.approx(160.0, rel=0.01)
+    with pytest.raises(ValueError, match=r"show 3 of 5 modes.*modes=3\)"):
+        modal_start(beam(5), blocks)
+
+
+def test_stabilisation_and_shapes_are_drawn() -> None:
+    """Poles of the three modes are stable from some order on, and stay where the modes are."""
+    from rotorfit.estimators.starting.modal_start import stabilisation
+
+    fit = rf.fit(beam(3), eight_sensors(0.02))
+    orders = stabilisation(beam(3), list(fit.problem.blocks), 7)
+    for found in orders[4:]:
+        stable = found.frequency[found.stable] / (2 * np.pi)
+        assert all(np.abs(stable - hertz).min() < 0.01 * hertz for hertz in (42.0, 95.0, 160.0))
+    figure = fit.plot_stabilisation(unit="hz")
+    assert figure.axes[0].get_xlabel() == "frequency, Hz"
+    shapes = fit.plot_mode_shapes(unit="hz")
+    assert [axis.get_ylabel() for axis in shapes.axes] == ["mode 1, 42 Hz", "mode 2, 95 Hz", "mode 3, 160 Hz"]
+    rig = rf.fit(rf.models.WhirlWhip(), rf.read(rf.datasets.path("rig_open.csv")), known={"K3": 6000.0})
+    with pytest.raises(ValueError, match="whirl-whip"):
+        rig.plot_mode_shapes()

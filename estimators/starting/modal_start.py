@@ -13,17 +13,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.signals.ratios import best_ratio
+from rotorfit.estimators.significance import P_FALSE_ALARM
 from rotorfit.estimators.starting.vector_fitting import Response, common_poles
 from rotorfit.models import Modal
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 
 _DAMPING = (1e-3, 0.5)
 """Damping ratios that a start may have."""
+
+
+class PolesOfOrder(NamedTuple):
+    """Poles that responses have in common when so many pairs are looked for."""
+
+    order: int  # pairs of poles
+    frequency: Float  # natural frequencies, rad/s, ascending
+    damping: Float  # damping ratios
+    stable: Bool  # whether the order before had each pole too, in frequency and in damping
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,9 +48,13 @@ class Lines:
     plane: Index  # numbers of the planes of probe and force, shape ``(R,)``
 
 
-def modal_start(model: Modal, blocks: Sequence[Responses]) -> tuple[dict[str, float], float]:
+def modal_start(model: Modal, blocks: Sequence[Responses], *, unknown: bool = True) -> tuple[dict[str, float], float]:
     """Parameters of a modal model, and the common datum angle, rad, from responses. Returns values by name, and the
-    lead of the responses over the forces at the first plane."""
+    lead of the responses over the forces at the first plane.
+
+    Raises:
+        ValueError: more modes than the responses show, unless some natural frequency is known (not ``unknown``).
+    """
     forced, probe = (model.planes.index(names[0]) for names in (model.force_planes, model.probe_planes))
     axes = ("x", "y") if model.frame == "xy" else ("z",)
     along = {axis: lines for axis in axes if (lines := _lines_along(model, blocks, axis)).value.size}
@@ -48,7 +63,14 @@ def modal_start(model: Modal, blocks: Sequence[Responses]) -> tuple[dict[str, fl
     unit: ComplexArray | None = None  # exp(j datum) / M of each mode
     for axis, lines in along.items():
         end = axis if model.apart else ""
-        wn, zeta = _poles(lines if model.apart else every, model.modes)
+        own = lines if model.apart else every
+        wn, zeta, shown = _poles(own, model.modes)
+        if unknown and shown < model.modes:
+            raise ValueError(
+                f"the responses show {shown} of {model.modes} modes: what one more explains is noise. Fit "
+                f"rf.models.Modal({model.planes}, modes={shown}) (--model modal), or say "
+                "which natural frequencies are known"
+            )
         parts = _residues(lines, wn, zeta, len(model.planes))
         if unit is None:
             unit = np.where(parts[:, probe, forced] == 0, np.abs(parts).max(axis=(1, 2)), parts[:, probe, forced])
@@ -64,6 +86,27 @@ def modal_start(model: Modal, blocks: Sequence[Responses]) -> tuple[dict[str, fl
                 values |= _pair(_name(f"g{tag}_{plane}", axis.strip("z")), complex(gain[place]))
     datum = 0.0 if unit is None else float(np.angle(unit[0]))
     return {name: values[name] for name in model.parameter_names if name in values}, datum
+
+
+def stabilisation(model: Modal, blocks: Sequence[Responses], most: int) -> list[PolesOfOrder]:
+    """Poles of rising order: those of modes stay where they are, those of noise do not."""
+    axes = ("x", "y") if model.frame == "xy" else ("z",)
+    along = {axis: lines for axis in axes if (lines := _lines_along(model, blocks, axis)).value.size}
+    responses = _responses(_joined(along, len(model.planes)))
+    same_frequency, same_damping = 0.01, 0.05  # changes from order to order of a stable pole, as usual
+    found: list[PolesOfOrder] = []
+    for order in range(1, most + 1):
+        if min(one.value.size for one in responses) < 2 * (2 * order + 1):
+            break
+        poles = common_poles(responses, order)
+        wn, zeta = np.abs(poles), -poles.real / np.abs(poles)
+        stable: Bool = np.zeros(wn.size, dtype=bool)
+        if found:
+            change = np.abs(wn[:, None] - found[-1].frequency) / wn[:, None]
+            damping = np.abs(zeta[:, None] - found[-1].damping) / np.maximum(np.abs(zeta[:, None]), 1e-12)
+            stable = np.asarray(((change < same_frequency) & (damping < same_damping)).any(axis=1))
+        found.append(PolesOfOrder(order, wn, zeta, stable))
+    return found
 
 
 def _joined(along: dict[str, Lines], planes: int) -> Lines:
@@ -97,19 +140,38 @@ def _lines_along(model: Modal, blocks: Sequence[Responses], axis: str) -> Lines:
     return Lines(frequency=frequency, value=value, weight=weight, probe=probe, plane=plane)
 
 
-def _poles(lines: Lines, modes: int) -> tuple[Float, Float]:
-    """Natural frequencies, rad/s, ascending, and damping ratios of so many modes, shape ``(modes,)`` each."""
+def _poles(lines: Lines, modes: int) -> tuple[Float, Float, int]:
+    """Natural frequencies, rad/s, ascending, and damping ratios of so many modes, shape ``(modes,)`` each, and how many
+    of them explain more than noise would let them."""
     responses = _responses(lines)
     enough = 1.2  # mean square of what is left over the noise, from which more poles would explain noise
-    tried = [(float("inf"), np.zeros(0), np.zeros(0))]
+    most = _explained_by_chance(len(responses), lines.value.size)
+    tried = [(np.full(1, np.inf), np.zeros(0), np.zeros(0))]
+    least = np.full(modes, np.inf)  # misfit of one pole, two, ..., whatever else was looked for
+    shown = modes
     for more in (0, 2, 4):  # poles beside those of the model, for modes that it does not have and for noise
         unknown = 2 * (modes + more) + 1  # of each response beside the poles
-        if min(one.value.size for one in responses) >= 4 * unknown:
-            tried.append(_best_of(common_poles(responses, modes + more), responses, modes))
-        if tried[-1][0] < enough * 2 * lines.value.size:
+        if min(one.value.size for one in responses) < 4 * unknown:
+            continue
+        misfit, wn, zeta = _best_of(common_poles(responses, modes + more), responses, modes)
+        tried.append((misfit, wn, zeta))
+        least[: misfit.size] = np.minimum(least[: misfit.size], misfit)
+        found = least[np.isfinite(least)]
+        noise = max(1.0, float(least.min()) / (2 * lines.value.size))
+        shown = int(np.flatnonzero(-np.diff(found, prepend=np.inf) > most * noise)[-1]) + 1 if found.size else modes
+        if misfit[-1] < enough * 2 * lines.value.size and shown == modes:
             break
-    _, wn, zeta = min(tried, key=lambda one: one[0])
-    return (wn, np.clip(zeta, *_DAMPING)) if wn.size == modes else _few_lines(lines, modes)
+    misfit, wn, zeta = min(tried, key=lambda one: float(one[0][-1]))
+    if wn.size != modes:
+        return *_few_lines(lines, modes), modes
+    return wn, np.clip(zeta, *_DAMPING), shown
+
+
+def _explained_by_chance(responses: int, lines: int) -> float:
+    """Sum of squares over the noise that a pole at any of so many lines explains of noise, but once in many tests."""
+    from scipy.special import chdtri  # late: loading it takes longer than a fit
+
+    return float(chdtri(2 * responses + 2, P_FALSE_ALARM / lines))
 
 
 def _responses(lines: Lines) -> list[Response]:
@@ -119,8 +181,9 @@ def _responses(lines: Lines) -> list[Response]:
     return [Response(lines.frequency[mine], lines.value[mine], lines.weight[mine]) for mine in rows]
 
 
-def _best_of(poles: ComplexArray, responses: Sequence[Response], modes: int) -> tuple[float, Float, Float]:
-    """Misfit, natural frequencies and damping ratios of those poles that explain the responses best, one by one."""
+def _best_of(poles: ComplexArray, responses: Sequence[Response], modes: int) -> tuple[Float, Float, Float]:
+    """Misfits of one pole, two and so on, natural frequencies and damping ratios of those poles that explain the
+    responses best, one by one."""
     wn, zeta = np.abs(poles), -poles.real / np.abs(poles)
     basis = [
         np.asarray(one.weight[:, None] / (wn**2 - w**2 + 2j * zeta * wn * w), dtype=complex)
@@ -129,7 +192,7 @@ def _best_of(poles: ComplexArray, responses: Sequence[Response], modes: int) -> 
     ]
     given = [one.value * one.weight for one in responses]
     chosen: list[int] = []
-    misfit = float("inf")
+    misfit: list[float] = []
     for _ in range(min(modes, wn.size)):
         left = {
             one: sum(_left(B[:, [*chosen, one]], z) for B, z in zip(basis, given, strict=True))
@@ -137,8 +200,9 @@ def _best_of(poles: ComplexArray, responses: Sequence[Response], modes: int) -> 
             if one not in chosen
         }
         best = min(left, key=left.__getitem__)
-        chosen, misfit = sorted([*chosen, best]), left[best]
-    return misfit, wn[chosen], zeta[chosen]
+        chosen = sorted([*chosen, best])
+        misfit.append(left[best])
+    return np.array(misfit or [np.inf]), wn[chosen], zeta[chosen]
 
 
 def _left(basis: ComplexArray, given: ComplexArray) -> float:

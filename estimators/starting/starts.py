@@ -75,7 +75,8 @@ def _guess_with_datum(problem: Problem) -> tuple[Start, float]:
     model, space = problem.space.model, problem.space
     if isinstance(model, Modal):
         blocks = [block for block in map(responses_of, problem.blocks) if block is not None]
-        values, datum = modal_start(model, blocks)
+        unknown = {name for name in model.parameter_names if name.startswith("wn")} <= set(space.base)
+        values, datum = modal_start(model, blocks, unknown=unknown)
         typical = np.array([values.get(name, model.parameter(name).scale) for name in space.base])
         return Start(x=typical, kind=RATIONAL_FIT), datum if DATUM in space.nuisance else 0.0
     uncorrelated = problem  # the same object where nothing changes: it keeps what it evaluated last

@@ -220,3 +220,30 @@ class FitFigures:
         from rotorfit.plots.coefficients import frequency_coefficients
 
         return frequency_coefficients(self._fit.frequency_coefficients(speeds), **look)
+
+    def plot_stabilisation(self, most: int | None = None, **look: Unpack[PlotKeywords]) -> Figure:
+        """Stabilisation diagram of a fit of ``Modal``: poles against how many are looked for, with the fitted modes.
+
+        Args:
+            most: pairs of poles that are looked for at most, by default five more than the model has modes.
+            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
+
+        Raises:
+            ValueError: a fit of another model.
+        """
+        from rotorfit.plots.modal import plot_stabilisation
+
+        return plot_stabilisation(self._fit, most, **look)
+
+    def plot_mode_shapes(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Gains of the probes in each mode of a fit of ``Modal``, with 95 % errors.
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
+
+        Raises:
+            ValueError: a fit of another model.
+        """
+        from rotorfit.plots.modal import plot_mode_shapes
+
+        return plot_mode_shapes(self._fit, **look)
