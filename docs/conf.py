@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 from sphinx.application import Sphinx
 
@@ -67,9 +68,16 @@ def for_whom(app: Sphinx, docname: str, source: list[str]) -> None:
         source[0] = re.sub(r"\n=+\n", r"\g<0>\nFor lecturers and readers of the paper.\n", source[0], count=1)
 
 
+def listed(app: Sphinx, pagename: str, templatename: str, context: dict[str, Any], doctree: object) -> None:
+    """Make items of a list of what docutils writes as bibliography entries within one, for those who hear the page."""
+    if "body" in context:
+        context["body"] = context["body"].replace('role="doc-biblioentry"', 'role="listitem"')
+
+
 def setup(app: Sphinx) -> None:
-    """Have it said when a page is read."""
+    """Change pages as they are read and as they are written."""
     app.connect("source-read", for_whom)
+    app.connect("html-page-context", listed)
 
 
 html_theme = "pydata_sphinx_theme"

@@ -25,7 +25,7 @@ SITE = ROOT / "docs" / "_build"
 MAIN_PAGES = (
     "index.html", "tutorials/index.html", "tutorials/your_file.html", "volts.html", "howto/faq.html",
     "theory/models.html", "reference/validation.html", "reference/command_line.html", "reference/api/fits.html",
-    "_gallery/index.html", "_gallery/plot_fig_10_dynamic_stiffness.html", "about/index.html",
+    "_gallery/index.html", "_gallery/plot_fig_10_dynamic_stiffness.html", "about/index.html", "bibliography.html",
 )  # fmt: skip
 TUTORIALS = (
     "first_fit", "your_file", "uff58", "volts", "experiments", "campaigns", "balancing", "real_rig", "planning",
