@@ -6,6 +6,7 @@ import json
 from functools import cache
 from pathlib import Path
 
+import law_data
 import numpy as np
 import pytest
 from scipy import stats
@@ -161,6 +162,25 @@ def test_what_a_prediction_cannot_know_is_said() -> None:
     blind = unread.predict(200.0, 120.0, force_plane="disk")
     assert np.isnan(blind.noise).all()
     assert any("No readings at disk" in note for note in blind.notes)
+
+
+def test_a_fluid_that_changes_with_eccentricity_and_a_rotor_tested_at_rest() -> None:
+    """Orbits by the roots of another program; at rest nothing shows gyroscopic effects, small all the same."""
+    law = rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=law_data.CLEARANCE_UM)
+    data = [law_data.sweep(law_data.ONE_MODE, levels=(3.0, 30.0), lines=20), law_data.static(law_data.ONE_MODE)]
+    fit = rf.fit(law, data, known={"Ds": 8.0})
+    found = fit.predict([60.0, 120.0], 120.0, force=20.0)
+    for w, response in zip((60.0, 120.0), found.response, strict=True):
+        ((_, orbit),) = law_data.orbits(law_data.ONE_MODE, w, 120.0, np.array([20.0 + 0j]))
+        assert abs(response - orbit[0]) < 0.05 * abs(orbit[0])
+    disks = rf.models.TwoDisk()
+    theta = disks.vector(TYPICAL["two-disk"])
+    w = covering_frequencies(disks, theta, (0.0,), 20)
+    test = circular_test(disks, theta, speeds=(0.0,), frequency=w, noise=0.02, seed=3)
+    turning = rf.fit(disks, test, known=known_of("two-disk", TYPICAL["two-disk"])).predict(
+        120.0, 120.0, force_plane=disks.planes[0]
+    )
+    assert turning.band.amplitude[0, 1] < 1.3 * abs(turning.response[0])
 
 
 def test_derived_quantities_have_the_error_of_their_parameters_together() -> None:

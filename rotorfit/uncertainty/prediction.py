@@ -376,7 +376,7 @@ def _planned(
         force=drive,
         plane=np.full(w.shape, _plane(fit, "plane", where if plane is None else plane)),
         direction=np.full(w.shape, read if direction is None else direction),
-        response=np.ones(w.shape, dtype=complex),  # to be predicted; none of it is used
+        response=np.full(w.shape, 1e-9, dtype=complex),  # m, inside any clearance: to be predicted, none of it is used
         sigma=np.ones(w.shape),
         source="prediction",
     )

@@ -291,10 +291,12 @@ def _coupled(fit: FitResult) -> float:
 
 
 def _levels(fit: FitResult) -> tuple[float, float, float]:
-    """Typical dynamic stiffness of the tests, highest frequency and speed: N/m, rad/s, rad/s."""
+    """Typical dynamic stiffness of the tests, highest frequency and speed: N/m, rad/s, rad/s. At rest the frequency
+    stands for the speed too: a shaft that turns as fast as it was shaken."""
     blocks = [base for base in map(responses_of, fit.problem.blocks) if base is not None]
     force = np.concatenate([np.abs(b.force).max(axis=1)[b.line] for b in blocks])
     size = np.concatenate([np.abs(b.measured) for b in blocks])
     stiffness = float(np.median(force[size > 0] / size[size > 0]))
     frequency = max(float(np.abs(b.frequency).max()) for b in blocks)
-    return stiffness, frequency, max([1.0, *(float(b.speed.max()) for b in blocks)])
+    speed = max(float(b.speed.max()) for b in blocks)
+    return stiffness, frequency, speed if speed > 1.0 else max(frequency, 1.0)
