@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import rotorfit as rf
+from rotorfit.estimators import file_limits
 from rotorfit.estimators.file_limits import check_hdf5
 from rotorfit.estimators.file_reading import reading
 from rotorfit.recordings.formats.files import open_raw
@@ -85,6 +86,14 @@ def test_one_bit_in_a_netcdf_file_of_ours_is_found(tmp_path: Path) -> None:
     path.write_bytes(whole)
     with pytest.raises(ValueError, match=r"rig\.nc is damaged"):
         rf.read(path)
+
+
+def test_a_file_over_which_the_library_loops_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By processor time, which the process that opens it first may spend whoever ended the one that waits for it."""
+    endless = file_limits._OPEN.replace("with h5py", "while True:\n    pass\nwith h5py")
+    monkeypatch.setattr(file_limits, "_OPEN", endless)
+    with pytest.raises(ValueError, match=r"^a\.nc is not a readable HDF5 file"):
+        file_limits.refuse_deadly(tmp_path / "a.nc")
 
 
 def test_a_netcdf_file_that_others_changed_is_read(tmp_path: Path) -> None:
