@@ -5,6 +5,7 @@ Skipped on a machine without one, see the fixture ``chromium``.
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 from collections.abc import Callable
@@ -115,11 +116,16 @@ def test_interactive_panels_are_zoomed_together_and_a_click_shows_the_rows(
     tab.run("Plotly.relayout(responses, {'xaxis.autorange': true}); 0")
     tab.wait(lambda: tab.run(ranges) == before, "the whole range again")
     left, top, width, height = tab.place("#responses .point", number=20)
-    tab.mouse("mouseMoved", left + width / 2, top + height / 2)
-    tab.wait(lambda: tab.run("findAll('.hovertext', 'run ').length"), "words beside the pointer")
+    away = itertools.cycle((1.0, 0.0))  # a pointer that rests says nothing more to a page that was busy
+
+    def pointed_at() -> bool:
+        tab.mouse("mouseMoved", left + width / 2 + next(away), top + height / 2)
+        return bool(tab.run("findAll('.hovertext', 'run ').length"))
+
+    tab.wait(pointed_at, "words beside the pointer")
     for kind in ("mousePressed", "mouseReleased"):
         tab.mouse(kind, left + width / 2, top + height / 2)
-    shown = tab.wait(lambda: "reading" in (text := tab.run("rows.textContent")) and text, "the rows", 15)
+    shown = tab.wait(lambda: "reading" in (text := tab.run("rows.textContent")) and text, "the rows")
     number, cells = re.findall(r"reading (\d+): (.*)", shown)[0]
     row = int(number) - 1
     assert f"frequency_rpm {test.frequency[row] * RPM_PER_RAD_S:.6g}," in cells
