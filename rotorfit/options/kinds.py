@@ -158,6 +158,8 @@ def positive_word(word: str) -> float:
 
 def whole_word(word: str) -> int:
     """A whole number from zero."""
+    if not word.strip().lstrip("+-").isdecimal():
+        raise argparse.ArgumentTypeError(f"{word!r} is no whole number")
     value = int(word)
     if value < 0:
         raise argparse.ArgumentTypeError(f"{word} is below zero")
