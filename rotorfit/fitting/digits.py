@@ -25,6 +25,13 @@ def with_error(value: float, error: float) -> tuple[str, str]:
     return f"{value:.{decimals}f}", f"{error:.{decimals}f}"
 
 
+def two_digits(value: float, sign: str = "-") -> str:
+    """A size to two significant digits, in the style of errors; with ``sign="+"`` one before positive numbers too."""
+    if not (math.isfinite(value) and value):
+        return f"{value:{sign}g}"
+    return f"{'-' if value < 0 else sign.strip('-')}{with_error(0.0, abs(value))[1]}"
+
+
 def plus_minus(value: float, error: float) -> str:
     """``value +- error``, the value alone where the error is zero, or that the data do not determine it."""
     if not (math.isfinite(value) and math.isfinite(error)):

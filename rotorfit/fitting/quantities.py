@@ -9,7 +9,7 @@ from typing import Protocol
 
 from rotorfit.estimators.blocks.correlated import quantile
 from rotorfit.fitting.arithmetic import Number, Source
-from rotorfit.fitting.digits import plus_minus
+from rotorfit.fitting.digits import plus_minus, two_digits
 from rotorfit.units import si_factor
 
 THRESHOLD = "threshold_speed"
@@ -152,7 +152,7 @@ class Quantity(Number):
         if not math.isfinite(self.stderr):
             return "not determined by these data"
         shown = f"{plus_minus(self.value, math.hypot(self.stderr, self.systematic))} {self.unit}".rstrip()
-        shares = f" ({self.stderr:.2g} statistical, {self.systematic:.2g} systematic)"
+        shares = f" ({two_digits(self.stderr)} statistical, {two_digits(self.systematic)} systematic)"
         return shown + (shares if self.systematic else "")
 
 

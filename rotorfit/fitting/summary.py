@@ -15,7 +15,7 @@ from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.starting.start_points import EARLIER_FIT, GIVEN
 from rotorfit.fitting.assumptions.anisotropy import lines_cut_off
-from rotorfit.fitting.digits import plus_minus, with_error
+from rotorfit.fitting.digits import plus_minus, two_digits, with_error
 from rotorfit.fitting.noise.record import NoiseVerdict, is_run_effect
 from rotorfit.fitting.noise.words import VERDICTS
 from rotorfit.fitting.structure.structure_error import structure_error
@@ -147,7 +147,7 @@ def _levels(noise: ResidualStudy) -> list[str]:
 
 def _small(value: float, unit: str) -> str:
     """A noise level: motion in millionths, as probes are read."""
-    return f"{1e6 * value:.2g} u{unit}" if unit in ("m", "rad") else f"{value:.2g} {unit}".rstrip()
+    return f"{two_digits(1e6 * value)} u{unit}" if unit in ("m", "rad") else f"{two_digits(value)} {unit}".rstrip()
 
 
 def _foundation_lines(fit: FitResult) -> list[str]:
@@ -167,7 +167,7 @@ def _without_runs(fit: FitResult) -> list[str]:
     found = fit.jackknife()
     names = [name for name in fit.problem.space.names if fit.params[name].resolved]
     errors = {name: found.parameter(name).stderr for name in names}
-    shown = [f"{name} {error:.2g}" for name, error in errors.items() if np.isfinite(error)]
+    shown = [f"{name} {two_digits(error)}" for name, error in errors.items() if np.isfinite(error)]
     return [f"  standard errors from leaving out runs one by one: {', '.join(shown)}"] if shown else []
 
 

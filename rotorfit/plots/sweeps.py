@@ -292,7 +292,9 @@ def forced_planes(model: RotorModel, force_plane: int) -> str:
     """Planes of the force of a curve, in words."""
     coordinates, beyond = model.coordinates, force_plane - len(model.coordinates)
     if beyond < 0:
-        return f"force at {coordinates[force_plane].plane}"
+        pressed = coordinates[force_plane]
+        along = f" along {pressed.axis}" if pressed.axis in ("x", "y") else ""
+        return f"force{along} at {pressed.plane}"
     planes = dict.fromkeys(c.plane for place, c in enumerate(coordinates) if beyond >> place & 1)
     return f"forces at {' and '.join(planes)}"
 

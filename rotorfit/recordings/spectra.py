@@ -45,7 +45,7 @@ def cascade(record: Signals, marks: Marks, plane: str, *, over: str | None = Non
     rows = []
     for start in places.starts.tolist():
         z = record.motion(plane, start, start + places.size)
-        frequency, amplitude = full_spectrum(z.astype(complex), record.sample_rate)
+        frequency, amplitude = full_spectrum(z.astype(complex), record.sample_rate, points=4)  # round lines
         rows.append(amplitude if np.iscomplexobj(z) else 2 * amplitude)
     return Cascade(
         plane=plane,

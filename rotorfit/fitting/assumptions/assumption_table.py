@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from html import escape
 
 from rotorfit.estimators.inference.left_out_columns import Term
+from rotorfit.fitting.digits import two_digits
 from rotorfit.models.text_table import text_table
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -176,9 +177,8 @@ class Assumptions:
             shifts = [_shown(name, entry.shifts[name] * entry.size, entry.errors[name]) for name in results]
             test = f"{entry.z:+.1f}" if entry.tested else "not determined"
             unit = "" if entry.unit == "1" else f" {entry.unit}"
-            rows.append(
-                [f"{entry.name}, {entry.meaning}", test, f"{entry.size:.2g}{unit}", *shifts, f"{entry.weight:.2g}"]
-            )
+            size = f"{two_digits(entry.size)}{unit}"
+            rows.append([f"{entry.name}, {entry.meaning}", test, size, *shifts, f"{entry.weight:.2g}"])
         return rows
 
     @property
@@ -207,7 +207,7 @@ def _shown(name: str, shift: float, error: float) -> str:
         return "open"
     if abs(shift) < _NOTHING * error:
         return "0"
-    return f"{shift * (RPM_PER_RAD_S if name == THRESHOLD_COLUMN else 1.0):+.2g}"
+    return two_digits(shift * (RPM_PER_RAD_S if name == THRESHOLD_COLUMN else 1.0), "+")
 
 
 def _words(found: Assumptions) -> list[str]:
@@ -243,7 +243,7 @@ def _foundation(entry: Assumption) -> str:
     if THRESHOLD_COLUMN in entry.errors and not any(words.startswith(THRESHOLD_COLUMN) for words in moved):
         moved.append(f"{THRESHOLD_COLUMN} as it is")
     unit = "" if entry.unit == "1" else f" {entry.unit}"
-    return f"{entry.name}, {entry.meaning}; {size:+.2g}{unit}: {', '.join(moved)}"
+    return f"{entry.name}, {entry.meaning}; {two_digits(size, '+')}{unit}: {', '.join(moved)}"
 
 
 def _moved(name: str, shift: float, error: float) -> str:
@@ -252,4 +252,4 @@ def _moved(name: str, shift: float, error: float) -> str:
 
 def _share(found: Assumptions, name: str) -> str:
     factor = RPM_PER_RAD_S if name == THRESHOLD_COLUMN else 1.0
-    return f"{factor * found.combined(name):.2g} ({factor * found.systematic(name):.2g})"
+    return f"{two_digits(factor * found.combined(name))} ({two_digits(factor * found.systematic(name))})"
