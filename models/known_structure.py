@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from types import SimpleNamespace
+from os import PathLike
+from types import MappingProxyType, SimpleNamespace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -55,6 +56,9 @@ class KnownStructure(RotorModel):
     """
 
     name: ClassVar[str] = "known-structure"
+
+    made_from: Mapping[str, Any] = MappingProxyType({})
+    """Path and arguments of :meth:`from_ross`, where the matrices are those of a file."""
 
     def __init__(
         self,
@@ -231,7 +235,11 @@ class KnownStructure(RotorModel):
             for name, given in (("fluid", fluid), ("supports", supports), ("damping", damping))
         }
         made = structure_options(rotor, planes=planes, taken_out=taken_out, speed=speed, dofs=dofs)
-        return cls(**made, **options)
+        model = cls(**made, **options)
+        if isinstance(rotor, str | PathLike):
+            asked = {"planes": dict(planes), **taken_out, "speed": speed, "dofs": tuple(dofs), **options}
+            model.made_from = {"structure": str(rotor), **{name: value for name, value in asked.items() if value}}
+        return model
 
     # ---- the structure ---------------------------------------------------------------------------------------------
 

@@ -174,7 +174,7 @@ def test_told_noise_that_is_too_small_is_said_to_be():
     world = replace(WORLDS["force jitter 1 %, probes 0.2 %"], sigma_given=True)
     fit = fitted(world, 1)
     assert fit.noise.verdict is NoiseVerdict.LARGER
-    assert any("larger than sigma_um says" in warning for warning in fit.warnings)
+    assert any("larger than given" in warning for warning in fit.warnings)
 
 
 def test_a_model_that_does_not_fit_is_named_with_its_places(rig_fit, rig_refinement):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import warnings
 from pathlib import Path
 
@@ -283,6 +284,22 @@ def code_of(words):
         return cli.main(words)
     except SystemExit as stop:
         return stop.code
+
+
+def test_the_report_says_how_to_make_a_fit_of_a_file_s_shaft_again(rig, capsys):
+    from rotorfit.report.material import ReportInput
+    from rotorfit.report.reproduce import _calls, _command
+
+    model = rf.models.KnownStructure.from_ross(rig / "shaft.mat", planes={"disk": 2, "oil": 4}, fluid="oil")
+    fit = rf.fit(model, rf.read(rig / "rig.csv"))
+    material = ReportInput(fit=fit)
+    words = shlex.split(_command(material))
+    assert words[3:9] == ["--structure", str(rig / "shaft.mat"), "--planes", "disk=2,oil=4", "--fluid", "oil"]
+    assert any(f"KnownStructure.from_ross('{rig / 'shaft.mat'}', planes=" in line for line in _calls(material))
+    words = [str(rig / word) if word == "rig.csv" else word for word in words[1:-2]]
+    assert cli.main([*words, "--json"]) == 0
+    again = json.loads(capsys.readouterr().out)["parameters"]
+    assert again["D"]["value"] == pytest.approx(fit.params["D"].value, rel=1e-9)
 
 
 def test_a_shaft_on_the_command_line_and_in_a_study(rig, capsys):

@@ -17,6 +17,7 @@ from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses
 from rotorfit.estimators.blocks.small_motion import FreeVibrations
 from rotorfit.fitting.result import FitResult
+from rotorfit.models import Modal
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import bare_name
 from rotorfit.report.html import Html, element, join, paragraph, picture, table
@@ -88,6 +89,12 @@ FIGURES: tuple[ReportFigure, ...] = (
     ReportFigure("Bode plots", FitResult.plot_bode, _TO_FORCE, _turning),
     ReportFigure("Polar plots", FitResult.plot_polar, _POLAR, _turning),
     ReportFigure("Residuals", FitResult.plot_residuals, _BAND, _turning),
+    ReportFigure(
+        "Mode shapes",
+        FitResult.plot_mode_shapes,
+        "Gains of the probes in each mode, that of the first probe being one, with 95 % errors.",
+        lambda block: _turning(block) and isinstance(getattr(block, "model", None), Modal),
+    ),
     ReportFigure(
         "Spectral lines",
         FitResult.plot_lines,

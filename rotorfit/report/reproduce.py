@@ -16,8 +16,8 @@ from rotorfit.data.experiments import Experiment, LineTest, PerturbationTest, Ri
 from rotorfit.fitting.assumptions.calibration import Calibration
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitOptions, FitSettings
-from rotorfit.models import LAWS, MODELS, Law, Orthotropic, RotorModel
-from rotorfit.options.table import command_words
+from rotorfit.models import LAWS, MODELS, KnownStructure, Law, Orthotropic, RotorModel
+from rotorfit.options.table import SHAFT, command_words
 from rotorfit.recordings.formats.files import ALWAYS_RAW
 from rotorfit.report.html import Html, element, paragraph
 from rotorfit.report.parts import section, sentence
@@ -142,12 +142,19 @@ def _shown(value: Any) -> str:
     if isinstance(value, PerturbationTest) or hasattr(value, "dist"):
         return _source(value) if isinstance(value, PerturbationTest) else _distribution(value)
     if isinstance(value, RotorModel):
-        options = ", ".join(f"{name}={_shown(option)}" for name, option in _own_options(value).items())
-        home = "rf.models." if type(value).__module__.startswith("rotorfit.models.") else ""
-        return f"{home}{type(value).__name__}({options})"
+        return _model_shown(value)
     if isinstance(value, Law | Calibration):
         return f"rf.{'models.' if isinstance(value, Law) else ''}{value!r}"
     return repr(tuple(value) if isinstance(value, list) else value)
+
+
+def _model_shown(model: RotorModel) -> str:
+    if isinstance(model, KnownStructure) and model.made_from:
+        (_, path), *rest = model.made_from.items()
+        return f"rf.models.KnownStructure.from_ross({', '.join([repr(path), *(f'{n}={_shown(v)}' for n, v in rest)])})"
+    options = ", ".join(f"{name}={_shown(option)}" for name, option in _own_options(model).items())
+    home = "rf.models." if type(model).__module__.startswith("rotorfit.models.") else ""
+    return f"{home}{type(model).__name__}({options})"
 
 
 def _distribution(prior: Any) -> str:
@@ -167,13 +174,14 @@ def _command(material: ReportInput) -> str:
     fit, refined = _origin(material)
     settings = fit.settings
     model, supports = (fit.model.base, fit.model.at) if isinstance(fit.model, Orthotropic) else (fit.model, ())
-    options = _own_options(model)
+    shaft = dict(model.made_from) if isinstance(model, KnownStructure) else {}
+    options = shaft or _own_options(model)
     calibrated = vars(settings.calibration) if settings.calibration else {}
     expressible = (
         fit.method == "least squares"
-        and model.name in MODELS
+        and (model.name in MODELS or shaft)
         and all(e.source for e in (*fit.experiments, *([settings.baseline] if settings.baseline else [])))
-        and set(options) <= _MODEL_OPTIONS
+        and set(options) <= (set(SHAFT) | {"planes"} if shaft else _MODEL_OPTIONS)
         and ("law" not in options or options["law"] in [law() for law in LAWS.values()])
     )
     if not expressible:
@@ -197,7 +205,8 @@ def _command(material: ReportInput) -> str:
     for experiment in fit.experiments:
         names, setup = _recorded(experiment.source) or ([experiment.source], "")
         files += [*names, *(["--setup", setup] if setup else [])]
-    return shlex.join(["rotorfit", "fit", *files, "--model", model.name, *words, "--out", "results/"])
+    named = [] if shaft else ["--model", model.name]
+    return shlex.join(["rotorfit", "fit", *files, *named, *words, "--out", "results/"])
 
 
 def _draws(material: ReportInput) -> dict[str, Any]:

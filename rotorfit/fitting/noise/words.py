@@ -199,8 +199,8 @@ def verdict_warning(verdict: NoiseVerdict, redchi: float, correlation: float, *,
         ]
     if verdict is NoiseVerdict.LARGER:
         return [
-            f"redchi is {redchi:.3g}, yet residuals do not follow one another: the noise is larger than sigma_um says, "
-            "and standard errors are wider accordingly. Without sigma_um its size and shape are estimated"
+            f"redchi is {redchi:.3g}, yet residuals do not follow one another: the noise is larger than given, "
+            "and standard errors are wider accordingly. Without sigma_um or coherence it is estimated"
         ]
     if verdict is NoiseVerdict.CORRELATED:
         return [
