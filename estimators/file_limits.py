@@ -93,6 +93,7 @@ try:
 except ImportError:
     pass
 with h5py.File(sys.argv[1], "r") as file:
+    file.id.links.visit(lambda name: None)
     file.visititems(lambda name, item: item[()] if isinstance(item, h5py.Dataset) and item.nbytes < 1e6 else None)
 """
 
@@ -107,6 +108,8 @@ def refuse_deadly(path: Path) -> None:
         raise ValueError(f"{path.name} is not a readable HDF5 file: the library finds no end of it") from None
     if ended.returncode < 0:
         raise ValueError(f"{path.name} is not a readable HDF5 file: it is damaged so that the library fails")
+    if ended.returncode:  # asked again, over the same bytes, it may end the process
+        raise OSError(ended.stderr.decode(errors="replace").strip().rpartition("\n")[2].partition(": ")[2])
 
 
 def check_hdf5(path: Path) -> None:
