@@ -20,6 +20,7 @@ SECTIONS = {
     "What these numbers rest on": "uncertainty.html#systematic-errors-what-the-model-leaves-out",
     "Bode plots": "conventions.html",
     "Polar plots": "conventions.html",
+    "Mode shapes": "real_rig.html",
     "Residuals": "howto/faq.html#faq-redchi",
     "Quality of fit": "howto/faq.html#faq-redchi",
     "Fluid against eccentricity": "experiments.html",
