@@ -118,7 +118,7 @@ def test_interrupted_sampling_goes_on(
         ("--calibration mr=-0.01", "a standard uncertainty is zero or a positive number"),
         ("--profile K", "K is known here"),
         ("--ess 0", "argument --ess: 0 is not above zero"),
-        ("--bootstrap many", "argument --bootstrap: invalid"),
+        ("--bootstrap many", "argument --bootstrap: 'many' is no whole number"),
         ("--seed -1", "argument --seed: -1 is below zero"),
         ("--max-steps 0", "argument --max-steps: at least 1"),
     ],
