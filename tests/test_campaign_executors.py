@@ -14,10 +14,13 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 from seal_campaigns import KNOWN, same_fits, seal_campaign
+from synthetic import KNOWN as KNOWN_VALUES
+from synthetic import SPEEDS, TYPICAL, circular_test
 
 import rotorfit as rf
 from rotorfit.campaigns import runs
-from rotorfit.models import OneMode
+from rotorfit.estimators.starting import lumped, lumped_graph
+from rotorfit.models import MODELS, OneMode
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +49,29 @@ def test_threads_and_processes(small, fitted):
         here = rf.campaign(OneMode(), table, known=known, shared=["M"])
         there = rf.campaign(OneMode(), table, known=known, shared=["M"], executor=pool)
         assert there.shared["M"].value == pytest.approx(here.shared["M"].value, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["one-mode", "whirl-whip", "two-disk"])
+def test_the_run_that_is_fitted_first_changes_no_digit(name):
+    """Fits after the first share what it found about the model alone: a worker begins with any run."""
+    model, rng = MODELS[name](), np.random.default_rng(1)
+    known, speeds = {n: TYPICAL[name][n] for n in KNOWN_VALUES[name]}, SPEEDS[name]
+    rotors = [{n: v if n in known else v * rng.uniform(0.9, 1.1) for n, v in TYPICAL[name].items()} for _ in range(3)]
+    tests = [
+        circular_test(
+            model, model.vector(rotor), speeds=tuple(speed + number for speed in speeds),
+            frequency=np.linspace(-300.0, 300.0, 60), noise=0.01, seed=number,
+        )
+        for number, rotor in enumerate(rotors)
+    ]  # fmt: skip
+    found = []
+    for order in ([0, 1, 2], [2, 1, 0]):
+        for kept in (lumped.lumped_coefficients, lumped._kept, lumped_graph.lumped_graph):
+            kept.cache_clear()
+        runs = rf.campaign(model, [tests[number] for number in order], split=None, known=known).runs
+        found.append([runs[order.index(number)].params for number in range(3)])
+    assert found[0] == found[1]
+    assert all(found[0])
 
 
 def test_a_killed_process_loses_no_run(small, monkeypatch):

@@ -67,11 +67,11 @@ class Lumped:
             anyhow["kind"] = self._dependence(scale)
         self._kind: Index = anyhow["kind"]
         count = self.place.row.size
-        if notes.get("independent"):  # relations between coefficients do not come and go with the speed
-            self.basis, self.spread, self.offset = np.arange(count), np.eye(count), np.zeros(count)
-        else:
+        if not notes.get("independent"):  # relations between coefficients do not come and go with the speed
             self.basis, self.spread, self.offset = _independent(self, scale)
             notes["independent"] = self.basis.size == count
+        if notes["independent"]:  # to the last digit, as for the fits that follow
+            self.basis, self.spread, self.offset = np.arange(count), np.eye(count), np.zeros(count)
         self.back = np.eye(count) if notes["independent"] else np.linalg.pinv(self.spread)
         self.determined: dict[int, bool] = notes.setdefault("determined", {})
         self._singles: dict[bytes, list[_Single]] = anyhow.setdefault("singles", {})
