@@ -9,6 +9,12 @@ P_CHANCE = 0.05
 CHANCE_ERRORS = NormalDist().inv_cdf(1 - P_CHANCE / 2)
 """Standard errors that chance alone exceeds so often: the half-width of a 95 % band."""
 
+P_UNLIKELY = 0.01
+"""The same where a description is given up for one with more values: noise of its own for each sweep, a fixed cause in
+place of runs that differ at random. Chosen."""
+P_WARNING = 0.001
+"""Probability of a warning, and of a cause, of a fit that misses nothing. Chosen: one false warning in a thousand."""
+
 P_FALSE_ALARM = 6e-5
 """The same where many are judged at once, as bands, runs and starts: some hundred raise a false alarm once in a hundred
 times. Chosen."""

@@ -27,9 +27,6 @@ if TYPE_CHECKING:
 Matrix = Complex | Sequence[Sequence[Number]]
 Symbolic = tuple[ca.SX, ca.SX, ca.SX, list[Complex], list[Complex]]
 
-_MODELS_KEPT = 64
-"""Models of which graphs and compiled functions are kept."""
-
 
 @dataclass(frozen=True)
 class Coordinate:
@@ -406,7 +403,7 @@ def _is_ours(value: object) -> bool:
     return type(value).__module__.partition(".")[0] in ("builtins", _PACKAGE)
 
 
-@lru_cache(maxsize=_MODELS_KEPT)
+@lru_cache
 def _symbolic(model: RotorModel) -> Symbolic:
     theta = ca.SX.sym("theta", len(model.parameters))
     speed, eccentricity = ca.SX.sym("speed"), ca.SX.sym("eccentricity")
@@ -424,7 +421,7 @@ def _symbolic(model: RotorModel) -> Symbolic:
     return theta, speed, eccentricity, matrices, [Complex.of(f) for f in model.probe_factors(p)]
 
 
-@lru_cache(maxsize=_MODELS_KEPT)
+@lru_cache
 def _compiled(model: RotorModel) -> CompiledModel:
     return CompiledModel(model)
 

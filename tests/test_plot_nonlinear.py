@@ -131,7 +131,7 @@ def test_the_locus_turns_the_load_down_and_the_fit_follows_the_points() -> None:
     z = test.displacement[chosen] / (CLEARANCE_UM * 1e-6)  # loads point down already
     x, y = axis.containers[0].lines[0].get_data()
     np.testing.assert_allclose(x + 1j * np.asarray(y), z, atol=1e-9)
-    curve = next(line for line in axis.lines if len(line.get_xdata()) == 120)
+    curve = next(line for line in axis.lines if len(line.get_xdata()) > 100)
     locus = curve.get_xdata() + 1j * curve.get_ydata()
     sigma = test.sigma[chosen] / (CLEARANCE_UM * 1e-6)
     for point, error in zip(z, sigma, strict=True):
@@ -141,7 +141,7 @@ def test_the_locus_turns_the_load_down_and_the_fit_follows_the_points() -> None:
 def test_velocity_ratios_are_eigenvalues_over_speed() -> None:
     fit = fitted(1)
     axis = plot_velocity_ratio(fit).axes[0]
-    line = next(entry for entry in axis.lines if len(entry.get_xdata()) == 120)
+    line = next(entry for entry in axis.lines if len(entry.get_xdata()) > 100)
     eps, ratio = line.get_xdata(), line.get_ydata()
     for k in (0, 60, 119):
         s = off_centre_eigenvalues(fit.model, fit.theta(), 600 * RPM, float(eps[k]))

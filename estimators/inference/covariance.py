@@ -14,11 +14,9 @@ from rotorfit.estimators.inference.identifiability import covariance as inverse
 from rotorfit.estimators.inference.identifiability import natural_scales
 from rotorfit.estimators.misfit.losses import Loss, robust_weights
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.noise.run_effects import real_rows
+from rotorfit.estimators.noise.run_effects import LEAST_RESIDUAL_SHARE, real_rows
 from rotorfit.estimators.significance import P_CHANCE
 from rotorfit.models.array_types import ComplexArray, Float
-
-_LEAST_RESIDUAL_SHARE = 0.05  # share of a reading's residual that its fit leaves at least, in estimates of its noise
 
 
 def widening(redchi: float, loss: Loss, *, rescaled: bool = False, nfree: int = 0, freedom: float = math.inf) -> float:
@@ -164,7 +162,7 @@ def _left_out(r: ComplexArray, J: ComplexArray, bend: float, covar: Float) -> Co
     power, basis = np.linalg.eigh(hat)
     along = np.einsum("rik,ri->rk", basis, np.stack([r.real, r.imag], axis=1))
     # A reading that alone determines something cannot be left out.
-    found = np.einsum("rik,rk->ri", basis, along / np.maximum(1 - power, _LEAST_RESIDUAL_SHARE))
+    found = np.einsum("rik,rk->ri", basis, along / np.maximum(1 - power, LEAST_RESIDUAL_SHARE))
     return np.asarray(found[:, 0] + 1j * found[:, 1])
 
 

@@ -16,11 +16,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotorfit.estimators.noise.run_effects import inverse_of_determined
-from rotorfit.models.array_types import Bool, Float, Index
+from rotorfit.models.array_types import RANK_TOLERANCE, Bool, Float, Index
 
 GAP = 0.01
 """Excess of the largest phi over the mean of measured lines at which a search ends: variances are the least to 1 %."""
-_ABSENT = 1e-12  # eigenvalue of a scaled information below which a direction is not determined
 _MOST_STEPS = 2000  # the gap falls with the number of steps; a rig takes some tens to hundreds
 
 
@@ -53,7 +52,7 @@ class Lines:
 
     def rank(self) -> Index:
         """Number of combinations of parameters that all lines together determine at each draw, shape ``(D,)``."""
-        return np.asarray(np.sum(self._spread(np.ones(self.count)) > _ABSENT, axis=1), dtype=np.intp)
+        return np.asarray(np.sum(self._spread(np.ones(self.count)) > RANK_TOLERANCE, axis=1), dtype=np.intp)
 
     def of_draws(self, kept: Bool) -> Lines:
         """The lines at some of the draws."""
@@ -69,7 +68,7 @@ class Lines:
         """Mean logarithm of the variances, or of the volume of all errors a parameter."""
         if self.gradients.shape[1]:
             return float(np.mean(np.log(self.variances(weight))))
-        return float(-np.mean(np.log(np.maximum(self._spread(weight), _ABSENT))))
+        return float(-np.mean(np.log(np.maximum(self._spread(weight), RANK_TOLERANCE))))
 
     def phi(self, weight: Float) -> Float:
         """Gain of the criterion by a unit of weight of each line, shape ``(K,)``."""

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.estimators.noise.reading_noise import LINES_OF_A_LEVEL, NOISE_FLOOR, P_OWN_LEVEL
+from rotorfit.estimators.noise.reading_noise import LINES_OF_A_LEVEL, NOISE_FLOOR
+from rotorfit.estimators.significance import P_UNLIKELY
 from rotorfit.models.array_types import Float, Index
 
 _RATIOS = np.concatenate([[0.0], np.logspace(-2.5, 4.5, 22), [np.inf]])
@@ -58,7 +59,7 @@ def fit_probes(
     for i in several:
         own = [next(singly) for _ in probes[i]]
         gain = sum(shape.log_likelihood for shape in own) - found[i][0].log_likelihood  # half of a chi-squared
-        if gammaincc(len(own) - 1, max(gain, 0.0)) < P_OWN_LEVEL:
+        if gammaincc(len(own) - 1, max(gain, 0.0)) < P_UNLIKELY:
             found[i] = own
     return found
 

@@ -17,8 +17,6 @@ NOISE_FLOOR = 1e-9
 LINES_OF_A_LEVEL = 8
 """Lines from which a sweep can have a noise of its own: 16 squares give its variance within a third."""
 
-P_OWN_LEVEL = 0.01
-"""Probability of giving sweeps noise of their own although they share it."""
 
 SMOOTH_CORRELATION = 0.5
 """Lag-one correlation above which samples follow a curve and are no noise: of noise, sixteen samples exceed it once in

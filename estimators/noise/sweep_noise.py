@@ -14,12 +14,12 @@ from rotorfit.estimators.blocks.sweeps import force_plane, sweeps_of
 from rotorfit.estimators.noise.reading_noise import (
     LINES_OF_A_LEVEL,
     NOISE_FLOOR,
-    P_OWN_LEVEL,
     SMOOTH_CORRELATION,
     deviations_of_repeats,
     noise_from_samples,
     noise_from_smoothness,
 )
+from rotorfit.estimators.significance import P_UNLIKELY
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
 _REPEATS_OVER_SMOOTHNESS = 2.5
@@ -100,7 +100,7 @@ def _agree(power: Sequence[float], freedom: Sequence[int]) -> bool:
     correction = 1 + (sum(1 / f for _, f in ends) - 1 / both) / 3  # Bartlett 1937
     statistic = max(sum(f * math.log(pooled / own) for own, f in ends), 0.0) / correction  # round-off may be below zero
     return (
-        math.erfc(math.sqrt(statistic / 2)) > P_OWN_LEVEL
+        math.erfc(math.sqrt(statistic / 2)) > P_UNLIKELY
     )  # chi-squared with one degree of freedom is a squared normal
 
 

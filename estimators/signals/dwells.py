@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rotorfit.estimators.signals.local_response import RecordSpectra
+from rotorfit.estimators.signals.local_response import INPUT_AMPLITUDE_SHARE, RecordSpectra
 from rotorfit.models.array_types import ComplexArray, Float
 
 LINES_BESIDE = 14
@@ -24,9 +24,6 @@ _DWELL_SPEED_RATE = 0.1
 """Rate of the speed over its mean rate of a sweep below which it dwells. Chosen."""
 _LEAST_DWELLING_SHARE = 0.5
 """Share of a record that dwells in a test of dwells. Chosen."""
-_ORDER_AMPLITUDE_SHARE = 3e-3
-"""An order counts where the part of its spectrum that is not smooth exceeds this fraction of its greatest line.
-Chosen."""
 
 
 class DwellResponse(NamedTuple):
@@ -90,4 +87,4 @@ def _orders(others: ComplexArray, lines: slice, smooth: ComplexArray, unknowns: 
     rest = np.linalg.norm(columns - smooth @ np.linalg.lstsq(smooth, columns, rcond=None)[0], axis=0)
     most = max(columns.shape[0] // 2 - unknowns, 0)
     strongest = np.argsort(-rest / np.maximum(greatest, 1e-300))[:most]
-    return columns[:, [k for k in sorted(strongest.tolist()) if rest[k] > _ORDER_AMPLITUDE_SHARE * greatest[k]]]
+    return columns[:, [k for k in sorted(strongest.tolist()) if rest[k] > INPUT_AMPLITUDE_SHARE * greatest[k]]]

@@ -12,8 +12,8 @@ import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
 
-NUMERATOR = 2
-"""Degree of the numerator."""
+SMOOTH_DEGREE = 2
+"""Degree of the polynomials that a response and a transient are in a band: its numerator, where it has a pole there."""
 
 
 def nearest_pole(frequency: Float, response: ComplexArray, sigma: Float) -> complex:
@@ -21,7 +21,7 @@ def nearest_pole(frequency: Float, response: ComplexArray, sigma: Float) -> comp
     middle = float(frequency.mean())
     half = float(np.ptp(frequency)) / 2
     x = (frequency - middle) / half
-    powers = np.vander(x, NUMERATOR + 1)
+    powers = np.vander(x, SMOOTH_DEGREE + 1)
     pole = complex(np.inf)
     for _ in range(4):
         weight = 1 / (sigma * (1.0 if np.isinf(pole) else np.abs(x - pole)))

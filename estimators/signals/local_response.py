@@ -26,11 +26,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rotorfit.estimators.signals.band_tiling import pooled_noise, tile
-from rotorfit.estimators.signals.local_poles import NUMERATOR, nearest_pole
+from rotorfit.estimators.signals.local_poles import SMOOTH_DEGREE, nearest_pole
 from rotorfit.models.array_types import Bool, ComplexArray, Float
-
-SMOOTH_DEGREE = 2
-"""Degree of the polynomials for H and T."""
 
 INPUT_AMPLITUDE_SHARE = 3e-3
 """An input counts in a band where what is not smooth of its spectrum exceeds this fraction of its greatest line."""
@@ -172,7 +169,7 @@ def _poles(narrow: Sequence[LocalFit]) -> ComplexArray:
             [noise[:, first + i, None] * np.sqrt(fit.leverage / 2)[:, None] for i, fit in enumerate(part)], axis=2
         )
         points = response.shape[2]
-        if points > 2 * (NUMERATOR + 2):
+        if points > 2 * (SMOOTH_DEGREE + 2):
             found[k] = nearest_pole(
                 np.concatenate([fit.node for fit in part]), response.reshape(-1, points), sigma.reshape(-1, points)
             )

@@ -21,6 +21,7 @@ from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize_scalar
 
+from rotorfit.estimators.signals.band_tiling import POOLED_FREEDOM
 from rotorfit.estimators.signals.pulses import NumberedPulses
 from rotorfit.models.array_types import Float, Index
 
@@ -29,9 +30,6 @@ _OUTLYING_DEVIATIONS = 7.0
 """Robust standard deviations beyond which a pulse is taken for noise: never once in a million Gaussian ones."""
 _ROUND_OFF = 1e-9
 """Share of the record's length below which a pulse is never late: what is left of pulses without any jitter."""
-
-_POOLED_PULSES = 60
-"""Pulses whose scatter is pooled: known to 1/sqrt(2 * 60) = 9 %."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -126,7 +124,7 @@ def _fit(times: Float, numbers: Index, step: float, duration: float, per_turn: i
     scatter = np.maximum(best.sigma, 1e-300) * relative
     pattern = np.zeros(per_turn)
     pattern[present] = best.pattern
-    shown = np.union1d(rows, np.linspace(0, times.size - 1, max(2 * times.size // _POOLED_PULSES, 2)).astype(int))
+    shown = np.union1d(rows, np.linspace(0, times.size - 1, max(2 * times.size // POOLED_FREEDOM, 2)).astype(int))
     # between pulses that are far apart the angle is less well known than at them
     at = np.union1d(times[rows], (times[rows[:-1]] + times[rows[:-1] + 1]) / 2)
     return SmoothAngle(
@@ -179,7 +177,7 @@ def _posed(
 
 def _pooled(times: Float, squares: Float, left: Float) -> Float:
     """Squares over what the spline has left of them, by groups of neighbouring pulses, straight lines in between."""
-    groups = np.array_split(np.arange(times.size), max(times.size // _POOLED_PULSES, 1))
+    groups = np.array_split(np.arange(times.size), max(times.size // POOLED_FREEDOM, 1))
     means = np.array([squares[group].sum() / left[group].sum() for group in groups])
     floor = max(1e-4 * float(means.max()), 1e-30)
     return np.asarray(np.interp(times, [float(times[group].mean()) for group in groups], np.maximum(means, floor)))

@@ -14,7 +14,7 @@ from rotorfit.estimators.misfit.ratios import LogRatioProblem, Ratios, ratios_of
 from rotorfit.estimators.signals.start_up_lines import shaft_of_lines
 from rotorfit.estimators.starting.start_points import full_vector
 from rotorfit.models import Turning, TurningOnSupports
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import RANK_TOLERANCE, ComplexArray, Float
 from rotorfit.models.shafts.combination_lines import Order
 
 _FEWEST_SPEEDS = 8
@@ -23,7 +23,6 @@ _REWEIGHTINGS = 4
 """Rounds of reweighting: an equation error is weighed by the stiffness that it was multiplied with."""
 _SIZES = np.geomspace(10**-4.5, 10**1.5, 13)
 """Sizes tried of a parameter of which lines give only ratios to it, over the typical one."""
-_ROUND_OFF = 1e-12  # of a curvature over the cost, or of one of unit diagonal, that is round-off
 
 
 def has_lines(problem: Problem) -> bool:
@@ -141,12 +140,12 @@ def _held_step(objective: LogRatioProblem, y: Float) -> tuple[float, Float]:
     # What matters to the data by less than round-off at its typical size stays where it is.
     space = objective.problem.space
     typical = np.concatenate([space.typical, np.full(len(space.nuisance), 0.1)])
-    determined = np.diag(matrix) * typical**2 > _ROUND_OFF * cost
+    determined = np.diag(matrix) * typical**2 > RANK_TOLERANCE * cost
     determined[objective.ratios.entry] = False
     moving = np.flatnonzero(determined)
     size = np.sqrt(np.diag(matrix)[moving])
     along = gradient[moving] / size
-    way = -np.linalg.lstsq(matrix[np.ix_(moving, moving)] / np.outer(size, size), along, rcond=_ROUND_OFF)[0]
+    way = -np.linalg.lstsq(matrix[np.ix_(moving, moving)] / np.outer(size, size), along, rcond=RANK_TOLERANCE)[0]
     end = y.copy()
     end[moving] += way / size
     return float(cost + along @ way / 2), end

@@ -2,7 +2,7 @@
 
 With ``z = zeta exp(j Om t)`` every motion under a force at w is a sum of lines ``exp(j(m (w - Om) + n Om) t)``, m and n
 integers. Without twist the lines go in pairs (m, n), (-m, -n), which are solved exactly. Twist is driven by products of
-lateral lines and drives them back in proportion to itself; ``COUPLING_PASSES`` passes follow that, the coupling being
+lateral lines and drives them back in proportion to itself; ``sweeps`` passes follow that, the coupling being
 weak: at the resonance of the twist of the record behind Figs 37 and 38 first order misses 5e-4 of the motion, one pass
 2e-6, which is what the lines that are left out amount to.
 """
@@ -22,8 +22,6 @@ from rotorfit.models.shafts.jets import Jet
 
 Order = tuple[int, int]
 
-COUPLING_PASSES = 1
-"""Passes of the twist's action back on the lateral motion; none is first order in the coupling."""
 
 LATERAL: dict[str, Order] = {
     "w": (1, 0),
@@ -141,7 +139,7 @@ Lines = dict[Order, Jet]
 
 def solve_lines(
     v: ShaftValues,
-    sweeps: int = COUPLING_PASSES,
+    sweeps: int = 1,
     *,
     lateral: Sequence[Order] = _LATERAL,
     twist: Sequence[Order] = _TWIST,

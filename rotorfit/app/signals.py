@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 _POINTS = 1000
 """Pieces of a curve over time: one a pixel."""
-_MICROMETRES = 1e6
 _SECONDS = 1.0
 """Length of the time base at first."""
 _TURNS, _SPECTRUM_TURNS = 6.0, 64.0
@@ -140,7 +139,7 @@ class _TimeFigure:
 
     def _curve(self, probe: Any, start: float, stop: float) -> dict[str, Any]:
         t, x = envelope(self._record, probe, start, stop, _POINTS)
-        return {"t": t, "x": x * _MICROMETRES}
+        return {"t": t, "x": x * 1e6}
 
 
 class _OrbitFigure:
@@ -164,10 +163,10 @@ class _OrbitFigure:
         part: Stretch = stretch(self._record, self._record.marks, self._plane, at, _TURNS)
         curves = [part.z, *part.filtered.values()]
         for source, z in zip(self._sources.values(), curves, strict=True):
-            values = np.asarray(z, dtype=complex) * _MICROMETRES
+            values = np.asarray(z, dtype=complex) * 1e6
             source.data = {"x": values.real, "y": values.imag}
         times = np.concatenate([np.zeros(0), *part.dots.values()])
-        z = np.asarray(part.z, dtype=complex) * _MICROMETRES
+        z = np.asarray(part.z, dtype=complex) * 1e6
         self._dots.data = {"x": np.interp(times, part.t, z.real), "y": np.interp(times, part.t, z.imag)}
         self.figure.title.text = f"orbit at {at:.4g} s"
 
@@ -196,7 +195,7 @@ class _SpectrumFigure:
         """Show the time of the cursor."""
         begin = float(np.clip(at - self._half, 0.0, self._record.duration - 2 * self._half))
         frequency, amplitude = spectrum(self._record, self._plane, begin, begin + 2 * self._half)
-        self._source.data = {"f": frequency, "a": amplitude * _MICROMETRES}
+        self._source.data = {"f": frequency, "a": amplitude * 1e6}
         self.figure.title.text = f"full spectrum, {begin:.4g} to {begin + 2 * self._half:.4g} s"
 
 
@@ -212,7 +211,7 @@ class _VectorFigure:
         self.changes = bool(np.ptp(self.rpm) > 0.05 * self.rpm.max())
         self.across = self.rpm if self.changes else vectors.t
         self.label = f"speed of the {vectors.reference}, rpm" if self.changes else "time, s"
-        self.rows = {f"probe at {np.degrees(angle):g}°": row * _MICROMETRES for angle, row in own}
+        self.rows = {f"probe at {np.degrees(angle):g}°": row * 1e6 for angle, row in own}
         self.cursor = ColumnDataSource({"x": [], "a": [], "p": [], "re": [], "im": []})
 
     def move(self, at: float) -> None:

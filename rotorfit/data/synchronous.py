@@ -21,13 +21,13 @@ OPPOSITE_TOLERANCE = np.radians(5.0)
 """Forces are opposite when their phases differ by 180 degrees to this angle. The difference of the two force vectors is
 exact for any angle; the tolerance only says which runs were meant as a pair."""
 
-SAME_SPEED = 1e-6
+SAME_RATE = 1e-6
 """Speeds of two runs that agree to this fraction need no interpolation."""
 
 LARGEST_GAP = 5.0
 """Readings are not interpolated across gaps longer than this many median steps."""
 
-_LARGEST_UNEVENNESS = 0.05  # difference of two weights, over the larger, from which they are hardly one that was turned
+LARGEST_UNEVENNESS = 0.05  # difference of two weights, over the larger, from which they are hardly one that was turned
 
 DIFFERENCED = "differenced"
 """Attribute that marks rows made by :func:`difference_synchronous` with 1, rows left as they were with 0."""
@@ -137,7 +137,7 @@ def uneven_weights(test: PerturbationTest) -> list[str]:
     sentences: list[str] = []
     for pair in _pairs(test, np.asarray(test.attributes.get(DIFFERENCED, np.zeros(len(test))) != 1)):
         sizes = [float(np.median(np.abs(test.force[rows]) / test.speed[rows] ** 2)) * 1e6 for rows in pair]
-        if abs(sizes[0] - sizes[1]) > _LARGEST_UNEVENNESS * max(sizes):
+        if abs(sizes[0] - sizes[1]) > LARGEST_UNEVENNESS * max(sizes):
             runs = [f"{test.run[rows[0]]} ({size:.4g} g mm)" for rows, size in zip(pair, sizes, strict=True)]
             sentences.append(" and ".join(runs))
     return sentences
@@ -198,7 +198,7 @@ def _channels(
 
 def _difference(a: PerturbationTest, b: PerturbationTest) -> PerturbationTest:
     """One channel of run a minus the same channel of run b, at the speeds of a that b covers."""
-    if len(a) == len(b) and np.allclose(a.speed, b.speed, rtol=SAME_SPEED, atol=0):
+    if len(a) == len(b) and np.allclose(a.speed, b.speed, rtol=SAME_RATE, atol=0):
         response, force, sigma, position = b.response, b.force, b.sigma, None
     else:
         inside = _covered(a.speed, b.speed)
@@ -235,7 +235,7 @@ def _response_at(position: Float, run: PerturbationTest, force: ComplexArray) ->
 def _covered(speed: Float, sampled: Float) -> Bool:
     """True if each speed lies between two samples that are not too far apart, or on one."""
     samples = np.unique(sampled)
-    on_sample = np.abs(speed - samples[np.abs(speed[:, None] - samples).argmin(axis=1)]) <= SAME_SPEED * np.abs(speed)
+    on_sample = np.abs(speed - samples[np.abs(speed[:, None] - samples).argmin(axis=1)]) <= SAME_RATE * np.abs(speed)
     if samples.size < 2:
         return np.asarray(on_sample)
     steps = np.diff(samples)

@@ -9,14 +9,13 @@ import numpy as np
 from rotorfit.data.findings import Finding
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float
 
 _LARGEST_LOSS = 0.1
 """Share of the dry rig's mass that a fluid's negative direct inertia may take at most."""
-_BEYOND_CHANCE = 5.0
-"""Standard errors from which a mass is less than none."""
 
 
 def other_rig(fit: FitResult) -> Iterator[Finding]:
@@ -28,7 +27,7 @@ def other_rig(fit: FitResult) -> Iterator[Finding]:
         source = (baseline.source if baseline is not None else "") or "given"
         dry, _ = _mass(np.abs(block.s), block.beside)
         added, error = _added(block)
-        if added < -_LARGEST_LOSS * abs(dry) and added < -_BEYOND_CHANCE * error:
+        if added < -_LARGEST_LOSS * abs(dry) and added < -SIGNIFICANT_ERRORS * error:
             yield Finding(
                 "error",
                 "other-rig",

@@ -20,7 +20,6 @@ _LINES_BESIDE = 3  # lines on either side that have to be smooth
 _LARGEST_STEP = 0.3
 """Change from line to line, over the response and scaled to the step of frequency at the jump, of a smooth response: at
 a resonance or an antiresonance between two lines it is one half at least."""
-_LARGEST_SUM = 0.3  # sum of the readings on both sides over their difference
 
 
 def half_turns(orbits: Orbits) -> Iterator[Finding]:
@@ -54,5 +53,5 @@ def _jumps(w: Float, response: ComplexArray) -> Index:
     for k in range(1, _LINES_BESIDE):
         for near, end in ((at - k, at - k + 1), (at + k, at + k)):  # steps before and behind, and where they end
             smooth &= step[near] * np.maximum(jump / np.diff(w)[near], 1.0) < _LARGEST_STEP * size[end]
-    opposite = np.abs(response[at] + response[at + 1]) < _LARGEST_SUM * step[at]
+    opposite = np.abs(response[at] + response[at + 1]) < _LARGEST_STEP * step[at]
     return np.asarray(at[smooth & opposite])

@@ -18,6 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.data.synchronous import SAME_RATE
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
@@ -28,8 +29,6 @@ from rotorfit.units import RPM_PER_RAD_S
 
 MOST_CORRELATED = 4000
 """Readings whose errors may hang together: their covariance then takes a quarter of a gigabyte."""
-_SAME_FREQUENCY = 1e-6
-"""Fraction by which frequencies that are the same may differ, as after a conversion of units."""
 _FEWEST_KNOTS = 4
 """Lines of a dry run through which a cubic goes."""
 
@@ -149,7 +148,7 @@ def _stiffness_lines(dry: Responses, lines: Index, baseline: PerturbationTest) -
     n = amplitude.shape[1]
     w = _variable(dry)
     order = lines[np.argsort(w[lines], kind="stable")]
-    new = np.diff(w[order]) > _SAME_FREQUENCY * np.abs(w[order[1:]])
+    new = np.diff(w[order]) > SAME_RATE * np.abs(w[order[1:]])
     found = []
     for own in np.split(order, np.flatnonzero(new) + 1) if order.size else []:
         A, F = amplitude[own].T, dry.force[own].T  # (n, runs)
@@ -173,7 +172,7 @@ def _stiffness_lines(dry: Responses, lines: Index, baseline: PerturbationTest) -
 
 
 def _refuse_outside(knots: Float, w: Float, test: PerturbationTest, baseline: PerturbationTest) -> None:
-    margin = _SAME_FREQUENCY * np.abs(knots).max()
+    margin = SAME_RATE * np.abs(knots).max()
     outside = (w < knots[0] - margin) | (w > knots[-1] + margin)
     if outside.any():
         low, high = np.sort(np.abs(knots[[0, -1]])) / (2 * np.pi)
@@ -192,7 +191,7 @@ def _shares(knots: Float, w: Float) -> Float:
 
     found = np.asarray(CubicSpline(knots, np.eye(knots.size))(w))
     nearest = np.argmin(np.abs(w[:, None] - knots), axis=1)
-    there = np.abs(w - knots[nearest]) <= _SAME_FREQUENCY * np.abs(w)
+    there = np.abs(w - knots[nearest]) <= SAME_RATE * np.abs(w)
     found[there] = np.eye(knots.size)[nearest[there]]
     return found
 

@@ -16,6 +16,7 @@ from rotorfit.models.motion.stability import growing_bands
 from rotorfit.models.shafts.combination_lines import line_order
 from rotorfit.plots.style import (
     COLOURS,
+    CURVE_POINTS,
     GREY,
     SMALL_TYPE,
     colour_of,
@@ -34,9 +35,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rotorfit.fitting.result import FitResult
-
-
-_CURVE_POINTS = 800  # points of a fitted line
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -131,7 +129,7 @@ def _run_up(fit: FitResult, block: LineResponses, title: str, rows: Index, predi
     """A line without force against speed."""
     first = int(rows[0])
     speed, direction = block.speed[rows], str(block.direction[first])
-    fine = np.linspace(speed[0], speed[-1], _CURVE_POINTS)
+    fine = np.linspace(speed[0], speed[-1], CURVE_POINTS)
     return _Curve(
         title=f"{title}\nstart-up",
         unit="rad" if direction == "twist" else "m",
@@ -168,7 +166,7 @@ def _kinds(fit: FitResult, block: LineResponses | PairResponses) -> Iterator[tup
 def _fitted_line(fit: FitResult, block: LineResponses | PairResponses, rows: Index) -> tuple[Float, ComplexArray]:
     """Fitted line per unit of force on a grid fine enough for sharp resonances."""
     w = block.frequency[rows]
-    fine = np.linspace(w[0], w[-1], _CURVE_POINTS)
+    fine = np.linspace(w[0], w[-1], CURVE_POINTS)
     if isinstance(block, PairResponses):
         return fine, _fitted_pair(fit, block, rows, fine)
     force = np.interp(fine, w, np.abs(block.force[rows])) * np.exp(1j * np.angle(block.force[rows[0]]))

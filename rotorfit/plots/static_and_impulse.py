@@ -11,15 +11,12 @@ from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.motion.law_curves import law_curves, law_of
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues
 from rotorfit.plots.journal import JournalLines, drive_stiffness, half_width, journal_lines, law_series
-from rotorfit.plots.style import GREY, colour_of, grid, legend_below, looked, prefix, rate_words
+from rotorfit.plots.style import CURVE_POINTS, GREY, colour_of, grid, legend_below, looked, prefix, rate_words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rotorfit.fitting.result import FitResult
-
-
-_CURVE_POINTS = 120
 
 
 def _static(fit: FitResult) -> list[JournalLines]:
@@ -73,7 +70,7 @@ def plot_static_locus(fit: FitResult) -> Figure:
                 color=colour,
                 elinewidth=0.7,
             )
-            eps = np.linspace(0.0, largest, _CURVE_POINTS)
+            eps = np.linspace(0.0, largest, CURVE_POINTS)
             kappa, _ = drive_stiffness(fit.model, theta[group], 0j, speed, eps)
             locus = -1j * eps * np.abs(kappa) / kappa
             axis.plot(locus.real, locus.imag, "-", color=colour, lw=1.3)
@@ -107,7 +104,7 @@ def plot_static_stiffness(fit: FitResult) -> Figure:
         for group, speed, largest in _curves(lines):
             here = np.flatnonzero((lines.group == group) & (lines.speed == speed))
             colour = colour_of(speeds.index(round(speed, 6)))
-            eps = np.linspace(0.0, largest + 0.05 * min(largest, 1 - largest), _CURVE_POINTS)
+            eps = np.linspace(0.0, largest + 0.05 * min(largest, 1 - largest), CURVE_POINTS)
             kappa, slope = drive_stiffness(fit.model, theta[group], 0j, speed, eps)
             measured, sigma = lines.stiffness[here], lines.stiffness_sigma[here]
             turning = -1.0 / speed if speed else np.nan
@@ -153,7 +150,7 @@ def plot_velocity_ratio(fit: FitResult) -> Figure:
     figure, axes = grid(1, 1, f"Velocity ratio from impulse tests, {fit.model.name}", size=(5.6, 3.6))
     axis = axes[0, 0]
     limit = max(float(block.eccentricity.max()) for block in blocks)
-    eps = np.linspace(0.0, limit + 0.1 * min(limit, 1 - limit) or 0.5, _CURVE_POINTS)
+    eps = np.linspace(0.0, limit + 0.1 * min(limit, 1 - limit) or 0.5, CURVE_POINTS)
     for block in blocks:
         _draw_vibrations(fit, axis, block, speeds, eps)
     _draw_ratios(fit, axis, speeds, eps)

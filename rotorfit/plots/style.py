@@ -27,6 +27,8 @@ PAGE = (7.08, 8.8)
 """Largest width and height of a figure, inches: what A4 leaves between its margins, so that print keeps its size."""
 SMALL_TYPE = 7
 """Smallest type, points."""
+CURVE_POINTS = 800
+"""Points of a fitted curve, so many that sharp resonances keep their peaks."""
 
 
 @dataclass(frozen=True)

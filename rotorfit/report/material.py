@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+from rotorfit.estimators.significance import P_CHANCE
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.structure.refine import Refinement
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from rotorfit.uncertainty.posterior import Posterior
     from rotorfit.uncertainty.profile import Profile
 
-LEVEL = 0.95
+LEVEL = 1 - P_CHANCE
 """Probability of every interval in a report."""
 
 

@@ -12,10 +12,8 @@ from typing import Any
 from rotorfit.fitting.json_values import encode
 from rotorfit.options.kinds import is_set
 from rotorfit.options.table import StudyOptions
+from rotorfit.recordings.signals import SAMPLES_OF_A_PIECE
 from rotorfit.studies.study import Study
-
-_PIECE = 1 << 20
-"""Bytes of a file that are read at once."""
 
 
 def settings_key(study: Study) -> tuple[str, str]:
@@ -53,7 +51,7 @@ def digest_of(path: Path, length: int | None = None) -> tuple[int, str]:
     """Size and SHA-256 of a file, or of so many bytes at its beginning."""
     digest, size = hashlib.sha256(), 0
     with path.open("rb") as stream:
-        while piece := stream.read(_PIECE if length is None else min(_PIECE, length - size)):
+        while piece := stream.read(SAMPLES_OF_A_PIECE if length is None else min(SAMPLES_OF_A_PIECE, length - size)):
             digest.update(piece)
             size += len(piece)
     return size, digest.hexdigest()

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from html import escape
 
 from rotorfit.estimators.inference.left_out_columns import Term
+from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.fitting.digits import two_digits
 from rotorfit.models.text_table import text_table
 from rotorfit.units import RPM_PER_RAD_S
@@ -18,7 +19,6 @@ _NARROWED_RATIO = (
     3.0  # uncertainty over standard error from which data narrow it; less clear information is curvature's too
 )
 _NOTABLE_FALL = 0.95  # of a combined error without one entry, above which that entry is not named by itself
-_SIGNIFICANT_RATIO = 4.0  # standard errors at which the data ask for a term; a dozen are tested at once
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +68,7 @@ class Assumption:
     @property
     def missing(self) -> bool:
         """Whether the data ask for the term, or for something like it."""
-        return self.tested and abs(self.z) > _SIGNIFICANT_RATIO
+        return self.tested and abs(self.z) > SIGNIFICANT_ERRORS
 
     @property
     def bears(self) -> bool:

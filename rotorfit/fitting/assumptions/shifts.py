@@ -33,6 +33,7 @@ from rotorfit.estimators.inference.smooth_causes import (
     onset_terms,
 )
 from rotorfit.estimators.misfit.losses import robust_weights
+from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN, Assumption, Assumptions
 from rotorfit.fitting.assumptions.supports import uneven_supports
 from rotorfit.fitting.result import FitResult
@@ -43,18 +44,20 @@ from rotorfit.models.motion.neglected_terms import LeftOut, fluid_coordinates, o
 from rotorfit.models.structure import block_parameters
 
 _RESULTS = ("K0", "D", "lam", "lam_D", "lam_M", "Mf", "n_K", "n_D", "b")
-_SHARE = 0.01  # of what is there already: how large a term that nobody thought of may well be
-_OFFSET = 0.02  # of the way to the next plane, by which a probe or a force may well be off
-_CLEARANCE = 0.02  # of the clearance, which heat and wear change
-_REST = 0.05  # eccentricity at which a journal that is taken as centred may well rest
-_GAIN = 0.015  # of a channel and of an unbalance, which calibration leaves: chains of probes hold 1 to 2 per cent
-_DAMPER = 0.03  # of the fluid's damping, by which a support or the surroundings may well damp the journal too
+_PLAUSIBLE = {
+    "term": 0.01,  # of what is there already, that nobody thought of
+    "offset": 0.02,  # of the way to the next plane, by which a probe or a force is off
+    "clearance": 0.02,  # of the clearance, which heat and wear change
+    "rest": 0.05,  # eccentricity at which a journal rests that is taken as centred
+    "gain": 0.015,  # of a channel and of an unbalance, which calibration leaves: chains of probes hold 1 to 2 per cent
+    "damper": 0.03,  # of the fluid's damping, by which a support or the surroundings damp the journal too
+}
+"""Sizes that what a model leaves out may well have, which the user may replace. Chosen."""
 _LARGEST_SHIFT = 0.5
 """Shift over the standard error up to which intervals of 95 % hold the truth in 92 % and more."""
 _WITH_SPEED = {"K0": 0.3, "D": 0.1, "lam": 0.05}
 """Share by which values of the fluid may well change when the speed doubles: K0 of seals grows by a power of about 0.3,
 lam and D change with swirl and temperature. Chosen."""
-_CLEARLY = 4.0  # standard errors from zero at which a fitted coupling damping says that there is a damper
 
 
 def assumptions_of(fit: FitResult, priors: Mapping[str, float] | None = None) -> Assumptions:
@@ -188,7 +191,7 @@ def _rest(fit: FitResult) -> list[Rest]:
         isinstance(b, OrbitResponses) or is_linear(b) for b in fit.problem.blocks
     ):
         return []
-    eccentricity = fit.settings.assumptions.get(_rest_name(fit), 0.0) or _REST
+    eccentricity = fit.settings.assumptions.get(_rest_name(fit), 0.0) or _PLAUSIBLE["rest"]
     law = Muszynska().start(1.0, 1.0)
     factors = {"K0": (1 - eccentricity**2) ** law["n_K"], "D": (1 - eccentricity**2) ** law["n_D"]}
     factors |= dict.fromkeys(("lam", "lam_D", "lam_M"), (1 - eccentricity) ** -law["b"])
@@ -240,26 +243,28 @@ def _described(fit: FitResult, term: Term) -> tuple[str, str, str, float]:
     planes = [c.plane for c in fit.model.coordinates]
     match term:
         case Clearance():
-            described = "clearance", "radial clearance, taken as known, as a share of it", "1", _CLEARANCE
+            described = "clearance", "radial clearance, taken as known, as a share of it", "1", _PLAUSIBLE["clearance"]
         case Gain():
             name = "gain" if term.at is None else f"gain[{planes[term.at]}]"
-            described = name, f"gain of the only {'run' if term.at is None else 'probe'}", "1", _GAIN
+            described = name, f"gain of the only {'run' if term.at is None else 'probe'}", "1", _PLAUSIBLE["gain"]
         case Cause():
             described = _described_cause(fit, term)
         case Rest():
-            described = _rest_name(fit), "eccentricity of the journal at rest, taken as centred", "1", _REST
+            meaning = "eccentricity of the journal at rest, taken as centred"
+            described = _rest_name(fit), meaning, "1", _PLAUSIBLE["rest"]
         case Offset():
-            described = f"{term.kind}[{planes[term.at]}]", f"offset towards {planes[term.towards]}", "1", _OFFSET
+            name = f"{term.kind}[{planes[term.at]}]"
+            described = name, f"offset towards {planes[term.towards]}", "1", _PLAUSIBLE["offset"]
         case LeftOut():
             stiffness, frequency, speed = _levels(fit)
-            share = _SHARE * stiffness / frequency**term.power / speed**term.speed_power
+            share = _PLAUSIBLE["term"] * stiffness / frequency**term.power / speed**term.speed_power
             # What acts between the planes acts at the journal too, about as much.
             damper = max(_damper(fit), _coupled(fit)) if term.name.startswith("Ds") else 0.0
             described = term.name, term.meaning, term.unit, max(share, damper)
         case _:
             p = fit.params[fit.model.parameter_names[term]]
             damper = _damper(fit) if p.name.startswith("Ds") else 0.0
-            described = p.name, f"{p.meaning}, taken as known", p.unit, max(_SHARE * abs(p.value), damper)
+            described = p.name, f"{p.meaning}, taken as known", p.unit, max(_PLAUSIBLE["term"] * abs(p.value), damper)
     return described
 
 
@@ -279,7 +284,7 @@ def _described_cause(fit: FitResult, cause: Cause) -> tuple[str, str, str, float
 
 def _damper(fit: FitResult) -> float:
     """Damping beside the fluid's that may well be there, N s/m."""
-    return _DAMPER * abs(fit.params["D"].value) if "D" in fit.params else 0.0
+    return _PLAUSIBLE["damper"] * abs(fit.params["D"].value) if "D" in fit.params else 0.0
 
 
 def _coupled(fit: FitResult) -> float:
@@ -287,7 +292,7 @@ def _coupled(fit: FitResult) -> float:
     if "coupling_damping" not in getattr(fit.model, "blocks", ()):
         return 0.0
     found = [fit.params[p.name] for p in block_parameters(("coupling_damping",), len(fit.model.planes))]
-    return max((abs(p.value) for p in found if p.vary and abs(p.value) > _CLEARLY * p.stderr), default=0.0)
+    return max((abs(p.value) for p in found if p.vary and abs(p.value) > SIGNIFICANT_ERRORS * p.stderr), default=0.0)
 
 
 def _levels(fit: FitResult) -> tuple[float, float, float]:

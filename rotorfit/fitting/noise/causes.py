@@ -12,14 +12,11 @@ from rotorfit.estimators.inference.smooth_causes import Cause, cause_columns, ca
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.reading_noise import NOISE_FLOOR
 from rotorfit.estimators.noise.run_effects import MixedModel, select_effects
+from rotorfit.estimators.significance import P_UNLIKELY, P_WARNING
 from rotorfit.fitting.noise.linearised import LinearisedFit, linearise
 from rotorfit.fitting.noise.noise_fit import RESPONSE, SPEED, NoiseFit, sigma_of_residuals, weighing_sigma
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_P_CAUSE = 0.001
-"""Probability that a fit that misses nothing is given a fixed cause. Chosen, as of other warnings."""
-_P_BETWEEN = 0.01
-"""Probability that runs that differ at random are given a fixed cause, by values of the runs alone. Chosen."""
 _MOST_CAUSES = 3
 """Causes that are looked for one after the other; where more act, the model is another one."""
 
@@ -96,12 +93,12 @@ def _most_likely(data: LinearisedFit, columns: ComplexArray, own: Sequence[Index
     F = gains.gain / np.maximum(gains.rank, 1) / ((gains.square - gains.gain) / (gains.freedom - gains.rank))
     p = np.where(gains.rank > 0, fdtrc(np.maximum(gains.rank, 1), gains.freedom - gains.rank, F), 1.0)
     best = int(np.argmin(p))
-    if p[best] > _P_CAUSE / len(own):
+    if p[best] > P_WARNING / len(own):
         return None
     beside = NoiseFit.of(_beside(data, columns[:, own[best]]), sigma, np.zeros(len(data.kinds)))
     shared = 1 + 2 * sum(beside.memory(sigma).lags)  # neighbours that correlate are fewer readings
     chance = fdtrc(gains.rank[best], (gains.freedom - gains.rank[best]) / shared, F[best] / shared)
-    return best if chance < _P_CAUSE / len(own) else None
+    return best if chance < P_WARNING / len(own) else None
 
 
 def _better_than_runs(data: LinearisedFit, beside: LinearisedFit) -> bool:
@@ -111,7 +108,7 @@ def _better_than_runs(data: LinearisedFit, beside: LinearisedFit) -> bool:
     separate = np.array([kind != "run_fluid" for kind in data.kinds])  # that is K0 and D together
     sigma = weighing_sigma(NoiseFit.of(beside, data.sigma, np.where(separate, np.inf, 0.0)))
     without_cause, with_cause = (MixedModel.of(*one.weighed(sigma), one.rows, one.prior) for one in (data, beside))
-    variance = select_effects(without_cause, level=_P_CAUSE, forced=data.forced)
+    variance = select_effects(without_cause, level=P_WARNING, forced=data.forced)
     if np.count_nonzero(variance) <= len(data.forced):
         return True
     own = np.flatnonzero(separate)
@@ -120,13 +117,13 @@ def _better_than_runs(data: LinearisedFit, beside: LinearisedFit) -> bool:
     left = with_cause.part(own).solve(free).square
     gain = without_cause.part(own).solve(free).square - left
     freedom = 2 * data.r.size - beside.prior.size - own.size * len(data.runs)
-    if freedom > 0 and fdtrc(columns, freedom, gain / columns / (left / freedom)) < _P_CAUSE:
+    if freedom > 0 and fdtrc(columns, freedom, gain / columns / (left / freedom)) < P_WARNING:
         return True
     # Gain in likelihood as of a straight line through one value of each run, which few runs have by chance.
-    spread = select_effects(with_cause, level=_P_CAUSE, forced=data.forced)
+    spread = select_effects(with_cause, level=P_WARNING, forced=data.forced)
     ratio = 2 * (_likelihood(with_cause, spread) - _likelihood(without_cause, variance)) / len(data.runs)
     freedom = len(data.runs) - 1 - columns
-    return freedom > 0 and bool(fdtrc(columns, freedom, freedom / columns * np.expm1(max(ratio, 0.0))) < _P_BETWEEN)
+    return freedom > 0 and bool(fdtrc(columns, freedom, freedom / columns * np.expm1(max(ratio, 0.0))) < P_UNLIKELY)
 
 
 def _likelihood(model: MixedModel, variance: Float) -> float:

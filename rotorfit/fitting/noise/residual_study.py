@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorfit.estimators.inference.smooth_causes import Cause
+from rotorfit.estimators.significance import P_WARNING
 from rotorfit.fitting.noise import words
 from rotorfit.fitting.noise.record import FoundNoise, Miss, NoiseVerdict, ResponseNoise, RunEffect
 from rotorfit.models.array_types import Float
@@ -16,8 +17,6 @@ from rotorfit.version import renamed
 MODEL_LIMITED_REDCHI = 2.0
 """redchi above which a result that has nothing else to go by says that the model, not the noise, limits the fit."""
 
-_CHANCE = 0.001
-"""Probability that redchi of noise alone is said to exceed the noise: errors of the sentence, as of other warnings."""
 _MANY = 1e9
 """Readings from which a noise is as good as known."""
 
@@ -172,7 +171,7 @@ def largest_redchi(study: ResidualStudy | None, nfree: int, known_from: float) -
 
     lags = () if study is None else study.lags
     independent = nfree / (1 + 2 * sum(lag * lag for lag in lags))  # squares of normal errors correlate by lag^2
-    return float(fdtri(independent, min(known_from, _MANY), 1 - _CHANCE)) if nfree > 0 else float("nan")
+    return float(fdtri(independent, min(known_from, _MANY), 1 - P_WARNING)) if nfree > 0 else float("nan")
 
 
 def _satterthwaite(parts: Sequence[float], freedom: Sequence[float]) -> float:

@@ -17,7 +17,6 @@ from rotorfit.units import RPM_PER_RAD_S, UNITS, units_of
 _MARK = re.compile(r"[+-]?9{3,5}(\.(0+|9+))?")
 """What instruments write where they have no reading: 999, -999, 9999.9, ..."""
 _BEYOND = 10.0  # times the largest other amplitude
-_TURN = 360.0  # degrees from every other phase
 
 
 def without_empty(table: Table) -> tuple[Table, list[Finding]]:
@@ -102,7 +101,7 @@ def _refuse_marks(table: Table) -> None:
         if values is None or not values.size:
             continue
         mark = float(cells[marked[0]])
-        if abs(mark) > _BEYOND * np.abs(values).max() if name in amplitudes else np.abs(values - mark).min() > _TURN:
+        if abs(mark) > _BEYOND * np.abs(values).max() if name in amplitudes else np.abs(values - mark).min() > 360.0:
             raise ValueError(
                 f"{table.where(marked[0], name)}: {cells[marked[0]]} is far from all others ({len(marked)} such "
                 "cells in the column). If instruments write it where there is no reading, leave the cells blank"
