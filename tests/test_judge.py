@@ -119,6 +119,35 @@ def test_amplification_and_margin_of_an_unbalance_response() -> None:
     assert by_name(report, "amplitude").value == pytest.approx(1e6 * amplitude(1.3 * top.x), rel=1e-5)
 
 
+def test_cases_are_judged_as_rotors_with_these_values() -> None:
+    """A case is the rotor whose parameters are multiplied; its critical speed is looked for where it is."""
+    factors = {"K0": 2.0, "D": 0.4}
+    options = {"max_speed_rpm": RUNNING * RPM, "unbalance_g_mm": {"disk": 20.0}, "cross_coupling": {"disk": 900.0}}
+    report = exact().stability_report(cases={"smallest clearance": factors, "as it is": {}}, **options)
+    p = TRUE | {name: TRUE[name] * factor for name, factor in factors.items()}
+    stiffness, damping = p["K"] + p["K0"], p["Ds"] + p["D"]
+    # s of M s^2 + (Ds + D) s + K + K0 - j D lam Om
+    s = np.roots([p["M"], damping, stiffness - 1j * p["D"] * p["lam"] * RUNNING])
+    forward = s[s.imag > 0][0]
+    case = [c for c in report.criteria if c.case == "smallest clearance"]
+    found = {c.name.split(",")[0]: c.value for c in case}
+    assert found["log. decrement of the least stable forward mode"] == pytest.approx(
+        -2 * np.pi * forward.real / forward.imag, rel=1e-5
+    )
+    wn = np.sqrt(stiffness / p["M"])
+    assert found["threshold speed over running speed"] == pytest.approx(
+        wn * (1 + p["Ds"] / p["D"]) / p["lam"] / RUNNING, rel=1e-5
+    )
+    speeds = np.linspace(100.0, 300.0, 200001)
+    quadrature = p["Ds"] * speeds + p["D"] * speeds * (1 - p["lam"])
+    top = speeds[np.argmax(speeds**2 / np.hypot(stiffness - p["M"] * speeds**2, quadrature))]
+    margin = next(c for c in case if "critical speed" in c.name)
+    assert float(margin.name.split("speed ")[1].split(" rpm")[0]) == pytest.approx(top * RPM, rel=1e-3)
+    assert margin.value == pytest.approx(100 * (1 - top / RUNNING), rel=2e-3)
+    same = [replace(c, case="") for c in report.criteria if c.case == "as it is"]
+    assert same == [c for c in report.criteria if not c.case]
+
+
 def test_margin_that_is_asked() -> None:
     assert margin_asked(np.array([2.5]), np.array([True]))[0] == 0
     assert margin_asked(np.array([20.0]), np.array([True]))[0] == pytest.approx(0.16)
@@ -253,6 +282,7 @@ def test_what_is_refused() -> None:
         ("give unbalance_g_mm", {"plane": "disk"}),
         ("unknown parameter", {"cases": {"hot": {"K9": 1.2}}}),
         ("probability", {"level": 1.2}),
+        ("factor of K0 in a case", {"cases": {"worn": {"K0": float("nan")}}}),
     ):
         with pytest.raises(ValueError, match=words):
             fit.stability_report(**{"max_speed_rpm": 2000.0, **options})
@@ -274,6 +304,17 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert "did you mean 'disk'" in capsys.readouterr().err
     assert main([*words, "--unbalance", "20"]) == 2
     assert "--unbalance takes NAME=VALUE" in capsys.readouterr().err
+    assert main([*words, "--cross-coupling", "disk=3kN/m"]) == 2
+    assert "'3kN/m' is not a number" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["judge", str(tmp_path / "fit.json"), "--max-speed", "2800rpm"])
+    assert "--max-speed: '2800rpm' is not a number" in capsys.readouterr().err
+    assert main([*words, "--case", "worn: K0=0.6,D=0.5", "--json"]) == 0
+    cases = {row["case"] for row in json.loads(capsys.readouterr().out)["criteria"]}
+    assert cases == {"", "worn"}
+    for wrong in ("K0=0.6", "worn:", "worn: K0"):
+        assert main([*words, "--case", wrong]) == 2
+        assert "--case" in capsys.readouterr().err
     before = (tmp_path / "fit.json").read_bytes()
     (tmp_path / CONTENTS).write_text("fit.json\n", encoding="utf-8")  # the folder of results that holds the fit
     assert main([*words, "--out", str(tmp_path)]) == 2

@@ -185,6 +185,33 @@ def test_derivatives_of_curves_are_exact(name: str) -> None:
         np.testing.assert_allclose(slope[:, place] * size, (ahead - behind) / 2e-5, atol=1e-7 * np.abs(stiffness).max())
 
 
+def test_data_next_to_the_wall_fill_their_axes() -> None:
+    """Loads that press the journal to 0.95 of the clearance, where K0 and D grow without bound a little further on."""
+    model = rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=CLEARANCE_UM)
+    values = ONE_MODE | POWER | {"D": 150.0}
+    options: dict[str, Any] = {"tolerance": 1e-4, "noise": 0.002}
+    static = rf.simulate(
+        model, values, "static-load", speed_rpm=[500.0, 1000.0], load=[1.0, 3.0, 6.0, 20.0, 60.0, 150.0], **options
+    )
+    sweep = rf.simulate(model, values, speed_rpm=1000.0, frequency_rpm=FREQUENCY_RPM[::2], force=[2.0], **options)
+    fit = rf.fit(model, [sweep, static], known={"Ds": values["Ds"]}, start=values_of(values))
+    largest = max(float(block.eccentricity.max()) for block in fit.problem.blocks)
+    assert largest > 0.94
+    for plot in (plot_law, plot_static_stiffness):
+        figure = plot(fit)
+        figure.canvas.draw()
+        for axis in figure.axes:
+            assert largest < axis.get_xlim()[1] < 1.01
+            height = [line.get_path().transformed(axis.transData).vertices[:, 1] for line in solid(axis, largest)]
+            assert np.ptp(np.concatenate(height)) > 0.5 * axis.bbox.height
+
+
+def solid(axis: Any, largest: float) -> list[Any]:
+    """Curves over the eccentricities of the data, and their points."""
+    rows = [line for line in axis.lines if line.get_linestyle() == "-" or line.get_marker() == "o"]
+    return [line for line in rows if np.max(line.get_xdata()) <= 1.01 * largest]
+
+
 def test_figures_without_their_data_say_what_is_missing() -> None:
     full = fitted(1)
     known = {name: full.params[name].value for name in ("Ds", "K", "M", "Mf")}

@@ -14,7 +14,7 @@ from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequenci
 import rotorfit as rf
 from rotorfit.models import OneMode, WhirlWhip
 from rotorfit.plots.responses import plot_corner, plot_traces
-from rotorfit.plots.style import picture_of
+from rotorfit.plots.style import decade_ticks, picture_of
 
 RPM = 30 / np.pi
 FIGURES = ("dynamic_stiffness", "bode", "polar", "residuals", "stability")
@@ -308,6 +308,18 @@ def test_labels_of_low_logarithmic_panels_stand_apart_and_are_of_one_size():
         assert len(sizes) == 1
         boxes.sort(key=lambda box: box.y0)
         assert all(below.y1 < above.y0 + 1 for below, above in itertools.pairwise(boxes))
+
+
+def test_numbers_below_one_are_written_as_people_write_them() -> None:
+    from matplotlib.figure import Figure
+
+    axis = Figure().add_subplot()
+    axis.set_yscale("log")
+    axis.set_ylim(0.05, 200.0)
+    decade_ticks(axis.yaxis)
+    shown = [label.get_text() for label in axis.get_yticklabels()]
+    assert {"0.1", "1", "10", "100"} <= set(shown)
+    assert not any("e" in words for words in shown)
 
 
 def test_boxes_of_dynamic_stiffness_hide_no_fit(rig_refinement):

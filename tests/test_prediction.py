@@ -219,3 +219,25 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert "unstable at 9000 rpm" in capsys.readouterr().err
     assert main([*words, "--speed", "1400,1500"]) == 2
     assert "--synchronous" in capsys.readouterr().err
+
+
+def test_the_condition_of_a_fit_with_parameters_per_speed_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    w = covering_frequencies(MODEL, THETA, TESTED, 10)
+    test = circular_test(MODEL, THETA, speeds=TESTED, frequency=w, noise=0.02, seed=3, sigma_known=True)
+    fit = rf.fit(MODEL, test, known=known_of(NAME, TYPICAL[NAME]), per={"D": "speed_rpm"})
+    fit.save(tmp_path / "fit.json")
+    words = ["predict", str(tmp_path / "fit.json"), "--speed", "1500", "--force-plane", "disk", "--frequency", "1000"]
+    assert main(words) == 2
+    refused = capsys.readouterr().err
+    assert "--at NAME=VALUE" in refused
+    assert main(["judge", words[1]]) == 2
+    assert "--at NAME=VALUE" in capsys.readouterr().err
+    speed = next(name for name in fit.var_names if name.startswith("D["))[len("D[speed_rpm=") : -1]
+    assert main([*words, "--at", f"speed_rpm={speed}", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    expected = fit.predict(1000 * np.pi / 30, 1500 * np.pi / 30, force_plane="disk", at={"speed_rpm": float(speed)})
+    assert found["points"][0]["amplitude_um"] == pytest.approx(1e6 * abs(expected.response[0]), rel=1e-9)
+    assert any("statistical errors only" in note for note in found["notes"])
+    assert main(["judge", words[1], "--at", f"speed_rpm={speed}"]) == 0

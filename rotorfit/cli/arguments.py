@@ -40,6 +40,24 @@ def add_figure_format(to: argparse.ArgumentParser, *, may_lack: bool = False) ->
         to.add_argument("--interactive", action="store_true", help=words)
 
 
+def add_group(to: argparse.ArgumentParser) -> None:
+    """Which values, of fits with one value of a parameter a condition."""
+    words = "condition, of a fit with parameters per attribute (--per): speed_rpm=1000"
+    to.add_argument("--at", action="append", default=[], metavar="NAME=VALUE", help=words)
+
+
+def group(options: argparse.Namespace) -> dict[str, float | str]:
+    """The condition that was named."""
+    return pairs("--at", options.at, _number_or_text)
+
+
+def _number_or_text(word: str) -> float | str:
+    try:
+        return float(word)
+    except ValueError:
+        return word
+
+
 def add_files(to: argparse.ArgumentParser) -> None:
     """Test files and how they are read."""
     to.add_argument(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rotorfit.cli.answer import finite, give, say
-from rotorfit.cli.arguments import add_figure_format, add_output
-from rotorfit.options.kinds import pairs, positive_word
+from rotorfit.cli.arguments import add_figure_format, add_group, add_output, group
+from rotorfit.options.kinds import number_word, pairs, positive_word
 
 if TYPE_CHECKING:
     from rotorfit.uncertainty.stability.record import StabilityReport
@@ -30,6 +31,9 @@ def add_options(to: argparse.ArgumentParser) -> None:
     to.add_argument("--max-amplitude", type=positive_word, metavar="UM", help="largest deflection at running speeds")
     to.add_argument("--sensitivity", metavar="PLANE", help="bearing whose sensitivity function is judged")
     to.add_argument("--max-sensitivity", type=positive_word, default=3.0, help="its largest value [%(default)g]")
+    case = "a case beside the rotor as identified: factors on parameters, 'smallest clearance:K0=1.3,D=1.5'"
+    to.add_argument("--case", action="append", default=[], metavar="CASE:NAME=FACTOR", help=case)
+    add_group(to)
     to.add_argument("--level", type=positive_word, default=0.95, help="probability of the intervals [%(default)g]")
     to.add_argument("--out", type=Path, help="folder for stability.csv, summary.txt and stability.png")
     add_figure_format(to)
@@ -49,14 +53,16 @@ def run(options: argparse.Namespace) -> int:
             min_speed_rpm=options.min_speed,
             min_decrement=options.min_decrement,
             min_threshold_ratio=options.min_threshold_ratio,
-            cross_coupling=pairs("--cross-coupling", options.cross_coupling, float),
+            cross_coupling=pairs("--cross-coupling", options.cross_coupling, number_word),
             min_cross_coupling_ratio=options.min_cross_coupling_ratio,
-            unbalance_g_mm=pairs("--unbalance", options.unbalance, float),
+            unbalance_g_mm=pairs("--unbalance", options.unbalance, number_word),
             plane=options.plane,
             max_amplitude_um=options.max_amplitude,
             sensitivity=options.sensitivity,
             max_sensitivity=options.max_sensitivity,
+            cases=_cases(options.case),
             level=options.level,
+            at=group(options),
         )
     )
     errors = errors_in(fit.findings)
@@ -75,6 +81,19 @@ def run(options: argparse.Namespace) -> int:
     for words in errors:
         say(f"error in the data: {words}")
     return ExitCode.NOT_CONVERGED if errors else ExitCode.DONE
+
+
+def _cases(words: Sequence[str]) -> dict[str, dict[str, float]]:
+    """Factors on parameters by name of a case."""
+    found: dict[str, dict[str, float]] = {}
+    for word in words:
+        name, colon, factors = (part.strip() for part in word.partition(":"))
+        if not (name and colon and factors):
+            raise ValueError(f"--case takes CASE:NAME=FACTOR, such as 'smallest clearance:K0=1.3,D=1.5'; got {word!r}")
+        if name in found:
+            raise ValueError(f"--case names {name} twice")
+        found[name] = pairs(f"--case {name}", [factors], number_word)
+    return found
 
 
 def _plain(found: StabilityReport) -> dict[str, Any]:

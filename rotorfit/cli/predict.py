@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rotorfit.cli.answer import give, say
-from rotorfit.cli.arguments import add_figure_format, add_output, numbers
+from rotorfit.cli.arguments import add_figure_format, add_group, add_output, group, numbers
 from rotorfit.options.kinds import positive_word
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
@@ -35,6 +35,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
     to.add_argument("--force-plane", metavar="PLANE", help="where the force acts")
     to.add_argument("--plane", metavar="PLANE", help="where the motion is predicted [where the force acts]")
     to.add_argument("--direction", metavar="X", help="x or y, of models that keep both apart")
+    add_group(to)
     to.add_argument("--level", type=positive_word, default=0.95, help="probability that a band holds [%(default)g]")
     to.add_argument("--whole", action="store_true", help="bands that hold whole curves, not each point by itself")
     to.add_argument("--statistical", action="store_true", help="bands without what the model leaves out")
@@ -90,6 +91,7 @@ def _prediction(fit: FitResult, options: argparse.Namespace) -> Prediction:
         level=options.level,
         whole=options.whole,
         statistical=options.statistical,
+        at=group(options),
     )
 
 

@@ -150,7 +150,10 @@ def _frozen_prior(where: str, name: str, numbers: Sequence[float]) -> Any:
 
 def positive_word(word: str) -> float:
     """A number above zero."""
-    value = float(word)
+    try:
+        value = float(word)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{word!r} is not a number") from None
     if not 0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"{word} is not above zero")
     return value

@@ -23,6 +23,7 @@ from rotorfit.plots.style import (
     grid,
     legend_below,
     literal,
+    logarithmic_over_decades,
     looked,
     per_rad_s,
     prefix,
@@ -61,6 +62,7 @@ def plot_law(fit: FitResult) -> Figure:
             axis.plot(eps[~seen], value[~seen], ":", color=colour, lw=1.4)
             axis.fill_between(eps, value - band, value + band, color=colour, alpha=0.25, lw=0)
         axis.set_ylabel(f"{curves[0].name}, {unit}" if unit else curves[0].name, fontsize=8)
+        logarithmic_over_decades(axis, factor * every)
         _rug(axis, fit)
     axes[-1, 0].set_xlabel("eccentricity of the journal over clearance", fontsize=8)
     _law_legend(figure, [_series_label(fit, group, speed) for group, speed in series])

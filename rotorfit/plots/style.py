@@ -178,13 +178,27 @@ class _BetweenDecades(Locator):
         return self.tick_values(*cast("Any", self.axis).get_view_interval())
 
 
+def logarithmic_over_decades(axis: Any, values: Any) -> None:
+    """A logarithmic ordinate where positive values span more than two decades: a few of them would hide the others."""
+    if np.min(values) > 0 and np.max(values) > 100 * np.min(values):
+        axis.set_yscale("log")
+        decade_ticks(axis.yaxis)
+
+
+class _Plain(LogFormatter):
+    """Numbers below one as people write them: 0.1, not 1e-01."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return f"{x:g}" if super().__call__(x, pos) else ""
+
+
 def decade_ticks(axis: Any) -> None:
     """Write the labels of a logarithmic axis as 0.1, 1, 10, with 2 and 5 between where it spans few decades."""
     axis.set_major_locator(LogLocator())
     axis.set_minor_locator(_BetweenDecades())
-    axis.set_major_formatter(LogFormatter())
+    axis.set_major_formatter(_Plain())
     labelled = 1.5  # decades of a logarithmic axis up to which ticks between powers of ten are labelled too
-    axis.set_minor_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(labelled, labelled)))
+    axis.set_minor_formatter(_Plain(labelOnlyBase=False, minor_thresholds=(labelled, labelled)))
     axis.set_tick_params(which="minor", labelsize=axis.get_tick_params(which="major").get("labelsize"))
 
 

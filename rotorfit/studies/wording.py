@@ -10,6 +10,7 @@ _SPOKEN = (
     (r"rf\.refine\(fit\) \(--refine\)", "--refine"),
     (r"the slow roll, read\(\.\.\., slow_roll=\.\.\.\), or", "the slow roll (--slow-roll-below RPM), or"),
     (r"give it, read\(path, speed=\.\.\.\) in rad/s", "give it, --speed RPM"),
+    (r"at=\{attribute: value\}", "--at NAME=VALUE"),
     (r"free a default with known=\{name: None\}", "free a default with --known NAME=free"),
     (r"use rf\.fit\(model, experiments\)", "use `rotorfit fit`"),
     (

@@ -195,9 +195,11 @@ class Prediction:
             rows.append([*numbers, *cells, f"{np.rad2deg(np.angle(self.seen[i])):.1f}"])
         what = "of whole curves" if self.whole else "at each frequency"
         by = "statistical errors and what the model leaves out" if self.systematic.any() else "statistical errors"
+        count = self.response.size
+        points = f"{count} points; first, largest and last" if count > 1 else "one point"
         head = (
-            f"response at {self.plane} to a force at {self.force_plane}, {self.response.size} points; first, largest "
-            f"and last; {self.level:.0%} bands {what}, by {by}"
+            f"response at {self.plane} to a force at {self.force_plane}, {points}; "
+            f"{self.level:.0%} bands {what}, by {by}"
         )
         return "\n".join([head, *text_table(rows, ">8 >10 >10 >20 >20 >11"), *self.notes])
 
@@ -479,6 +481,8 @@ def _notes(fit: FitResult, test: PerturbationTest, noise: Float) -> tuple[str, .
         found.append(f"No readings at {test.plane[0]} were fitted: the noise of a new reading there is not known.")
     if fit.model_limited:
         found.append("The model misses the data beyond their noise: the bands may be too narrow.")
+    if len(fit.thetas) > 1:
+        found.append("Bands hold the statistical errors only: parameters were fitted per attribute.")
     if fit.noise is not None and fit.noise.effects:
         found.append("Runs differ: a new run differs from the mean by more than the band of a new reading.")
     return tuple(found)

@@ -84,48 +84,49 @@ def stability_report(
     _refuse_sensitivity(fit, sensitivity)
     one, unseen = fitted_rotor(fit, group), unseen_rotors(fit, group)
     many = drawn_rotors(fit, group, DERIVED_DRAWS if fit.model.shaft is None else SHAFT_DRAWS, thetas)
-    questions = [_decrement_question(fit, running[1], min_decrement, {}, "")]
-    if fit.model.speed_dependent:
-        questions.append(
-            _Question(
-                name="threshold speed over running speed",
-                unit="",
-                source="",
-                ask=lambda rotors: (_thresholds(fit, group, rotors) / running[1], min_threshold_ratio),
+
+    def questions(rotor: Rotors) -> list[_Question]:
+        """Critical speeds and resonances of a loop are looked for where the rotor of the case has them."""
+        asked = [_decrement_question(fit, running[1], min_decrement, {}, "")]
+        if fit.model.speed_dependent:
+            asked.append(
+                _Question(
+                    name="threshold speed over running speed",
+                    unit="",
+                    source="",
+                    ask=lambda rotors: (_thresholds(fit, group, rotors) / running[1], min_threshold_ratio),
+                )
             )
-        )
-    if coupling:
-        questions.append(
-            _Question(
-                name="cross-coupling at onset over that expected, Q0/Qa",
-                unit="",
-                source="Q0/Qa",
-                ask=lambda rotors: (_ratio_to_onset(fit, rotors, running[1], coupling), min_cross_coupling_ratio),
+        if coupling:
+            asked.append(
+                _Question(
+                    name="cross-coupling at onset over that expected, Q0/Qa",
+                    unit="",
+                    source="Q0/Qa",
+                    ask=lambda rotors: (_ratio_to_onset(fit, rotors, running[1], coupling), min_cross_coupling_ratio),
+                )
             )
-        )
-        questions.append(_decrement_question(fit, running[1], min_decrement, coupling, " with Qa"))
-    speeds = _speeds_of_curves(fit, one, running[1]) if unbalance else np.zeros(0)
-    if unbalance:
-        questions += _unbalance_questions(one, speeds, running, seen, unbalance, max_amplitude_um)
-    frequencies = np.zeros(0)
-    if sensitivity is not None:
-        frequencies = _frequencies_of_loop(fit, one, running[1])
-        questions.append(
-            _Question(
-                name=f"peak of the sensitivity function at {sensitivity}",
-                unit="",
-                source=SENSITIVITY,
-                ask=lambda rotors: (
-                    rotors.sensitivity(frequencies, running[1], sensitivity).max(axis=1),
-                    max_sensitivity,
-                ),
-                at_least=False,
+            asked.append(_decrement_question(fit, running[1], min_decrement, coupling, " with Qa"))
+        if unbalance:
+            speeds = _speeds_of_curves(fit, group, rotor, running[1])
+            asked += _unbalance_questions(rotor, speeds, running, seen, unbalance, max_amplitude_um)
+        if sensitivity is not None:
+            w = _frequencies_of_loop(fit, rotor, running[1])
+            asked.append(
+                _Question(
+                    name=f"peak of the sensitivity function at {sensitivity}",
+                    unit="",
+                    source=SENSITIVITY,
+                    ask=lambda rotors: (rotors.sensitivity(w, running[1], sensitivity).max(axis=1), max_sensitivity),
+                    at_least=False,
+                )
             )
-        )
+        return asked
+
     criteria = [
         _answer(question, case, one.scaled(factors), many.scaled(factors), unseen.scaled(factors), level)
         for case, factors in {"": {}, **(cases or {})}.items()
-        for question in questions
+        for question in questions(one.scaled(factors))
     ]
     return StabilityReport(
         criteria=tuple(criteria),
@@ -134,10 +135,10 @@ def stability_report(
         level=level,
         draws=len(many.theta),
         decrement=_decrement_curves(fit, one, many, running[1], level),
-        unbalance=_unbalance_curves(one, many, speeds, seen, unbalance, level),
+        unbalance=_unbalance_curves(fit, group, one, many, running[1], seen, unbalance, level),
         cross_coupling=_coupling_curve(fit, one, many, running[1], coupling, level),
-        sensitivity=_sensitivity_curve(one, many, frequencies, running[1], sensitivity, level),
-        notes=_notes(fit, one, running, speeds),
+        sensitivity=_sensitivity_curve(fit, one, many, running[1], sensitivity, level),
+        notes=_notes(fit, one, running),
         caution=_caution(fit),
     )
 
@@ -344,7 +345,7 @@ def _coupling_curve(
         driven = {where: np.array(q * factor) for where, q in coupling.items()}
         values[k] = _least_decrement(fit, one.coupled(driven), speed)[0]
         bands[k] = _quantiles(_least_decrement(fit, few.coupled(driven), speed), level)
-    return (Curve(label=f"at {', '.join(coupling)}", x=factors * total, y=values, band=bands),)
+    return (Curve(label=f"cross-coupling at {', '.join(coupling)}", x=factors * total, y=values, band=bands),)
 
 
 # ---- loop of a bearing ------------------------------------------------------------------------------------------
@@ -378,10 +379,11 @@ def _frequencies_of_loop(fit: FitResult, rotor: Rotors, speed: float) -> Float:
 
 
 def _sensitivity_curve(
-    one: Rotors, many: Rotors, w: Float, speed: float, plane: str | None, level: float
+    fit: FitResult, one: Rotors, many: Rotors, speed: float, plane: str | None, level: float
 ) -> tuple[Curve, ...]:
     if plane is None:
         return ()
+    w = _frequencies_of_loop(fit, one, speed)
     band = _quantiles(_few(many).sensitivity(w, speed, plane), level).T
     return (Curve(label=f"sensitivity at {plane}", x=w, y=one.sensitivity(w, speed, plane)[0], band=band),)
 
@@ -389,10 +391,9 @@ def _sensitivity_curve(
 # ---- unbalance response ------------------------------------------------------------------------------------------
 
 
-def _speeds_of_curves(fit: FitResult, one: Rotors, top: float) -> Float:
+def _speeds_of_curves(fit: FitResult, group: int, one: Rotors, top: float) -> Float:
     """Speeds of unbalance responses, close to one another at resonances, below the threshold speed."""
-    group = int(np.flatnonzero((fit.thetas == one.theta[0]).all(axis=1))[0])
-    threshold = fit.threshold_of(group).value if fit.model.speed_dependent else math.nan
+    threshold = float(_thresholds(fit, group, one)[0]) if fit.model.speed_dependent else math.inf
     end = 2.5 * top
     if threshold > top:
         end = min(end, threshold)
@@ -451,10 +452,18 @@ def _unbalance_questions(
 
 
 def _unbalance_curves(
-    one: Rotors, many: Rotors, speeds: Float, seen: str, unbalance: Mapping[str, float], level: float
+    fit: FitResult,
+    group: int,
+    one: Rotors,
+    many: Rotors,
+    top: float,
+    seen: str,
+    unbalance: Mapping[str, float],
+    level: float,
 ) -> tuple[Curve, ...]:
     if not unbalance:
         return ()
+    speeds = _speeds_of_curves(fit, group, one, top)
     band = _quantiles(_few(many).response(speeds, seen, unbalance), level).T
     weights = ", ".join(f"{mr * 1e6:.3g} g mm at {where}" for where, mr in unbalance.items())
     return (Curve(label=f"{seen}, {weights}", x=speeds, y=one.response(speeds, seen, unbalance)[0], band=band),)
@@ -470,7 +479,7 @@ def _caution(fit: FitResult) -> str:
     )
 
 
-def _notes(fit: FitResult, one: Rotors, running: tuple[float, float], speeds: Float) -> tuple[str, ...]:
+def _notes(fit: FitResult, one: Rotors, running: tuple[float, float]) -> tuple[str, ...]:
     known = [fit.speeds] if fit.speeds.size else []
     found = extrapolation("running speeds", np.unique(running), known) if known else []
     least = [s for s in _reference(fit, one, running[1]) if s.imag > fit.band]

@@ -40,9 +40,11 @@ class Rotors:
     def scaled(self, factors: Mapping[str, float]) -> Rotors:
         """With parameters multiplied by factors."""
         names = self.model.parameter_names
-        for name in factors:
+        for name, factor in factors.items():
             if name not in names:
                 raise ValueError(unknown_name("parameter", name, names))
+            if not 0 <= factor < math.inf:
+                raise ValueError(f"the factor of {name} in a case is {factor:g}; it is finite and not below zero")
         return replace(self, theta=self.theta * np.array([factors.get(name, 1.0) for name in names]))
 
     def coupled(self, coupling: Mapping[str, Float]) -> Rotors:
