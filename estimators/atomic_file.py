@@ -7,7 +7,7 @@ import re
 import shutil
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
@@ -47,6 +47,14 @@ def refuse_input(path: Path) -> None:
 def _identity(path: Path) -> tuple[int, int]:
     status = path.stat()
     return status.st_dev, status.st_ino
+
+
+def file_name(text: str, taken: Collection[str] = ()) -> str:
+    """A text that data gave, of a plane or a run, as a part of a file's name: without what separates folders, no longer
+    than file systems allow, and none of those taken."""
+    most = 100  # bytes, of 255 with what stands before and behind
+    plain = re.sub(r"[^\w.+=,()\[\] -]", "-", text).lstrip(".").encode()[:most].decode(errors="ignore")
+    return next(name for name in (plain, *(f"{plain}-{i + 2}" for i in range(len(taken)))) if name not in taken)
 
 
 def sweep(folder: Path, drafts: str) -> None:

@@ -8,8 +8,12 @@ import os
 import sys
 from typing import TextIO
 
-_CONTROLS = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\t\n\r"}
-"""Characters that steer a terminal, as they are printed."""
+_CONTROLS = {
+    code: chr(code).encode("unicode_escape").decode()
+    for code in (*range(32), *range(127, 160), *range(0x202A, 0x202F), *range(0x2066, 0x206A))
+    if chr(code) not in "\t\n\r"
+}
+"""Characters that steer a terminal, or turn the direction of writing, as they are printed."""
 
 
 _ERASE = "\033[K"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -178,6 +179,23 @@ def test_damaged_machine_code_is_compiled_again(tmp_path, monkeypatch, damage):
         file.write_bytes(damage(file.read_bytes()))
         assert not compiled_anew()
         assert compiled_anew()
+
+
+def test_machine_code_that_others_may_change_is_compiled_again(tmp_path, monkeypatch):
+    """The folder may be seen by all; the files that numba makes there have the mode that the user's umask leaves."""
+    pytest.importorskip("numba")
+    (tmp_path / "kernels" / "__pycache__").mkdir(parents=True)
+    monkeypatch.setenv("ROTORFIT_CACHE_DIR", str(tmp_path / "kernels"))
+    before = os.umask(0o002)
+    try:
+        assert not compiled_anew()
+    finally:
+        os.umask(before)
+    assert compiled_anew()
+    files = sorted((tmp_path / "kernels" / "__pycache__").glob("*.nb[ic]"))
+    assert [file.stat().st_mode & 0o777 for file in files] == [0o600, 0o600]
+    files[0].chmod(0o666)
+    assert not compiled_anew()
 
 
 def test_machine_code_is_not_loaded_from_a_numba_folder_of_others(tmp_path, monkeypatch):

@@ -6,11 +6,12 @@ import os
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import rotorfit as rf
 from rotorfit.cli.main import main
-from rotorfit.estimators.atomic_file import protected_inputs, whole_file
+from rotorfit.estimators.atomic_file import file_name, protected_inputs, whole_file
 from rotorfit.studies.folder import CONTENTS, complete_folder
 
 
@@ -58,6 +59,117 @@ def test_a_rename_that_fails_leaves_the_result_that_was_there(
     monkeypatch.undo()
     assert held(out) == {"fit": "1", "table": "1"}
     assert [path.name for path in tmp_path.iterdir()] == ["results"]
+
+
+@pytest.mark.parametrize("plane", ["p" * 300, "C:\\x", "\u00e4" * 200])
+def test_names_of_planes_give_names_of_recordings_that_work(tmp_path: Path, plane: str) -> None:
+    values = {"M": 1.2, "K": 8e3, "Ds": 8.0, "K0": 9e3, "D": 450.0, "lam": 0.46, "Mf": 0.4}
+    options = {"speed_rpm": [600.0], "duration": 1.0}
+    files = rf.simulate_recordings(rf.models.OneMode(planes=(plane,)), values, tmp_path, "balance", **options)
+    assert sorted(tmp_path.iterdir()) == sorted([*files, tmp_path / "rig.toml"])
+    assert [rf.read_recording(file).planes for file in files] == [(plane,), (plane,)]
+    with pytest.raises(ValueError, match=r"no channel of an HDF5 file can be called '\.\./x_X'"):
+        rf.simulate_recordings(rf.models.OneMode(planes=("../x",)), values, tmp_path, "balance", **options)
+
+
+@pytest.mark.parametrize("plane", ["a/b", "../x", "p" * 300])
+def test_names_of_planes_give_names_of_figures_that_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plane: str
+) -> None:
+    monkeypatch.setattr("rotorfit.plots.style.picture_of", lambda figure, *, dpi: b"")  # drawing takes seconds
+    turns = 20 * np.pi * np.arange(4096) / 1024.0
+    volts = np.column_stack([turns, np.cos(turns), np.sin(turns), np.where(turns % (2 * np.pi) < 0.3, -8.0, -2.0)])
+    volts[:, 0] /= 20 * np.pi
+    np.savetxt(tmp_path / "volts.csv", volts, "%.5f", ",", header="time_s,p_X,p_Y,keyphasor", comments="")
+    probe = f'[[probe]]\nplane = "{plane}"\nsensitivity_V_per_mm = 7.87\n'
+    probes = [f'{probe}channel = "p_{axis}"\nangle_deg = {angle}\n' for axis, angle in (("X", 0), ("Y", 90))]
+    (tmp_path / "rig.toml").write_text('rotation = "ccw"\n' + "".join(probes), encoding="utf-8")
+    out = tmp_path / "looks"
+    words = ["look", str(tmp_path / "volts.csv"), "--setup", str(tmp_path / "rig.toml"), "--quiet", "--out", str(out)]
+    assert main(words) in (0, 1)
+    assert len(list(out.glob("cascade*.png"))) == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"volts.csv", "rig.toml", "looks"}
+
+
+def test_different_names_give_different_files() -> None:
+    given = ["a/b", "a-b", "a:b", "p" * 200, "p" * 300, "..", ""]
+    names: list[str] = []
+    for name in given:
+        names.append(file_name(name, names))
+    assert names == ["a-b", "a-b-2", "a-b-3", "p" * 100, "p" * 100 + "-2", "", "-2"]
+
+
+class Killed(BaseException):
+    """The end of a process, of which nothing is cleaned up."""
+
+
+@pytest.mark.parametrize("last", range(3))
+def test_a_kill_between_renames_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, last: int) -> None:
+    """The kill comes after each of the renames in turn; what is not of the result is there after two more runs."""
+    out = tmp_path / "results"
+    fill(out, fit="1")
+    (out / "notes").write_text("mine")
+    rename = os.rename
+    calls: list[Path] = []
+
+    def killed(source: Path, target: Path) -> None:
+        if len(calls) > last:
+            raise Killed
+        calls.append(source)
+        rename(source, target)
+        if len(calls) > last:
+            raise Killed
+
+    monkeypatch.setattr(os, "rename", killed)
+    with pytest.raises(Killed):
+        fill(out, fit="2")
+    monkeypatch.undo()
+    whole = out if last else tmp_path / "results.previous"
+    assert held(whole)["fit"] == ("2" if last else "1")
+    for text in ("3", "4"):
+        fill(out, fit=text)
+    assert held(out) == {"fit": "4", "notes": "mine"}
+    assert held(tmp_path / "results.previous") == {"fit": "3"}
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["results", "results.previous"]
+
+
+def test_a_stop_between_renames_puts_the_result_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = tmp_path / "results"
+    fill(out, fit="1")
+    rename = os.rename
+
+    def stopped(source: Path, target: Path) -> None:
+        if source.name.startswith(".rotorfit"):
+            raise KeyboardInterrupt
+        rename(source, target)
+
+    monkeypatch.setattr(os, "rename", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        fill(out, fit="2")
+    assert held(out) == {"fit": "1"}
+
+
+def test_two_runs_into_one_folder_leave_the_result_of_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = tmp_path / "results"
+    fill(out, fit="1")
+    with complete_folder(out) as folder:
+        (folder / "fit").write_text("2", encoding="utf-8")
+        with monkeypatch.context() as other:
+            other.setattr(os, "getpid", lambda: 1)
+            fill(out, fit="3", bootstrap="3")
+    assert held(out) == {"fit": "2"}
+    assert held(tmp_path / "results.previous") == {"fit": "3", "bootstrap": "3"}
+
+
+def test_what_others_put_beside_the_former_result_is_not_removed(tmp_path: Path) -> None:
+    out = tmp_path / "results"
+    for text in "12":
+        fill(out, fit=text)
+    for folder in (out, tmp_path / "results.previous"):
+        (folder / "notes").write_text("mine")
+    with pytest.raises(FileExistsError, match="is no result and would be lost; move it away"):
+        fill(out, fit="3")
+    assert held(out) == {"fit": "2", "notes": "mine"}
 
 
 def test_files_that_are_no_result_are_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

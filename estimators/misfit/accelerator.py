@@ -53,7 +53,7 @@ def cache_directory() -> Path | None:
 
 
 def _only_mine(path: Path) -> bool:
-    """Whether nobody but this user and root can change a folder, or put another in the place of any part of its path.
+    """Whether nobody but this user and root can change a path, or put another in the place of any part of it.
     Folders above it may be open to others if these cannot rename what is not theirs there (``/tmp``)."""
     if not hasattr(os, "getuid"):
         return True
@@ -82,11 +82,12 @@ class _SealedCache:
         return sorted(Path(self.cache_path).glob(f"{base}*.nb[ic]"))
 
     def load_overload(self, signature: Any, context: Any) -> Any:
-        """Machine code of a signature, None where there is none or it is damaged."""
-        files = self._files()
-        if not all(map(is_sealed, files)):
-            for file in files:
-                file.unlink(missing_ok=True)
+        """Machine code of a signature, None where there is none, or it is damaged or may be changed by others."""
+        with suppress(FileNotFoundError):  # another process removes it at this moment
+            files = self._files()
+            if not all(is_sealed(file) and _only_mine(file) for file in files):
+                for file in files:
+                    file.unlink(missing_ok=True)
         return self._kept.load_overload(signature, context)
 
     def save_overload(self, signature: Any, code: Any) -> None:
@@ -95,6 +96,7 @@ class _SealedCache:
             self._kept.save_overload(signature, code)
             for file in self._files():
                 if not is_sealed(file):
+                    file.chmod(0o600)
                     seal(file)
 
 

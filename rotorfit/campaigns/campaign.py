@@ -18,6 +18,7 @@ from rotorfit.campaigns.trends import Trend, trend_table, trends_of
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.data.findings import listed
+from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.estimators.misfit.losses import LOSSES, Loss
 from rotorfit.estimators.misfit.parameter_space import parameter_space
 from rotorfit.executors import Kept, executor_of
@@ -333,7 +334,8 @@ class Campaign:
             )
             writer.writerow(map(as_text, [run.name, *conditions, *cells, *quality, run.silent]))
         if path is not None:
-            Path(path).write_text(text.getvalue(), encoding="utf-8")
+            with whole_file(Path(path)) as draft:
+                draft.write_text(text.getvalue(), encoding="utf-8")
         return text.getvalue()
 
     def plot_trends(

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from rotorfit.cli.answer import say_findings
 from rotorfit.cli.errors import ExitCode, checked
 from rotorfit.cli.progress import ProgressLine
+from rotorfit.estimators.atomic_file import file_name
 from rotorfit.io.templates import example, kinds
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import RAD_S_PER_RPM
@@ -99,8 +100,10 @@ def _look(options: argparse.Namespace) -> int:
     left_out: list[str] = []
     try:
         with complete_folder(options.out) as folder:
+            names: list[str] = []
             for record, text in zip(records, texts, strict=True):
-                stem = f"{record.name.replace('/', '-')}-" if len(records) > 1 else ""
+                names.append(file_name(record.name, names))
+                stem = f"{names[-1]}-" if len(records) > 1 else ""
                 left_out += _draw(record, options, folder, stem, progress)
                 (folder / f"{stem}summary.txt").write_text(text + "\n", encoding="utf-8")
     finally:
@@ -158,5 +161,5 @@ def _figures(record: Recording, options: argparse.Namespace) -> dict[str, Callab
     if record.rig.twist is not None:
         figures["twist"] = record.plot_twist
     for each in (plane,) if plane is not None else record.planes:
-        figures[f"cascade_{each}"] = partial(record.plot_cascade, each)
+        figures[file_name(f"cascade_{each}", figures)] = partial(record.plot_cascade, each)
     return figures

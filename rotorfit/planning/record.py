@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Unpack
 
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.figure_keywords import PlotKeywords
+from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.inference.optimal_shares import Shares
 from rotorfit.fitting.digits import with_error
@@ -134,7 +135,8 @@ class Plan:
 
         if self.test is None:
             raise ValueError("the plan holds experiments that exist; give a Design for a test to fill in")
-        write_csv(self.test, path)
+        with whole_file(Path(path)) as draft:
+            write_csv(self.test, draft)
 
     def virtual_run(self, *, values: Mapping[str, float] | None = None, seed: int = 0) -> PerturbationTest:
         """The planned test as the rotor would fill it in: integrated in time, read with the planned noise.

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotorfit.estimators.atomic_file import file_name
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses
 from rotorfit.estimators.blocks.small_motion import FreeVibrations
@@ -237,7 +238,7 @@ def _mode_rows(fit: FitResult, label: str, group: int) -> Iterator[list[str]]:
 
 def _profiles(material: ReportInput) -> Iterator[Html]:
     for p in material.profiles:
-        name = re.sub(r"\W+", "_", f"profile_{p.name}").rstrip("_")
+        name = file_name(re.sub(r"\W+", "_", f"profile_{p.name}").rstrip("_"), material.pictures)
         yield embedded(material, name, p.plot, p.name.replace("_", " ") + (f". {p.message}" if p.message else ""))
 
 

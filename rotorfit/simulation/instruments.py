@@ -131,6 +131,9 @@ def write_counts(
     path."""
     import h5py
 
+    slashed = next((name for name in channels if "/" in name), None)
+    if slashed is not None:
+        raise ValueError(f"no channel of an HDF5 file can be called {slashed!r}: a slash stands between groups")
     limit = 2 ** (bits - 1)
     step = full_scale / limit
     content = BytesIO()  # the HDF5 library ends the process where a disk is full

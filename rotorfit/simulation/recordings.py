@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Unpack
 
 import numpy as np
 
+from rotorfit.estimators.atomic_file import file_name, whole_file
 from rotorfit.models import RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.simulation.instruments import Instruments, Played, record
@@ -97,9 +99,13 @@ def simulate_recordings(
         instruments=how,
         residual=residual,
     )
-    files = [record(played, how, place, rng) for played in RECORDED[kind](rig, **options)]
-    (place / "rig.toml").write_text(_setup(kind, how, options), encoding="utf-8")
-    return files
+    files: dict[str, Path] = {}
+    for played in RECORDED[kind](rig, **options):
+        name = file_name(played.name, files)
+        files[name] = record(replace(played, name=name), how, place, rng)
+    with whole_file(place / "rig.toml") as draft:
+        draft.write_text(_setup(kind, how, options), encoding="utf-8")
+    return [*files.values()]
 
 
 def _setup(kind: str, instruments: Instruments, options: RecordingOptions) -> str:

@@ -42,6 +42,7 @@ def complete_folder(out: Path) -> Iterator[Path]:
         yield draft
         names = sorted(file.name for file in draft.iterdir())
         (draft / CONTENTS).write_text("\n".join(names) + "\n", encoding="utf-8")
+        earlier = _result_in(target)  # another run may have ended meanwhile
         for name in {*earlier, *names}:
             refuse_input(out / name)
         for name in names:
@@ -81,16 +82,24 @@ def _switch(draft: Path, target: Path, previous: Path, earlier: frozenset[str]) 
     """Put the result that is there aside and the new one in its place, and take along what is no result."""
     shutil.copymode(target, draft)
     if previous.exists():
+        _move_others(previous, _result_in(previous), target)  # that a kill has left there
         shutil.rmtree(previous)
-    os.rename(target, previous)
     try:
+        os.rename(target, previous)
         os.rename(draft, target)
-    except OSError:
-        os.rename(previous, target)
+    except BaseException:
+        if not target.exists():
+            os.rename(previous, target)
         raise
-    for other in previous.iterdir():
-        if other.name not in earlier and other.name != CONTENTS:
-            os.rename(other, target / other.name)
+    _move_others(previous, earlier, target)
+
+
+def _move_others(folder: Path, result: frozenset[str], target: Path) -> None:
+    """Move what is in a folder beside its result."""
+    for other in [path for path in folder.iterdir() if path.name not in result and path.name != CONTENTS]:
+        if (target / other.name).exists():
+            raise FileExistsError(f"{other} is no result and would be lost; move it away")
+        os.rename(other, target / other.name)
 
 
 @contextmanager

@@ -49,10 +49,13 @@ def write_outcome(
     _write_csv(folder / "curves.csv", _curve_rows(best))
     if of_a_rig(best):
         best.coefficient_table().to_csv(folder / "coefficients.csv")
-        best.plot_coefficients().savefig(folder / f"coefficients.{figure_format}")
-        if best.model.frame != "z":
+        of_frequency = best.model.frame != "z"
+        if of_frequency:
             best.frequency_coefficients().to_csv(folder / "frequency_coefficients.csv")
-            best.plot_frequency_coefficients().savefig(folder / f"frequency_coefficients.{figure_format}")
+        if figure_format != "none":
+            best.plot_coefficients().savefig(folder / f"coefficients.{figure_format}")
+            if of_frequency:
+                best.plot_frequency_coefficients().savefig(folder / f"frequency_coefficients.{figure_format}")
     if outcome.profiles:
         _write_csv(folder / "profiles.csv", _profile_rows(outcome.profiles))
     if outcome.bootstrap is not None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.estimators.atomic_file import note_input
 from rotorfit.estimators.file_limits import check_archive, check_mat, check_unpacked
 from rotorfit.estimators.file_reading import reading
 from rotorfit.models.array_types import Float
@@ -136,8 +137,12 @@ def _from_mat(path: Path) -> dict[str, NDArray[Any]]:
             raise ValueError(
                 f"{path.name} is a MAT file of version 7.3; save it with save(name, ..., '-v7')"
             ) from error
-        sparse = {name: values.toarray() if hasattr(values, "toarray") else values for name, values in content.items()}
-    return {name: np.asarray(values) for name, values in sparse.items() if not name.startswith("__")}
+        matrices = {name: values for name, values in content.items() if not name.startswith("__")}
+        sparse = {name: values for name, values in matrices.items() if hasattr(values, "toarray")}
+        declared = sum(8.0 * values.shape[0] * values.shape[1] for values in sparse.values())
+        check_unpacked(path.name, declared, path.stat().st_size)
+        whole = {name: values.toarray() for name, values in sparse.items()}
+    return {name: np.asarray(values) for name, values in (matrices | whole).items()}
 
 
 def _from_npz(path: Path) -> dict[str, NDArray[Any]]:
@@ -157,6 +162,7 @@ def _from_folder(path: Path) -> dict[str, NDArray[Any]]:
     for name, file in found.items():
         if name not in (*MATRICES, *_POSITIONS, "dofs"):
             continue
+        note_input(file)
         with reading(file.name, "table of numbers"):
             text = file.read_text(encoding="utf-8-sig")
             check_unpacked(file.name, 16.0 * len(text), len(text))
