@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +15,7 @@ from rotorfit.models.model import RotorModel
 from rotorfit.models.shafts.angular_rates import angular_rate, angular_rates
 from rotorfit.models.shafts.turning import unstable_bands
 
-_SPEEDS = 600  # speeds searched for an onset
+SPEEDS = 600  # speeds searched for an onset
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,18 @@ def growth_rate(model: RotorModel, theta: ArrayLike, speed: ArrayLike, band: flo
         speed: rotative speed, rad/s, one or as many as vectors.
         band: modulus beyond which eigenvalues do not count, rad/s.
     """
-    s = spectrum(model, model.motion(theta, speed))
+    return fastest_growth(model, model.motion(theta, speed), band)
+
+
+def fastest_growth(model: RotorModel, coefficients: ComplexArray, band: float = math.inf) -> Float:
+    """Largest real part of the eigenvalues, as :func:`growth_rate`, with the coefficients of free motion at hand.
+
+    Args:
+        model: the rotor.
+        coefficients: shape ``(..., order + 1, n, n)``.
+        band: as there.
+    """
+    s = spectrum(model, coefficients)
     counted = np.isfinite(s) & (np.abs(s) <= band)
     return np.asarray(np.where(counted, s.real, -np.inf).max(axis=-1))
 
@@ -216,7 +228,7 @@ def growing_bands(model: RotorModel, theta: ArrayLike, max_speed: float) -> list
     def rate(speed: float) -> float:
         return float(growth_rate(model, values, speed))
 
-    speeds = np.linspace(max_speed / _SPEEDS, max_speed, _SPEEDS)
+    speeds = np.linspace(max_speed / SPEEDS, max_speed, SPEEDS)
     grows = np.concatenate([growth_rate(model, values, part) > 0 for part in np.array_split(speeds, 10)])
     edges = [
         float(brentq(rate, speeds[i], speeds[i + 1], xtol=1e-12 * max_speed))
@@ -245,8 +257,6 @@ def threshold_speed(
     Raises:
         ValueError: no positive speed to search up to, or no positive band.
     """
-    from scipy.optimize import brentq  # loads much of SciPy
-
     if max_speed is not None:
         max_speed = angular_rate(max_speed, "max_speed", positive=True)
     if not (isinstance(band, int | float) and band > 0):
@@ -254,33 +264,39 @@ def threshold_speed(
     theta = np.asarray(theta, dtype=float)
     if not model.speed_dependent:
         return None
-    highest, round_off = _limits(model, theta, band)
+    highest, round_off = search_limits(model, theta, band)
     max_speed = highest if max_speed is None else max_speed
-    speeds = np.geomspace(max_speed * 1e-4, max_speed, _SPEEDS)
+    speeds = np.geomspace(max_speed * 1e-4, max_speed, SPEEDS)
     if model.turns:  # bands of instability narrower than the steps of the search
         middles = [(low + high) / 2 for low, high in unstable_bands(model, theta, max_speed)]
         speeds = np.sort(np.concatenate([speeds, middles]))
 
-    def rate(speed: float) -> float:
-        return float(growth_rate(model, theta, speed, band)) - round_off
+    onset = first_growth(lambda speed: growth_rate(model, theta, speed, band) - round_off, speeds)
+    return None if onset is None else _threshold_at(model, theta, onset, band)
 
-    first = -1
+
+def first_growth(rate: Callable[[Float], Float], speeds: Float) -> float | None:
+    """Lowest speed, rad/s, at which motion begins to grow; ``None`` if it does at none of those searched.
+
+    Args:
+        rate: growth at speeds, shape ``(N,)``, 1/s.
+        speeds: to search, rad/s, ascending; zero comes before them.
+    """
+    from scipy.optimize import brentq  # loads much of SciPy
+
     at_once = 60  # a scan mostly ends in the first part
     for start in range(0, speeds.size, at_once):
-        rates = growth_rate(model, theta, speeds[start : start + at_once], band) - round_off
-        if (rates > 0).any():
-            first = start + int(np.argmax(rates > 0))
-            break
-    if first < 0:
-        return None
-    low = 0.0 if first == 0 else float(speeds[first - 1])
+        grows = rate(speeds[start : start + at_once]) > 0
+        if not grows.any():
+            continue
+        first = start + int(np.argmax(grows))
+        low, high = (float(speeds[first - 1]) if first else 0.0), float(speeds[first])
 
-    if rate(low) >= 0:
-        onset = low
-    else:
-        high = float(speeds[first])
-        onset = float(brentq(rate, low, high, xtol=1e-12 * high, rtol=1e-13))
-    return _threshold_at(model, theta, onset, band)
+        def at(speed: float) -> float:
+            return float(rate(np.array([speed]))[0])
+
+        return low if at(low) >= 0 else float(brentq(at, low, high, xtol=1e-12 * high, rtol=1e-13))
+    return None
 
 
 def threshold_speed_near(
@@ -346,8 +362,14 @@ def _threshold_at(model: RotorModel, theta: Float, onset: float, band: float) ->
     return Threshold(onset, whirl, np.asarray(-by_theta.real / complex(by_speed).real))
 
 
-def _limits(model: RotorModel, theta: Float, band: float) -> tuple[float, float]:
-    """Highest speed worth a search, and the real part up to which an eigenvalue counts as undamped."""
+def search_limits(model: RotorModel, theta: Float, band: float) -> tuple[float, float]:
+    """Highest speed worth a search, and the real part up to which an eigenvalue counts as undamped.
+
+    Args:
+        model: the rotor.
+        theta: parameter vector, shape ``(P,)``.
+        band: as for :func:`threshold_speed`.
+    """
     rest = np.abs(eigenvalues(model, theta, 0.0))
     rest = np.sort(rest[np.isfinite(rest) & (rest <= band) & (rest > 0)])
     # The many modes of a known structure above those that the coordinates can follow only add round-off.
@@ -378,7 +400,7 @@ def threshold_speeds(model: RotorModel, theta: ArrayLike, *, band: float = math.
     if not model.speed_dependent:
         return onset, whirl
     middle = np.median(theta, axis=0)
-    top, round_off = _limits(model, middle, band)
+    top, round_off = search_limits(model, middle, band)
 
     def rate(speed: Float, number: Any) -> Float:
         return growth_rate(model, theta[number.astype(np.intp)], speed, band) - round_off

@@ -30,11 +30,11 @@ from rotorfit.estimators.inference.smooth_causes import (
     beyond,
     changed_values,
     changes_with_speed,
-    onset_terms,
 )
 from rotorfit.estimators.misfit.losses import robust_weights
 from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN, Assumption, Assumptions
+from rotorfit.fitting.assumptions.onset import onset_with
 from rotorfit.fitting.assumptions.supports import uneven_supports
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import Threshold
@@ -143,12 +143,11 @@ def _onset_change(fit: FitResult, onset: Threshold | None, term: Term, shift: Fl
     if isinstance(term, LeftOut):
         return change + onset_shift(fit.model, fit.theta(), onset, term)
     if isinstance(term, Cause):
-        for part in term.parts:
-            if part.kind in (Kind.SPEED, Kind.BEND):
-                changed = onset.gradient @ changed_values(fit.model, fit.theta(), part.value)
-                change += float(beyond(part, np.abs(onset.speed)) * changed)
-        terms = onset_terms(term, onset.whirl_frequency)
-        return change + sum(onset_shift(fit.model, fit.theta(), onset, own) for own in terms)
+        if term.sizes:
+            return (onset_with(fit, onset, term, shift) - onset.speed) / term.size
+        part = term.parts[0]
+        changed = onset.gradient @ changed_values(fit.model, fit.theta(), part.value)
+        return change + float(beyond(part, np.abs(onset.speed)) * changed)
     return change + (float(onset.gradient[term]) if isinstance(term, int) else 0.0)
 
 
