@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
+from rotorfit.campaigns.partitions import Reader, is_lazy, lazy_runs
 from rotorfit.campaigns.runs import Run, RunFit, Workers, fit_run, split_runs
 from rotorfit.campaigns.shared import fit_shared
 from rotorfit.campaigns.trends import Trend, trend_table, trends_of
@@ -290,10 +291,9 @@ class Campaign:
                 sentences.append(f"{axis} is not known in {listed(without)}; left out of its trends")
             known = [value for value in numbers.values() if np.isfinite(value)]
             for data in self._data:
-                values = np.asarray(data.experiment.attribute(axis)) if data.name in numbers else np.zeros(0)
-                values = values[np.isfinite(values)] if values.dtype.kind in "fiu" else np.zeros(0)
-                if values.size and np.ptp(values) > _LARGEST_CHANGE * (np.ptp(known) or np.abs(values).max()):
-                    ends = f"{values.min():.4g} to {values.max():.4g}"
+                span = data.readings.span(axis) if data.name in numbers else None
+                if span is not None and span[1] - span[0] > _LARGEST_CHANGE * (np.ptp(known) or np.abs(span).max()):
+                    ends = f"{span[0]:.4g} to {span[1]:.4g}"
                     sentences.append(f"{axis} changed within {data.name}, {ends}: its mean stands for the run")
         return sentences
 
@@ -363,7 +363,7 @@ class Campaign:
 
 def campaign(
     model: RotorModel,
-    experiments: Experiment | Sequence[Experiment],
+    experiments: Experiment | Sequence[Experiment] | Sequence[str | Path | Reader],
     *,
     split: str | None = "run",
     shared: Sequence[str] = (),
@@ -382,7 +382,9 @@ def campaign(
     Args:
         model: the rotor, for instance ``rf.models.OneMode()``.
         experiments: one table of many runs or several, conditions such as pressure, flow, temperature or kind of inlet
-            being further columns of the data.
+            being further columns of the data. Paths, or functions without arguments that read a table such as
+            ``functools.partial(rf.read, path)``, are parts of the data that are read where their runs are fitted: no
+            process holds more than one of them at a time, and a run is in one of them.
         split: attribute that tells the runs apart; ``None`` takes each experiment for one run.
         shared: parameters with one value for all runs, fitted jointly with the others.
         known, bounds, priors, loss, start: as for :func:`rotorfit.fit`.
@@ -411,8 +413,9 @@ def campaign(
     start = dict(start or {})
     names = (shared,) if isinstance(shared, str) else tuple(shared)
     _check(model, settings, names, start)
-    runs = split_runs(experiments, split)
-    workers = Workers(model, executor_of(executor, client), progress, store)
+    there = executor_of(executor, client)
+    runs = _runs(experiments, split, there)
+    workers = Workers(model, there, progress, store)
     if names:
         joint = fit_shared(workers, runs, names, settings, start)
         success = joint.success and all(run.success for run in joint.runs)
@@ -438,6 +441,21 @@ def campaign(
         success=all(run.success for run in fits),
         _data=runs,
     )
+
+
+def _runs(
+    experiments: Experiment | Sequence[Experiment] | Sequence[str | Path | Reader],
+    split: str | None,
+    executor: Executor | None,
+) -> tuple[Run, ...]:
+    """The runs of tables in hand, or of parts that are read where they are fitted."""
+    items: list[Any] = [experiments] if isinstance(experiments, Experiment) or is_lazy(experiments) else [*experiments]
+    lazy = [is_lazy(item) for item in items]
+    if not any(lazy):
+        return split_runs(items, split)
+    if not all(lazy):
+        raise TypeError("a campaign takes tables or parts that are read where they are fitted, not some of each")
+    return lazy_runs(items, split, executor)
 
 
 def _check(model: RotorModel, settings: FitSettings, shared: Sequence[str], start: Mapping[str, float]) -> None:

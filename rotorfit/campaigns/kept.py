@@ -8,8 +8,6 @@ import zlib
 from collections.abc import Mapping
 from typing import Any
 
-from rotorfit.data.content import content_hash
-from rotorfit.data.experiments import Experiment
 from rotorfit.fitting.json_values import decode, encode
 from rotorfit.models import RotorModel
 from rotorfit.version import __version__
@@ -20,9 +18,9 @@ def key_of(model: RotorModel, options: Mapping[str, Any]) -> str:
     return json.dumps([__version__, encode(model), encode(dict(options))], sort_keys=True)
 
 
-def run_key(common: str, experiment: Experiment) -> str:
-    """Hash by which the fit of a run is found again."""
-    return hashlib.sha256(f"{common}{content_hash([experiment])}".encode()).hexdigest()
+def run_key(common: str, content: str) -> str:
+    """Hash by which the fit of a run with such readings is found again."""
+    return hashlib.sha256(f"{common}{content}".encode()).hexdigest()
 
 
 def to_bytes(fields: Mapping[str, Any]) -> bytes:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import pickle
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from typing import Any, TypeVar
+from itertools import groupby
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.campaigns.kept import from_bytes, key_of, run_key, to_bytes
+from rotorfit.data.content import content_hash
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.executors import Kept, carry_out
@@ -36,13 +39,61 @@ CHI_SQUARED_BY_CHANCE = 10.0
 """Fall of chi-squared a parameter that fitting noise does not reach."""
 
 
+class Readings(Protocol):
+    """Readings of a run, in hand or in a file."""
+
+    @property
+    def part(self) -> bytes:
+        """What reads the file, empty for readings in hand."""
+        ...
+
+    @property
+    def experiment(self) -> Experiment:
+        """The readings themselves."""
+        ...
+
+    @property
+    def content(self) -> str:
+        """Their hash."""
+        ...
+
+    def span(self, condition: str) -> tuple[float, float] | None:
+        """Least and largest value of a condition within the run, none where it is no number."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class HeldReadings:
+    """Readings in hand."""
+
+    experiment: Experiment
+    part: bytes = b""
+
+    @property
+    def content(self) -> str:
+        """Hash of the readings."""
+        return content_hash([self.experiment])
+
+    def span(self, condition: str) -> tuple[float, float] | None:
+        """Least and largest value of a condition within the run, none where it is no number."""
+        values = np.asarray(self.experiment.attribute(condition))
+        values = values[np.isfinite(values)] if values.dtype.kind in "fiu" else np.zeros(0)
+        return (float(values.min()), float(values.max())) if values.size else None
+
+
 @dataclass(frozen=True, eq=False)
 class Run:
     """One run of a campaign: its readings and what is known of its conditions."""
 
     name: str  # by which the campaign lists it
-    experiment: Experiment  # its readings
+    readings: Readings  # in hand, or in a file
     attributes: Mapping[str, float | str]  # conditions of the run: the mean of numbers, the text of texts
+    source: str = ""  # file of the readings
+
+    @property
+    def experiment(self) -> Experiment:
+        """Its readings."""
+        return self.readings.experiment
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -94,14 +145,19 @@ Batch = Sequence[tuple[Run, Mapping[str, Any]]]
 
 def split_runs(experiments: Experiment | Sequence[Experiment], split: str | None) -> tuple[Run, ...]:
     """Runs of a campaign, in the order of the data."""
+    return tuple(distinct(runs_of(experiments, split)))
+
+
+def runs_of(experiments: Experiment | Sequence[Experiment], split: str | None) -> list[Run]:
+    """The runs, some of which may have one name."""
     runs: list[Run] = []
     for number, experiment in enumerate(as_tuple(experiments)):
         labels = None if split is None else experiment.attribute(split)
         for label, rows in [(None, None)] if labels is None else _parts(labels):
             part = experiment if rows is None else experiment.select(rows)
             name = str(label) if label is not None else experiment.source or f"run {number + 1}"
-            runs.append(Run(name, part, conditions(part)))
-    return tuple(_distinct(runs))
+            runs.append(Run(name, HeldReadings(part), conditions(part), str(part.source)))
+    return runs
 
 
 def _parts(labels: NDArray[Any]) -> Iterator[tuple[Any, Index]]:
@@ -130,18 +186,15 @@ def conditions(experiment: Experiment) -> dict[str, float | str]:
     return found
 
 
-def _distinct(runs: Sequence[Run]) -> Iterator[Run]:
+def distinct(runs: Sequence[Run]) -> Iterator[Run]:
     """Runs of the same name in several files are distinguished by the file, else by a number."""
-    names = [run.name for run in runs]
-    for number, run in enumerate(runs):
-        if names.count(run.name) > 1:
-            before = names[:number].count(run.name)
-            source = str(run.experiment.source)
-            same = [other for other in runs if other.name == run.name and str(other.experiment.source) == source]
-            yield replace(
-                run,
-                name=f"{run.name} ({source})" if source and len(same) == 1 else f"{run.name} #{before + 1}",
-            )
+    names, files = Counter(run.name for run in runs), Counter((run.name, run.source) for run in runs)
+    before: Counter[str] = Counter()
+    for run in runs:
+        before[run.name] += 1
+        if names[run.name] > 1:
+            of_file = run.source and files[run.name, run.source] == 1
+            yield replace(run, name=f"{run.name} ({run.source})" if of_file else f"{run.name} #{before[run.name]}")
         else:
             yield run
 
@@ -214,9 +267,8 @@ class Workers:
         pairs = list(zip(runs, options, strict=True))
         keys = self._keys(pairs) if work is fit_run and self.kept is not None else []
         found = self._found(keys)
-        size = 1 if self.executor is None and not keys else RUNS_OF_A_BATCH
         left = [number for number in range(len(pairs)) if not keys or keys[number] not in found]
-        numbers = [left[i : i + size] for i in range(0, len(left), size)]
+        numbers = self._batches(left, runs, 1 if self.executor is None and not keys else RUNS_OF_A_BATCH)
         count = len(pairs) - len(left)
 
         def done(batch: Sequence[int], results: Sequence[Any]) -> None:
@@ -229,6 +281,12 @@ class Workers:
         made = self._carried_out(work, [[pairs[number] for number in batch] for batch in numbers], numbers, done)
         results = dict(zip(left, (result for batch in made for result in batch), strict=True))
         return [results[n] if n in results else found[keys[n]] for n in range(len(pairs))]
+
+    def _batches(self, numbers: Sequence[int], runs: Sequence[Run], size: int) -> list[list[int]]:
+        """Numbers of the runs that go together: so many of one part of the data, more where it is to be read first."""
+        parts = [list(own) for _, own in groupby(numbers, key=lambda number: runs[number].readings.part)]
+        sizes = [8 * size if runs[own[0]].readings.part else size for own in parts]
+        return [own[i : i + size] for own, size in zip(parts, sizes, strict=True) for i in range(0, len(own), size)]
 
     def _carried_out(
         self,
@@ -254,7 +312,7 @@ class Workers:
 
     def _keys(self, pairs: Batch) -> list[str]:
         common = {id(option): key_of(self.model, option) for _, option in pairs}
-        return [run_key(common[id(option)], run.experiment) for run, option in pairs]
+        return [run_key(common[id(option)], run.readings.content) for run, option in pairs]
 
     def _found(self, keys: Sequence[str]) -> dict[str, Any]:
         """Fits that are kept."""

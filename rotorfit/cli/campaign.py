@@ -17,8 +17,12 @@ from rotorfit.options.table import CAMPAIGN
 from rotorfit.studies.wording import spoken
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from rotorfit.campaigns.campaign import Campaign
+    from rotorfit.data.experiments import Experiment
     from rotorfit.fitting.quantities import FittedParameter, Quantity
+    from rotorfit.studies.study import Study
 
 DESCRIPTION = "fit every run of a campaign and show how the parameters change with its conditions"
 
@@ -42,6 +46,9 @@ def add_options(to: argparse.ArgumentParser) -> None:
     add_jobs(to, "reduce recordings and fit")
     to.add_argument(
         "--store", type=Path, metavar="STORE", help="keep fits as they come; begun again, it takes up there"
+    )
+    to.add_argument(
+        "--lazy", action="store_true", help="read each file where its runs are fitted, so that no process holds all"
     )
     add_output(to)
 
@@ -73,7 +80,6 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
     from rotorfit.campaigns.campaign import campaign
     from rotorfit.data.findings import attributed, error_sentence, errors_in, warnings_in
     from rotorfit.store.store import Store
-    from rotorfit.studies.data_files import no_progress, read_files
     from rotorfit.studies.study_model import build_model, check_model
 
     if options.against is None and (options.by or options.follow or options.degree > 1):
@@ -82,12 +88,12 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
     check_model(study)
     with ExitStack() as stack:
         executor = stack.enter_context(workers_of(options))
-        tests, findings = read_files(study.files, no_progress, executor)
+        parts, first, findings = _data_of(study, options.lazy, executor)
         line = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
         stack.callback(line.close)
         found = campaign(
-            build_model(study, tests),
-            tests,
+            build_model(study, first),
+            parts,
             split=options.split,
             shared=options.shared,
             known=study.known,
@@ -99,8 +105,22 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
             store=None if options.store is None else Store(options.store),
             progress=lambda done, total: line(f"{done} of {total} runs", done / total),
         )
-    everything = attributed(findings, [test.source or test.title for test in tests])
+    everything = attributed(*findings)
     return found, error_sentence(errors_in(everything)), list(map(spoken, warnings_in(everything)))
+
+
+def _data_of(study: Study, lazy: bool, executor: Executor | None) -> tuple[Any, tuple[Experiment, ...], Any]:
+    """Tables, or what reads them where they are fitted; the tests that the model is made for; findings and of what."""
+    from rotorfit.studies.data_files import DataFile, look_over, no_progress, read_files
+
+    if not lazy:
+        tests, findings = read_files(study.files, no_progress, executor)
+        return tests, tests, (findings, [test.source or test.title for test in tests])
+    files = [file for file in study.files if isinstance(file, DataFile)]
+    if len(files) < len(study.files):
+        raise ValueError("--lazy is for files of vectors; `rotorfit vectors` makes those of recordings")
+    findings = look_over(files, executor)
+    return [file.read for file in files], (files[0].read(),), (findings, [file.path.name for file in files])
 
 
 def _write(found: Campaign, text: str, options: argparse.Namespace, folder: Path) -> None:

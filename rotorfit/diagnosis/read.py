@@ -30,3 +30,4 @@ def checking(reader: Callable[P, Experiment]) -> Callable[P, Experiment]:
 
 
 read = checking(files.read)
+read.__module__ = __name__  # under which other processes find it

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -78,34 +79,54 @@ def copied_readings(test: PerturbationTest | DisplacementTest) -> Iterator[Findi
 
 def copied_runs(tests: Sequence[Experiment]) -> list[list[Finding]]:
     """Runs all of whose readings a run before it has, to the last digit, for each of several tests."""
-    first: dict[Any, tuple[int, str]] = {}
-    found: list[list[Finding]] = []
-    for number, test in enumerate(tests):
-        copies: dict[str, str] = {}
-        if isinstance(test, PerturbationTest):
-            for run, key in _keys(test):
-                of, original = first.setdefault(key, (number, run))
-                if (of, original) != (number, run):
-                    copies[run] = original if of == number else f"{original} of {tests[of].source or f'test {of + 1}'}"
-        pairs = listed([f"{run} is {original}" for run, original in copies.items()])
-        text = f"Copies of runs: to the last digit {pairs}. {NO_COPIES}"
-        rows = rows_of(np.isin(test.run, list(copies)))
-        found.append([Finding("warning", "duplicate", text, rows, undo="leave the copies out")] if copies else [])
+    copies = copies_among([run_digests(test) for test in tests], [test.source for test in tests])
+    return [
+        [copies_finding(own, rows_of(np.isin(test.run, list(own))))]
+        if own and isinstance(test, PerturbationTest)
+        else []
+        for test, own in zip(tests, copies, strict=True)
+    ]
+
+
+def copies_among(digests: Sequence[Mapping[str, bytes]], sources: Sequence[str]) -> list[dict[str, str]]:
+    """Runs of each of several tests that are copies, and of which run of which test."""
+    first: dict[bytes, tuple[int, str]] = {}
+    found: list[dict[str, str]] = []
+    for number, runs in enumerate(digests):
+        found.append({})
+        for run, digest in runs.items():
+            of, original = first.setdefault(digest, (number, run))
+            if (of, original) != (number, run):
+                found[-1][run] = original if of == number else f"{original} of {sources[of] or f'test {of + 1}'}"
     return found
 
 
-def _keys(test: PerturbationTest) -> Iterator[tuple[str, Any]]:
-    """Runs that hold some readings, and all that is known of those."""
+def copies_finding(copies: Mapping[str, str], rows: Sequence[int] = ()) -> Finding:
+    """What to say of runs that are copies of others."""
+    pairs = listed([f"{run} is {original}" for run, original in copies.items()])
+    text = f"Copies of runs: to the last digit {pairs}. {NO_COPIES}"
+    return Finding("warning", "duplicate", text, tuple(rows), undo="leave the copies out")
+
+
+def run_digests(test: Experiment) -> dict[str, bytes]:
+    """Runs that hold some readings, and a hash of all that is known of those."""
+    return dict(_digests(test)) if isinstance(test, PerturbationTest) else {}
+
+
+def _digests(test: PerturbationTest) -> Iterator[tuple[str, bytes]]:
     values = (test.speed, test.frequency, test.force, test.response)
     numbers = np.stack([part for column in values for part in (column.real, column.imag)])
     number = test.lines.number["run"]
     order = np.argsort(number, kind="stable")
     for some in np.split(order, np.flatnonzero(np.diff(number[order])) + 1):
-        run = str(test.run[some[0]])
         if some.size >= _COPIED_READINGS and test.response[some].any():
             rows = some[np.lexsort(numbers[:, some])]
-            places = (getattr(test, name)[rows].tolist() for name in ("force_plane", "plane", "direction"))
-            yield run, (tuple(zip(*places, strict=True)), numbers[:, rows].tobytes())
+            places = "\0".join(
+                name for key in ("force_plane", "plane", "direction") for name in getattr(test, key)[rows]
+            )
+            digest = hashlib.sha256(places.encode("utf-8"))
+            digest.update(numbers[:, rows].tobytes())
+            yield str(test.run[some[0]]), digest.digest()
 
 
 def unread(test: PerturbationTest) -> Iterator[Finding]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import PHASE_DATUM, errors_first, without_phases
+from rotorfit.executors import carry_out
 from rotorfit.io.files import read
 from rotorfit.models.array_types import Index
 from rotorfit.studies.recording_files import RecordingFiles
@@ -60,30 +61,58 @@ def read_files(
     files: Sequence[DataFile | RecordingFiles], progress: StudyProgress, executor: Executor | None = None
 ) -> tuple[tuple[Experiment, ...], tuple[tuple[Finding, ...], ...]]:
     """The tests, and what was found odd in each, errors first."""
-    from rotorfit.diagnosis.check import check
     from rotorfit.diagnosis.readings import copied_runs
 
     experiments: list[Experiment] = []
     findings: list[tuple[Finding, ...]] = []
     for file in files:
-        found: list[Finding] = []
-        lines: list[Index] = []
-        if isinstance(file, RecordingFiles):
-            tests = file.read(found.append, progress, executor)
-        else:
-            tests = (file.read(found.append, progress, lines.append),)
-        for test in tests:
-            progress(f"checking {test.source}")
-            checked = check(test)
-            found += without_phases(checked) if any(f.code == PHASE_DATUM for f in found) else checked
-            found = _with_lines(found, lines, len(test))
-            findings.append(tuple(errors_first(found)))
-            found = []  # findings about recordings of several kinds are reported with the first
+        tests, own = _read_file(file, progress, executor)
         experiments += tests
+        findings += own
     if len(experiments) > 1:
         copies = copied_runs(experiments)
         findings = [tuple(errors_first((*more, *own))) for own, more in zip(findings, copies, strict=True)]
     return tuple(experiments), tuple(findings)
+
+
+def _read_file(
+    file: DataFile | RecordingFiles, progress: StudyProgress, executor: Executor | None = None
+) -> tuple[tuple[Experiment, ...], list[tuple[Finding, ...]]]:
+    """The tests of a file, and what was found odd in each."""
+    from rotorfit.diagnosis.check import check
+
+    found: list[Finding] = []
+    lines: list[Index] = []
+    if isinstance(file, RecordingFiles):
+        tests = file.read(found.append, progress, executor)
+    else:
+        tests = (file.read(found.append, progress, lines.append),)
+    findings = []
+    for test in tests:
+        progress(f"checking {test.source}")
+        checked = check(test)
+        found += without_phases(checked) if any(f.code == PHASE_DATUM for f in found) else checked
+        found = _with_lines(found, lines, len(test))
+        findings.append(tuple(errors_first(found)))
+        found = []  # findings about recordings of several kinds are reported with the first
+    return tests, findings
+
+
+def look_over(files: Sequence[DataFile], executor: Executor | None) -> tuple[tuple[Finding, ...], ...]:
+    """What was found odd in each file, errors first; no process holds more than one of them."""
+    from rotorfit.diagnosis.readings import copies_among, copies_finding
+
+    looked = carry_out(_looked_at, files, executor)
+    copies = copies_among([digests for _, digests in looked], [file.path.name for file in files])
+    more = [[copies_finding(own)] if own else [] for own in copies]
+    return tuple(tuple(errors_first((*own, *found))) for own, (found, _) in zip(more, looked, strict=True))
+
+
+def _looked_at(file: DataFile) -> tuple[tuple[Finding, ...], dict[str, bytes]]:
+    from rotorfit.diagnosis.readings import run_digests
+
+    (test,), (findings,) = _read_file(file, no_progress)
+    return tuple(one for one in findings if one.code != "duplicate"), run_digests(test)
 
 
 def checked_again(

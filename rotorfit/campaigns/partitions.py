@@ -1,0 +1,87 @@
+"""Runs of which no process holds all: each part of the data is read where its runs are fitted."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
+from pathlib import Path
+
+from rotorfit.campaigns.runs import Run, distinct, runs_of
+from rotorfit.data.experiments import Experiment
+from rotorfit.data.findings import DataWarning
+from rotorfit.diagnosis.read import read
+from rotorfit.executors import carry_out
+
+Reader = Callable[[], Experiment]
+"""Reads a part of the data: ``functools.partial(rf.read, "part-1.nc")``."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingsOfPart:
+    """Readings that are read when they are asked for; a process holds one part of the data at a time."""
+
+    part: bytes = field(repr=False)  # the pickled reader, by which the part in hand is known again
+    split: str | None  # attribute that tells the runs apart
+    number: int  # of the run in its part
+    content: str  # hash of the readings
+    spans: Mapping[str, tuple[float, float]]  # least and largest value of the conditions that are numbers
+
+    @property
+    def experiment(self) -> Experiment:
+        """The readings themselves."""
+        return _runs_in(self.part, self.split)[self.number].experiment
+
+    def span(self, condition: str) -> tuple[float, float] | None:
+        """Least and largest value of a condition within the run, none where it is no number."""
+        return self.spans.get(condition)
+
+
+def is_lazy(item: object) -> bool:
+    """True for a path, and for a function that reads."""
+    return isinstance(item, str | Path) or callable(item)
+
+
+def lazy_runs(parts: Sequence[str | Path | Reader], split: str | None, executor: Executor | None) -> tuple[Run, ...]:
+    """The runs of all parts, each of which is read once to see what it holds."""
+    packed = [_packed(partial(read, part) if isinstance(part, str | Path) else part) for part in parts]
+    found = carry_out(partial(_looked_over, split), packed, executor)
+    for said in dict.fromkeys(said for _, warned in found for said in warned):
+        warnings.warn(said, DataWarning, stacklevel=4)
+    return tuple(distinct([run for runs, _ in found for run in runs]))
+
+
+def _packed(reader: Reader) -> bytes:
+    try:
+        return pickle.dumps(reader)
+    except (pickle.PicklingError, AttributeError, TypeError) as problem:
+        raise ValueError(
+            f"a part of a campaign cannot be read by other processes ({problem}): give its path, "
+            "functools.partial(rf.read, path, ...), or a function of a module"
+        ) from problem
+
+
+@lru_cache(maxsize=1)
+def _runs_in(part: bytes, split: str | None) -> list[Run]:
+    """The runs of the part that is in hand."""
+    found = pickle.loads(part)()
+    if not isinstance(found, Experiment):
+        raise TypeError(f"a part of a campaign is a table such as rf.read returns, not {type(found).__name__}")
+    return runs_of(found, split)
+
+
+def _looked_over(split: str | None, part: bytes) -> tuple[list[Run], list[str]]:
+    """The runs of a part without their readings, and errors in the data."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        runs = _runs_in(part, split)
+    said = [str(one.message) for one in caught if issubclass(one.category, DataWarning)]
+    return [replace(run, readings=_left(run, part, split, number)) for number, run in enumerate(runs)], said
+
+
+def _left(run: Run, part: bytes, split: str | None, number: int) -> ReadingsOfPart:
+    spans = {name: span for name in run.attributes if (span := run.readings.span(name)) is not None}
+    return ReadingsOfPart(part=part, split=split, number=number, content=run.readings.content, spans=spans)

@@ -1,0 +1,147 @@
+"""Campaigns over parts of the data that are read where their runs are fitted."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from seal_campaigns import KNOWN, same_fits, seal_campaign
+
+import rotorfit as rf
+from rotorfit.executors import process_pool
+from rotorfit.models import OneMode
+
+FIT = ["--model", "one-mode", "--known", "M=1.2,K=8000,Ds=8", "--quiet"]
+
+
+@pytest.fixture(scope="module")
+def parts(tmp_path_factory):
+    """Three files of four runs each, and the tables that they hold."""
+    folder = tmp_path_factory.mktemp("parts")
+    table, _ = seal_campaign(12, lines=40)
+    files = [folder / name for name in ("a.nc", "b.csv", "c.nc")]
+    for number, file in enumerate(files):
+        own = table.runs[4 * number : 4 * number + 4]
+        rf.write(table.select(np.isin(table.run, own)), file)
+    return files
+
+
+@pytest.fixture(scope="module")
+def whole(parts):
+    return rf.campaign(OneMode(), [rf.read(file) for file in parts], known=KNOWN)
+
+
+def of_parquet(path):
+    """A part from a format that rotorfit does not read as a table."""
+    return rf.read(pd.read_parquet(path))
+
+
+def test_parts_give_what_tables_in_hand_give(parts, whole, tmp_path):
+    lazy = rf.campaign(OneMode(), parts, known=KNOWN)
+    same_fits(lazy, whole)
+    assert lazy.condition_remarks("pressure_psi") == whole.condition_remarks("pressure_psi")
+    assert lazy.fit("r07").params == whole.fit("r07").params
+    with process_pool(1) as pool:
+        same_fits(rf.campaign(OneMode(), [partial(rf.read, file) for file in parts], known=KNOWN, executor=pool), whole)
+    pd.read_csv(parts[1], comment="#").to_parquet(tmp_path / "b.parquet")
+    same_fits(
+        rf.campaign(OneMode(), [parts[0], partial(of_parquet, tmp_path / "b.parquet"), parts[2]], known=KNOWN), whole
+    )
+    known = {"K": 8000.0, "Ds": 8.0}
+    there = rf.campaign(OneMode(), parts, known=known, shared=["M"])
+    here = rf.campaign(OneMode(), [rf.read(file) for file in parts], known=known, shared=["M"])
+    assert there.shared == here.shared
+    same_fits(there, here)
+
+
+ALIVE: list[weakref.ref[object]] = []
+MOST: list[int] = []
+
+
+def counted(path):
+    """Read a part, and note how many there are in memory."""
+    found = rf.read(path)
+    gc.collect()
+    ALIVE.append(weakref.ref(found))
+    MOST.append(sum(one() is not None for one in ALIVE))
+    return found
+
+
+def test_one_part_is_held_at_a_time(parts, tmp_path):
+    ALIVE.clear(), MOST.clear()
+    store = rf.Store(tmp_path / "runs.db")
+    rf.campaign(OneMode(), [partial(counted, file) for file in parts], known=KNOWN, store=store)
+    assert max(MOST) <= 2  # the next is read before the last is forgotten
+    assert len(MOST) <= 6  # once to look, once to fit
+
+
+def test_a_store_knows_runs_of_parts_again(parts, whole, tmp_path):
+    """What was fitted in hand is found again in parts: the readings count, not where they come from."""
+    store, seen = rf.Store(tmp_path / "runs.db"), []
+    rf.campaign(OneMode(), [rf.read(parts[0]), rf.read(parts[1])], known=KNOWN, store=store)
+    with ThreadPoolExecutor(1) as pool:
+        found = rf.campaign(
+            OneMode(), parts, known=KNOWN, store=store, executor=pool, progress=lambda *n: seen.append(n)
+        )
+    assert seen == [(12, 12)]  # the four of the last part were left
+    same_fits(found, whole)
+
+
+def test_what_is_no_part_is_named(parts):
+    for wrong, said in [
+        ([lambda: 1], "give its path"),
+        ([partial(int)], "a table such as rf.read returns, not int"),
+        ([rf.read(parts[0]), parts[1]], "not some of each"),
+    ]:
+        with pytest.raises((TypeError, ValueError), match=said):
+            rf.campaign(OneMode(), wrong, known=KNOWN)
+    with pytest.raises(FileNotFoundError):
+        rf.campaign(OneMode(), "none.nc", known=KNOWN)
+
+
+def test_errors_in_a_part_are_warned_of(parts, tmp_path):
+    table = pd.read_csv(parts[1], comment="#")
+    inverted = table["direction"] == "y"
+    table.assign(phase_deg=table["phase_deg"] + 180.0 * inverted).to_csv(tmp_path / "y.csv", index=False)
+    with pytest.warns(rf.DataWarning, match="[Bb]ackward|inverted|y"):
+        rf.campaign(OneMode(), [tmp_path / "y.csv"], known=KNOWN)
+
+
+def test_the_command_reads_parts(parts, tmp_path, run):
+    for name, words in [("whole", []), ("lazy", ["--lazy"])]:
+        code, _, stderr = run("campaign", *parts, *FIT, "--out", tmp_path / name, *words)
+        assert (code, stderr) == (0, "")
+    assert (tmp_path / "whole" / "runs.csv").read_bytes() == (tmp_path / "lazy" / "runs.csv").read_bytes()
+    assert (tmp_path / "whole" / "summary.txt").read_text() == (tmp_path / "lazy" / "summary.txt").read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("cut.nc", b"\x89HDF\r\n\x1a\n", "cut.nc"),
+        ("empty.csv", b"", "empty.csv"),
+        ("other.csv", b"speed_rpm,amplitude_um\n1000,1\n", "other.csv"),
+        ("volts.h5", b"", "--lazy is for files of vectors"),
+        ("rest.txt", b"\xff\xfe\x00", "rest.txt"),
+    ],
+)
+def test_a_part_that_cannot_be_read_is_one_sentence(name, text, said, parts, tmp_path, run):
+    (tmp_path / name).write_bytes(text)
+    code, _, stderr = run("campaign", parts[0], tmp_path / name, *FIT, "--lazy")
+    assert code == 2
+    assert said in stderr
+    assert len(stderr.strip().splitlines()) == 1
+
+
+def test_a_copy_in_another_part_is_named(parts, tmp_path, run):
+    (tmp_path / "again.nc").write_bytes(Path(parts[0]).read_bytes())
+    words = [word for word in FIT if word != "--quiet"]
+    said = [run("campaign", parts[0], tmp_path / "again.nc", *words, *lazy)[1] for lazy in ([], ["--lazy"])]
+    assert "Copies of runs: to the last digit r00 is r00 of a.nc" in said[0]
+    assert "Copies of runs: to the last digit r00 is r00 of a.nc" in said[1]
