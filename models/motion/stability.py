@@ -401,28 +401,31 @@ def threshold_speeds(model: RotorModel, theta: ArrayLike, *, band: float = math.
         return onset, whirl
     middle = np.median(theta, axis=0)
     top, round_off = search_limits(model, middle, band)
+    speeds = _search_speeds(theta - middle, threshold_speed(model, middle, band=band), top)
 
     def rate(speed: Float, number: Any) -> Float:
         return growth_rate(model, theta[number.astype(np.intp)], speed, band) - round_off
 
     low, high = np.zeros_like(onset), np.full_like(onset, np.nan)
     searching = np.arange(onset.size)
-    for speed in _search_speeds(threshold_speed(model, middle, band=band), top):
-        unstable = rate(np.full(searching.size, speed), searching) > 0
-        high[searching[unstable]] = speed
+    for speed in speeds:
+        unstable = rate(speed[searching], searching) > 0
+        high[searching[unstable]] = speed[searching[unstable]]
         searching = searching[~unstable]
-        low[searching] = speed
+        low[searching] = speed[searching]
         if not searching.size:
             break
     found = np.flatnonzero(np.isfinite(high))
     if not found.size:
         return onset, whirl
-    at_rest = rate(low[found], found) >= 0  # unstable at the lowest speed already
-    onset[found[at_rest]] = low[found[at_rest]]
-    bracketed = found[~at_rest]
+    lowest = found[low[found] == 0.0]
+    at_rest = lowest[rate(low[lowest], lowest) >= 0] if lowest.size else lowest
+    onset[at_rest] = 0.0
+    bracketed = np.setdiff1d(found, at_rest)
     if bracketed.size:
         bracket = (low[bracketed], high[bracketed])
-        onset[bracketed] = find_root(rate, bracket, args=(bracketed.astype(float),)).x
+        root = find_root(rate, bracket, args=(bracketed.astype(float),), tolerances={"xrtol": 1e-10})
+        onset[bracketed] = root.x
     s = eigenvalues(model, theta[found], onset[found])
     growth = np.where(np.isfinite(s) & (np.abs(s) <= band), s.real, -np.inf)
     whirl[found] = np.take_along_axis(s.imag, growth.argmax(axis=-1)[:, None], axis=-1)[:, 0]
@@ -431,9 +434,11 @@ def threshold_speeds(model: RotorModel, theta: ArrayLike, *, band: float = math.
     return onset, whirl
 
 
-def _search_speeds(reference: Threshold | None, top: float) -> Float:
-    """Ascending speeds, dense around the threshold of one rotor."""
+def _search_speeds(away: Float, reference: Threshold | None, top: float) -> list[Float]:
+    """Ascending speeds of rotors that lie ``away`` from one, each ``(N,)``: dense around its threshold, moved along."""
     if reference is None or reference.speed <= 0:
-        return np.geomspace(top * 1e-4, top, 60)
-    near = reference.speed * np.array([0.05, 0.15, 0.4, 0.7, 0.9, 0.97, 1.03, 1.1, 1.25])
-    return np.concatenate([near, np.geomspace(1.5 * reference.speed, max(top, 2 * reference.speed), 10)])
+        return [np.full(len(away), speed) for speed in np.geomspace(top * 1e-4, top, 60)]
+    near = np.clip(reference.speed + away @ reference.gradient, reference.speed / 2, 2 * reference.speed)
+    beyond = np.geomspace(4.5 * reference.speed, max(top, 5 * reference.speed), 8)
+    factors = (0.05, 0.15, 0.4, 0.75, 0.97, 1.03, 1.1, 1.25, 1.6, 2.2)
+    return [*(near * factor for factor in factors), *(np.full(len(away), speed) for speed in beyond)]

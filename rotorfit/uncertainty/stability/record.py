@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Unpack
 
 from rotorfit.data.figure_keywords import PlotKeywords
@@ -106,10 +108,7 @@ class StabilityReport:
         running: lowest and highest running speed, rad/s.
         level: probability of intervals and bands.
         draws: number of rotors drawn, which limits how near to one a probability is known.
-        decrement: of each forward mode against speed, rad/s.
-        unbalance: amplitude against speed, rad/s and m; empty without an unbalance.
-        cross_coupling: decrement of the least stable forward mode against cross-coupled stiffness, N/m; likewise.
-        sensitivity: modulus of the sensitivity function against signed frequency, rad/s; likewise.
+        curves: what computes :attr:`decrement`, :attr:`unbalance`, :attr:`cross_coupling` and :attr:`sensitivity`.
         notes: what a reader must know.
         caution: why no number may be relied on as it stands; empty where there is nothing.
     """
@@ -119,12 +118,29 @@ class StabilityReport:
     running: tuple[float, float]
     level: float
     draws: int
-    decrement: tuple[Curve, ...]
-    unbalance: tuple[Curve, ...]
-    cross_coupling: tuple[Curve, ...]
-    sensitivity: tuple[Curve, ...]
+    curves: Mapping[str, Callable[[], tuple[Curve, ...]]]
     notes: tuple[str, ...]
     caution: str
+
+    @cached_property
+    def decrement(self) -> tuple[Curve, ...]:
+        """Of each forward mode against speed, rad/s."""
+        return self.curves["decrement"]()
+
+    @cached_property
+    def unbalance(self) -> tuple[Curve, ...]:
+        """Amplitude against speed, rad/s and m; empty without an unbalance."""
+        return self.curves["unbalance"]()
+
+    @cached_property
+    def cross_coupling(self) -> tuple[Curve, ...]:
+        """Decrement of the least stable forward mode against cross-coupled stiffness, N/m; likewise."""
+        return self.curves["cross_coupling"]()
+
+    @cached_property
+    def sensitivity(self) -> tuple[Curve, ...]:
+        """Modulus of the sensitivity function against signed frequency, rad/s; likewise."""
+        return self.curves["sensitivity"]()
 
     @property
     def met(self) -> bool:

@@ -128,16 +128,19 @@ def stability_report(
         for case, factors in {"": {}, **(cases or {})}.items()
         for question in questions(one.scaled(factors))
     ]
+    few = many.part(slice(_CURVE_DRAWS))
     return StabilityReport(
         criteria=tuple(criteria),
         modes=_modes(fit, one, many, running[1], level),
         running=running,
         level=level,
         draws=len(many.theta),
-        decrement=_decrement_curves(fit, one, many, running[1], level),
-        unbalance=_unbalance_curves(fit, group, one, many, running[1], seen, unbalance, level),
-        cross_coupling=_coupling_curve(fit, one, many, running[1], coupling, level),
-        sensitivity=_sensitivity_curve(fit, one, many, running[1], sensitivity, level),
+        curves={
+            "decrement": partial(_decrement_curves, fit, one, few, running[1], level),
+            "unbalance": partial(_unbalance_curves, fit, group, one, few, running[1], seen, unbalance, level),
+            "cross_coupling": partial(_coupling_curve, fit, one, few, running[1], coupling, level),
+            "sensitivity": partial(_sensitivity_curve, fit, one, few, running[1], sensitivity, level),
+        },
         notes=_notes(fit, one, running),
         caution=_caution(fit),
     )
@@ -300,14 +303,8 @@ def _modes(fit: FitResult, one: Rotors, many: Rotors, speed: float, level: float
     return tuple(sorted(found, key=lambda mode: mode.decrement))
 
 
-def _few(rotors: Rotors) -> Rotors:
-    """Rotors for bands of curves."""
-    return rotors.part(slice(_CURVE_DRAWS))
-
-
-def _decrement_curves(fit: FitResult, one: Rotors, many: Rotors, top: float, level: float) -> tuple[Curve, ...]:
+def _decrement_curves(fit: FitResult, one: Rotors, few: Rotors, top: float, level: float) -> tuple[Curve, ...]:
     """Decrement of the forward modes against speed, those that the highest running speed has."""
-    few = _few(many)
     tested = float(fit.speeds.max(initial=0.0))
     speeds = np.linspace(0.1, 1.0, 28) * _MARGIN_OF_CURVES * max(top, tested)
     at = _reference(fit, one, top)
@@ -332,14 +329,14 @@ def _decrement_curves(fit: FitResult, one: Rotors, many: Rotors, top: float, lev
 
 
 def _coupling_curve(
-    fit: FitResult, one: Rotors, many: Rotors, speed: float, coupling: Mapping[str, float], level: float
+    fit: FitResult, one: Rotors, few: Rotors, speed: float, coupling: Mapping[str, float], level: float
 ) -> tuple[Curve, ...]:
     """Decrement of the least stable forward mode against the cross-coupling, at Qa over one plane."""
     if not coupling:
         return ()
     onset = float(_ratio_to_onset(fit, one, speed, coupling)[0])
     factors = np.linspace(0.0, 1.25 * max(onset if math.isfinite(onset) else 1.0, 1.0), 16)
-    few, total = _few(many), sum(coupling.values())
+    total = sum(coupling.values())
     values, bands = np.zeros(factors.size), np.zeros((factors.size, 2))
     for k, factor in enumerate(factors.tolist()):
         driven = {where: np.array(q * factor) for where, q in coupling.items()}
@@ -379,12 +376,12 @@ def _frequencies_of_loop(fit: FitResult, rotor: Rotors, speed: float) -> Float:
 
 
 def _sensitivity_curve(
-    fit: FitResult, one: Rotors, many: Rotors, speed: float, plane: str | None, level: float
+    fit: FitResult, one: Rotors, few: Rotors, speed: float, plane: str | None, level: float
 ) -> tuple[Curve, ...]:
     if plane is None:
         return ()
     w = _frequencies_of_loop(fit, one, speed)
-    band = _quantiles(_few(many).sensitivity(w, speed, plane), level).T
+    band = _quantiles(few.sensitivity(w, speed, plane), level).T
     return (Curve(label=f"sensitivity at {plane}", x=w, y=one.sensitivity(w, speed, plane)[0], band=band),)
 
 
@@ -455,7 +452,7 @@ def _unbalance_curves(
     fit: FitResult,
     group: int,
     one: Rotors,
-    many: Rotors,
+    few: Rotors,
     top: float,
     seen: str,
     unbalance: Mapping[str, float],
@@ -464,7 +461,7 @@ def _unbalance_curves(
     if not unbalance:
         return ()
     speeds = _speeds_of_curves(fit, group, one, top)
-    band = _quantiles(_few(many).response(speeds, seen, unbalance), level).T
+    band = _quantiles(few.response(speeds, seen, unbalance), level).T
     weights = ", ".join(f"{mr * 1e6:.3g} g mm at {where}" for where, mr in unbalance.items())
     return (Curve(label=f"{seen}, {weights}", x=speeds, y=one.response(speeds, seen, unbalance)[0], band=band),)
 
