@@ -27,6 +27,11 @@ FIND = """
     && (!words || (e.innerText || e.textContent || '').includes(words)));
   window.fields = label => findAll('input').filter(
     e => (e.getRootNode().querySelector('label')?.textContent || '').startsWith(label));
+  window.placed = e => {
+    e.scrollIntoView({block: 'center', behavior: 'instant'});
+    const b = e.getBoundingClientRect();
+    return [b.left, b.top, b.width, b.height];
+  };
   window.shown = () => {
     const text = root => [...root.childNodes].map(n => n.nodeType == 3 ? n.textContent
       : n.nodeType != 1 || ['STYLE', 'SCRIPT'].includes(n.tagName) || !(n.getClientRects().length || n.tagName == 'BODY'
@@ -152,10 +157,9 @@ class Tab:
         return self._place(f"findAll({json.dumps(selector)}, {json.dumps(words)})", number)
 
     def _place(self, found: str, number: int) -> tuple[float, float, float, float]:
-        self.wait(lambda: self.run(f"window.findAll ? {found}.length : 0") > number, found)
-        self.run(f"{found}[{number}].scrollIntoView({{block: 'center', behavior: 'instant'}})")
-        box = self.run(f"(b => [b.left, b.top, b.width, b.height])({found}[{number}].getBoundingClientRect())")
-        return (*map(float, box),)  # type: ignore[return-value]
+        """Found, scrolled to and measured at one moment: the page may be drawn again at any other."""
+        script = f"window.findAll && {found}[{number}] ? placed({found}[{number}]) : null"
+        return (*map(float, self.wait(lambda: self.run(script), found)),)  # type: ignore[return-value]
 
     def mouse(self, kind: str, x: float, y: float, **options: Any) -> None:
         """One event of the mouse: mouseMoved, mousePressed, mouseReleased, mouseWheel."""

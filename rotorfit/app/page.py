@@ -47,7 +47,7 @@ class Page:
         self._work: Work | None = None
         self._takeaway: Takeaway | None = None
         self._said, self._data, self._model, self._result = (pn.Column(**WIDE) for _ in range(4))
-        self._progress = pn.Column(**WIDE)
+        self._progress, self._at_work = pn.Column(**WIDE), message("")
         self._lock = RLock()
         self._stop_button = button("Stop", lambda: self.stop("It was stopped; nothing was written."), width=90)
         self.view = pn.Column(
@@ -166,7 +166,10 @@ class Page:
                 self._take(news)
 
     def _stage(self, words: str) -> None:
-        self._progress.objects = [message(f"{words} ..."), self._stop_button]
+        """Say what the work is at; the button stays while the words change, so that no click on it is missed."""
+        self._at_work.object = message(f"{words} ...").object
+        if self._stop_button not in self._progress.objects:
+            self._progress.objects = [self._at_work, self._stop_button]
 
     def _take(self, news: News) -> None:
         """Take in what the work sent."""
