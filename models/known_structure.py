@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
@@ -18,6 +19,14 @@ from rotorfit.models.laws import Constant, Law, clearance_of
 from rotorfit.models.model import CoefficientJacobian, Coordinate, Matrix, RotorModel
 from rotorfit.models.parameters import Parameter
 from rotorfit.models.shafts.shaft import KnownStiffness, Shaft, StructureMatrices, complex_matrices
+
+_MAGNETIC = (
+    ("Km", "N/m", "stiffness of the magnets without control, negative,", 1e5, -math.inf),
+    ("Kp", "N/m", "stiffness by the controller's proportional gain", 1e6, -math.inf),
+    ("Kd", "N s/m", "damping by the controller's derivative gain", 1e3, -math.inf),
+    ("tau", "s", "delay of sensor, controller and amplifier", 1e-4, 0.0),
+)
+"""Parameters of a magnetic bearing: name, unit, meaning, typical size, lower limit."""
 
 
 class KnownStructure(RotorModel):
@@ -40,6 +49,10 @@ class KnownStructure(RotorModel):
         damping: planes with an external damper to be fitted: Ds, or ``Ds_disk`` and so on with several.
         supports: planes on a support whose stiffness and damping are fitted, beside what the matrices hold: Ks and Ds,
             or ``Ks_left`` and so on with several. In :class:`~rotorfit.models.Orthotropic` they differ in x and y.
+        magnetic: planes in a magnetic bearing whose force is ``-[Km + (Kp + Kd s) exp(-s tau)] z``: Km, negative, is
+            the stiffness of the magnets without control, Kp and Kd are the controller's gains times the force that a
+            current makes, tau is the delay of sensor, controller and amplifier; ``Km_left`` and so on with several.
+            Between Km and Kp a test tells by the delay alone: give Km as known if it is.
         scales: parts of the structure multiplied by a factor that can be fitted, for instance
             ``{"E_scale": {"K": shaft_stiffness}}``; the factor is known = 1 unless freed with
             ``known={"E_scale": None}``. The part is contained in the matrices above.
@@ -57,6 +70,9 @@ class KnownStructure(RotorModel):
 
     name: ClassVar[str] = "known-structure"
 
+    late_row: ClassVar[float] = 1e6
+    """Factor of the equation of a delayed displacement, N/m: of the size of the stiffness in other rows."""
+
     made_from: Mapping[str, Any] = MappingProxyType({})
     """Path and arguments of :meth:`from_ross`, where the matrices are those of a file."""
 
@@ -71,6 +87,7 @@ class KnownStructure(RotorModel):
         fluid: str | Sequence[str] = (),
         damping: str | Sequence[str] = (),
         supports: str | Sequence[str] = (),
+        magnetic: str | Sequence[str] = (),
         scales: Mapping[str, Mapping[str, ArrayLike]] | None = None,
         tilts: Sequence[str] = (),
         dofs: Sequence[str] = ("z", "r"),
@@ -89,6 +106,7 @@ class KnownStructure(RotorModel):
         both = [plane for plane in self.damping if plane in self.supports]
         if both:
             raise ValueError(f"a support has a damper of its own: leave {', '.join(both)} out of damping")
+        self.magnetic = _some(magnetic, self.planes, "magnetic")
         self.two_lam = two_lam
         self.law = law or Constant()
         self.clearance_um = clearance_um
@@ -104,6 +122,7 @@ class KnownStructure(RotorModel):
             "fluid": self.fluid,
             "damping": self.damping,
             "supports": self.supports,
+            "magnetic": self.magnetic,
             "scales": scales,
             "tilts": self.tilts,
             "dofs": tuple(dofs),
@@ -116,6 +135,10 @@ class KnownStructure(RotorModel):
         if len({q.name for q in self.parameters}) != len(self.parameters):
             raise ValueError(f"parameters need different names, got {', '.join(q.name for q in self.parameters)}")
         self._scale_places = np.arange(len(self.parameters) - len(parts), len(self.parameters), dtype=np.intp)
+        control = [_named(kind, plane, self.magnetic) for plane in self.magnetic for kind in ("Kp", "Kd", "tau")]
+        self._control = np.array([self.parameter_names.index(name) for name in control], dtype=np.intp).reshape(-1, 3)
+        if self.magnetic:  # what a controller remembers has no mass
+            self.shaft.has_mass, self.in_band_only = False, True
 
     def _all_parameters(self, scales: Iterable[str]) -> tuple[Parameter, ...]:
         """Supports, dampers, fluids, the law and the factors of the structure."""
@@ -127,6 +150,11 @@ class KnownStructure(RotorModel):
             Parameter(_named("Ds", plane, self.dampers), "N s/m", f"external damping at the {plane}", scale=5.0)
             for plane in self.dampers
         )
+        magnets = (
+            Parameter(_named(name, plane, self.magnetic), unit, f"{meaning} at the {plane}", scale=scale, lower=lower)
+            for plane in self.magnetic
+            for name, unit, meaning, scale, lower in _MAGNETIC
+        )
         fluids = (
             replace(q, name=_named(q.name, plane, self.fluid))
             for plane in self.fluid
@@ -136,7 +164,7 @@ class KnownStructure(RotorModel):
             Parameter(name, "1", "scale factor of the known structure", lower=0.0, default=1.0, nominal=1.0)
             for name in scales
         )
-        return (*springs, *dampers, *fluids, *self.law.parameters, *factors)
+        return (*springs, *dampers, *magnets, *fluids, *self.law.parameters, *factors)
 
     @property
     def nodes(self) -> dict[str, int]:
@@ -158,7 +186,7 @@ class KnownStructure(RotorModel):
         return dict(self._given)
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
-        """Forces on the shaft at its planes: fluid, supports and external dampers."""
+        """Forces on the shaft at its planes: fluid, supports, magnetic bearings and external dampers."""
         size = len(self.coordinates)
         stiffness, damping, mass = ([[Complex(0.0)] * size for _ in range(size)] for _ in range(3))
         for plane in self.supports:
@@ -167,6 +195,11 @@ class KnownStructure(RotorModel):
         for plane in self.dampers:
             at = self.planes.index(plane)
             damping[at][at] = damping[at][at] + getattr(p, _named("Ds", plane, self.dampers))
+        for plane in self.magnetic:  # without delay; known_stiffness adds what the delay changes
+            at = self.planes.index(plane)
+            Km, Kp, Kd = (getattr(p, _named(name, plane, self.magnetic)) for name in ("Km", "Kp", "Kd"))
+            stiffness[at][at] = stiffness[at][at] + Km + Kp
+            damping[at][at] = damping[at][at] + Kd
         for plane in self.fluid:
             at = self.planes.index(plane)
             force = self.fluid_force(p, plane, speed, eccentricity)
@@ -197,6 +230,7 @@ class KnownStructure(RotorModel):
         planes: Mapping[str, int | str],
         fluid: str | Sequence[str] = (),
         supports: str | Sequence[str] = (),
+        magnetic: str | Sequence[str] = (),
         damping: str | Sequence[str] = (),
         speed: float | None = None,
         dofs: Sequence[str] = (),
@@ -211,9 +245,9 @@ class KnownStructure(RotorModel):
                 C, G and nodes), the same as ``.npz`` or as a folder of ``M.csv`` and so on, or a rotor saved by the
                 line of ROSS that is installed.
             planes: node, counted from zero, of each plane; of a rotor also the tag of an element that stands there.
-            fluid, supports, damping: what is fitted, as for the class: planes or, of a rotor, tags of bearings and
-                seals. A tagged element is taken out, because the fit finds what takes its place. Files of matrices know
-                no tags: there the element is taken out before saving.
+            fluid, supports, magnetic, damping: what is fitted, as for the class: planes or, of a rotor, tags of
+                bearings and seals. A tagged element is taken out, because the fit finds what takes its place. Files of
+                matrices know no tags: there the element is taken out before saving.
             speed: rotative speed, rad/s, at which elements that stay and change with speed are taken.
             dofs: coordinates of each node, as for the class, of files that hold neither ``nodes`` nor ``dofs``.
             **options: further arguments of the class.
@@ -232,7 +266,12 @@ class KnownStructure(RotorModel):
 
         taken_out = {
             name: (given,) if isinstance(given, str) else tuple(given)
-            for name, given in (("fluid", fluid), ("supports", supports), ("damping", damping))
+            for name, given in (
+                ("fluid", fluid),
+                ("supports", supports),
+                ("magnetic", magnetic),
+                ("damping", damping),
+            )
         }
         made = structure_options(rotor, planes=planes, taken_out=taken_out, speed=speed, dofs=dofs)
         model = cls(**made, **options)
@@ -244,42 +283,91 @@ class KnownStructure(RotorModel):
     # ---- the structure ---------------------------------------------------------------------------------------------
 
     def known_stiffness(self, theta: Float, s: ComplexArray, speed: Float) -> KnownStiffness:
-        """See :meth:`RotorModel.known_stiffness`."""
+        """See :meth:`RotorModel.known_stiffness`; with what the delays of magnetic bearings change."""
         vectors = np.broadcast_to(theta, (s.size, len(self.parameters)))
         values, slopes = self.shaft.condensed(s, np.broadcast_to(speed, s.shape), vectors[:, self._scale_places])
-        return KnownStiffness(values, self._scale_places, slopes)
+        if not self.magnetic:
+            return KnownStiffness(values, self._scale_places, slopes)
+        values, changes = values.copy(), np.zeros((self._control.size, *values.shape), dtype=complex)
+        for number, (plane, places) in enumerate(zip(self.magnetic, self._control, strict=True)):
+            at = self.planes.index(plane)
+            Kp, Kd, tau = vectors[:, places].T
+            late = np.expm1(-s * tau)
+            values[:, at, at] += (Kp + Kd * s) * late
+            by_delay = -s * (Kp + Kd * s) * (late + 1)
+            changes[3 * number : 3 * number + 3, :, at, at] = late, s * late, by_delay
+        inputs = np.concatenate([self._scale_places, self._control.ravel()])
+        return KnownStiffness(values, inputs, np.concatenate([slopes, changes]))
+
+    def control(self, theta: Float, s: ComplexArray, plane: str) -> ComplexArray:
+        """Dynamic stiffness that the controller of a magnetic bearing makes, ``(Kp + Kd s) exp(-s tau)``, N/m.
+
+        Args:
+            theta: parameter vectors, shape ``(..., P)``.
+            s: Laplace variable, shape broadcasting with ``theta[..., 0]``.
+            plane: one of those in a magnetic bearing.
+        """
+        Kp, Kd, tau = np.moveaxis(theta[..., self._control[self.magnetic.index(plane)]], -1, 0)
+        return np.asarray((Kp + Kd * s) * np.exp(-s * tau))
 
     def motion(self, theta: ArrayLike, speed: ArrayLike) -> ComplexArray:
-        """See :meth:`RotorModel.motion`: all coordinates of the shaft."""
+        """See :meth:`RotorModel.motion`: all coordinates of the shaft, then the delayed displacement of each magnetic
+        bearing, by Pade's fraction of second order: its error at ``|s| tau`` = 1 is 0.14 %, at 0.5 0.004 %."""
         vector = np.asarray(theta, dtype=float)
         added = self.coefficients(vector, speed)
         shape = added.shape[:-3]
         scales = np.broadcast_to(vector[..., self._scale_places], (*shape, self._scale_places.size))
-        total = np.array(
-            np.broadcast_to(self.shaft.coefficients(scales, speed), (*shape, 3, *self.shaft.matrices.K.shape))
-        )
+        shaft = self.shaft.coefficients(scales, speed)
+        size = self.shaft.matrices.K.shape[0]
+        total = np.zeros((*shape, 3, *[size + len(self.magnetic)] * 2), dtype=complex)
+        total[..., :size, :size] = shaft
         at = self.shaft.at
         total[..., at[:, None], at] += added
+        for late, (plane, places) in enumerate(zip(self.magnetic, self._control, strict=True), size):
+            now = at[self.planes.index(plane)]
+            Kp, Kd, tau = np.moveaxis(vector[..., places], -1, 0)
+            for power, gain in enumerate((Kp, Kd)):
+                total[..., power, now, now] -= gain
+                total[..., power, now, late] += gain
+            for power, (sign, part) in enumerate(((-1, tau**0), (1, tau / 2), (-1, tau**2 / 12))):
+                total[..., power, late, late] = self.late_row * part
+                total[..., power, late, now] = sign * self.late_row * part
         return total
 
     def motion_jacobian(self, theta: ArrayLike, speed: ArrayLike) -> CoefficientJacobian:
         """See :meth:`RotorModel.motion_jacobian`."""
         added = self.functions.jacobian(theta, speed)
-        scales = np.asarray(theta, dtype=float)[self._scale_places]
+        own = ~np.isin(added.inputs, self._control)  # gains act on the delayed displacement
+        vector, count = np.asarray(theta, dtype=float), len(self.parameters)
+        scales = vector[self._scale_places]
         by_speed = self.shaft.coefficients(scales, 1.0) - self.shaft.coefficients(scales, 0.0)
-        changes = [(len(self.parameters), by_speed)]
+        changes = [(count, by_speed)]
         changes += [
             (int(place), part.coefficients(speed))
             for place, part in zip(self._scale_places, self.shaft.parts, strict=True)
         ]
+        changes += self._control_changes(vector)
         entries = [(place, change, np.nonzero(change)) for place, change in changes]
         return CoefficientJacobian(
-            inputs=np.concatenate([added.inputs, *(np.full(where[0].size, place) for place, _, where in entries)]),
-            powers=np.concatenate([added.powers, *(where[0] for _, _, where in entries)]),
-            rows=np.concatenate([self.shaft.at[added.rows], *(where[1] for _, _, where in entries)]),
-            columns=np.concatenate([self.shaft.at[added.columns], *(where[2] for _, _, where in entries)]),
-            values=np.concatenate([added.values, *(change[where] for _, change, where in entries)]),
+            inputs=np.concatenate([added.inputs[own], *(np.full(w[0].size, place) for place, _, w in entries)]),
+            powers=np.concatenate([added.powers[own], *(where[0] for _, _, where in entries)]),
+            rows=np.concatenate([self.shaft.at[added.rows[own]], *(where[1] for _, _, where in entries)]),
+            columns=np.concatenate([self.shaft.at[added.columns[own]], *(where[2] for _, _, where in entries)]),
+            values=np.concatenate([added.values[own], *(change[where] for _, change, where in entries)]),
         )
+
+    def _control_changes(self, vector: Float) -> list[tuple[int, ComplexArray]]:
+        """Derivatives of :meth:`motion` by gains and delays."""
+        found = []
+        size = self.shaft.matrices.K.shape[0]
+        for late, (plane, (Kp, Kd, tau)) in enumerate(zip(self.magnetic, self._control.tolist(), strict=True), size):
+            now = self.shaft.at[self.planes.index(plane)]
+            change = np.zeros((3, 3, *[size + len(self.magnetic)] * 2), dtype=complex)
+            change[0, 0, now, late] = change[1, 1, now, late] = 1.0
+            change[2, 1, late, [late, now]] = self.late_row / 2
+            change[2, 2, late, [late, now]] = np.array([1, -1]) * self.late_row * vector[tau] / 6
+            found += list(zip((Kp, Kd, tau), change, strict=True))
+        return found
 
 
 def _named(symbol: str, plane: str, all_planes: Sequence[str]) -> str:

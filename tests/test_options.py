@@ -23,6 +23,7 @@ SETTINGS = {
     "planes": {"rotor": 7, "seal": "Bearing 1"},
     "fluid": ("seal",),
     "supports": ("left", "right"),
+    "magnetic": ("amb",),
     "damping": ("rotor",),
     "dofs": ("x", "y"),
     "blocks": ("gyroscopic",),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorfit.models.anisotropic import Anisotropic
-from rotorfit.models.array_types import Bool, Float
+from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.models.fluid import fluid_parameters
 from rotorfit.models.known_structure import KnownStructure
 from rotorfit.models.model import RotorModel
@@ -45,10 +45,15 @@ def plane_force(model: RotorModel, theta: Float, speed: float, plane: str, eccen
         eccentricity: orbit radius over clearance, for models with a law.
 
     Raises:
-        ValueError: a model without fluid, or without such a plane.
+        ValueError: a model without fluid, or without such a plane; a magnetic bearing.
     """
     if plane not in model.planes:
         raise ValueError(unknown_name(f"plane of {model.name}", plane, model.planes))
+    if plane in _magnetic(model):
+        raise ValueError(
+            f"{plane} is in a magnetic bearing, whose delay makes stiffness and damping change with frequency: its "
+            "force is Km + (Kp + Kd s) exp(-s tau), by the fitted parameters"
+        )
     own = force_parameters(model)
     vector = np.where(own, theta, 0.0)
     parts = model.coefficients(vector, speed, eccentricity)[:3]
@@ -90,8 +95,37 @@ def force_parameters(model: RotorModel) -> Bool:
     return np.array([name in names for name in model.parameter_names])
 
 
+def loop_stiffness(model: RotorModel, theta: Float, s: ComplexArray, speed: float, plane: str) -> ComplexArray:
+    """Dynamic stiffness of the loop at a plane: of a magnetic bearing its controller's, else of all the force there.
+
+    Args:
+        model: the rotor, in complex coordinates.
+        theta: parameter vectors, shape ``(W, P)``.
+        s: j w of each line, shape ``(N,)``.
+        speed: rotative speed, rad/s.
+        plane: name of the plane.
+
+    Returns:
+        shape ``(W, N)``, N/m.
+
+    Raises:
+        ValueError: a model without fluid.
+    """
+    if isinstance(model, KnownStructure) and plane in model.magnetic:
+        return model.control(theta[:, None], s, plane)
+    at = model.coordinate(plane, "z")
+    own = np.where(force_parameters(model), theta, 0.0)
+    coefficients = model.coefficients(own, np.full(len(theta), speed))[..., at, at]
+    return np.asarray(coefficients @ s ** np.arange(coefficients.shape[1])[:, None])
+
+
+def _magnetic(model: RotorModel) -> tuple[str, ...]:
+    whole = model.base if isinstance(model, Orthotropic) else model
+    return whole.magnetic if isinstance(whole, KnownStructure) else ()
+
+
 def force_planes(model: RotorModel) -> tuple[str, ...]:
-    """Planes at which a model has such a force.
+    """Planes at which a model has such a force; magnetic bearings have none that does not change with frequency.
 
     Args:
         model: the rotor.
@@ -100,4 +134,5 @@ def force_planes(model: RotorModel) -> tuple[str, ...]:
         ValueError: a model without fluid.
     """
     typical = np.array([q.scale for q in model.parameters])
-    return tuple(plane for plane in model.planes if plane_force(model, typical, 1.0, plane).values.any())
+    apart = [plane for plane in model.planes if plane not in _magnetic(model)]
+    return tuple(plane for plane in apart if plane_force(model, typical, 1.0, plane).values.any())

@@ -130,7 +130,7 @@ def _remedy(unresolved: Sequence[str]) -> str:
 
 def growth(model: RotorModel, theta: Float, speed: Float, frequency: Float) -> tuple[Float, Bool]:
     """Largest growth rate, 1/s, of rotors at tested speeds, and whether it is more than round-off, shape ``(K,)``."""
-    band = float(np.abs(frequency).max()) if model.order > 2 else np.inf
+    band = float(np.abs(frequency).max()) if model.order > 2 or model.in_band_only else np.inf
     if len(speed) == 1:  # one by numbers: arrays of one entry cost several times as much
         rates = growth_rate(model, theta[0], speed[0], band)[None]
     else:

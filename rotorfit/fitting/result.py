@@ -270,8 +270,8 @@ class FitResult(FitFigures):
 
     @property
     def stability_band(self) -> float:
-        """Frequencies that count for stability: all, but only the tested band with corrections above s^2."""
-        return self.band if self.model.order > 2 else math.inf
+        """Frequencies that count for stability: all, but only the tested band with corrections above s^2 or delays."""
+        return self.band if self.model.order > 2 or self.model.in_band_only else math.inf
 
     @property
     def speeds(self) -> Float:

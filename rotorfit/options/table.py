@@ -29,6 +29,9 @@ class StudyOptions(FitOptions):
     )
     fluid: tuple[str, ...] = option((), "planes in the fluid (--structure), or tags of elements of a ROSS rotor", "A,B")
     supports: tuple[str, ...] = option((), "planes on supports to be fitted (--structure), or such tags", "A,B")
+    magnetic: tuple[str, ...] = option(
+        (), "planes in magnetic bearings to be fitted with gains and delay (--structure), or such tags", "A,B"
+    )
     damping: tuple[str, ...] = option((), "planes with a damper to be fitted (--structure), or such tags", "A,B")
     dofs: tuple[str, ...] = option((), "coordinates of a node, where the file of --structure does not say", "x,y,...")
     blocks: tuple[str, ...] = option((), "structural blocks to include", "A,B")
@@ -87,7 +90,7 @@ def _options() -> dict[str, Option]:
 
 FIT: Mapping[str, Option] = _options()
 """Options of ``rotorfit fit`` and of a study, by name."""
-SHAFT = ("structure", "fluid", "supports", "damping", "dofs")
+SHAFT = ("structure", "fluid", "supports", "magnetic", "damping", "dofs")
 """Options of a shaft from a file."""
 MODEL = (*SHAFT, "planes", "blocks", "two_lam", "orthotropic", "probes")
 LAW = ("law", "clearance_um")

@@ -38,7 +38,7 @@ def check_model(study: Study) -> None:
 
 def _shaft_of_file(study: Study) -> KnownStructure:
     """The shaft of a file with its planes and what is fitted."""
-    replaced = {*study.fluid, *study.supports, *study.damping}
+    replaced = {*study.fluid, *study.supports, *study.magnetic, *study.damping}
     if not isinstance(study.planes, Mapping) and not (replaced and not study.planes):
         given = ", ".join(study.planes) or "none"
         raise ValueError(f"planes: with structure each plane has its node, disk=7,journal=14; got {given}")
@@ -47,6 +47,7 @@ def _shaft_of_file(study: Study) -> KnownStructure:
         planes=study.planes if isinstance(study.planes, Mapping) else {},
         fluid=study.fluid,
         supports=study.supports,
+        magnetic=study.magnetic,
         damping=study.damping,
         dofs=study.dofs,
     )

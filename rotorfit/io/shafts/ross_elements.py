@@ -15,7 +15,7 @@ from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.io.shafts.ross_rotor import installed_ross
 from rotorfit.models import KnownStructure, Orthotropic, RotorModel
 from rotorfit.models.array_types import Float
-from rotorfit.models.shafts.plane_forces import plane_force
+from rotorfit.models.shafts.plane_forces import force_planes, plane_force
 
 ElementKind: TypeAlias = Literal["bearing", "seal"]
 """Class of ROSS: BearingElement or SealElement."""
@@ -140,7 +140,7 @@ def _forces(model: RotorModel, theta: Float, speeds: Float, eccentricity: float)
     """What acts at each plane, as real matrices of x and y by powers of s, shape ``(speeds, 3, 2, 2)``."""
     forces = {
         plane: np.array([plane_force(model, theta, speed, plane, eccentricity).values for speed in speeds.tolist()])
-        for plane in model.planes
+        for plane in force_planes(model)
     }
     return {plane: force for plane, force in forces.items() if force.any()}
 

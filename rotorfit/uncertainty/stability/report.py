@@ -17,7 +17,7 @@ from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.motion.neglected_terms import onset_shift
 from rotorfit.models.motion.stability import threshold_speeds
 from rotorfit.models.parameters import unknown_name
-from rotorfit.models.shafts.plane_forces import force_parameters
+from rotorfit.models.shafts.plane_forces import loop_stiffness
 from rotorfit.uncertainty.derived import DERIVED_DRAWS, SHAFT_DRAWS
 from rotorfit.uncertainty.onsets import onsets_of
 from rotorfit.uncertainty.prediction import extrapolation
@@ -357,9 +357,7 @@ def _refuse_sensitivity(fit: FitResult, plane: str | None) -> None:
         raise ValueError(unknown_name("plane of sensitivity", plane, model.planes))
     if model.frame != "z":
         raise ValueError(f"{model.name} keeps x and y apart; a sensitivity function is that of one loop")
-    own = force_parameters(model)
-    at = model.coordinate(plane, "z")
-    if not model.coefficients(np.where(own, fit.thetas[0], 0.0), 1.0)[:, at, at].any():
+    if not loop_stiffness(model, fit.thetas[:1], np.array([1j]), 1.0, plane).any():
         raise ValueError(f"{model.name} has no bearing or seal at {plane} whose loop could be opened")
 
 

@@ -15,7 +15,7 @@ from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.motion.neglected_terms import LeftOut, eigenvalue_shift
 from rotorfit.models.motion.stability import spectrum
 from rotorfit.models.parameters import unknown_name
-from rotorfit.models.shafts.plane_forces import force_parameters
+from rotorfit.models.shafts.plane_forces import loop_stiffness
 
 _BLOCK = 200
 """Rotors whose responses at all speeds are computed together, some tens of megabytes."""
@@ -104,14 +104,13 @@ class Rotors:
         is ``1 - H kappa``.
         """
         model, at, s = self.model, self.model.coordinate(plane, "z"), np.asarray(1j * w)
-        own, speeds, blocks = force_parameters(model), np.full(w.size, speed), []
+        speeds, blocks = np.full(w.size, speed), []
         for first in range(0, len(self.theta), _BLOCK):
             some = slice(first, first + _BLOCK)
             theta = self.theta[some]
             stiffness: ComplexArray = model.dynamic_stiffness(theta[:, None], w, speeds)
             stiffness = stiffness + self._added(s, speeds, some)
-            coefficients = model.coefficients(np.where(own, theta, 0.0), np.full(len(theta), speed))[..., at, at]
-            force = coefficients @ s ** np.arange(coefficients.shape[1])[:, None]
+            force = loop_stiffness(model, theta, s, speed, plane)
             blocks.append(np.abs(1 - np.linalg.inv(stiffness)[..., at, at] * force))
         return np.concatenate(blocks)
 
