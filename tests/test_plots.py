@@ -322,6 +322,26 @@ def test_numbers_below_one_are_written_as_people_write_them() -> None:
     assert not any("e" in words for words in shown)
 
 
+def test_labels_of_lam_omega_stand_apart_and_inside() -> None:
+    """Ten speeds, some nearly alike, up to one whose lam Omega is next to the end of the axis."""
+    model = OneMode()
+    theta = model.vector(TYPICAL["one-mode"])
+    speeds = tuple(np.array([60.0, 64.0, 100.0, 140.0, 170.0, 172.0, 174.0, 178.0, 180.0, 182.0]))
+    w = np.linspace(5.0, 1.02 * 182.0 * TYPICAL["one-mode"]["lam"], 12)
+    test = circular_test(model, theta, speeds=speeds, frequency=w, noise=0.01, seed=2)
+    for options in ({}, {"per": {"lam": "speed_rpm"}}):
+        fit = rf.fit(model, test, known=known_of("one-mode", TYPICAL["one-mode"]), **options)
+        figure = fit.plot_dynamic_stiffness(against="ratio" if options else "frequency")
+        figure.canvas.draw()
+        axis = figure.axes[1]
+        labels = [text for text in axis.texts if text.get_text().startswith("λ")]
+        assert len({text.get_text() for text in labels}) == len(labels) > 1
+        boxes = [text.get_window_extent() for text in labels]
+        boxes += [text.get_window_extent() for text in axis.texts if "slope" in text.get_text()]
+        assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
+        assert all(axis.bbox.x0 <= box.x0 and box.x1 <= axis.bbox.x1 + 1 for box in boxes)
+
+
 def test_boxes_of_dynamic_stiffness_hide_no_fit(rig_refinement):
     figure = rig_refinement.best.plot_dynamic_stiffness()
     figure.canvas.draw()

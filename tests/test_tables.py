@@ -46,6 +46,12 @@ def test_fits_side_by_side(rig_fit: rf.FitResult) -> None:
         rf.compare([rig_fit, rf.fit(rf.models.WhirlWhip(), other, known={"K3": 6000.0})])
     with pytest.raises(ValueError, match="no fits"):
         rf.compare([])
+    robust = rf.fit(rf.models.WhirlWhip(), rig_fit.experiments, known={"K3": 6000.0}, loss="soft_l1")
+    with pytest.raises(ValueError, match="loss soft_l1, whirl-whip 1 with linear"):
+        rf.compare([rig_fit, robust])
+    with pytest.raises(TypeError, match=r"rf\.load_fit\(path\), not str"):
+        rf.compare(["fit.json"])
+    assert list(rf.compare(rig_fit).fits) == ["whirl-whip"]
 
 
 @pytest.mark.parametrize("name", ["best_values", "conf_int", "residual", "fit_report"])

@@ -379,21 +379,28 @@ def _mark_whirl(fit: FitResult, shown: Sequence[_Shown], axis: Any, row: int, co
         return
     theta = fit.thetas
     axis.axhline(0, color="0.6", lw=0.7, zorder=1)
-    marked: dict[tuple[float, str], tuple[float, str]] = {}
+    marked: dict[float, tuple[str, str]] = {}
     for some in shown:
         condition = some.condition
         whirl = theta[condition.group][names.index("lam")] * condition.speed
         if np.isfinite(whirl) and some.low < whirl < some.high:
             at = float(_places(np.array(whirl), condition, against, squared=False))
             text = f"λΩ = {rate_words(whirl)}" if against != "ratio" else f"λ = {at:.4g}"
-            marked.setdefault((round(at, 9), text), (at, condition.colour))
-    most = 9  # labels that find room above one another
-    for number, ((_, text), (at, colour)) in enumerate(sorted(marked.items())):
+            marked.setdefault(round(at, 9), (text, condition.colour))
+    for at, (_, colour) in marked.items():
         axis.axvline(at, color=colour, lw=0.9, ls=":", zorder=1)
-        if number < most:
-            place = {"xy": (at, 0.97 - 0.1 * number), "xycoords": ("data", "axes fraction")}
-            style = {"fontsize": 7, "color": colour, "va": "top"}
-            axis.annotate(text, xytext=(4, 0), textcoords="offset points", **place, **style)
+    labels = {text: (at, colour) for at, (text, colour) in sorted(marked.items(), reverse=True)}
+    most = 4  # labels that find room above one another, and above the box of the slope
+    places = sorted((at, text, colour) for text, (at, colour) in labels.items())
+    low, high = axis.get_xlim()
+    for number, which in enumerate(np.unique(np.linspace(0, len(places) - 1, most).astype(int)) if places else ()):
+        at, text, colour = places[which]
+        side = "left" if at - low < 0.6 * (high - low) else "right"
+        place = {"xy": (at, 0.97 - 0.1 * number), "xycoords": ("data", "axes fraction"), "ha": side}
+        box = {"facecolor": "white", "alpha": 0.6, "lw": 0, "pad": 0.3}
+        style = {"fontsize": 7, "color": colour, "va": "top", "bbox": box, "zorder": 4}
+        apart = 4 if side == "left" else -4
+        axis.annotate(text, xytext=(apart, 0), textcoords="offset points", **place, **style)
 
 
 def _unit(fit: FitResult, row: int, column: int) -> str:

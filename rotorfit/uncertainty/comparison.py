@@ -88,7 +88,7 @@ class Comparison:
         return text_html(str(self))
 
 
-def compare(fits: Sequence[FitResult] | Mapping[str, FitResult]) -> Comparison:
+def compare(fits: FitResult | Sequence[FitResult] | Mapping[str, FitResult]) -> Comparison:
     """Fits of the same data side by side: AIC, weights, parameters.
 
     Args:
@@ -96,20 +96,31 @@ def compare(fits: Sequence[FitResult] | Mapping[str, FitResult]) -> Comparison:
             models' names.
 
     Raises:
-        ValueError: no fits, or fits of different data, whose AIC cannot be compared.
+        TypeError: something that is no fit.
+        ValueError: no fits, or fits of different data or with different losses, whose AIC cannot be compared.
 
     Example:
         >>> both = rf.compare({"as printed": fit, "again": fit})
         >>> both.weights["again"]
         0.5
     """
-    named = dict(fits) if isinstance(fits, Mapping) else _named(fits)
+    several = (fits,) if isinstance(fits, FitResult) else fits
+    given = tuple(several.values() if isinstance(several, Mapping) else several)
+    for fit in given:
+        if not isinstance(fit, FitResult):
+            raise TypeError(f"compare takes results of rf.fit, or of rf.load_fit(path), not {type(fit).__name__}")
+    named = dict(zip(several, given, strict=True)) if isinstance(several, Mapping) else _named(given)
     if not named:
         raise ValueError("there are no fits to compare")
-    first = next(iter(named.values()))
+    base, first = next(iter(named.items()))
     for name, fit in named.items():
         if not _same_data(first, fit):
-            raise ValueError(f"{name} is a fit of other data than {next(iter(named))}: their AIC cannot be compared")
+            raise ValueError(f"{name} is a fit of other data than {base}: their AIC cannot be compared")
+        if fit.problem.loss != first.problem.loss:
+            raise ValueError(
+                f"{name} was fitted with loss {fit.problem.loss}, {base} with {first.problem.loss}: their AIC cannot "
+                "be compared"
+            )
     order = sorted(named, key=lambda name: named[name].aic)
     aic: Float = np.array([named[name].aic for name in order])
     weights = np.exp(-(aic - aic[0]) / 2)
