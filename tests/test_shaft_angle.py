@@ -311,3 +311,19 @@ def test_a_spurious_edge_just_before_a_true_one_beside_missing_ones_is_left_out(
     gone = [int(np.searchsorted(true, at)) for at in (5.14, 5.42)]
     edges = np.sort(np.concatenate([np.delete(true, gone), [true[late] - 5.5e-3, 6.559]]))
     np.testing.assert_allclose(number_pulses(edges).extra, [true[late] - 5.5e-3, 6.559])
+
+
+def test_a_spurious_edge_in_place_of_the_missing_one_is_left_out_and_named() -> None:
+    """65 degrees ahead of the missing pulse, in a sweep that jitters by the sampling alone: a smooth angle fitted
+    with it follows it, and then finds nothing odd."""
+    rng = np.random.default_rng(3)
+    rate, duration = 8192.0, 25.0
+    growth = np.log(5000 / 90) / duration
+    true = np.log1p(np.arange(1, 500) * growth / 1.5) / growth  # of 1.5 exp(growth t) turns a second
+    gone = int(np.argmin(np.abs(true - 12.2032)))
+    edges = np.round(np.sort(np.append(np.delete(true + rng.uniform(-0.1, 0.1, true.size) / rate, gone), 12.1866)), 6)
+    smooth = smooth_angle(number_pulses(edges), duration=duration, resolution=1 / rate)
+    np.testing.assert_allclose(smooth.outlying, [12.1866])
+    inside = np.linspace(true[2], true[-3], 1000)
+    off = smooth.angle(inside) - 2 * np.pi * 1.5 * np.expm1(growth * inside) / growth
+    assert np.ptp(off) < np.radians(5)

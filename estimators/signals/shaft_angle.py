@@ -19,11 +19,12 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 
 from rotorfit.estimators.signals.band_tiling import POOLED_FREEDOM
 from rotorfit.estimators.signals.pulses import NumberedPulses
-from rotorfit.models.array_types import Float, Index
+from rotorfit.models.array_types import Bool, Float, Index
 
 SPLINE_DEGREE = 5
 _OUTLYING_DEVIATIONS = 7.0
@@ -84,6 +85,8 @@ def smooth_angle(
             f"{pulses.times.size} pulses of a wheel with {pulses_per_turn}; at least four turns are needed"
         )
     keep = np.ones(pulses.times.size, dtype=bool)
+    if pulses_per_turn == 1:
+        keep = ~_displaced(pulses, max(resolution, _ROUND_OFF * duration))
     for _ in range(4):
         fit = _fit(pulses.times[keep], pulses.numbers[keep], step, duration, pulses_per_turn)
         tooth = fit.pattern[pulses.numbers % pulses_per_turn]
@@ -96,6 +99,37 @@ def smooth_angle(
             break
         keep = near
     return replace(fit, outlying=pulses.times[~keep])
+
+
+def _displaced(pulses: NumberedPulses, allowed: float) -> Bool:
+    """Single pulses far from where the two before and the two after say they are: one of them bends the smooth angle
+    towards itself. That is fitted without them first, and says then which stay left out. Not where the count is wrong,
+    which leaves others displaced too."""
+    odd = _off_place(pulses.times, pulses.numbers, allowed)
+    if odd.any():
+        left = np.flatnonzero(~odd)
+        more = left[_off_place(pulses.times[left], pulses.numbers[left], allowed)]
+        beside = 8  # pulses among which one displaced is no single one
+        odd[[i for i in np.flatnonzero(odd) if np.abs(more - i).min(initial=beside) < beside]] = False
+    return odd
+
+
+def _off_place(t: Float, numbers: Index, allowed: float) -> Bool:
+    """Pulses that are off the cubic through their four neighbours, more than these and by far more than usual, s."""
+    if t.size < 5:
+        return np.zeros(t.size, dtype=bool)
+    n, inner = numbers.astype(float), slice(2, -2)
+    near = [slice(0, -4), slice(1, -3), slice(3, -1), slice(4, None)]
+    cubic = sum(
+        t[one] * np.prod([(n[inner] - n[other]) / (n[one] - n[other]) for other in near if other is not one], axis=0)
+        for one in near
+    )
+    off = np.pad(np.abs(t[inner] - cubic), 2)
+    usual = median_filter(off, 31, mode="nearest")
+    largest = np.lib.stride_tricks.sliding_window_view(np.pad(off, 2), 5).max(axis=1)
+    least = 0.02 * np.gradient(t, n)  # of a turn: less does no harm
+    limit = np.maximum(1.5 * _OUTLYING_DEVIATIONS * usual, np.maximum(least, allowed))
+    return np.asarray((off == largest) & (off > limit))
 
 
 def _fit(times: Float, numbers: Index, step: float, duration: float, per_turn: int) -> SmoothAngle:
