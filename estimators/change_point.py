@@ -29,8 +29,8 @@ class Change:
     """The most likely change of level in N dates of P values."""
 
     index: int  # first date after the change
-    before: Float  # mean levels, shape ``(P,)``
-    after: Float  # mean levels, shape ``(P,)``
+    before: Float  # mean levels before the change, shape ``(P,)``
+    after: Float  # mean levels after it, shape ``(P,)``
     scatter: Float  # covariance of one date about its level, shape ``(P, P)``
     covariance: Float  # of the difference ``after - before``, shape ``(P, P)``
     freedom: int  # degrees of freedom of the scatter

@@ -91,12 +91,12 @@ class Observed:
 class Responses(Observed):
     """Responses to circular forces, or forces under imposed orbits, one line a run at one frequency."""
 
-    speed: Float  # rad/s, shape ``(L,)``
-    frequency: Float  # rad/s, shape ``(L,)``
+    speed: Float  # rotative speed of each line, rad/s, shape ``(L,)``
+    frequency: Float  # of each line, rad/s, shape ``(L,)``
     force: ComplexArray  # generalised force, shape ``(L, n)``; with ``imposed``, the imposed displacement instead
     group: Index  # parameter group of each line, shape ``(L,)``
-    line: Index  # line and coordinate of each reading, shape ``(R,)``, lines ascending
-    coordinate: Index  # line and coordinate of each reading, shape ``(R,)``, lines ascending
+    line: Index  # line of each reading, shape ``(R,)``, ascending
+    coordinate: Index  # coordinate of each reading, shape ``(R,)``
     imposed: bool = False  # the displacement is imposed and ``measured`` is the force
     sigma_given: bool = True  # sigma was given with all readings, not estimated from them
     beside: ComplexArray | None = None  # known dynamic stiffness that acts beside the model's, shape ``(L, n, n)``

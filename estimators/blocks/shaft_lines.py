@@ -19,8 +19,8 @@ class LineResponses(Observed):
     """Lines under rotating forces, or without a force, one a reading, all of shape ``(R,)``."""
 
     model: AnisotropicShaft  # the shaft
-    speed: Float  # Om and w, rad/s
-    frequency: Float  # Om and w, rad/s
+    speed: Float  # Om, rad/s
+    frequency: Float  # w, rad/s
     force: ComplexArray  # complex amplitude of the force at w, N
     direction: Text  # ``z`` or ``twist``
     line: Text  # name of the line
@@ -82,8 +82,8 @@ class PairResponses(OnResponses):
     """Lines of a rotor with a turning element, such as w and the image 2 Om - w, one a reading, all of shape ``(R,)``.
     In turning coordinates they are ordinary responses: the vector (A, conj(B), ...) at w - Om."""
 
-    speed: Float  # Om and w, rad/s
-    frequency: Float  # Om and w, rad/s
+    speed: Float  # Om, rad/s
+    frequency: Float  # w, rad/s
     force: ComplexArray  # complex amplitude of the force at w, N
     direction: Text  # ``z``
     line: Text  # ``w``, ``2Om-w``, on supports that differ in two directions ``-w`` and others

@@ -22,14 +22,14 @@ class OffCentreResponses(Observed):
     They are phasors relative to ``exp(+j|w|t)``.
     """
 
-    speed: Float  # rad/s, frequency signed by the sense of the force, shape ``(L,)``
-    frequency: Float  # rad/s, frequency signed by the sense of the force, shape ``(L,)``
+    speed: Float  # rad/s, shape ``(L,)``
+    frequency: Float  # rad/s, signed by the sense of the force, shape ``(L,)``
     force: ComplexArray  # generalised force in complex coordinates, shape ``(L, n)``
-    eccentricity: Float  # static position of the journal in each line: |z_s| over clearance, and its angle in rad
-    attitude: Float  # static position of the journal in each line: |z_s| over clearance, and its angle in rad
+    eccentricity: Float  # of the static position of the journal in each line: |z_s| over clearance
+    attitude: Float  # angle of that position, rad
     group: Index  # parameter group of each line
-    line: Index  # line and complex coordinate of each reading, shape ``(R,)``
-    coordinate: Index  # line and complex coordinate of each reading, shape ``(R,)``
+    line: Index  # line of each reading, shape ``(R,)``
+    coordinate: Index  # complex coordinate of each reading, shape ``(R,)``
     vertical: Bool  # whether a reading is that of the y probe, shape ``(R,)``
 
     @property
@@ -97,8 +97,8 @@ class OffCentreResponses(Observed):
 class FreeVibrations(Observed):
     """Eigenvalues of small free motion about equilibria, each nearest to a measured ``s = -zeta |s| + j w_d``, 1/s."""
 
-    speed: Float  # rotative speed, rad/s, and static eccentricity of the journal, shape ``(R,)``
-    eccentricity: Float  # rotative speed, rad/s, and static eccentricity of the journal, shape ``(R,)``
+    speed: Float  # rotative speed, rad/s, shape ``(R,)``
+    eccentricity: Float  # of the static position of the journal, shape ``(R,)``
     reading_group: Index  # parameter group, shape ``(R,)``
 
     def predict(self, theta: Float) -> ComplexArray:

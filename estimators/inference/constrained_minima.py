@@ -32,8 +32,8 @@ It misses the share of the step's square, in standard errors, by which Gauss-New
 class Minima:
     """Minima over everything else with a quantity held at some values."""
 
-    cost: Float  # at each minimum, shapes ``(W,)`` and ``(W, p)``
-    x: Float  # at each minimum, shapes ``(W,)`` and ``(W, p)``
+    cost: Float  # at each minimum, shape ``(W,)``
+    x: Float  # place of each minimum, shape ``(W, p)``
     slope: Float  # change of the minimum for a change of the value by one, shape ``(W, p)``
     found: Bool  # whether full steps led there; the others have to be searched by themselves, shape ``(W,)``
     contraction: Float  # largest length of a step over that of the one before, shape ``(W,)``; zero where there was one

@@ -24,8 +24,8 @@ class Offset:
     """A probe or a force that is not at its plane, but a share of the way towards another."""
 
     kind: str  # "probe" or "force"
-    at: int  # coordinates
-    towards: int  # coordinates
+    at: int  # coordinate at which it is taken to be
+    towards: int  # coordinate towards which it lies
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,8 @@ class Curvature:
     x: Float  # the point, shape ``(p,)``
     cost: float  # half the (robust) sum of squares there, and what priors add to it
     squares: float  # sum of the squares of the whitened residuals
-    gradient: Float  # its slope and its Gauss-Newton matrix, shapes ``(p,)`` and ``(p, p)``
-    matrix: Float  # its slope and its Gauss-Newton matrix, shapes ``(p,)`` and ``(p, p)``
+    gradient: Float  # its slope, shape ``(p,)``
+    matrix: Float  # its Gauss-Newton matrix, shape ``(p, p)``
     prior: Float  # what priors add to the diagonal of the matrix, shape ``(p,)``
 
     def scaled(self, factor: float) -> Curvature:
@@ -36,8 +36,8 @@ class Curvature:
 class Parts:
     """A quadratic approximation parted in ``s`` shared and ``q`` own parameters."""
 
-    shared: Index  # places of either kind among the parameters of the quadratic, shapes ``(s,)`` and ``(q,)``
-    own: Index  # places of either kind among the parameters of the quadratic, shapes ``(s,)`` and ``(q,)``
+    shared: Index  # places of the shared among the parameters of the quadratic, shape ``(s,)``
+    own: Index  # places of the others, shape ``(q,)``
     schur: Float  # information on the shared ones, the own ones free, shape ``(s, s)``
     size: Float  # information on each of the shared ones, all others known, shape ``(s,)``
     gradient: Float  # slope by the shared ones, the own ones following, shape ``(s,)``

@@ -29,8 +29,8 @@ class MemberReadings:
     """Readings of many members."""
 
     measured: ComplexArray  # of what is not compiled, shape ``(W, R)``
-    re: Float  # responses to unit forces in the order of the kernels, shape ``(W, Q)``
-    im: Float  # responses to unit forces in the order of the kernels, shape ``(W, Q)``
+    re: Float  # real parts of responses to unit forces in the order of the kernels, shape ``(W, Q)``
+    im: Float  # imaginary parts, shape ``(W, Q)``
 
     def of(self, members: Index) -> MemberReadings:
         """Those of some members; of all without a copy."""

@@ -28,8 +28,8 @@ class ParameterSpace:
     base: tuple[str, ...]  # names without the group suffix, the model's own
     template: Float  # parameter vectors of the groups with known values in place, shape ``(G, P)``
     index: Index  # entry of the fitted vector that feeds each place of the template, -1 where known, shape ``(G, P)``
-    lower: Float  # bounds, shape ``(p,)``
-    upper: Float  # bounds, shape ``(p,)``
+    lower: Float  # lower bounds, shape ``(p,)``
+    upper: Float  # upper bounds, shape ``(p,)``
     nuisance: tuple[str, ...] = ()  # names of nuisance entries, which follow the parameters
 
     @property

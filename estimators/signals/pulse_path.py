@@ -31,9 +31,9 @@ class _Ways:
 
     period: Float  # logarithm of the last turn's length on each, shape ``(S,)``
     price: Float  # of each, shape ``(S,)``
-    before: Index  # edge before this one, which of its ways, and turns in between, shape ``(S,)``
-    way: Index  # edge before this one, which of its ways, and turns in between, shape ``(S,)``
-    turns: Index  # edge before this one, which of its ways, and turns in between, shape ``(S,)``
+    before: Index  # edge before this one, shape ``(S,)``
+    way: Index  # which of that edge's ways, shape ``(S,)``
+    turns: Index  # turns in between, shape ``(S,)``
 
 
 def steadier(times: Float, kept: Index, turns: Index) -> tuple[Index, Index]:

@@ -35,8 +35,8 @@ and a few edges more."""
 class PulseLevels:
     """Voltages of a pulse train."""
 
-    low: float  # the two voltages, V
-    high: float  # the two voltages, V
+    low: float  # voltage between pulses, V
+    high: float  # voltage of pulses, V
     level: float  # where an edge is timed, V
     hysteresis: float  # distance from the level that the voltage must reach on both sides, V
     falling: bool  # whether the timed edge falls

@@ -22,10 +22,10 @@ _LARGEST_UNEVENNESS = 0.25  # relative deviation from even steps in (Omega - pea
 class Ramp:
     """One mode under a ramp of speed."""
 
-    rate: float  # of the speed and its standard error, rad/s^2
-    rate_error: float  # of the speed and its standard error, rad/s^2
-    wn: float  # natural frequency and standard error, rad/s
-    wn_error: float  # natural frequency and standard error, rad/s
+    rate: float  # change of the speed, rad/s^2
+    rate_error: float  # its standard error, rad/s^2
+    wn: float  # natural frequency, rad/s
+    wn_error: float  # its standard error, rad/s
     zeta: float  # damping ratio
     steady_wn: float  # natural frequency that a quasi-steady fit up to the beating gives, rad/s
     beats_from: float  # speed from which the amplitude beats, rad/s

@@ -38,12 +38,12 @@ class SmoothAngle:
     """A shaft's angle as a function of time."""
 
     spline: BSpline  # the angle, rad, over time, s
-    begin: float  # times of the first and the last pulse used, s
-    end: float  # times of the first and the last pulse used, s
+    begin: float  # time of the first pulse used, s
+    end: float  # time of the last pulse used, s
     jitter: float  # typical standard deviation of a pulse's time about the smooth angle, s
     groups: Float
-    shares: Float  # variance of the smooth angle over that of one pulse, and times (s) of it, shape ``(S,)`` both
-    share_t: Float  # variance of the smooth angle over that of one pulse, and times (s) of it, shape ``(S,)`` both
+    shares: Float  # variance of the smooth angle over that of one pulse, shape ``(S,)``
+    share_t: Float  # times of these, s, shape ``(S,)``
     pattern: Float  # how far each pulse of a turn is ahead of even spacing, rad, shape ``(P,)``
     outlying: Float  # times of pulses left out because they are far from the smooth angle, s
     pulses: int  # number of pulses used

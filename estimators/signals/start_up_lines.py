@@ -29,9 +29,9 @@ class StartUp:
     """Motion of one plane in a start-up or a shutdown."""
 
     rate: float  # samples a second, Hz
-    angle: Float  # of the shaft, rad, rad/s, rad/s^2, shape ``(N,)``
-    speed: Float  # of the shaft, rad, rad/s, rad/s^2, shape ``(N,)``
-    acceleration: Float  # of the shaft, rad, rad/s, rad/s^2, shape ``(N,)``
+    angle: Float  # of the shaft, rad, shape ``(N,)``
+    speed: Float  # of the shaft, rad/s, shape ``(N,)``
+    acceleration: Float  # of the shaft, rad/s^2, shape ``(N,)``
     motion: ComplexArray  # ``x + jy`` about its mean, m, shape ``(N,)``
 
 
@@ -39,8 +39,8 @@ class StartUp:
 class RoughShaft:
     """A shaft of mass one."""
 
-    k: float  # stiffness, 1/s^2, and damping, 1/s, over the mass
-    d: float  # stiffness, 1/s^2, and damping, 1/s, over the mass
+    k: float  # stiffness over the mass, 1/s^2
+    d: float  # damping over the mass, 1/s
     delta: complex  # ``dK exp(2jg)`` over the mass
     eps: complex  # eccentricity, m
     side: complex  # side load over the mass, m/s^2

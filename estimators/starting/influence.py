@@ -34,9 +34,9 @@ class Readings:
 
     value: ComplexArray  # complex readings, shape ``(R,)``
     speed: Float  # rad/s, shape ``(R,)``
-    mounting: Index  # numbers of the mounting, the channel and the dwell speed of each, shape ``(R,)``
-    channel: Index  # numbers of the mounting, the channel and the dwell speed of each, shape ``(R,)``
-    dwell: Index  # numbers of the mounting, the channel and the dwell speed of each, shape ``(R,)``
+    mounting: Index  # number of the mounting of each, shape ``(R,)``
+    channel: Index  # number of its channel, shape ``(R,)``
+    dwell: Index  # number of its dwell speed, shape ``(R,)``
     unbalance: ComplexArray  # ``m r exp(j delta)`` of each mounting in each force plane, kg m, shape ``(M, planes)``
     sigma: Float  # noise that was given with the readings, NaN where it was not, shape ``(R,)``
 
@@ -46,8 +46,8 @@ class Influence:
     """Residual vectors and influences of the cells, a cell being one channel at one dwell speed. Covariances are those
     of real and of imaginary parts, influences ordered cell by cell, plane by plane."""
 
-    channel: Index  # of each cell, shape ``(C,)``
-    dwell: Index  # of each cell, shape ``(C,)``
+    channel: Index  # number of each cell's channel, shape ``(C,)``
+    dwell: Index  # number of its dwell speed, shape ``(C,)``
     speed: Float  # speed to which the readings of each dwell were brought, rad/s, shape ``(dwells,)``
     residual: ComplexArray  # readings without weights, shape ``(C,)``
     influence: ComplexArray  # per kg m, shape ``(C, planes)``

@@ -27,10 +27,10 @@ class LumpedStructure:
     """Layout that the lumped coefficients depend on: equal layouts have the same ones."""
 
     model: RotorModel  # the rotor
-    names: tuple[str, ...]  # fitted parameters as in :class:`ParameterSpace`
-    base: tuple[str, ...]  # fitted parameters as in :class:`ParameterSpace`
-    template: tuple[tuple[float, ...], ...]  # rows of the :class:`ParameterSpace` arrays of these names
-    index: tuple[tuple[int, ...], ...]  # rows of the :class:`ParameterSpace` arrays of these names
+    names: tuple[str, ...]  # fitted parameters; this and the next three as in :class:`ParameterSpace`
+    base: tuple[str, ...]
+    template: tuple[tuple[float, ...], ...]
+    index: tuple[tuple[int, ...], ...]
     speeds: tuple[tuple[tuple[int, tuple[float, ...]], ...], ...]
 
     @classmethod
@@ -144,8 +144,8 @@ class _Single(NamedTuple):
     """A coefficient in which one parameter is the only unknown."""
 
     derivative: int  # number of the derivative of the one by the other
-    row: int  # numbers of the coefficient and of the parameter
-    column: int  # numbers of the coefficient and of the parameter
+    row: int  # number of the coefficient
+    column: int  # number of the parameter
     reciprocal: bool  # linear in one over the parameter, not in the parameter
 
     def solve(self, now: Float, slopes: Float, values: Float, point: Float) -> tuple[float, float]:

@@ -21,8 +21,8 @@ class Place:
 
     block: Index
     group: Index
-    row: Index  # entry of kappa
-    column: Index  # entry of kappa
+    row: Index  # row of kappa of each entry
+    column: Index  # column of kappa of each entry
     power: Index  # power of s
     unit: ComplexArray  # 1 or j
     speed_power: Index  # power of the rotative speed
@@ -35,8 +35,8 @@ class LumpedGraph:
     share one."""
 
     function: Callable[[Sequence[Any]], Float]
-    rows: Index  # coefficient and fitted value of each derivative
-    columns: Index  # coefficient and fitted value of each derivative
+    rows: Index  # coefficient of each derivative
+    columns: Index  # fitted value of each derivative
     place: Place  # where they enter, ``speed`` being the running number of the speed, -1 for all
 
 

@@ -44,8 +44,8 @@ class Lines:
     frequency: Float  # signed where forward and backward are apart, rad/s, shape ``(R,)``
     value: ComplexArray  # response over force, m/N, shape ``(R,)``
     weight: Float  # one over its standard deviation, shape ``(R,)``
-    probe: Index  # numbers of the planes of probe and force, shape ``(R,)``
-    plane: Index  # numbers of the planes of probe and force, shape ``(R,)``
+    probe: Index  # number of the plane of each probe, shape ``(R,)``
+    plane: Index  # number of the plane of each force, shape ``(R,)``
 
 
 def modal_start(model: Modal, blocks: Sequence[Responses], *, unknown: bool = True) -> tuple[dict[str, float], float]:

@@ -25,10 +25,10 @@ class RationalFit:
     """Ratios of polynomials fitted to responses."""
 
     cost: float  # half the sum of squares that they leave
-    unknowns: int  # real unknowns and real data
-    data: int  # real unknowns and real data
-    zeros: tuple[float, ...]  # frequencies, rad/s, ascending
-    poles: tuple[float, ...]  # frequencies, rad/s, ascending
+    unknowns: int  # real unknowns
+    data: int  # real numbers of the data
+    zeros: tuple[float, ...]  # their frequencies, rad/s, ascending
+    poles: tuple[float, ...]  # their frequencies, rad/s, ascending
 
     def limit(self, unknowns: int, deviations: float) -> float:
         """Cost that a rotor with so many poles leaves, to so many standard deviations of chi-squared."""

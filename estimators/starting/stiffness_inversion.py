@@ -14,8 +14,8 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 class StiffnessMatrices:
     """Measured dynamic stiffness (eq. 7)."""
 
-    frequency: Float  # rad/s, shape ``(N,)``; the frequency is signed where forward and backward are apart
-    speed: Float  # rad/s, shape ``(N,)``; the frequency is signed where forward and backward are apart
+    frequency: Float  # rad/s, shape ``(N,)``; signed where forward and backward are apart
+    speed: Float  # rad/s, shape ``(N,)``
     kappa: ComplexArray  # shape ``(N, n, n)``, N/m
     sigma: Float  # standard deviation of real and imaginary part of each entry, from the propagated noise, same shape
     first_line: Index  # line of the block that carries each frequency, shape ``(N,)``

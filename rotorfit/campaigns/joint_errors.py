@@ -29,8 +29,8 @@ class OwnErrors:
 class JointErrors:
     """Covariances of the joint fit."""
 
-    noise: Float  # of the shared parameters, as in :class:`OwnErrors`, shapes ``(s, s)``
-    covar: Float  # of the shared parameters, as in :class:`OwnErrors`, shapes ``(s, s)``
+    noise: Float  # of the shared parameters, as the noise alone makes it, shape ``(s, s)``
+    covar: Float  # of the shared parameters, widened for a model that does not fit, shape ``(s, s)``
     own: tuple[OwnErrors, ...]  # of each run's own parameters
 
 

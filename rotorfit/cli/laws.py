@@ -28,7 +28,12 @@ def add_options(to: argparse.ArgumentParser) -> None:
     to.add_argument(
         "--clearance-um", type=positive_word, required=True, metavar="UM", help="radial clearance at the fluid"
     )
-    to.add_argument("--laws", type=words, metavar="A,B", help="laws to compare: constant,muszynska [all]")
+    to.add_argument(
+        "--laws",
+        type=words,
+        metavar="A,B",
+        help="laws to compare: muszynska,collapse [constant, muszynska, two even polynomials, a spline]",
+    )
     to.add_argument("--out", type=Path, help="folder for law_comparison.csv, summary.txt and law.png")
     add_output(to)
 

@@ -35,8 +35,8 @@ class Pair:
     """Readings y of a plane beside what an isotropic rotor makes of x, shape ``(N,)``."""
 
     w: Float  # size of the frequency, rad/s
-    expected: ComplexArray  # m
-    seen: ComplexArray  # m
+    expected: ComplexArray  # responses of the model, m
+    seen: ComplexArray  # responses measured, m
     noise: Float  # of x and of y, m, shape ``(N, 2)``
 
 

@@ -20,12 +20,12 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 class Goodness:
     """Agreement with the data, by the noise of the data, whatever weights the fit gave them."""
 
-    chisqr: float  # sum of squared residuals over the noise, and that over the degrees of freedom
-    redchi: float  # sum of squared residuals over the noise, and that over the degrees of freedom
-    nvarys: int  # fitted values, degrees of freedom
-    nfree: int  # fitted values, degrees of freedom
-    aic: float  # Akaike's and the Bayesian information criterion, of the loss
-    bic: float  # Akaike's and the Bayesian information criterion, of the loss
+    chisqr: float  # sum of squared residuals over the noise
+    redchi: float  # the same over the degrees of freedom
+    nvarys: int  # fitted values
+    nfree: int  # degrees of freedom
+    aic: float  # Akaike's information criterion, of the loss
+    bic: float  # the Bayesian information criterion, of the loss
     responses: tuple[ResponseQuality, ...]  # agreement response by response
 
 

@@ -107,8 +107,8 @@ class Places:
 
     lines: Lines  # the test's rows by lines
     first: Index  # first row of each line, shape ``(L,)``
-    line: Index  # line and coordinate of each reading, shape ``(R,)``
-    coordinate: Index  # line and coordinate of each reading, shape ``(R,)``
+    line: Index  # line of each reading, shape ``(R,)``
+    coordinate: Index  # coordinate of each reading, shape ``(R,)``
     rows: Index  # its readings x, y and z, -1 where there is none, shape ``(R, 3)``
     backward: NDArray[np.bool_]  # whether its force turns backward, shape ``(R,)``
 
@@ -228,7 +228,8 @@ def _assemble(
         rate = np.abs(frequency[line]) ** derivative
         seen = replace(block, measured=measured * rate)
         condition = _conditions(test, lines.number["run"])[row]
-        sigma[gaps] = (estimate_noise(seen, wrong * rate, test.synchronous, condition) / rate)[gaps]
+        estimated = estimate_noise(seen, wrong * rate, test.synchronous, condition) / rate
+        return replace(block, sigma=np.where(gaps, estimated, sigma))
     return block
 
 
@@ -316,7 +317,7 @@ def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Inde
     )
     gaps = np.isnan(sigma)
     if gaps.any():
-        sigma[gaps] = estimate_noise(block, wrong, False)[gaps]
+        return replace(block, sigma=np.where(gaps, estimate_noise(block, wrong, False), sigma))
     return block
 
 

@@ -25,15 +25,15 @@ from rotorfit.models.motion.line_stiffness import line_stiffness
 class JournalLines:
     """Measured motion of the journal under circular forces or constant loads, and the fit's, all shape ``(L,)``."""
 
-    group: Index  # parameter group and run of each line
-    run: Text  # parameter group and run of each line
-    speed: Float  # rad/s; frequency is zero under constant loads
-    frequency: Float  # rad/s; frequency is zero under constant loads
+    group: Index  # parameter group of each line
+    run: Text  # run of each line
+    speed: Float  # rad/s
+    frequency: Float  # rad/s, zero under constant loads
     force: ComplexArray  # largest force of the line, N
     position: ComplexArray  # measured amplitude, or position, of the journal, m
     sigma: Float  # its noise
-    eccentricity: Float  # measured and fitted
-    fitted_eccentricity: Float  # measured and fitted
+    eccentricity: Float  # measured
+    fitted_eccentricity: Float  # that of the fit
     stiffness: ComplexArray
     stiffness_sigma: Float  # its noise
     linear: ComplexArray  # what the fitted model has there at zero eccentricity

@@ -173,14 +173,14 @@ class SweepCurve:
     coordinate: int  # places in the model's coordinates
     force_plane: int  # places in the model's coordinates; of forces at several planes see `forced_planes`
     condition: SweepCondition  # what it was measured in
-    block: Index  # of the readings: the block of the fit's problem that each is in, and its place there
-    reading: Index  # of the readings: the block of the fit's problem that each is in, and its place there
+    block: Index  # block of the fit's problem that each reading is in
+    reading: Index  # place of each reading in its block
     frequency: Float  # of the readings, rad/s
     measured: ComplexArray  # response over force (or force over imposed displacement)
     whitened: ComplexArray  # residual over noise
     signed: bool  # values are of x + jy at the signed frequency, not of a probe
-    fine: Float  # frequencies and values of the fitted line
-    fitted: ComplexArray  # frequencies and values of the fitted line
+    fine: Float  # frequencies of the fitted line
+    fitted: ComplexArray  # values of the fitted line
     band: tuple[Float, Float]  # half-width of the fitted line's 95 % band
 
     @property

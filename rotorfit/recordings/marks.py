@@ -51,8 +51,8 @@ class SpeedTrack:
     t: Float  # s, shape ``(N,)``
     speed: Float  # rad/s, smoothed
     acceleration: Float  # rad/s^2
-    raw_t: Float  # between one pulse and the next, s and rad/s
-    raw_speed: Float  # between one pulse and the next, s and rad/s
+    raw_t: Float  # middle between one pulse and the next, s
+    raw_speed: Float  # speed from one pulse to the next, rad/s
 
 
 def speeds(marks: Marks, points: int = 2000) -> list[SpeedTrack]:

@@ -22,8 +22,8 @@ class Cascade:
     position: Float  # s or rad/s, shape ``(W,)``
     frequency: Float  # Hz, negative is backward, shape ``(F,)``
     amplitude: Float  # m, shape ``(W, F)``; a circle of radius A has A
-    shaft: Float  # speeds at each spectrum, rad/s (perturbation signed by its whirl); NaN without a mark
-    perturbation: Float  # speeds at each spectrum, rad/s (perturbation signed by its whirl); NaN without a mark
+    shaft: Float  # shaft speed at each spectrum, rad/s; NaN without a mark
+    perturbation: Float  # speed of the perturbation at each spectrum, rad/s, signed by its whirl; NaN without a mark
 
 
 def spectrum(record: Signals, plane: str, start: float, stop: float | None) -> tuple[Float, Float]:
@@ -66,8 +66,8 @@ class CascadeTimes:
     size: int  # samples of each
     starts: Index  # first sample of each, shape ``(W,)``
     position: Float  # s or rad/s, shape ``(W,)``
-    shaft: Float  # speeds at each spectrum, rad/s, the latter signed; NaN without a mark
-    perturbation: Float  # speeds at each spectrum, rad/s, the latter signed; NaN without a mark
+    shaft: Float  # shaft speed at each spectrum, rad/s; NaN without a mark
+    perturbation: Float  # speed of the perturbation at each spectrum, rad/s, signed by its whirl; NaN without a mark
 
 
 def cascade_times(record: Signals, marks: Marks, over: str | None, spectra: int) -> CascadeTimes:

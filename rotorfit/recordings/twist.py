@@ -68,8 +68,8 @@ class TwistView:
     overall: Float  # amplitude that a sine of the same mean square has, rad 0-pk, shape ``(W,)``
     frequency: Float  # Hz, from zero, shape ``(F,)``
     amplitude: Float  # of the lines, rad 0-pk, shape ``(W, F)``
-    shaft: Float  # speeds at each spectrum, rad/s, the latter signed; NaN without a mark
-    perturbation: Float  # speeds at each spectrum, rad/s, the latter signed; NaN without a mark
+    shaft: Float  # shaft speed at each spectrum, rad/s; NaN without a mark
+    perturbation: Float  # speed of the perturbation at each spectrum, rad/s, signed; NaN without a mark
 
 
 def twist_view(record: Signals, marks: Marks, *, over: str | None, spectra: int) -> TwistView:

@@ -27,18 +27,18 @@ FigureFormat = Literal["png", "pdf", "svg", "none"]
 
 @dataclass(frozen=True, kw_only=True)
 class ReportInput:
-    """All that a report is written from; see :func:`write_report`."""
+    """All that a report is written from, as :func:`write_report` takes it."""
 
-    fit: FitResult  # as :func:`write_report` takes them
-    posterior: Posterior | None = None  # as :func:`write_report` takes them
-    refinement: Refinement | None = None  # as :func:`write_report` takes them
-    findings: Sequence[Sequence[Finding]] = ()  # as :func:`write_report` takes them
-    profiles: Sequence[Profile] = ()  # as :func:`write_report` takes them
-    bootstrap: Bootstrap | None = None  # as :func:`write_report` takes them
-    shares: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # as :func:`write_report` takes them
-    operating_speed: float | None = None  # likewise
-    figure_format: FigureFormat = "png"  # likewise
-    recordings: Sequence[Recording] = ()  # likewise
-    turns: int | None = None  # likewise
-    interactive: bool = False  # likewise
+    fit: FitResult
+    posterior: Posterior | None = None
+    refinement: Refinement | None = None
+    findings: Sequence[Sequence[Finding]] = ()
+    profiles: Sequence[Profile] = ()
+    bootstrap: Bootstrap | None = None
+    shares: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    operating_speed: float | None = None
+    figure_format: FigureFormat = "png"
+    recordings: Sequence[Recording] = ()
+    turns: int | None = None
+    interactive: bool = False
     pictures: dict[str, bytes] = field(default_factory=dict)

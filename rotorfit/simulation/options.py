@@ -17,23 +17,23 @@ from rotorfit.simulation.forcing import LineOrder
 class ExperimentOptions(TypedDict, total=False):
     """Options of :func:`rotorfit.simulate` for one kind of experiment or another."""
 
-    speed_rpm: ArrayLike  # rotative speeds; frequencies of the force or the imposed orbit, negative backward
-    frequency_rpm: ArrayLike  # rotative speeds; frequencies of the force or the imposed orbit, negative backward
-    force: complex | Sequence[complex] | None  # force, N, or m r, kg m, with its phase
-    unbalance: complex | Sequence[complex] | Mapping[str, float] | None  # force, N, or m r, kg m, with its phase
+    speed_rpm: ArrayLike  # rotative speeds
+    frequency_rpm: ArrayLike  # frequencies of the force or the imposed orbit, negative backward
+    force: complex | Sequence[complex] | None  # N, with its phase
+    unbalance: complex | Sequence[complex] | Mapping[str, float] | None  # m r, kg m, with its phase
     planes: str | Sequence[str] | None  # planes that are forced, all by default
     order: LineOrder  # in which a sweep goes through its frequencies
     kept: bool  # whether trial weights stay in, after a run without one, in place of weights at 0 and 180 degrees
     residual: Mapping[str, complex] | None  # unbalance of the rotor itself, kg m, by plane
     amplitude_um: ArrayLike  # radius of an imposed orbit
-    load: ArrayLike  # constant load, N, where it acts, and its direction from x towards y
-    load_plane: str | None  # constant load, N, where it acts, and its direction from x towards y
-    load_deg: float  # constant load, N, where it acts, and its direction from x towards y
-    impulse: float  # momentum of a blow, N s, and its direction
-    impulse_deg: float  # momentum of a blow, N s, and its direction
+    load: ArrayLike  # constant load, N
+    load_plane: str | None  # where it acts
+    load_deg: float  # its direction from x towards y
+    impulse: float  # momentum of a blow, N s
+    impulse_deg: float  # its direction from x towards y
     plane: str | None  # where a load, a blow or an orbit acts, by default at the journal
-    duration: float | None  # length of a record, s, and how often it is sampled
-    sampling_hz: float | None  # length of a record, s, and how often it is sampled
+    duration: float | None  # length of a record, s
+    sampling_hz: float | None  # how often it is sampled
 
 
 class RecordingOptions(TypedDict, total=False):
@@ -45,18 +45,18 @@ class RecordingOptions(TypedDict, total=False):
     duration: float  # of a sweep, a dwell or a record, s
     unbalance: float  # of the perturbator or of the calibration weight, kg m
     force: float  # amplitude of a measured force, N
-    planes: str | Sequence[str] | None  # where the rotor is forced, and how
-    directions: Sequence[str]  # where the rotor is forced, and how: ``forward``, ``backward``, or along ``x`` or ``y``
+    planes: str | Sequence[str] | None  # where the rotor is forced
+    directions: Sequence[str]  # how it is forced: ``forward``, ``backward``, or along ``x`` or ``y``
     mark: bool  # whether the perturbator has a mark of its own
-    hole_zero_deg: float  # place of the hole called zero, and places of the weight from there
-    hole_deg: Sequence[float]  # place of the hole called zero, and places of the weight from there
+    hole_zero_deg: float  # place of the hole called zero
+    hole_deg: Sequence[float]  # places of the weight from there
     reference: bool  # whether there is a run without a weight as well
-    impulse: float  # momentum of a blow, N s, how many there are, and s between them
-    blows: int  # momentum of a blow, N s, how many there are, and s between them
-    apart: float  # momentum of a blow, N s, how many there are, and s between them
+    impulse: float  # momentum of a blow, N s
+    blows: int  # how many there are
+    apart: float  # s between them
     plane: str | None  # where a load or a blow acts, by default at the journal
-    load: ArrayLike  # constant load, N, and its direction from x towards y
-    load_deg: float  # constant load, N, and its direction from x towards y
+    load: ArrayLike  # constant load, N
+    load_deg: float  # its direction from x towards y
 
 
 def check_options(kind: str, options: Mapping[str, Any], kinds: Mapping[str, Callable[..., Any]]) -> None:

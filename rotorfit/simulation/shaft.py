@@ -32,8 +32,8 @@ class Perturbation:
     """An unbalance m r that turns at a speed of its own, swept linearly."""
 
     mr: float  # unbalance of the perturbator, kg m
-    first: float  # its speed at the begin and at the end, rad/s, positive
-    last: float  # its speed at the begin and at the end, rad/s, positive
+    first: float  # speed at the begin, rad/s, positive
+    last: float  # speed at the end, rad/s, positive
     forward: bool = False  # whether it turns with the shaft
     heavy_spot: float = 0.0  # angle of the unbalance ahead of the perturbator's mark, rad
 
@@ -53,8 +53,8 @@ class Perturbation:
 class RunUp:
     """A motor whose speed changes evenly: a start-up, or a shutdown where the last speed is the lower one."""
 
-    first: float  # speed at the begin and at the end, rad/s, positive
-    last: float  # speed at the begin and at the end, rad/s, positive
+    first: float  # speed at the begin, rad/s, positive
+    last: float  # speed at the end, rad/s, positive
     duration: float  # s
 
     @property

@@ -23,8 +23,8 @@ class Steady(NamedTuple):
     forward: ComplexArray  # amplitude at the signed frequency w of the force
     backward: ComplexArray  # amplitude at -w, zero on a centred circular orbit
     mean: ComplexArray  # constant displacement
-    z: ComplexArray  # displacement and velocity at the last instant, turned back to that of a force at phase zero
-    v: ComplexArray  # displacement and velocity at the last instant, turned back to that of a force at phase zero
+    z: ComplexArray  # displacement at the last instant, turned back to that of a force at phase zero
+    v: ComplexArray  # velocity at the last instant, turned likewise
 
 
 def steady_state(

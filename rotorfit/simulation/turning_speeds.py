@@ -36,8 +36,8 @@ class Rotation(Protocol):
 class Sweep(Rotation):
     """Angle of a perturbator or shaft that is swept, not quite evenly."""
 
-    first: float  # speed at both ends, rad/s
-    last: float  # speed at both ends, rad/s
+    first: float  # speed at the begin, rad/s
+    last: float  # speed at the end, rad/s
     duration: float  # s
     uneven: float = 2e-3  # amplitude of the unevenness of the speed over the range swept
 

@@ -40,9 +40,9 @@ class Outcome:
     closed: FitResult | str  # the closed form, or the reason why there is none
     fit: FitResult  # the fit of the model as asked for
     refinement: Refinement | None = None  # the structural refinement, if asked for
-    posterior: Posterior | None = None  # further measures of uncertainty of the result to act on, if asked for
-    profiles: tuple[Profile, ...] = ()  # further measures of uncertainty of the result to act on, if asked for
-    bootstrap: Bootstrap | None = None  # further measures of uncertainty of the result to act on, if asked for
+    posterior: Posterior | None = None  # of the result to act on, if asked for, as the two below
+    profiles: tuple[Profile, ...] = ()
+    bootstrap: Bootstrap | None = None
 
     @property
     def best(self) -> FitResult:

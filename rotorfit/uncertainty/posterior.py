@@ -35,8 +35,8 @@ class SampleSettings:
 
     noise: Noise  # treatment of the noise level: "marginal", "fixed" or "sampled"
     inflation: float  # factor on the noise variances with fixed noise, 1 unless the model limits the fit
-    walkers: int  # as asked for
-    ess: float  # as asked for
+    walkers: int  # how many there are
+    ess: float  # effective samples asked for of each parameter
     max_steps: int  # as asked for
     steps: int  # steps made in all
     between_runs: bool = False  # whether the variance of effects of runs was integrated out, not taken as estimated

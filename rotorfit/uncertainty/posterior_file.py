@@ -34,8 +34,8 @@ class Health:
 
     name: str  # of the entry
     rhat: float  # split R-hat, 1 for chains that agree, to be doubted above 1.01
-    bulk: float  # effective samples for the middle of the distribution and for its tails
-    tail: float  # effective samples for the middle of the distribution and for its tails
+    bulk: float  # effective samples for the middle of the distribution
+    tail: float  # effective samples for its tails
 
 
 def health(posterior: Posterior) -> list[Health]:

@@ -161,8 +161,8 @@ class _Line:
     """A quantity on its way to a profile."""
 
     known: FittedParameter | Quantity  # its estimate with error and unit
-    name: str  # what it is, and where the curve is lowest
-    value: float  # what it is, and where the curve is lowest
+    name: str  # what is profiled
+    value: float  # where the curve is lowest
     curve: Curve  # its curve
     step: float  # its guessed standard error
     reach: tuple[tuple[float, bool], ...]  # how far it can go downwards and upwards, and whether that is a bound

@@ -73,9 +73,9 @@ class Readings:
     """Readings of all blocks one after the other, shape ``(R,)`` each."""
 
     problem: Problem  # as the data were given
-    run: Text  # names
-    plane: Text  # names
-    force_plane: Text  # names
+    run: Text  # run of each reading
+    plane: Text  # plane of its probe
+    force_plane: Text  # plane of its force
     speed: Float  # rad/s
     frequency: Float  # signed, rad/s
     mirrored: Bool  # where a reading is the conjugate of what probes gave

@@ -28,8 +28,8 @@ class Assumption:
     name: str  # symbol and planes, or the known parameter
     meaning: str  # in words
     unit: str  # of its size
-    estimate: float  # size that the residuals ask for, and its standard error, infinite where parameters take it up
-    stderr: float  # size that the residuals ask for, and its standard error, infinite where parameters take it up
+    estimate: float  # size that the residuals ask for
+    stderr: float  # its standard error, infinite where parameters take it up
     plausible: float  # a size that it may well have
     shifts: Mapping[str, float]
     errors: Mapping[str, float]  # standard errors of the results that the table shows

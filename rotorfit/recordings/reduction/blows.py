@@ -106,8 +106,8 @@ def rest_of(reduced: ReducedRecord, struck: Sequence[Blow]) -> Rest:
 class Blow:
     """One blow of a hammer whose force was measured."""
 
-    begin: float  # when the force rises and when it is gone, s
-    end: float  # when the force rises and when it is gone, s
+    begin: float  # when the force rises, s
+    end: float  # when the force is gone, s
     peak: float  # N
     cut: bool  # whether its top is flat
 

@@ -37,10 +37,10 @@ _LARGEST_NOISE_SHARE = 0.1
 class MeasuredForce:
     """Band, direction and noise of a measured force, before responses are made of it."""
 
-    low: float  # frequencies, rad/s, between which all but two thousandths of its power lie
-    high: float  # frequencies, rad/s, between which all but two thousandths of its power lie
-    noise_x: float  # density of the noise of each channel, N^2 s, one-sided spectra taken as two-sided
-    noise_y: float  # density of the noise of each channel, N^2 s, one-sided spectra taken as two-sided
+    low: float  # frequency, rad/s, below which a thousandth of its power lies
+    high: float  # frequency, rad/s, above which a thousandth of its power lies
+    noise_x: float  # density of the noise along x, N^2 s, a one-sided spectrum taken as two-sided
+    noise_y: float  # the same along y
 
     def noise_of(self, direction: str) -> float:
         """Density of the noise of the force that responses are referred to, N^2 s."""

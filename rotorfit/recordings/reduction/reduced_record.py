@@ -34,8 +34,8 @@ class ReducedRecord:
     rate: float  # samples a second, Hz
     time: Float  # from the start of the recording, s, shape ``(N,)``
     motion: dict[str, ComplexArray]  # of each plane, m: ``x + jy``, or the reading of a single probe in the real part
-    drive_angle: Float  # of the drive, rad and rad/s, shape ``(N,)``; empty without one
-    drive_speed: Float  # of the drive, rad and rad/s, shape ``(N,)``; empty without one
+    drive_angle: Float  # of the drive, rad, shape ``(N,)``; empty without one
+    drive_speed: Float  # of the drive, rad/s, shape ``(N,)``; empty without one
     shaft_angle: Float | None  # rad, shape ``(N,)``; None without a reference of the shaft
 
     @property

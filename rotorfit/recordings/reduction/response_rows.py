@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 class ProbeResponses:
     """Responses of one probe, output over force."""
 
-    plane: str  # of the probe
-    direction: str  # of the probe
+    plane: str  # plane of the probe
+    direction: str  # direction of the probe
     response: ComplexArray  # shape ``(L,)``
     sigma: Float  # standard deviation of its real part and of its imaginary part, shape ``(L,)``
 

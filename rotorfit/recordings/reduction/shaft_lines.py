@@ -50,8 +50,8 @@ class _Swept:
     speed: float  # mean rotative speed, rad/s
     speeds: Float  # rotative speed, rad/s, at each time
     rates: Float  # signed w, rad/s, at each time
-    low: float  # ends of the sweep, signed w ascending, rad/s
-    high: float  # ends of the sweep, signed w ascending, rad/s
+    low: float  # lowest signed w of the sweep, rad/s
+    high: float  # highest signed w of the sweep, rad/s
     mr: float  # unbalance, kg m
     angle_error: float  # standard error of the perturbator's angle over its speed, s
     freedom: float  # values that the perturbator's angle follows independently over the sweep

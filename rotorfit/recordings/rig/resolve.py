@@ -49,8 +49,8 @@ class Rig:
     size: int  # samples
     rotation: int  # +1 counter-clockwise, -1 clockwise
     probes: tuple[Probe, ...]  # with angle (rad) and sensitivity (V/m)
-    shaft: Reference | None  # phase references, None where there are none
-    perturbator: Reference | None  # phase references, None where there are none
+    shaft: Reference | None  # phase reference of the shaft, None without one
+    perturbator: Reference | None  # phase reference of the perturbator, None without one
     force: Force | None  # what drives the rotor; None where neither file nor setup says
     load: Load | None  # constant load; None where neither file nor setup says
     impulse: ImpulseSetup | None  # that the rotor is struck or released

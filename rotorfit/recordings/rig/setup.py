@@ -48,8 +48,8 @@ class ForceSetup:
     angle: float | None = None  # heavy spot ahead of the mark in the direction it turns, rad; None: not known
     hole_angle: float | None = None
     whirl: int | None = None  # +1 turns with the shaft, -1 against it
-    channel_x: str | None = None  # channels of a measured force along x and y
-    channel_y: str | None = None  # channels of a measured force along x and y
+    channel_x: str | None = None  # channel of a measured force along x
+    channel_y: str | None = None  # channel of a measured force along y
     sensitivity: float | None = None  # of these channels, V/N
     unit: str | None = None  # in which these channels are scaled already; None: volts, or as the file says
 
