@@ -17,12 +17,13 @@ from rotorfit.estimators.file_limits import check_hdf5
 from rotorfit.estimators.file_reading import check_seal, reading, seal
 from rotorfit.estimators.inference.log_posterior import LogPosterior
 from rotorfit.estimators.inference.proposals import mixture
-from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.models.array_types import Float
 
 RESOLVED_TIMES = 100.0
 """Length of a chain, in autocorrelation times, from which that time is trusted: twice emcee's rule, so that split
 R-hat, which exceeds one by the autocorrelation time over the length, comes down to 1.01."""
+
+_SPREAD_OF_MEANS = 4.0  # spread of 32 means over its expectation, beyond all chance (chi-squared over 31: p < 1e-12)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,7 +202,7 @@ def _tau(chain: Float) -> Float:
         with np.errstate(invalid="ignore"):  # a walker that never moves: NaN here, infinite below
             inner = emcee.autocorr.integrated_time(timed, tol=0, has_walkers=True)
         between = chain.shape[0] * moving.mean(axis=0).var(axis=0, ddof=1)
-        tau[~still] = np.where(between > SIGNIFICANT_ERRORS * np.maximum(inner, 1.0), between, inner)
+        tau[~still] = np.where(between > _SPREAD_OF_MEANS * np.maximum(inner, 1.0), between, inner)
     return np.where(np.isfinite(tau), np.maximum(tau, 1.0), np.inf)
 
 

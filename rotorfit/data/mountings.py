@@ -11,7 +11,7 @@ import re
 import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.data.synchronous import LARGEST_UNEVENNESS, OPPOSITE_TOLERANCE
+from rotorfit.data.synchronous import OPPOSITE_TOLERANCE
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.models.array_types import Float, Index
 
@@ -25,6 +25,7 @@ MOST_DWELLS = 8
 """Speeds of a run up to which it dwelt at them; more are a start-up, which is differenced sample by sample."""
 
 _REPEAT = re.compile(r"(.+)-\d+")
+_SAME_WEIGHT = 0.02  # relative difference of mass-radius products that are one weight, written down twice
 
 
 def dwells(test: PerturbationTest) -> bool:
@@ -75,4 +76,4 @@ def _same(u: complex, v: complex) -> bool:
     if u == 0 or v == 0:
         return u == v
     turned = abs(float(np.angle(u / v)))
-    return abs(abs(u) - abs(v)) <= LARGEST_UNEVENNESS * abs(v) and turned <= OPPOSITE_TOLERANCE
+    return abs(abs(u) - abs(v)) <= _SAME_WEIGHT * abs(v) and turned <= OPPOSITE_TOLERANCE

@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 from rotorfit.data.findings import Finding, listed
 from rotorfit.diagnosis.forces import BACKWARD_SHARES
 from rotorfit.diagnosis.orbits import FEWEST_READINGS, SYNCHRONOUS_DISTANCE, Orbits, mirrored, total_power
-from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.models.array_types import ComplexArray, Float, Index
+
+_SIGNIFICANT_DEVIATIONS = 3.5
+"""Sum of signs over its standard deviation under random signs, beyond which a sign is taken as established."""
 
 _SMALL_SINE = 0.1
 """Sine of the phase of kappa below which its sign says little."""
@@ -148,7 +150,7 @@ def _dissipates(drives: Orbits, kappa: ComplexArray) -> Float:
     of = drives.number(*_DRIVE)
     total, square, count = (np.bincount(of, values) for values in (sign, sign**2, fast))
     score = total / np.where(square > 0, np.sqrt(square), 1.0)
-    return np.where((count >= FEWEST_READINGS) & (np.abs(score) > SIGNIFICANT_ERRORS), np.sign(score), 0.0)
+    return np.where((count >= FEWEST_READINGS) & (np.abs(score) > _SIGNIFICANT_DEVIATIONS), np.sign(score), 0.0)
 
 
 def _falls(drives: Orbits, kappa: ComplexArray, sweep: Index, planes: int) -> bool:
@@ -166,7 +168,7 @@ def _falls(drives: Orbits, kappa: ComplexArray, sweep: Index, planes: int) -> bo
 def _reversed(drives: Orbits, kappa: ComplexArray) -> Iterator[Finding]:
     """A reversed sense of rotation: the fluid, which drives slow forward whirl, seems to drive slow backward whirl."""
     score, hit = max(_drives_backward(drives, kappa), key=lambda one: one[0])
-    if score > SIGNIFICANT_ERRORS:
+    if score > _SIGNIFICANT_DEVIATIONS:
         text = (
             f"Slow backward forces drive the rotor instead of damping it in {listed(_runs(drives, hit))}: lam would "
             "be negative. The sense of rotation is reversed, or x and y are exchanged together with the sign of the "
