@@ -95,6 +95,17 @@ def test_rig_open_with_its_own_shaft(rig, method):
     assert not result.identifiability.unresolved
 
 
+def test_what_rests_on_the_matrices(rig):
+    """Young's modulus taken as known: its row of the assumptions foretells fits with others."""
+    model = known_rig(scales={"E_scale": {"K": rig_matrices(support=False)[2]}})
+    entry = rf.fit(model, rig).assumptions()["E_scale"]
+    step = 4e-5  # twice what the data leave of it: further off the misfit bends the fit
+    up, down = (rf.fit(model, rig, known={"E_scale": 1 + sign * step}).params["K0"].value for sign in (1, -1))
+    # What Gauss-Newton leaves out, curvature times residual, is a few per cent here.
+    assert entry.shifts["K0"] == pytest.approx((up - down) / (2 * step), rel=0.1)
+    assert entry.plausible == 0.01
+
+
 def test_threshold_of_the_true_rig():
     """The simulation behind the data had the same matrices: its threshold comes back to seven digits."""
     model = known_rig()
