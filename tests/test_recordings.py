@@ -19,6 +19,7 @@ from scipy.io import savemat, wavfile
 import rotorfit as rf
 from rotorfit.cli.main import main
 from rotorfit.models.array_types import Float
+from rotorfit.recordings.formats.files import open_raw
 from rotorfit.recordings.recording import named_apart
 
 CHANNELS = volts()
@@ -57,6 +58,14 @@ def write_mat_structs(path: Path) -> None:
         for i, (name, v) in enumerate(CHANNELS.items())
     }
     savemat(path, signals)
+
+
+def write_mat_one_struct(path: Path) -> None:
+    """The same with all signals in one struct: a matrix, and a list of names in the record."""
+    values = np.column_stack(list(CHANNELS.values()))
+    axis = {"start_value": 0.0, "increment": 1 / RATE, "number_of_values": float(len(values))}
+    record = {"name": np.array(list(CHANNELS), dtype=object), "type": "Time"}
+    savemat(path, {"Signal": {"x_values": axis, "y_values": {"values": values}, "function_record": record}})
 
 
 def write_mat_dspace(path: Path) -> None:
@@ -131,6 +140,7 @@ FORMATS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "tdms": (".tdms", write_tdms),
     "mat": (".mat", write_mat),
     "mat structs": (".mat", write_mat_structs),
+    "mat one struct": (".mat", write_mat_one_struct),
     "mat dspace": (".mat", write_mat_dspace),
     "mat matrix": (".mat", write_mat_matrix),
     "mat 7.3": (".mat", write_mat73),
@@ -174,6 +184,14 @@ def test_npz_files_that_are_no_recording(tmp_path: Path, content: dict[str, obje
     np.savez(tmp_path / "run.npz", **content)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=message):
         rf.read_recording(tmp_path / "run.npz", setup_file(tmp_path, SETUP.replace("sample_rate_hz = 3200.0\n", "")))
+
+
+def test_a_channel_called_x_holds_no_times(tmp_path: Path) -> None:
+    """Probes are called X and Y; times stand in t, before them or after."""
+    np.savez(tmp_path / "run.npz", X=CHANNELS["disk_X"], Y=CHANNELS["disk_Y"], t=TIME)
+    found = open_raw(tmp_path / "run.npz").channels
+    assert list(found) == ["X", "Y"]
+    assert found["X"].sample_rate == pytest.approx(RATE)
 
 
 def test_an_npz_file_says_what_the_rig_is(tmp_path: Path) -> None:

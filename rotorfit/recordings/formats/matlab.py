@@ -8,7 +8,7 @@ looked for beside it and above: a text ``name`` (also in a ``function_record``),
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -64,12 +64,15 @@ def file_of(name: str, tree: Mapping[str, Any]) -> RawFile:
     return RawFile(name=name, channels=channels, attributes=attributes, sample_rate=rate_of(attributes))
 
 
-def _channels(source: str, tree: Mapping[str, Any], above: str, rate: float | None) -> Iterator[RawChannel]:
+def _channels(
+    source: str, tree: Mapping[str, Any], above: str, rate: float | None, names: Sequence[Any] = ()
+) -> Iterator[RawChannel]:
     """Channels of a struct and of the structs in it."""
     near = _near(tree)
     rate = rate_of(near) or _rate_of_time_vector(source, tree) or rate
     given = next((near[key] for key in near if key.lower() in _NAME_KEYS and isinstance(near[key], str)), "")
-    names = next((v for k, v in tree.items() if k.lower() in _LIST_KEYS and isinstance(v, list)), [])
+    names = next((v for k, v in tree.items() if k.lower() in _LIST_KEYS and isinstance(v, list)), names)
+    names = next((v for k, v in _record(tree).items() if k.lower() in _NAME_KEYS and isinstance(v, list)), names)
     for key, value in tree.items():
         if isinstance(value, _Array) and value.size >= FEWEST and time_factor(key) is None:
             head = tree.get(re.sub(r"(?i)data$", "Header", key))
@@ -78,11 +81,17 @@ def _channels(source: str, tree: Mapping[str, Any], above: str, rate: float | No
             base = own or (key if key.lower() not in _EMPTY_NAMES else above or key)
             yield from _of_array(value, base, names, rate_of(beside) or rate, unit_said(beside) or unit_said(near))
         elif isinstance(value, dict) and not (key == "X" and "Y" in tree):  # dSPACE: X holds the times of all Y
-            yield from _channels(source, value, (given or above) if key.lower() in _RECORDS else key, rate)
+            record = key.lower() in _RECORDS
+            yield from _channels(source, value, (given or above) if record else key, rate, names if record else ())
         elif isinstance(value, list):
             for part in value:
                 if isinstance(part, dict):
                     yield from _channels(source, part, key, rate)
+
+
+def _record(tree: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The record of an analyser beside its data, which may name each column of them."""
+    return next((v for k, v in tree.items() if k.lower() == _RECORDS[0] and isinstance(v, dict)), {})
 
 
 def _near(tree: Mapping[str, Any]) -> dict[str, Any]:
@@ -100,7 +109,7 @@ def _rate_of_time_vector(source: str, tree: Mapping[str, Any]) -> float | None:
         if isinstance(value, dict):
             times = value.get("Data") if key == "X" else None
         if isinstance(times, _Array) and times.size >= FEWEST and times.count == 1:
-            factor = 1.0 if key == "X" else time_factor(key)
+            factor = 1.0 if isinstance(value, dict) else time_factor(key)
             if factor is not None:
                 return rate_of_times(
                     np.asarray(times.read(0, times.size, None), dtype=float) * factor, f"{source}, {key}"
@@ -108,7 +117,7 @@ def _rate_of_time_vector(source: str, tree: Mapping[str, Any]) -> float | None:
     return None
 
 
-def _of_array(array: _Array, base: str, names: list[Any], rate: float | None, unit: str) -> Iterator[RawChannel]:
+def _of_array(array: _Array, base: str, names: Sequence[Any], rate: float | None, unit: str) -> Iterator[RawChannel]:
     for column in range(array.count):
         named = names[column] if len(names) == array.count and isinstance(names[column], str) else None
         name = named or (base if array.count == 1 else f"{base}_{column + 1}")
