@@ -9,6 +9,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from report_pages import leave_pixels_out
 from slow_cases import slow_but
 
 from rotorfit.cli.main import main
@@ -70,6 +71,7 @@ def test_comparison_of_printed_text() -> None:
 def test_blocks_run_and_print_what_is_shown(
     make: ModuleType, page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    leave_pixels_out(monkeypatch)  # of reports, which tests/test_report.py looks at
     for outcome in make.run_page(page, tmp_path):
         if outcome.shown is not None:
             assert same(outcome.shown, outcome.printed), f"python docs/make.py\n{outcome.code}\n{outcome.printed}"

@@ -49,6 +49,7 @@ def perturbed() -> rf.PerturbationTest:
 # ---- content ------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("sketched")
 def test_report_of_the_rig_says_what_the_fit_says(rig_fit: FitResult, tmp_path: Path) -> None:
     page = report_of(rig_fit, tmp_path / "report.html")
     onset = rig_fit.threshold_speed()
@@ -94,6 +95,7 @@ def test_the_python_call_gives_the_same_numbers(
     assert names["fit"].var_names == rig_refinement.best.var_names
 
 
+@pytest.mark.usefixtures("sketched")
 def test_refined_report_with_all_extras(rig_refinement: rf.Refinement, tmp_path: Path) -> None:
     best = rig_refinement.best
     posterior = normal_draws(best)
