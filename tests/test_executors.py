@@ -155,6 +155,15 @@ def test_simulated_tests_are_fitted_elsewhere_as_here():
     np.testing.assert_allclose(there.samples, here.samples, rtol=1e-6)
 
 
+def test_profiles_are_found_elsewhere_as_here():
+    fit = rf.fit(OneMode(), seal_campaign(1)[0], known=KNOWN)
+    with ThreadPoolExecutor(2) as pool:
+        there = fit.profiles(["K0", "lam"], points=5, executor=pool)
+    for one, other in zip(there, fit.profiles(["K0", "lam"], points=5), strict=True):
+        assert (one.name, one.interval, one.message) == (other.name, other.interval, other.message)
+        np.testing.assert_array_equal(one.rise, other.rise)
+
+
 @pytest.mark.slow
 def test_a_dask_cluster_and_one_scaled_to_zero():
     """A real cluster of one process: it works, and when it is taken away the rest is done here."""

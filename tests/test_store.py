@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import random
 import re
+import shutil
 import signal
 import sqlite3
 import time
@@ -17,8 +18,10 @@ from typing import Any
 import numpy as np
 import pytest
 from stored import STUDY, day, days
+from unreliable import Unreliable
 
 import rotorfit as rf
+from rotorfit.executors import process_pool
 
 FORK = multiprocessing.get_context("fork")
 """Processes that need not import everything again."""
@@ -175,6 +178,26 @@ def damaged(path: Path, files: list[Path]) -> None:
     for place in range(5000, len(content) - 200, 4096):
         content[place : place + 64] = bytes(64)
     path.write_bytes(content)
+
+
+def test_fits_that_are_made_elsewhere_are_those_made_here(run: Run, tmp_path: Path) -> None:
+    """Workers change no digit, a test that comes twice is fitted once, and what a lost worker had is fitted here."""
+    files = days(tmp_path, 3)
+    shutil.copy(files[0], tmp_path / "again.csv")
+    here, there, lost = (rf.Store(tmp_path / f"{name}.db") for name in ("here", "there", "lost"))
+    here.add([*files, tmp_path / "again.csv"], STUDY)
+    with process_pool(1) as pool:
+        added = there.add([*files, tmp_path / "again.csv"], STUDY, executor=pool)
+    assert [one.test for one in added] == [1, 2, 3, 1]
+    assert sum(one.new_fit for one in added) == 3
+    with pytest.warns(UserWarning, match="pieces of work are done here: worker lost"):
+        lost.add(files, STUDY, executor=Unreliable(1000))
+    expected = {fit.test: (fit.params, fit.errors, fit.warnings) for fit in here.fits}
+    assert {fit.test: (fit.params, fit.errors, fit.warnings) for fit in there.fits} == expected
+    assert {fit.test: (fit.params, fit.errors, fit.warnings) for fit in lost.fits} == expected
+    assert not there.problems()
+    code, _, stderr = run("store", "add", tmp_path / "m.db", *files, "--cluster", "host:8786")
+    assert (code, "--cluster takes local:N" in stderr) == (2, True)
 
 
 def newer(path: Path, _: list[Path]) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rotorfit.cli.answer import finite, say
-from rotorfit.cli.arguments import add_output
+from rotorfit.cli.arguments import add_jobs, add_output, workers_of
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.models.text_table import Wide, text_table
 from rotorfit.options.kinds import positive_word, words
@@ -37,6 +37,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
         "files", nargs="+", type=Path, metavar="FILE", help="test files, recordings, folders with one test's recordings"
     )
     add_study(adding)
+    add_jobs(adding, "fit")
     add_output(adding)
     add_output(action("list", _list, "list tests and fits"))
     follow = action("trend", _trend, "say what changed over time in fitted values")
@@ -85,10 +86,7 @@ def _add(options: argparse.Namespace) -> int:
 
     line = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
     try:
-        store = checked(lambda: _opened(options, there=False))
-        added = checked(
-            lambda: store.add(options.files, options.study, machine=options.machine, setup=options.setup, progress=line)
-        )
+        store, added = checked(lambda: _added(options, line))
     finally:
         line.close()
     fits = {fit.number: fit for fit in store.fits}
@@ -106,6 +104,13 @@ def _add(options: argparse.Namespace) -> int:
         return ExitCode.BAD_INPUT
     failed = any(not fits[one.fit].good for one in added if one.fit is not None)
     return ExitCode.NOT_CONVERGED if failed else ExitCode.DONE
+
+
+def _added(options: argparse.Namespace, progress: ProgressLine) -> tuple[Store, tuple[Added, ...]]:
+    store = _opened(options, there=False)
+    with workers_of(options) as executor:
+        words = {"machine": options.machine, "setup": options.setup, "executor": executor, "progress": progress}
+        return store, store.add(options.files, options.study, **words)
 
 
 def added_words(added: Added, fits: dict[int, StoredFit]) -> str:

@@ -624,12 +624,15 @@ class FitResult(FitFigures):
         level: float = 0.95,
         points: int = 21,
         at: Mapping[str, Any] | None = None,
+        executor: Executor | None = None,
     ) -> tuple[Profile, ...]:
         """Profiles of several quantities, found together; see :func:`rotorfit.uncertainty.profile.profiles`.
 
         Args:
             names: as :meth:`profile` takes them; by default every fitted parameter.
             level, points, at: as for :meth:`profile`.
+            executor: that finds them beside each other, as for :meth:`bootstrap`: for nonlinear rotors; those of linear
+                ones take less time here than a worker needs to begin.
 
         Example:
             >>> lam, D = fit.profiles(["lam", "D"])
@@ -638,7 +641,7 @@ class FitResult(FitFigures):
         """
         from rotorfit.uncertainty.profile import profiles
 
-        return profiles(self, names, level=level, points=points, at=at)
+        return profiles(self, names, level=level, points=points, at=at, executor=executor)
 
     def predict(self, frequency: ArrayLike | None, speed: ArrayLike, **options: Unpack[PredictKeywords]) -> Prediction:
         """Responses at frequencies, speeds and planes that need not have been tested, with their bands.

@@ -8,7 +8,9 @@ import os
 import sqlite3
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ from rotorfit.data.content import content_hash
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import Finding
 from rotorfit.estimators.atomic_file import refuse_input
+from rotorfit.executors import carry_out, executor_of
 from rotorfit.fitting.fit_file import fit_from_json
 from rotorfit.fitting.json_values import decode
 from rotorfit.fitting.quantities import THRESHOLD
@@ -86,6 +89,8 @@ class Store:
         *,
         machine: str = "",
         setup: str | os.PathLike[str] | None = None,
+        executor: Executor | None = None,
+        client: Any = None,
         progress: StudyProgress = no_progress,
     ) -> tuple[Added, ...]:
         """Add tests, and with a study their fits.
@@ -96,6 +101,8 @@ class Store:
                 are patterns of names with the options to read such files with.
             machine: the machine of tests that have no attribute ``machine``.
             setup: ``rig.toml`` for recordings.
+            executor: any ``concurrent.futures`` executor to fit with; by default one fit is made after the other, here.
+            client: a Dask client, in place of its executor.
             progress: called as each stage begins.
 
         Returns:
@@ -108,23 +115,41 @@ class Store:
         settings = study_for_store(study)
         rig = None if setup is None else Path(setup)
         sources = sources_of([Path(file) for file in files], settings, rig, progress)
-        return self.add_sources(sources, machine=machine, progress=progress)
+        there = executor_of(executor, client)
+        return self.add_sources(sources, machine=machine, executor=there, progress=progress)
 
     def add_sources(
-        self, sources: Iterable[Source], *, machine: str = "", progress: StudyProgress = no_progress
+        self,
+        sources: Iterable[Source],
+        *,
+        machine: str = "",
+        executor: Executor | None = None,
+        progress: StudyProgress = no_progress,
     ) -> tuple[Added, ...]:
         """Add all tests that :meth:`add` was given, then their fits; tests that arrive together are in order of date.
 
         Args:
             sources: files and folders, with the study.
             machine: of tests that do not name one.
+            executor: to fit with, as for :meth:`add`.
             progress: called as each stage begins.
         """
         given = tuple(sources)
         with claimed(self.database, "tests"):  # two that find the same files would mix the order of what arrives
             batch = time.time_ns()
             added = [self._add(source, batch, machine, progress) for source in given]
-        return tuple(self._with_fit(source, one, progress) for source, one in zip(given, added, strict=True))
+        if executor is None:
+            return tuple(self._with_fit(source, one, progress) for source, one in zip(given, added, strict=True))
+        in_flight = 32  # fits that are waited for at a time, each with its claim
+        threads = ThreadPoolExecutor(in_flight)
+        try:
+            found = []
+            for one in threads.map(partial(self._with_fit, progress=no_progress, executor=executor), given, added):
+                found.append(one)
+                progress(f"{len(found)} of {len(given)} fits", len(found) / len(given))
+            return tuple(found)
+        finally:
+            threads.shutdown(cancel_futures=True)
 
     def _add(self, source: Source, batch: int, machine: str, progress: StudyProgress) -> Added:
         name = str(source.path)
@@ -138,10 +163,12 @@ class Store:
             return Added(source=name, refusal=reason)
         return Added(source=name, test=test, new_test=is_new)
 
-    def _with_fit(self, source: Source, added: Added, progress: StudyProgress) -> Added:
+    def _with_fit(
+        self, source: Source, added: Added, progress: StudyProgress, executor: Executor | None = None
+    ) -> Added:
         if source.study is None or added.test is None:
             return added
-        fit, fitted = self._fit_of(added.test, source.study, progress)
+        fit, fitted = self._fit_of(added.test, source.study, progress, executor)
         return replace(added, fit=fit, new_fit=fitted)
 
     def is_known(self, source: Source) -> bool:
@@ -207,7 +234,7 @@ class Store:
             if continues(source, json.loads(identity)[0]):
                 connection.execute("UPDATE tests SET superseded = ? WHERE number = ?", (test, other))
 
-    def _fit_of(self, test: int, study: Study, progress: StudyProgress) -> tuple[int, bool]:
+    def _fit_of(self, test: int, study: Study, progress: StudyProgress, executor: Executor | None) -> tuple[int, bool]:
         """Number of the fit of a test, and whether it had to be made."""
         key, text = settings_key(study)
         found = self._fit_number(test, key)
@@ -217,13 +244,9 @@ class Store:
             found = self._fit_number(test, key)  # another process may have made it while this one waited
             if found is not None:
                 return found, False
-            experiments = self.experiments(test)
-            outcome: Outcome | str
-            try:
-                outcome = identify(study, experiments, self._findings(test), progress)
-            except (ValueError, KeyError) as problem:
-                outcome = str(problem.args[0] if isinstance(problem, KeyError) and problem.args else problem)
-            return self._keep(test, key, text, study, outcome), True
+            work = partial(_fitted, progress=progress) if executor is None else _fitted
+            [made] = carry_out(work, [(study, self.experiments(test), self._findings(test))], executor)
+            return self._keep(test, key, text, study, *made), True
 
     def _fit_number(self, test: int, key: str) -> int | None:
         """Number of a fit; what could not be fitted is tried again by another version."""
@@ -238,9 +261,8 @@ class Store:
         with self.database.look() as ask:
             return stored_findings(ask("SELECT findings FROM tests WHERE number = ?", (test,))[0][0])
 
-    def _keep(self, test: int, key: str, text: str, study: Study, outcome: Outcome | str) -> int:
-        row = {**fit_row(outcome), "test": test, "settings": key}
-        values = () if isinstance(outcome, str) else values_of(outcome.best)
+    def _keep(self, test: int, key: str, text: str, study: Study, row: dict[str, Any], values: Sequence[Any]) -> int:
+        row = {**row, "test": test, "settings": key}
         with self.database.change() as connection:
             connection.execute("INSERT OR IGNORE INTO settings VALUES (?, ?, ?)", (key, study.model, text))
             connection.execute("DELETE FROM fits WHERE test = ? AND settings = ?", (test, key))
@@ -458,6 +480,18 @@ class Store:
             ]
             found += [f"fit {fit.number}: {', '.join(odd)} differ from the result"] * bool(odd)
         return tuple(found)
+
+
+def _fitted(
+    item: tuple[Study, tuple[Experiment, ...], tuple[tuple[Finding, ...], ...]], progress: StudyProgress = no_progress
+) -> tuple[dict[str, Any], Sequence[Any]]:
+    """The fit of a test as a row, and its values; here or on a worker."""
+    outcome: Outcome | str
+    try:
+        outcome = identify(*item, progress)
+    except (ValueError, KeyError) as problem:
+        outcome = str(problem.args[0] if isinstance(problem, KeyError) and problem.args else problem)
+    return fit_row(outcome), () if isinstance(outcome, str) else values_of(outcome.best)
 
 
 def study_for_store(study: str | os.PathLike[str] | Mapping[str, Any] | Study | None) -> Study | None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
@@ -23,7 +25,9 @@ from rotorfit.estimators.inference.profile_curve import Curve, End, Search, find
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.misfit.ratios import LogRatioProblem, Ratios, ratios_of
+from rotorfit.executors import carry_out
 from rotorfit.fitting.digits import interval, with_error
+from rotorfit.fitting.fit_file import fit_from_json, fit_to_json
 from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
@@ -135,14 +139,19 @@ def profiles(
     level: float = 0.95,
     points: int = 21,
     at: Mapping[str, Any] | None = None,
+    executor: Executor | None = None,
 ) -> tuple[Profile, ...]:
-    """Profiles of several quantities, found together: a fraction of the time that they take one after the other."""
+    """Profiles of several quantities, found together: a fraction of the time that they take one after the other; or
+    each by a worker, for nonlinear rotors."""
     if not 0 < level < 1:
         raise ValueError(f"level is {level}; it must be between 0 and 1, for instance 0.95")
     if points < 3:
         raise ValueError(f"points is {points}; a curve needs at least 3")
     if fit.method == "closed form":
         raise ValueError("a closed form is not a minimum, so it has no profile; use the result of rf.fit")
+    if executor is not None:
+        work = partial(_profiled, fit_to_json(fit), level, points, at)
+        return tuple(carry_out(work, tuple(fit.problem.space.names if names is None else names), executor))
     problem, x = _settled(fit)
     held = EntryConstraint(problem, np.maximum(np.abs(x), 1e-6 * _sizes(problem, x)))
     lines = [
@@ -154,6 +163,11 @@ def profiles(
     values = [_grid(line.value, found, points) for line, found in zip(lines, ends, strict=True)]
     find_rises(curves, values)
     return tuple(line.profile(level, found, some) for line, found, some in zip(lines, ends, values, strict=True))
+
+
+def _profiled(text: str, level: float, points: int, at: Mapping[str, Any] | None, name: str) -> Profile:
+    """One of them on a worker, to which a fit goes as text."""
+    return profile(fit_from_json(text), name, level=level, points=points, at=at)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
