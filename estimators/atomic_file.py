@@ -70,6 +70,17 @@ def sweep(folder: Path, drafts: str) -> None:
 
 
 @contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Name the path in what the system says of a full disk."""
+    try:
+        yield
+    except OSError as problem:
+        if problem.errno is None or problem.filename is not None:
+            raise
+        raise OSError(problem.errno, problem.strerror, str(path)) from problem
+
+
+@contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """A draft beside a file, of the same suffix, that takes its place when the block ends well. No reader ever sees
     half a file, and a failure or a kill leaves an old one as it was: the draft is on disk before it is renamed. A link
@@ -81,15 +92,12 @@ def whole_file(path: Path) -> Iterator[Path]:
     sweep(target.parent, rf"\.\d+-\d+-{re.escape(target.name)}")
     draft = target.with_name(f".{os.getpid()}-{threading.get_ident()}-{target.name}")
     try:
-        yield draft
-        with draft.open("rb+") as file:
-            os.fsync(file.fileno())
-        if target.exists():
-            shutil.copymode(target, draft)
-        os.replace(draft, target)
-    except OSError as problem:
-        if problem.errno is None or problem.filename is not None:
-            raise
-        raise OSError(problem.errno, problem.strerror, str(path)) from problem
+        with writing(path):
+            yield draft
+            with draft.open("rb+") as file:
+                os.fsync(file.fileno())
+            if target.exists():
+                shutil.copymode(target, draft)
+            os.replace(draft, target)
     finally:
         draft.unlink(missing_ok=True)

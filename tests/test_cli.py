@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from command_words import FIGURES, FIT, FROM_VOLTS, RIG, TABLES, TRUTH, WHOLE, Run, perturbed, refused, table
 from report_pages import leave_pixels_out
+from seal_campaigns import seal_campaign
 from slips import thinned
 
 import rotorfit
@@ -97,6 +98,14 @@ def test_no_figures_leaves_tables_and_the_report(draw: Run, tmp_path: Path) -> N
     report = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "<img" not in report
     assert "damped frequency, rpm" in report
+
+
+def test_no_figures_of_a_seal_rig_either(draw: Run, tmp_path: Path) -> None:
+    rf.write(seal_campaign(1)[0], tmp_path / "seal.csv")
+    words = ["--model", "one-mode", "--stator-mass-kg", "1.2", "--no-figures", "--quiet", "--out", tmp_path / "out"]
+    assert draw("fit", tmp_path / "seal.csv", *words)[0] == 0
+    written = {file.name for file in (tmp_path / "out").iterdir()}
+    assert written == TABLES | WHOLE | {"coefficients.csv"}
 
 
 def test_json_is_the_python_result(run: Run) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from rotorfit.estimators.atomic_file import refuse_input, sweep
+from rotorfit.estimators.atomic_file import refuse_input, sweep, writing
 
 CHECKPOINT = "posterior.checkpoint.h5"
 """File in the folder for the results from which a sampling that was stopped goes on."""
@@ -39,7 +39,8 @@ def complete_folder(out: Path) -> Iterator[Path]:
     except OSError as reason:
         raise PermissionError(f"cannot write to {place}: {reason.strerror}; give another folder") from reason
     try:
-        yield draft
+        with writing(out):
+            yield draft
         names = sorted(file.name for file in draft.iterdir())
         (draft / CONTENTS).write_text("\n".join(names) + "\n", encoding="utf-8")
         earlier = _result_in(target)  # another run may have ended meanwhile
