@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 import sys
-import tracemalloc
-import zipfile
-import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import h5py
@@ -19,7 +18,6 @@ from rotorfit.estimators import file_limits
 from rotorfit.estimators.file_limits import check_hdf5
 from rotorfit.estimators.file_reading import reading
 from rotorfit.recordings.formats.files import open_raw
-from rotorfit.recordings.rig.rig_toml import read_setup
 
 BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
 
@@ -107,112 +105,14 @@ def test_a_netcdf_file_that_others_changed_is_read(tmp_path: Path) -> None:
 # ---- declared sizes ----------------------------------------------------------------------------
 
 
-def archive_bomb(path: Path) -> None:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("xl/workbook.xml", "w") as part:
-        for _ in range(80):
-            part.write(bytes(1 << 20))
-
-
-def sparse_sheet(path: Path) -> None:
-    from openpyxl import Workbook
-
-    book = Workbook()
-    book.active["A1"] = "run"
-    book.active["XFD1048576"] = 1.0
-    book.save(path)
-    book.close()
-
-
-def packed_matrix(path: Path) -> None:
-    """A MAT file with a compressed variable of 90 MB of zeros."""
-    body = b"\x0e\0\0\0" + (90 << 20).to_bytes(4, "little") + bytes(90 << 20)
-    packed = zlib.compress(body, 9)
-    header = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
-    path.write_bytes(header + b"\x0f\0\0\0" + len(packed).to_bytes(4, "little") + packed)
-
-
-def huge_cell_array(path: Path) -> None:
-    """A MAT file whose cell array declares 1e9 cells and holds none."""
-    inside = bytes.fromhex("0600000008000000 0100000000000000 0500000008000000") + np.array([10**9, 1], "<i4").tobytes()
-    inside += bytes.fromhex("0100010061000000")
-    header = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
-    path.write_bytes(header + b"\x0e\0\0\0" + len(inside).to_bytes(4, "little") + inside)
-
-
-def huge_dataset(path: Path) -> None:
-    with h5py.File(path, "w") as file:
-        file.create_dataset("x", shape=(3_000_000, 3_000_000), dtype="f8", chunks=(1000, 1000))
-
-
-def external_storage(path: Path) -> None:
-    with h5py.File(path, "w") as file:
-        file.create_dataset("x", shape=(100,), dtype="i2", external=[("/etc/passwd", 0, 200)])
-
-
-def external_link(path: Path) -> None:
-    with h5py.File(path, "w") as file:
-        file["x"] = h5py.ExternalLink("other.h5", "/x")
-        file["y"] = np.zeros(100)
-
-
-def virtual_dataset(path: Path) -> None:
-    layout = h5py.VirtualLayout(shape=(100,), dtype="f8")
-    layout[:] = h5py.VirtualSource("other.h5", "x", shape=(100,))
-    with h5py.File(path, "w") as file:
-        file.create_virtual_dataset("x", layout)
-
-
-def long_note(path: Path) -> None:
-    rows = [f"a,1000,{i},journal,2.5,30,journal,x,12,-40," for i in range(1, 2001)]
-    header = (
-        "run,speed_rpm,frequency_rpm,force_plane,force_N,force_phase_deg,plane,direction,amplitude_um,phase_deg,note"
-    )
-    path.write_text("\n".join([header, rows[0] + "x" * 20_000, *rows[1:]]), encoding="utf-8")
-
-
-def dotted_key(path: Path) -> None:
-    path.write_text(".".join(["a"] * 100_000) + " = 1\n", encoding="utf-8")
-
-
-def deep_array(path: Path) -> None:
-    path.write_text("a = " + "[" * 100_000, encoding="utf-8")
-
-
-def deep_fit(path: Path) -> None:
-    path.write_text("[" * 100_000, encoding="utf-8")
-
-
-@pytest.mark.parametrize(
-    ("name", "write", "read"),
-    [
-        ("a.xlsx", archive_bomb, rf.read),
-        ("b.xlsx", sparse_sheet, rf.read),
-        ("a.mat", packed_matrix, open_raw),
-        ("b.mat", packed_matrix, rf.read),
-        ("c.mat", huge_cell_array, open_raw),
-        ("a.h5", huge_dataset, open_raw),
-        ("b.h5", external_storage, open_raw),
-        ("c.h5", external_link, open_raw),
-        ("d.h5", virtual_dataset, open_raw),
-        ("a.nc", huge_dataset, rf.read),
-        ("a.csv", long_note, rf.read),
-        ("a.toml", dotted_key, read_setup),
-        ("b.toml", deep_array, read_setup),
-        ("a.json", deep_fit, rf.load_fit),
-    ],
-)
-def test_declared_sizes_are_checked_first(
-    tmp_path: Path, name: str, write: Callable[[Path], None], read: Callable[[Path], object]
-) -> None:
-    write(tmp_path / name)
-    tracemalloc.start()
-    try:
-        with pytest.raises(ValueError, match=name.replace(".", r"\.")) as caught:
-            read(tmp_path / name)
-        assert "\n" not in str(caught.value)
-        assert tracemalloc.get_traced_memory()[1] < 2e8
-    finally:
-        tracemalloc.stop()
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is limited in processes that Linux makes")
+def test_bombs_are_refused_and_kills_lose_nothing(tmp_path: Path) -> None:
+    """The short form of ``benchmarks/kills_and_bombs.py``, with another seed: in a process that makes others."""
+    script = [sys.executable, str(BENCHMARKS / "kills_and_bombs.py"), "--out", str(tmp_path / "table.md")]
+    words = ["--kills", "2", "--bombs", "1", "--seed", "1", "--commands", "join, CSV", "balance", "store"]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    ended = subprocess.run([*script, *words], env=environment, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
 
 
 def test_limits_are_raised_by_the_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
