@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import pickle
 import weakref
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -58,6 +59,17 @@ def test_parts_give_what_tables_in_hand_give(parts, whole, tmp_path):
     here = rf.campaign(OneMode(), [rf.read(file) for file in parts], known=known, shared=["M"])
     assert there.shared == here.shared
     same_fits(there, here)
+
+
+def test_what_a_run_of_a_part_gives_holds_no_readings(parts, whole):
+    """It is small whatever the readings, and its parameters know how they vary together."""
+    lazy = rf.campaign(OneMode(), parts, known=KNOWN)
+    own, full = lazy.runs[5], whole.runs[5]
+    assert len(pickle.dumps(own)) < 4096
+    one, other = (run.params["lam"] * run.params["D"] for run in (own, full))
+    assert (one.value, one.unit) == (other.value, other.unit)
+    assert one.stderr == pytest.approx(other.stderr, rel=1e-12)
+    assert own.params["D"].stderr == full.params["D"].stderr
 
 
 ALIVE: list[weakref.ref[object]] = []

@@ -18,11 +18,12 @@ from rotorfit.campaigns.kept import from_bytes, key_of, run_key, to_bytes
 from rotorfit.data.content import content_hash
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.blocks.row_keys import words
+from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.executors import Kept, carry_out
 from rotorfit.fitting.fit import fit
 from rotorfit.fitting.noise.record import FoundNoise
 from rotorfit.fitting.problem_setup import as_tuple
-from rotorfit.fitting.quantities import FittedParameter
+from rotorfit.fitting.quantities import FittedParameter, Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel
@@ -129,6 +130,33 @@ class RunFit:
     silent: bool = False
     noise: FoundNoise | None = field(default=None, repr=False)
 
+    def __post_init__(self) -> None:
+        own = {name: p if p.fit is not None else replace(p) for name, p in self.params.items()}
+        for p in own.values():
+            if p.fit is None:  # of a result that was left behind: how they vary together is known here
+                object.__setattr__(p, "fit", self)
+        object.__setattr__(self, "params", own)
+
+    def quantity(self, value: float, slopes: Mapping[str, float], unit: str) -> Quantity:
+        """A quantity made of parameters of the run, with its statistical error.
+
+        Args:
+            value: the quantity.
+            slopes: its derivatives, by names in ``params``.
+            unit: its unit.
+        """
+        slope = np.array([slopes.get(name, 0.0) for name in self.var_names])
+        error = float(standard_error(slope, self.covar))
+        return Quantity(value=value, stderr=error, unit=unit, source=self, slopes=dict(slopes))
+
+    def systematic(self, name: str) -> float:
+        """Zero: the systematic share is known of the full result, :meth:`Campaign.fit`.
+
+        Args:
+            name: of a parameter.
+        """
+        return 0.0
+
     @property
     def remark(self) -> str:
         """Objections to the run, empty where it is good."""
@@ -222,7 +250,8 @@ def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mappin
     return RunFit(
         name=run.name,
         attributes=run.attributes,
-        params=dict(found.params),
+        # A whole result holds its readings, which a process that holds no part of the data does not.
+        params={name: replace(p) for name, p in found.params.items()} if run.readings.part else dict(found.params),
         var_names=tuple(found.var_names[i] for i in own),
         covar=found.covar[np.ix_(own, own)],
         chisqr=found.chisqr,
