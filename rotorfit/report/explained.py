@@ -32,7 +32,7 @@ SECTIONS = {
     "Profile likelihoods": "uncertainty.html",
     "Posterior": "uncertainty.html",
     "Test and data": "reference/file_columns.html",
-    "Recordings": "volts.html#what-is-done",
+    "Recordings": "volts.html#how-signals-become-responses",
     "Model": "theory/models.html",
     "Structural refinement": "structure.html",
     "Trends": "campaigns.html",
