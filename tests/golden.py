@@ -7,14 +7,19 @@
 A value may move by a millionth of its standard error, a standard error and a threshold's by a millionth of themselves;
 codes of findings and exit codes may not change at all. ``tests/test_golden.py`` holds every case to a thousandth: other
 versions of packages move values by some millionths.
+
+The file also holds the sentences: what a summary and the command line say in each case, each number a #. Tests of
+findings assert codes; who improves a sentence writes the file anew and reads there what changed.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import difflib
 import io
 import json
+import re
 import sys
 import tempfile
 import warnings
@@ -61,6 +66,7 @@ def numbers_of(fit: rf.FitResult) -> Numbers:
         "redchi": fit.redchi,
         "unresolved": sorted(fit.identifiability.unresolved),
         "success": fit.success,
+        "said": without_numbers(fit.summary()),
     }
     with contextlib.suppress(ValueError):
         threshold = fit.threshold_speed()
@@ -68,6 +74,16 @@ def numbers_of(fit: rf.FitResult) -> Numbers:
             found["values"]["threshold_speed"] = threshold.value
             found["stderr"]["threshold_speed"] = threshold.stderr
     return found
+
+
+_NUMBER = re.compile(r"(?<![\w.])[-+]?(\d[\d,]*\d|\d)(\.\d+)?(e[-+]?\d+)?(?!\w)")
+_WORD = re.compile(r"[A-Za-z]{2,}")
+
+
+def without_numbers(text: str) -> list[str]:
+    """Lines of four words or more, each once, each number a #."""
+    lines = (" ".join(_NUMBER.sub("#", line).split()) for line in text.splitlines())
+    return list(dict.fromkeys(line for line in lines if len(_WORD.findall(line)) >= 4))
 
 
 def fitted(model: rf.models.RotorModel, experiments: Any, **settings: Any) -> Numbers:
@@ -208,12 +224,13 @@ def command_line(name: str) -> Numbers:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "rig.csv"
         rf.write(test, file)
-        words = [str(file), "--model", "whirl-whip", "--known", "K3=6000", "--quiet"]
-        exits = {}
+        words = [str(file), "--model", "whirl-whip", "--known", "K3=6000"]
+        exits, said = {}, io.StringIO()
         for command, more in (("fit", words), ("info", words[:1])):
-            with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
                 exits[command] = main([command, *more])
-    return {"exit codes": exits, "codes": codes(test)}
+        text = said.getvalue().replace(f"{folder}/", "")
+    return {"exit codes": exits, "codes": codes(test), "said": without_numbers(text)}
 
 
 def cases() -> Iterator[tuple[str, Callable[[], Numbers]]]:
@@ -276,6 +293,9 @@ def differences(now: Numbers, then: Numbers, largest: float = MOVED) -> Iterator
     for name in ("codes", "exit codes", "unresolved", "success"):
         if now.get(name) != then.get(name):
             yield f"{name}: {then.get(name)} before, {now.get(name)} now"
+    yield from list(difflib.unified_diff(then.get("said", []), now.get("said", []), "before", "now", n=0, lineterm=""))[
+        2:
+    ]
     errors = then.get("stderr", {})
     for name, value in then.get("values", {}).items():
         scale = errors.get(name) or errors.get("low") or abs(value) or 1.0
