@@ -138,3 +138,13 @@ def test_the_command_writes_tables(tmp_path: Path, capsys: pytest.CaptureFixture
     assert '"mr_g_mm": 15.3' in capsys.readouterr().out
     assert {"readings.csv", "summary.txt", "weights.csv"} <= {path.name for path in (tmp_path / "out").iterdir()}
     assert (tmp_path / "out" / "weights.csv").read_text().startswith("plane,mr_g_mm,mr_low_g_mm")
+
+
+def test_an_error_of_the_readings_stands_before_the_weights(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Lag under the header of lead turns every weight the wrong way."""
+    text = rf.datasets.path("field_balance.csv").read_text()
+    (tmp_path / "lead.csv").write_text(text.replace("_mil_pp,phase_lag_deg", "_mil_pp,phase_deg"))
+    assert cli.main(["balance", str(tmp_path / "lead.csv")]) == 1
+    said = capsys.readouterr()
+    assert said.out.startswith("ERROR in the data: The rotor answers mostly against the direction of the force")
+    assert "phase lag read as lead" in said.err

@@ -67,6 +67,25 @@ def test_influences_of_the_field_case_are_those_computed_by_hand(tmp_path: Path)
     assert "no error is known" in found.summary()
 
 
+def test_weights_in_two_holes_of_a_plane_act_as_their_sum(tmp_path: Path) -> None:
+    """Written a row each they are one weight; a reference run may leave the cells of its weight blank."""
+    whole = by_hand(11.1, 35)
+    first = by_hand(5.0, 100)
+    rest = whole - first
+    split = f"aft,{abs(rest)},{-math.degrees(cmath.phase(rest))}"
+    rows = []
+    for row in field_rows():
+        if "reference" in row:
+            rows.append(row.replace("aft,0,0", ",,"))
+        elif "aft,11.1,35" in row:
+            rows += [row.replace("aft,11.1,35", "aft,5,100"), row.replace("aft,11.1,35", split)]
+        else:
+            rows.append(row)
+    found = rf.influence(rf.read(written(tmp_path / "split.csv", rows)))
+    expected = rf.influence(rf.read(written(tmp_path / "field.csv", field_rows())))
+    np.testing.assert_allclose(found.solved.influence, expected.solved.influence, rtol=1e-9)
+
+
 @pytest.mark.parametrize("suffix", [".csv", ".nc", ".mat"])
 def test_several_forces_are_written_and_read_again(tmp_path: Path, suffix: str) -> None:
     test = rf.read(written(tmp_path / "field.csv", field_rows()))
@@ -177,7 +196,11 @@ AWKWARD = {
     ),
     "two amounts at one plane": (
         [*ROWS, *[row.replace("fwd,3.7,135", "fwd,3.9,135") for row in ROWS if "fwd,3.7" in row]],
-        "write two weights of one plane as one, their sum by size and angle",
+        "write two weights at one angle as one, their sum",
+    ),
+    "one probe with both holes, the others with one": (
+        [*ROWS, *[row.replace("aft,11.1,35", "aft,3,90") for row in ROWS if "trial 1" in row][:1]],
+        "in run trial 1 forces act at aft and aft at once, but this reading of aft y stands under aft alone",
     ),
     "name of a plane mistyped": ([row.replace("fwd,3.7", "Fwd,3.7") for row in ROWS], "differ only in capitals"),
     "run without name": (

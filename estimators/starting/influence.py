@@ -99,7 +99,7 @@ def solve_influence(readings: Readings) -> Influence:
     if not cells:
         raise UndeterminedError(
             "the weights do not determine an influence: each forced plane needs a second angle, another weight, or a "
-            "run without one"
+            "run without one, at the same speed"
         )
     return _assembled(cells, places, left_out, speed, given, min(freedoms))
 

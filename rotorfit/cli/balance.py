@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rotorfit.cli.answer import finite, give
+from rotorfit.cli.answer import finite, give, say
 from rotorfit.cli.arguments import add_files, add_output
+from rotorfit.data.findings import errors_in
 from rotorfit.options.kinds import number_word, pairs, words
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
@@ -59,11 +60,16 @@ def add_options(to: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Do what the command line says; returns the exit code."""
     from rotorfit.cli.errors import ExitCode, checked
+    from rotorfit.diagnosis.check import check
 
     influences, found = checked(lambda: _balance(options))
-    text = f"influences of weights\n{influences}\n\n{found}"
-    give(options, partial(_write, found, text), lambda: _plain(found), text, found.remarks)
-    return ExitCode.DONE
+    errors = errors_in(check(influences.measured))
+    text = f"influences of weights, +- are standard errors\n{influences}\n\n{found}"
+    text = "\n".join([*(f"ERROR in the data: {words}" for words in errors), text])
+    give(options, partial(_write, found, text), lambda: {"errors": list(errors), **_plain(found)}, text, found.remarks)
+    for problem in errors:
+        say(f"error in the data: {problem}")
+    return ExitCode.NOT_CONVERGED if errors else ExitCode.DONE
 
 
 def _balance(options: argparse.Namespace) -> tuple[Influences, Balance]:

@@ -1,12 +1,14 @@
 """Readings under several forces at once: written once per force, one row of a test.
 
 Two-plane balancing leaves the first trial weight in: rows that agree in run, speed, frequency, plane, direction and
-reading, and name different planes of the force, are one reading under the sum of these forces. Two shakers, or the two
-axes of a magnetic bearing, act at one plane along x and along y at once: rows that differ in the force's direction.
+reading, and name different planes of the force, are one reading under the sum of these forces. So are, in synchronous
+runs, rows that name one plane with weights at different angles, in two holes. Two shakers, or the two axes of a
+magnetic bearing, act at one plane along x and along y at once: rows that differ in the force's direction.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -27,8 +29,9 @@ Where = Callable[[int], str]
 def gathered(test: PerturbationTest, where: Where | None = None) -> PerturbationTest:
     """The test with the rows of each reading under several forces put together.
 
-    Only a run in which some reading stands under several planes of the force, or along both axes, is one with several
-    forces; there all readings have to stand under the same ones. Rows of other runs stay as they are.
+    Only a run in which some reading stands under several planes of the force, along both axes, or under two weights of
+    one plane, is one with several forces; there all readings have to stand under the same ones. Rows of other runs stay
+    as they are.
     """
     named = where or (lambda row: f"row {row + 1}")
     if not (np.diff(np.sort(test.response.real)) == 0).any():
@@ -36,7 +39,12 @@ def gathered(test: PerturbationTest, where: Where | None = None) -> Perturbation
         return test
     first, group = distinguished(*[getattr(test, name) for name in _PROBE], *_readings(test))
     place = combined(numbers(test.force_plane), numbers(test.force_direction))
-    anew = (place != place[first[group]]) & (test.response != 0) & np.isfinite(test.response)
+    leading_row = first[group]
+    anew = place != place[leading_row]
+    if test.synchronous:
+        loaded = (test.force != 0) & (test.force[leading_row] != 0)
+        anew = anew | (loaded & (test.force != test.force[leading_row]))
+    anew = anew & (test.response != 0) & np.isfinite(test.response)
     if not anew.any():
         _refuse_two_readings(test, named)
         return test
@@ -45,20 +53,21 @@ def gathered(test: PerturbationTest, where: Where | None = None) -> Perturbation
     groups = [rows.tolist() for rows in np.split(order, np.flatnonzero(np.diff(group[order])) + 1)]
     inside = np.isin(test.run, list(runs))
     kept: list[int] = []
-    forces: dict[int, tuple[Any, ...]] = {}
+    own = test.force.copy()
+    further: dict[int, tuple[tuple[str, complex, str], ...]] = {}
     for rows in groups:
         if inside[rows[0]]:
-            _refuse_one_plane_twice(test, rows, named)
+            _refuse_one_angle_twice(test, rows, named)
             _refuse_both_kinds(test, rows, named)
-            leading, *further = _loaded(test, rows)
+            leading = _loaded(test, rows)[0]
             kept.append(leading)
-            columns = (test.force_plane, test.force, test.force_direction)
-            forces[leading] = tuple(zip(*[column[further].tolist() for column in columns], strict=True))
+            (_, own[leading], _), *others = _summed(test, _loaded(test, rows))
+            further[leading] = tuple(others)
         else:
             kept += rows
     kept.sort()
     _refuse_unequal_planes(test, [rows for rows in groups if inside[rows[0]]], named)
-    found = replace(test, further_forces=records(forces.get(row, ()) for row in range(len(test))))
+    found = replace(test, force=own, further_forces=records(further.get(row, ()) for row in range(len(test))))
     return found.select(np.array(kept, dtype=np.intp))
 
 
@@ -111,18 +120,29 @@ def _loaded(test: PerturbationTest, rows: list[int]) -> list[int]:
     return [row for row in rows if test.force[row] != 0] or rows[:1]
 
 
-def _refuse_one_plane_twice(test: PerturbationTest, rows: list[int], named: Where) -> None:
-    seen: dict[str, int] = {}
+def _summed(test: PerturbationTest, rows: list[int]) -> list[tuple[str, complex, str]]:
+    """Plane, force and direction of each place, its forces summed, in the order of the rows."""
+    forces: dict[tuple[str, str], complex] = {}
+    for row in rows:
+        place = str(test.force_plane[row]), str(test.force_direction[row])
+        forces[place] = forces.get(place, 0j) + complex(test.force[row])
+    return [(plane, force, along) for (plane, along), force in forces.items()]
+
+
+def _refuse_one_angle_twice(test: PerturbationTest, rows: list[int], named: Where) -> None:
+    """Refuse two forces at one place and angle: a line written twice, or corrected, looks the same."""
+    seen: dict[tuple[str, float], int] = {}
     for row in rows:
         place = _place(test, row)
-        if place in seen:
-            same = test.force[row] == test.force[seen[place]]
+        at = place, float(np.round(np.angle(test.force[row]), 6))
+        if at in seen:
+            same = test.force[row] == test.force[seen[at]]
             raise ValueError(
                 f"{named(row)}: the {'same force' if same else 'second force'} at {place} for one reading of run "
-                f"{test.run[row]} ({named(seen[place])} has the first); "
-                + ("write it once" if same else "write two weights of one plane as one, their sum by size and angle")
+                f"{test.run[row]} ({named(seen[at])} has the first); "
+                + ("write it once" if same else "write two weights at one angle as one, their sum")
             )
-        seen[place] = row
+        seen[at] = row
 
 
 def _refuse_both_kinds(test: PerturbationTest, rows: list[int], named: Where) -> None:
@@ -135,22 +155,23 @@ def _refuse_both_kinds(test: PerturbationTest, rows: list[int], named: Where) ->
 
 
 def _refuse_unequal_planes(test: PerturbationTest, groups: list[list[int]], named: Where) -> None:
-    """Refuse runs whose readings do not all stand under the same forces."""
-    most: dict[str, set[str]] = {}
+    """Refuse runs whose readings do not all stand under the same forces, a place counted as often as it has one."""
+    most: dict[str, Counter[str]] = {}
     for rows in groups:
-        places = {_place(test, row) for row in rows}
+        places = Counter(_place(test, row) for row in rows)
         run = str(test.run[rows[0]])
-        most[run] = max(most.get(run, set()), places, key=len)
+        most[run] = max(most.get(run, Counter()), places, key=Counter.total)
     for rows in groups:
         run = str(test.run[rows[0]])
-        places, expected = {_place(test, row) for row in rows}, most[run]
+        places, expected = Counter(_place(test, row) for row in rows), most[run]
         if places != expected:
             row = rows[0]
-            lacking = " and ".join(sorted(expected - places or places))
+            lacking = " and ".join(sorted((expected - places or places).elements()))
             raise ValueError(
-                f"{named(row)}: in run {run} forces act at {' and '.join(sorted(expected))} at once, but this reading "
-                f"of {test.plane[row]} {test.direction[row]} stands under {' and '.join(sorted(places))} alone; write "
-                f"the same reading again for {lacking}, or name runs apart"
+                f"{named(row)}: in run {run} forces act at {' and '.join(sorted(expected.elements()))} at once, but "
+                f"this reading of {test.plane[row]} {test.direction[row]} stands under "
+                f"{' and '.join(sorted(places.elements()))} alone; write the same reading again for {lacking}, or name "
+                "runs apart"
             )
 
 

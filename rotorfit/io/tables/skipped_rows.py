@@ -1,4 +1,4 @@
-"""What a table may leave out: empty readings, the name of the run, the plane where there is only one."""
+"""What a table may leave out: empty readings, the weight of a reference run, the run, an only plane."""
 
 from __future__ import annotations
 
@@ -106,6 +106,27 @@ def _refuse_marks(table: Table) -> None:
                 f"{table.where(marked[0], name)}: {cells[marked[0]]} is far from all others ({len(marked)} such "
                 "cells in the column). If instruments write it where there is no reading, leave the cells blank"
             )
+
+
+def with_reference_rows(table: Table) -> Table:
+    """The table with a weight of zero, at the first plane named, where plane, size and angle of the weight are blank.
+
+    A row with a plane and no size stays as it is and is refused: the size may have been forgotten.
+    """
+    weights, planes = table.find("mr", UNITS["unbalance"]), table.cells.get("force_plane", ())
+    if not weights or "" not in planes:
+        return table
+    angles = [name for prefix in ("force_phase", "force_angle") for name in table.find(prefix, UNITS["phase"])]
+    told = ["force_plane", *weights, *angles]
+    without = np.logical_and.reduce([lacking(table.cells[name]) for name in told])
+    if not without.any() or without.all():
+        return table
+    zero = {"force_plane": next(filter(None, planes))}
+    cells = {
+        name: [zero.get(name, "0") if blank else cell for cell, blank in zip(table.cells[name], without, strict=True)]
+        for name in told
+    }
+    return replace(table, cells={**table.cells, **cells})
 
 
 def completed(table: Table, *, forced: bool) -> Table:

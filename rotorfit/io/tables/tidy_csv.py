@@ -47,7 +47,7 @@ from rotorfit.io.tables.machine_samples import is_sample_table, sample_table
 from rotorfit.io.tables.machine_tables import BODE_HEADER, bode_table, with_weight, without_weight_finding
 from rotorfit.io.tables.motion import measured_names, motion, over_frequency, response, with_amplitudes
 from rotorfit.io.tables.other_kinds import BUILDERS, columns_of
-from rotorfit.io.tables.skipped_rows import completed, without_empty, without_standstill
+from rotorfit.io.tables.skipped_rows import completed, with_reference_rows, without_empty, without_standstill
 from rotorfit.io.tables.table import PERTURBATION_COLUMNS, READING, Table, read_table
 from rotorfit.io.tables.two_axes import with_force_rows
 from rotorfit.io.tables.wanted_columns import Columns, columns_for, optional, phase_or_angle, quantity, words
@@ -98,7 +98,7 @@ def experiment_of(
     kinds = _KINDS if {"force_plane", "direction"} & set(table.cells) else (*_KINDS, *BUILDERS)
     build = next((b for mark, b in kinds if any(name.startswith(mark) for name in table.cells)), _perturbation)
     if build is _perturbation:
-        table, found = _start_up(with_amplitudes(table))
+        table, found = _start_up(with_reference_rows(with_amplitudes(table)))
         for finding in found:
             (on_finding or _warn)(finding)
     if build in (_perturbation, _displacement):
