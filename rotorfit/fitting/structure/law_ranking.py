@@ -101,14 +101,14 @@ class LawComparison:
         if not self.nonlinear:
             words.append("the data do not ask for a fluid that changes with eccentricity")
         else:
-            gap = f"a linear fluid is worse by {linear - best.aic:.4g} in AIC" if np.isfinite(linear) else ""
+            gap = f"a linear fluid is worse by {linear - best.aic:.1f} in AIC" if np.isfinite(linear) else ""
             words.append("the data ask for a fluid that changes with eccentricity" + f": {gap}" * bool(gap))
             if np.isnan(self.stiffness):
                 words.append("whether its radial stiffness changes too is not determined")
             else:
                 asks = "ask for" if self.nonlinear_stiffness else "do not ask for"
                 words.append(
-                    f"they {asks} a nonlinear stiffness: held constant it would change AIC by {self.stiffness:+.4g}"
+                    f"they {asks} a nonlinear stiffness: held constant it would change AIC by {self.stiffness:+.1f}"
                 )
         if _fit_of(best).model_limited:
             words.append(f"even the best law leaves redchi {_fit_of(best).redchi:.3g}: none of these explains the data")
