@@ -56,6 +56,14 @@ def test_a_rotor_that_turns_or_a_reading_across_the_force_is_refused() -> None:
         rf.fit(model, still.select(still.direction == "y"), known=KNOWN)
 
 
+def test_lag_read_as_lead_is_named_at_rest_too() -> None:
+    """A passive rig that took up no power would have negative damping."""
+    table, _ = accelerations(5e-4, 1)
+    assert rf.check(rf.read(table)) == []
+    with pytest.warns(rf.DataWarning, match="the FRF is conjugated. Give phases of lag as phase_lag_deg"):
+        rf.read(table.assign(phase_deg=-table.phase_deg))
+
+
 def accelerations(sigma: float, seed: int) -> tuple[pd.DataFrame, ComplexArray]:
     """The table that an analyser would export, accelerometers in g with noise of the same size on all lines."""
     test, rng = at_rest(), np.random.default_rng(seed)

@@ -110,11 +110,13 @@ def total_power(amplitude: ComplexArray) -> float:
 def orbits_of(test: PerturbationTest, rows: Index) -> Orbits:
     """Readings of a test, which are such rows of a whole, put together. Under a force along an axis the forward and the
     backward part are two orbits, each with its half of the force; readings of one probe alone, which do not tell them
-    apart, are left out."""
+    apart, are left out, but for those along the force on a rotor at rest."""
     lines, origin = test.lines, rows[:, None]
     if lines.names["force_direction"] != ["circular"]:
-        kept = np.setdiff1d(np.arange(len(test)), probe_pairs(test, test.linear)[1])
-        test, pairs = whirl_parts(test.select(kept))
+        lonely = probe_pairs(test, test.linear)[1]
+        planar = (test.speed == 0) & (np.char.lstrip(test.direction, "r") == test.force_direction)
+        kept = np.setdiff1d(np.arange(len(test)), lonely[~planar[lonely]])
+        test, pairs = whirl_parts(test.select(kept), planar[kept])
         lines, origin = test.lines, rows[kept][pairs]
     probe = np.array(["xyz".find(direction) for direction in lines.names["direction"]], dtype=np.intp)
     probe = probe[lines.number["direction"]]
