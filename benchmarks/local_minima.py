@@ -19,7 +19,6 @@ import numpy as np
 
 from rotorfit.estimators.minimisation.least_squares import Options
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.starting.many_starts import LOCAL_MINIMUM
 from rotorfit.estimators.starting.start_points import full_vector
 from rotorfit.estimators.starting.starts import find_start
 from rotorfit.fitting.fit import solve
@@ -73,9 +72,8 @@ def count(where: str, problems: Iterable[tuple[Problem, dict[str, float]]]) -> s
         start = find_start(problem, {})
         found = solve(problem, start.x, Options()).cost
         seconds.append(time.process_time() - begin)
-        told = any(note.startswith(LOCAL_MINIMUM) for note in start.notes)
-        missed = found > least + DEEPER
-        wrong, silent, alarms = wrong + missed, silent + (missed and not told), alarms + (told and not missed)
+        warned, missed = start.perhaps_local, found > least + DEEPER
+        wrong, silent, alarms = wrong + missed, silent + (missed and not warned), alarms + (warned and not missed)
     return f"| {where} | {wrong} | {silent} | {alarms} | {np.median(seconds):.2f} | {max(seconds):.2f} |"
 
 

@@ -336,7 +336,7 @@ def test_a_fit_cut_short_is_a_result_that_says_so():
     # Its curvature tells nothing of the error: no bars.
     row = next(line for line in fit.summary().splitlines() if line.startswith("lam "))
     assert row.split()[2] == "-"
-    assert "threshold speed: not stated" in fit.summary()
+    assert "threshold speed: not given" in fit.summary()
     assert all(np.isnan(p.stderr) and np.isnan(p.stderr_noise) for p in fit.params.values() if p.vary)
     assert np.isnan(fit.propagate(1.0, np.ones(len(OneMode().parameters)), "1").stderr)
     assert np.isfinite(fit.x).all()

@@ -33,7 +33,7 @@ from rotorfit.estimators.starting.start_points import (
 from rotorfit.models.array_types import RANK_TOLERANCE, ComplexArray, Float, Index
 from rotorfit.models.motion.stability import companion
 
-LOCAL_MINIMUM = "perhaps a local minimum"
+_LOCAL_MINIMUM = "perhaps a local minimum"
 """How a note begins that says so."""
 
 _STARTS_OF_DEEP_MINIMUM, _MOST_STARTS = 24, 72
@@ -78,7 +78,8 @@ def best_of_many(problem: Problem, reason: str) -> Start:
     ends = _beside(problem, ends, limits[0])
     note = f"no closed form ({reason}); the best of {ends.far.sum()} starts was taken"
     doubt = _doubt(problem, ends, limits, ratios)
-    return Start(x=ends.x[0, : len(problem.space.names)], kind=RANDOM, notes=(note, *doubt))
+    x = ends.x[0, : len(problem.space.names)]
+    return Start(x=x, kind=RANDOM, notes=(note, *doubt), perhaps_local=bool(doubt))
 
 
 def _refuse_undetermined(problem: Problem, blocks: Sequence[Responses]) -> None:
@@ -167,20 +168,20 @@ def _doubt(problem: Problem, ends: _Ends, limits: tuple[float, float], ratios: R
     led = f"{ends.together} of {tried} starts lead here"
     if least > limits[1] and ratios is not None:
         return (
-            f"{LOCAL_MINIMUM}, or not this rotor: chi-squared is {2 * least:.4g}, where ratios of polynomials "
+            f"{_LOCAL_MINIMUM}, or not this rotor: chi-squared is {2 * least:.4g}, where ratios of polynomials "
             f"with as many poles leave {2 * ratios.cost:.4g}; {led}. Give start values for what is known",
         )
     alone = limits[0] if ratios is None else ratios.limit(len(problem.space.names), _DEVIATIONS_OF_ONE)
     if ends.together < 2 and least > alone:
         return (
-            f"{LOCAL_MINIMUM}: {led}, and chi-squared is {2 * least:.4g} for {problem.n_data} data. Give start "
+            f"{_LOCAL_MINIMUM}: {led}, and chi-squared is {2 * least:.4g} for {problem.n_data} data. Give start "
             "values for what is known",
         )
     other = _another(problem, ends)
     if other is None:
         return ()
     return (
-        f"{LOCAL_MINIMUM}: another one has chi-squared {2 * other:.4g} where this one has {2 * least:.4g}. "
+        f"{_LOCAL_MINIMUM}: another one has chi-squared {2 * other:.4g} where this one has {2 * least:.4g}. "
         "More readings separate them, or values known beforehand",
     )
 

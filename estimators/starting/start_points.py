@@ -31,6 +31,7 @@ class Start:
     x: Float  # parameters, or the whole vector with nuisance entries behind them, shape ``(p,)``
     kind: str  # which one was taken, one of the names above
     notes: tuple[str, ...] = ()  # what had to be assumed, or is in doubt, in sentences
+    perhaps_local: bool = False  # True if another minimum may be as deep or deeper; a note says why
 
 
 def full_vector(problem: Problem, values: Float, datum: float = 0.0) -> Float:

@@ -90,7 +90,7 @@ def _guess_with_datum(problem: Problem) -> tuple[Start, float]:
     angle = min(angles.tolist(), key=lambda a: _explained(_turned(uncorrelated, a)))
     turned = _guess(_turned(uncorrelated, angle))
     best = _short_fit(uncorrelated, full_vector(uncorrelated, turned.x, angle)).x
-    found = Start(x=best[: len(space.names)], kind=SHORT_FIT, notes=turned.notes)
+    found = replace(turned, x=best[: len(space.names)], kind=SHORT_FIT)
     return found, float(best[len(space.names) + space.nuisance.index(DATUM)])
 
 
@@ -178,7 +178,7 @@ def _from_round(problem: Problem, found: Start) -> Start:
     if len(starts) == 1:
         return replace(found, x=whole)
     ends = short_fits(problem, np.array([full_vector(problem, start) for start in starts]))
-    return Start(x=ends.best[: whole.size], kind=SHORT_FIT, notes=found.notes)
+    return replace(found, x=ends.best[: whole.size], kind=SHORT_FIT)
 
 
 def _nonlinear_guess(problem: Problem) -> Start:

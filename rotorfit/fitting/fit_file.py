@@ -30,7 +30,7 @@ SCHEMA = 1
 
 _FORMAT = "rotorfit fit"
 _KIND = "fit saved by rotorfit"
-_LATER = ("noise", "model_uncertainty", "start")  # entries that files of earlier versions lack
+_LATER = ("noise", "model_uncertainty", "start", "perhaps_local")  # entries that files of earlier versions lack
 _EARLIER = {"doubt": "model_uncertainty"}  # entries as version 0.1.0 called them, and their names today
 
 

@@ -46,7 +46,7 @@ def fit_warnings(
     misfit = covariance.widening(redchi, problem.loss, nfree=nfree, freedom=freedom_of(problem.blocks))
     if is_misfit(noise, misfit) and not (noise is not None and noise.explained):
         where = f". It misses most: {', '.join(noise.places)}" if noise is not None and noise.places else ""
-        wider = "each response as its residuals ask" if rescaled else f"{np.sqrt(redchi):.2g}"
+        wider = "the residuals of each response" if rescaled else f"{np.sqrt(redchi):.2g}"
         other = f". {_FILTERED}" if noise is not None and noise.perhaps_filtered else ""
         found.append(
             f"redchi is {redchi:.3g}: the model, not the noise, limits this fit. Standard errors are widened by "
@@ -91,9 +91,9 @@ def too_quiet(redchi: Float | float, nfree: int) -> Bool:
 def _advice(model: RotorModel, identifiability: Identifiability, rescaled: bool) -> str:
     """Advice for a fit that its model limits: structural blocks only where more can be added."""
     if isinstance(model, Modal):
-        return "modes left out do so, or supports that differ in x and y (apart)"
+        return "add modes, or let x and y differ (apart)"
     if not hasattr(model, "blocks"):
-        return f"{model.name} has no structural blocks to add; a model of more planes may explain them"
+        return f"{model.name} has no structural blocks to add; a model of more planes may fit"
     if rescaled or len(model.blocks) == len(BLOCKS):
         return "bring the shaft's matrices (KnownStructure)"
     if why_not_refined(model, identifiability):
@@ -124,7 +124,8 @@ def _instability(problem: Problem, x: Float, unresolved: Sequence[str]) -> list[
 
 def _remedy(unresolved: Sequence[str]) -> str:
     if unresolved:
-        return f"These data leave {', '.join(unresolved)} open: give known values or priors before you look for a slip"
+        left = ", ".join(unresolved)
+        return f"These data leave {left} open: give known values or priors before you look for an error in the data"
     return "Check signs, directions and the model"
 
 

@@ -51,7 +51,7 @@ def judge(
     found = fit_warnings(problem, x, goodness.redchi, params, verdict, bool(settings.noise_scale), errors.noise)
     warnings = [*notes, *found]
     if solution is not None and not success:
-        warnings.insert(0, f"the optimisation did not converge, so that nothing has an error: {solution.message}")
+        warnings.insert(0, f"the optimisation did not converge, so no standard errors are given: {solution.message}")
     return FitResult(
         model=problem.space.model,
         experiments=experiments,
@@ -71,6 +71,7 @@ def judge(
         success=success,
         message=solution.message if solution is not None else "closed form, no iteration",
         start=start.kind,
+        perhaps_local=start.perhaps_local,
         nfev=solution.n_evaluations if solution is not None else 0,
         responses=goodness.responses,
         identifiability=verdict,

@@ -79,6 +79,7 @@ class FitResult(FitFigures):
             forms; "random starts": the same from many typical rotors, where there is no closed form; "rational fit":
             poles and residues (``Modal``); "spectral lines": linear least squares, line after line; "given": all were;
             "earlier fit": the optimum of the fit that this one varies; "not recorded": read from an older file.
+        perhaps_local: True if another minimum may be as deep or deeper; one of ``warnings`` says why.
         success, message, nfev: how the optimisation ended.
         responses: agreement response by response.
         identifiability: what the data determine.
@@ -113,6 +114,7 @@ class FitResult(FitFigures):
     noise: ResidualStudy | None = None
     model_uncertainty: Float | None = None
     start: str = "not recorded"
+    perhaps_local: bool = False
 
     def __post_init__(self) -> None:
         params = {name: replace(p) for name, p in self.params.items()}

@@ -48,7 +48,7 @@ _MEANT: dict[str, tuple[str, Callable[[float, float], tuple[float, float, float]
 
 
 def combined(fit: FitResult, combination: Combination) -> str:
-    """What the data do determine of two parameters that they leave open, with its error; empty where there is none."""
+    """The combination of two undetermined parameters that the data do determine, with its error; else empty."""
     if combination.kind not in _MEANT:
         return ""
     first, second = (fit.params[name] for name in combination.names)
@@ -84,7 +84,7 @@ def fit_table(fit: FitResult) -> str:
     pairs = notable_correlations(fit)
     if pairs:
         lines.append("correlations: " + ", ".join(f"{a}-{b} {r:+.2f}" for a, b, r in pairs))
-    lines += _stability_lines(fit) if fit.success else ["threshold speed: not stated, as the fit did not converge"]
+    lines += _stability_lines(fit) if fit.success else ["threshold speed: not given, because the fit did not converge"]
     lines += interval_lines(fit)
     lines += _foundation_lines(fit)
     lines += [f"errors: {remark}" for remark in fit.remarks]
@@ -108,7 +108,7 @@ def start_words(fit: FitResult) -> str:
 
 
 def _noise_lines(fit: FitResult) -> list[str]:
-    """What the residuals are, where that is more than noise as expected; warnings say the rest."""
+    """The verdict on the residuals, where they are not the noise as expected; warnings say the rest."""
     noise = fit.noise
     if noise is None or (noise.verdict is NoiseVerdict.AS_FOUND and not noise.sentences):
         return []
@@ -151,11 +151,11 @@ def _small(value: float, unit: str) -> str:
 
 
 def _foundation_lines(fit: FitResult) -> list[str]:
-    """What the numbers rest on although these data cannot tell it."""
+    """Effects that these data cannot show, with the sizes that the systematic share allows for."""
     words = fit.foundations
     if not words:
         return []
-    head = "rests on what these data do not show, in the systematic share by these sizes (replace them: assumptions=)"
+    head = "the systematic share allows for what these data do not show, by these sizes (assumptions= replaces them)"
     return [f"{head}:", *(f"  {line}" for line in words)]
 
 

@@ -171,8 +171,8 @@ def refinement_section(material: ReportInput) -> Html:
     ]
     words = (
         "Structural blocks that a lumped model leaves out (coupling mass, gyroscopic, damping between and within, "
-        "out-of-band modes) were tried whole, each beside those that paid. The candidate of the lowest Akaike "
-        "information criterion is chosen."
+        "out-of-band modes) were tried whole, each together with those already taken in. The smallest candidate is "
+        "chosen whose Akaike information criterion the data cannot tell from the lowest one."
     )
     if refinement.best.settings.noise_scale:
         words += (

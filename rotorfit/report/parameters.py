@@ -36,6 +36,7 @@ from rotorfit.report.parts import (
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
+    from rotorfit.estimators.inference.identifiability import Combination
     from rotorfit.report.material import ReportInput
     from rotorfit.uncertainty.profile import Profile
 
@@ -51,22 +52,22 @@ def parameter_section(material: ReportInput) -> Html:
     head = ["parameter", "value", "standard error", "from noise alone", "unit", begin, "meaning", ""]
     notes = ["Errors are one standard deviation."]
     if not fit.success:
-        notes = ["The search did not converge: nothing here has an error."]
+        notes = ["The search did not converge, so no errors are given."]
     elif fit.widening > 1.01:
         notes.append(
-            f"They are those from the noise times √redchi = {plain(math.sqrt(fit.redchi), 3)}, because the residuals "
-            "exceed the noise."
+            f"They are the errors from the noise times √redchi = {plain(math.sqrt(fit.redchi), 3)}, because the "
+            "residuals exceed the noise."
         )
     elif fit.settings.noise_scale:
-        notes.append("They follow the residuals of each response, where these exceed the noise.")
+        notes.append("They follow the residuals of each response where these exceed the noise.")
     if fit.noise is not None:
         notes.append(sentence(f"noise: {VERDICTS[fit.noise.verdict]}"))
         notes += [sentence(words) for words in fit.noise.sentences]
     if fit.settings.calibration is not None:
-        notes.append("They hold the uncertainty of the calibration too; see the budget.")
+        notes.append("They include the uncertainty of the calibration; see the budget.")
     if any(p.systematic for p in fit.params.values() if p.vary):
         given = ", ".join(f"{name} {size:g}" for name, size in fit.settings.assumptions.items())
-        words = "They are statistical; the intervals below hold the systematic share too, by what the numbers rest on"
+        words = "They are statistical; the intervals below include the systematic share"
         notes.append(sentence(f"{words}, with the sizes given ({given})" if given else words))
     notes += [sentence(line) for line in (*interval_lines(fit), *fit.remarks)]
     corrections = correction_names(fit.model)
@@ -109,12 +110,12 @@ def interval_section(material: ReportInput) -> Html:
     degrees = material.fit.freedom
     words = [
         "Laplace: estimate ± 1.96 standard errors, or the quantile of Student's t where they rest on few runs or "
-        "readings; right where the errors are normal."
+        "readings. It is right where the errors are normal."
     ]
     if math.isfinite(degrees):
         words = [
             f"Laplace: estimate ± {quantile(0.95, degrees):.3g} standard errors, Student's t with {degrees:.0f} "
-            "degrees of freedom, because few mountings tell the noise."
+            "degrees of freedom, because the noise is estimated from few mountings."
         ]
     if material.profiles:
         words.append(
@@ -130,10 +131,10 @@ def interval_section(material: ReportInput) -> Html:
     if material.shares:
         words.append(
             "Random and systematic shares are standard uncertainties, GUM type A (noise) and type B (calibration, and "
-            "what the numbers rest on)."
+            "effects that the data cannot show)."
         )
     if not material.profiles and material.posterior is None and simulated is None:
-        words.append("A posterior or profile likelihoods would test that.")
+        words.append("A posterior or profile likelihoods would test it.")
     words += [sentence(f"{p.name}: {p.message}") for p in material.profiles if p.message]
     return section("95 % intervals", table(head, rows, numeric=range(1, 7), whole=(7,)), note(*words), folded=True)
 
@@ -188,6 +189,12 @@ def _onset_shares(fit: FitResult, onset: Quantity) -> tuple[str, str]:
 # ---- identifiability ---------------------------------------------------------------------------
 
 
+def _open(fit: FitResult, combination: Combination) -> str:
+    """What the data leave open, and what they determine of it."""
+    value = combined(fit, combination)
+    return sentence(combination.message) + (f" Determined: {value.replace('+-', '±')}." if value else "")
+
+
 def identifiability_section(material: ReportInput) -> Html:
     """What the data determine, and which parameters go together."""
     fit = material.fit
@@ -199,11 +206,9 @@ def identifiability_section(material: ReportInput) -> Html:
         )
     ]
     if verdict.combinations:
-        words = [(sentence(c.message), combined(fit, c)) for c in verdict.combinations]
-        told = [f"{message} Determined: {value.replace('+-', '±')}." if value else message for message, value in words]
-        content.append(bullets(told, class_="warnings"))
+        content.append(bullets((_open(fit, c) for c in verdict.combinations), class_="warnings"))
     else:
-        content.append(paragraph("Every fitted value has a number of its own: nothing is known only as a combination."))
+        content.append(paragraph("Every fitted value is determined by itself, none only in a combination."))
     pairs = notable_correlations(fit)
     if pairs:
         listed = ", ".join(f"{a} and {b} ({plain(r, 2)})" for a, b, r in pairs)

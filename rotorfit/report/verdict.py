@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.data.findings import attributed, errors_in
-from rotorfit.estimators.starting.many_starts import LOCAL_MINIMUM
 from rotorfit.fitting.noise.record import NoiseVerdict
 from rotorfit.fitting.noise.residual_study import MODEL_LIMITED_REDCHI
 from rotorfit.fitting.noise.words import VERDICTS
@@ -82,7 +81,7 @@ def _headline(material: ReportInput) -> Iterator[str]:
         return
     if fit.model.speed_dependent:
         yield from _stability_words(material)
-    if any(words.startswith(LOCAL_MINIMUM) for words in fit.warnings):
+    if fit.perhaps_local:
         yield (
             f"The search may have ended in a local minimum (redchi {plain(fit.redchi, 3)}), as is said below: other "
             "values may explain these data as well, or better."

@@ -117,7 +117,7 @@ class Assumptions:
         results = [name for name in self.entries[0].errors if 0 < self.combined(name) < math.inf] if bearing else []
         main = [entry for entry in bearing if any(self._fall(name, entry) < _NOTABLE_FALL for name in results)]
         others = len(bearing) - len(main)
-        more = (f"and {others} of less weight, see fit.assumptions()",) if others else ()
+        more = (f"{others} more of less weight: see fit.assumptions()",) if others else ()
         return (*(_foundation(entry) for entry in main), *more)
 
     def _fall(self, result: str, entry: Assumption) -> float:
@@ -212,15 +212,15 @@ def _shown(name: str, shift: float, error: float) -> str:
 
 def _words(found: Assumptions) -> list[str]:
     words = [
-        "z: size that the residuals ask for over its standard error; beyond it, what results change by if the term has "
-        "the size shown (that asked for, or a plausible one where the data do not determine it), and the largest "
-        "change in standard errors."
+        "z is the size that the residuals ask for, divided by its standard error. The columns after it show by how "
+        "much the results change if the term has the size shown: the size asked for, or a plausible one where the data "
+        "do not determine it. The last column is the largest of these changes in standard errors."
     ]
     if found.missing:
         names = ", ".join(f"{entry.meaning} {entry.name} (z {entry.z:+.1f})" for entry in found.missing[:3])
         words.append(f"The data ask for structure that the model lacks: {names}, or something like it.")
     words += [
-        f"There is coupling damping: a damper somewhere, which acts at the journal too, perhaps as strongly. These "
+        f"There is coupling damping, so a damper acts somewhere, perhaps at the journal too and as strongly. These "
         f"data cannot separate {entry.name} from D and lam; see its row."
         for entry in found.entries
         if entry.implied and not entry.tested
@@ -228,26 +228,20 @@ def _words(found: Assumptions) -> list[str]:
     results = list(found.entries[0].errors) if found.entries else []
     shares = ", ".join(f"{_titled(n)} {_share(found, n)}" for n in results if math.isfinite(found.combined(n)))
     if shares:
-        words.append(f"Standard errors with what the data leave of these sizes (systematic share): {shares}.")
+        words.append(f"Standard errors with the systematic share (the share alone): {shares}.")
     return words
 
 
 def _foundation(entry: Assumption) -> str:
     """An assumption in words, with what the data leave of its size and what that does."""
-    size = entry.left
-    moved = [
-        _moved(name, entry.shifts[name] * size, error)
-        for name, error in entry.errors.items()
-        if abs(entry.shifts[name] * size) > error
-    ]
-    if THRESHOLD_COLUMN in entry.errors and not any(words.startswith(THRESHOLD_COLUMN) for words in moved):
-        moved.append(f"{THRESHOLD_COLUMN} as it is")
+    shift = {name: entry.shifts[name] * entry.left for name in entry.errors}
+    moved = [name for name, error in entry.errors.items() if abs(shift[name]) > error]
+    words = [f"{name} by {_shown(name, shift[name], entry.errors[name])}" for name in moved]
+    if THRESHOLD_COLUMN in moved:
+        words[moved.index(THRESHOLD_COLUMN)] += " rpm"
     unit = "" if entry.unit == "1" else f" {entry.unit}"
-    return f"{entry.name}, {entry.meaning}; {two_digits(size, '+')}{unit}: {', '.join(moved)}"
-
-
-def _moved(name: str, shift: float, error: float) -> str:
-    return f"{name} {_shown(name, shift, error)}{' rpm' if name == THRESHOLD_COLUMN else ''}"
+    unmoved = "" if THRESHOLD_COLUMN in moved or THRESHOLD_COLUMN not in entry.errors else f", {THRESHOLD_COLUMN} not"
+    return f"{entry.name} {two_digits(entry.left, '+')}{unit} ({entry.meaning}) shifts {', '.join(words)}{unmoved}"
 
 
 def _share(found: Assumptions, name: str) -> str:

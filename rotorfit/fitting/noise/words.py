@@ -13,15 +13,17 @@ from rotorfit.fitting.noise.record import Miss, NoiseVerdict, RunEffect
 from rotorfit.units import RPM_PER_RAD_S
 
 VERDICTS = {
-    NoiseVerdict.AS_FOUND: "the residuals are noise, as it was given or found in the data alone",
+    NoiseVerdict.AS_FOUND: "the residuals are noise of the size that was given, or estimated from the data alone",
     NoiseVerdict.SHAPED: (
-        "the residuals are noise of another size or shape than found in the data alone, and were weighed by it"
+        "the residuals are noise of another size or shape than estimated from the data alone; they were weighted by it"
     ),
-    NoiseVerdict.LARGER: "the residuals are noise, but larger than the readings' sigma says",
+    NoiseVerdict.LARGER: "the residuals are noise, but larger than the sigma of the readings",
     NoiseVerdict.CORRELATED: (
         "the residuals have the noise's size but are correlated along the sweeps, as behind overlapping filters"
     ),
-    NoiseVerdict.MISFIT: "the residuals are correlated along the sweeps and exceed the noise: the model does not fit",
+    NoiseVerdict.MISFIT: (
+        "the residuals are correlated along the sweeps and larger than the noise: the model does not fit"
+    ),
 }
 
 _KINDS = {
@@ -48,7 +50,7 @@ _REMEDY = {
     Kind.ELSEWHERE: "Fit a model that has a fluid there too",
     Kind.LOAD: "Take the load off, or fit small motion about the place that the journal has under it (x_um, y_um)",
     Kind.RESIDUAL: (
-        "Take it out: start up once more with the weight moved by 180 degrees, or without it, and fit the differences "
+        "Remove it: start up once more with the weight moved by 180 degrees, or without it, and fit the differences "
         "(rf.difference_synchronous, reference run)"
     ),
 }
@@ -57,11 +59,11 @@ _REMEDY = {
 _IN_ERRORS = "Standard errors include that, and intervals have the quantile of Student's t"
 
 _TWO_RUNS = (
-    "two runs: their differences can hardly be estimated from them, and what shifts both in the same way not at all; "
-    "the errors include only the difference that was found"
+    "there are only two runs: their difference is poorly estimated, and an effect that shifts both alike cannot be "
+    "seen; the errors include only the difference that was found"
 )
 
-_SCATTER = "the residuals scatter more along some changes than equal noise does; standard errors follow them (HC3)"
+_SCATTER = "the residuals scatter unevenly between readings; standard errors follow them (HC3)"
 
 _LARGEST_LABEL_ERROR = 0.05
 """Relative error of a speed label beyond which none is likely: a tachometer that slips is off by parts of a percent."""
@@ -80,8 +82,8 @@ def sentences(
 
 def causes(found: Sequence[Cause], *, whole: bool) -> tuple[str, ...]:
     """Fixed causes that explain what a fit misses, each a warning."""
-    share = "The results are those of the model without it; their systematic share holds by how much it shifts them"
-    begin = f"{'what' if whole else 'most of what'} the model misses is explained by"
+    share = "The results are those of the model without it; their systematic share includes the shift"
+    begin = f"{'the misfit' if whole else 'most of the misfit'} is explained by"
     return tuple(f"{begin} {_cause(cause)}. {share}. {_remedy(cause)}" for cause in found)
 
 
@@ -184,8 +186,8 @@ def place(miss: Miss) -> str:
 def odd_run(name: str, redchi_without: float) -> str:
     """The one run that does not agree with the others."""
     return (
-        f"run {name} does not go with the others: without it redchi would be about {redchi_without:.2g}. "
-        f"Look at its speed, direction, force and probes first"
+        f"run {name} disagrees with the others: without it redchi would be about {redchi_without:.2g}. "
+        f"Check its speed, direction, force and probes first"
     )
 
 
@@ -193,14 +195,14 @@ def verdict_warning(verdict: NoiseVerdict, redchi: float, correlation: float, *,
     """The verdict as a warning, where it changes standard errors; ``large``: redchi is."""
     if verdict is NoiseVerdict.SHAPED and large:
         return [
-            f"redchi is {redchi:.3g}, yet residuals do not follow one another: readings scatter more than found in "
-            "the data alone, as by a force or a speed that jitters. They were weighed, and errors stated, by the "
-            "scatter of the residuals"
+            f"redchi is {redchi:.3g}, yet neighbouring residuals are not correlated: readings scatter more than was "
+            "estimated from the data alone, as where a force or a speed jitters. Weights and errors follow the scatter "
+            "of the residuals"
         ]
     if verdict is NoiseVerdict.LARGER:
         return [
-            f"redchi is {redchi:.3g}, yet residuals do not follow one another: the noise is larger than given, "
-            "and standard errors are wider accordingly. Without sigma_um or coherence it is estimated"
+            f"redchi is {redchi:.3g}, yet neighbouring residuals are not correlated: the noise is larger than given, "
+            "and standard errors are widened accordingly. Without sigma_um or coherence the noise is estimated"
         ]
     if verdict is NoiseVerdict.CORRELATED:
         return [
