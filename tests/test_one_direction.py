@@ -103,6 +103,26 @@ def test_noise_of_accelerometers_that_is_not_given_is_found_even_in_acceleration
     assert 0.7 < fit.redchi < 1.4
 
 
+def test_noise_of_accelerometers_beside_that_of_the_force_is_told_apart() -> None:
+    """A force that jitters by 2 % beside 2 mg: noise even in the motion falls off as w^-2, which looks like the
+    response. Levels of 2 x 120 values err by 5 %, and the two parts trade."""
+    table, a = accelerations(0.0, 0)
+    rng = np.random.default_rng(2)
+    jitter, sensor = rng.standard_normal((2, a.size)) + 1j * rng.standard_normal((2, a.size))
+    read = a * (1 + 0.02 * jitter) + 2e-3 * sensor
+    fit = rf.fit(
+        MODELS["whirl-whip"](),
+        rf.read(table.assign(acceleration_g=np.abs(read), phase_deg=np.degrees(np.angle(read)))),
+        known=KNOWN,
+    )
+    assert fit.noise is not None
+    assert len(fit.noise.response_noise) == 4
+    for level in fit.noise.response_noise:
+        assert level.unit == "m/s^2"
+        assert level.constant == pytest.approx(2e-3 * STANDARD_GRAVITY, rel=0.35)
+        assert level.share == pytest.approx(0.02, rel=0.35)
+
+
 @pytest.mark.parametrize("kind", ["velocity_mm_s", "velocity_in_s_rms", "acceleration_mm_s2", "real"])
 def test_other_sensors_and_parts(kind: str) -> None:
     test = at_rest()

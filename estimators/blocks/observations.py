@@ -101,11 +101,18 @@ class Responses(Observed):
     sigma_given: bool = True  # sigma was given with all readings, not estimated from them
     beside: ComplexArray | None = None  # known dynamic stiffness that acts beside the model's, shape ``(L, n, n)``
     force_noise: ComplexArray | None = None  # covariance of each line's forces, of either part, shape ``(L, n, n)``
+    derivative: Index | None = None  # how often each reading's sensor differentiated the motion; None is not at all
 
     @property
     def reading_group(self) -> Index:
         """Group of each reading."""
         return self.group[self.line]
+
+    @property
+    def rate(self) -> Float:
+        """Size of what the sensor of each reading gives over that of the motion, ``|w|**derivative``."""
+        w = np.abs(self.frequency[self.line])
+        return np.ones(w.size) if self.derivative is None else w**self.derivative
 
     @cached_property
     def condition(self) -> tuple[Index, Index, Float]:

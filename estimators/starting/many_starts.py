@@ -260,4 +260,5 @@ def _completed(block: Responses, theta: Float, unread: Index) -> Responses:
         sigma=sigma.reshape(-1),
         label=np.zeros(lines * size, dtype=np.intp),
         run=np.repeat(block.run[:1], lines * size),
+        derivative=None,
     )

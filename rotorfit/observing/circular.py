@@ -222,10 +222,11 @@ def _assemble(
         run=test.run[row],
         sigma_given=not gaps.any(),
         force_noise=_force_noise(model, test, first),
+        derivative=derivative if derivative.any() else None,
     )
     if gaps.any():
         # An accelerometer's noise is even in its own quantity, not in the displacement.
-        rate = np.abs(frequency[line]) ** derivative
+        rate = block.rate
         seen = replace(block, measured=measured * rate)
         condition = _conditions(test, lines.number["run"])[row]
         estimated = estimate_noise(seen, wrong * rate, test.synchronous, condition) / rate

@@ -319,6 +319,7 @@ def _fine(fit: FitResult, block: Responses, rows: Index) -> tuple[Float, Complex
         sigma=np.ones(points),
         label=np.zeros(points, dtype=np.intp),
         run=np.full(points, ""),
+        derivative=None,
     )
     value, slope = grid.predict_jacobian(fit.thetas)
     drive = force[np.argmax(np.abs(force))]

@@ -29,6 +29,7 @@ class LinearisedFit:
     prior: Float  # curvature of the fitted values' priors
     predicted: ComplexArray  # in units of the readings
     sigma: Float  # noise, in units of the readings
+    rate: Float  # by which they are multiplied in the quantity that their sensors measured, whose noise is even
     sigma_given: bool  # with the data, for all readings
     channels: tuple[list[Index], ...]  # sweeps of each probe and force plane
     runs: tuple[str, ...]  # their names; empty where differences cannot be looked for
@@ -86,6 +87,7 @@ def linearise(problem: Problem, x: Float) -> LinearisedFit | None:
         prior=prior[kept],
         predicted=predicted,
         sigma=sigma,
+        rate=np.concatenate([block.rate for block in blocks if block is not None]),
         sigma_given=all(block.sigma_given for block in blocks if block is not None),
         channels=channels,
         runs=runs,

@@ -47,13 +47,18 @@ class NoiseFit:
 
     @cached_property
     def power(self) -> Float:
-        """Squared residuals, leverage-corrected, in units of the readings."""
-        return np.asarray(np.abs(self.residuals.values) ** 2 / 2 * self.sigma**2 / self.weight)
+        """Squared residuals, leverage-corrected, in units of what the sensors measured."""
+        return np.asarray(np.abs(self.residuals.values) ** 2 / 2 * self.sigma**2 / self.weight * self.data.rate**2)
+
+    @cached_property
+    def power_given(self) -> Float:
+        """Square of the noise of the data in the same units."""
+        return np.asarray(self.data.sigma**2 * self.data.rate**2)
 
     @property
     def redchi(self) -> float:
         """Mean squared residual over the noise of the data."""
-        return float(np.sum(self.weight * self.power / self.data.sigma**2) / np.sum(self.weight))
+        return float(np.sum(self.weight * self.power / self.power_given) / np.sum(self.weight))
 
     def memory(self, sigma: Float) -> Memory:
         """Correlation along the sweeps of residuals in units of a noise."""
@@ -86,9 +91,9 @@ def sigma_of_residuals(fit: NoiseFit, along: Sequence[str]) -> tuple[list[Shape]
     data, sigma = fit.data, fit.data.sigma.copy()
     if data.sigma_given:
         return [], sigma
-    sizes = {RESPONSE: np.abs(data.predicted) ** 2}  # as by a force that jitters
+    sizes = {RESPONSE: np.abs(data.predicted) ** 2 * data.rate**2}  # as by a force that jitters
     if "run_lam" in data.kinds:
-        sizes[SPEED] = np.abs(data.Z[:, data.kinds.index("run_lam")] * data.sigma) ** 2
+        sizes[SPEED] = np.abs(data.Z[:, data.kinds.index("run_lam")] * data.sigma) ** 2 * data.rate**2
     shapes: list[Shape] = []
     trials_along = [fit_probes(data.channels, fit.power, fit.weight, sizes[a], along=a) for a in along if a in sizes]
     for trials in zip(*trials_along, strict=True):
@@ -96,12 +101,12 @@ def sigma_of_residuals(fit: NoiseFit, along: Sequence[str]) -> tuple[list[Shape]
         best = int(np.argmax(gains))
         shapes += trials[best if 2 * (gains[best] - gains[0]) > _LEAST_SHAPE_GAIN else 0]
     for shape in shapes:
-        sigma[shape.rows] = np.sqrt(shape.variance(sizes[shape.along]))
+        sigma[shape.rows] = np.sqrt(shape.variance(sizes[shape.along])) / data.rate[shape.rows]
     return shapes, sigma
 
 
 def explains(fit: NoiseFit, shapes: Sequence[Shape]) -> bool:
     """True if the residuals are about as likely under the noise of the data as under one of their own."""
     now = sum(shape.log_likelihood for shape in shapes)
-    given = likelihood(fit.power, fit.weight, fit.data.sigma**2)
+    given = likelihood(fit.power, fit.weight, fit.power_given)
     return 2 * (now - given) < _LEAST_SHAPE_GAIN * len(fit.data.channels)

@@ -87,7 +87,7 @@ class ResponseNoise:
     """Noise of some responses, ``sigma^2 = constant^2 + (share |response|)^2``."""
 
     responses: tuple[str, ...]  # their names
-    constant: float  # in the unit of the readings
+    constant: float  # in the unit of what was read, accelerations for instance
     share: float  # relative to the response, or to what ``along`` says
     along: str  # what the share is of
     unit: str = ""  # of the readings, in SI; empty where they differ

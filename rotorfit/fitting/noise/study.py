@@ -243,7 +243,10 @@ def _units(block: Block) -> NDArray[np.str_]:
         ("N m" if c.axis == "r" else "N") if responses.imposed else ("rad" if c.axis == "r" else "m")
         for c in responses.model.coordinates
     ]
-    return np.array(of)[responses.coordinate]
+    units = np.array(of)[responses.coordinate]
+    if responses.derivative is None:
+        return units
+    return np.char.add(units, np.array(["", "/s", "/s^2"])[responses.derivative])
 
 
 def _run_left_out(data: LinearisedFit) -> tuple[str, float] | None:
