@@ -34,11 +34,11 @@ class Rotor:
         return self.residues @ q
 
 
-def two_modes() -> Rotor:
+def two_modes(speed: float = 157.0) -> Rotor:
     """A whirl-whip rotor at two planes: complex eigenvalues, one of them lightly damped."""
     mass = np.diag([0.9, 0.4])
     damping = np.diag([3.0, 450.0])
-    stiffness = np.array([[30e3, -24e3], [-24e3, 40e3 - 450j * 0.475 * 157.0]])
+    stiffness = np.array([[30e3, -24e3], [-24e3, 40e3 - 450j * 0.475 * speed]])
     companion = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(mass, np.c_[stiffness, damping])]])
     poles, shapes = np.linalg.eig(companion)
     drive = np.linalg.solve(shapes, np.array([0, 0, 1 / 0.9, 0]))

@@ -142,6 +142,30 @@ def test_counts_of_another_unit_are_noticed(tmp_path: Path) -> None:
     assert "probe-sensitivity" in {finding.code for finding in rf.read_recording(path).findings}
 
 
+def test_a_unit_of_the_setup_against_that_of_the_file_is_named(tmp_path: Path) -> None:
+    """Everything is 25 times too small, and no fit can notice."""
+    path = hdf5(tmp_path / "a.h5", scaled(25.4e-6), {"disk_X": "mils", "disk_Y": "µm"})
+    record = rf.read_recording(path, toml(tmp_path / "a.toml", probe='unit = "um"\n'))
+    said = [finding.message for finding in record.findings if finding.code == "setup-contradicts-file"]
+    assert said == ["a.h5: unit of disk_X: a.toml says um, the file mils; the setup is followed."]
+
+
+def test_a_channel_without_its_unit_in_the_name_is_no_channel(tmp_path: Path) -> None:
+    path = hdf5(tmp_path / "a.h5", scaled(1e-6, ("disk_X [um]", "disk_Y [um]")), {})
+    with pytest.raises(ValueError, match=r"unknown channel 'disk_X', did you mean 'disk_X \[um\]'"):
+        rf.read_recording(path, toml(tmp_path / "a.toml"))
+
+
+def test_a_recording_without_probes_is_refused_and_looked_at(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = hdf5(tmp_path / "a.h5", scaled(1e-6, ("front", "side")), {})
+    with pytest.raises(ValueError, match=r"none of its channels \(front, .*, side\) is known as a probe"):
+        rf.responses(rf.read_recording(path))
+    assert main(["look", str(path), "--out", str(tmp_path / "out")]) == 1
+    assert "no timebase: a: none of its channels is known as a probe" in capsys.readouterr().out
+
+
 def test_words_for_units() -> None:
     assert all(channel_unit(text) is not None for text in (" Mils ", "m/s²", "m/s^2", "microns", "lbf"))
     assert channel_unit("Pa") is None

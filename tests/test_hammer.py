@@ -140,3 +140,25 @@ def test_from_the_command_line(tmp_path: Path, setup: Path, capsys: pytest.Captu
     assert "coherence" in out.read_text().splitlines()[0] + out.read_text().splitlines()[1]
     cut = strike(tmp_path / "cut.h5", [0.3], sizes=[20.0], range_of_force=15.0, rate=4 * RATE)
     assert main(["vectors", str(cut), "--setup", str(setup), "--out", str(tmp_path / "cut.csv")]) == 1
+
+
+def test_a_rotor_at_rest_has_quiet_probes_across_the_blow(tmp_path: Path) -> None:
+    """They carry noise alone, a few thousandths of the motion along the blow, and are not dead."""
+    rng, t = np.random.default_rng(4), np.arange(int(1.5 * RATE)) / RATE
+    force = blow_at([0.3], [20.0])
+    motion = two_modes(speed=0.0).motion(force, RATE, t.size).real
+    path = tmp_path / "rest.h5"
+    with h5py.File(path, "w") as file:
+        file.attrs.update(sample_rate_hz=RATE, speed_rpm=0.0, sensitivity_V_per_mm=8.0)
+        file.attrs.update(probe_angle_deg_X=0.0, probe_angle_deg_Y=90.0)
+        for plane, along in zip(("disk", "journal"), motion, strict=True):
+            for axis, values in (("X", along), ("Y", 0.0)):
+                file[f"{plane}_{axis}"] = -10 + 8e3 * (values + 2e-7 * rng.normal(size=t.size))
+        file["hammer"] = 0.1 * (force(t).real + 0.01 * rng.normal(size=t.size))
+    (tmp_path / "rig.toml").write_text('[force]\nplane = "disk"\nchannel_x = "hammer"\nsensitivity_V_per_N = 0.1\n')
+    found: list[rf.Finding] = []
+    test = rf.responses(rf.read_recording(path, tmp_path / "rig.toml"), on_finding=found.append)
+    assert not [finding for finding in found if finding.severity == "error"]
+    across = test.direction == "y"
+    assert across.any()
+    assert np.mean(np.abs(test.response[across] / test.sigma[across]) ** 2) / 2 == pytest.approx(1.0, abs=0.3)

@@ -43,3 +43,23 @@ def test_quiet_channels_and_coarse_cards_hold_nothing(tmp_path: Path, noise: flo
     slow = {name: values if "key" in name else -10 + (values + 10) / 50 for name, values in volts(noise=noise).items()}
     slow = {name: np.round(values / step) * step for name, values in slow.items()}
     assert "channel-stops" not in codes(write_hdf5(tmp_path / "b.h5", slow))
+
+
+@pytest.mark.parametrize("gaps", [(1.55,), (0.7, 2.3)])
+def test_gaps_filled_with_zeros_are_gaps(tmp_path: Path, gaps: tuple[float, ...]) -> None:
+    """Zero is the highest voltage of a probe at -10 V; a channel that stays there once or twice is not clipped."""
+    channels = volts()
+    for at in gaps:
+        channels["disk_X"][int(at * RATE) : int((at + 0.06) * RATE)] = 0.0
+    record = rf.read_recording(write_hdf5(tmp_path / "a.h5", channels))
+    assert np.array(record.statistics["disk_X"].still)[:, 0] == pytest.approx(gaps, abs=2e-3)
+    assert "channel-stops" in {finding.code for finding in record.findings}
+
+
+def test_a_recording_without_any_probe_left_says_why(tmp_path: Path) -> None:
+    channels = volts()
+    for name in ("disk_X", "disk_Y"):
+        channels[name][4000:4400] = channels[name][4000]
+    record = rf.read_recording(write_hdf5(tmp_path / "a.h5", channels))
+    with pytest.raises(ValueError, match=r"disk_X, disk_Y\. a, channel disk_X stays on one count from"):
+        rf.responses(record)

@@ -128,7 +128,10 @@ def _mended(where: str, pulses: NumberedPulses, smooth: SmoothAngle) -> Iterator
         if smooth.outlying.size <= _LARGEST_OUTLYING_SHARE * pulses.times.size:
             yield _warning("pulses-noisy", f"{where}: {text}")
         else:
-            text += " With so many the turns cannot be counted for sure: set the level of the trigger anew (level_V)."
+            text += (
+                " With so many the turns cannot be counted for sure: set the level of the trigger anew (level_V), or"
+                " cut the record where samples of it were lost."
+            )
             yield Finding("error", "pulses-noisy", f"{where}: {text}")
 
 

@@ -3,6 +3,7 @@ for how long it stands still."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.models.array_types import Bool, Float, Index
+from rotorfit.recordings.rig.setup import Probe
 from rotorfit.recordings.signals import Signals
 
 _HELD_SAMPLES, _LARGEST_EQUAL_SHARE = 16, 0.25
@@ -24,6 +26,9 @@ _STILL_WINDOWS = 4
 _NOISE_COUNTS = 3.0
 """Deviation within the windows beside such a stretch, counts, from which no motion that dies down led there."""
 
+CLIPPED_STRETCHES = 3
+"""Stretches at an extreme from which a channel is clipped, not interrupted there."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelStatistics:
@@ -36,6 +41,8 @@ class ChannelStatistics:
         step: smallest difference between samples, V: one count.
         at_low, at_high: share of the samples at the extremes.
         still: from when to when, s, the channel stays on one count though it carries noise elsewhere.
+        noise: deviation of its samples from their neighbours; that of white noise is the whole deviation.
+        idle: whether the probe looks across the force of a rotor at rest, which moves along the force alone.
         unit: of the channel: V, or that in which it is scaled already.
     """
 
@@ -49,12 +56,14 @@ class ChannelStatistics:
     at_low: float
     at_high: float
     still: tuple[tuple[float, float], ...]
+    noise: float
+    idle: bool
     unit: str
 
     @property
     def clipped(self) -> bool:
         """True if the signal stays at one of its extremes again and again."""
-        return max(self.flat_low, self.flat_high) >= 3
+        return max(self.flat_low, self.flat_high) >= CLIPPED_STRETCHES
 
     @property
     def without_gap(self) -> bool:
@@ -67,7 +76,7 @@ def statistics(record: Signals, name: str) -> ChannelStatistics:
     """Go through a channel once."""
     factor, offset = record.rig.scales[name]
     integers = record.raw.channels[name].full_count is not None
-    total = squares = 0.0
+    total = squares = changes = 0.0
     step = 1.0 if integers else np.inf  # in counts, or in what the file stores
     bottom, top = _Extreme(highest=False), _Extreme(highest=True)
     held = _Held()
@@ -78,6 +87,7 @@ def statistics(record: Signals, name: str) -> ChannelStatistics:
         values = piece.astype(float)
         total += float(values.sum())
         squares += float(values @ values)
+        changes += float(np.sum(np.diff(values) ** 2))
         windows.see(values)
         held.see(values)
         if not np.isfinite(step):
@@ -86,6 +96,8 @@ def statistics(record: Signals, name: str) -> ChannelStatistics:
         bottom.see(piece, step)
         top.see(piece, step)
     mean = total / record.size
+    clipped = [extreme.value for extreme in (bottom, top) if extreme.stretches >= CLIPPED_STRETCHES]
+    probe = next(probe for probe in record.probes if probe.channel == name)
     if factor < 0:
         bottom, top = top, bottom
     return ChannelStatistics(
@@ -100,10 +112,20 @@ def statistics(record: Signals, name: str) -> ChannelStatistics:
         at_high=top.samples / record.size,
         still=tuple(
             (low / record.sample_rate, high / record.sample_rate)
-            for low, high in _joined([*windows.still(), *held.stretches(windows.step, (bottom.value, top.value))])
+            for low, high in _joined([*windows.still(), *held.stretches(windows.step, clipped)])
         ),
-        unit=next(probe.unit for probe in record.probes if probe.channel == name) or "V",
+        noise=float(np.sqrt(changes / (2 * record.size))) * abs(factor),
+        idle=_across_force_at_rest(record, probe),
+        unit=probe.unit or "V",
     )
+
+
+def _across_force_at_rest(record: Signals, probe: Probe) -> bool:
+    force = record.force
+    if record.speed != 0 or force is None or bool(force.channels[0]) == bool(force.channels[1]):
+        return False
+    axis = 0.0 if force.channels[0] else np.pi / 2
+    return bool(abs(np.cos(float(probe.angle or 0.0) - axis)) < 0.5)
 
 
 @dataclass(kw_only=True)
@@ -162,12 +184,12 @@ class _Held:
             self.found.append((self.seen + low, self.seen + high + 1, float(values[low]), jump))
         self.seen += values.size
 
-    def stretches(self, step: float, extremes: tuple[float, float]) -> list[tuple[int, int]]:
-        """Samples from and to; where a channel is cut off at an extreme it is clipped, not held."""
+    def stretches(self, step: float, clipped: Sequence[float]) -> list[tuple[int, int]]:
+        """Samples from and to; where a channel is cut off at an extreme again and again it is clipped, not held."""
         if self.equal > _LARGEST_EQUAL_SHARE * self.seen or not np.isfinite(step):
             return []
         return [
-            (low, high) for low, high, value, jump in self.found if jump > _JUMP_COUNTS * step and value not in extremes
+            (low, high) for low, high, value, jump in self.found if jump > _JUMP_COUNTS * step and value not in clipped
         ]
 
 

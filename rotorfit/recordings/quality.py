@@ -22,6 +22,9 @@ _HIGHEST_VOLTAGE = 50.0
 """No probe or input card gives so many volts."""
 _SMALLEST_DEVIATION = 1e-5
 """No probe is so quiet, V rms."""
+_WHITE_SHARE = 0.5
+"""Share of a deviation that is between neighbours from which a channel carries noise: white noise has 1, motion sampled
+ten times a period 0.3."""
 _LARGEST_MOTION = 0.01
 """No shaft moves so far within its bearings, m, peak to peak."""
 _EDDY_CURRENT_SENSITIVITIES, _SENSITIVITIES = (2e3, 4e4), (1e2, 2e6)
@@ -38,6 +41,13 @@ _ONE_SIDED_POWER_RATIO = 4.0
 
 def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> Iterator[Finding]:
     """Clipped, dead, interrupted, AC-coupled and out-of-range probes."""
+    if not record.probes:
+        yield Finding(
+            "error",
+            "no-probes",
+            f"{record.name}: none of its channels ({listed(tuple(record.raw.channels))}) is known as a probe: name the "
+            "probes in [[probe]] of the setup.",
+        )
     coupled = []
     for probe in record.probes:
         each, where = found[probe.channel], f"{record.name}, channel {probe.channel}"
@@ -86,7 +96,7 @@ def _stops(each: ChannelStatistics, where: str) -> Finding:
         "error",
         "channel-stops",
         f"{where} stays on one count from {when}, and carries noise before or after: a loose cable, or samples that "
-        "were lost and held. Measure again, cut these times out of the file, or leave the probe out.",
+        "were lost and held or filled. Measure again, cut these times out of the file, or leave the probe out.",
     )
 
 
@@ -133,9 +143,10 @@ def _largest(found: Mapping[str, ChannelStatistics], unit: str) -> float:
 
 
 def _dead(each: ChannelStatistics, largest: float) -> bool:
-    return (
-        each.deviation <= max(each.step, _SMALLEST_DEVIATION if each.unit == "V" else 0.0)
-        or each.deviation < 0.01 * largest
+    """Whether a channel stands still, or carries noise alone where others move."""
+    noise_alone = each.noise > _WHITE_SHARE * each.deviation and not each.idle
+    return each.deviation <= max(each.step, _SMALLEST_DEVIATION if each.unit == "V" else 0.0) or (
+        noise_alone and each.deviation < 0.01 * largest
     )
 
 

@@ -377,10 +377,13 @@ class Recording(Signals):
         if key not in known:
             from rotorfit.plots.recordings import vectors_shown
 
+            self._of(None)
             known[key] = vectors_shown(self, self.marks, key[0], turns)
         return known[key]  # type: ignore[no-any-return]
 
     def _of(self, plane: str | None) -> tuple[str, ...]:
+        if not self.planes:
+            raise ValueError(f"{self.name}: none of its channels is known as a probe")
         return self.planes if plane is None else (plane,)
 
     def _pairs(self, plane: str | None) -> tuple[str, ...]:

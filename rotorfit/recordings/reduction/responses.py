@@ -19,7 +19,7 @@ from rotorfit.data.findings import PHASE_DATUM, Finding, listed
 from rotorfit.data.synchronous import join
 from rotorfit.data.weights import differenced
 from rotorfit.executors import carry_out
-from rotorfit.recordings.quality import copied_recordings, spoiled
+from rotorfit.recordings.quality import copied_recordings, probe_findings, spoiled
 from rotorfit.recordings.recording import Recording, named_apart
 from rotorfit.recordings.reduction.dwell_responses import dwelling
 from rotorfit.recordings.reduction.reductions import force_of, reduced_responses
@@ -229,16 +229,19 @@ def _reduced(job: _Job, tell: Callable[[str], None] = lambda stage: None) -> Red
 def _usable(record: Recording, report: Report) -> Recording:
     """The recording without probes that are dead, interrupted or clipped."""
     lost = spoiled(record.statistics)
-    if not lost:
-        return record
     kept = tuple(probe for probe in record.probes if probe.channel not in lost)
     if not kept:
-        raise ValueError(f"{record.name}: all probes are dead, interrupted or clipped: {', '.join(lost)}")
-    report(
-        Finding(
-            "warning", "probe-left-out", f"{record.name}: {', '.join(lost)} left out: dead, interrupted or clipped."
+        first = next(f.message for f in probe_findings(record, record.statistics) if f.severity == "error")
+        all_lost = f"{record.name}: all probes are dead, interrupted or clipped: {listed(lost)}. " if lost else ""
+        raise ValueError(all_lost + first)
+    if lost:
+        report(
+            Finding(
+                "warning",
+                "probe-left-out",
+                f"{record.name}: {', '.join(lost)} left out: dead, interrupted or clipped.",
+            )
         )
-    )
     return replace(record, rig=replace(record.rig, probes=kept))
 
 

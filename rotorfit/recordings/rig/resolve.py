@@ -119,7 +119,9 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
     given = None if setup is None else setup.of_file(raw.name)
     source = setup.source if setup is not None and setup.source else "the setup"
     whole = _merged(given, own)
-    probes = tuple(_complete_probe(raw, probe, whole, source) for probe in whole.probes or ())
+    how = _how(raw) if setup is None else f"say it in {source}"
+    _check_channels(raw, [probe.channel for probe in whole.probes or ()], source)
+    probes = tuple(_complete_probe(raw, probe, whole, how) for probe in whole.probes or ())
     # a shaft that stands still passes no mark
     shaft, perturbator = (_reference(r) for r in (whole.shaft if whole.speed != 0 else None, whole.perturbator))
     planes = tuple(dict.fromkeys(probe.plane for probe in probes))
@@ -127,7 +129,7 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
     if whole.twist is not None:
         _check_twist(whole.twist, raw.name)
     marked = [p.channel for p in probes] + [r.channel for r in (shaft, perturbator) if r is not None and r.channel]
-    used = _used(raw, whole, source, marked, () if force is None else force.channels)
+    used = _used(raw, whole, source, marked, () if force is None else force.channels, how)
     sample_rate, size = _rate(raw, used, whole), _size(raw, used)
     _check_delays(raw, probes, size / sample_rate, source)
     return Rig(
@@ -171,16 +173,23 @@ def _merged(given: RigSetup | None, own: RigSetup) -> RigSetup:
     return replace(whole, probes=tuple(p for p in whole.probes or () if p.channel not in forces))
 
 
-def _used(raw: RawFile, whole: RigSetup, source: str, marked: Sequence[str], forces: Sequence[str]) -> list[RawChannel]:
+def _check_channels(raw: RawFile, names: Sequence[str], source: str) -> None:
+    """Refuse names that no channel has."""
+    for name in names:
+        if name not in raw.channels:
+            raise ValueError(f"{raw.name}, as {source} describes it: {unknown_name('channel', name, raw.channels)}")
+
+
+def _used(
+    raw: RawFile, whole: RigSetup, source: str, marked: Sequence[str], forces: Sequence[str], how: str
+) -> list[RawChannel]:
     """Channels of the file that the rig is read from."""
     twist = whole.twist
     named = [*marked, *((twist.channel, twist.even_wheel, twist.wheel) if twist is not None else ()), *forces]
     named = [name for name in named if name]
-    for name in [*named, *whole.scales]:
-        if name not in raw.channels:
-            raise ValueError(f"{raw.name}, as {source} describes it: {unknown_name('channel', name, raw.channels)}")
+    _check_channels(raw, [*named, *whole.scales], source)
     if not named:
-        raise ValueError(f"{raw.name} does not say which channel is which probe; {_how(raw)}")
+        raise ValueError(f"{raw.name} does not say which channel is which probe; {how}")
     twice = [name for name in marked if marked.count(name) > 1]
     if twice:
         raise ValueError(
@@ -223,7 +232,7 @@ def _with_own_angle(probe: Probe, own: RigSetup) -> Probe:
     return probe if same is None else prefer(probe, replace(same, plane=probe.plane))
 
 
-def _complete_probe(raw: RawFile, probe: Probe, setup: RigSetup, source: str) -> Probe:
+def _complete_probe(raw: RawFile, probe: Probe, setup: RigSetup, how: str) -> Probe:
     unit = _unit_of(raw, probe.channel, probe.unit, setup)
     sensitivity = probe.sensitivity if probe.sensitivity is not None else setup.sensitivity
     if unit is not None and unit.quantity != "voltage":
@@ -235,18 +244,23 @@ def _complete_probe(raw: RawFile, probe: Probe, setup: RigSetup, source: str) ->
         lacking = "angle_deg" if probe.angle is None else "sensitivity_V_per_mm (or unit, of a channel that is scaled)"
         own = raw.channels[probe.channel].unit if probe.channel in raw.channels else ""
         unknown = f" (its unit in the file, {own!r}, is none of {ALLOWED})" if own and channel_unit(own) is None else ""
-        raise ValueError(f"{raw.name}: nothing says the {lacking} of the probe {probe.channel}{unknown}; {_how(raw)}")
+        raise ValueError(f"{raw.name}: nothing says the {lacking} of the probe {probe.channel}{unknown}; {how}")
     return replace(probe, sensitivity=sensitivity)
 
 
 def _unit_of(raw: RawFile, channel: str, said: str | None, setup: RigSetup) -> ChannelUnit | None:
     """Unit of a channel: by the setup, else by the file or the channel's name; None where nothing says one of ours."""
     scale = setup.scales.get(channel)
-    own = raw.channels[channel].unit if channel in raw.channels else ""
     given = said or (scale.unit if scale is not None else None)
     if given is None and scale is not None:
         return None  # volts of a count
-    found = (channel_unit(text) for text in (given or "", own, name_and_unit(channel)[1]) if text)
+    return (channel_unit(given) if given else None) or _unit_in_file(raw, channel)
+
+
+def _unit_in_file(raw: RawFile, channel: str) -> ChannelUnit | None:
+    """Unit of a channel by the file or the channel's name; None where neither says one of ours."""
+    own = raw.channels[channel].unit if channel in raw.channels else ""
+    found = (channel_unit(text) for text in (own, name_and_unit(channel)[1]) if text)
     return next((unit for unit in found if unit is not None), None)
 
 
@@ -420,6 +434,7 @@ def _contradictions(given: RigSetup, own: RigSetup, raw: RawFile, source: str) -
             (f"angle of {probe.channel} (deg)", *_degrees(probe.angle, angle)),
             (f"sensitivity of {probe.channel} (V/mm)", mine, other),
         ]
+    pairs += _units(given, raw)
     found = [
         f"{what}: {source} says {_text(mine)}, the file {_text(other)}"
         for what, mine, other in pairs
@@ -432,6 +447,18 @@ def _contradictions(given: RigSetup, own: RigSetup, raw: RawFile, source: str) -
 
 
 _WHIRL = {1: "forward", -1: "backward"}
+
+
+def _units(given: RigSetup, raw: RawFile) -> Iterator[tuple[str, str, str]]:
+    """Units of channels that the setup gives otherwise than the file."""
+    said = {name: scale.unit for name, scale in given.scales.items()}
+    said |= {probe.channel: probe.unit for probe in given.probes or () if probe.unit}
+    if given.force is not None and given.force.unit:
+        said |= dict.fromkeys(filter(None, (given.force.channel_x, given.force.channel_y)), given.force.unit)
+    for channel, text in said.items():
+        mine, other = channel_unit(text or ""), _unit_in_file(raw, channel)
+        if mine and other and (mine.quantity, mine.factor) != (other.quantity, other.factor):
+            yield f"unit of {channel}", mine.name, other.name
 
 
 def _times(value: float | None, factor: float) -> float | None:
