@@ -161,6 +161,9 @@ def test_gradients_of_eigenvalues_are_exact(name: str) -> None:
         # truncation (1e-4)^2, round-off 1e-13 / 1e-4
         miss = abs(exact[place] * size - (ahead - behind) / 2e-4)
         assert miss < 1e-6 * abs(s), parameter.name
+    ends = [off_centre_eigenvalues(model, theta, SPEED, eps + sign * 1e-4) for sign in (1, -1)]
+    ahead, behind = (end[np.argmin(np.abs(end - s))] for end in ends)
+    assert abs(exact[-1] - (ahead - behind) / 2e-4) < 1e-5 * max(abs(s), abs(exact[-1]))  # by the eccentricity
 
 
 def test_a_load_that_no_equilibrium_carries_does_not_come_to_rest() -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.observations import OnResponses, Responses
 from rotorfit.estimators.blocks.response import inverse, read_by_probes, read_by_probes_jacobian
+from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.motion.journal import Journal, journal
 from rotorfit.models.motion.line_stiffness import known_structure, line_stiffness
@@ -35,7 +36,7 @@ class OrbitResponses(OnResponses):
     """Centred orbits under circular forces, or displacements under constant loads (w = 0), of a nonlinear rotor. The
     journal's eccentricity solves ``kappa(w, |A_b|) A = F``; see :mod:`rotorfit.models.motion.orbits`."""
 
-    # measured eccentricity of the journal in each line, NaN where it was not measured, shape ``(L,)``
+    # eccentricity of the journal in each line as its probe read it, NaN where it was not measured, shape ``(L,)``
     eccentricity: Float
     mode: OrbitBranch  # which root
     sweep: Index  # number of the sweep of each line, for ``followed``; lines are in the sweep's order
@@ -53,6 +54,13 @@ class OrbitResponses(OnResponses):
     def lines(self, keep: Bool) -> OrbitResponses:
         """The observations of some lines."""
         return OrbitResponses(self.base.lines(keep), self.eccentricity[keep], self.mode, self.sweep[keep])
+
+    def measured_eccentricity(self, theta: Float) -> Float:
+        """Measured eccentricity of the journal in each line, the factor of its probe taken out; an imposed orbit is
+        what it is. Shape ``(..., L)``, or ``(L,)`` where no probe has a factor."""
+        if self.base.imposed:
+            return self.eccentricity
+        return eccentricity_of_reading(self.model, theta, self.base.group, self.eccentricity)[0]
 
     def orbits(self, theta: Float) -> Float:
         """Eccentricity of the journal in each line, shape ``(..., L)``."""
@@ -77,7 +85,7 @@ class OrbitResponses(OnResponses):
             receptance=H[at, at],
         )
         if self.mode == "nearest":
-            eps, delta = nearest_orbits(seat, equation, self.eccentricity)
+            eps, delta = nearest_orbits(seat, equation, self.measured_eccentricity(theta))
         else:
             eps = followed_roots(seat, equation, self.sweep)
             delta = equation.change(seat, eps)
@@ -168,9 +176,14 @@ class OrbitResponses(OnResponses):
         return np.array_equal(self.base.line, np.arange(self.base.s.size))
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
-        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`. By the implicit function theorem
-        ``d eps = (d|A_b| / clearance) / (1 - d|A_b|/d eps / clearance)``, the derivatives on the right those at fixed
-        eccentricity."""
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""
+        found = self.motion_jacobian(theta)
+        return found if self.base.imposed else read_by_probes_jacobian(self.base, theta, *found)
+
+    def motion_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
+        """Motion that the probes read, without their factors (or forces under imposed orbits), and its derivatives. By
+        the implicit function theorem ``d eps = (d|A_b| / clearance) / (1 - d|A_b|/d eps / clearance)``, the derivatives
+        on the right those at fixed eccentricity."""
         state, base, count = self._state(theta), self.base, theta.shape[-1]
         coordinates = range(state.H.shape[0])
         if base.imposed:
@@ -189,8 +202,7 @@ class OrbitResponses(OnResponses):
             for slope in slopes:
                 slope[:count] += slope[count] * orbit
         by_theta = [slope[:count] for slope in slopes]
-        predicted, derivative = self._read(values), np.moveaxis(self._read(by_theta), 0, -1)
-        return (predicted, derivative) if base.imposed else read_by_probes_jacobian(base, theta, predicted, derivative)
+        return self._read(values), np.moveaxis(self._read(by_theta), 0, -1)
 
     def _orbit_slopes(self, state: _State, slopes: ComplexArray) -> Float:
         """Derivatives of the eccentricities by the parameters, shape ``(P, ..., L)``; zero where the orbit fills the
@@ -218,6 +230,28 @@ class OrbitResponses(OnResponses):
             for place, slope in zip(known.inputs.tolist(), known.slopes, strict=True):
                 total[place] -= np.einsum("i...,ij...,j...->...", left, slope, right)
         return total
+
+
+def eccentricity_of_reading(model: RotorModel, theta: Float, group: Index, reading: Float) -> tuple[Float, Float]:
+    """Eccentricities of the journal that its probe read with its factor, shape ``(..., L)``, and their derivatives by
+    the group's parameters, shape ``(..., L, P)``. Where the probe has none, the readings and zeros, ``(L,)``, ``(1,)``.
+
+    Args:
+        model: the rotor.
+        theta: parameter vectors, shape ``(..., G, P)``.
+        group: parameter group of each line, shape ``(L,)``.
+        reading: position over clearance by the probe, shape ``(L,)``.
+    """
+    functions = model.functions
+    if not (functions.has_probe_factors and model.eccentricity_dependent):
+        return reading, np.zeros(1)
+    at = journal(model).at
+    factor = functions.factors(theta)[..., group, at].real
+    slope = functions.factor_jacobian(theta)[..., group, at, :].real
+    with np.errstate(divide="ignore", invalid="ignore"):  # a factor of zero is a bound
+        eps = np.where(reading == 0, 0.0, reading / factor)
+        by_theta = np.where((eps < LARGEST_ECCENTRICITY)[..., None], -(eps / factor)[..., None] * slope, 0.0)
+    return np.minimum(eps, LARGEST_ECCENTRICITY), by_theta
 
 
 def inverse_of_lines(kappa: ComplexArray) -> ComplexArray:

@@ -229,10 +229,15 @@ class Read(Protocol):
 
 def read_by_probes(block: Read, theta: Float, motion: ComplexArray) -> ComplexArray:
     """Readings of motion ``(..., R)`` by probes with factors."""
+    return motion * probe_factors(block, theta) if block.model.functions.has_probe_factors else motion
+
+
+def probe_factors(block: Read, theta: Float) -> ComplexArray:
+    """Factor of the probe of each reading, shape ``(..., R)``; one where the model has none."""
     functions = block.model.functions
     if not functions.has_probe_factors:
-        return motion
-    return np.asarray(motion * functions.factors(theta)[..., block.reading_group, block.coordinate])
+        return np.ones(block.coordinate.size, dtype=complex)
+    return functions.factors(theta)[..., block.reading_group, block.coordinate]
 
 
 def read_by_probes_jacobian(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.estimators.blocks.nonlinear import inverse_of_lines
+from rotorfit.estimators.blocks.nonlinear import eccentricity_of_reading, inverse_of_lines
 from rotorfit.estimators.blocks.observations import Observed
 from rotorfit.estimators.blocks.response import read_by_probes, read_by_probes_jacobian
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
@@ -25,7 +25,7 @@ class OffCentreResponses(Observed):
     speed: Float  # rad/s, shape ``(L,)``
     frequency: Float  # rad/s, signed by the sense of the force, shape ``(L,)``
     force: ComplexArray  # generalised force in complex coordinates, shape ``(L, n)``
-    eccentricity: Float  # of the static position of the journal in each line: |z_s| over clearance
+    eccentricity: Float  # of the static position of the journal in each line as its probe read it: |z_s| over clearance
     attitude: Float  # angle of that position, rad
     group: Index  # parameter group of each line
     line: Index  # line of each reading, shape ``(R,)``
@@ -37,11 +37,15 @@ class OffCentreResponses(Observed):
         """Group of each reading."""
         return self.group[self.line]
 
-    def _solve(self, theta: Float) -> tuple[Float, ComplexArray, ComplexArray]:
+    def measured_eccentricity(self, theta: Float) -> Float:
+        """Static eccentricity of the journal in each line, the factor of its probe taken out, shape ``(..., L)``."""
+        return eccentricity_of_reading(self.model, theta, self.group, self.eccentricity)[0]
+
+    def _solve(self, theta: Float, eps: Float) -> tuple[Float, ComplexArray, ComplexArray]:
         """Parameter vectors of the lines, receptance of (A, conj(B)) and these amplitudes, lines along the last axis.
         Shapes ``(..., L or 1, P)``, ``(2n, 2n, ..., L)`` and ``(2n, ..., L)``."""
         vectors = theta if theta.shape[-2] == 1 else theta[..., self.group, :]
-        stiffness = coupled_stiffness(self.model, vectors, self.frequency, self.speed, self.eccentricity, self.attitude)
+        stiffness = coupled_stiffness(self.model, vectors, self.frequency, self.speed, eps, self.attitude)
         back = (self.frequency < 0)[:, None]
         drive = np.concatenate([np.where(back, 0.0, self.force), np.where(back, self.force.conj(), 0.0)], axis=1)
         H = inverse_of_lines(np.moveaxis(stiffness, (-2, -1), (0, 1)))
@@ -57,20 +61,20 @@ class OffCentreResponses(Observed):
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`. Of vectors of shape ``(..., G, P)`` it
         gives ``(..., R)``."""
-        return read_by_probes(self, theta, self._read(self._solve(theta)[2]))
+        return read_by_probes(self, theta, self._read(self._solve(theta, self.measured_eccentricity(theta))[2]))
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""
-        vectors, H, amplitude = self._solve(theta)
+        eps, rest = eccentricity_of_reading(self.model, theta, self.group, self.eccentricity)
+        vectors, H, amplitude = self._solve(theta, eps)
         n, count = amplitude.shape[0] // 2, theta.shape[-1]
         left, right = self._read(H), amplitude[..., self.line]
-        total = np.zeros((count, *right.shape[1:]), dtype=complex)
+        total = np.zeros((count + 1, *right.shape[1:]), dtype=complex)  # last by the eccentricity
         w, graph = np.abs(self.frequency), line_stiffness(self.model)
-        slopes = [graph.slopes(vectors, sense * w, self.speed, self.eccentricity)[..., self.line] for sense in (1, -1)]
+        slopes = [graph.slopes(vectors, sense * w, self.speed, eps)[..., self.line] for sense in (1, -1)]
         for place, row, column, ahead, behind in zip(graph.inputs, graph.rows, graph.columns, *slopes, strict=True):
-            if place < count:  # the eccentricity is held
-                total[place] -= left[row] * right[column] * ahead
-                total[place] -= left[n + row] * right[n + column] * behind.conj()
+            total[place] -= left[row] * right[column] * ahead
+            total[place] -= left[n + row] * right[n + column] * behind.conj()
         if self.model.shaft is not None:
             self._known(vectors, left, right, total)
         seat = journal(self.model)
@@ -78,9 +82,12 @@ class OffCentreResponses(Observed):
         ahead, behind = right[seat.at], right[n + seat.at]
         by_coupling = left[seat.at] * (ahead + turn * behind)
         by_conjugate = left[n + seat.at] * (turn.conj() * ahead + behind)
-        coupling = seat.coupling_jacobian(vectors, self.speed, self.eccentricity)[..., self.line]
+        coupling = seat.coupling_jacobian(vectors, self.speed, eps)[..., self.line]
         total -= by_coupling * coupling + by_conjugate * coupling.conj()
-        return read_by_probes_jacobian(self, theta, self._read(amplitude), np.moveaxis(total, 0, -1))
+        by_theta = np.moveaxis(total[:-1], 0, -1)
+        if rest.any():
+            by_theta = by_theta + total[-1][..., None] * rest[..., self.line, :]
+        return read_by_probes_jacobian(self, theta, self._read(amplitude), by_theta)
 
     def _known(self, vectors: Float, left: ComplexArray, right: ComplexArray, total: ComplexArray) -> None:
         """Add what the scale factors of a known structure change."""
@@ -98,8 +105,19 @@ class FreeVibrations(Observed):
     """Eigenvalues of small free motion about equilibria, each nearest to a measured ``s = -zeta |s| + j w_d``, 1/s."""
 
     speed: Float  # rotative speed, rad/s, shape ``(R,)``
-    eccentricity: Float  # of the static position of the journal, shape ``(R,)``
+    eccentricity: Float  # of the static position of the journal, as given or as its probe read it, shape ``(R,)``
+    position_read: Bool  # whether its probe read it, shape ``(R,)``
     reading_group: Index  # parameter group, shape ``(R,)``
+
+    def measured_eccentricity(self, theta: Float) -> Float:
+        """Static eccentricity of the journal, the factor of its probe taken out, shape ``(..., R)``."""
+        return self._at_rest(theta)[0]
+
+    def _at_rest(self, theta: Float) -> tuple[Float, Float]:
+        """Static eccentricities and their derivatives, those that were given being what they are."""
+        eps, by_theta = eccentricity_of_reading(self.model, theta, self.reading_group, self.eccentricity)
+        read = self.position_read
+        return np.where(read, eps, self.eccentricity), by_theta * read[:, None]
 
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""
@@ -117,7 +135,7 @@ class FreeVibrations(Observed):
         """Eigenvalues of every line along the last axis."""
         vectors = theta[..., self.reading_group, :]
         if self.model.shaft is None:
-            return off_centre_eigenvalues(self.model, vectors, self.speed, self.eccentricity)
+            return off_centre_eigenvalues(self.model, vectors, self.speed, self.measured_eccentricity(theta))
         lines = zip(vectors, self.speed.tolist(), self.eccentricity.tolist(), strict=True)
         return np.array([off_centre_eigenvalues(self.model, *line) for line in lines])
 
@@ -126,4 +144,7 @@ class FreeVibrations(Observed):
         s = self.predict(theta)
         if self._one_by_one(theta):
             return s, np.array([self.predict_jacobian(one)[1] for one in theta])
-        return s, off_centre_gradient(self.model, theta[..., self.reading_group, :], self.speed, self.eccentricity, s)
+        eps, rest = self._at_rest(theta)
+        slopes = off_centre_gradient(self.model, theta[..., self.reading_group, :], self.speed, eps, s)
+        by_theta = slopes[..., :-1]
+        return s, by_theta + slopes[..., -1:] * rest if rest.any() else by_theta

@@ -12,7 +12,7 @@ from rotorfit.estimators.blocks.correlated import whiten
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse
-from rotorfit.estimators.blocks.small_motion import OffCentreResponses
+from rotorfit.estimators.blocks.small_motion import FreeVibrations, OffCentreResponses
 from rotorfit.estimators.inference.smooth_causes import Cause, cause_change, load_change
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import ComplexArray, Float
@@ -74,12 +74,14 @@ def is_linear(block: Block) -> bool:
 
 def _resized(block: Block, factor: float) -> Block:
     """A block in a bearing of another clearance, positions in metres kept; eccentricities that were given stay."""
-    if not isinstance(block, OrbitResponses | OffCentreResponses):
+    if not isinstance(block, OrbitResponses | OffCentreResponses | FreeVibrations):
         return block
     model = block.model.variant(clearance_um=1e6 * factor * (block.model.clearance or 0.0))
     eccentricity = block.eccentricity / factor
     if isinstance(block, OrbitResponses):
         return replace(block, base=replace(block.base, model=model), eccentricity=eccentricity)
+    if isinstance(block, FreeVibrations):
+        eccentricity = np.where(block.position_read, eccentricity, block.eccentricity)
     return replace(block, model=model, eccentricity=eccentricity)
 
 

@@ -49,8 +49,8 @@ class Journal:
         self._change_graph = ca.Function("change", [inputs], [ca.cse(change)])
         self._coefficient_change = array_function(self._change_graph)
         self._coupling = array_function(ca.Function("coupling", [inputs], [coupling]))
-        by_theta = ca.densify(ca.jacobian(coupling, theta))
-        self._coupling_jacobian = array_function(ca.Function("coupling_jacobian", [inputs], [by_theta]))
+        slopes = ca.densify(ca.jacobian(coupling, ca.vertcat(theta, eccentricity)))
+        self._coupling_jacobian = array_function(ca.Function("coupling_jacobian", [inputs], [slopes]))
         self.graph = _excess_graph(theta, speed, eccentricity, change)
         self._excess = array_function(self.graph)
 
@@ -125,7 +125,7 @@ class Journal:
         return np.asarray(flat[0] + 1j * flat[1])
 
     def coupling_jacobian(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
-        """Derivatives of :meth:`coupling` by the parameters, shape ``(P, ...)``.
+        """Derivatives of :meth:`coupling` by the parameters and, last, the eccentricity, shape ``(P + 1, ...)``.
 
         Args:
             theta, speed, eccentricity: as for :meth:`coupling`.

@@ -9,6 +9,7 @@ half the eccentricity times the slope of the static stiffness. The conjugate cou
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -169,7 +170,7 @@ def off_centre_eigenvalues(
 def off_centre_gradient(
     model: RotorModel, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike, s: ComplexArray | complex
 ) -> ComplexArray:
-    """Derivatives of simple eigenvalues by the parameters, the eccentricities held, shape ``(..., P)``.
+    """Derivatives of simple eigenvalues by the parameters and, last, the eccentricity, shape ``(..., P + 1)``.
 
     Args:
         model, theta, speed, eccentricity: as for :func:`off_centre_eigenvalues`.
@@ -193,13 +194,15 @@ def off_centre_gradient(
         parts = [(model.motion_jacobian(theta, float(np.asarray(speed))), np.arange(size), 1.0)]
         if model.eccentricity_dependent:
             parts.append((model.functions.jacobian(theta, speed, eccentricity), seats, 1.0))
-            parts.append((model.functions.jacobian(theta, speed), seats, -1.0))
+            centred = model.functions.jacobian(theta, speed)
+            values = np.where(centred.inputs == len(model.parameters) + 1, 0.0, centred.values)
+            parts.append((replace(centred, values=values), seats, -1.0))
     for jacobian, place, sign in parts:
         rows, columns = place[jacobian.rows], place[jacobian.columns]
         entries = u[..., rows] * v[..., columns] * jacobian.values
         entries = entries + u[..., size + rows] * v[..., size + columns] * jacobian.values.conj()
         np.add.at(total, jacobian.inputs, np.moveaxis(sign * powers[..., jacobian.powers] * entries, -1, 0))
-    result = np.moveaxis(total[:-2], 0, -1)
+    result = np.moveaxis(np.delete(total, -2, axis=0), 0, -1)  # without that by the speed
     if model.eccentricity_dependent:
         seat = journal(model)
         at = int(seats[seat.at])
@@ -258,5 +261,5 @@ def off_centre_threshold(
     s = critical(onset)
     step = 1e-5 * onset
     by_speed = (critical(onset + step).real - critical(onset - step).real) / (2 * step)
-    gradient = off_centre_gradient(model, theta, onset, eccentricity, s)
+    gradient = off_centre_gradient(model, theta, onset, eccentricity, s)[:-1]
     return Threshold(onset, abs(s.imag), np.asarray(-gradient.real / by_speed))

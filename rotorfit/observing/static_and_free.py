@@ -123,6 +123,7 @@ def free_vibrations(model: RotorModel, test: ImpulseTest, group: Index) -> FreeV
     """Observations of an impulse test, with their noise."""
     check_finite(test, test.frequency, test.damping_ratio)
     eps = test.eccentricity.copy()
+    read = np.isnan(eps)
     if model.clearance is not None:
         eps = np.where(np.isnan(eps), np.abs(test.position) / model.clearance, eps)
     elif not model.eccentricity_dependent:
@@ -149,6 +150,7 @@ def free_vibrations(model: RotorModel, test: ImpulseTest, group: Index) -> FreeV
         model=model,
         speed=test.speed,
         eccentricity=eps,
+        position_read=read,
         reading_group=group,
         measured=s,
         sigma=sigma,

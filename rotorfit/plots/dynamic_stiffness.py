@@ -11,6 +11,7 @@ import numpy as np
 
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.blocks.response import probe_factors
 from rotorfit.estimators.blocks.sweeps import acts_alone
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.significance import CHANCE_ERRORS
@@ -77,7 +78,7 @@ def draw_drive_point(fit: FitResult, pair: tuple[Any, Any], coordinate: int) -> 
             for part in parts:
                 keep = (part.condition == number) & (part.responses.frequency != 0)
                 if keep.any():
-                    some.points.extend(_drive_points(part.responses.lines(keep)))
+                    some.points.extend(_drive_points(_motion(part.responses.lines(keep), fit)))
     _entry(fit, shown, pair, coordinate, coordinate, full, "frequency")
     unit = pair[0].get_ylabel().rpartition(", ")[2]
     pair[0].set_ylabel(f"direct, {unit}", fontsize=8)
@@ -144,7 +145,7 @@ def _shown(fit: FitResult) -> list[_Shown]:
         ]
         w = np.concatenate([part.responses.frequency[keep] for part, keep in mine])
         w = w if fit.model.frame == "z" else np.abs(w)
-        points = [p for part, keep in mine for p in _measured(part.responses.lines(keep), fit)]
+        points = [p for part, keep in mine for p in _measured(_motion(part.responses.lines(keep), fit), fit)]
         lines: dict[tuple[int, int], list[_Line]] = {}
         for part, keep in mine:
             if isinstance(part.block, OrbitResponses):
@@ -152,6 +153,14 @@ def _shown(fit: FitResult) -> list[_Shown]:
                     lines.setdefault((place, place), []).append(line)
         found.append(_Shown(condition=condition, low=float(w.min()), high=float(w.max()), points=points, lines=lines))
     return found
+
+
+def _motion(block: Responses, fit: FitResult) -> Responses:
+    """The motion that was read: the factors that the fit has of the probes taken out."""
+    if block.imposed:
+        return block
+    factor = probe_factors(block, fit.thetas)
+    return replace(block, measured=block.measured / factor, sigma=block.sigma / np.abs(factor))
 
 
 def _measured(block: Responses, fit: FitResult) -> list[_Points]:
@@ -198,7 +207,7 @@ def _drive_points(block: Responses) -> list[_Points]:
 def _along_the_data(fit: FitResult, block: OrbitResponses, group: int) -> Iterator[tuple[int, _Line]]:
     """Drive-point stiffness of a nonlinear rotor at the orbits that the fit has at the data's lines."""
     base = block.base
-    value, slope = block.predict_jacobian(fit.thetas)
+    value, slope = block.motion_jacobian(fit.thetas)
     plane, alone = np.argmax(np.abs(base.force), axis=1)[base.line], acts_alone(base)[base.line]
     w = base.frequency[base.line]
     for p in np.unique(plane).tolist():

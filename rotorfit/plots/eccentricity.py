@@ -11,6 +11,7 @@ from rotorfit.models.motion.law_curves import law_curves, law_of
 from rotorfit.plots.journal import (
     JournalLines,
     drive_stiffness,
+    eccentricities,
     group_label,
     half_width,
     journal_lines,
@@ -86,8 +87,7 @@ def _law_legend(figure: Figure, names: list[str]) -> None:
 
 
 def _rug(axis: Any, fit: FitResult) -> None:
-    found = [np.asarray(getattr(block, "eccentricity", np.zeros(0)), dtype=float) for block in fit.problem.blocks]
-    eps = np.concatenate(found)
+    eps = eccentricities(fit)
     axis.plot(eps, np.zeros(eps.size), "|", color=GREY, ms=7, mew=0.6, transform=axis.get_xaxis_transform())
 
 

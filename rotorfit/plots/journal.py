@@ -8,8 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from rotorfit.estimators.blocks.coefficients import JournalCoefficients
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block
+from rotorfit.estimators.blocks.response import probe_factors
+from rotorfit.estimators.blocks.small_motion import FreeVibrations, OffCentreResponses
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.fitting.result import FitResult
@@ -30,7 +33,7 @@ class JournalLines:
     speed: Float  # rad/s
     frequency: Float  # rad/s, zero under constant loads
     force: ComplexArray  # largest force of the line, N
-    position: ComplexArray  # measured amplitude, or position, of the journal, m
+    position: ComplexArray  # measured amplitude, or position, of the journal, the probe's factor taken out, m
     sigma: Float  # its noise
     eccentricity: Float  # measured
     fitted_eccentricity: Float  # that of the fit
@@ -57,7 +60,9 @@ def journal_lines(fit: FitResult, *, static: bool) -> Iterator[JournalLines]:
         vectors, w, speed = theta[base.group[line]], base.frequency[line], base.speed[line]
         H = fit.model.receptance(vectors, w, speed)
         h, force = H[:, seat.at, seat.at], base.force[line]
-        centred, position = np.einsum("lj,lj->l", H[:, seat.at], force), base.measured[rows]
+        factor = probe_factors(base, theta)[rows]
+        centred, position = np.einsum("lj,lj->l", H[:, seat.at], force), base.measured[rows] / factor
+        sigma = base.sigma[rows] / np.abs(factor)
         stiffness = centred / (h * position)
         yield JournalLines(
             group=base.group[line],
@@ -66,11 +71,11 @@ def journal_lines(fit: FitResult, *, static: bool) -> Iterator[JournalLines]:
             frequency=w,
             force=force[np.arange(line.size), np.argmax(np.abs(force), axis=1)],
             position=position,
-            sigma=base.sigma[rows],
+            sigma=sigma,
             eccentricity=np.abs(position) / seat.clearance,
             fitted_eccentricity=block.orbits(theta)[line],
             stiffness=stiffness,
-            stiffness_sigma=base.sigma[rows] * np.abs(stiffness / position),
+            stiffness_sigma=sigma * np.abs(stiffness / position),
             linear=1 / h,
         )
 
@@ -101,10 +106,20 @@ def half_width(fit: FitResult, group: int, slope: Float) -> Float:
     return np.asarray(CHANCE_ERRORS * standard_error(by_fitted, fit.covar))
 
 
+def eccentricities(fit: FitResult) -> Float:
+    """Eccentricities that the data have, NaN where the journal was not read."""
+    found = [np.zeros(0)]
+    for block in fit.problem.blocks:
+        if isinstance(block, OrbitResponses | OffCentreResponses | FreeVibrations):
+            found.append(block.measured_eccentricity(fit.thetas))
+        elif isinstance(block, JournalCoefficients):
+            found.append(block.eccentricity)
+    return np.concatenate(found)
+
+
 def reach(fit: FitResult) -> float:
     """Largest eccentricity that the data have."""
-    found = [np.asarray(getattr(block, "eccentricity", np.zeros(0)), dtype=float) for block in fit.problem.blocks]
-    largest = float(np.nanmax(np.concatenate(found), initial=0.0)) if found else 0.0
+    largest = float(np.nanmax(eccentricities(fit), initial=0.0))
     if largest <= 0:
         raise ValueError("no data of this fit tell an eccentricity of the journal: there is nothing to plot")
     return largest

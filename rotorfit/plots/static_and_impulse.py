@@ -149,7 +149,7 @@ def plot_velocity_ratio(fit: FitResult) -> Figure:
     speeds = sorted({round(float(v), 6) for block in blocks for v in block.speed})
     figure, axes = grid(1, 1, f"Velocity ratio from impulse tests, {fit.model.name}", size=(5.6, 3.6))
     axis = axes[0, 0]
-    limit = max(float(block.eccentricity.max()) for block in blocks)
+    limit = max(float(block.measured_eccentricity(fit.thetas).max()) for block in blocks)
     eps = np.linspace(0.0, limit + 0.1 * min(limit, 1 - limit) or 0.5, CURVE_POINTS)
     for block in blocks:
         _draw_vibrations(fit, axis, block, speeds, eps)
@@ -170,11 +170,12 @@ def plot_velocity_ratio(fit: FitResult) -> Figure:
 def _draw_vibrations(fit: FitResult, axis: Any, block: FreeVibrations, speeds: list[float], eps: Float) -> None:
     """Measured frequencies over speed, and the fitted eigenvalues along the eccentricities, a colour each speed."""
     theta, fitted = fit.thetas, block.predict(fit.thetas)
+    rest = block.measured_eccentricity(theta)
     for group, speed in np.unique(np.column_stack([block.reading_group, block.speed]), axis=0):
         here = np.flatnonzero((block.reading_group == group) & (block.speed == speed))
         colour = colour_of(speeds.index(round(float(speed), 6)))
         axis.errorbar(
-            block.eccentricity[here],
+            rest[here],
             block.measured[here].imag / speed,
             yerr=block.sigma[here] / speed,
             fmt="o",
@@ -183,7 +184,7 @@ def _draw_vibrations(fit: FitResult, axis: Any, block: FreeVibrations, speeds: l
             elinewidth=0.8,
             zorder=3,
         )
-        for branch in _branches(fit, theta[int(group)], float(speed), eps, block.eccentricity[here], fitted[here]):
+        for branch in _branches(fit, theta[int(group)], float(speed), eps, rest[here], fitted[here]):
             axis.plot(eps, branch / speed, "-", color=colour, lw=1.3)
 
 

@@ -271,7 +271,7 @@ def _test(rig: VirtualRig, lines: _Lines, steady: Steady, *, off_centre: bool) -
                 "sigma": rig.sigma_given(sigma),
             }
             if off_centre:
-                rest = steady.mean[:, rig.seat]
+                rest = steady.mean[:, rig.seat] * factors[rig.seat].real
                 cells |= {"static_x_um": rest.real * 1e6, "static_y_um": rest.imag * 1e6}
             for name, cell in cells.items():
                 columns.setdefault(name, []).append(cell)

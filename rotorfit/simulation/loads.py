@@ -65,6 +65,7 @@ def impulse(
     speeds, loads = rates_rpm("speed_rpm", speed_rpm) * RAD_S_PER_RPM, np.atleast_1d(np.asarray(load, float))
     blow = rig.load(positive("impulse", impulse)[0] * np.exp(1j * np.radians(impulse_deg)), plane)
     columns: dict[str, list[Float]] = {name: [] for name in ("speed", "time", "x", "y")}
+    factor = rig.model.functions.factors(rig.theta)[rig.seat].real  # of the journal's probes
     runs: list[str] = []
     for speed, newton in product(speeds.tolist(), loads.tolist()):
         turned = newton * np.exp(1j * np.radians(load_deg))
@@ -73,7 +74,7 @@ def impulse(
             rest = rest_under(rig, speed, np.array([turned]), plane)[0]
         time, z = _record(rig, speed, rig.load(turned, plane), rest, blow, duration, sampling_hz)
         size = rig.noise * float(np.sqrt(np.mean(np.abs(z - rest[rig.seat]) ** 2)))
-        z = rig.noisy(z, np.full(z.size, size))
+        z = factor * rig.noisy(z, np.full(z.size, size))
         runs += [f"{speed * RPM_PER_RAD_S:.6g} rpm, {newton:.4g} N"] * time.size
         for name, values in zip(columns, (np.full(time.size, speed), time, z.real, z.imag), strict=True):
             columns[name].append(values)
