@@ -18,7 +18,7 @@ _LONG = re.compile(r"(\S{300})\S+")
 """A cell or name too long for a sentence."""
 
 _SEAL = b"rotorfit sha256 "
-"""What a checksum behind a file begins with."""
+"""First bytes of a checksum at the end of a file."""
 
 
 @contextmanager
@@ -68,7 +68,7 @@ def seal(path: Path) -> None:
 
 
 def is_sealed(path: Path) -> bool | None:
-    """Whether a file is as it was sealed; None if it has no seal, as those of earlier versions and of others."""
+    """True if a file is as it was sealed; None if it has no seal, as those of earlier versions and of others."""
     content = path.read_bytes()
     body, mark, digest = content[:-48], content[-48:-32], content[-32:]
     return hashlib.sha256(body).digest() == digest if mark == _SEAL else None

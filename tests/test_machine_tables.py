@@ -175,9 +175,11 @@ def test_what_cannot_be_told_is_refused_in_words(tmp_path, capsys, change, words
 @QUIET
 def test_a_weight_without_its_plane_or_angle_is_refused(tmp_path):
     path = written(tmp_path / "export.txt", export(("1X", "2Y")))
-    with pytest.raises(ValueError, match="plane of the weight is not told; add force_plane to the constants, one of 1"):
+    with pytest.raises(
+        ValueError, match="plane of the weight is not given; add force_plane to the constants, one of 1"
+    ):
         rf.read(path, constants={"mr_g_mm": 30, "force_phase_deg": 0})
-    with pytest.raises(ValueError, match="the angle of the weight is not told; add force_phase_deg"):
+    with pytest.raises(ValueError, match="the angle of the weight is not given; add force_phase_deg"):
         rf.read(path, constants={"mr_g_mm": 30, "force_plane": "1"})
 
 

@@ -71,7 +71,7 @@ class Block(Protocol):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Observed:
-    """What every kind of test has of its readings, shape ``(R,)``."""
+    """Columns of readings that every kind of test has, shape ``(R,)``."""
 
     model: RotorModel  # the rotor whose coordinates these are
     measured: ComplexArray

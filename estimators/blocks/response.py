@@ -259,7 +259,7 @@ def displacement_to_force(block: Responses, theta: Float) -> ComplexArray:
 
 
 def displacement_to_force_jacobian(block: Responses, theta: Float) -> tuple[ComplexArray, ComplexArray]:
-    """That force and its derivatives, as :func:`respond_jacobian`."""
+    """Force for an imposed motion and its derivatives, as :func:`respond_jacobian`."""
     H = _receptance(block, theta)
     drive = _drive_point(block, H)
     predicted = _imposed(block) / drive

@@ -1,8 +1,8 @@
 """Score tests of terms that a model leaves out: one more column of the Jacobian each, and no fit.
 
 Near the estimate the whitened residuals are ``r + J dx + c t`` with ``c`` what one unit of a left-out term does to the
-predictions. What the fitted parameters cannot take up of ``c`` tells ``t``; what they can take up is how far the
-estimate moves with it (the score, or Lagrange multiplier, test of Rao 1948).
+predictions. The part of ``c`` that the fitted parameters cannot take up determines ``t``; the rest of ``c`` is how far
+the estimate moves with it (the score, or Lagrange multiplier, test of Rao 1948).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def score_tests(residuals: ComplexArray, jacobian: ComplexArray, columns: Comple
 
 @dataclass(frozen=True, kw_only=True)
 class Gains:
-    """What groups of columns explain of residuals beside the fitted parameters, one entry a group."""
+    """Share of the residuals that groups of columns explain beside the fitted parameters, one entry a group."""
 
     gain: Float  # fall of the sum of squares
     rank: Float  # columns that parameters do not take up

@@ -60,7 +60,7 @@ MEANINGS = {
     Kind.LOAD: "square of a constant load, which moves the journal off the centre",
     Kind.RESIDUAL: "unbalance of the rotor itself, which start-ups hold beside their weight",
 }
-"""What the size of a cause is of."""
+"""Quantity that the size of a cause refers to."""
 
 UNITS = {
     Kind.FLUID: "N/m",
@@ -106,7 +106,7 @@ class Cause:
 
     @property
     def kind(self) -> Kind:
-        """What it is."""
+        """Kind of the cause."""
         return self.parts[0].kind
 
     @property
@@ -211,7 +211,7 @@ def changed_values(model: RotorModel, theta: Float, value: str) -> Float:
 
 
 def beyond(part: Part, tested: Float) -> Float:
-    """What a part grows with: the way from its centre, or its square."""
+    """Quantity that a part grows with: the distance from its centre, or its square."""
     return np.asarray(((tested - part.centre) / part.reach) ** (2 if part.kind is Kind.BEND else 1))
 
 

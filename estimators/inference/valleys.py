@@ -1,4 +1,4 @@
-"""Whether an error bar holds along a long valley, where the curvature at its lowest point may say little of its length.
+"""A check of error bars along long valleys, where the curvature at the lowest point says little of their length.
 
 Residuals of lines of the twist hold terms in proportion to the inertia J and others in proportion to 1/J, eccentricity
 and side load over J being settled. Where J is too large for the second and too small for the first to be seen the

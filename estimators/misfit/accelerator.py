@@ -53,7 +53,7 @@ def cache_directory() -> Path | None:
 
 
 def _only_mine(path: Path) -> bool:
-    """Whether nobody but this user and root can change a path, or put another in the place of any part of it.
+    """True if nobody but this user and root can change a path, or put another in the place of any part of it.
     Folders above it may be open to others if these cannot rename what is not theirs there (``/tmp``)."""
     if not hasattr(os, "getuid"):
         return True

@@ -1,4 +1,4 @@
-"""What residuals say beyond their size: how they follow one another along each sweep, and scatter line by line.
+"""Correlation of residuals along each sweep, and their scatter from line to line.
 
 Noise of any shape has no memory from line to line; filters that overlap have a short one; a model that does not fit has
 a long one. Noise that lies in one direction of the complex plane, as that of a speed that jitters, or that two probes

@@ -1,6 +1,6 @@
 """Points where a search may begin: inside the bounds, of typical size, at random; and short fits from several at once.
 
-What tells candidates for the start of a nonlinear fit apart is settled by a few damped Gauss-Newton steps, of all of
+Candidates for the start of a nonlinear fit are compared by a few damped Gauss-Newton steps, of all of
 them in the same array operations: one evaluation of several vectors costs little more than that of one.
 """
 

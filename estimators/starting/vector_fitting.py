@@ -85,7 +85,7 @@ def _partial_fractions(s: ComplexArray, poles: ComplexArray, real: Float) -> Com
 
 
 def _basis(s: ComplexArray, poles: ComplexArray, real: Float) -> ComplexArray:
-    """What sigma consists of, with real coefficients: two a pair, one a real pole, and a constant."""
+    """Terms of sigma with real coefficients: two for a pair of poles, one for a real pole, and a constant."""
     ahead, behind = 1 / (s[:, None] - poles), 1 / (s[:, None] - poles.conj())
     single = 1 / (s[:, None] - real)
     return np.hstack([ahead + behind, 1j * (ahead - behind), single, np.ones((s.size, 1))])

@@ -1,4 +1,4 @@
-"""What a model exerts at one plane as an engineer tabulates it: stiffness, damping and inertia in x and y."""
+"""Forces of a model at one plane as engineers tabulate them: stiffness, damping and inertia in x and y."""
 
 from __future__ import annotations
 

@@ -161,7 +161,7 @@ class KnownStiffness:
 
     @classmethod
     def of_values(cls, values: ComplexArray) -> KnownStiffness:
-        """That of a structure without scale factors.
+        """The shaft of a structure without scale factors.
 
         Args:
             values: shape ``(L, n, n)``, N/m.

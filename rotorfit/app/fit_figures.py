@@ -105,7 +105,7 @@ def _measured(curve: SweepCurve, rpm: Any) -> Any:
 
 
 def _point_at(plot: Any, drawn: Any, unit: str) -> None:
-    """What a point says when the mouse is on it."""
+    """Text of a point under the mouse."""
     from bokeh.models import HoverTool
 
     tips = [("", "@condition"), ("frequency", "@rpm{0.0} rpm"), ("amplitude", f"@amplitude{{0.0000}} {unit}"),

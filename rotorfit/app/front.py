@@ -1,4 +1,4 @@
-"""What the parts of a page ask of it."""
+"""Interface that the parts of a page use."""
 
 from __future__ import annotations
 

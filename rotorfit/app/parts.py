@@ -56,7 +56,7 @@ def button(label: str, act: Callable[[], object], *, main: bool = False, **optio
 
 
 def shown_in(field: Any) -> str:
-    """What stands in a field on the page, which Panel may not have taken in yet."""
+    """Text of a field on the page, which Panel may not have received yet."""
     models = [model for model, _ in field._models.values()]
     return str(models[0].value if models else field.value).strip()
 

@@ -1,4 +1,4 @@
-"""What came of a study: how it went, parameters with intervals, findings, figures."""
+"""Results of a study: its outcome, parameters with intervals, findings, figures."""
 
 from __future__ import annotations
 

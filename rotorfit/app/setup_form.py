@@ -102,7 +102,7 @@ class SetupForm:
 
 
 class _ChannelRow:
-    """What one channel is."""
+    """Role of one channel."""
 
     def __init__(self, name: str, base: Mapping[str, Any]) -> None:
         self._name = name

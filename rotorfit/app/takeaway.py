@@ -1,4 +1,4 @@
-"""What is taken away from a fit: the study that repeats it, its numbers, data and report."""
+"""Downloads of a fit: the study that repeats it, its numbers, data and report."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Stage:
-    """What the work is at."""
+    """Step that the work has reached."""
 
     words: str  # the stage in a few words
     done: float | None  # share of it that is done, where that is known

@@ -14,7 +14,7 @@ from rotorfit.version import __version__
 
 
 def key_of(model: RotorModel, options: Mapping[str, Any]) -> str:
-    """What a model, the options of a fit and the version say of it; a run adds its readings: :func:`run_key`."""
+    """Key of a fit by its model, options and version; a run adds its readings: :func:`run_key`."""
     return json.dumps([__version__, encode(model), encode(dict(options))], sort_keys=True)
 
 

@@ -45,7 +45,7 @@ class Readings(Protocol):
 
     @property
     def part(self) -> bytes:
-        """What reads the file, empty for readings in hand."""
+        """Reader of the file, empty for readings in memory."""
         ...
 
     @property

@@ -63,7 +63,7 @@ def add_study(to: argparse.ArgumentParser, *, required: bool = False) -> None:
 
 
 def add_followed(to: argparse.ArgumentParser) -> None:
-    """What is followed."""
+    """Quantities that are followed."""
     to.add_argument("--follow", type=words, metavar="A,B", help="values to follow [K0, lam, D, threshold_speed]")
     to.add_argument("--since", default="", metavar="DATE", help="leave out tests before")
 
@@ -114,7 +114,7 @@ def _added(options: argparse.Namespace, progress: ProgressLine) -> tuple[Store, 
 
 
 def added_words(added: Added, fits: dict[int, StoredFit]) -> str:
-    """What became of a file, on a line."""
+    """The outcome for a file, on a line."""
     if added.test is None:
         return f"{added.source}: refused"
     head = f"{added.source}: test {added.test}{'' if added.new_test else ', known already'}"
@@ -135,7 +135,7 @@ def _fit_words(fit: StoredFit) -> str:
 
 
 def added_json(added: Added, fits: dict[int, StoredFit]) -> dict[str, Any]:
-    """What became of a file, as JSON."""
+    """The outcome for a file, as JSON."""
     found: dict[str, Any] = {
         "source": added.source,
         "test": added.test,

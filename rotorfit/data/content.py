@@ -1,4 +1,4 @@
-"""What makes two tests the same: a hash of readings as they are meant, not of bytes."""
+"""Identity of tests: a hash of readings as they are meant, not of bytes."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ FORCE_DIRECTIONS = ("circular", "x", "y")
 
 
 DERIVATIVES = ("displacement", "velocity", "acceleration")
-"""What a sensor measures, in the order of the derivatives of the displacement."""
+"""Quantities that sensors measure, in the order of the derivatives of the displacement."""
 
 FORCE_SIGMA = "force_sigma_N"
 """Attribute: standard deviation of the real part and of the imaginary part of each measured force, N."""

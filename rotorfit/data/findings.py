@@ -103,7 +103,7 @@ def warnings_in(findings: Iterable[Finding]) -> list[str]:
 
 
 NO_COPIES = "A copy is no second measurement and makes errors look smaller than they are. Leave it out."
-"""What is said of readings, runs and recordings that are there twice."""
+"""Sentence on readings, runs and recordings that are there twice."""
 
 PHASE_DATUM = "phase-datum"
 """Code of the note that the zero of forces and that of readings are unknown to each other."""

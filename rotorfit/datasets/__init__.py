@@ -55,7 +55,7 @@ def two_disk() -> Experiment:
 
 
 def published_two_disk() -> dict[str, float]:
-    """What the paper prints of its two-disk rotor: masses, springs, and mass, stiffness, damping and shape of modes.
+    """Printed results of the paper's two-disk rotor: masses, springs, and mass, stiffness, damping and shape of modes.
     The rig of :func:`two_disk` was simulated with these masses and springs."""
     rows = path("base_paper_two_disk.csv").read_text().splitlines()[2:]
     return {name: float(value) for name, value, _ in (row.split(",") for row in rows)}

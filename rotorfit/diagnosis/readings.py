@@ -54,7 +54,7 @@ def amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
 
 
 def _over_unit_force(test: PerturbationTest | DisplacementTest) -> bool:
-    """Whether the readings are frequency response functions, whose size says nothing of the motion."""
+    """True if the readings are frequency response functions, whose size says nothing of the motion."""
     return isinstance(test, PerturbationTest) and bool((test.force == 1.0).all())
 
 
@@ -102,7 +102,7 @@ def copies_among(digests: Sequence[Mapping[str, bytes]], sources: Sequence[str])
 
 
 def copies_finding(copies: Mapping[str, str], rows: Sequence[int] = ()) -> Finding:
-    """What to say of runs that are copies of others."""
+    """Sentences on runs that are copies of others."""
     pairs = listed([f"{run} is {original}" for run, original in copies.items()])
     text = f"Copies of runs: to the last digit {pairs}. {NO_COPIES}"
     return Finding("warning", "duplicate", text, tuple(rows), undo="leave the copies out")

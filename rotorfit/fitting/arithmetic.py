@@ -23,7 +23,7 @@ class Source(Protocol):
 
 
 class Number:
-    """What sums, products and powers are made of: a value with its unit and its derivatives by parameters of one fit.
+    """Operand of sums, products and powers: a value with its unit and its derivatives by parameters of one fit.
 
     Numbers of one fit know their covariance. Those of another fit, and those that stand for themselves, are independent
     of it: their errors add as squares.

@@ -1,4 +1,4 @@
-"""What users of lmfit and statsmodels look for on a result, and where it is here."""
+"""Attributes that users of lmfit and statsmodels look for on a result, and where they are here."""
 
 from __future__ import annotations
 

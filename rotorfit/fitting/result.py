@@ -243,7 +243,7 @@ class FitResult(FitFigures):
 
     @property
     def foundations(self) -> tuple[str, ...]:
-        """What the data do not show although it moves a result by more than its error, in words: the weightiest.
+        """The weightiest effects that the data do not show although they move a result by more than its error.
 
         Example:
             >>> any(words.startswith("Ds[journal]") for words in fit.foundations)

@@ -116,8 +116,8 @@ def read(
     if speed is not None and not np.isfinite(speed):
         raise ValueError(f"speed must be a finite number, rad/s; got {speed!r}")
     table = {"sheet": sheet, "columns": columns, "constants": constants}
-    told = {"on_finding": on_finding, "on_lines": on_lines, "progress": progress}
-    test = _read_raw(path, {"speed": speed, "axes": axes}, table, told, speed_tolerance)
+    callbacks = {"on_finding": on_finding, "on_lines": on_lines, "progress": progress}
+    test = _read_raw(path, {"speed": speed, "axes": axes}, table, callbacks, speed_tolerance)
     test = selected(test, where=where, exclude=exclude, drop_near_1x=drop_near_1x)
     options: dict[str, Any] = {
         "gains": gains,
@@ -154,7 +154,7 @@ def _tell_uneven(test: PerturbationTest, on_finding: Callable[[Finding], None] |
         return
     message = (
         f"{test.source}: opposite weights differ: {listed(pairs)}. If it is one weight that was turned by 180 degrees, "
-        "one of the two is told wrong, and all masses, stiffnesses and dampings with it."
+        "one of the two is wrong, and all masses, stiffnesses and dampings with it."
     )
     if on_finding is None:
         warnings.warn(message, stacklevel=5)
@@ -194,14 +194,14 @@ def _read_raw(
     path: str | Path | DataFrame,
     universal: Mapping[str, Any],
     table: Mapping[str, Any],
-    told: Mapping[str, Any],
+    callbacks: Mapping[str, Any],
     speed_tolerance: float,
 ) -> Experiment:
     """Read a file with the options of its format; those of another format are refused."""
     if not isinstance(path, str | Path):
         from rotorfit.io.tables.tidy_csv import read_csv
 
-        return read_csv(path, speed_tolerance=speed_tolerance, **table, **told)
+        return read_csv(path, speed_tolerance=speed_tolerance, **table, **callbacks)
     kind = _format(path)
     note_input(Path(path))
     with reading(Path(path).name, _KINDS[kind]):
@@ -212,7 +212,7 @@ def _read_raw(
         if kind == "csv":
             from rotorfit.io.tables.tidy_csv import read_csv
 
-            return read_csv(path, speed_tolerance=speed_tolerance, **table, **told)
+            return read_csv(path, speed_tolerance=speed_tolerance, **table, **callbacks)
         return replace(_read_kind(kind, path, universal), speed_tolerance=speed_tolerance)
 
 

@@ -134,7 +134,7 @@ def _start_ups() -> str:
 
 
 def kinds() -> tuple[str, ...]:
-    """What there are templates of."""
+    """Names of the templates."""
     return tuple(_texts())
 
 

@@ -24,7 +24,7 @@ DIRECTIONS = {1: ("x", 1.0), 2: ("y", 1.0), 5: ("rx", 1.0), 4: ("ry", -1.0)}
 
 
 class DataType(IntEnum):
-    """What an axis of a function holds, by the format's own numbers."""
+    """Quantity of an axis of a function, by the format's own numbers."""
 
     DISPLACEMENT = 8
     VELOCITY = 11
@@ -36,7 +36,7 @@ class DataType(IntEnum):
 
 
 class FunctionType(IntEnum):
-    """What a function is, by the format's own numbers."""
+    """Kind of a function, by the format's own numbers."""
 
     GENERAL = 0
     FRF = 4

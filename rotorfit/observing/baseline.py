@@ -204,7 +204,7 @@ def _between(knots: Float, w: Float) -> Float:
 
 
 def _truncation(lines: list[_Line], knots: Float) -> list[_Line]:
-    """What interpolation misses in each gap, as lines of dynamic stiffness zero with errors of their own.
+    """Errors of interpolation in each gap, as lines of dynamic stiffness zero with errors of their own.
 
     By the fourth derivative, a cubic through knots on either side of a knot that is left out misses it by
     4 h^4 / 24, one through all knots misses the middle of a gap by (9/16) h^4 / 24, steps h being equal: 9/64 of it. So

@@ -154,7 +154,7 @@ def percent(error: ExpectedError) -> str:
 
 
 def _settled(plan: Plan, tried: Sequence[Addition], asked: bool) -> list[str]:
-    """What stays open, and the runs that would settle it."""
+    """Parameters that stay undetermined, and the runs that would determine them."""
     count = len(plan.identifiability.combinations)
     sentences = [
         f"{'Weak' if math.isfinite(one.stderr) else 'Open, however long is averaged'}: {one.message}"
@@ -172,7 +172,8 @@ def _settled(plan: Plan, tried: Sequence[Addition], asked: bool) -> list[str]:
 
 
 def _whole_rig(task: Task, plan: Plan, design: Design) -> list[str]:
-    """What a design leaves open, and whether forces at all planes, all probes and both directions would settle it."""
+    """Parameters that a design leaves undetermined, and those that forces at all planes, all probes and both
+    directions would determine."""
     sentences = _settled(plan, (), False)
     whole = replace(design, force_planes=None, probes=None, directions=("forward", "backward"))
     if not sentences or whole == design:

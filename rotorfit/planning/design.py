@@ -16,7 +16,7 @@ from rotorfit.units import RAD_S_PER_RPM
 
 @dataclass(frozen=True, kw_only=True)
 class Design:
-    """What a rig can do in a rotating-force test, for :func:`rotorfit.plan` to choose from.
+    """Speeds, frequencies, planes and limits of a rotating-force test, for :func:`rotorfit.plan` to choose from.
 
     Attributes:
         speed_rpm: rotative speeds that are possible.
@@ -90,7 +90,7 @@ class Design:
         return _rates("frequency_rpm", self.frequency_rpm)
 
     def words(self, name: str) -> tuple[str, ...]:
-        """What is given by one word or several.
+        """One word or several as a tuple.
 
         Args:
             name: of the attribute.

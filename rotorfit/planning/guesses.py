@@ -58,7 +58,7 @@ def _spread_levels(size: int, count: int, seed: int) -> Float:
 
 
 def _entry(space: ParameterSpace, values: Mapping[str, Any], name: str, base: str) -> Any:
-    """What is given for one parameter: a number, a pair or a distribution, checked."""
+    """The guess of one parameter: a number, a pair or a distribution, checked."""
     given = values.get(name, values.get(base))
     parameter = space.model.parameter(base)
     if given is None:

@@ -1,4 +1,4 @@
-"""What a plan says: errors to expect, lines with their times, sentences; as text, table, file and figure."""
+"""The plan of a test: expected errors, lines with their times, sentences; as text, table, file and figure."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class PlannedLines:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Plan:
-    """What a test will tell, and how to make the most of its time; see :func:`rotorfit.plan`.
+    """Expected errors of a test, and the best use of its time; see :func:`rotorfit.plan`.
 
     Attributes:
         model: the rotor.

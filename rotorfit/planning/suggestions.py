@@ -75,7 +75,7 @@ def _runs(plan: Plan) -> list[str]:
 
 
 def _reshared(plan: Plan) -> list[str]:
-    """What other shares of the time would do for tests that are given as they are."""
+    """Gain by other shares of the time, for tests that are given as they are."""
     runs = np.array(plan.lines.run)
     names = list(dict.fromkeys(plan.lines.run))
     share = np.array([plan.share[runs == name].sum() for name in names])

@@ -35,7 +35,7 @@ _PROBE_RANGE = 1e-3
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Task:
-    """What a plan is made of."""
+    """Input of a plan."""
 
     model: RotorModel
     values: Values
@@ -238,7 +238,7 @@ def _largest_motion(found: Expectation, first: int, design: Design) -> str:
 
 
 def _of_design(found: Expectation, first: int, design: Design) -> list[str]:
-    """What to watch in a test by a design."""
+    """Cautions for a test by a design."""
     speeds = [v for v in design.speeds.tolist() if (np.abs(design.frequencies - v) <= SYNCHRONOUS_DISTANCE * v).any()]
     near = ", ".join(f"{v * RPM_PER_RAD_S:.5g}" for v in speeds if v)
     both = [f"Lines at once-per-turn frequency ({near} rpm) hold the residual unbalance too: leave them out."]

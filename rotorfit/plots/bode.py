@@ -78,12 +78,12 @@ def cell_title(fit: FitResult, coordinate: int, force_plane: int) -> str:
 
 
 AGAINST = ("frequency", "ratio", "size")
-"""What responses can be drawn against: signed frequency, that over the rotative speed, or its size."""
+"""Axes of responses: signed frequency, its ratio to the rotative speed, or its size."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Axis:
-    """What responses are drawn against, and the unbalance for which amplitudes are drawn."""
+    """Axis of responses, and the unbalance for which amplitudes are drawn."""
 
     against: str
     mr: float | None

@@ -64,7 +64,7 @@ class _Shown:
 
 
 AGAINST = ("frequency", "square", "ratio")
-"""What dynamic stiffness can be drawn against: frequency, the direct part against its square, or over the speed."""
+"""Axes of dynamic stiffness: frequency, its square for the direct part, or its ratio to the speed."""
 
 
 def draw_drive_point(fit: FitResult, pair: tuple[Any, Any], coordinate: int) -> None:

@@ -1,4 +1,4 @@
-"""What a report is written from."""
+"""Input of a report."""
 
 from __future__ import annotations
 

@@ -190,13 +190,13 @@ def _onset_shares(fit: FitResult, onset: Quantity) -> tuple[str, str]:
 
 
 def _open(fit: FitResult, combination: Combination) -> str:
-    """What the data leave open, and what they determine of it."""
+    """A combination of undetermined parameters, and the value of it that the data determine."""
     value = combined(fit, combination)
     return sentence(combination.message) + (f" Determined: {value.replace('+-', '±')}." if value else "")
 
 
 def identifiability_section(material: ReportInput) -> Html:
-    """What the data determine, and which parameters go together."""
+    """Determined combinations and correlated parameters."""
     fit = material.fit
     verdict = fit.identifiability
     content = [

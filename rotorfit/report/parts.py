@@ -69,7 +69,7 @@ def tested_speeds(fit: FitResult) -> Float:
 
 
 def at_of(fit: FitResult, group: int) -> dict[str, str] | None:
-    """What :meth:`FitResult.group` takes for a group."""
+    """Argument of :meth:`FitResult.group` for a group."""
     parts = (label.partition("=") for label in fit.problem.space.labels[group])
     return {attribute: value for attribute, _, value in parts} or None
 

@@ -33,9 +33,9 @@ _BY_LINES = (
 _BY_WINDOWS = "Vectors were tracked by windows of {turns} whole turns, as tracking filters do; a sweep makes them lag."
 _BY_SPECTRA = (
     "The spectra of z = x + j y became responses at lines chosen for the fit, by local models in the signed frequency. "
-    "Transients are part of these, so that the rate of a sweep does not bias them; what turns with the shaft (run-out, "
-    "residual unbalance and their orders) was taken out with the shaft's own angle, and lines that cannot be told from "
-    "an order were left out. The noise of each reading is that of the local residuals."
+    "The models include transients, so the rate of a sweep does not bias them. Motion that turns with the shaft "
+    "(run-out, residual unbalance and their orders) was subtracted with the shaft's own angle. Lines too close to an "
+    "order to be separated from it were left out. The noise of each reading is that of the local residuals."
 )
 
 
@@ -66,7 +66,7 @@ def recordings_section(material: ReportInput) -> Iterator[Html]:
 
 
 def _done(record: Recording, material: ReportInput) -> str:
-    """What made experiments of a recording."""
+    """The function that made experiments of a recording."""
     if any(isinstance(test, LineTest) for test in material.fit.experiments):
         return _BY_LINES  # the weight of the shaft and its own unbalance may be all that drives it
     from rotorfit.recordings.reduction.recorded_tests import BLOWS, LOADS, kind_of  # loads half of SciPy
@@ -90,7 +90,7 @@ def _row(record: Recording) -> list[str]:
 
 
 def _speeds(angle: AngleTrack) -> str:
-    """Speeds of a mark, and how many pulses told them."""
+    """Speeds of a mark, and the number of its pulses."""
     rpm = np.abs(angle.speed(np.linspace(angle.begin, angle.end, 200))) * RPM_PER_RAD_S
     span = f"{rpm.min():.1f}" if np.ptp(rpm) < 0.002 * rpm.max() else f"{rpm.min():.0f} to {rpm.max():.0f}"
     return f"{span} ({angle.pulses.size} pulses)"

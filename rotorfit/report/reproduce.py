@@ -77,7 +77,7 @@ def _source(experiment: Experiment) -> str:
 
 
 _REDUCED: Mapping[type, str] = {StaticTest: "static_positions", RingDownTest: "ring_downs"}
-"""What reduces recordings to experiments, where it is not ``rf.responses``."""
+"""Functions that reduce recordings to experiments, where it is not ``rf.responses``."""
 
 
 def _recorded(source: str) -> tuple[list[str], str] | None:

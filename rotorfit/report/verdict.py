@@ -173,7 +173,7 @@ def _in_rpm(value: float, error: float) -> tuple[str, str]:
 
 
 def _unstable(fit: FitResult, group: int) -> bool:
-    """Whether the fitted rotor is unstable at a speed that was tested."""
+    """True if the fitted rotor is unstable at a speed that was tested."""
     theta, speeds = fit.thetas[group], tested_speeds(fit)
     if not speeds.size:
         return False

@@ -119,7 +119,7 @@ def shares_of(fit: FitResult) -> Mapping[str, tuple[float, float]]:
 
 
 def _calibration_shares(fit: FitResult) -> Mapping[str, tuple[float, float]]:
-    """Shares of a fit that was told how well its probes are calibrated."""
+    """Shares of a fit for which the calibration of its probes was given."""
     if fit.settings.calibration is None:
         return {}
     from rotorfit.uncertainty.budget import Budget

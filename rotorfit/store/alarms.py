@@ -1,4 +1,4 @@
-"""Alarms of the machines of a store: which rules are asked, what they say, and which of it was told already."""
+"""Alarms of the machines of a store: the rules, their verdicts, and those that were reported already."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ History = Sequence[tuple[StoredTest, StoredFit]]
 
 @dataclass(frozen=True, kw_only=True)
 class Watching:
-    """What is watched, and when an alarm is raised.
+    """Quantities that are watched, and the rule of an alarm.
 
     Attributes:
         names: values whose change raises an alarm; by default K0, lam, D and threshold speed, where fits have them.

@@ -78,7 +78,7 @@ CREATE TABLE parameters (                     -- of a fit, SI units, for whoever
     PRIMARY KEY (fit, name)
 ) WITHOUT ROWID;
 CREATE TABLE claims (key TEXT PRIMARY KEY, owner TEXT NOT NULL, until REAL NOT NULL) WITHOUT ROWID;
-CREATE TABLE alarms ( -- that were told
+CREATE TABLE alarms ( -- that were reported
     fit INTEGER NOT NULL, rule TEXT NOT NULL, PRIMARY KEY (fit, rule)) WITHOUT ROWID;
 CREATE TABLE pieces ( -- of work that is done in pieces
     key TEXT PRIMARY KEY, data BLOB NOT NULL) WITHOUT ROWID;
@@ -149,7 +149,7 @@ class Database:
 
     @contextmanager
     def _sentences(self) -> Iterator[None]:
-        """What SQLite raises as a sentence that names the store."""
+        """Errors of SQLite as a sentence that names the store."""
         try:
             yield
         except sqlite3.OperationalError as problem:
@@ -182,7 +182,7 @@ class Database:
             )
 
     def problems(self) -> list[str]:
-        """What is wrong with the file, in SQLite's words."""
+        """Damage of the file, in SQLite's words."""
         with self._connected() as connection:
             found = [str(row[0]) for row in connection.execute("PRAGMA integrity_check")]
             return [text for text in found if text != "ok"]

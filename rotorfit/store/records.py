@@ -1,4 +1,4 @@
-"""What a store answers: tests, fits, and what became of a file."""
+"""Records of a store: tests, fits, and the outcome for a file."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class StoredFit:
 
 @dataclass(frozen=True, kw_only=True)
 class Added:
-    """What became of one file, or of the recordings of one folder.
+    """The outcome for one file, or for the recordings of one folder.
 
     Attributes:
         source: the file or folder.

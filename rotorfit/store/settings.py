@@ -1,4 +1,4 @@
-"""What makes two settings the same, and two files."""
+"""Identity of settings and of files."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ class Source:
         return hashlib.sha256(text.encode("utf-8") + rig).hexdigest()
 
     def identity(self) -> str:
-        """What the test is made of: files by their content, and how they are read."""
+        """Parts of the test: files by their content, and how they are read."""
         return json.dumps([self.states(), self._reading])
 
     def date(self) -> str:

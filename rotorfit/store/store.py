@@ -422,7 +422,7 @@ class Store:
         return trend(entries, false_alarm=false_alarm)
 
     def is_told(self, fit: int, rule: str) -> bool:
-        """True if the alarm that a fit raised was told.
+        """True if the alarm that a fit raised was reported.
 
         Args:
             fit: number of the fit.
@@ -432,7 +432,7 @@ class Store:
             return bool(ask("SELECT 1 FROM alarms WHERE fit = ? AND rule = ?", (fit, rule)))
 
     def note_told(self, fit: int, rule: str) -> None:
-        """Keep that an alarm was told.
+        """Keep that an alarm was reported.
 
         Args:
             fit: number of the fit.
@@ -461,7 +461,7 @@ class Store:
             connection.executemany("INSERT OR IGNORE INTO pieces VALUES (?, ?)", list(pieces.items()))
 
     def problems(self) -> tuple[str, ...]:
-        """What is damaged in the store: every page, every test against its hash, every fit."""
+        """Damage of the store: every page, every test against its hash, every fit."""
         found = self.database.problems()
         for test in self.tests:
             try:

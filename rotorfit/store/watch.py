@@ -1,4 +1,4 @@
-"""A folder watched by looking at it: what has arrived is added when it stands still, and alarms are told once."""
+"""A folder watched by polling: files are added when they no longer change, and alarms are reported once."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from rotorfit.studies.study import Study
 _COMMAND_LIMIT = 60.0
 """Seconds that the command of an alarm may take. Chosen."""
 _OWN = (".rotorfit-", "~$", ".")
-"""What names begin with that are no data: drafts, locks of office programs, hidden files."""
+"""First characters of names that are no data: drafts, locks of office programs, hidden files."""
 
 
 @dataclass(kw_only=True)
@@ -70,7 +70,7 @@ class FolderWatch:
         return any(True for _ in self._new())
 
     def states(self) -> list[MachineState]:
-        """The state of every machine, after its alarms were told."""
+        """The state of every machine, after its alarms were reported."""
         states = machine_states(self.store, self.study, self.watching)
         with claimed(self.store.database, "alarms"):
             for state in states:

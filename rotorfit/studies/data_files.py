@@ -53,8 +53,8 @@ class DataFile:
         """Read the test."""
         stage = f"reading {self.path.name}"
         progress(stage)
-        told = {"on_finding": on_finding, "on_lines": on_lines, "progress": lambda share: progress(stage, share)}
-        return read(self.path, **{**told, **self.options})
+        callbacks = {"on_finding": on_finding, "on_lines": on_lines, "progress": lambda share: progress(stage, share)}
+        return read(self.path, **{**callbacks, **self.options})
 
 
 def read_files(
@@ -99,7 +99,7 @@ def _read_file(
 
 
 def look_over(files: Sequence[DataFile], executor: Executor | None) -> tuple[tuple[Finding, ...], ...]:
-    """What was found odd in each file, errors first; no process holds more than one of them."""
+    """Findings of each file, errors first; no process holds more than one of them."""
     from rotorfit.diagnosis.readings import copies_among, copies_finding
 
     looked = carry_out(_looked_at, files, executor)

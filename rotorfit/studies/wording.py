@@ -58,5 +58,5 @@ def sentence(problem: BaseException) -> str:
 
 
 def refusal(problem: BaseException) -> str:
-    """What the command line says when a file or a setting of the user is wrong."""
+    """The sentence of the command line where a file or a setting of the user is wrong."""
     return in_options(spoken(sentence(problem)))

@@ -469,7 +469,7 @@ def _noise(fit: FitResult, test: PerturbationTest, coordinate: int, response: Co
 
 
 def _notes(fit: FitResult, test: PerturbationTest, noise: Float) -> tuple[str, ...]:
-    """What a reader must know of the bands."""
+    """Notes on the bands."""
     bases = [base for base in map(responses_of, fit.problem.blocks) if base is not None]
     found: list[str] = []
     for what, values, tested in (

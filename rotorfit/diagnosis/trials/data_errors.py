@@ -64,7 +64,7 @@ class DataError:
 
     @property
     def name(self) -> str:
-        """What tells it from all others that the same data may have: ``probes-turned (journal by 45)``."""
+        """Name that distinguishes it from all others that the same data may have: ``probes-turned (journal by 45)``."""
         return f"{self.code} ({self.of})" if self.of else self.code
 
     @property

@@ -58,7 +58,7 @@ def explained(fit: FitResult, shown: Collection[str] = ()) -> list[Finding]:
 
 
 def _turning_anew(fit: FitResult, orbits: Sequence[Orbits]) -> Iterator[Explanation]:
-    """What makes orbits turn with the force and nothing else look wrong, by the share of all motion that is left: a fit
+    """Corrections that make orbits turn with the force and nothing else look wrong, by the share of motion left: a fit
     does not see motion against the force."""
     for error in mirrored_orbits(orbits):
         problem = _corrected(fit, error)

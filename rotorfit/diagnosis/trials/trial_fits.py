@@ -14,7 +14,7 @@ from rotorfit.estimators.starting.start_points import short_fits
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Text
 
 Hint = Callable[[ComplexArray], bool]
-"""Whether small errors whose logarithm changes readings so, shape ``(R, k)``, may be what a fit misses."""
+"""Answers True if small errors whose logarithm changes readings so, shape ``(R, k)``, may explain the misfit."""
 
 EXPLAINED_MISFIT_SHARE = 0.01
 """Share of the misfit left from which nothing else has to be tried."""

@@ -1,1 +1,1 @@
-"""What a fit takes as given, and by how much its numbers would move if it were not so."""
+"""Assumptions of a fit, and by how much its numbers would move if they were wrong."""

@@ -32,7 +32,7 @@ _FAR = 12.0
 
 @dataclass(frozen=True, kw_only=True)
 class TurningAnisotropy:
-    """What a fit says of the turning anisotropy.
+    """The fitted turning anisotropy.
 
     Attributes:
         dK: half the difference of the two lateral stiffnesses, N/m.
@@ -54,7 +54,7 @@ class TurningAnisotropy:
 
     @property
     def significant(self) -> bool:
-        """Whether the interval leaves out a round shaft."""
+        """True if the interval excludes a round shaft."""
         return self.interval[0] > 0
 
     def __str__(self) -> str:
@@ -180,7 +180,7 @@ def _critical_table(level: float) -> tuple[Float, Float]:
 
 
 def lines_cut_off(fit: FitResult) -> tuple[float, float]:
-    """What lines that a :class:`~rotorfit.models.TurningOnSupports` leaves out change in those that were fitted.
+    """Change of the fitted lines by those that a :class:`~rotorfit.models.TurningOnSupports` leaves out.
     Returns the greatest change over the greatest reading, and over the noise of its own reading."""
     size = share = 0.0
     for block in fit.problem.blocks:

@@ -1,4 +1,4 @@
-"""What the numbers of a fit rest on, as records and a table."""
+"""Assumptions of a fit, as records and a table."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Assumption:
 
     @property
     def tested(self) -> bool:
-        """Whether the data tell the term better than what it may well be."""
+        """True if the data determine the term better than its plausible size does."""
         return self.stderr < self.plausible
 
     @property
@@ -67,12 +67,12 @@ class Assumption:
 
     @property
     def missing(self) -> bool:
-        """Whether the data ask for the term, or for something like it."""
+        """True if the data ask for the term, or for something like it."""
         return self.tested and abs(self.z) > SIGNIFICANT_ERRORS
 
     @property
     def bears(self) -> bool:
-        """Whether a result rests on it: what the data leave of it moves one by more than its error."""
+        """True if a result rests on it: the size that the data leave possible moves one by more than its error."""
         return self._largest(self.left) > 1
 
     @property
@@ -107,7 +107,7 @@ class Assumptions:
 
     @property
     def foundations(self) -> tuple[str, ...]:
-        """What the data do not tell well enough, each in words with how far it moves results."""
+        """Terms that the data do not determine well enough, each in words with how far it moves results."""
         return tuple(_foundation(entry) for entry in self.entries if entry.bears)
 
     @property
@@ -194,7 +194,7 @@ class Assumptions:
         return "\n".join([*lines, *self.words])
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """HTML for a notebook."""
         return f"<pre>{escape(str(self))}</pre>"
 
 

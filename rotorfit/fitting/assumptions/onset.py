@@ -49,18 +49,18 @@ def _by_model_uncertainty(fit: FitResult, group: int, gradient: Float) -> float:
 
 
 def is_extrapolated(fit: FitResult, speed: ArrayLike, whirl: ArrayLike) -> Any:
-    """Whether onsets lie beyond what was tested, so that they depend on the structure of the model."""
+    """True if onsets lie beyond the tests, so that they depend on the structure of the model."""
     return (np.abs(whirl) > fit.band) | _is_far(fit, speed)
 
 
 def _is_far(fit: FitResult, speed: ArrayLike) -> Any:
-    """Whether a speed lies so far above the tested ones that what grows with speed is hardly seen in the data."""
+    """True if a speed lies so far above the tested ones that terms growing with speed are hardly seen in the data."""
     highest = float(fit.speeds.max(initial=0.0))
     return (np.asarray(speed) > _FAR * highest) & (highest > 0)
 
 
 def onset_note(fit: FitResult, group: int) -> str:
-    """What limits the threshold speed of a parameter group; empty where its whirl lies in the tested band."""
+    """Limits of the threshold speed of a parameter group; empty where its whirl lies in the tested band."""
     if not fit.model.speed_dependent or not math.isfinite(fit.band):
         return ""
     onset = fit.onset(group)

@@ -1,4 +1,4 @@
-"""What each number rests on: terms left out of the model, tested by the data or not, and how they move results."""
+"""Assumptions behind each number: terms left out of the model, tested by the data or not, and how they move results."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Supports that differ in x and y, by what pairs of probes show against the direction of the force.
 
-Stiffness ``dK conj(z)`` couples w and -w. What appears against the force is of first order in dK and tells its size;
+Stiffness ``dK conj(z)`` couples w and -w. What appears against the force is of first order in dK and shows its size;
 what it takes from the motion with the force is of second order and moves an isotropic fit.
 """
 

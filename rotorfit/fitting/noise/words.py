@@ -88,7 +88,7 @@ def causes(found: Sequence[Cause], *, whole: bool) -> tuple[str, ...]:
 
 
 def _cause(cause: Cause) -> str:
-    """What a cause is, and its size."""
+    """A cause and its size in words."""
     part, size = cause.parts[0], cause.size
     where = f" at {part.plane}" if part.plane else ""
     match cause.kind:
@@ -144,7 +144,7 @@ def differences(effects: Sequence[RunEffect]) -> tuple[str, ...]:
 
 
 def _kind(effect: RunEffect) -> str:
-    """What runs differ in; no speed label is that far off."""
+    """Quantity in which runs differ; no speed label is that far off."""
     return "lam" if effect.kind == "run_lam" and effect.sd > _LARGEST_LABEL_ERROR else _KINDS[effect.kind]
 
 

@@ -1,4 +1,4 @@
-"""Whether structural blocks can be added to a model: asked before it is advised, and before it is tried."""
+"""The obstacle to adding structural blocks to a model, asked before it is advised and before it is tried."""
 
 from __future__ import annotations
 

@@ -137,7 +137,7 @@ def _checked_speeds(speeds: ArrayLike) -> Float:
 
 
 def _forces(model: RotorModel, theta: Float, speeds: Float, eccentricity: float) -> dict[str, Float]:
-    """What acts at each plane, as real matrices of x and y by powers of s, shape ``(speeds, 3, 2, 2)``."""
+    """Forces at each plane, as real matrices of x and y by powers of s, shape ``(speeds, 3, 2, 2)``."""
     forces = {
         plane: np.array([plane_force(model, theta, speed, plane, eccentricity).values for speed in speeds.tolist()])
         for plane in force_planes(model)

@@ -35,7 +35,7 @@ _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}")
 NOT_TAKEN = ("", "nan", "n/a", "na", "-", "--")
 """How a reading that was not taken is written."""
 _FORMULA = ("=", "+", "-", "@")
-"""What a text begins with that a spreadsheet takes for a formula; with an apostrophe before it is text there."""
+"""First characters of a text that a spreadsheet takes for a formula; an apostrophe before them keeps it text."""
 _TITLE_ROWS = 40
 """Rows up to which a header is looked for below titles: exports of analysers have ten to twenty."""
 _CELL_BYTES = 8
@@ -261,12 +261,12 @@ def _units_below(source: str, found: Sequence[_Row], width: int, is_unit: Callab
     """Units in the first row below a header, as far as it holds columns of numbers; empty where it is none of units."""
     rows = [[cell.strip() for cell in (*cells, *[""] * width)][:width] for _, cells in found]
     row, below = (rows or [[]])[0], rows[1:]
-    told = [row[i] for i in range(len(row)) if row[i] and below and all(_is_number(other[i]) for other in below)]
-    if len(told) < 2 or any(_is_number(cell) or cell.lower() in NOT_TAKEN for cell in told):
+    words = [row[i] for i in range(len(row)) if row[i] and below and all(_is_number(other[i]) for other in below)]
+    if len(words) < 2 or any(_is_number(cell) or cell.lower() in NOT_TAKEN for cell in words):
         return []
     if not all(map(is_unit, filter(None, row))):
         raise ValueError(
-            f"{source}: line {found[0][0]} has no numbers, but {', '.join(map(repr, told[:4]))}. If these are units, "
+            f"{source}: line {found[0][0]} has no numbers, but {', '.join(map(repr, words[:4]))}. If these are units, "
             "the name of each column ends with its own (amplitude_um, frequency_hz): rename them and remove the line"
         )
     return row
@@ -287,7 +287,7 @@ def _refuse_thousands(source: str, columns: Sequence[_Column], lines: Index) -> 
 
 
 def _only_thousands(cells: Iterable[str], mark: str) -> bool:
-    """Whether a column holds numbers, and all with the mark may be whole ones with a mark between thousands."""
+    """True if a column holds numbers, and all with the mark may be whole ones with a mark between thousands."""
     return all(
         _THOUSANDS.fullmatch(cell) if mark in cell else not cell or cell.lstrip("+-").isdigit() for cell in cells
     )

@@ -73,13 +73,13 @@ def understood(table: Table) -> Table:
 
 
 def is_text(spelled: str, columns: Mapping[str, str]) -> bool:
-    """Whether a column is text by its name, or by that which ``columns`` gives it: ``run`` may be called 007."""
+    """True if a column is text by its name, or by that which ``columns`` gives it: ``run`` may be called 007."""
     names = [spelled, *(other for pair in columns.items() for other in pair if spelled in pair)]
     return any(name.lower() in _TEXT or quantity_meant(name) in _TEXT for name in names)
 
 
 def is_unit(text: str) -> bool:
-    """Whether a cell names a unit, as in a line of units below a header."""
+    """True if a cell names a unit, as in a line of units below a header."""
     spelled = "_".join(_words(text.strip("()[]{} "))).lower()
     return any(spelled == unit.lower() for units in UNITS.values() for unit in units)
 
@@ -153,12 +153,12 @@ def _probe(spelled: str) -> str:
 
 
 def _is_doubtful(table: Table, name: str) -> bool:
-    """Whether a column that is no probe's holds numbers under the name of a reading."""
+    """True if a column that is no probe's holds numbers under the name of a reading."""
     words, unit = _apart(table.spelled(name).lower())
     if is_probe(name) or quantity_meant(name) or words[:1] == [] or words[0] in NOT_PLANES:
         return False
-    told = np.flatnonzero(~lacking(table.cells[name], NOT_TAKEN))
-    if not told.size or floats(taken(table.cells[name], told)) is None:
+    given = np.flatnonzero(~lacking(table.cells[name], NOT_TAKEN))
+    if not given.size or floats(taken(table.cells[name], given)) is None:
         return False
     said = "_".join(unit)
     part = any(word in (*_PARTS, "lag") for word in words)

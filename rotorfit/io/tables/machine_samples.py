@@ -38,7 +38,7 @@ class _Channel:
 
 
 def is_sample_table(path: Path) -> bool:
-    """Whether a text file has, near its beginning, the header of a block of channels or samples."""
+    """True if a text file has, near its beginning, the header of a block of channels or samples."""
     if path.suffix.lower() in EXCEL:
         return False
     with path.open("rb") as file:
@@ -226,7 +226,7 @@ def _askew(source: str, probes: Mapping[tuple[str, str], _Channel]) -> Iterator[
 
 
 def _day(stamp: str) -> str:
-    """Day of a time stamp as ISO 8601; empty where it cannot be told, such as 03/04/2025."""
+    """Day of a time stamp as ISO 8601; empty where it is ambiguous, such as 03/04/2025."""
     if match := re.match(r"(\d{4})-(\d{2})-(\d{2})\b", stamp):
         return match[0]
     match = re.match(r"(\d{1,2})[ -]?([A-Za-z]{3})[ -]?(\d{4})\b", stamp)

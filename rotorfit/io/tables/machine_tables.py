@@ -24,7 +24,7 @@ BODE_HEADER = ("x-axis value", "y-axis value", "phase")
 NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?:°|deg\b)?\s*([^\d.,+-].*|)")
 """A number, and the mark behind it."""
 _VALID = ("", "v")
-"""What may follow a number that holds, in lower case; anything else marks a reading as one not to be relied on."""
+"""Text that may follow a valid number, in lower case; anything else marks a reading as invalid."""
 SEPARATED = re.compile(r"(?P<plane>.*[^A-Za-z])(?P<axis>[XYxy])")
 """Plane and axis in the name of a channel, ``Brg 1 X``."""
 _WEIGHT = ("force_", "mr_")
@@ -123,13 +123,13 @@ def with_weight(table: Table) -> Table:
         added |= {"mr_g_mm": ["0"] * count, "force_phase_deg": ["0"] * count}
     elif not any(name.startswith(("force_phase_", "force_angle_")) for name in cells):
         raise ValueError(
-            f"{table.source}: the angle of the weight is not told; add force_phase_deg to the constants, degrees of "
+            f"{table.source}: the angle of the weight is not given; add force_phase_deg to the constants, degrees of "
             "lead from the Keyphasor's mark"
         )
     if "force_plane" not in cells and planes:
         if weighted and len(planes) > 1:
             raise ValueError(
-                f"{table.source}: the plane of the weight is not told; add force_plane to the constants, one of "
+                f"{table.source}: the plane of the weight is not given; add force_plane to the constants, one of "
                 f"{', '.join(planes)} or another plane of the rotor"
             )
         added["force_plane"] = [planes[0]] * count

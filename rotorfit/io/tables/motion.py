@@ -102,7 +102,7 @@ def over_frequency(values: Float, order: Index, frequency: Float) -> Float:
 
 
 def measured_names(order: Index) -> Text:
-    """What the sensor of each reading measured, in a word."""
+    """Quantity that the sensor of each reading measured, in a word."""
     return np.array(list(DERIVATIVES))[order]
 
 

@@ -1,4 +1,4 @@
-"""What a table may leave out: empty readings, the weight of a reference run, the run, an only plane."""
+"""Omissions of a table: empty readings, the weight of a reference run, the run, an only plane."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rotorfit.models.array_types import Bool
 from rotorfit.units import RPM_PER_RAD_S, UNITS, units_of
 
 _MARK = re.compile(r"[+-]?9{3,5}(\.(0+|9+))?")
-"""What instruments write where they have no reading: 999, -999, 9999.9, ..."""
+"""Values that instruments write where they have no reading: 999, -999, 9999.9, ..."""
 _BEYOND = 10.0  # times the largest other amplitude
 
 
@@ -117,14 +117,14 @@ def with_reference_rows(table: Table) -> Table:
     if not weights or "" not in planes:
         return table
     angles = [name for prefix in ("force_phase", "force_angle") for name in table.find(prefix, UNITS["phase"])]
-    told = ["force_plane", *weights, *angles]
-    without = np.logical_and.reduce([lacking(table.cells[name]) for name in told])
+    columns = ["force_plane", *weights, *angles]
+    without = np.logical_and.reduce([lacking(table.cells[name]) for name in columns])
     if not without.any() or without.all():
         return table
     zero = {"force_plane": next(filter(None, planes))}
     cells = {
         name: [zero.get(name, "0") if blank else cell for cell, blank in zip(table.cells[name], without, strict=True)]
-        for name in told
+        for name in columns
     }
     return replace(table, cells={**table.cells, **cells})
 

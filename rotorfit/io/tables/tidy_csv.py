@@ -124,9 +124,9 @@ def _start_up(table: Table) -> tuple[Table, list[Finding]]:
         return table, []
     if "direction" not in table.cells or (not weighted and not _sweeps_speed(table, speeds[0])):
         return table, []
-    told = [key for key in table.cells if key.startswith((*_OF_WEIGHTS, "mr_"))]
+    of_weights = [key for key in table.cells if key.startswith((*_OF_WEIGHTS, "mr_"))]
     if weighted and "run" not in table.cells:  # one for each weight
-        runs = [" ".join(filter(None, row)) for row in zip(*(table.cells[key] for key in told), strict=True)]
+        runs = [" ".join(filter(None, row)) for row in zip(*(table.cells[key] for key in of_weights), strict=True)]
         table = replace(table, cells={**table.cells, "run": runs}, names={**table.names, "run": "run"})
     return with_weight(table), without_weight_finding(table)
 
@@ -135,7 +135,7 @@ _OF_WEIGHTS = ("force_plane", "force_phase", "force_angle")
 
 
 def _sweeps_speed(table: Table, speed: str) -> bool:
-    """Whether each probe was read once at each of several speeds."""
+    """True if each probe was read once at each of several speeds."""
     places = [table.cells[name] for name in ("run", "plane", "direction") if name in table.cells]
     rows = list(zip(*places, table.cells[speed], strict=True))
     return len(set(rows)) == len(rows) > len(set(zip(*places, strict=True)))
@@ -319,7 +319,7 @@ def _directions(columns: Columns) -> Text:
 
 
 def _force_directions(columns: Columns, w: Float, direction: Text) -> Text:
-    """Whether each force turns or acts along an axis; a blank cell is a circular force, as is a missing column."""
+    """Kind of each force, turning or along an axis; a blank cell is a circular force, as is a missing column."""
     if not columns.has("force_direction"):
         return np.broadcast_to("circular", w.shape)
     written = columns.table.cells["force_direction"]

@@ -51,7 +51,7 @@ class Wanted:
     name: str  # by which the values are asked for
     prefix: str  # beginning of the column's name, before its unit; the whole name of a column of text
     units: Mapping[str, float] | None = None  # factor to SI by unit; none for text
-    missing: str = ""  # as which a file is told that it lacks the column; empty where the column may be left out
+    missing: str = ""  # its name in the error for a file without it; empty where the column may be left out
     several: bool = False  # whether there may be one in units of length and one in units of angle
 
     def columns(self, table: Table) -> dict[str, float]:
@@ -126,7 +126,7 @@ class Columns:
         return found
 
     def has(self, name: str) -> bool:
-        """Whether an optional column is there."""
+        """True if an optional column is there."""
         return bool(self.found[name])
 
     def words(self, name: str, otherwise: str = "") -> Text:
@@ -217,7 +217,7 @@ def _refuse_mistaken(table: Table, name: str, known: str) -> None:
 
 
 def _looks_raw(table: Table, used: set[str]) -> bool:
-    """Whether this holds samples over time: nothing of a test is in it, but times or very many rows."""
+    """True if this holds samples over time: nothing of a test is in it, but times or very many rows."""
     times = {name for name in table.cells if time_factor(name) is not None}
     if used - times:
         return False

@@ -34,12 +34,12 @@ class _Column:
 
 
 def is_wide(table: Table) -> bool:
-    """Whether the readings stand in a column a probe."""
+    """True if the readings stand in a column a probe."""
     return not {"plane", "direction"} & set(table.cells) and bool(_channels(table))
 
 
 def is_probe(name: str) -> bool:
-    """Whether a column is one of a probe."""
+    """True if a column is one of a probe."""
     return _parts(name) is not None
 
 

@@ -52,7 +52,7 @@ ALWAYS_RAW = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet", ".npz")
 
 
 def open_raw(path: str | Path) -> RawFile:
-    """What a file of raw signals holds; samples are read later."""
+    """Content of a file of raw signals; samples are read later."""
     file = Path(path)
     suffix = file.suffix.lower()
     if suffix not in FORMATS:

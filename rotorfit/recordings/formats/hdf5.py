@@ -22,7 +22,7 @@ from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count
 
 
 def open_file(path: Path) -> RawFile:
-    """What an HDF5 file holds; its samples are read later, piece by piece."""
+    """Content of an HDF5 file; its samples are read later, piece by piece."""
     found: list[tuple[str, RawChannel]] = []
     rates: list[float] = []
 

@@ -46,14 +46,14 @@ class _Array:
 
 
 def open_file(path: Path) -> RawFile:
-    """What a MAT file holds."""
+    """Content of a MAT file."""
     with path.open("rb") as file:
         modern = b"MATLAB 7.3" in file.read(128)
     return file_of(path.name, _modern(path) if modern else _classic(path))
 
 
 def file_of(name: str, tree: Mapping[str, Any]) -> RawFile:
-    """What a tree of structs holds."""
+    """Content of a tree of structs."""
     attributes = plain({name: value for name, value in tree.items() if not isinstance(value, _Array | dict | list)})
     channels: dict[str, RawChannel] = {}
     for channel in _channels(name, tree, "", None):

@@ -19,7 +19,7 @@ from rotorfit.recordings.formats.raw_file import RawFile
 
 
 def open_file(path: Path) -> RawFile:
-    """What an npz file holds."""
+    """Content of an npz file."""
     if not zipfile.is_zipfile(path):
         raise ValueError(f"{path.name} is not a readable npz file: np.savez writes one")
     check_archive(path)

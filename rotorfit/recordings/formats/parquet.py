@@ -17,7 +17,7 @@ from rotorfit.recordings.formats.spool import once, spooled
 
 
 def open_file(path: Path) -> RawFile:
-    """What a Parquet file holds; a column is read when it is first asked for."""
+    """Content of a Parquet file; a column is read when it is first asked for."""
     try:
         import pyarrow as pa
         from pyarrow import parquet

@@ -14,7 +14,7 @@ from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count
 
 
 def open_file(path: Path) -> RawFile:
-    """What a TDMS file holds; scaled channels are in volts, others in counts."""
+    """Content of a TDMS file; scaled channels are in volts, others in counts."""
     try:
         from nptdms import TdmsFile
     except ImportError as problem:

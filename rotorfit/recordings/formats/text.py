@@ -64,7 +64,7 @@ class _Line:
 
 
 def open_file(path: Path) -> RawFile:
-    """What a text file of raw signals holds."""
+    """Content of a text file of raw signals."""
     try:
         head = _head(path)
         columns = _columns(path, head)
@@ -82,7 +82,7 @@ def open_file(path: Path) -> RawFile:
 
 
 def _head(path: Path) -> _Head:
-    """What stands above the numbers: attributes, what the instrument says of itself, names, perhaps a row of units."""
+    """Lines above the numbers: attributes, notes of the instrument, names, perhaps a row of units."""
     encoding = _encoding(path)
     attributes, lines = _first_lines(path, encoding)
     first = _first_numbers(path, lines)

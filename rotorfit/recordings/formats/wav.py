@@ -14,7 +14,7 @@ from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
 
 
 def open_file(path: Path) -> RawFile:
-    """What a WAV file holds: integer samples of 16, 24 or 32 bits, or floating-point ones, which are volts."""
+    """Content of a WAV file: integer samples of 16, 24 or 32 bits, or floating-point ones, which are volts."""
     try:
         return _integers(path)
     except (wave.Error, EOFError) as problem:

@@ -161,7 +161,7 @@ def _how_it_acts(force: ComplexArray, rate: float, seen: MeasuredForce) -> tuple
 
 
 def force_across(reduced: ReducedForce, found: LocalResponse) -> tuple[ComplexArray, Float] | None:
-    """What acts along the other axis over the force, and its standard deviation, shape ``(L,)``; None where it is
+    """Force along the other axis over the force, and its standard deviation, shape ``(L,)``; None where it is
     nothing but noise. It is the last of the outputs.
 
     Raises:

@@ -56,7 +56,7 @@ class _Driven:
 
     @property
     def size(self) -> float:
-        """What stands for the size of the force at all lines, N."""
+        """Size that represents the force at all lines, N."""
         return float(np.sqrt(np.mean(np.abs(self.force.record.unit_force) ** 2)))
 
 
@@ -134,7 +134,7 @@ def _rows(driven: _Driven, found: LocalResponse, clear: Bool, report: Report) ->
 
 
 def _speed_at(reduced: ReducedRecord, found: LocalResponse) -> Float | float:
-    """Speed of each line, or that which was told of all."""
+    """Speed of each line, or the one given for all."""
     if not reduced.shaft_speed:
         return reduced.record.speed or 0.0
     return shaft_speed_at(reduced.without_orders(), found.frequency, found.width / (SMOOTH_DEGREE + 1))

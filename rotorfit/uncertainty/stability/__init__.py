@@ -1,1 +1,1 @@
-"""Whether a fitted rotor is stable enough at running speed."""
+"""Stability of a fitted rotor at running speed."""

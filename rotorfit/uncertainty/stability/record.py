@@ -53,7 +53,7 @@ class Criterion:
 
     @property
     def met(self) -> bool:
-        """Whether the fitted rotor itself meets it."""
+        """True if the fitted rotor itself meets it."""
         return self.value >= self.limit if self.at_least else self.value <= self.limit
 
 
@@ -144,7 +144,7 @@ class StabilityReport:
 
     @property
     def met(self) -> bool:
-        """Whether the fitted rotor meets every criterion.
+        """True if the fitted rotor meets every criterion.
 
         Example:
             >>> fit.stability_report(max_speed_rpm=2000).met

@@ -1,4 +1,4 @@
-"""Whether a fitted rotor is stable enough: each criterion with its interval and the probability that it is met."""
+"""Stability of a fitted rotor: each criterion with its interval and the probability that it is met."""
 
 from __future__ import annotations
 
@@ -465,7 +465,7 @@ def _unbalance_curves(
 
 
 def _caution(fit: FitResult) -> str:
-    """What is wrong with a rotor whose model misses the data."""
+    """A warning where the model misses the data."""
     if not fit.model_limited:
         return ""
     return (
