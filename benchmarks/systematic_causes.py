@@ -313,6 +313,7 @@ def _with_speed(
     lam_rise: float = 0.0,
     K0_power: float = 0.0,
     fitted: str = "",
+    **change: Any,
 ) -> tuple[Rig, Campaign]:
     """Values that change with speed, tested at shares of the threshold; they are those at the mean tested speed."""
     threshold = rig.truth()["threshold_speed"]
@@ -320,7 +321,9 @@ def _with_speed(
     changing = replace(rig, speed=speed, lam_rise=lam_rise * speed / (threshold / 2), K0_power=K0_power)
     law = rf.models.LinearInSpeed((fitted,), speed_rpm=speed * 30 / math.pi) if fitted else None
     return changing, Campaign(
-        speeds=tuple(share * threshold for share in shares), model={"law": law} if law is not None else {}
+        speeds=tuple(share * threshold for share in shares),
+        model={"law": law} if law is not None else {},
+        **change,
     )
 
 
@@ -366,6 +369,9 @@ CAUSES: dict[str, tuple[Callable[[np.random.Generator], Rig], Draw]] = {
     "lam +5 % a half threshold, two speeds": (one_mode, partial(_with_speed, shares=(0.4, 0.7), lam_rise=0.05)),
     "lam +5 % a half threshold, one speed": (one_mode, partial(_with_speed, shares=(0.5,), lam_rise=0.05)),
     "K0 as speed^0.3, four speeds": (one_mode, partial(_with_speed, K0_power=0.3)),
+    "K0 as speed^0.3, two speeds, noise 0.1 %, estimated": (
+        one_mode, partial(_with_speed, shares=(0.4, 0.7), K0_power=0.3, noise=0.001, sigma_given=False),
+    ),
     "in proportion to speed, lam +5 % a half threshold, four speeds": (
         one_mode, partial(_with_speed, lam_rise=0.05, fitted="lam"),
     ),

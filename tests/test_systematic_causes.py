@@ -85,6 +85,20 @@ def test_a_found_cause_is_a_warning_that_says_what_to_do() -> None:
     assert abs(fit.threshold_of(0).value / truth - 1) > 0.02
 
 
+def test_what_explains_the_same_as_a_found_cause_is_no_further_doubt() -> None:
+    """From two speeds Ds 30 times as large explains what a K0 that changes does, through ``Mf lam^2``: D had an error
+    of 80 %. Beside the cause the data say nothing of Ds, which keeps its plausible size of 3 % of D."""
+    rng = np.random.default_rng(1)
+    rig, test = CAUSES["K0 as speed^0.3, two speeds, noise 0.1 %, estimated"][1](one_mode(rng), rng)
+    fit = rf.fit(rf.models.OneMode(), measured(rig, test, rng), known=rig.known)
+    assert fit.noise is not None
+    assert [cause.name for cause in fit.noise.causes] == ["change with speed[K0]"]
+    entry = fit.assumptions()["Ds"]
+    assert not entry.tested
+    assert entry.left == pytest.approx(entry.plausible, rel=0.1)
+    assert not {"Ds", "g[journal]"} & {entry.name for entry in fit.assumptions().missing}
+
+
 SMALL = {
     "probe amplitude[journal]": {"probe": 0.005},
     "delay[all channels]": {"filter": 40.0},

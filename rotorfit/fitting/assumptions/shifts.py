@@ -86,16 +86,21 @@ def assuming(fit: FitResult, given: Mapping[str, float], *, also_fitted: bool = 
 
 def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
     """Entries of the table for some terms; of found causes with the size that the study of residuals gave them. Effects
-    of runs, which the fit may have since, take up a part of a cause."""
+    of runs, which the fit may have since, take up a part of a cause. Other terms have the size that residuals ask for
+    beside those causes: what explains the same is no second reason to doubt the results."""
     if not terms:
         return []
     problem = fit.problem
     residuals, jacobian = problem.jacobian(fit.x)
     columns = whitened_columns(problem, fit.x, terms)
-    root = np.sqrt(robust_weights(problem.loss, np.abs(residuals) ** 2)[1])
-    scores = score_tests(
-        residuals * root, jacobian * root[:, None], columns * root[:, None], prior_curvature(problem, fit.x)
-    )
+    root = np.sqrt(robust_weights(problem.loss, np.abs(residuals) ** 2)[1])[:, None]
+    residuals, jacobian, columns = residuals * root[:, 0], jacobian * root, columns * root
+    prior = prior_curvature(problem, fit.x)
+    scores = beside = score_tests(residuals, jacobian, columns, prior)
+    found = [isinstance(term, Cause) and bool(term.sizes) for term in terms]
+    if any(found):
+        wider = np.hstack([jacobian, columns[:, found]])
+        beside = score_tests(residuals, wider, columns, np.concatenate([prior, np.zeros(sum(found))]))
     onset = fit.onset(0) if fit.model.speed_dependent else None
     errors = {name: fit.params[name].stderr for name in _RESULTS if name in fit.var_names}
     if not errors:
@@ -106,13 +111,14 @@ def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
     entries = []
     for number, term in enumerate(terms):
         name, meaning, unit, plausible = _described(fit, term)
+        tested = scores if found[number] else beside
         entries.append(
             Assumption(
                 name=name,
                 meaning=meaning,
                 unit=unit,
-                estimate=term.size if isinstance(term, Cause) and term.sizes else float(scores.estimate[number]),
-                stderr=float(scores.stderr[number]) * math.sqrt(fit.widening),
+                estimate=term.size if isinstance(term, Cause) and term.sizes else float(tested.estimate[number]),
+                stderr=float(tested.stderr[number]) * math.sqrt(fit.widening),
                 plausible=plausible,
                 shifts={
                     result: float(scores.shift[number, fit.var_names.index(result)])
