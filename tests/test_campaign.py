@@ -309,7 +309,7 @@ def test_wrong_words_for_trends(fitted):
 
 def test_plot_shows_every_run_with_its_error(fitted):
     figure = fitted.plot_trends(against="pressure_psi", by="inlet")
-    assert [axis.get_ylabel() for axis in figure.axes] == ["K0 (kN/m)", "lam", "D (N s/m)"]
+    assert [axis.get_ylabel() for axis in figure.axes] == ["K0, kN/m", "lam", "D, N s/m"]
     assert figure.axes[-1].get_xlabel() == "pressure_psi"
     drawn = sum(len(container[0].get_xdata()) for container in figure.axes[1].containers)
     assert drawn == 20

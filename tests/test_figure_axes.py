@@ -41,7 +41,7 @@ def test_responses_over_the_ratio_and_forward_over_reverse(fit: rf.FitResult) ->
         assert np.abs(points[np.abs(points[:, 0] - x) < 1e-9, 1] / y - 1).min() < 0.02  # noise of 0.1 % of the peak
     mr = 2e-5
     amplitude, _ = fit.plot_bode(against="size", mr=mr, unit=("hz", "mil_pp")).axes
-    assert amplitude.get_ylabel() == "mil pp"
+    assert amplitude.get_ylabel() == "amplitude, mil pp"
     backward = [line for line in amplitude.get_lines() if line.get_markerfacecolor() == "none"]
     forward = [line for line in amplitude.get_lines() if line.get_marker() == "." and line not in backward]
     assert len(backward) == len(forward) == 2
@@ -92,7 +92,7 @@ def test_response_and_stiffness_of_several_conditions(fit: rf.FitResult) -> None
     figure = fit.plot_drive_point()
     phase, amplitude, direct, quadrature = figure.axes
     assert [axis.get_ylabel() for axis in (direct, quadrature)] == ["direct, kN/m", "quadrature, kN/m"]
-    assert amplitude.get_ylabel() == "µm/N"
+    assert amplitude.get_ylabel() == "amplitude, µm/N"
     assert phase.get_ylabel().startswith("phase lead of the probe")
     words = [text.get_text() for text in figure.legends[0].get_texts()]
     assert words[:2] == ["954.9 rpm", "1719 rpm"]

@@ -225,9 +225,9 @@ def test_the_figure_shows_curve_level_and_ends(tmp_path):
     np.testing.assert_allclose(np.sqrt(y), np.abs(x - found.value) / fit.params["D"].stderr)
     assert level.get_ydata()[0] == pytest.approx(3.8415, abs=1e-4)
     assert (low.get_xdata()[0], high.get_xdata()[0]) == found.interval
-    assert figure.axes[0].get_xlabel() == "D (N s/m)"
+    assert figure.axes[0].get_xlabel() == "D, N s/m"
     speed = fit.profile("threshold_speed", points=5).plot().axes[0]
-    assert speed.get_xlabel() == "threshold speed (rpm)"
+    assert speed.get_xlabel() == "threshold speed, rpm"
     assert speed.lines[0].get_xdata()[2] == pytest.approx(fit.threshold_speed().value * 30 / np.pi)
 
 

@@ -33,7 +33,7 @@ def plot_trends(trends: Sequence[Trend], by: str | None = None) -> Figure:
             mine = [trend for trend in trends if (trend.parameter, trend.against) == (parameter, name)]
             unit, hidden = _panel(axis, mine, groups, handles)
             beyond = max(beyond, hidden)
-        axes[row, 0].set_ylabel(literal(parameter if unit == "1" else f"{parameter} ({unit})"), fontsize=8)
+        axes[row, 0].set_ylabel(literal(parameter if unit == "1" else f"{parameter}, {unit}"), fontsize=8)
     for axis, name in zip(axes[-1], against, strict=True):
         axis.set_xlabel(literal(name) + (", others held" if len(against) > 1 else ""), fontsize=8)
     labels = [literal(group if by is None else f"{by} {group}") for group in groups] if groups != [""] else []

@@ -47,7 +47,7 @@ def plot_trend(trend: MachineTrend) -> Figure:
                 if place.found:
                     middle = x[split - 1] + (x[split] - x[split - 1]) / 2
                     handles["change"] = axis.axvline(middle, color=GREY, linestyle="--", linewidth=1)
-            axis.set_ylabel(f"{place.names[row]} ({unit})", fontsize=SMALL_TYPE)
+            axis.set_ylabel(f"{place.names[row]}, {unit}", fontsize=SMALL_TYPE)
             if row < len(place.names) - 1:
                 axis.tick_params(labelbottom=False)
         _name_tests(axes[len(place.names) - 1, column], place.dates, dated=place.dated)

@@ -26,7 +26,7 @@ def plot_rules(rules: Sequence[Rule], dates: Mapping[int, str]) -> Figure:
         when = [datetime.fromisoformat(dates[test]) for test in watched.tests]
         speed = watched.unit == "rad/s"
         factor, unit = (RPM_PER_RAD_S, "rpm") if speed else prefix(watched.value, watched.unit)
-        factor, unit = (1.0, "") if watched.unit == "1" else (factor, f" ({unit})")
+        factor, unit = (1.0, "") if watched.unit == "1" else (factor, f", {unit}")
         handles["one test, with its standard error"] = axes[row, 0].errorbar(
             when, watched.value * factor, watched.stderr * factor, fmt="o", color=COLOURS[0], markersize=3, linewidth=1
         )

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 @looked
 def plot_plan(plan: Plan) -> Figure:
     """Share of the averaging time, and gain over that of what is measured, against frequency, run by run."""
-    aim = " and ".join(plan.quantity) if plan.quantity else "all parameters together"
+    aim = " and ".join(plan.quantity).replace("_", " ") if plan.quantity else "all parameters together"
     figure, axes = grid(2, 1, literal(f"Plan for {aim}"), size=(6.2, 2.4), one_abscissa=True)
     top, below = axes[:, 0]
     runs = np.array(plan.lines.run)
@@ -32,8 +32,8 @@ def plot_plan(plan: Plan) -> Figure:
     top.axhline(100 / plan.share.size, color="0.4", lw=0.8, ls="--", label="all lines alike")
     below.axhline(plan.certificate.phi.max(), color="0.4", lw=0.8, ls=":")
     top.set_ylabel("share of the averaging time, %", fontsize=8)
-    below.set_ylabel("gain of a line (1: as the mean)", fontsize=8)
-    below.set_xlabel(f"frequency of the force, {rate_unit()}", fontsize=8)
+    below.set_ylabel("gain of a line (mean: 1)", fontsize=8)
+    below.set_xlabel(f"frequency of the force, {rate_unit()} (backward < 0)", fontsize=8)
     few = 12  # runs that a legend names
     if len(names) <= few:
         legend_below(figure, *top.get_legend_handles_labels())

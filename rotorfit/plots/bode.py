@@ -15,6 +15,7 @@ from rotorfit.plots.dynamic_stiffness import draw_drive_point
 from rotorfit.plots.style import (
     GREY,
     PHASE_LABEL,
+    amplitude_unit,
     decade_ticks,
     grid,
     legend_below,
@@ -181,7 +182,7 @@ def finish_bode(fit: FitResult, pair: Sequence[Any], found: Sequence[SweepCurve]
     decade_ticks(amplitude.yaxis)
     shown = [(along.scale(c.frequency) * np.abs(c.measured), along.scale(c.fine) * np.abs(c.fitted)) for c in found]
     _amplitude_limits(amplitude, factor * np.concatenate([part for both in shown for part in both]))
-    amplitude.set_ylabel(unit, fontsize=8)
+    amplitude.set_ylabel(unit if unit.startswith("N/") else f"amplitude, {unit}", fontsize=8)
     phase.set_ylabel("phase lead of the force, deg" if unit.startswith("N/") else PHASE_LABEL, fontsize=8)
     phase.set_yticks([-180, -90, 0, 90, 180])
     phase.set_ylim(-190, 190)
@@ -194,7 +195,7 @@ def _bode_unit(fit: FitResult, coordinate: int, along: _Axis) -> tuple[float, st
         return factor, unit
     if unit.startswith("N/"):
         raise ValueError("mr is for responses to a force; these orbits were imposed")
-    return factor, unit.removesuffix("/N")
+    return factor, amplitude_unit(unit.removesuffix("/N"))
 
 
 def _amplitude_limits(axis: Any, sizes: Float) -> None:

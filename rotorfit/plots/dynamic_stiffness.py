@@ -19,7 +19,17 @@ from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.plots.journal import half_width
-from rotorfit.plots.style import GREY, grid, legend_below, literal, per_rad_s, prefix, rate_unit, rate_words
+from rotorfit.plots.style import (
+    GREY,
+    grid,
+    legend_below,
+    literal,
+    number_words,
+    per_rad_s,
+    prefix,
+    rate_unit,
+    rate_words,
+)
 from rotorfit.plots.sweeps import SweepCondition, sweeps
 
 if TYPE_CHECKING:
@@ -336,13 +346,12 @@ def _readings(
     where = f"{condition.name}:\n" if len(shown) > 1 else ""
     C = fit.model.coefficients(theta[condition.group], speed)[:, row, column]
     stiffness, unit = prefix(np.array([C[0].real]), _unit(fit, row, column))
-    direct = f"at 0: {_symbols(fit, 0, row, column)}{C[0].real * stiffness:.4g} {unit}"
+    direct = f"at 0: {_symbols(fit, 0, row, column)}{number_words(C[0].real * stiffness)} {unit}"
     if len(C) > 2 and abs(C[2].real) > 0:
         named = "−slope" if against == "square" else "−curvature/2"
-        direct += f"\n{named}: {_symbols(fit, 2, row, column)}{C[2].real:.4g} {_mass_unit(fit, row, column)}"
-    quadrature = (
-        f"slope: {C[1].real:.4g} {_unit(fit, row, column).replace('N', 'N s', 1)}" if abs(C[1].real) > 0 else ""
-    )
+        direct += f"\n{named}: {_symbols(fit, 2, row, column)}{number_words(C[2].real)} {_mass_unit(fit, row, column)}"
+    damping = _unit(fit, row, column).replace("N", "N s", 1)
+    quadrature = f"slope: {number_words(C[1].real)} {damping}" if abs(C[1].real) > 0 else ""
     box = {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": "0.8", "alpha": 0.85}
     for axis, text in zip(pair, (direct, quadrature), strict=True):
         if text:

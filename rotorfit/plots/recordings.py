@@ -16,6 +16,8 @@ from rotorfit.plots.style import (
     GREY,
     PAGE,
     PHASE_LABEL,
+    amplitude_unit,
+    few_ticks,
     grid,
     legend_below,
     length,
@@ -52,9 +54,9 @@ def plot_timebase(stretches: Sequence[Stretch], name: str) -> Figure:
                 at = np.interp(times, part.t, values * length()[0])
                 style = {"color": _MARK_COLOURS[mark], "markersize": 4, "linestyle": ""}
                 handles[f"mark of the {mark}"] = axis.plot(times, at, marker="o", **style)[0]
-        axis.set_ylabel(literal(f"{part.plane} ({length()[1]})"), fontsize=9)
+        axis.set_ylabel(literal(f"{part.plane}, {length()[1]}"), fontsize=9)
         axis.margins(x=0.01)
-    axes[-1, 0].set_xlabel("time (s)", fontsize=9)
+    axes[-1, 0].set_xlabel("time, s", fontsize=9)
     legend_below(figure, list(handles.values()), list(handles))
     return figure
 
@@ -90,8 +92,10 @@ def _orbit(axis: Any, part: Stretch, z: NDArray[Any], dots: dict[str, Float], ha
     axis.set_xlim(middle.real - reach, middle.real + reach)
     axis.set_ylim(middle.imag - reach, middle.imag + reach)
     axis.set_aspect("equal")
-    axis.set_xlabel(f"x ({length()[1]})", fontsize=8)
-    axis.set_ylabel(f"y ({length()[1]})", fontsize=8)
+    for side in (axis.xaxis, axis.yaxis):
+        few_ticks(side, 4)
+    axis.set_xlabel(f"x, {length()[1]}", fontsize=8)
+    axis.set_ylabel(f"y, {length()[1]}", fontsize=8)
     if not np.isfinite(z).any():
         text = "not distinguished from the other mark"
         axis.text(0.5, 0.5, text, transform=axis.transAxes, ha="center", fontsize=8, color=GREY)
@@ -119,9 +123,7 @@ def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
     for axis, line in zip(axes[0], lines, strict=True):
         z = line.z * length()[0]
         by_speed = np.isfinite(line.speed).all() and np.ptp(line.speed) > 0.02 * np.abs(line.speed).max()
-        values, label = (
-            (np.abs(line.speed) * per_rad_s(), f"speed ({rate_unit()})") if by_speed else (line.t, "time (s)")
-        )
+        values, label = (np.abs(line.speed) * per_rad_s(), f"speed, {rate_unit()}") if by_speed else (line.t, "time, s")
         axis.plot(z.real, z.imag, color="0.8", linewidth=0.7, zorder=1)
         drawn = axis.scatter(z.real, z.imag, c=values, s=9, cmap="viridis", zorder=2)
         style = {"color": COLOURS[1], "markersize": 6, "markerfacecolor": "none", "linestyle": ""}
@@ -137,8 +139,8 @@ def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
             handles |= _draw_clearance(axis, line.clearance)
         axis.set_aspect("equal")
         axis.set_title(literal(line.plane), fontsize=9)
-        axis.set_xlabel(f"x ({length()[1]})", fontsize=9)
-        axis.set_ylabel(f"y ({length()[1]})", fontsize=9)
+        axis.set_xlabel(f"x, {length()[1]}", fontsize=9)
+        axis.set_ylabel(f"y, {length()[1]}", fontsize=9)
     legend_below(figure, list(handles.values()), list(handles))
     return figure
 
@@ -168,12 +170,12 @@ def plot_bode(vectors: OrderVectors, name: str) -> Figure:
             )
             bottom.plot(x, _unwrapped(values), color=colour, linewidth=1)
         top.set_title(literal(plane), fontsize=9)
-        top.set_ylabel(f"amplitude ({length()[1]} 0-pk)", fontsize=9)
+        top.set_ylabel(f"amplitude, {amplitude_unit()}", fontsize=9)
         top.set_ylim(bottom=0)
         top.legend(fontsize=8, frameon=False, title=_gap(vectors), title_fontsize=7)
         bottom.set_ylabel(PHASE_LABEL, fontsize=9)
         bottom.set_xlabel(
-            f"speed of the {vectors.reference} ({rate_unit()})" if over == "speed" else "time (s)", fontsize=9
+            f"speed of the {vectors.reference}, {rate_unit()}" if over == "speed" else "time, s", fontsize=9
         )
     return figure
 
@@ -207,7 +209,7 @@ def plot_polar(vectors: OrderVectors, name: str) -> Figure:
     """Locus of every probe's vector, speeds written beside it; angles from the probe, with phase lead."""
     columns = min(len(vectors.probes), 2)
     rows = -(-len(vectors.probes) // columns)
-    title = literal(f"{name}: {_what(vectors)} ({length()[1]} 0-pk)")
+    title = literal(f"{name}: {_what(vectors)}, {amplitude_unit()}")
     figure, axes = grid(rows, columns, title, size=(3.5, 3.5), projection="polar")
     for axis in axes.flat[len(vectors.probes) :]:
         axis.set_visible(False)
@@ -261,8 +263,8 @@ def plot_full_spectrum(
                 axis.text(at / (2 * np.pi), top * 1.13, literal(label), fontsize=7, color=COLOURS[1], ha="center")
         axis.set_xlim(-edge, edge)
         axis.set_ylim(0, top * (1.25 if marks else 1.15) or 1.0)
-        axis.set_ylabel(literal(f"{plane} ({length()[1]} 0-pk)"), fontsize=9)
-    axes[-1, 0].set_xlabel("frequency (Hz): backward < 0 < forward", fontsize=9)
+        axis.set_ylabel(literal(f"{plane}, {amplitude_unit()}"), fontsize=9)
+    axes[-1, 0].set_xlabel("frequency, Hz (backward < 0 < forward)", fontsize=9)
     return figure
 
 
@@ -287,7 +289,7 @@ def plot_cascade(
     inside = np.abs(cascade.frequency) <= edge
     frequency, amplitude = cascade.frequency[inside], cascade.amplitude[:, inside] * length()[0]
     scale, label = (
-        (1.0, "time (s)") if cascade.over == "time" else (per_rad_s(), f"{_position_of(cascade)} ({rate_unit()})")
+        (1.0, "time, s") if cascade.over == "time" else (per_rad_s(), f"{_position_of(cascade)}, {rate_unit()}")
     )
     position = cascade.position * scale
     spacing = np.ptp(position) / max(position.size - 1, 1) or 1.0
@@ -301,14 +303,14 @@ def plot_cascade(
     _order_lines(axis, cascade, position, edge, lines)
     axis.set_xlim(-edge, edge)
     axis.set_ylim(position.min() - spacing, position.max() + 8 * spacing)
-    axis.set_xlabel("frequency (Hz): backward < 0 < forward", fontsize=9)
+    axis.set_xlabel("frequency, Hz (backward < 0 < forward)", fontsize=9)
     axis.set_ylabel(label, fontsize=9)
     axis.tick_params(labelsize=8)
     bar = float(f"{amplitude.max(initial=1e-9) / 2:.1g}")
     right = 0.96 * edge
     foot = position.max() + 3.5 * spacing  # above the labels of the lines
     axis.plot([right, right], [foot, foot + bar * height], color="black", zorder=999)
-    axis.text(right - 0.01 * edge, foot, f"{bar:g} {length()[1]}", fontsize=8, ha="right", zorder=999)
+    axis.text(right - 0.025 * edge, foot, f"{bar:g} {amplitude_unit()}", fontsize=8, ha="right", zorder=999)
     return figure
 
 
@@ -337,8 +339,9 @@ def _order_lines(
         axis.plot(inside, position[order], color=colour, linewidth=0.8, linestyle="--", zorder=998, alpha=0.7)
         shown = np.flatnonzero(np.isfinite(inside))
         if shown.size:
-            place = (inside[shown[-1]], position[order][shown[-1]])
-            side = "right" if place[0] > 0.93 * edge else "left" if place[0] < -0.93 * edge else "center"
+            at_edge = 0.93 * edge  # beyond it a label would reach out of the axes
+            place = (float(np.clip(inside[shown[-1]], -0.99 * edge, 0.99 * edge)), position[order][shown[-1]])
+            side = "right" if place[0] > at_edge else "left" if place[0] < -at_edge else "center"
             style = {"fontsize": 8, "color": colour, "ha": side, "zorder": 999, "bbox": _LABEL}
             axis.annotate(label, place, (0, 14 if "w" in label else 4), textcoords="offset points", **style)
 
@@ -354,9 +357,9 @@ def plot_speed(tracks: Sequence[SpeedTrack], name: str) -> Figure:
         top.plot(each.raw_t, each.raw_speed * per_rad_s(), ".", label="from pulse to pulse", **style)
         top.plot(each.t, each.speed * per_rad_s(), color=colour, linewidth=1, label="smoothed")
         top.set_title(each.mark, fontsize=9)
-        top.set_ylabel(f"speed ({rate_unit()})", fontsize=9)
+        top.set_ylabel(f"speed, {rate_unit()}", fontsize=9)
         top.legend(fontsize=8, frameon=False)
         bottom.plot(each.t, each.acceleration * per_rad_s(), color=colour, linewidth=1)
-        bottom.set_ylabel(f"sweep rate ({rate_unit()}/s)", fontsize=9)
-        bottom.set_xlabel("time (s)", fontsize=9)
+        bottom.set_ylabel(f"sweep rate, {rate_unit()}/s", fontsize=9)
+        bottom.set_xlabel("time, s", fontsize=9)
     return figure

@@ -67,7 +67,7 @@ def plot_polar(fit: FitResult) -> Figure:
         colour = curve.condition.colour
         factor, _ = response_unit(fit, curve.coordinate)
         face = colour if curve.frequency[-1] > 0 else "none"
-        z, fitted = factor * curve.seen, factor * curve.line_seen
+        z, fitted = factor * curve.seen, factor * _round(curve)
         axis.plot(z.real, z.imag, "o", ms=3, mfc=face, mec=colour, mew=0.6, alpha=0.5)
         axis.plot(fitted.real, fitted.imag, "-", lw=1.1, color=colour)
     for pair, (axis,) in panels.axes.items():
@@ -81,7 +81,7 @@ def plot_polar(fit: FitResult) -> Figure:
         axis.axvline(0, color="0.7", lw=0.6)
         every = np.asarray(factor * np.concatenate([*(c.line_seen for c in mine), np.zeros(1)]), dtype=complex)
         _square(axis, every)
-        _mark_frequencies(axis, mine, factor, 0.58 * max(np.ptp(every.real), np.ptp(every.imag), 1e-12))
+        _mark_frequencies(axis, mine, factor)
     both = len({bool(c.frequency[-1] > 0) for c in found}) > 1
     marks = (
         [("o", GREY, "measured, forward"), ("o", "none", "measured, backward")] if both else [("o", GREY, "measured")]
@@ -90,27 +90,42 @@ def plot_polar(fit: FitResult) -> Figure:
     return figure
 
 
-def _mark_frequencies(axis: Any, found: Sequence[SweepCurve], factor: float, reach: float) -> None:
-    """Crosses at round frequencies on the fitted lines, each with its number where there is room for it."""
+def _round(curve: SweepCurve) -> ComplexArray:
+    """The fitted line as a probe shows it, with so many points that the loop of a sharp resonance is no polygon."""
+    if curve.fine.size <= curve.frequency.size:  # a line along the readings
+        return curve.line_seen
+    from scipy.interpolate import CubicSpline
+
+    finer = 6  # points for each of a fitted line: of a resonance with 1 % of damping every second degree of its loop
+    along = np.linspace(0, curve.fine.size - 1, finer * (curve.fine.size - 1) + 1)
+    return np.asarray(CubicSpline(np.arange(curve.fine.size), curve.line_seen)(along), dtype=complex)
+
+
+def _mark_frequencies(axis: Any, found: Sequence[SweepCurve], factor: float) -> None:
+    """Crosses at round frequencies on the fitted lines, each with its number on the outer side of the curve."""
     from matplotlib.ticker import MaxNLocator
 
     top = max(float(np.abs(c.fine).max()) for c in found) * per_rad_s()
     steps = np.asarray(MaxNLocator(nbins=28, steps=[1, 2, 5, 10]).tick_values(-top, top))
+    middle = complex(np.mean(axis.get_xlim()), np.mean(axis.get_ylim()))
+    reach = np.ptp(axis.get_xlim()) / 2
+    apart = 0.3  # of crosses, in halves of the axis
     placed: list[complex] = []
     for curve in found:
         x = curve.fine * per_rad_s()
         for rpm in sorted(steps[(steps >= x[0]) & (steps <= x[-1]) & (steps != 0)], key=abs):
             z = factor * complex(np.interp(rpm, x, curve.line_seen.real), np.interp(rpm, x, curve.line_seen.imag))
-            if all(abs(z - other) > 0.3 * reach for other in placed):
+            if all(abs(z - other) > apart * reach for other in placed):
                 placed.append(z)
                 axis.plot(z.real, z.imag, "x", ms=4.5, mew=1.1, color="black", zorder=5)
-                left = z.real > np.mean(axis.get_xlim())  # towards the middle, where there is room
+                left, low = z.real < middle.real, z.imag < middle.imag
                 axis.annotate(
                     f"{rpm:.4g}".replace("-", "−"),
                     (z.real, z.imag),
-                    xytext=(-4 if left else 4, 3),
+                    xytext=(-4 if left else 4, -3 if low else 3),
                     textcoords="offset points",
                     ha="right" if left else "left",
+                    va="top" if low else "bottom",
                     fontsize=SMALL_TYPE,
                     color=curve.condition.colour,
                     zorder=5,
@@ -119,9 +134,10 @@ def _mark_frequencies(axis: Any, found: Sequence[SweepCurve], factor: float, rea
 
 
 def _square(axis: Any, values: ComplexArray) -> None:
-    """Square limits around the fitted curve; noise of low frequencies may lie outside."""
+    """Square limits around the fitted curve and numbers beside it; noise of low frequencies may lie outside."""
     middle = complex(values.real.min() + values.real.max(), values.imag.min() + values.imag.max()) / 2
-    reach = 0.58 * max(np.ptp(values.real), np.ptp(values.imag), 1e-12)
+    room = 0.64  # half of the axis, in lengths of the curve
+    reach = room * max(np.ptp(values.real), np.ptp(values.imag), 1e-12)
     axis.set_xlim(middle.real - reach, middle.real + reach)
     axis.set_ylim(middle.imag - reach, middle.imag + reach)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -74,7 +75,7 @@ def plot_lines(fit: FitResult) -> Figure:
         for curve in own:
             colour = GREY if np.isnan(curve.speed) else colour_of(speeds.index(curve.speed), len(speeds))
             _draw(size, phase, curve, factor, colour)
-        size.set_ylabel(f"{literal(kind)}\n{name}", fontsize=SMALL_TYPE)
+        size.set_ylabel(f"{_written(kind)}\n{name}", fontsize=SMALL_TYPE)
         size.set_yscale("log")
         decade_ticks(size.yaxis)
         top = max(float(np.abs(c.fitted).max()) for c in own) * factor
@@ -92,6 +93,11 @@ def plot_lines(fit: FitResult) -> Figure:
                 )
     _legend(figure, speeds, len(kinds) > len({c.title for c in curves if not np.isnan(c.speed)}))
     return figure
+
+
+def _written(line: str) -> str:
+    """The name of a line as formulas are written: 2Ω − w for 2Om-w."""
+    return literal(re.sub(r"(?<=[\w)])-", " − ", line).replace("-", "−").replace("Om", "Ω"))
 
 
 _PERTURBED, _RUNNING = "perturbation frequency w, {} (negative: backward)", "rotative speed, {}"

@@ -10,6 +10,7 @@ import numpy as np
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.matching import cheapest_rows
 from rotorfit.fitting.digits import interval as interval_words
+from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.quantities import THRESHOLD
 from rotorfit.models import AnisotropicShaft, Turning, eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
@@ -170,8 +171,10 @@ def _legend(figure: Figure, modes: list[str], onset: Quantity | None, *, tested:
     if onset is not None:
         handles.append(Line2D([], [], color=_THRESHOLD, lw=1.4))
         low, high = (per_rad_s() * end for end in onset.interval(0.95))
-        interval = f", 95 % {interval_words(low, high)}" if np.isfinite(high) else ""
-        labels.append(f"threshold {onset.value * per_rad_s():.5g}{interval} {rate_unit()}")
+        known = np.isfinite(high) and high > low
+        value = with_error(onset.value * per_rad_s(), (high - low) / 4 if known else np.nan)[0]
+        interval = f", 95 % {interval_words(low, high)}" if known else ""
+        labels.append(f"threshold {value} {rate_unit()}{interval}")
     handles.append(Patch(color=_THRESHOLD, alpha=0.15))
     labels.append("unstable")
     handles.append(Line2D([], [], color="0.6", lw=0.9, ls="--"))

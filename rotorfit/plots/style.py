@@ -98,6 +98,18 @@ def length() -> tuple[float, str]:
     return 1 / UNITS["displacement"][name], _NAMES.get(base, base) + {"": "", "pp": " pp"}.get(peak, f" {peak}")
 
 
+def amplitude_unit(unit: str | None = None) -> str:
+    """A unit of amplitudes, by default the figure's unit of length, with 0-pk unless it is pp or rms already."""
+    name = length()[1] if unit is None else unit
+    return name if name.endswith((" pp", " rms")) else f"{name} 0-pk"
+
+
+def number_words(value: float, digits: int = 4) -> str:
+    """A number with so many significant digits, zeros at its end too: 28.30, not 28.3."""
+    text = f"{value:#.{digits}g}".rstrip(".")
+    return text.replace("-", "−", 1) if text.startswith("-") else text
+
+
 class ShownFigure(Figure):
     """A figure that a notebook shows without pyplot, which would keep every figure ever made."""
 
@@ -234,12 +246,17 @@ def legend_below(figure: Any, handles: Sequence[Any], labels: Sequence[str]) -> 
         figure.axes[-1].legend(handles, labels, fontsize=SMALL_TYPE, frameon=False)
     elif len(labels):
         room = figure.bbox.width / whole.dpi * 72 / (0.55 * SMALL_TYPE)  # letters in a row
-        columns = int(room / (max(len(label) for label in labels) + 6))
+        beside = 9  # letters whose room a line and the gaps beside it take
+        widths = [
+            sum(max(map(len, column)) + beside for column in np.array_split(np.array(labels, dtype=object), count))
+            for count in range(1, min(len(labels), 6) + 1)
+        ]
+        columns = max([count for count, width in enumerate(widths, 1) if width <= room], default=1)
         figure.legend(
             handles,
             labels,
             loc="outside lower center",
-            ncols=min(max(columns, 1), len(labels), 6),
+            ncols=columns,
             fontsize=SMALL_TYPE,
             frameon=False,
         )

@@ -10,11 +10,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rotorfit.models.array_types import Float
-from rotorfit.plots.style import COLOURS, PAGE, grid, literal, looked, per_rad_s, prefix, rate_unit
+from rotorfit.plots.style import COLOURS, PAGE, SMALL_TYPE, grid, literal, looked, per_rad_s, prefix, rate_unit
 from rotorfit.recordings.twist import TwistView
 
-_ORDERS = {"w − Om": (1, -1), "w − 2 Om": (1, -2), "2(w − Om)": (2, -2), "1x": (0, 1), "2x": (0, 2)}
-"""Combination lines of the twist: multiples of w and of Om."""
+_ORDERS = {"w − Ω": (1, -1), "w − 2Ω": (1, -2), "2(w − Ω)": (2, -2), "1x": (0, 1), "2x": (0, 2)}
+"""Combination lines of the twist: multiples of w and of Ω, the rotative speed."""
 
 
 @looked
@@ -25,7 +25,7 @@ def plot_twist(
 
     ``marks``: frequencies to mark, rad/s, by name, as the torsional natural frequency and its half (Fig. 38).
     """
-    scale, label = (1.0, "time (s)") if view.over == "time" else (per_rad_s(), _axis_label(view))
+    scale, label = (1.0, "time, s") if view.over == "time" else (per_rad_s(), _axis_label(view))
     position = view.position * scale
     lines = {key: np.abs(m * view.perturbation + n * view.shaft) / (2 * np.pi) for key, (m, n) in _ORDERS.items()}
     highest = max((float(np.nanmax(at)) for at in lines.values() if np.isfinite(at).any()), default=np.inf)
@@ -35,7 +35,7 @@ def plot_twist(
     factor, unit = prefix(view.overall, "rad")
     order = np.argsort(position)
     overall.plot(position[order], view.overall[order] * factor, color=COLOURS[0], lw=1.2)
-    overall.set_ylabel(f"overall amplitude ({unit} 0-pk)", fontsize=9)
+    overall.set_ylabel(f"overall amplitude, {unit} 0-pk", fontsize=9)
     overall.set_ylim(bottom=0)
     overall.set_xlabel(label, fontsize=9)
     _cascade(cascade, view, position, edge)
@@ -45,13 +45,13 @@ def plot_twist(
         cascade.axvline(mark / (2 * np.pi), color="black", lw=0.9, ls=":", zorder=998)
         style = {"fontsize": 8, "ha": "center", "va": "bottom", "xycoords": cascade.get_xaxis_transform()}
         cascade.annotate(literal(key), (mark / (2 * np.pi), 1.0), **style)
-    cascade.set_xlabel("frequency (Hz)", fontsize=9)
+    cascade.set_xlabel("frequency, Hz", fontsize=9)
     cascade.set_ylabel(label, fontsize=9)
     return figure
 
 
 def _axis_label(view: TwistView) -> str:
-    return f"speed of the shaft ({rate_unit()})" if view.over == "speed" else f"perturbation frequency ({rate_unit()})"
+    return f"speed of the shaft, {rate_unit()}" if view.over == "speed" else f"perturbation frequency, {rate_unit()}"
 
 
 def _cascade(axis: Any, view: TwistView, position: Float, edge: float) -> None:
@@ -68,9 +68,7 @@ def _cascade(axis: Any, view: TwistView, position: Float, edge: float) -> None:
         axis.plot(view.frequency[inside], curve, color=COLOURS[0], lw=0.6, zorder=3 + rank)
     axis.set_xlim(0, edge)
     axis.set_ylim(position.min() - spacing, position.max() + (spacings + 1) * spacing)
-    axis.text(
-        0.99, 0.02, "height: square root of the amplitude", fontsize=7, ha="right", transform=axis.transAxes, zorder=999
-    )
+    axis.set_title("height: square root of the amplitude", fontsize=SMALL_TYPE, loc="right")
 
 
 def _order_line(axis: Any, label: str, at: Float, position: Float) -> None:

@@ -133,7 +133,7 @@ def plot_profile(
         if np.isfinite(end):
             axis.axvline(end * factor, color=COLOURS[1], lw=0.9, ls=":")
     axis.set_ylim(0, 1.15 * max(goal, float(rise[np.isfinite(rise)].max(initial=0.0))))
-    axis.set_xlabel(literal(label if measure == "1" else f"{label} ({shown})"), fontsize=8)
+    axis.set_xlabel(literal(label if measure == "1" else f"{label}, {shown}"), fontsize=8)
     axis.set_ylabel("rise of chi-squared", fontsize=8)
     axis.legend(fontsize=7, frameon=False, loc="upper center")
     return figure

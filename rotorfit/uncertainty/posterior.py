@@ -262,8 +262,10 @@ class Posterior(Draws):
         """
         from rotorfit.plots.responses import plot_corner
 
-        optimum = {name: float(value) for name, value in zip(self.fit.var_names, self.fit.x, strict=True)}
-        return plot_corner(self.samples, self.names, optimum, **look)
+        units = {name: self.unit(name) for name in self.names}
+        labels = {name: name if unit == "1" else f"{name}, {unit}" for name, unit in units.items()}
+        optimum = {labels[name]: float(value) for name, value in zip(self.fit.var_names, self.fit.x, strict=True)}
+        return plot_corner(self.samples, list(labels.values()), optimum, **look)
 
     def plot_traces(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Walkers against the step.

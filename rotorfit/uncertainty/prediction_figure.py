@@ -8,6 +8,7 @@ import numpy as np
 
 from rotorfit.plots.style import (
     PHASE_LABEL,
+    amplitude_unit,
     decade_ticks,
     grid,
     legend_below,
@@ -46,7 +47,7 @@ def plot_prediction(prediction: Prediction) -> Figure:
     ):
         if not np.isfinite(band.amplitude).all():
             continue
-        words = f"{prediction.level:.0%} band of {label}, {what}"
+        words = f"{100 * prediction.level:.4g} % band of {label}, {what}"
         low, high = band.amplitude[order].T * scale
         amplitude.fill_between(x, np.maximum(low, 1e-3 * size.max()), high, color="C0", alpha=shade, lw=0, label=words)
         half = np.diff(band.phase[order], axis=1)[:, 0] / 2
@@ -55,7 +56,7 @@ def plot_prediction(prediction: Prediction) -> Figure:
     phase.plot(x, np.rad2deg(angle), "-", lw=1.2, color="C0")
     amplitude.set_yscale("log")
     decade_ticks(amplitude.yaxis)
-    amplitude.set_ylabel(f"amplitude, {unit}", fontsize=8)
+    amplitude.set_ylabel(f"amplitude, {amplitude_unit(unit)}", fontsize=8)
     phase.set_ylabel(PHASE_LABEL, fontsize=8)
     phase.set_ylim(max(phase.get_ylim()[0], -540), min(phase.get_ylim()[1], 540))
     phase.set_xlabel(f"{'speed' if synchronous else 'frequency of the force'}, {rate_unit()}", fontsize=8)

@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.models.array_types import Float
-from rotorfit.plots.style import colour_of, grid, legend_below, length, literal, looked, per_rad_s, prefix, rate_unit
+from rotorfit.plots.style import (
+    amplitude_unit,
+    colour_of,
+    grid,
+    legend_below,
+    length,
+    literal,
+    looked,
+    per_rad_s,
+    prefix,
+    rate_unit,
+)
 from rotorfit.uncertainty.stability.record import SENSITIVITY
 
 if TYPE_CHECKING:
@@ -22,7 +33,7 @@ def plot_stability_report(report: StabilityReport) -> Figure:
     """One panel for each kind of curve that the report has."""
     more = ((_unbalance, report.unbalance), (_coupling, report.cross_coupling), (_sensitivity, report.sensitivity))
     panels = [_decrements, *(panel for panel, curves in more if curves)]
-    figure, axes = grid(len(panels), 1, f"Stability, with {report.level:.0%} bands", size=(6.6, 2.4))
+    figure, axes = grid(len(panels), 1, f"Stability, with {100 * report.level:.4g} % bands", size=(6.6, 2.4))
     for panel, axis in zip(panels, axes[:, 0], strict=True):
         panel(report, axis)
     found = [axis.get_legend_handles_labels() for axis in axes[:, 0]]
@@ -71,12 +82,12 @@ def _decrements(report: StabilityReport, axis: Any) -> None:
 
 
 def _unbalance(report: StabilityReport, axis: Any) -> None:
-    scale, unit = length()
+    scale, _ = length()
     _draw(axis, report.unbalance, per_rad_s(), scale, first=len(report.decrement))
     _running(report, axis)
     axis.set_ylim(0.0, None)
     axis.set_xlabel(f"speed, {rate_unit()}", fontsize=8)
-    axis.set_ylabel(f"amplitude, {unit}", fontsize=8)
+    axis.set_ylabel(f"amplitude, {amplitude_unit()}", fontsize=8)
 
 
 def _coupling(report: StabilityReport, axis: Any) -> None:
