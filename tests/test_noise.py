@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.stats import bartlett
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
+import rotorfit as rf
 from rotorfit.estimators.noise.reading_noise import (
     NOISE_FLOOR,
     deviations_of_repeats,
@@ -114,3 +117,20 @@ def test_variances_of_two_sweeps_are_compared_as_scipy_does():
 def test_sweeps_of_the_same_variance_but_for_round_off_share_it():
     for power in np.random.default_rng(0).uniform(1e-12, 1, 500).tolist():
         assert _agree([power, np.nextafter(power, 1)], [200, 200])
+
+
+def test_a_stepped_sine_that_starts_anew_at_each_line_says_the_same():
+    """Its phase is any at each line: readings and residuals follow one another only relative to the force."""
+    rig = rf.datasets.rig_open()
+    rig = dataclasses.replace(rig, sigma=np.full(len(rig), np.nan))  # a chain of two masses misses its shaft
+    lines, line = np.unique(rig.frequency, return_inverse=True)
+    turn = np.exp(2j * np.pi * np.random.default_rng(0).random(lines.size))[line]
+    anew = dataclasses.replace(rig, force=rig.force * turn, response=rig.response * turn)
+    as_one, apart = (rf.fit(rf.models.WhirlWhip(), test, known={"K3": 6000.0}) for test in (rig, anew))
+    assert as_one.noise is not None
+    assert apart.noise is not None
+    assert apart.noise.verdict == as_one.noise.verdict == "misfit"
+    assert apart.redchi == pytest.approx(as_one.redchi, rel=1e-9)
+    for name, value in as_one.params.items():
+        assert apart.params[name].value == pytest.approx(value.value, rel=1e-6, abs=1e-9)
+        assert apart.params[name].stderr == pytest.approx(value.stderr, rel=1e-6, abs=1e-9)

@@ -15,7 +15,7 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.row_keys import combined, distinguished, in_order, numbers, words
 from rotorfit.estimators.noise.sweep_noise import estimate_noise
 from rotorfit.models import Modal, RotorModel
-from rotorfit.models.array_types import RANK_TOLERANCE, Bool, ComplexArray, Float, Index
+from rotorfit.models.array_types import COLLINEAR, RANK_TOLERANCE, Bool, ComplexArray, Float, Index
 from rotorfit.observing.refusals import check_planes
 
 
@@ -203,6 +203,11 @@ def _assemble(
     channel_names: Sequence[str],
 ) -> Responses:
     frequency, row = test.frequency[first], first[line]
+    force = _forces(model, test, lines, first)
+    turn = _in_phase(force, frequency, test.set_speed[first], lines.number["run"][first])
+    if turn is not None:
+        force = force * turn[:, None]
+        measured, wrong = measured * turn[line], wrong * turn[line].conj()
     runs, run = lines.names["run"], lines.number["run"][row]
     begin, label = in_order(combined(run, coordinate))
     labels = tuple(f"{runs[run[i]]} / {channel_names[coordinate[i]]}" for i in begin.tolist())
@@ -211,7 +216,7 @@ def _assemble(
         model=model,
         speed=_speeds(test, first),
         frequency=frequency,
-        force=_forces(model, test, lines, first),
+        force=force,
         group=group[first],
         line=line,
         coordinate=coordinate,
@@ -232,6 +237,20 @@ def _assemble(
         estimated = estimate_noise(seen, wrong * rate, test.synchronous, condition) / rate
         return replace(block, sigma=np.where(gaps, estimated, sigma))
     return block
+
+
+def _in_phase(force: ComplexArray, frequency: Float, speed: Float, run: Index) -> ComplexArray | None:
+    """Factors that give the forces of a sweep the phase of its first line, shape ``(L,)``; None where they have it.
+
+    A stepped sine that starts anew at each line has any phase there. A line's zero of time is free, and only readings
+    whose forces agree in phase follow one another, which noise and misfits are told apart by.
+    """
+    plane, size = np.argmax(np.abs(force), axis=1), np.abs(force).max(axis=1, initial=0.0)
+    drive = force[np.arange(size.size), plane]
+    phasor = np.divide(drive, size, out=np.ones_like(drive), where=size > 0)
+    first, sweep = in_order(combined(run, numbers(speed), (frequency < 0).astype(np.intp), plane))
+    turn = phasor[first][sweep] * phasor.conj()
+    return turn if (np.abs(turn - 1) > COLLINEAR).any() else None
 
 
 def _speeds(test: PerturbationTest, first: Index) -> Float:
