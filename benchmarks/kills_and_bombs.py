@@ -83,7 +83,7 @@ WORK = {
     "recordings": Work(
         first="simulate --model one-mode --set M=1.2,K=8e3,Ds=8,K0=9e3,D=450,lam=0.46,Mf=0.4 --kind balance "
         "--speed-rpm 600 --duration 1 --seed {} --quiet --recordings volts",
-        values=("1", "2"), outputs=("volts/reference-600.h5",),
+        values=("1", "2"), outputs=("volts/reference-600.h5",), folder="volts",
     ),
     "balance": Work(
         first="balance balance.csv --holes {} --quiet --out out", values=("8", "12"),

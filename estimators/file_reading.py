@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from rotorfit.estimators.atomic_file import note_input
 from rotorfit.estimators.file_limits import check_dots
 
 _WORDS = 160
@@ -50,6 +51,7 @@ def reading(name: str, kind: str) -> Iterator[None]:
 
 def read_toml(path: Path, name: str) -> dict[str, Any]:
     """Content of a TOML file."""
+    note_input(path)
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as problem:

@@ -44,8 +44,8 @@ FLOORS = (
 )
 """Rooms from the ground up; the third and fourth floor are files. Imports go down, none between rooms of a floor."""
 ESTIMATOR_FLOORS = (
-    ("file_limits",),
-    ("atomic_file", "file_reading", "matching", "change_point", "sequential", "significance"),
+    ("atomic_file", "file_limits"),
+    ("file_reading", "matching", "change_point", "sequential", "significance"),
     ("blocks",),
     ("misfit",),
     ("minimisation",),

@@ -189,6 +189,60 @@ def test_files_that_are_no_result_are_not_replaced(tmp_path: Path, monkeypatch: 
         fill(out, fit="2")
 
 
+def test_what_was_read_is_safe_in_the_former_result_too(tmp_path: Path) -> None:
+    out, previous = tmp_path / "results", tmp_path / "results.previous"
+    for text in "12":
+        fill(out, fit=text)
+    with (
+        protected_inputs([previous / "fit"]),
+        pytest.raises(FileExistsError, match=r"previous.fit is one of the files"),
+    ):
+        fill(out, fit="3")
+    assert (held(previous), held(out)) == ({"fit": "1"}, {"fit": "2"})
+
+
+def test_files_of_a_result_keep_their_modes(tmp_path: Path) -> None:
+    out = tmp_path / "results"
+    fill(out, fit="1", table="1")
+    (out / "fit").chmod(0o600)
+    out.chmod(0o700)
+    fill(out, fit="2", table="2")
+    assert [path.stat().st_mode & 0o777 for path in (out, out / "fit")] == [0o700, 0o600]
+
+
+def test_a_damaged_list_of_files_is_no_result(tmp_path: Path) -> None:
+    out = tmp_path / "results"
+    fill(out, fit="1")
+    (out / CONTENTS).write_bytes(b"\xff\xfe\n../../x\n")
+    with pytest.raises(FileExistsError, match="fit exists and is no result of rotorfit"):
+        fill(out, fit="2")
+    assert held(out) == {"fit": "1"}
+
+
+def test_simulated_recordings_replace_those_before_as_a_whole(tmp_path: Path) -> None:
+    out = tmp_path / "volts"
+    rig = "--model one-mode --set M=1.2,K=8e3,Ds=8,K0=9e3,D=450,lam=0.46,Mf=0.4 --kind static-load --load 1"
+    for speed in ("600", "900"):
+        words = f"simulate {rig} --duration 0.2 --speed-rpm {speed} --quiet --recordings"
+        assert main([*words.split(), str(out)]) == 0
+    former = out.with_name("volts.previous")
+    assert {file.name for file in out.iterdir()}.isdisjoint({file.name for file in former.glob("*.h5")})
+    (tmp_path / "mine").mkdir()
+    setup = tmp_path / "mine" / "rig.toml"
+    setup.write_text("# of my own", encoding="utf-8")
+    assert main([*words.split(), str(setup.parent)]) == 2
+    assert [file.read_text() for file in setup.parent.iterdir()] == ["# of my own"]
+
+
+def test_the_page_of_a_store_never_takes_the_place_of_the_store(tmp_path: Path) -> None:
+    study, store = tmp_path / "study.toml", tmp_path / "machine.html"
+    study.write_text('model = "one-mode"', encoding="utf-8")
+    (tmp_path / "inbox").mkdir()
+    words = ["watch", str(tmp_path / "inbox"), "--study", str(study), "--once", "--settle", "0", "--store", str(store)]
+    assert main(words) == 2
+    assert rf.Store(store).tests == ()
+
+
 def test_a_file_that_is_replaced_keeps_its_mode_and_the_links_to_it(tmp_path: Path) -> None:
     file, link = tmp_path / "private", tmp_path / "link"
     file.write_text("1")

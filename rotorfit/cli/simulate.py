@@ -76,9 +76,9 @@ def run(options: argparse.Namespace) -> int:
     from rotorfit.studies.wording import sentence
 
     if options.recordings is not None:
-        paths = checked(lambda: _recorded(options))
+        names = checked(lambda: _recorded(options))
         if not options.quiet:
-            print("\n".join(f"written: {path}" for path in paths))
+            print("\n".join(f"written: {options.recordings / name}" for name in names))
         return ExitCode.DONE
     try:
         test = checked(lambda: _simulated(options))
@@ -127,12 +127,14 @@ _COUNTS = {
 """How many numbers an option of a recorded test takes, where that is fixed."""
 
 
-def _recorded(options: argparse.Namespace) -> list[Path]:
+def _recorded(options: argparse.Namespace) -> list[str]:
+    """Names of the recordings that were written."""
     from inspect import signature
 
     from rotorfit.models.parameters import unknown_name
     from rotorfit.simulation.instruments import Instruments
     from rotorfit.simulation.recordings import RECORDED, simulate_recordings
+    from rotorfit.studies.folder import complete_folder
 
     kind = options.kind
     if kind not in RECORDED:
@@ -152,10 +154,13 @@ def _recorded(options: argparse.Namespace) -> list[Path]:
         if count is not None:
             settings[name] = float(value[0]) if count == 1 else tuple(value.tolist())
     params = pairs("--set", options.set, number_word)
+    model = _model(options)
     try:
-        return simulate_recordings(
-            _model(options), params, options.recordings, kind, instruments=instruments, seed=options.seed, **settings
-        )
+        with complete_folder(options.recordings) as folder:
+            files = simulate_recordings(
+                model, params, folder, kind, instruments=instruments, seed=options.seed, **settings
+            )
+            return [file.name for file in files]
     except TypeError as problem:  # an option that the kind needs
         raise ValueError(str(problem)) from problem
 

@@ -78,14 +78,14 @@ def run(options: argparse.Namespace) -> int:
 
 def _round(watch: FolderWatch, *, wait: bool = False) -> list[MachineState]:
     """Look, fit, raise alarms, and write the page where something is new."""
-    from rotorfit.store.page import write_page
+    from rotorfit.store.page import page_of, write_page
 
     added = watch.look()
     if wait and watch.waiting():
         time.sleep(watch.settle)
         added += watch.look()
     states = watch.states()
-    if added or wait or not watch.store.path.with_suffix(".html").exists():
+    if added or wait or not page_of(watch.store).exists():
         write_page(watch.store, states)
     return states
 
@@ -101,7 +101,9 @@ def _tell_problem(options: argparse.Namespace, problem: BaseException) -> None:
 
 
 def _watch(options: argparse.Namespace) -> FolderWatch:
+    from rotorfit.estimators.atomic_file import refuse_input
     from rotorfit.store.alarms import Watching
+    from rotorfit.store.page import page_of
     from rotorfit.store.store import Store, study_for_store
     from rotorfit.store.watch import FolderWatch, sources_in
 
@@ -124,9 +126,11 @@ def _watch(options: argparse.Namespace) -> FolderWatch:
         against=tuple(options.against),
         since=options.since,
     )
+    store = Store(options.store)
+    refuse_input(page_of(store))
     return FolderWatch(
         folder=options.folder,
-        store=Store(options.store),
+        store=store,
         study=study,
         watching=watching,
         setup=options.setup,

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.estimators.atomic_file import whole_file
+from rotorfit.estimators.atomic_file import note_input, whole_file
 from rotorfit.estimators.file_reading import reading
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.json_values import UserDefinedError, decode, encode
@@ -89,6 +89,7 @@ def load_fit(path: str | os.PathLike[str], *, model: RotorModel | None = None) -
         >>> rf.load_fit(folder / "fit.json").redchi == fit.redchi
         True
     """
+    note_input(Path(path))
     with reading(str(path), _KIND):
         text = Path(path).read_text(encoding="utf-8")
     return fit_from_json(text, model=model, source=str(path))

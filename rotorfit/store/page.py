@@ -19,9 +19,14 @@ _SHOWN = 200
 """Latest tests in the table of a machine. Chosen."""
 
 
+def page_of(store: Store) -> Path:
+    """Where the page of a store is: beside it, ``machine.html`` of ``machine.db``."""
+    return store.path.with_suffix(".html")
+
+
 def write_page(store: Store, states: Sequence[MachineState], path: Path | None = None) -> Path:
-    """Write the page of a store, whole or not at all; by default beside it, ``machine.html`` of ``machine.db``."""
-    target = store.path.with_suffix(".html") if path is None else path
+    """Write the page of a store, whole or not at all; by default beside it."""
+    target = page_of(store) if path is None else path
     content = page(f"History of {store.path.stem}", str(store.path), [*_sections(states), *_refused(store)])
     return write_whole(target, content.encode("utf-8"))
 

@@ -17,7 +17,7 @@ from typing import Any
 from rotorfit.data.content import content_hash
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import Finding
-from rotorfit.estimators.atomic_file import refuse_input
+from rotorfit.estimators.atomic_file import note_input, refuse_input
 from rotorfit.executors import carry_out, executor_of
 from rotorfit.fitting.fit_file import fit_from_json
 from rotorfit.fitting.json_values import decode
@@ -74,6 +74,7 @@ class Store:
         self.path = Path(path)
         refuse_input(self.path)
         self.database = Database(self.path)
+        note_input(self.path)
 
     def __repr__(self) -> str:
         with self.database.look() as ask:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -42,15 +42,9 @@ def complete_folder(out: Path) -> Iterator[Path]:
         with writing(out):
             yield draft
         names = sorted(file.name for file in draft.iterdir())
-        (draft / CONTENTS).write_text("\n".join(names) + "\n", encoding="utf-8")
+        (draft / CONTENTS).write_text("\n".join(names) + "\n", encoding="utf-8", errors="surrogateescape")
         earlier = _result_in(target)  # another run may have ended meanwhile
-        for name in {*earlier, *names}:
-            refuse_input(out / name)
-        for name in names:
-            if name not in earlier and (out / name).exists():
-                raise FileExistsError(
-                    f"{out / name} exists and is no result of rotorfit, as far as {CONTENTS} says; give another folder"
-                )
+        _check_replaced(out, earlier, names, previous)
         if earlier:
             _switch(draft, target, previous, earlier)
         elif target.exists():
@@ -66,7 +60,9 @@ def complete_folder(out: Path) -> Iterator[Path]:
 def _result_in(folder: Path) -> frozenset[str]:
     """Names of the files of the result that a folder holds."""
     contents = folder / CONTENTS
-    return frozenset(contents.read_text(encoding="utf-8").split("\n")[:-1]) if contents.is_file() else frozenset()
+    if not contents.is_file():
+        return frozenset()
+    return frozenset(contents.read_text(encoding="utf-8", errors="surrogateescape").split("\n")[:-1])
 
 
 def _check_switch(out: Path, target: Path, previous: Path) -> None:
@@ -75,13 +71,29 @@ def _check_switch(out: Path, target: Path, previous: Path) -> None:
         raise FileExistsError(
             f"{out} holds an earlier result and is in use, so that it cannot be renamed; give another folder"
         )
-    if previous.exists() and not _result_in(previous):
+    if os.path.lexists(previous) and not _result_in(previous):
         raise FileExistsError(f"{previous}, to which the result in {out} goes, holds something else; move it away")
+
+
+def _check_replaced(out: Path, earlier: frozenset[str], names: Sequence[str], previous: Path) -> None:
+    """Refuse to replace what was read, and what is no result."""
+    for name in {*earlier, *names}:
+        refuse_input(out / name)
+    for name in _result_in(previous) if earlier else ():
+        refuse_input(previous / name)
+    for name in names:
+        if name not in earlier and (out / name).exists():
+            raise FileExistsError(
+                f"{out / name} exists and is no result of rotorfit, as far as {CONTENTS} says; give another folder"
+            )
 
 
 def _switch(draft: Path, target: Path, previous: Path, earlier: frozenset[str]) -> None:
     """Put the result that is there aside and the new one in its place, and take along what is no result."""
     shutil.copymode(target, draft)
+    for file in draft.iterdir():
+        if file.name in earlier and (target / file.name).exists():
+            shutil.copymode(target / file.name, file)
     if previous.exists():
         _move_others(previous, _result_in(previous), target)  # that a kill has left there
         shutil.rmtree(previous)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rotorfit.estimators.atomic_file import whole_file
+from rotorfit.estimators.atomic_file import note_input, whole_file
 from rotorfit.estimators.file_reading import reading, seal
 from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.noise.error_bars import effect_entries
@@ -153,6 +153,7 @@ def load_posterior(path: str | os.PathLike[str], fit: FitResult) -> Posterior:
         True
     """
     path = Path(path)
+    note_input(path)
     with reading(path.name, "posterior saved by rotorfit"):
         posterior = _read(path, fit)
         _check(posterior, path.name)

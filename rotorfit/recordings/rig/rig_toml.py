@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from rotorfit.estimators.atomic_file import note_input
 from rotorfit.estimators.file_reading import read_toml, reading
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.rig.channel_units import ALLOWED, channel_unit
@@ -230,7 +229,6 @@ _CHANNEL: dict[str, tuple[str, Reader]] = {
 def read_setup(path: str | Path) -> RigSetup:
     """Read ``rig.toml``."""
     source = Path(path).name
-    note_input(Path(path))
     with reading(source, "TOML file"):
         return setup_of(read_toml(Path(path), source), source)
 
