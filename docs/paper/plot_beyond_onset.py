@@ -2,9 +2,10 @@
 Beyond the onset: whirl, whip, side loads
 =========================================
 
-The paper names oil whirl and oil whip and tests below them. A rotor whose film stiffens with eccentricity does not run
-away at its threshold: the journal circles on an orbit whose radius and frequency follow from the dynamic stiffness,
-``kappa(w, Om, eps) = 0``. A fit of a law of eccentricity, made from tests below the threshold, predicts it.
+The paper describes oil whirl and oil whip, and tests below their onset. If the film stiffens with eccentricity, the
+whirl does not grow without limit above the threshold: the journal moves on a circular orbit. Its radius and frequency
+follow from the dynamic stiffness, ``kappa(w, Om, eps) = 0``. The fit of a law of eccentricity to tests below the
+threshold predicts them.
 """
 
 import matplotlib.pyplot as plt
@@ -34,13 +35,13 @@ fit = rf.fit(bearing, test, known={"K": 2e3, "Ds": 8.0})
 print("threshold", fit.threshold_speed().to("rpm"))
 
 # %%
-# Radius and frequency of the whirl that the fit foretells, from a test at 1200 rpm. At the onset the frequency is the
-# share lam of the speed; further up the film turns slower and the frequency falls behind.
+# This figure shows the radius and frequency of the whirl that the fit predicts from a test at 1200 rpm. At the onset
+# the frequency is about lam times the speed. At higher speed the eccentricity reduces lam, and the ratio falls.
 
 fit.plot_whirl()
 
 # %%
-# Threshold under a side load: a load holds the journal where the film is stiffer and turns slower.
+# A side load raises the threshold, because it holds the journal where the film is stiffer and lam is smaller.
 
 fit.plot_side_load()
 
@@ -48,7 +49,8 @@ fit.plot_side_load()
 # Whirl to whip
 # -------------
 #
-# With a flexible shaft and a disk the whirl nears the bending frequency and stays there: whip.
+# With a flexible shaft and a disk, the frequency of the whirl approaches the bending frequency and stays there. This
+# is whip.
 
 model = rf.models.WhirlWhip(law=law, clearance_um=CLEARANCE_UM)
 truth = {
@@ -57,8 +59,9 @@ truth = {
 }  # fmt: skip
 
 # %%
-# A start-up through the onset, integrated in time with a residual unbalance, as a cascade: 1x, and
-# the whirl; dotted, the branch of ``kappa = 0``. It shows later than it could, as a run-up outpaces slow growth.
+# A start-up through the onset is integrated in time with a residual unbalance. The cascade shows 1x and the whirl; the
+# dotted line is the branch of ``kappa = 0``. The whirl appears later than this branch, because the start-up is faster
+# than its growth.
 
 matrices = model.functions
 theta, clearance = model.vector(truth), CLEARANCE_UM * 1e-6
@@ -86,6 +89,8 @@ for begin in range(0, t.size - window, 500):
     speed = first + (last - first) * (t[begin] + 0.5) / duration
     axis.plot(w, speed + 4 * size, "C0", lw=0.7)
 branch = rf.models.whirl_branch(model, theta, max_speed=last * np.pi / 30)
+axis.plot([5700, 5700], [2600, 2600 + 4 * 100], "k", lw=1.5)
+axis.text(5600, 2650, "100 µm 0-pk", ha="right")
 axis.plot(branch.frequency * 30 / np.pi, branch.speed * 30 / np.pi, "k:", label="whirl, kappa(w, Om, eps) = 0")
 axis.plot([first, last], [first, last], "C1--", lw=0.9, label="1x")
 axis.set(xlim=(-2000, 6000), xlabel="frequency, rpm (backward < 0 < forward)", ylabel="rotative speed, rpm")
@@ -93,6 +98,7 @@ axis.set_title("start-up through the onset")
 axis.legend(loc="upper left")
 
 # %%
-# What to look at: the whirl begins with radius zero and grows steeply, its frequency leaves the straight line of the
-# onset's ratio and levels off. ``rf.models.whirl_branch`` also says where an orbit is unstable: a rotor may fold back,
-# so that above the fold it runs quietly again, and below it rests or whirls as it is let go.
+# What to look at: the whirl begins with radius zero and grows steeply. Its frequency departs from the straight line of
+# the onset's ratio and levels off. ``rf.models.whirl_branch`` also says where an orbit is unstable. The branch of a
+# rotor may fold back: then the rotor runs quietly again above the fold, and below it either rests or whirls, depending
+# on how it started.

@@ -2,9 +2,9 @@
 Figs 8 and 9: the whirl resonance
 =================================
 
-A force that turns forward finds a resonance at ``lam Om``, a little below half the rotative speed; turned
-backward it finds none. The resonance belongs to the fluid: it moves with the speed and vanishes at
-standstill. Its amplitude grows as the threshold of stability comes nearer, and added mass brings that nearer.
+A forward force excites a resonance at ``lam Om``, slightly below half the rotative speed. A backward force excites
+none. The fluid causes this resonance: it moves with the speed and vanishes at standstill. Its amplitude grows as the
+threshold of stability comes nearer, and added mass brings the threshold nearer.
 """
 
 import matplotlib.pyplot as plt
@@ -34,37 +34,38 @@ def bode(axes, test, scale, label):
 
 
 # %%
-# Fig. 8, four rotors at 1400 rpm, perturbed forward (left) and in reverse (right).
+# Fig. 8: four rotors at 1400 rpm, perturbed forward (left) and in reverse (right).
 
 figure, axes = plt.subplots(2, 2, figsize=(9, 6), sharex=True, sharey="row", layout="constrained")
 for name, values in variants.items():
     for column, sign in enumerate((1, -1)):
         test = rf.simulate(model, values, speed_rpm=1400, frequency_rpm=sign * rpm, unbalance=6e-6, noise=0.005, seed=1)
         bode(axes[:, column], test, RPM, name)
-axes[0, 0].set(title="forward perturbation", ylabel="phase lead, degrees")
+axes[0, 0].set(title="forward perturbation", ylabel="phase lead, deg")
 axes[0, 1].set(title="reverse perturbation")
-axes[1, 0].set(ylabel="amplitude, um 0-peak", xlabel="perturbation speed, rpm")
-axes[1, 1].set(xlabel="perturbation speed, rpm")
-axes[0, 1].legend(fontsize=8)
+axes[1, 0].set(ylabel="amplitude, µm 0-pk", xlabel="perturbation frequency, rpm")
+axes[1, 1].set(xlabel="perturbation frequency, rpm")
 for axis in axes[:, 0]:
-    axis.axvline(0.46 * 1400, color="0.6", ls=":")
+    axis.axvline(0.46 * 1400, color="0.4", ls=":", label="lam Om")
+axes[0, 0].legend(fontsize=8)
 
 # %%
-# Fig. 9, over the ratio of perturbation to rotative speed. The peaks stay near lam and grow with the speed.
+# Fig. 9: the same over the ratio of perturbation frequency to rotative speed. The peaks stay near lam and grow with the
+# speed.
 
 figure, axes = plt.subplots(2, 1, figsize=(7, 6), sharex=True, layout="constrained")
 for speed_rpm in (900, 1300, 1600, 1900):
     test = rf.simulate(model, original, speed_rpm=speed_rpm, frequency_rpm=rpm, unbalance=6e-6, noise=0.005, seed=2)
     bode(axes, test, RPM / speed_rpm, f"{speed_rpm} rpm")
-axes[0].set(ylabel="phase lead, degrees", title="forward perturbation at four rotative speeds")
-axes[1].set(xlabel="perturbation over rotative speed", ylabel="amplitude, um 0-peak", xlim=(0, 1.6))
-axes[0].legend()
+axes[0].set(ylabel="phase lead, deg", title="forward perturbation at four rotative speeds")
+axes[1].set(xlabel="perturbation frequency over rotative speed", ylabel="amplitude, µm 0-pk", xlim=(0, 1.6))
 for axis in axes:
-    axis.axvline(0.46, color="0.6", ls=":")
+    axis.axvline(0.46, color="0.4", ls=":", label="lam")
+axes[0].legend()
 
 # %%
-# Both figures of a fit: forward and reverse over one another (reverse dashed and open), amplitudes for the weight of
-# the test; then over the ratio of perturbation to rotative speed.
+# A fit draws both figures. The first shows forward and reverse in one panel (reverse dashed and open), with the
+# amplitudes for the unbalance of the test. The second uses the ratio of perturbation frequency to rotative speed.
 
 tests = [
     rf.simulate(
@@ -80,9 +81,10 @@ fit.plot_bode(against="size", mr=6e-6)
 fit.plot_bode(against="ratio", mr=6e-6)
 
 # %%
-# What to look at: the phase passes zero at ``lam Om`` (dotted), from lead to lag, where a mechanical resonance
-# has 90 degrees of lag: the resonance is of quadrature character. The amplitude under an unbalance grows as the
-# square of the frequency before and after. The thresholds of the four rotors:
+# What to look at: at ``lam Om`` (dotted) the phase passes zero, from lead to lag. At a mechanical resonance it would
+# lag by 90 degrees. The whirl resonance occurs where the quadrature stiffness vanishes, not the direct stiffness.
+# Below it, the amplitude under an unbalance grows with the square of the frequency. These are the thresholds of the
+# four rotors:
 
 for name, values in variants.items():
     onset = rf.models.threshold_speed(model, model.vector(values))

@@ -2,10 +2,9 @@
 Fig. 10: direct and quadrature dynamic stiffness
 ================================================
 
-Force over motion, split into the part along the force and the part across it. The direct part is a parabola,
-from which stiffness and masses follow; the quadrature part is a straight line whose slope is the damping D
-and whose zero is ``lam Om``. At higher speed the oil is warmer and D smaller: the lines of the quadrature
-part flatten.
+Dynamic stiffness is force over motion, split into the part along the force and the part across it. The direct part is
+a parabola, which gives stiffness and masses. The quadrature part is a straight line: its slope is the damping D, and
+it is zero at ``lam Om``. At higher speed the oil is warmer and D is smaller, so the quadrature lines are flatter.
 """
 
 import numpy as np
@@ -23,8 +22,8 @@ tests = [
 ]
 
 # %%
-# All sweeps inform one parameter vector; ``per`` gives D a value at each speed. Mass, stiffness and external
-# damping of the rotor were measured without oil.
+# All sweeps are fitted with one parameter vector, and ``per`` gives D a value at each speed. Mass, stiffness and
+# external damping of the rotor were measured without oil.
 
 fit = rf.fit(model, tests, known={"M": 1.2, "K": 8e3, "Ds": 8.0}, per={"D": "speed_rpm"})
 for name, parameter in fit.params.items():
@@ -32,15 +31,15 @@ for name, parameter in fit.params.items():
 fit.plot_dynamic_stiffness()
 
 # %%
-# What to look at: the zeros of the quadrature lines at ``lam Om`` are in proportion to the speeds though D is
-# not the same; the direct parabolas do not meet at their tops, which move with ``lam Om`` as well: that is the
-# fluid's inertia Mf. Near zero frequency an unbalance gives no force, and the error bars open.
+# What to look at: the zeros of the quadrature lines at ``lam Om`` are proportional to the speeds, although D differs.
+# The tops of the direct parabolas move with ``lam Om`` too, because of the fluid's inertia Mf. Near zero frequency an
+# unbalance gives no force, so the error bars become large.
 #
 # The cross stiffness
 # -------------------
 #
-# The paper finds that the "cross stiffness" of the fluid is ``K_xy = D lam Om``, of one origin with the
-# damping. With fitted numbers, and their correlation:
+# The paper finds that the "cross stiffness" of the fluid is ``K_xy = D lam Om``, and thus has the same origin as the
+# damping. These are the fitted values, with errors that respect the correlation of D and lam:
 
 for speed, D in warmer.items():
     cross = fit.derive(lambda p, speed=speed: p.D * p.lam * speed * np.pi / 30, unit="N/m", at={"speed_rpm": speed})

@@ -2,9 +2,9 @@
 Figs 11 and 12: oil pressure, oil temperature
 =============================================
 
-Pressure stiffens the film: K0 grows, the direct stiffness moves up, and with it the threshold. Temperature
-thins the oil: D falls, the quadrature line flattens, and neither its zero nor the threshold moves much. One
-campaign of sweeps shows which parameter follows which condition.
+Pressure stiffens the film: K0 grows, and with it the direct stiffness and the threshold. Temperature thins the oil: D
+falls and the quadrature line becomes flatter, but neither its zero nor the threshold moves much. One campaign of
+sweeps shows which parameter follows which condition.
 """
 
 from dataclasses import replace
@@ -32,24 +32,25 @@ def sweep(seed, **changed):
 
 def draw(axes, runs, unit):
     """Points and fitted curves of direct and quadrature stiffness."""
+    w = np.linspace(-2500, 2500, 300) / RPM
     for number, (condition, (measured, fit)) in enumerate(runs.items()):
-        kappa = fit.model.dynamic_stiffness(fit.theta(), measured.frequency, measured.speed)[:, 0, 0]
+        kappa = fit.model.dynamic_stiffness(fit.theta(), w, np.full(w.size, 1500 / RPM))[:, 0, 0]
         for axis, part in zip(axes, (np.real, np.imag), strict=True):
             points = part(measured.kappa[:, 0, 0])
             good = measured.sigma[:, 0, 0] < 2e3
             axis.plot(measured.frequency[good] * RPM, points[good] / 1e3, ".", color=f"C{number}")
-            axis.plot(measured.frequency * RPM, part(kappa) / 1e3, color=f"C{number}", label=f"{condition} {unit}")
+            axis.plot(w * RPM, part(kappa) / 1e3, color=f"C{number}", label=f"{condition} {unit}")
         axes[1].axhline(0, color="0.7", lw=0.8)
 
 
 # %%
-# Fig. 11: pressure. The film's stiffness grows with it.
+# Fig. 11: the stiffness of the film grows with the pressure.
 
 pressures = {p: sweep(seed, K0=3e3 + 5e3 * p) for seed, p in enumerate((0.5, 1.0, 2.0))}
 figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
 draw(axes, pressures, "bar")
-axes[0].set(title="direct, three oil pressures", ylabel="dynamic stiffness, kN/m")
-axes[1].set(title="quadrature")
+axes[0].set(title="direct, three oil pressures", ylabel="direct stiffness, kN/m")
+axes[1].set(title="quadrature", ylabel="quadrature stiffness, kN/m")
 for axis in axes:
     axis.set_xlabel("perturbation frequency, rpm")
 axes[0].legend()
@@ -58,8 +59,8 @@ for p, (_, fit) in pressures.items():
     print(f"{p} bar: K0 {fit.params['K0'].value:7.0f} N/m, D {fit.params['D'].value:5.1f} N s/m, threshold {onset}")
 
 # %%
-# Phase, amplitude and both parts of the stiffness above one another, as the paper draws them, from one fit of all
-# three pressures, K0 and D with a value for each.
+# The paper draws phase, amplitude and both parts of the stiffness above one another. This figure comes from one fit of
+# all three pressures, with a value of K0 and D for each.
 
 tests = []
 for seed, p in enumerate(pressures):
@@ -77,13 +78,13 @@ together = rf.fit(model, tests, known=structure, per={"K0": "oil_bar", "D": "oil
 together.plot_drive_point(mr=60e-6)
 
 # %%
-# Fig. 12: temperature. The damping falls with it.
+# Fig. 12: the damping falls with the temperature.
 
 temperatures = {T: sweep(10 + T, D=450.0 * np.exp(-0.03 * (T - 25))) for T in (25, 35, 45)}
 figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
 draw(axes, temperatures, "°C")
-axes[0].set(title="direct, three oil temperatures", ylabel="dynamic stiffness, kN/m")
-axes[1].set(title="quadrature")
+axes[0].set(title="direct, three oil temperatures", ylabel="direct stiffness, kN/m")
+axes[1].set(title="quadrature", ylabel="quadrature stiffness, kN/m")
 for axis in axes:
     axis.set_xlabel("perturbation frequency, rpm")
 axes[0].legend()
@@ -92,6 +93,6 @@ for T, (_, fit) in temperatures.items():
     print(f"{T} °C: K0 {fit.params['K0'].value:7.0f} N/m, D {fit.params['D'].value:5.1f} N s/m, threshold {onset}")
 
 # %%
-# What to look at: in the first pair the parabolas move apart and the lines do not; in the second the lines fan
-# out about one zero and the parabolas do not. Many such runs are one call, :func:`rotorfit.campaign`; see
+# What to look at: with pressure, the parabolas move apart and the lines coincide. With temperature, the lines fan out
+# about one zero and the parabolas coincide. :func:`rotorfit.campaign` fits many such runs in one call; see
 # :doc:`/campaigns`.

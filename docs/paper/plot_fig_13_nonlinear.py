@@ -2,10 +2,10 @@
 Figs 13 to 15: larger forces, a nonlinear fluid
 ===============================================
 
-With a heavier perturbation weight the orbit grows, the film stiffens, and the straight line and the parabola
-bend from the whirl resonance on. A circular orbit about the centre has a constant
-radius, so that one phasor equation is exact at every line, with the stiffness at that radius. The difference
-to the linear rotor is the nonlinear stiffness.
+With a heavier perturbation weight the orbit grows and the film stiffens, so the straight line and the parabola bend
+above the whirl resonance. A circular orbit about the centre has a constant radius. Therefore one phasor equation is
+exact at every line, with the stiffness at that radius. The difference from the linear rotor is the nonlinear
+stiffness.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ weights = [20e-6, 50e-6, 90e-6]  # kg m
 test = rf.simulate(model, structure | fluid, speed_rpm=1600, frequency_rpm=rpm, unbalance=weights, noise=0.005, seed=1)
 
 # %%
-# Figs 13 and 14: measured stiffness at three weights, with the fit.
+# Figs 13 and 14: the measured stiffness at three weights, with the fit.
 
 fit = rf.fit(model, test, known=structure)
 for name, value in fluid.items():
@@ -30,18 +30,18 @@ for name, value in fluid.items():
 fit.plot_dynamic_stiffness()
 
 # %%
-# Fig. 15: what the nonlinear fluid adds to the linear one.
+# Fig. 15: the stiffness of the nonlinear fluid less that of the linear one.
 
 fit.plot_nonlinear_stiffness()
 
 # %%
-# The law behind it, with its band; the ticks at the bottom are the eccentricities that were reached.
+# The fitted law, with its band. The ticks at the bottom are the eccentricities of the data.
 
 fit.plot_law()
 
 # %%
-# What to look at: forward, the curves of the three weights part from ``lam Om`` on, where the orbit grows;
-# backward, where it stays small, they agree. Stiffness over eccentricity (right) is not one curve, as what
-# damping and inertia add depends on the frequency too. A linear fit of the same data would be a
-# mean over what happened to be measured; whether the data ask for a law is answered by :func:`rotorfit.compare_laws`
+# What to look at: forward, the curves of the three weights separate above ``lam Om``, where the orbit grows. Backward,
+# the orbit stays small and the curves agree. Stiffness over eccentricity (right) is not one curve, because the
+# contributions of damping and inertia depend on the frequency too. A linear fit of the same data would give a mean
+# over the orbits that were measured. :func:`rotorfit.compare_laws` says whether the data need a law
 # (:doc:`/experiments`).

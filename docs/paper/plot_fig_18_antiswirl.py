@@ -2,10 +2,9 @@
 Figs 18 to 20: a seal with antiswirl injection
 ==============================================
 
-Fluid injected against the rotation slows the circumferential flow: lam falls, while damping and stiffness
-follow the pressure. One sweep of a rotating force at each pressure gives the three parameters with their
-errors, and a campaign draws them against the flow (Fig. 19). The lower lam, the higher the threshold of
-stability.
+Fluid that is injected against the rotation slows the circumferential flow. It reduces lam, while damping and
+stiffness follow the pressure. One sweep of a rotating force at each pressure gives the three parameters with their
+errors, and a campaign draws them against the flow (Fig. 19). The lower lam, the higher the threshold of stability.
 """
 
 from dataclasses import replace
@@ -23,13 +22,13 @@ rpm = np.r_[-rpm[::-1], rpm]
 
 
 def seal(pressure, antiswirl):
-    """What this imagined seal does at a pressure in psi: the numbers are made up, the trends are the paper's."""
+    """Coefficients of a fictitious seal at a pressure in psi, with the trends of the paper."""
     lam = 0.44 - (0.0035 * pressure if antiswirl else 0.0007 * pressure)
     return {"K0": 2e3 + 110 * pressure, "D": 250 + 2.2 * pressure, "lam": lam, "Mf": 0.35}
 
 
 # %%
-# Fig. 18: dynamic stiffness with radial and with antiswirl ports, at three speeds.
+# Fig. 18: dynamic stiffness with radial and with antiswirl ports at three speeds.
 
 figure, axes = plt.subplots(2, 2, figsize=(10, 6), sharex=True, sharey="row", layout="constrained")
 for column, (antiswirl, title) in enumerate(((False, "radial inlet"), (True, "antiswirl inlet"))):
@@ -42,13 +41,14 @@ for column, (antiswirl, title) in enumerate(((False, "radial inlet"), (True, "an
     axes[0, column].set(title=title)
     axes[1, column].axhline(0, color="0.7", lw=0.8)
     axes[1, column].set(xlabel="perturbation frequency, rpm")
-axes[0, 0].set(ylabel="direct, kN/m")
-axes[1, 0].set(ylabel="quadrature, kN/m")
-axes[0, 0].legend()
+axes[0, 0].set(ylabel="direct stiffness, kN/m")
+axes[1, 0].set(ylabel="quadrature stiffness, kN/m")
+axes[0, 0].legend(loc="lower center")
 
 # %%
-# Figs 19 and 20: identified from a sweep at each flow, both inlets in one campaign. The pressure goes with the flow
-# squared, and K0 and D with the pressure: a parabola in the flow says so, each coefficient with its error.
+# Figs 19 and 20: parameters identified from a sweep at each flow, with both inlets in one campaign. The pressure is
+# proportional to the square of the flow, and K0 and D follow the pressure. A parabola in the flow shows this, with an
+# error for each coefficient.
 
 tests = []
 for number, flow in enumerate((3.0, 5.0, 6.5, 8.0, 9.0, 10.5, 12.0)):  # l/min
@@ -57,21 +57,21 @@ for number, flow in enumerate((3.0, 5.0, 6.5, 8.0, 9.0, 10.5, 12.0)):  # l/min
             model, structure | seal(0.55 * flow**2, inlet == "antiswirl"), speed_rpm=1000, frequency_rpm=rpm, force=3.0,
             noise=0.03, seed=300 + 2 * number + (inlet == "radial"),
         )  # fmt: skip
-        conditions = {"flow": np.full(len(test), flow), "inlet": np.full(len(test), inlet)}
+        conditions = {"flow_l_min": np.full(len(test), flow), "inlet": np.full(len(test), inlet)}
         tests.append(replace(test, source=f"{inlet}, {flow:g} l/min", attributes=conditions))
 found = rf.campaign(model, tests, split=None, known=structure)
-print(found.summary(against="flow", by="inlet", degree=2))
-found.plot_trends(against="flow", by="inlet", degree=2)
+print(found.summary(against="flow_l_min", by="inlet", degree=2))
+found.plot_trends(against="flow_l_min", by="inlet", degree=2)
 
 # %%
-# A straight line misses: its scatter, chi-squared per degree of freedom, is far above one.
+# A straight line does not fit: its scatter, chi-squared per degree of freedom, is far above one.
 
-for trend in found.trends("K0", against="flow", by="inlet"):
+for trend in found.trends("K0", against="flow_l_min", by="inlet"):
     print(f"{trend.group:<9} straight line: scatter {trend.scatter:.1f}")
 for run in found.runs[-2:]:
     print(f"{run.name}: threshold {found.fit(run.name).threshold_speed().to('rpm')}")
 
 # %%
-# What to look at: in Fig. 18 the zero of the quadrature line moves left at equal speed, its slope stays. In
-# Fig. 19 the stiffness and damping do not know where the fluid comes from; lam does. Real campaigns are files
-# with a column for the flow, and one call: :doc:`/campaigns`.
+# What to look at: in Fig. 18 the antiswirl inlet moves the zero of the quadrature line to the left at equal speed, but
+# not its slope. In Fig. 19 stiffness and damping do not depend on the inlet, while lam does. For real campaigns, files
+# with a column for the flow are fitted in one call: :doc:`/campaigns`.

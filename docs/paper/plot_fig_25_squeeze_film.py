@@ -2,9 +2,9 @@
 Fig. 25: squeeze film
 =====================
 
-A test at standstill: nothing turns but the force, ``lam Om`` is zero, and forward and backward are alike.
-Drawn over the square of the frequency the direct stiffness is a straight line whose slope is the inertia, of
-rotor and fluid together. Inlet pressure moves the line up and leaves its slope.
+At standstill only the force rotates: ``lam Om`` is zero, and forward and backward are alike. Over the square of the
+frequency the direct stiffness is a straight line, whose slope is the inertia of rotor and fluid together. Inlet
+pressure moves the line up and leaves its slope unchanged.
 """
 
 import matplotlib.pyplot as plt
@@ -36,10 +36,10 @@ axis.set_title("squeeze-film test at three inlet pressures")
 axis.legend()
 
 # %%
-# The last of them as a figure of the fit, both parts.
+# The figure of the last fit shows both parts.
 
 fit.plot_dynamic_stiffness(against="square")
 
 # %%
-# What to look at: parallel lines. Their slope is M + Mf, which no test at standstill can part: the fit was given
-# M. The slope of the quadrature stiffness, a line through zero, is D.
+# What to look at: the lines are parallel. Their slope is M + Mf, which no test at standstill can separate, so the fit
+# was given M. The quadrature stiffness is a line through zero whose slope is D.

@@ -2,10 +2,10 @@
 Figs 26 to 28: static loads
 ===========================
 
-A constant force pushes the turning journal, and the journal moves mostly sideways: at small eccentricity the
-tangential force ``D lam Om`` is larger than the stiffness. At large eccentricity the film's stiffness grows
-and lam collapses, and the journal follows the force. The static equation is eq. (13) with the law's values at
-the eccentricity that is reached.
+A constant force pushes the rotating journal, and the journal moves mostly sideways: at small eccentricity the
+tangential force ``D lam Om`` is larger than the stiffness. At large eccentricity the film is stiff and lam is small,
+so the journal follows the force. The static equation is eq. (13), with the law's values at the eccentricity that is
+reached.
 """
 
 import rotorfit as rf
@@ -19,8 +19,8 @@ test = rf.simulate(
 )
 
 # %%
-# Figs 26 and 28: where the journal goes, with the fitted law. Static loads see ``D lam`` as a product, so that
-# D is given, as a perturbation test has found it.
+# Figs 26 and 28: positions of the journal, with the fitted law. Static loads show only the product ``D lam``.
+# Therefore D is given, as from a perturbation test.
 
 fit = rf.fit(model, test, known={**structure, "D": 300.0, "Mf": 1.5})
 for name in ("K0", "lam", "n_K", "n_D", "b"):
@@ -31,11 +31,11 @@ for name in ("K0", "lam", "n_K", "n_D", "b"):
 fit.plot_static_locus()
 
 # %%
-# Fig. 27: force over displacement, along the load and across it.
+# Fig. 27: force over displacement, along and across the load.
 
 fit.plot_static_stiffness()
 
 # %%
-# What to look at: at small loads the journal moves at nearly a right angle to the force, and at more than a
-# right angle where ``Mf (lam Om)^2`` exceeds K0, which higher speeds reach first. Quadrature stiffness over
-# speed, ``D lam``, falls on one curve for all speeds; the direct one does not, by the fluid's inertia.
+# What to look at: at small loads the journal moves at nearly a right angle to the force. It moves at more than a right
+# angle if ``Mf (lam Om)^2`` exceeds K0, which happens first at high speed. The quadrature stiffness over speed, ``D
+# lam``, lies on one curve for all speeds. The direct stiffness does not, because of the fluid's inertia.

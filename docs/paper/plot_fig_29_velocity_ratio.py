@@ -2,9 +2,9 @@
 Fig. 29: frequency over speed after a tap
 =========================================
 
-Tapped, the journal rings at a frequency that, divided by the rotative speed, the paper reads as lam. The
-ratio falls a little with eccentricity and then collapses, earlier at high speed. Read as lam it misleads: the
-ring-down is an eigenvalue of the whole rotor, and near to lam only while the whirl mode is lightly damped.
+After a tap the journal rings down. The paper takes its frequency, divided by the rotative speed, as lam. This ratio
+falls slightly with eccentricity and then collapses, earlier at high speed. As a measure of lam it can mislead: the
+ring-down is an eigenvalue of the whole rotor, and the ratio is near lam only while the whirl mode is lightly damped.
 """
 
 import matplotlib.pyplot as plt
@@ -29,8 +29,8 @@ for name, value in fluid.items():
     print(f"{name:<4} truth {value:6g}   fitted {parameter.value:8.4g} +- {parameter.stderr:.2g} {parameter.unit}")
 
 # %%
-# Points: frequencies of the ring-downs over the speed. Curves: the same of the fitted rotor. The law itself is
-# smooth.
+# The points are frequencies of the ring-downs over the speed, and the curves are those of the fitted rotor. The law
+# itself is smooth: over these eccentricities its lam (dashed) falls steadily.
 
 fit.plot_velocity_ratio()
 
@@ -38,9 +38,9 @@ fit.plot_velocity_ratio()
 # The collapse, explained
 # -----------------------
 #
-# The same eigenvalue, centred, while D changes and nothing else: lam stays 0.46. Where D is large the damped
-# frequency over the speed is lam; where ``D lam Om`` is no larger than the stiffness, the mode is damped most, and
-# the ratio leaves lam though lam has not moved.
+# These figures show the same eigenvalue of a centred journal. Only D changes, and lam stays 0.46. If D is large, the
+# damped frequency over the speed equals lam. If ``D lam Om`` is no larger than the stiffness, the mode is heavily
+# damped, and the ratio departs from lam although lam has not changed.
 
 linear = rf.models.OneMode()
 damping = np.geomspace(20, 2000, 200)
@@ -55,23 +55,26 @@ for D in damping:
     ratings.append(-whirl.real / abs(whirl))
 axes[0].semilogx(damping, ratios)
 axes[0].axhline(0.46, color="0.6", ls=":", label="lam")
-axes[0].set(xlabel="D, N s/m", ylabel="damped frequency over speed", title="what a tap shows of lam = 0.46")
+axes[0].set(xlabel="D, N s/m", ylabel="damped frequency over speed", title="frequency after a tap, lam = 0.46")
 axes[0].legend()
 axes[1].semilogx(damping, ratings)
-axes[1].set(xlabel="D, N s/m", ylabel="damping ratio of that mode", title="its damping")
+axes[1].set(xlabel="D, N s/m", ylabel="damping ratio", title="damping of that mode")
+for axis in axes:
+    axis.set(xticks=(20, 100, 500, 2000), xticklabels=("20", "100", "500", "2000"))
 
 # %%
-# What to look at: at small eccentricity the points lie on lam; further out, where the film is stiff, the fitted
-# eigenvalue and lam part. A ratio is not lam where the damping ratio is large, nor where it lies far above: that is a
-# mechanical mode. Fitted as eigenvalues the same ring-downs give lam within its error (the table above).
+# What to look at: at small eccentricity the points lie on lam. At larger eccentricity, where the film is stiff, the
+# fitted eigenvalue differs from lam. The ratio is not lam if the damping ratio is large, nor if the ratio lies far
+# above lam, because then the mode is a mechanical one. Fitted as eigenvalues, the same ring-downs give lam within its
+# error (the table above).
 
 # %%
 # Where lam itself collapses
 # --------------------------
 #
-# Static loads give lam without a ring-down (Figs 26 to 28). The law ``Collapse`` has a lam that falls slightly, then
-# collapses at an edge that comes earlier at high speed. Here it is fitted to loads on a rig whose lam collapses in
-# another form; a power law cannot follow.
+# Static loads give lam without a ring-down (Figs 26 to 28). In the law ``Collapse`` lam falls slightly and then
+# collapses, at an eccentricity that is smaller at high speed. Here it is fitted to loads on a rig whose lam collapses
+# by another formula. A power law cannot follow this collapse.
 
 import casadi as ca  # noqa: E402
 
@@ -79,7 +82,7 @@ from rotorfit.models.laws import Fluid, Law  # noqa: E402
 
 
 class Axial(Law):
-    """Flow that turns axial at an eccentricity which falls with speed."""
+    """Flow that becomes axial at an eccentricity which decreases with speed."""
 
     name = "axial"
     parameters = ()

@@ -2,9 +2,9 @@
 Figs 30 to 32: an overhung rotor and its gyroscopic effect
 ==========================================================
 
-A disk at the end of a shaft moves and tilts. Tilting a turning disk takes a moment across the tilt, in
-proportion to the speed: forward natural frequencies rise with it, backward ones fall. A circular force of
-either direction finds each in its own sweep.
+A disk at the end of a shaft moves and tilts. A rotating disk that tilts exerts a gyroscopic moment, which is
+proportional to the speed. It raises the forward natural frequencies and lowers the backward ones. A circular force in
+each direction excites them in separate sweeps.
 """
 
 import matplotlib.pyplot as plt
@@ -18,7 +18,8 @@ model = rf.models.Overhung()
 truth = {"M": 8.0, "It": 0.06, "Ip": 0.11, "k11": 4e5, "k12": -5e4, "k22": 2e4, "d1": 300.0, "d2": 4.0}
 
 # %%
-# Fig. 30, the rig: deflection z of the disk and its tilt phi, which an axial probe reads off the disk's face.
+# Fig. 30: the rig, with the deflection z of the disk and its tilt phi. An axial probe at the disk's face measures the
+# tilt.
 
 figure, axis = plt.subplots(figsize=(6.5, 2.6), layout="constrained")
 axis.add_patch(Rectangle((0.2, -0.25), 0.25, 0.5, fill=False, hatch="///"))
@@ -32,13 +33,13 @@ axis.annotate("", (4.6, line[-1]), (4.6, 0), arrowprops={"arrowstyle": "<->"})
 axis.text(4.7, line[-1] / 2, "z", va="center")
 axis.plot([0, 5], [0, 0], "k:", lw=0.8)
 axis.annotate("axial probe", (3.75, 0.75), (2.6, 0.95), arrowprops={"arrowstyle": "->"})
-axis.text(4.05, 1.0, "tilt phi")
+axis.text(4.05, 1.0, "tilt φ")
 axis.set(xlim=(-0.1, 5.2), ylim=(-0.8, 1.3), aspect="equal", title="overhung disk on two bearings")
 axis.axis("off")
 
 # %%
-# Fig. 31: polar plots of deflection and tilt at several speeds, the force backward (left half) and forward. The
-# force acts at the disk; deflection and slope are read.
+# Fig. 31: polar plots of deflection and tilt at two speeds. The force acts at the disk, forward (filled points) and
+# backward (open points).
 
 rpm = np.linspace(1200, 7000, 30)
 tests = [
@@ -54,8 +55,8 @@ for name, value in truth.items():
 fit.plot_polar()
 
 # %%
-# Fig. 32: natural frequencies against speed, from the identified parameters; dots are those of the tested
-# speeds. The dashed line is 1x: where it is crossed the rotor has a critical speed.
+# Fig. 32: natural frequencies over speed, from the identified parameters; dots mark the tested speeds. The dashed line
+# is 1x. The rotor has a critical speed where a forward frequency crosses it.
 
 speeds = np.linspace(0, 4000, 120)
 figure, axis = plt.subplots(figsize=(7, 4.5), layout="constrained")
@@ -73,11 +74,11 @@ axis.set(xlabel="rotative speed, rpm", ylabel="natural frequency, rpm", title="g
 axis.legend()
 
 # %%
-# The same as a figure of the fit, damping beside it; circles are where the measured responses peak.
+# The figure of the fit shows the damping too. Circles mark the peaks of the measured responses.
 
 fit.plot_stability()
 
 # %%
-# What to look at: at rest the modes come in pairs of one frequency; speed pulls each pair apart, the second
-# further as it tilts more. Eight parameters are too many for deflections alone: the paper took the disk's
-# transverse inertia It as known, and so did the fit.
+# What to look at: at rest, forward and backward frequencies are equal in pairs. The speed splits each pair, and the
+# second pair more, because that mode tilts more. Deflections alone cannot determine all eight parameters: the paper
+# took the disk's transverse inertia It as known, and so did this fit.

@@ -2,10 +2,10 @@
 Figs 33 to 36: two disks, start-ups with weights
 ================================================
 
-Where nothing but the rotor itself can shake it, known weights do: two start-ups with a weight at 0 and at 180
-degrees in one plane, half their difference, and the same in the other plane. What is common (residual
-unbalance, bow, run-out) cancels, eq. (20). The four responses (Fig. 35) give masses, springs and damping of
-the two-disk model (Fig. 36).
+If no perturbator can be attached, known weights excite the rotor. Two start-ups are made with a weight at 0 and at
+180 degrees in one plane, and two in the other plane. In half the difference of each pair, everything that they have
+in common cancels: residual unbalance, bow and run-out, eq. (20). The four responses (Fig. 35) give masses, springs
+and damping of the two-disk model (Fig. 36).
 """
 
 import matplotlib.pyplot as plt
@@ -24,19 +24,20 @@ truth = {
 
 figure, axis = plt.subplots(figsize=(6.5, 1.8), layout="constrained")
 for left, right, name in ((0, 1.5, "K1"), (2.1, 3.9, "K2"), (4.5, 6, "K3")):
-    x = np.linspace(left, right, 60)
-    axis.plot(x, np.where((x > left + 0.3) & (x < right - 0.3), 0.12 * np.sign(np.sin(40 * x)), 0), "k", lw=1)
+    x = np.r_[left, np.linspace(left + 0.3, right - 0.3, 14), right]
+    axis.plot(x, np.r_[0, 0, 0.12 * (-1.0) ** np.arange(12), 0, 0], "k", lw=1)
     axis.text((left + right) / 2, 0.3, name, ha="center")
 for middle, name in ((1.8, "M1"), (4.2, "M2")):
     axis.add_patch(plt.Rectangle((middle - 0.3, -0.3), 0.6, 0.6, facecolor="C0", alpha=0.4, edgecolor="k"))
     axis.text(middle, 0, name, ha="center", va="center")
 axis.plot([0, 0], [-0.4, 0.4], "k", lw=3)
 axis.plot([6, 6], [-0.4, 0.4], "k", lw=3)
-axis.set(xlim=(-0.2, 6.2), ylim=(-0.5, 0.6), title="two masses, three springs")
+axis.set(xlim=(-0.2, 6.2), ylim=(-0.5, 0.6), title="Fig. 33: two masses, three springs")
 axis.axis("off")
 
 # %%
-# Fig. 34: the rig. Probes stand beside the disks, where the weights go; more along the shaft check the modes.
+# Fig. 34: the rig. The weights go into the disks, and probes stand beside them. Further probes along the shaft check
+# the modes.
 
 figure, axis = plt.subplots(figsize=(8, 2.2), layout="constrained")
 axis.plot([0.9, 9.2], [0, 0], "k", lw=3)
@@ -49,16 +50,16 @@ parts = (
 )
 for x, width, height, name in parts:
     axis.add_patch(plt.Rectangle((x, -height / 2), width, height, facecolor="#e8eef7", edgecolor="k"))
-    axis.text(x + width / 2, height / 2 + 0.12, name, ha="center", va="bottom", fontsize=8)
+    axis.text(x + width / 2, height / 2 + 0.12, name, ha="center", va="bottom", fontsize=9)
 for number, x in enumerate((2.6, 3.2, 4.6, 5.4, 6.2, 7.6)):
     axis.plot([x, x], [-0.9, -0.1], "C3" if number in (1, 4) else "0.6", lw=2)
-axis.text(3.2, -1.2, "x and y probes (red: fitted)", ha="center", fontsize=8)
-axis.set(xlim=(-0.2, 9.6), ylim=(-1.4, 1.5), title="two disks, weights in either")
+axis.text(3.2, -1.2, "x and y probes (red: fitted)", ha="center", fontsize=9)
+axis.set(xlim=(-0.2, 9.6), ylim=(-1.4, 1.5), title="Fig. 34: two disks with weights")
 axis.axis("off")
 
 # %%
-# Fig. 35: net responses to controlled unbalance, 15 g mm, up to 6000 rpm; residual unbalance is in every run
-# and cancels.
+# Fig. 35: net responses to a known unbalance of 15 g mm, up to 6000 rpm. Residual unbalance is in every run and
+# cancels.
 
 speed_rpm = np.linspace(600, 6000, 90)
 test = rf.simulate(
@@ -71,7 +72,7 @@ test = rf.simulate(
     noise=0.01,
     seed=1,
 )
-raw = rf.fit(model, test)  # runs as they are, residual unbalance and all
+raw = rf.fit(model, test)  # the runs as they are, with residual unbalance
 net = rf.difference_synchronous(test)  # rf.read does this by itself
 fit = rf.fit(model, net)
 print(f"redchi of the runs as they are {raw.redchi:.0f}, of their half differences {fit.redchi:.2f}")
@@ -81,15 +82,15 @@ for name in ("M1", "M2", "K1", "K2", "K3", "D11", "D12", "D21", "D22"):
 fit.plot_polar()
 
 # %%
-# Fig. 36: dynamic stiffness, the direct part against the square of the speed: straight lines, which begin at K1 + K2,
-# -K2 and K2 + K3 and fall by the masses.
+# Fig. 36: dynamic stiffness, with the direct part over the square of the speed. The lines begin at K1 + K2, -K2 and K2
+# + K3, and their slopes are the masses.
 
 fit.plot_dynamic_stiffness(against="square")
 
 # %%
-# The modes that follow, with their errors, and beside zeta what the half-power bandwidth of the responses gives. The
-# paper read 0.99 and -0.94 by eye from the responses; its masses and springs give 0.984 and -0.939. MAC compares the
-# shapes with the paper's.
+# The modes of the fitted rotor, with errors. The half-power bandwidth of the responses is given beside zeta. The paper
+# read 0.99 and -0.94 by eye from the responses; its masses and springs give 0.984 and -0.939. MAC compares the shapes
+# with the paper's.
 
 modes = fit.modes()
 print(modes)
@@ -101,6 +102,6 @@ for number in ("I", "II"):
 print("MAC:", modes.mac({"inboard": [1, 1], "outboard": [paper["phi_I"], paper["phi_II"]]}).round(4).tolist())
 
 # %%
-# What to look at: each polar loop is a mode; the off-diagonal pair of panels agree, as they should by
-# reciprocity. Where the paper found the quadrature part too faint to give the damping matrix, the fit of all
-# responses gives it, with error bars.
+# What to look at: each loop of a polar plot is a mode. The two off-diagonal panels agree, as reciprocity requires. The
+# paper found the quadrature part too small to give the damping matrix. The fit of all responses gives it, with error
+# bars.

@@ -2,10 +2,10 @@
 Figs 37 and 38: a shaft that is not round, and its twist
 ========================================================
 
-Two flats make the shaft stiffer one way than the other, and that turns with it. A backward force at w then
-moves the shaft at w and at ``2 Om - w``, and together with unbalance and side load it twists the shaft: at
-``w - Om``, ``w - 2 Om`` and twice the first. Where one of these meets the torsional natural frequency the
-twist resonates.
+Two flats make the shaft stiffer in one direction than in the other, and these directions rotate with the shaft. A
+backward force at w then moves the shaft at w and at ``2 Om - w``. Together with unbalance and side load it twists the
+shaft at ``w - Om``, ``w - 2 Om`` and twice the first. The twist resonates where one of these frequencies meets the
+torsional natural frequency.
 """
 
 import tempfile
@@ -50,20 +50,20 @@ sensitivity_V_per_rad = 1000.0
 record = rf.read_recording(folder / "shaft.h5", folder / "rig.toml")
 
 # %%
-# Fig. 37: spectra of the vertical vibration while the perturbation sweeps backward, 15 s of volts. Beside the lines
-# that are always marked, the two that the paper found.
+# Fig. 37: full spectra of the vibration while the perturbation sweeps backward, from 15 s of volts. The figure also
+# marks the two lines that the paper found.
 
 record.plot_cascade(lines={"w − 1x": (1, -1), "2w − 1x": (2, -1)})
 
 # %%
-# Fig. 38: overall amplitude of the twist over the perturbation frequency, and its spectra. Dotted: the torsional
-# natural frequency and its half.
+# Fig. 38: overall amplitude of the twist over the perturbation frequency, and its spectra. The dotted lines are the
+# torsional natural frequency and half of it.
 
-record.plot_twist(marks={"ν_t": truth["nu_t"], "ν_t/2": truth["nu_t"] / 2})
+record.plot_twist(marks={"νt": truth["nu_t"], "νt/2": truth["nu_t"] / 2})
 
 # %%
-# The lines are fitted together: M, K and D from the line at w, dK and its direction from the image at ``2 Om -
-# w``, the torsional frequency and damping from the twist.
+# All lines are fitted together. The line at w gives M, K and D, its image at ``2 Om - w`` gives dK and its direction,
+# and the twist gives the torsional frequency and damping.
 
 fit = rf.fit(shaft, rf.shaft_lines(record), known={"J": 2e-4})
 for name in ("M", "K", "D", "nu_t", "zeta_t"):
@@ -79,10 +79,10 @@ fit.plot_lines()
 # The lines w - Om and 2w - Om of Fig. 37
 # ---------------------------------------
 #
-# The paper calls the lateral lines ``w - Om`` and ``2w - Om`` significant and due to the shaft's anisotropy. A shaft
-# that is not round and does not twist has neither; through the twist they come back at some millionths of the line at
-# w. (In a single probe ``w - 2 Om`` is the image ``2 Om - w``.) Three rotors integrated in time, lines of the vertical
-# probe:
+# The paper calls the lateral lines ``w - Om`` and ``2w - Om`` significant and attributes them to the shaft's
+# anisotropy. A shaft that is not round but does not twist has neither. Through the twist they appear with some
+# millionths of the line at w. (For a single probe ``w - 2 Om`` is the image ``2 Om - w``.) Three rotors are integrated
+# in time here, and the lines are those of the vertical probe:
 
 import numpy as np  # noqa: E402
 from scipy.integrate import solve_ivp  # noqa: E402
@@ -92,7 +92,7 @@ span = 4.0 + np.linspace(0, 2 * np.pi / 15 * 8, 6000, endpoint=False)  # whole p
 
 
 def vertical_lines(stiffening, stop, gap):
-    """Amplitudes in um: of a shaft that stiffens by a cubic term, N/m3, or meets a stop below, N/m at a gap in m."""
+    """Amplitudes, um: of a shaft with a cubic stiffness, N/m3, or one that meets a stop below, N/m at a gap in m."""
 
     def motion(t, state):
         z, velocity = state
@@ -114,11 +114,12 @@ for name, case in {
     print(f"{name:<17}" + "".join(f"{line}: {size:8.3f} um   " for line, size in vertical_lines(*case).items()))
 
 # %%
-# So the anisotropy alone does not explain them. Stiffening that takes a quarter off the peak gives a line of two
-# thousandths; a stop as stiff as the shaft that is touched again and again, a partial rub, gives one of a hundredth,
-# two fifths of the image, which one would call significant. Whether the paper's rig did rub cannot be known from it.
+# So the anisotropy alone does not explain these lines. A cubic stiffness that reduces the peak by a quarter gives a
+# line of two thousandths of that at w. A partial rub, a stop as stiff as the shaft that is touched repeatedly, gives
+# one of a hundredth. This is two fifths of the image, which one would call significant. The paper does not show
+# whether its rig did rub.
 
 # %%
-# What to look at: slanted ridges are lines that follow the perturbation, upright ones belong to the shaft's own
-# orders. The twist has two peaks side by side: the lateral resonance near 1910 rpm, and 2101 rpm, where ``|w| +
-# Om`` is the torsional frequency, 3247 rpm. A crack is a dK that grows; :doc:`/anisotropic_shaft` follows one.
+# What to look at: slanted ridges are lines that follow the perturbation, and upright ones are orders of the shaft. The
+# twist has two peaks side by side: the lateral resonance near 1910 rpm, and 2101 rpm, where ``|w| + Om`` equals the
+# torsional frequency of 3247 rpm. A growing dK indicates a crack; :doc:`/anisotropic_shaft` shows how to follow it.

@@ -1,10 +1,11 @@
 """
-Rules of thumb, beside fitted numbers
-=====================================
+Rules of thumb and fitted numbers
+=================================
 
-The paper's rule for the threshold of stability is ``sqrt((K + K0)/M)/lam``: the speed at which ``lam Om``
-reaches the natural frequency. It holds for one mode without external damping, whatever the fluid's inertia.
-External damping moves it up, and two modes move it to the lowest natural frequency of the whole rotor.
+The paper's rule for the threshold of stability is ``sqrt((K + K0)/M)/lam``, the speed at which ``lam Om`` reaches the
+natural frequency. It holds for one mode without external damping, whatever the fluid's inertia is. External damping
+raises the threshold. With two modes, the lowest natural frequency of the whole rotor takes the place of ``sqrt((K +
+K0)/M)``.
 """
 
 import matplotlib.pyplot as plt
@@ -17,8 +18,8 @@ model = rf.models.OneMode()
 truth = {"M": 1.2, "K": 8e3, "Ds": 0.0, "K0": 9e3, "D": 450.0, "lam": 0.46, "Mf": 0.4}
 
 # %%
-# Against the eigenvalues of the equation of motion, over external damping. With ``r = Ds/D`` the exact
-# threshold of one mode is ``(1 + r)/lam sqrt((K + K0)/(M + Mf r²))``.
+# The figure compares the rule with the eigenvalues of the equation of motion, over external damping. With ``r = Ds/D``
+# the exact threshold of one mode is ``(1 + r)/lam sqrt((K + K0)/(M + Mf r²))``.
 
 shares = np.linspace(0, 0.6, 25)
 rule = np.sqrt((truth["K"] + truth["K0"]) / truth["M"]) / truth["lam"] * RPM
@@ -34,7 +35,7 @@ axis.set(
 axis.legend()
 
 # %%
-# The same from a test, with its error. ``derive`` makes a quantity of parameters with their correlations.
+# The same from a test, with errors. ``derive`` computes a quantity from parameters and respects their correlations.
 
 rpm = np.r_[np.linspace(-2500, -100, 25), np.linspace(100, 2500, 25)]
 damped = truth | {"Ds": 8.0}
@@ -46,5 +47,5 @@ print("from eigenvalues", fit.threshold_speed().to("rpm"))
 print("truth           ", f"{rf.models.threshold_speed(model, model.vector(damped)).speed * RPM:.0f} rpm")
 
 # %%
-# What to look at: the dashed line is a lower bound; a rotor with little external damping is near it. The cross
-# stiffness ``K_xy = D lam Om`` is on the page of Fig. 10.
+# What to look at: the dashed line is a lower bound, and a rotor with little external damping is near it. The page of
+# Fig. 10 shows the cross stiffness ``K_xy = D lam Om``.

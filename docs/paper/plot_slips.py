@@ -2,9 +2,9 @@
 Two slips of the paper: eqs (3) and (9)
 =======================================
 
-Eq. (3) writes the vertical motion as a sine, so that its amplitude vector is *not* the phasor of the vertical
-probe, but j times it. Eq. (9), as printed, gives two of the coupling blocks with the wrong sign. Both are
-quick to check on a rotor whose matrices are known.
+Eq. (3) writes the vertical motion as a sine. Therefore its amplitude vector is *not* the phasor of the vertical
+probe, but j times it. Eq. (9), as printed, gives two of the coupling blocks the wrong sign. A rotor with known
+matrices shows both.
 """
 
 import matplotlib.pyplot as plt
@@ -19,9 +19,9 @@ stiffness = K + 1j * w * D - w**2 * M  # of phasors X and Y: signals are Re(phas
 # Eq. (3)
 # -------
 #
-# A circular force F at one plane, forward, is ``Fx = F cos(wt)``, ``Fy = F sin(wt)``: phasors F and -jF. The
-# probes give X and Y. With ``y = A2 sin(wt + a2)``, which is ``Re(-j A2 exp(j(wt + a2)))``, the paper's vector
-# is ``A2 = j Y``.
+# A forward circular force F at one plane is ``Fx = F cos(wt)``, ``Fy = F sin(wt)``, with the phasors F and -jF. The
+# probes give X and Y. With ``y = A2 sin(wt + a2)``, which is ``Re(-j A2 exp(j(wt + a2)))``, the paper's vector is ``A2
+# = j Y``.
 
 
 def probes(plane, backward):
@@ -49,8 +49,9 @@ print(f"eq. (7) with A2 = Y:  error {abs(wrong - expected).max() / abs(expected)
 # Eq. (9)
 # -------
 #
-# Printed: ``w D[3-q, q] = Re B`` and ``K[3-q, q] - w² M[3-q, q] = Im B`` with ``B = [(-1)^q F2 - H1] H2``. Here
-# are the four blocks as printed, and with the signs ``(-1)^q`` and ``(-1)^(q+1)`` that eq. (7) asks for.
+# The paper prints ``w D[3-q, q] = Re B`` and ``K[3-q, q] - w² M[3-q, q] = Im B`` with ``B = [(-1)^q F2 - H1] H2``. The
+# figure compares the four blocks as printed with those that have the signs ``(-1)^q`` and ``(-1)^(q+1)``, which eq.
+# (7) requires.
 
 A = {1: A1, 2: A2}
 found = {}
@@ -80,6 +81,6 @@ axis.set(
 axis.legend()
 
 # %%
-# What to look at: errors of round-off against errors of two, a wrong sign. As printed, D21 and K12 come out
-# with the wrong sign. Solving eq. (5) directly, ``kappa A = [[F1, F2], [F1, -F2]]``, needs no sign lore; that
-# is what :func:`rotorfit.dynamic_stiffness` does.
+# What to look at: round-off errors stand beside errors of two, which are wrong signs. As printed, D21 and K12 have the
+# wrong sign. The direct solution of eq. (5), ``kappa A = [[F1, F2], [F1, -F2]]``, needs no such signs;
+# :func:`rotorfit.dynamic_stiffness` uses it.

@@ -81,7 +81,7 @@ def _legend(figure: Figure, *, unstable: bool, ratio: float) -> None:
         handles.append(Line2D([], [], color=_UNSTABLE, lw=1.4, ls="--"))
         words.append("unstable")
     handles += [Line2D([], [], color=GREY, lw=1.0, ls=":"), Line2D([], [], color=GREY, lw=0.8)]
-    legend_below(figure, handles, [*words, f"onset, and {ratio:.3f} of the speed", "clearance"])
+    legend_below(figure, handles, [*words, f"onset, and {ratio:.3f} times the speed", "clearance"])
 
 
 @looked
@@ -125,7 +125,7 @@ def _thresholds(fit: FitResult) -> tuple[Float, Float, Float, Float]:
     model, theta = fit.model, fit.theta()
     seat = journal(model)
     rows = []
-    for eps in np.linspace(0.0, min(0.9, 1.15 * max(reach(fit), 0.4)), 13).tolist():
+    for eps in np.linspace(0.0, min(0.9, 1.15 * max(reach(fit), 0.4)), 25).tolist():
         found = fit.threshold_speed(eccentricity=eps)
         if not np.isfinite(found.value):
             break  # stable at every speed from here on

@@ -302,13 +302,13 @@ def plot_cascade(
         axis.plot(frequency, curve, color=COLOURS[0], linewidth=0.6, zorder=2 + order)
     _order_lines(axis, cascade, position, edge, lines)
     axis.set_xlim(-edge, edge)
-    axis.set_ylim(position.min() - spacing, position.max() + 8 * spacing)
+    axis.set_ylim(position.min() - spacing, position.max() + 10 * spacing)
     axis.set_xlabel("frequency, Hz (backward < 0 < forward)", fontsize=9)
     axis.set_ylabel(label, fontsize=9)
     axis.tick_params(labelsize=8)
     bar = float(f"{amplitude.max(initial=1e-9) / 2:.1g}")
     right = 0.96 * edge
-    foot = position.max() + 3.5 * spacing  # above the labels of the lines
+    foot = position.max() + 5.5 * spacing  # above the labels of the lines
     axis.plot([right, right], [foot, foot + bar * height], color="black", zorder=999)
     axis.text(right - 0.025 * edge, foot, f"{bar:g} {amplitude_unit()}", fontsize=8, ha="right", zorder=999)
     return figure

@@ -246,7 +246,7 @@ def legend_below(figure: Any, handles: Sequence[Any], labels: Sequence[str]) -> 
         figure.axes[-1].legend(handles, labels, fontsize=SMALL_TYPE, frameon=False)
     elif len(labels):
         room = figure.bbox.width / whole.dpi * 72 / (0.55 * SMALL_TYPE)  # letters in a row
-        beside = 9  # letters whose room a line and the gaps beside it take
+        beside = 11  # letters whose room a line and the gaps beside it take
         widths = [
             sum(max(map(len, column)) + beside for column in np.array_split(np.array(labels, dtype=object), count))
             for count in range(1, min(len(labels), 6) + 1)
