@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
 
+import numpy as np
 import pandas as pd
 import pytest
 from browser import Browser, Tab
@@ -39,17 +40,21 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     inverted = (table["plane"] == "journal") & (table["direction"] == "y")
     table.assign(phase_deg=table["phase_deg"] + 180.0 * inverted).to_csv(made / "b.csv", index=False)
     (made / "wrong.csv").write_text("speed_rpm,amplitude_um\n1000,1\n", encoding="utf-8")
+    samples = pd.DataFrame({"time_s": np.arange(2000) / 1000, **dict.fromkeys(("disk_X", "mark_shaft"), 1.0)})
+    samples.to_csv(made / "raw.csv", index=False)
     return made
 
 
 @pytest.fixture(scope="module")
 def address(folder: Path) -> Iterator[str]:
-    """Address of a server for the folder."""
+    """Address of a server for the folder, which has no traceback printed in the end."""
     words = [sys.executable, "-m", "rotorfit", "open", str(folder / "a.csv"), "--no-browser"]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=os.environ) as server:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(words, **pipes, text=True, env=os.environ) as server:
         assert server.stdout is not None
         yield server.stdout.readline().split()[-1]
         server.terminate()
+        assert "Traceback" not in server.communicate()[1]
 
 
 def open_files(tab: Tab, *names: str) -> None:
@@ -84,7 +89,7 @@ def test_from_volts_to_a_report_and_again_on_the_command_line(
     tab = browser.tab(address)
     open_files(tab, *VOLTS)
     tab.wait_for("journal-fwd: 10.000 s at 4096 Hz, 6 channels")
-    tab.wait_for("rms)")
+    assert "turning of the force" not in tab.wait_for("rms)")  # the form for the setup is folded away
     tab.click("button", "Make vectors")
     tab.wait_for("perturbation test, 696 readings in 2 runs")
     tab.wait(lambda: tab.run("findAll('canvas').length") > 10, "all figures")  # above the form, which they move
@@ -146,6 +151,27 @@ def test_wrong_files_and_two_tabs(browser: Browser, address: str, folder: Path, 
     assert sentence not in text
     assert "Download" not in text
     assert sorted(folder.iterdir()) == before
+    open_files(second, "raw.csv")
+    second.wait_for("raw.csv looks like raw signals")
+    second.click("button", "It holds raw signals")
+    second.wait_for("channel mark_shaft")
+    assert sorted(folder.iterdir()) == before
+
+
+def test_the_cursor_of_a_sweep_stands_at_the_speed_of_its_time() -> None:
+    from rotorfit.app.signals import _BodeFigure
+    from rotorfit.plots.recordings import vectors_shown
+
+    record = rf.read_recording(datasets.path(VOLTS[0]))
+    mark = record.marks.named("perturbator", record)
+    figure = _BodeFigure(vectors_shown(record, record.marks, "perturbator", None), "disk", mark)
+    for pulse in (100, 250, 380):
+        begin, end = mark.pulses[pulse : pulse + 2]
+        figure.move((begin + end) / 2)
+        turning, shown = 60 / (end - begin), figure.cursor.data["x"][0]  # rpm, from one pulse to the next
+        between = np.abs(np.diff(figure.rpm)).max()  # where a line is left out, the next one is shown
+        assert abs(shown - turning) < between < 0.1 * turning
+        assert np.isfinite(figure.cursor.data["a"]).all()
 
 
 def test_the_address_is_this_machines_alone_and_a_secret(address: str) -> None:

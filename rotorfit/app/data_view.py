@@ -6,9 +6,19 @@ from typing import TYPE_CHECKING, Any
 
 import panel as pn
 
-from rotorfit.app.parts import WIDE, button, figures_beside, finding_words, heading, in_a_row, markup, message
+from rotorfit.app.parts import (
+    WIDE,
+    button,
+    colour_key,
+    figures_beside,
+    finding_words,
+    heading,
+    in_a_row,
+    markup,
+    message,
+)
 from rotorfit.app.read_form import read_form
-from rotorfit.app.readings_figure import readings_figures
+from rotorfit.app.readings_figure import colours_of_runs, readings_figures
 from rotorfit.app.session import entry_table
 from rotorfit.app.setup_form import SetupForm
 from rotorfit.app.signals import SignalsView
@@ -70,10 +80,12 @@ class DataView:
 
         data = self._session.data
         figures = [] if data is None else readings_figures(data.experiments[number], skipped, on_brush)
-        if not figures:
+        if data is None or not figures:
             return pn.Column()
         out = [markup(element("p", f"{len(skipped)} readings are left out, drawn as crosses."))] if skipped else []
-        return pn.Column(figures_beside(figures), in_a_row(leave, back), *out, **WIDE)
+        colours = colours_of_runs(data.experiments[number])
+        key = colour_key("Draw a box or a lasso around readings to leave them out.", colours)
+        return pn.Column(key, figures_beside(figures), in_a_row(leave, back), *out, **WIDE)
 
     def _forms(self) -> list[Any]:
         """A form for each test file; it is open where the files could not be read as they are."""

@@ -34,6 +34,14 @@ def fit_figures(fit: FitResult, draw: Draw) -> list[Any]:
     return figures
 
 
+def colours_of_conditions(fit: FitResult) -> dict[str, str]:
+    """Colour of each condition of the rotor that the figures tell apart."""
+    try:
+        return {condition.name: condition.colour for condition in curves(fit)[0]}
+    except ValueError:  # as above
+        return {}
+
+
 def bode(found: Sequence[SweepCurve], title: str, unit: str) -> Any:
     """Amplitude and phase of a response to a unit force: points measured, lines fitted, with their 95 % bands."""
     from bokeh.layouts import column

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import panel as pn
 
-from rotorfit.app.parts import WIDE, markup, message, shown_in, side_by_side
+from rotorfit.app.parts import LONG_LABEL, WIDE, folded, markup, message, shown_in, side_by_side
 from rotorfit.estimators.misfit.losses import LOSSES
 from rotorfit.models import LAWS, MODELS
 from rotorfit.options.table import FIT
@@ -42,7 +42,7 @@ def model_form(page: Front) -> tuple[list[Any], Callable[[], bool]]:
         return all(_know(page, name, shown_in(field)) for name, field in fields.items())
 
     usual = not set(content) & {*_CHOICES, *_WORDS, "refine"}
-    more = pn.Card(_options(page), title="More options", collapsed=usual, **WIDE)
+    more = folded("More options", _options(page), shown=not usual)
     return [model, _known(page, fields), more], take_in
 
 
@@ -67,7 +67,7 @@ def _field(page: Front, p: Parameter) -> Any:
         name=f"{p.name}{'' if p.unit == '1' else f', {p.unit}'}: {p.meaning}",
         value=str(known.get(p.name, "")),
         placeholder="fitted" if p.default is None else f"{p.default:g}; write free to fit it",
-        stylesheets=["label { white-space: normal; }"],
+        stylesheets=[LONG_LABEL],
         **WIDE,
     )
     field.param.watch(lambda event: _know(page, p.name, event.new.strip()), "value")

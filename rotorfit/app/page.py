@@ -12,7 +12,7 @@ import panel as pn
 from rotorfit.app.data_view import DataView
 from rotorfit.app.folder import Folder
 from rotorfit.app.model_form import model_form
-from rotorfit.app.parts import WIDE, button, heading, in_a_row, markup, message
+from rotorfit.app.parts import WIDE, button, heading, in_a_row, in_sight, markup, message
 from rotorfit.app.results import result_parts
 from rotorfit.app.session import Session, chosen_entries
 from rotorfit.app.takeaway import Takeaway
@@ -30,6 +30,7 @@ _TEMPLATE = """{% extends base %}
 {% block contents %}{{ embed(roots.page) }}{% endblock %}"""
 _POLL_MS = 200
 """Milliseconds after which work is asked for news."""
+_DONE = "The fit is done: its result stands below."
 
 
 def page(folder: Folder, names: Sequence[str]) -> Any:
@@ -46,8 +47,8 @@ class Page:
         self.session = Session(folder=folder)
         self._work: Work | None = None
         self._takeaway: Takeaway | None = None
-        self._said, self._data, self._model, self._result = (pn.Column(**WIDE) for _ in range(4))
-        self._progress, self._at_work = pn.Column(**WIDE), message("")
+        self._data, self._model, self._result = (pn.Column(**WIDE) for _ in range(3))
+        self._said, self._progress, self._at_work = in_sight("top"), in_sight("bottom"), message("")
         self._lock = RLock()
         self._stop_button = button("Stop", lambda: self.stop("It was stopped; nothing was written."), width=90)
         self.view = pn.Column(
@@ -67,11 +68,12 @@ class Page:
 
     def _file_section(self, names: Sequence[str]) -> Any:
         folder = self.session.folder
+        found = folder.data_files()
         files = pn.widgets.MultiSelect(
-            name="Test files and recordings",
-            options=folder.data_files(),
+            name="Test files and recordings, several with Ctrl",
+            options=found,
             value=list(names),
-            size=5,
+            size=min(max(len(found), 3), 10),
             min_width=260,
             styles={"flex": "1 1 300px"},
         )
@@ -186,9 +188,9 @@ class Page:
                 if self._takeaway is not None:
                     self._takeaway.add_report(news.text)
             case End():
-                self.stop()
+                self.stop(_DONE)
             case _:
-                self._progress.objects = []
+                self._progress.objects = [message(_DONE)]
                 self._takeaway = Takeaway(self.session, news)
                 self._result.objects = [*result_parts(news, self.undo), *self._takeaway.parts]
 

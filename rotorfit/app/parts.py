@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
 from io import BytesIO
 from time import sleep
@@ -17,6 +17,10 @@ STYLE = files("rotorfit.app").joinpath("page.css").read_text(encoding="utf-8")
 """Look of all markup."""
 _ENTRY_S = 0.3
 """Seconds that a click waits for what was entered just before it: Panel takes entries in 0.05 s late."""
+LONG_LABEL = "label { white-space: normal; } :host { align-self: end !important; }"
+"""Style of fields beside each other: a label may take two lines, the boxes stand in one."""
+_MOST_COLOURS = 16
+"""Names that a line explains. Chosen."""
 WIDE = {"sizing_mode": "stretch_width"}
 """A part that takes the width of the page."""
 
@@ -29,6 +33,14 @@ def markup(*content: str) -> Any:
 def heading(text: str) -> Any:
     """Heading of a section."""
     return markup(element("h2", text))
+
+
+def colour_key(words: str, colours: Mapping[str, str]) -> Any:
+    """What the colours of figures mean, by name; of many, pointing at a reading says whose it is."""
+    shown = colours if 1 < len(colours) <= _MOST_COLOURS else {}
+    dots = [join([element("span", "●", style=f"color: {colour}"), f" {name}"]) for name, colour in shown.items()]
+    said = join(filter(None, [words, *dots]), "  ")
+    return markup(element("p", said, class_="faint")) if said else pn.Column()
 
 
 def message(text: str, kind: str = "") -> Any:
@@ -79,6 +91,16 @@ def side_by_side(parts: Sequence[Any], least: int) -> Any:
 def figures_beside(figures: Sequence[Any]) -> Any:
     """Figures of Bokeh, two beside each other where there is room."""
     return side_by_side([pn.pane.Bokeh(figure, **WIDE) for figure in figures], least=480)
+
+
+def folded(title: str, *parts: Any, shown: bool) -> Any:
+    """Parts below a title that shows and hides them; in a column, as what has a display of its own would stay shown."""
+    return pn.Card(pn.Column(*parts, **WIDE), title=title, collapsed=not shown, **WIDE)
+
+
+def in_sight(edge: str) -> Any:
+    """A place for words that stays within the window, at its top or bottom, wherever the page is scrolled to."""
+    return pn.Column(styles={"position": "sticky", edge: "0", "z-index": "10", "background": "white"}, **WIDE)
 
 
 def in_a_row(*parts: Any) -> Any:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import panel as pn
 
-from rotorfit.app.parts import WIDE, side_by_side
+from rotorfit.app.parts import LONG_LABEL, WIDE, button, folded, side_by_side
 from rotorfit.app.session import entry_table, with_read_option
 from rotorfit.options.kinds import number_word, pairs, two_numbers
+from rotorfit.recordings.formats.files import FORMATS
 
 if TYPE_CHECKING:
     from rotorfit.app.front import Front
@@ -65,18 +67,22 @@ _FIELDS = {
 
 
 def read_form(page: Front, entry: int) -> Any:
-    """Fields of one test file; it is read again when one is left."""
+    """Fields of one test file, which is read again when one is left; or it is a recording, if it cannot be read."""
     table = entry_table(page.session.content["files"][entry])
     fields = [_field(page, entry, key, table.get(key)) for key in _FIELDS]
     title = f"Correct how {table['path']} is read"
-    return pn.Card(side_by_side(fields, least=300), title=title, collapsed=page.session.data is not None, **WIDE)
+    unread, parts = page.session.data is None, [side_by_side(fields, least=300)]
+    if unread and Path(table["path"]).suffix.lower() in FORMATS:
+        words = "It holds raw signals: say which channel is what"
+        parts.append(button(words, lambda: page.change(page.session.as_recordings)))
+    return folded(title, *parts, shown=unread)
 
 
 def _field(page: Front, entry: int, key: str, value: Any) -> Any:
     known = _FIELDS[key]
     shown = "" if value is None else known.shown(value)
     field = pn.widgets.TextInput(
-        name=known.label, value=shown, placeholder=known.example, stylesheets=["label { white-space: normal; }"], **WIDE
+        name=known.label, value=shown, placeholder=known.example, stylesheets=[LONG_LABEL], **WIDE
     )
 
     def left(event: Any) -> None:

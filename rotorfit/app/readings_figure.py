@@ -37,6 +37,12 @@ def readings_figures(test: Experiment, skipped: Set[int], on_brush: Callable[[se
     return found
 
 
+def colours_of_runs(test: Experiment) -> dict[str, str]:
+    """Colour of each run of a perturbation test."""
+    runs = list(dict.fromkeys(test.run.tolist())) if isinstance(test, PerturbationTest) else []
+    return {run: colour_of(number, len(runs)) for number, run in enumerate(runs)}
+
+
 def _channels(test: PerturbationTest) -> Iterator[tuple[str, Any]]:
     names = np.char.add(np.char.add(test.plane, " "), test.direction)
     for name in dict.fromkeys(names.tolist()):
@@ -46,7 +52,7 @@ def _channels(test: PerturbationTest) -> Iterator[tuple[str, Any]]:
 def _source(test: PerturbationTest, rows: Any, skipped: Set[int]) -> Any:
     from bokeh.models import ColumnDataSource
 
-    runs = list(dict.fromkeys(test.run.tolist()))
+    colours = colours_of_runs(test)
     unit = 1e6  # micrometres, or microradians
     return ColumnDataSource(
         {
@@ -58,7 +64,7 @@ def _source(test: PerturbationTest, rows: Any, skipped: Set[int]) -> Any:
             "force": test.force_plane[rows],
             "number": rows + 1,
             "marker": ["x" if row in skipped else "circle" for row in rows.tolist()],
-            "colour": [colour_of(runs.index(run), len(runs)) for run in test.run[rows].tolist()],
+            "colour": [colours[run] for run in test.run[rows].tolist()],
         }
     )
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import panel as pn
 
-from rotorfit.app.fit_figures import bode, fit_figures, polar, residuals
-from rotorfit.app.parts import WIDE, button, figures_beside, finding_words, heading, markup, message
+from rotorfit.app.fit_figures import bode, colours_of_conditions, fit_figures, polar, residuals
+from rotorfit.app.parts import WIDE, button, colour_key, figures_beside, finding_words, heading, markup, message
 from rotorfit.diagnosis.trials.data_errors import PHASE_ZEROS
 from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.quantities import FittedParameter
@@ -79,8 +79,9 @@ def _notes(fit: FitResult) -> list[Html]:
 def _figures(fit: FitResult) -> Any:
     """A tab for each kind of figure; what is not shown is not sent."""
     tabs = pn.Tabs(dynamic=True, **WIDE)
+    colours = colours_of_conditions(fit)
     for name, draw in _FIGURES:
         figures = fit_figures(fit, draw)
         if figures:
-            tabs.append((name, figures_beside(figures)))
+            tabs.append((name, pn.Column(colour_key("", colours), figures_beside(figures), **WIDE)))
     return tabs

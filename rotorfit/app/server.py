@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import secrets
 import socket
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from rotorfit.app.folder import folder_of
 
@@ -23,6 +25,7 @@ def serve(files: Sequence[Path], *, port: int = 0, on_ready: Callable[[str], Non
     """
     folder, names = folder_of(files)
     try:
+        import bokeh.util.warnings
         import panel as pn
         import tomli_w  # noqa: F401 - fails here, not when a study is to be downloaded
     except ImportError as reason:
@@ -30,6 +33,8 @@ def serve(files: Sequence[Path], *, port: int = 0, on_ready: Callable[[str], Non
 
     from rotorfit.app.page import page
 
+    repeated = "reference already known"  # a click that names a button by all that it is, understood all the same
+    warnings.filterwarnings("ignore", repeated, bokeh.util.warnings.BokehUserWarning)
     pn.extension(notifications=False)
     pn.config.nthreads = 4  # what one tab waits for does not hold up another
     token = secrets.token_urlsafe(24)
@@ -46,9 +51,19 @@ def serve(files: Sequence[Path], *, port: int = 0, on_ready: Callable[[str], Non
         use_index=False,  # which would give the token away
         redirect_root=False,
     )
+    server.io_loop.asyncio_loop.set_exception_handler(_but_closed_tabs)
     server.start()
     on_ready(f"http://{LOOPBACK}:{port}/{token}")
     server.io_loop.start()
+
+
+def _but_closed_tabs(loop: Any, context: dict[str, Any]) -> None:
+    """Report what went wrong in the server, but not that a tab was closed while something was sent to it."""
+    from tornado.iostream import StreamClosedError
+    from tornado.websocket import WebSocketClosedError
+
+    if not isinstance(context.get("exception"), StreamClosedError | WebSocketClosedError):
+        loop.default_exception_handler(context)
 
 
 def _free_port() -> int:

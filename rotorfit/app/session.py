@@ -65,6 +65,11 @@ class Session:
         """The recordings among the files."""
         return [name for entry in self.content["files"] for name in entry_table(entry).get("recordings", ())]
 
+    def as_recordings(self) -> Session:
+        """The session with its test files taken for recordings of raw signals."""
+        tests = [entry_table(entry)["path"] for entry in self.content["files"] if "path" in entry_table(entry)]
+        return self.with_files([{"recordings": [*tests, *self.recorded]}])
+
     def with_records(self) -> Session:
         """The session with its recordings opened, of which nothing but headings is read."""
         raw = [files for files in self.study.files if isinstance(files, RecordingFiles)]

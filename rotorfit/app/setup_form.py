@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import panel as pn
 
-from rotorfit.app.parts import WIDE, button, in_a_row, markup, message, side_by_side
+from rotorfit.app.parts import WIDE, button, folded, in_a_row, markup, message, side_by_side
 from rotorfit.recordings.formats.files import open_raw
 from rotorfit.recordings.recording import read_recording
 from rotorfit.recordings.rig.rig_toml import setup_of
@@ -59,15 +59,14 @@ class SetupForm:
         words = (
             "What is left empty is as the recording says. V per mm: positive where the signal rises as the shaft nears."
         )
-        self.card = pn.Card(
+        self.card = folded(
+            "Correct which channel is what: rig.toml",
             markup(element("p", words, class_="faint")),
             side_by_side([self._rotation, self._rate, self._whirl, *self._force.values()], least=250),
             *[row.view for row in self._rows.values()],
             in_a_row(self._name, write),
             self._said,
-            title="Correct which channel is what: rig.toml",
-            collapsed=bool(page.session.records),
-            **WIDE,
+            shown=not page.session.records,
         )
 
     def content(self) -> dict[str, Any]:

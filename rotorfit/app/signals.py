@@ -20,6 +20,7 @@ from rotorfit.studies.wording import refusal
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
+    from rotorfit.recordings.angle_track import AngleTrack
     from rotorfit.recordings.recording import Recording
 
 _POINTS = 1000
@@ -65,9 +66,9 @@ class SignalsView:
             yield _OrbitFigure(record, self._plane)
         yield _SpectrumFigure(record, self._plane)
         if marks.present:
-            vectors = vectors_shown(record, marks, marks.main, None)
-            yield _BodeFigure(vectors, self._plane)
-            yield _PolarFigure(vectors, self._plane)
+            vectors, mark = vectors_shown(record, marks, marks.main, None), marks.named(marks.main, record)
+            yield _BodeFigure(vectors, self._plane, mark)
+            yield _PolarFigure(vectors, self._plane, mark)
             yield _CascadeFigure(record, cascade(record, marks, self._plane))
 
     def move(self, at: float) -> None:
@@ -106,7 +107,9 @@ class _TimeFigure:
             self.figure.line("t", "x", source=source, color=colour, legend_label=f"{probe.plane} at {angle:g}°")
             self.overview.line("t", "x", source=whole, color=colour)
         self.figure.legend.orientation = "horizontal"
-        self.figure.legend.background_fill_alpha = 0.6
+        small_legend(self.figure)
+        self.overview.yaxis.ticker.desired_num_ticks = 2
+        self.overview.yaxis.minor_tick_line_color = None
         self._cursors = [Span(dimension="height", line_color=COLOURS[1], line_width=1.5) for _ in range(2)]
         for plot, cursor in zip((self.figure, self.overview), self._cursors, strict=True):
             plot.add_layout(cursor)
@@ -202,10 +205,10 @@ class _SpectrumFigure:
 class _VectorFigure:
     """Vectors of the probes of a plane over the recording."""
 
-    def __init__(self, vectors: OrderVectors, plane: str) -> None:
+    def __init__(self, vectors: OrderVectors, plane: str, mark: AngleTrack) -> None:
         from bokeh.models import ColumnDataSource
 
-        self._vectors = vectors
+        self._vectors, self._mark = vectors, mark
         own = [(angle, row) for (at, angle), row in zip(vectors.probes, vectors.phasors, strict=True) if at == plane]
         self.rpm = np.abs(vectors.speed) * RPM_PER_RAD_S
         self.changes = bool(np.ptp(self.rpm) > 0.05 * self.rpm.max())
@@ -216,7 +219,7 @@ class _VectorFigure:
 
     def move(self, at: float) -> None:
         """Show the time of the cursor."""
-        i = int(np.argmin(np.abs(self._vectors.t - at)))
+        i = self._nearest(at)
         values = np.array([row[i] for row in self.rows.values()])
         self.cursor.data = {
             "x": np.full(values.size, self.across[i]),
@@ -226,14 +229,23 @@ class _VectorFigure:
             "im": values.imag,
         }
 
+    def _nearest(self, at: float) -> int:
+        """The vector of that time; in a sweep, whose vectors have none, of the mark's speed then."""
+        vectors = self._vectors
+        apart = np.abs(vectors.t - at)
+        if np.isnan(vectors.t).all():
+            apart = np.abs(np.abs(vectors.speed) - abs(float(self._mark.speed(np.array([at]))[0])))
+        there = np.flatnonzero(np.isfinite(list(self.rows.values())).all(axis=0))
+        return int(there[np.argmin(apart[there])]) if there.size else 0
+
 
 class _BodeFigure(_VectorFigure):
     """Amplitude and phase of the vectors."""
 
-    def __init__(self, vectors: OrderVectors, plane: str) -> None:
+    def __init__(self, vectors: OrderVectors, plane: str, mark: AngleTrack) -> None:
         from bokeh.layouts import column
 
-        super().__init__(vectors, plane)
+        super().__init__(vectors, plane, mark)
         what = "1x" if vectors.reference == "shaft" else "at the perturbation frequency"
         top = framed(f"vectors {what}", 180, "", "µm 0-peak")
         bottom = framed("", 160, self.label, "phase lead, °", x_range=top.x_range)
@@ -252,8 +264,8 @@ class _BodeFigure(_VectorFigure):
 class _PolarFigure(_VectorFigure):
     """The vectors in their plane, counted from the probe."""
 
-    def __init__(self, vectors: OrderVectors, plane: str) -> None:
-        super().__init__(vectors, plane)
+    def __init__(self, vectors: OrderVectors, plane: str, mark: AngleTrack) -> None:
+        super().__init__(vectors, plane, mark)
         self.figure = framed("polar", 340, "in phase, µm", "quadrature, µm", match_aspect=True)
         for number, (name, row) in enumerate(self.rows.items()):
             self.figure.line(row.real, row.imag, color=COLOURS[number % len(COLOURS)], legend_label=name)
