@@ -76,6 +76,7 @@ class RotorModel(ABC):
     parameters: tuple[Parameter, ...]
     clearance: float | None = None
     caveats: tuple[str, ...] = ()  # sentences that belong beside the numbers of this model
+    caveats_without_tilts: tuple[str, ...] = ()  # those that readings of a tilt make void
     probes: Probes = ()  # between the planes, with their shares of the planes' motion
     shaft: SeenShaft | None = None  # a structure whose matrices are known
     ratios: Mapping[str, tuple[str, ...]] = MappingProxyType({})  # what data may tell only over a positive parameter

@@ -56,7 +56,8 @@ class Orthotropic(RotorModel):
                 raise ValueError(unknown_name(f"plane of {base.name}", plane, base.planes))
         if len(set(self.at)) < len(self.at):
             raise ValueError(f"at names a plane twice: {', '.join(self.at)}")
-        self.caveats, self.in_band_only = base.caveats, base.in_band_only
+        self.caveats, self.caveats_without_tilts = base.caveats, base.caveats_without_tilts
+        self.in_band_only = base.in_band_only
         own = support_parameters(self.at)
         taken = {parameter.name for parameter in own} & set(base.parameter_names)
         if taken:

@@ -51,7 +51,8 @@ class Turning(RotorModel):
             raise ValueError(f"an element is between two planes, or a plane and the ground; got {', '.join(ends)}")
         self.base, self.element = base, ends
         self.planes, self.clearance = base.planes, base.clearance
-        self.caveats, self.in_band_only = base.caveats, base.in_band_only
+        self.caveats, self.caveats_without_tilts = base.caveats, base.caveats_without_tilts
+        self.in_band_only = base.in_band_only
         if base.shaft is not None:
             size = base.motion(np.ones(len(base.parameters)), 0.0).shape[-1]
             at = np.concatenate([base.shaft.at, base.shaft.at + size])

@@ -18,7 +18,7 @@ from rotorfit.fitting.assumptions.anisotropy import lines_cut_off
 from rotorfit.fitting.digits import plus_minus, two_digits, with_error
 from rotorfit.fitting.noise.record import NoiseVerdict, is_run_effect
 from rotorfit.fitting.noise.words import VERDICTS
-from rotorfit.fitting.structure.structure_error import structure_error
+from rotorfit.fitting.structure.structure_error import caveats_of
 from rotorfit.models import RotorModel, TurningOnSupports, eigenvalues, unstable_bands
 from rotorfit.models.motion.stability import growing_bands
 from rotorfit.models.parameters import bare_name
@@ -88,8 +88,7 @@ def fit_table(fit: FitResult) -> str:
     lines += interval_lines(fit)
     lines += _foundation_lines(fit)
     lines += [f"errors: {remark}" for remark in fit.remarks]
-    reduced = structure_error(fit)
-    lines += [f"note: {caveat}" for caveat in (*fit.model.caveats, *([str(reduced)] if reduced else []))]
+    lines += [f"note: {caveat}" for caveat in caveats_of(fit)]
     lines += [f"warning: {message}" for message in fit.warnings]
     return "\n".join([*lines, *_correction_lines(fit)])
 

@@ -14,7 +14,7 @@ from rotorfit.fitting.noise.residual_study import MODEL_LIMITED_REDCHI
 from rotorfit.fitting.noise.words import VERDICTS
 from rotorfit.fitting.quantities import THRESHOLD, Quantity
 from rotorfit.fitting.result import FitResult
-from rotorfit.fitting.structure.structure_error import structure_error
+from rotorfit.fitting.structure.structure_error import caveats_of
 from rotorfit.models.motion.stability import growth_rate
 from rotorfit.models.parameters import bare_name
 from rotorfit.report.html import Html, bullets, element, join
@@ -55,8 +55,7 @@ def verdict_section(material: ReportInput) -> Html:
         warnings.append(f"posterior: {material.posterior.message}")
     if warnings:
         content.append(bullets((sentence(w) for w in warnings), class_="warnings"))
-    reduced = structure_error(fit)
-    caveats = [*fit.model.caveats, *([str(reduced)] if reduced else [])]
+    caveats = caveats_of(fit)
     caveats += [f"not shown by these data: {words}" for words in fit.assumed.main_foundations]
     if caveats:
         content.append(bullets((sentence(c) for c in caveats), class_="note"))

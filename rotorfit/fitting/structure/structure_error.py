@@ -33,6 +33,19 @@ class StructureError:
         )
 
 
+def caveats_of(fit: FitResult) -> list[str]:
+    """Sentences that belong beside the numbers of a fit: those of its model, and the error of a reduced structure."""
+    tilts = [k for k, coordinate in enumerate(fit.model.coordinates) if coordinate.axis == "r"]
+    bases = [base for base in map(responses_of, fit.problem.blocks) if base is not None]
+    read = any(np.isin(base.coordinate, tilts).any() for base in bases)
+    reduced = structure_error(fit)
+    return [
+        *fit.model.caveats,
+        *(() if read else fit.model.caveats_without_tilts),
+        *([str(reduced)] if reduced else []),
+    ]
+
+
 def structure_error(fit: FitResult) -> StructureError | None:
     """Error of the reduced structure in a fit; None where there is no structure, or none was reduced."""
     model = fit.model
