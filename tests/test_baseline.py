@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -138,8 +139,13 @@ def test_what_is_no_dry_run_of_this_rig_is_named() -> None:
         with pytest.raises(ValueError, match=message):
             coefficients(wet, other)
     heavy = read(floating_stator(speeds_rpm=[0.0], frequency_hz=HZ, fluid=None, mass=25.0, seed=3, **NOISE))
-    errors = [[f.code for f in coefficients(wet, own).findings if f.severity == "error"] for own in (heavy, dry)]
-    assert errors == [["other-rig"], []]
+    light = read(floating_stator(speeds_rpm=[0.0], frequency_hz=HZ, fluid=None, mass=7.0, seed=3, **NOISE))
+    errors = [[f.code for f in coefficients(wet, own).findings if f.severity == "error"] for own in (heavy, light, dry)]
+    assert errors == [["other-rig"], ["missing-mass"], []]
+    pounds = rf.fit(MODEL, wet, stator_mass_kg=31.0, known=NO_MASS)
+    assert "stator_mass_kg is 31. A fluid adds mass. Is it that of this stator, in kg?" in pounds.findings[0].message
+    main = dataclasses.replace(wet, further_forces=np.array([], dtype=object))
+    assert "give what both load cells say (force_x_N, force_y_N)" in " ".join(coefficients(main, dry).warnings)
     with pytest.raises(ValueError, match="both given"):
         rf.fit(MODEL, wet, baseline=dry, stator_mass_kg=3.0)
     with pytest.raises(ValueError, match="a mass is a positive number"):

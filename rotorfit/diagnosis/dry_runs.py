@@ -1,4 +1,4 @@
-"""Dry runs that are of another rig: a fluid adds mass to what moves, it takes none away."""
+"""Dry runs and stator masses that are of another rig: a fluid adds mass to what moves, it takes none away."""
 
 from __future__ import annotations
 
@@ -15,26 +15,35 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float
 
 _LARGEST_LOSS = 0.1
-"""Share of the dry rig's mass that a fluid's negative direct inertia may take at most."""
+"""Share of the dry rig's mass that a fluid's negative direct inertia may take at most, or that may be missing."""
 
 
 def other_rig(fit: FitResult) -> Iterator[Finding]:
-    """The dry run of a fit, where more moves in it than in the test with fluid."""
+    """The dry run or stator mass of a fit, where more moves in it than in the test with fluid; or where less does, the
+    model has no mass of the fluid to make up for it, and misses the data."""
     baseline = fit.settings.baseline
-    for block in map(responses_of, fit.problem.blocks) if baseline is not None else ():
+    for block in map(responses_of, fit.problem.blocks):
         if block is None or block.beside is None:
             continue
-        source = (baseline.source if baseline is not None else "") or "given"
         dry, _ = _mass(np.abs(block.s), block.beside)
         added, error = _added(block)
-        if added < -_LARGEST_LOSS * abs(dry) and added < -SIGNIFICANT_ERRORS * error:
-            yield Finding(
-                "error",
-                "other-rig",
-                f"In the dry run {source} {dry:.3g} kg move, in the test with fluid {dry + added:.3g} +- {error:.1g} "
-                "kg: a fluid adds mass. Is the dry run of another rig, or of this one with other parts on its stator?",
-                undo="the dry run of this rig",
+        least = max(_LARGEST_LOSS * abs(dry), SIGNIFICANT_ERRORS * error)
+        if baseline is None:
+            given, undo = f"stator_mass_kg is {dry:.3g}", "the mass of this stator in kg"
+            question = "Is it that of this stator, in kg?"
+        else:
+            given, undo = f"{dry:.3g} kg in the dry run {baseline.source}".rstrip(), "the dry run of this rig"
+            question = "Is the dry run of another rig, or of this one with other parts on its stator?"
+        seen = f"In the test with fluid {dry + added:.3g} +- {error:.1g} kg move; {given}"
+        if added < -least:
+            yield Finding("error", "other-rig", f"{seen}. A fluid adds mass. {question}", undo=undo)
+            continue
+        missing = added - _modelled(fit, block)
+        if missing > least and fit.redchi > fit.largest_redchi:
+            text = (
+                f"{seen}, and the model lacks {missing:.3g} kg. {question} If it is right, leave the fluid's mass free."
             )
+            yield Finding("error", "missing-mass", text, undo=undo)
 
 
 def _added(block: Responses) -> tuple[float, float]:
@@ -42,6 +51,13 @@ def _added(block: Responses) -> tuple[float, float]:
     whole = stiffness_matrices(block)
     beside = 0.0 if block.beside is None else block.beside[whole.first_line]
     return _mass(np.abs(whole.frequency), np.asarray(whole.kappa - beside))
+
+
+def _modelled(fit: FitResult, block: Responses) -> float:
+    """Mass of the fitted model, mean of the directions and conditions, kg."""
+    _, group, speed = block.condition
+    inertia = [fit.model.coefficients(fit.thetas[g], float(v))[2].real for g, v in zip(group, speed, strict=True)]
+    return float(np.mean([np.diag(one).mean() for one in inertia]))
 
 
 def _mass(w: Float, kappa: ComplexArray) -> tuple[float, float]:

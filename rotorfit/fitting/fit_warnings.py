@@ -8,6 +8,7 @@ import numpy as np
 
 from rotorfit.estimators.blocks.correlated import freedom_of
 from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.shaft_lines import LineResponses
 from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.inference.identifiability import Identifiability
@@ -41,7 +42,7 @@ def fit_warnings(
 ) -> list[str]:
     """Warnings for a reader of the result."""
     found = [] if noise is None else noise.warnings(redchi)
-    advice = _advice(problem.space.model, identifiability, rescaled)
+    advice = _advice(problem, identifiability, rescaled)
     nfree = problem.n_data - problem.space.size
     misfit = covariance.widening(redchi, problem.loss, nfree=nfree, freedom=freedom_of(problem.blocks))
     if is_misfit(noise, misfit) and not (noise is not None and noise.explained):
@@ -88,10 +89,16 @@ def too_quiet(redchi: Float | float, nfree: int) -> Bool:
     return np.asarray((redchi > EXACT_REDCHI) & (redchi < min(_QUIET_REDCHI, 1 - _QUIET_DEVIATIONS * chance)))
 
 
-def _advice(model: RotorModel, identifiability: Identifiability, rescaled: bool) -> str:
+def _advice(problem: Problem, identifiability: Identifiability, rescaled: bool) -> str:
     """Advice for a fit that its model limits: structural blocks only where more can be added."""
+    model = problem.space.model
     if isinstance(model, Modal):
         return "add modes, or let x and y differ (apart)"
+    if any(block is not None and _one_axis_at_a_time(block) for block in map(responses_of, problem.blocks)):
+        return (
+            "forces are given along one axis at a time: if the other shaker pushes too, give what both load cells say "
+            "(force_x_N, force_y_N)"
+        )
     if not hasattr(model, "blocks"):
         return f"{model.name} has no structural blocks to add; a model of more planes may fit"
     if rescaled or len(model.blocks) == len(BLOCKS):
@@ -100,6 +107,12 @@ def _advice(model: RotorModel, identifiability: Identifiability, rescaled: bool)
         left = ", ".join(identifiability.unresolved)
         return f"give known values or priors for what the data leave open first ({left})"
     return "try rf.refine(fit) (--refine)"
+
+
+def _one_axis_at_a_time(block: Responses) -> bool:
+    """True if the motion along x and y was read under forces along one of them."""
+    along = [block.force[:, [c.axis == axis for c in block.model.coordinates]].any(axis=1) for axis in "xy"]
+    return bool(np.any(along[0] ^ along[1]))
 
 
 def _instability(problem: Problem, x: Float, unresolved: Sequence[str]) -> list[str]:
