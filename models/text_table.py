@@ -3,7 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from html import escape
 from typing import NamedTuple
+
+
+class Printed:
+    """A result that is printed as text: a notebook shows that text, an interactive session its first line."""
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {' '.join(str(self).partition(chr(10))[0].split())}>"
+
+    def _repr_html_(self) -> str:
+        return text_html(str(self))
 
 
 class Wide(NamedTuple):
@@ -50,3 +61,12 @@ def _line(row: Sequence[Wide], specs: Sequence[tuple[str, int]], widths: Sequenc
         parts.append(f"{gap}{cell.text:{align}{sum(widths[at : at + cell.columns])}}")
         at += cell.columns
     return "".join(parts).rstrip()
+
+
+def text_html(text: str) -> str:
+    """Text for a notebook, its columns under one another.
+
+    Args:
+        text: several lines.
+    """
+    return f"<pre>{escape(text)}</pre>"

@@ -72,6 +72,18 @@ def test_it_is_what_derive_says(rig_fit: rf.FitResult) -> None:
     assert written.systematic == pytest.approx(derived.systematic, rel=1e-9)
 
 
+def test_a_sum_begins_at_zero_and_numpy_takes_symbols(rig_fit: rf.FitResult) -> None:
+    p = rig_fit.params
+    total = sum([p["K0"], p["K3"]])
+    assert (total.value, total.unit) == (p["K0"].value + p["K3"].value, "N/m")
+    with pytest.raises(ValueError, match="a sum needs one unit"):
+        p["K0"] + 1
+    frequency = rig_fit.derive(lambda p: np.sqrt((p.K0 + p.K3) / p.Mb), unit="rad/s")  # no warning of CasADi's
+    assert frequency.stderr == pytest.approx((((p["K0"] + p["K3"]) / p["Mb"]) ** 0.5).stderr, rel=1e-9)
+    with pytest.raises(TypeError, match="the quantity is 'K0'; a function of the parameters is needed"):
+        rig_fit.derive("K0")  # type: ignore[arg-type]
+
+
 def test_another_fit_and_a_number_on_its_own_are_independent(rig_fit: rf.FitResult) -> None:
     other = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), known={"K3": 6000.0})
     difference = rig_fit.params["D"] - other.params["D"]

@@ -304,6 +304,8 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert found["criteria"][0]["probability"] == 1
     assert main([*words, "--unbalance", "dsik=20"]) == 2
     assert "did you mean 'disk'" in capsys.readouterr().err
+    assert main([*words, "--plane", "disk"]) == 2
+    assert "--plane and --max-amplitude are of the unbalance response: give --unbalance too" in capsys.readouterr().err
     assert main([*words, "--unbalance", "20"]) == 2
     assert "--unbalance takes NAME=VALUE" in capsys.readouterr().err
     assert main([*words, "--cross-coupling", "disk=3kN/m"]) == 2

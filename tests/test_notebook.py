@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -81,3 +82,27 @@ def test_figures_are_written_as_asked(name: str, begin: bytes, tmp_path: Path) -
     assert not list((tmp_path / "out").glob("*.png"))
     assert (tmp_path / "out" / f"bode.{name}").read_bytes().startswith(begin)
     assert "data:image/png" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_results_are_a_line_in_a_session_and_their_text_in_a_notebook() -> None:
+    rig = rf.datasets.rig_lumped()
+    fit = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
+    design = rf.Design(speed_rpm=1000, frequency_rpm=range(300, 2001, 300), force_N=5.0)
+    results = (
+        fit.predict([100.0, 200.0], 150.0, force_plane="disk"),
+        fit.stability_report(),
+        fit.profile("lam", points=3),
+        fit.assumptions(),
+        fit.sample(seed=1, walkers=32, ess=100),
+        rf.compare([fit]),
+        rf.plan(fit.model, fit, design, noise_um=0.5, quantity="lam"),
+    )
+    for result in results:
+        assert "\n" not in repr(result)
+        assert len(repr(result)) < 200
+        assert str(result).splitlines()[-1].split()[0] in unescape(result._repr_html_())
+    assert repr(fit.params["lam"]).startswith("<lam: 0.475 +- 0.019 (")
+    assert repr(fit.params["K3"]) == "<K3: 6000 N/m, known>"
+    assert str(fit.threshold_speed()) in repr(fit.threshold_speed())
+    assert len(repr(rf.Finding("error", "code", "message", rows=tuple(range(1000))))) < 200
+    assert rf.read(rig.to_dataframe()).planes == rig.planes

@@ -133,6 +133,19 @@ def test_one_reading_is_the_fitted_response_and_its_spread_that_of_fits() -> Non
         assert low < np.sum(pulls[:, point] ** 2) < high
 
 
+def test_the_curve_is_drawn_inside_its_bands() -> None:
+    """At low frequency an unbalance moves less than the noise: the band of a new reading holds zero."""
+    fit, _ = drawn(False)[0]
+    prediction = fit.predict(np.linspace(5.0, 300.0, 60), 150.0, **WHERE, mr=1e-5)
+    assert prediction.band_new.amplitude[0, 0] == 0
+    amplitude = prediction.plot().axes[0]
+    (curve,) = (line.get_ydata() for line in amplitude.get_lines())
+    for band in amplitude.collections:
+        edge = band.get_paths()[0].vertices[:, 1]
+        assert edge.min() <= curve.min()
+    assert amplitude.get_ylim()[0] < curve.min()
+
+
 def test_once_per_turn_is_the_response_to_the_force_of_an_unbalance() -> None:
     fit, _ = drawn(False)[0]
     speeds = np.linspace(80.0, 200.0, 7)
@@ -216,7 +229,11 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     expected = fit.predict(None, np.array([1400.0, 1500.0]) * np.pi / 30, force_plane="disk", plane="journal", mr=3e-5)
     assert [p["amplitude_um"] for p in points] == pytest.approx((np.abs(expected.response) * 1e6).tolist(), rel=1e-9)
     assert main([*words, "--speed", "9000"]) == 2
-    assert "unstable at 9000 rpm" in capsys.readouterr().err
+    refused = capsys.readouterr().err
+    assert "unstable at 9000 rpm" in refused
+    assert f"below its threshold of {fit.threshold_speed().value * 30 / np.pi:.5g} rpm" in refused
+    assert main([*words[:2], "--speed", "1500"]) == 2
+    assert "--force-plane is needed" in capsys.readouterr().err
     assert main([*words, "--speed", "1400,1500"]) == 2
     assert "--synchronous" in capsys.readouterr().err
 

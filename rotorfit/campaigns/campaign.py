@@ -29,12 +29,12 @@ from rotorfit.fitting.noise.residual_study import MODEL_LIMITED_REDCHI
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings
-from rotorfit.fitting.summary import natural, text_html
+from rotorfit.fitting.summary import natural
 from rotorfit.io.tables.cells import as_text
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
-from rotorfit.models.text_table import Wide, text_table
+from rotorfit.models.text_table import Printed, Wide, text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -74,8 +74,8 @@ def _misfits(runs: Sequence[RunFit]) -> list[str]:
     ]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Campaign:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Campaign(Printed):
     """Fits of all runs of a campaign.
 
     Attributes:
@@ -299,10 +299,6 @@ class Campaign:
 
     def __str__(self) -> str:
         return self.summary()
-
-    def _repr_html_(self) -> str:
-        """Table for a notebook."""
-        return text_html(str(self))
 
     def to_dataframe(self) -> DataFrame:
         """All runs as a table with the columns of :meth:`to_csv`."""

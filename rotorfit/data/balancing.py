@@ -15,7 +15,7 @@ from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.inference.correction_weights import Correction, confounded, correct, own_shares
 from rotorfit.models.array_types import ROUND_OFF, ComplexArray, Float, Index
 from rotorfit.models.parameters import unknown_name
-from rotorfit.models.text_table import text_table
+from rotorfit.models.text_table import Printed, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
 Limits = float | Mapping[str, float]
@@ -24,8 +24,8 @@ Holes = int | Sequence[float] | Mapping[str, int | Sequence[float]]
 """Number of holes, evenly spaced from the zero of the force's angle on, or their angles in degrees; by plane."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Balance:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Balance(Printed):
     """Correction weights (:func:`balance`).
 
     Attributes:

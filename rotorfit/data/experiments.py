@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from html import escape
-from typing import TYPE_CHECKING, Any, ClassVar, Self, Unpack
+from typing import TYPE_CHECKING, Any, ClassVar, Self, Unpack, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 """x, y: one probe, phasor relative to exp(+j|w|t); z: complex amplitude relative to exp(jwt) with w signed.
@@ -107,6 +108,17 @@ class _Rows:
         more = f"<p>and {len(self.runs) - most} more runs</p>" if len(self.runs) > most else ""
         table = f"<table><thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>"
         return f"<p>{escape(repr(self)[1:-1])}</p>{table}{more}"
+
+    def to_dataframe(self) -> DataFrame:
+        """The experiment as a table with the columns of a tidy CSV, which :func:`rotorfit.read` takes too.
+
+        Example:
+            >>> len(rig.to_dataframe()) == len(rig)
+            True
+        """
+        from rotorfit.io.files import to_dataframe
+
+        return to_dataframe(cast("Experiment", self))
 
     def _run_cells(self, run: str) -> tuple[str, ...]:
         rows = np.flatnonzero(np.asarray(self.run) == run)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -32,8 +32,8 @@ class Finding:
     severity: Literal["error", "warning", "note"]
     code: str
     message: str
-    rows: tuple[int, ...] = ()
-    lines: tuple[int, ...] = ()
+    rows: tuple[int, ...] = field(default=(), repr=False)  # may be all rows of a test
+    lines: tuple[int, ...] = field(default=(), repr=False)
     undo: str | None = None
     source: str = ""
     correction: str | None = None

@@ -15,12 +15,12 @@ from rotorfit.data.synchronous import DIFFERENCED, at_speeds, difference_synchro
 from rotorfit.estimators.starting.influence import Influence, Readings, UndeterminedError, solve_influence
 from rotorfit.estimators.starting.modes_seen import ModesSeen, modes_seen
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.models.text_table import text_table
+from rotorfit.models.text_table import Printed, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Influences:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Influences(Printed):
     """Residual vectors and influences of a synchronous test at dwell speeds (:func:`influence`).
 
     Attributes:

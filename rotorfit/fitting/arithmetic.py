@@ -7,6 +7,8 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol, Self
 
+from rotorfit.fitting.digits import plus_minus, two_digits
+
 if TYPE_CHECKING:
     from rotorfit.fitting.quantities import Quantity
 
@@ -86,6 +88,17 @@ class Number:
     def __float__(self) -> float:
         return float(self.value)
 
+    def __repr__(self) -> str:
+        return f"<{self}>"
+
+    def __str__(self) -> str:
+        stderr, systematic = self.alone
+        if not math.isfinite(stderr):
+            return "not determined by these data"
+        shown = f"{plus_minus(self.value, math.hypot(stderr, systematic))} {shown_unit(self.unit)}".rstrip()
+        shares = f" ({two_digits(stderr)} statistical, {two_digits(systematic)} systematic)"
+        return shown + (shares if systematic else "")
+
     def __pos__(self) -> Self:
         return self
 
@@ -113,7 +126,9 @@ def _value(number: Number | float) -> float:
 
 
 def _same_unit(a: Number, b: Number | float) -> str:
-    """The unit of a sum."""
+    """The unit of a sum; a plain zero, where Python's ``sum`` begins, has any."""
+    if not isinstance(b, Number) and b == 0:
+        return a.unit
     other = b.unit if isinstance(b, Number) else "1"
     if _dimensions(a.unit) != _dimensions(other):
         raise ValueError(f"a sum needs one unit; these are {a.unit or '1'} and {other or '1'}")
@@ -121,6 +136,11 @@ def _same_unit(a: Number, b: Number | float) -> str:
 
 
 # ---- units --------------------------------------------------------------------------------------
+
+
+def shown_unit(unit: str) -> str:
+    """A unit behind a number, where a number without dimension has none."""
+    return "" if unit == "1" else unit
 
 
 def unit_of(*factors: tuple[Number | float, float]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -40,8 +41,12 @@ def derive(fit: FitResult, quantity: Callable[[Any], Any], unit: str, at: Mappin
 
 def value_and_gradient(model: RotorModel, quantity: Callable[[Any], Any]) -> Callable[[Float], tuple[float, Float]]:
     """The value of a quantity and its derivatives at parameter vectors, shape ``(P,)``."""
+    if not callable(quantity):
+        raise TypeError(f"the quantity is {quantity!r}; a function of the parameters is needed: lambda p: p.K0 / p.D")
     symbols = [ca.SX.sym(name) for name in model.parameter_names]
-    made = quantity(_Symbols(dict(zip(model.parameter_names, symbols, strict=True))))
+    with warnings.catch_warnings():  # NumPy's functions of symbols stay symbols, whatever CasADi says of later versions
+        warnings.filterwarnings("ignore", message=r"\s*casadi: a numpy function", category=FutureWarning)
+        made = quantity(_Symbols(dict(zip(model.parameter_names, symbols, strict=True))))
     try:
         expression = ca.SX(made)
     except NotImplementedError:

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from rotorfit.estimators.blocks.correlated import quantile
-from rotorfit.fitting.arithmetic import Number, Source
-from rotorfit.fitting.digits import plus_minus, two_digits
+from rotorfit.fitting.arithmetic import Number, Source, shown_unit
 from rotorfit.units import si_factor
 
 THRESHOLD = "threshold_speed"
@@ -23,7 +22,7 @@ class Assuming(Source, Protocol):
         """Standard uncertainty of a parameter by what the model leaves out or takes as known."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class FittedParameter(Number):
     """One parameter of a result. Sums, products and powers of parameters of one result know their covariance.
 
@@ -90,8 +89,14 @@ class FittedParameter(Number):
         more = 0.0 if statistical or not 0 < self.stderr < math.inf else self.systematic
         return _interval(self.value, self.stderr, more, self.freedom, level)
 
+    def __str__(self) -> str:
+        return super().__str__() if self.vary else f"{self.value:.6g} {shown_unit(self.unit)}".rstrip() + ", known"
 
-@dataclass(frozen=True)
+    def __repr__(self) -> str:
+        return f"<{self.name}: {self}>"
+
+
+@dataclass(frozen=True, repr=False)
 class Quantity(Number):
     """A derived quantity and its standard error, infinite where the data do not determine it, NaN for a stalled fit.
 
@@ -147,13 +152,6 @@ class Quantity(Number):
         value, stderr, systematic = (part * own / other for part in (self.value, self.stderr, self.systematic))
         slopes = {name: slope * own / other for name, slope in self.slopes.items()}
         return replace(self, value=value, stderr=stderr, systematic=systematic, unit=unit, slopes=slopes)
-
-    def __str__(self) -> str:
-        if not math.isfinite(self.stderr):
-            return "not determined by these data"
-        shown = f"{plus_minus(self.value, math.hypot(self.stderr, self.systematic))} {self.unit}".rstrip()
-        shares = f" ({two_digits(self.stderr)} statistical, {two_digits(self.systematic)} systematic)"
-        return shown + (shares if self.systematic else "")
 
 
 def _interval(value: float, stderr: float, more: float, freedom: float, level: float) -> tuple[float, float]:

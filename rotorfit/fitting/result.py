@@ -716,6 +716,7 @@ class FitResult(FitFigures):
 
         Raises:
             AttributeError: no such parameter.
+            TypeError: no function.
             ValueError: not one finite number.
 
         Example:

@@ -23,7 +23,7 @@ from rotorfit.models import RotorModel, TurningOnSupports, eigenvalues, unstable
 from rotorfit.models.motion.stability import growing_bands
 from rotorfit.models.parameters import bare_name
 from rotorfit.models.structure import block_parameters, block_symbols
-from rotorfit.models.text_table import Wide, text_table
+from rotorfit.models.text_table import Wide, text_html, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -313,8 +313,3 @@ def _html_row(p: FittedParameter) -> str:
         value, error = with_error(p.value, p.stderr)
     unit = "" if p.unit == "1" else p.unit
     return "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in (p.name, value, error, unit, p.meaning)) + "</tr>"
-
-
-def text_html(text: str) -> str:
-    """Text whose columns stand under one another."""
-    return f"<pre>{escape(text)}</pre>"

@@ -18,7 +18,7 @@ from rotorfit.data.several_forces import refuse_several
 from rotorfit.estimators.inference.covariance import widening
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import MATRIX_UNITS
-from rotorfit.models.text_table import Wide, text_table
+from rotorfit.models.text_table import Printed, Wide, text_table
 from rotorfit.observing.circular import observe
 from rotorfit.observing.measured_stiffness import isotropic_planes
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
@@ -27,8 +27,8 @@ _LEAST_SPEED_RATIO = 1.05
 """Ratio of the largest to the smallest speed from which stiffness and mass can be separated."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ObservedStiffness:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ObservedStiffness(Printed):
     """Observed dynamic stiffness of one date, between one force plane and one probe plane.
 
     Attributes:

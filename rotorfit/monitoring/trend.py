@@ -14,6 +14,7 @@ from rotorfit.estimators.change_point import Change, along, fewest_dates, find_c
 from rotorfit.estimators.significance import P_CHANCE
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import MATRIX_UNITS
+from rotorfit.models.text_table import Printed
 from rotorfit.monitoring.observed_stiffness import ObservedStiffness
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -131,8 +132,8 @@ class PlaceTrend:
         return words if len(words) == 1 else ["several single causes explain it:", *words]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MachineTrend:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class MachineTrend(Printed):
     """Result of :func:`trend`, place by place.
 
     Attributes:

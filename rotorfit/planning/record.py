@@ -15,11 +15,10 @@ from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.inference.optimal_shares import Shares
 from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.quantities import Quantity
-from rotorfit.fitting.summary import text_html
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
-from rotorfit.models.text_table import text_table
+from rotorfit.models.text_table import Printed, text_table
 from rotorfit.planning.expectation import Expectation
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ExpectedError(Quantity):
     """A quantity at the guessed values with the standard error that a test will give it.
 
@@ -61,8 +60,8 @@ class PlannedLines:
         return self.settle + self.average
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Plan:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Plan(Printed):
     """Expected errors of a test, and the best use of its time; see :func:`rotorfit.plan`.
 
     Attributes:
@@ -195,10 +194,6 @@ class Plan:
         head = f"plan of a test of {self.model.name} for {aim}: {self.share.size} lines{hours}"
         table = text_table(rows, "<16 >12 >12 >10 >18 >16 <8")
         return "\n".join([head, *table, f"{self.certificate}", *self.suggestions, *self.notes])
-
-    def _repr_html_(self) -> str:
-        """Table for a notebook."""
-        return text_html(str(self))
 
 
 def duration(seconds: float) -> str:

@@ -231,7 +231,8 @@ def _largest_motion(found: Expectation, first: int, design: Design) -> str:
         size = np.where([block.model.coordinates[i].axis == "r" for i in block.coordinate.tolist()], 0.0, size)
     top = int(np.argmax(size))
     where = "" if block is None else f" at {block.model.coordinates[int(block.coordinate[top])].plane}"
-    said = f"The largest motion is {size[top] * 1e6:.3g} um 0-peak{where}, in {found.problem.blocks[-1].run[top]}"
+    motion = float(f"{size[top] * 1e6:.3g}")
+    said = f"The largest motion is {motion:g} um 0-peak{where}, in {found.problem.blocks[-1].run[top]}"
     if size[top] > _PROBE_RANGE:
         return f"{said}, beyond what probes read: reduce the force, or set clearance_share=."
     return f"{said}." if design.clearance_share is not None else f"{said}; clearance_share= limits it."

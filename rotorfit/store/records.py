@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from rotorfit.fitting.arithmetic import shown_unit
 from rotorfit.fitting.digits import plus_minus
 
 
@@ -28,7 +29,7 @@ class StoredValue:
     def __str__(self) -> str:
         if not math.isfinite(self.value):
             return "not determined"
-        return f"{plus_minus(self.value, math.hypot(self.stderr, self.systematic))} {self.unit}".rstrip()
+        return f"{plus_minus(self.value, math.hypot(self.stderr, self.systematic))} {shown_unit(self.unit)}".rstrip()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -65,7 +65,7 @@ class Store:
         >>> file = rf.datasets.path("rig_lumped.csv")
         >>> [added] = store.add([file], study={"model": "whirl-whip", "known": {"K3": 6000.0}})
         >>> print(store.fits[0].params["lam"])
-        0.475 +- 0.019 1
+        0.475 +- 0.019
         >>> store.add([file], study={"model": "whirl-whip", "known": {"K3": 6000.0}})[0].new_fit
         False
     """

@@ -23,6 +23,11 @@ _SPOKEN = (
     (r"\w+\(planes=\(\.\.\.\)\) or --planes", "--planes A,B"),
     (r"\(where=\{'plane': \.\.\., 'force_plane': \.\.\.\}\)", "(--where plane=A --where force_plane=A)"),
     (r"Give their angles \(probe_angles\)", "Give their angles (--probe-angles)"),
+    (r"\b(max|min)_speed_rpm\b", r"--\1-speed"),
+    (r"^plane and max_amplitude_um\b", "--plane and --max-amplitude"),
+    (r"\bunbalance_g_mm\b", "--unbalance"),
+    (r"\bcross_coupling\b", "--cross-coupling"),
+    (r"^(unknown )?force_plane\b", r"\1--force-plane"),
 )
 """Words of a message in Python, as a pattern, and with options."""
 

@@ -32,7 +32,7 @@ _MEMBERS_OF_A_PART = 32
 _OPTIONS = Options(max_iterations=50)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Bootstrap(Draws):
     """Estimates from simulated data.
 

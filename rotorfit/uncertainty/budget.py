@@ -17,11 +17,10 @@ from rotorfit.fitting.fit import solve_again
 from rotorfit.fitting.judge import inverse_curvature
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.result import FitResult
-from rotorfit.fitting.summary import text_html
 from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import bare_name
-from rotorfit.models.text_table import Wide, text_table
+from rotorfit.models.text_table import Printed, Wide, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
 PRIORS, STRUCTURE = "priors", "structure"
@@ -78,8 +77,8 @@ class Share:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Budget:
+@dataclass(frozen=True, eq=False, repr=False)
+class Budget(Printed):
     """Uncertainty budget.
 
     Every error, of a reading or of a calibration, moves the estimate by its sensitivity times its size. With ``H`` the
@@ -234,10 +233,6 @@ class Budget:
 
     def __str__(self) -> str:
         return self.summary()
-
-    def _repr_html_(self) -> str:
-        """Table for a notebook."""
-        return text_html(str(self))
 
 
 def budget(fit: FitResult, calibration: Calibration) -> Budget:

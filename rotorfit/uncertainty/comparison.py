@@ -11,17 +11,16 @@ import numpy as np
 from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.result import FitResult
-from rotorfit.fitting.summary import text_html
 from rotorfit.models.array_types import Float
-from rotorfit.models.text_table import text_table
+from rotorfit.models.text_table import Printed, text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Comparison:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Comparison(Printed):
     """Fits of the same data, see :func:`compare`.
 
     Attributes:
@@ -82,10 +81,6 @@ class Comparison:
         text = text_table(rows, "<16 " + " ".join([f">{width}"] * len(self.fits)))
         failed = [name for name, fit in self.fits.items() if not fit.success]
         return "\n".join([*text, *(f"{name} did not converge" for name in failed)])
-
-    def _repr_html_(self) -> str:
-        """Table for a notebook."""
-        return text_html(str(self))
 
 
 def compare(fits: FitResult | Sequence[FitResult] | Mapping[str, FitResult]) -> Comparison:

@@ -10,9 +10,9 @@ import numpy as np
 
 from rotorfit.estimators.matching import matched
 from rotorfit.fitting.digits import interval, with_error
-from rotorfit.fitting.summary import text_html
 from rotorfit.models import RotorModel, eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.text_table import Printed
 
 DERIVED_DRAWS = 2000
 """Draws from which derived quantities are computed, evenly spaced over the chain; a quantile of so many is within a
@@ -20,8 +20,8 @@ twentieth of a standard deviation."""
 SHAFT_DRAWS = 100  # the same for models with the matrices of a whole shaft
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Derived:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Derived(Printed):
     """A quantity of the rotor, one value (or array of values) for each draw of a posterior.
 
     Attributes:
@@ -86,7 +86,7 @@ class Derived:
         return f"{text}; {self.note}" if self.note else text
 
 
-class Draws(ABC):
+class Draws(Printed, ABC):
     """Draws of parameters: a posterior, an average of posteriors, a bootstrap."""
 
     @abstractmethod
@@ -104,10 +104,6 @@ class Draws(ABC):
 
     def __str__(self) -> str:
         return self.summary()
-
-    def _repr_html_(self) -> str:
-        """Table for a notebook."""
-        return text_html(str(self))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

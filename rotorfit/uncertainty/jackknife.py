@@ -16,17 +16,16 @@ from rotorfit.estimators.noise.odd_run import FEWEST_RUNS
 from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.result import FitResult
-from rotorfit.fitting.summary import text_html
 from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import ROUND_OFF, Float
 from rotorfit.models.parameters import unknown_name
-from rotorfit.models.text_table import text_table
+from rotorfit.models.text_table import Printed, text_table
 
 _LARGEST_GROWTH = 100.0  # times by which an error grows without a run that alone determines the quantity
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Jackknife:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Jackknife(Printed):
     """Estimates without each run in turn (Efron 1982), one Gauss-Newton step from those with all.
 
     Attributes:
@@ -95,10 +94,6 @@ class Jackknife:
 
     def __str__(self) -> str:
         return self.table()
-
-    def _repr_html_(self) -> str:
-        """Table for a notebook."""
-        return text_html(str(self))
 
 
 def _inverse(matrix: Float) -> Float:

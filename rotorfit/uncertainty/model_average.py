@@ -22,7 +22,7 @@ NEGLIGIBLE_WEIGHT = 0.002
 """Weight below which a model is not sampled: its draws could not move a 99 % interval."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ModelAverage(Draws):
     """Posteriors of several models of the same data, weighted by ``exp(-BIC / 2)``.
 

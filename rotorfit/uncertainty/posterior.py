@@ -42,7 +42,7 @@ class SampleSettings:
     between_runs: bool = False  # whether the variance of effects of runs was integrated out, not taken as estimated
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Posterior(Draws):
     """Draws from the posterior of a fit.
 
@@ -101,6 +101,9 @@ class Posterior(Draws):
             name: of a fitted parameter or nuisance entry, ``"lam"``.
         """
         return self.fit.params[name].unit if name in self.fit.params else "1"
+
+    def __repr__(self) -> str:
+        return f"<Posterior: {len(self.samples)} draws of {len(self.names)} values of {self.fit.model.name}>"
 
     # ---- derived quantities ------------------------------------------------------------------------------------------
 

@@ -24,7 +24,7 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.motion.stability import growth_rate
 from rotorfit.models.parameters import unknown_name
-from rotorfit.models.text_table import text_table
+from rotorfit.models.text_table import Printed, text_table
 from rotorfit.observing.observations import observe_any
 from rotorfit.uncertainty.derived import DERIVED_DRAWS
 from rotorfit.units import RPM_PER_RAD_S
@@ -47,8 +47,8 @@ class Band:
     phase: Float
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Prediction:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Prediction(Printed):
     """Predicted responses of one plane to a force at one plane; see :meth:`FitResult.predict`.
 
     Attributes:
@@ -413,9 +413,11 @@ def _refuse_unstable(fit: FitResult, group: int, speeds: Float) -> None:
     """Refuse speeds at which a response would not be steady."""
     for value in speeds.tolist():
         if growth_rate(fit.model, fit.thetas[group], value, fit.stability_band) > 0:
+            onset = fit.threshold_of(group).value
+            limit = f"; speeds are allowed below its threshold of {onset * RPM_PER_RAD_S:.5g} rpm" if onset > 0 else ""
             raise ValueError(
-                f"the fitted rotor is unstable at {value * RPM_PER_RAD_S:.5g} rpm: it whirls by itself, and has no "
-                "steady response to a force"
+                f"the fitted rotor is unstable at {value * RPM_PER_RAD_S:.5g} rpm ({value:.5g} rad/s): it whirls by "
+                f"itself, and has no steady response to a force{limit}"
             )
 
 
@@ -503,8 +505,10 @@ def extrapolation(what: str, values: Float, tested: Sequence[Float]) -> list[str
     outside = (values < low - margin) | (values > high + margin)
     if not outside.any():
         return []
-    ends = values[outside] * RPM_PER_RAD_S
+    ends = np.unique(values[outside] * RPM_PER_RAD_S)
+    count = np.count_nonzero(outside)
+    where = f"{ends[0]:.5g} to {ends[-1]:.5g} rpm" if ends.size > 1 else f"{ends[0]:.5g} rpm"
     return [
-        f"Extrapolated: {outside.sum()} of {values.size} {what}, {ends.min():.5g} to {ends.max():.5g} rpm, lie outside "
-        f"the tested {known.min() * RPM_PER_RAD_S:.5g} to {known.max() * RPM_PER_RAD_S:.5g} rpm."
+        f"Extrapolated: {count} of {values.size} {what}, {where}, {'lie' if count > 1 else 'lies'} outside the tested "
+        f"{known.min() * RPM_PER_RAD_S:.5g} to {known.max() * RPM_PER_RAD_S:.5g} rpm."
     ]

@@ -41,6 +41,7 @@ def plot_prediction(prediction: Prediction) -> Figure:
     scale, unit = (1e6, "µrad") if prediction.direction.startswith("r") else length()
     size, angle = np.abs(seen) * scale, np.unwrap(np.angle(seen))
     what = "of the whole curve" if prediction.whole else "at each frequency"
+    floor = size.min() / 2  # of the panel, to which a band reaches that holds zero
     for band, label, shade in (
         (prediction.band_new, "a new reading", 0.15),
         (prediction.band, "the mean", 0.4),
@@ -49,12 +50,13 @@ def plot_prediction(prediction: Prediction) -> Figure:
             continue
         words = f"{100 * prediction.level:.4g} % band of {label}, {what}"
         low, high = band.amplitude[order].T * scale
-        amplitude.fill_between(x, np.maximum(low, 1e-3 * size.max()), high, color="C0", alpha=shade, lw=0, label=words)
+        amplitude.fill_between(x, np.maximum(low, floor), high, color="C0", alpha=shade, lw=0, label=words)
         half = np.diff(band.phase[order], axis=1)[:, 0] / 2
         phase.fill_between(x, np.rad2deg(angle - half), np.rad2deg(angle + half), color="C0", alpha=shade, lw=0)
     amplitude.plot(x, size, "-", lw=1.2, color="C0", label="predicted")
     phase.plot(x, np.rad2deg(angle), "-", lw=1.2, color="C0")
     amplitude.set_yscale("log")
+    amplitude.set_ylim(bottom=floor)
     decade_ticks(amplitude.yaxis)
     amplitude.set_ylabel(f"amplitude, {amplitude_unit(unit)}", fontsize=8)
     phase.set_ylabel(PHASE_LABEL, fontsize=8)

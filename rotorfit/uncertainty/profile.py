@@ -34,6 +34,7 @@ from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.motion.stability import Threshold, least_stable, threshold_speed_near
 from rotorfit.models.parameters import bare_name, unknown_name
+from rotorfit.models.text_table import Printed
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -45,8 +46,8 @@ _LARGEST_RATIO_ERROR = 0.2  # error of a ratio, over its value, up to which zero
 _ROUND_OFF_FALL = 1e-4  # fall of the scaled curve below its minimum that is more than round-off
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Profile:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Profile(Printed):
     """Profile of one parameter or of the threshold speed.
 
     Attributes:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from html import escape
 
 from rotorfit.estimators.inference.left_out_columns import Term
 from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.fitting.digits import two_digits
-from rotorfit.models.text_table import text_table
+from rotorfit.models.text_table import Printed, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
 THRESHOLD_COLUMN = "threshold speed"
@@ -84,8 +83,8 @@ class Assumption:
         return max((abs(self.shifts[n] * size) / e for n, e in self.errors.items() if 0 < e < math.inf), default=0.0)
 
 
-@dataclass(frozen=True)
-class Assumptions:
+@dataclass(frozen=True, repr=False)
+class Assumptions(Printed):
     """Assumptions of a fit, those first that the data refuse, then by how much they would move results.
 
     Attributes:
@@ -192,10 +191,6 @@ class Assumptions:
         rows = self.rows()
         lines = text_table(rows, "<58 >15 >14 " + " ".join([">12"] * (len(rows[0]) - 4)) + " >7")
         return "\n".join([*lines, *self.words])
-
-    def _repr_html_(self) -> str:
-        """HTML for a notebook."""
-        return f"<pre>{escape(str(self))}</pre>"
 
 
 def _titled(name: str) -> str:

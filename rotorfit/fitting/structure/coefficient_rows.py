@@ -17,7 +17,7 @@ from rotorfit.fitting.quantities import Quantity
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.shafts.plane_forces import COEFFICIENTS
-from rotorfit.models.text_table import text_table
+from rotorfit.models.text_table import Printed, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ class Coefficients:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CoefficientRows:
+class CoefficientRows(Printed):
     """Coefficients at several speeds: see :meth:`FitResult.coefficient_table`.
 
     Attributes:

@@ -19,7 +19,7 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.models import Constant, EvenPolynomial, Law, MonotoneSpline, Muszynska, OneMode, RotorModel
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import bare_name, unknown_name
-from rotorfit.models.text_table import Wide, text_table
+from rotorfit.models.text_table import Printed, Wide, text_table
 from rotorfit.observing.observations import observe_any
 
 DECISIVE_AIC = 10.0
@@ -48,8 +48,8 @@ class LawFit:
     weight: float = 0.0
 
 
-@dataclass(frozen=True, eq=False)
-class LawComparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class LawComparison(Printed):
     """Ranking of laws of eccentricity on the same data; :func:`rotorfit.compare_laws` makes it.
 
     Attributes:

@@ -14,7 +14,7 @@ from rotorfit.fitting.quantities import Quantity
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.motion.modes import modal_assurance
 from rotorfit.models.parameters import unknown_name
-from rotorfit.models.text_table import text_table
+from rotorfit.models.text_table import Printed, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
 
@@ -51,7 +51,7 @@ class Mode:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Modes(Sequence[Mode]):
+class Modes(Printed, Sequence[Mode]):
     """The modes of a fitted rotor at a speed, by natural frequency; ``print`` shows them as a table.
 
     Attributes:

@@ -20,17 +20,16 @@ from rotorfit.fitting.problem_setup import with_noise_scale
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import Onset
 from rotorfit.fitting.structure.refinable import why_not_refined
-from rotorfit.fitting.summary import text_html
 from rotorfit.models import BLOCKS, RotorModel, threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import bare_name
 from rotorfit.models.structure import block_parameters, block_symbols, check_blocks
-from rotorfit.models.text_table import text_table
+from rotorfit.models.text_table import Printed, text_table
 from rotorfit.version import renamed
 
 
-@dataclass(frozen=True, eq=False)
-class Refinement:
+@dataclass(frozen=True, eq=False, repr=False)
+class Refinement(Printed):
     """Forward selection among nested models.
 
     Attributes:
@@ -68,10 +67,6 @@ class Refinement:
 
     def __str__(self) -> str:
         return self.table()
-
-    def _repr_html_(self) -> str:
-        """Table for a notebook."""
-        return text_html(str(self))
 
 
 def structure_name(model: RotorModel) -> str:

@@ -9,9 +9,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Unpack
 
 from rotorfit.data.figure_keywords import PlotKeywords
-from rotorfit.fitting.summary import text_html
 from rotorfit.models.array_types import Float
-from rotorfit.models.text_table import text_table
+from rotorfit.models.text_table import Printed, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -98,8 +97,8 @@ class Curve:
     band: Float
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class StabilityReport:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class StabilityReport(Printed):
     """Criteria of a fitted rotor at running speed; see :meth:`FitResult.stability_report`.
 
     Attributes:
@@ -249,7 +248,3 @@ class StabilityReport:
             ratio, decrement = f"{mode.damping_ratio:.3g}", "" if mode.overdamped else f"{mode.decrement:.3g}"
             rows.append([frequency, mode.direction, ratio, decrement, ends, words])
         return text_table(rows, ">10 <9 >13 >14 >20 <1")
-
-    def _repr_html_(self) -> str:
-        """Table for a notebook."""
-        return text_html(str(self))
