@@ -157,7 +157,7 @@ def test_external_damping_at_the_journal_moves_what_the_summary_says_and_not_the
     (line,) = [words for words in found[20.0].summary().splitlines() if "Ds[journal]" in words]
     assert f"Ds[journal] {told.left:+.2g} N s/m (" in line
     assert f"shifts D by {-told.left:+.2g}, lam by +0.0" in line
-    assert line.endswith("threshold speed not")
+    assert line.endswith("threshold speed unchanged")
     for name in ("D", "lam"):
         moved = found[0.0].params[name].value - found[20.0].params[name].value
         # lam D / (D - 20) bends: the next term of its series is 20/D of the first

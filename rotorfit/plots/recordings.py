@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from rotorfit.models.array_types import Float
@@ -39,6 +40,8 @@ _SHAFT, _PERTURBATOR = "black", COLOURS[1]
 _MARK_COLOURS = {"shaft": _SHAFT, "perturbator": _PERTURBATOR}
 _TURNS = 8.0  # of a window: a resonance of 2 % damping is some turns long
 _FILTERED = {"shaft": "1x", "perturbator": "w"}
+_LABEL = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5}
+"""Ground of a label that spectra would run through."""
 
 
 @looked
@@ -57,6 +60,7 @@ def plot_timebase(stretches: Sequence[Stretch], name: str) -> Figure:
         axis.set_ylabel(literal(f"{part.plane}, {length()[1]}"), fontsize=9)
         axis.margins(x=0.01)
     axes[-1, 0].set_xlabel("time, s", fontsize=9)
+    handles = dict(sorted(handles.items(), key=lambda entry: entry[0].startswith("mark")))
     legend_below(figure, list(handles.values()), list(handles))
     return figure
 
@@ -168,7 +172,8 @@ def plot_bode(vectors: OrderVectors, name: str) -> Figure:
             top.plot(
                 x, np.abs(values) * length()[0], color=colour, linewidth=1, label=f"probe at {np.degrees(angle):g}°"
             )
-            bottom.plot(x, _unwrapped(values), color=colour, linewidth=1)
+            first = next(k for k, (other, _) in enumerate(vectors.probes) if other == plane)
+            bottom.plot(x, _unwrapped(values, vectors.phasors[first]), color=colour, linewidth=1)
         top.set_title(literal(plane), fontsize=9)
         top.set_ylabel(f"amplitude, {amplitude_unit()}", fontsize=9)
         top.set_ylim(bottom=0)
@@ -196,12 +201,19 @@ def _axis_of(vectors: OrderVectors) -> str:
     return "speed" if np.ptp(vectors.speed) > 0.05 * np.abs(vectors.speed).max() else "time"
 
 
-def _unwrapped(values: NDArray[Any]) -> Float:
-    """Phase in degrees without jumps, NaN where there is no vector."""
-    phase = np.full(values.size, np.nan)
-    good = np.isfinite(values)
-    phase[good] = np.degrees(np.unwrap(np.angle(values[good])))
-    return phase
+def _unwrapped(values: NDArray[Any], first: NDArray[Any]) -> Float:
+    """Phase in degrees without jumps, within half a turn of the plane's first probe; NaN where there is no vector."""
+
+    def smooth(vector: NDArray[Any]) -> Float:
+        phase = np.full(vector.size, np.nan)
+        good = np.isfinite(vector)
+        phase[good] = np.degrees(np.unwrap(np.angle(vector[good])))
+        return phase
+
+    phase = smooth(values)
+    off = phase - smooth(first)
+    turns = np.round(np.median(off[np.isfinite(off)]) / 360) if np.isfinite(off).any() else 0.0
+    return np.asarray(phase - 360 * turns)
 
 
 @looked
@@ -215,24 +227,50 @@ def plot_polar(vectors: OrderVectors, name: str) -> Figure:
         axis.set_visible(False)
     for axis, (plane, angle), values in zip(axes.flat, vectors.probes, vectors.phasors, strict=False):
         axis.plot(np.angle(values), np.abs(values) * length()[0], color=COLOURS[0], linewidth=1)  # a gap stays a gap
-        if _axis_of(vectors) == "speed":
-            for row in _spread_out(values):
-                at = (np.angle(values[row]), abs(values[row]) * length()[0])
-                axis.plot(*at, "o", color=COLOURS[1], markersize=3)
-                axis.annotate(f"{abs(vectors.speed[row]) * per_rad_s():.0f}", at, fontsize=7, color=GREY)
+        for words, value in _round_speeds(vectors, values) if _axis_of(vectors) == "speed" else ():
+            out = value / abs(value)
+            axis.plot(np.angle(value), abs(value) * length()[0], "o", color=COLOURS[1], markersize=3)
+            axis.annotate(
+                words,
+                (np.angle(value), abs(value) * length()[0]),
+                xytext=(4 * out.real, 4 * out.imag),
+                textcoords="offset points",
+                ha="left" if out.real > 0 else "right",
+                va="bottom" if out.imag > 0 else "top",
+                fontsize=7,
+                color=GREY,
+            )
         axis.set_title(literal(f"{plane}, probe at {np.degrees(angle):g}°"), fontsize=9)
         axis.tick_params(labelsize=7)
+        axis.yaxis.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 2.5, 5, 10]))
+        axis.set_rlabel_position(_clear_direction(values))
+        axis.grid(color="0.85", linewidth=0.6)
     return figure
 
 
-def _spread_out(values: NDArray[Any]) -> list[int]:
-    """Rows to write speeds at: far enough from each other on the locus to be read."""
-    apart = 0.22 * float(np.nanmax(np.abs(values), initial=0.0))
-    chosen: list[int] = []
-    for row in np.flatnonzero(np.isfinite(values)).tolist():
-        if abs(values[row]) > apart and all(abs(values[row] - values[other]) > apart for other in chosen):
-            chosen.append(row)
+def _round_speeds(vectors: OrderVectors, values: NDArray[Any]) -> list[tuple[str, complex]]:
+    """Round speeds, in words, and vectors there: far enough from each other on the locus to be read."""
+    good = np.flatnonzero(np.isfinite(values))
+    if good.size < 2:
+        return []
+    speed = np.abs(vectors.speed[good]) * per_rad_s()
+    order = np.argsort(speed)
+    steps = MaxNLocator(nbins=30, steps=[1, 2, 2.5, 5, 10]).tick_values(speed.min(), speed.max())
+    apart = 0.22 * float(np.abs(values[good]).max())
+    chosen: list[tuple[str, complex]] = []
+    for at in steps[(steps >= speed.min()) & (steps <= speed.max())].tolist():
+        value = complex(np.interp(at, speed[order], values[good][order]))
+        if abs(value) > apart and all(abs(value - other) > apart for _, other in chosen):
+            chosen.append((f"{at:.5g}", value))
     return chosen
+
+
+def _clear_direction(values: NDArray[Any]) -> float:
+    """Direction in degrees that is farthest from the locus: there the numbers of the circles stand."""
+    angles = np.degrees(np.angle(values[np.isfinite(values)]))
+    candidates = np.arange(22.5, 360.0, 45.0)  # between the spokes
+    apart = np.abs((candidates[:, None] - angles + 180.0) % 360.0 - 180.0).min(axis=1, initial=180.0)
+    return float(candidates[np.argmax(apart)])
 
 
 @looked
@@ -256,7 +294,8 @@ def plot_full_spectrum(
         for label, at in lines.items():
             if abs(at) <= edge:
                 axis.axvline(at, color=GREY, linewidth=0.6, linestyle=":")
-                axis.text(at, top * 1.04, label, fontsize=7, color=GREY, ha="center")
+                words = label.replace("-", "−")
+                axis.text(at, top * 1.04, words, fontsize=7, color=GREY, ha="center", bbox=_LABEL)
         for label, at in marks.items():
             if abs(at) <= 2 * np.pi * edge:
                 axis.axvline(at / (2 * np.pi), color=COLOURS[1], linewidth=0.8, linestyle="--")
@@ -316,10 +355,6 @@ def plot_cascade(
 
 def _position_of(cascade: Cascade) -> str:
     return "speed of the shaft" if cascade.over == "speed" else "perturbation frequency"
-
-
-_LABEL = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5}
-"""Ground of a label that spectra would run through."""
 
 
 def _order_lines(

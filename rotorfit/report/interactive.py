@@ -80,7 +80,7 @@ def _figure(fit: FitResult, found: Sequence[SweepCurve]) -> dict[str, Any]:
         factor, unit = response_unit(fit, pair[0])
         phase = "phase lead of the force, deg" if unit.startswith("N/") else PHASE_LABEL
         kinds: tuple[dict[str, Any], ...] = (
-            {"type": "log", "title": unit},
+            {"type": "log", "title": unit if unit.startswith("N/") else f"amplitude, {unit}"},
             {"dtick": 90, "range": [-190, 190], "title": phase},
         )
         for k, kind in enumerate(kinds):

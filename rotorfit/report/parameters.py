@@ -208,7 +208,7 @@ def identifiability_section(material: ReportInput) -> Html:
     if verdict.combinations:
         content.append(bullets((_open(fit, c) for c in verdict.combinations), class_="warnings"))
     else:
-        content.append(paragraph("Every fitted value is determined by itself, none only in a combination."))
+        content.append(paragraph("Each fitted value is determined on its own."))
     pairs = notable_correlations(fit)
     if pairs:
         listed = ", ".join(f"{a} and {b} ({plain(r, 2)})" for a, b, r in pairs)

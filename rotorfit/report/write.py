@@ -174,12 +174,12 @@ def document(material: ReportInput, title: str) -> Html:
     sections = [
         verdict_section(material),
         *carrying,
-        *interactive,
         parameter_section(material),
         identifiability_section(material),
         interval_section(material),
         budget_section(material),
         assumptions_section(material),
+        *interactive,
         *further,
         data_section(material),
         *recordings_section(material),

@@ -199,7 +199,7 @@ class Prediction(Printed):
         points = f"{count} points; first, largest and last" if count > 1 else "one point"
         head = (
             f"response at {self.plane} to a force at {self.force_plane}, {points}; "
-            f"{self.level:.0%} bands {what}, by {by}"
+            f"{100 * self.level:.4g} % bands {what}, by {by}"
         )
         return "\n".join([head, *text_table(rows, ">8 >10 >10 >20 >20 >11"), *self.notes])
 

@@ -62,9 +62,9 @@ class TurningAnisotropy:
             return "not determined by these data"
         if not math.isfinite(self.ratio.value):
             low, high = self.interval
-            return self._with_angle(f"dK = {self.dK} ({self.level:.0%} interval {low:.5g} to {high:.5g} N/m)")
+            return self._with_angle(f"dK = {self.dK} ({100 * self.level:.4g} % interval {low:.5g} to {high:.5g} N/m)")
         low, high = (100 * value for value in self.ratio_interval)
-        share = f"dK/K = {100 * self.ratio.value:.4g} % ({self.level:.0%} interval {low:.4g} to {high:.4g} %)"
+        share = f"dK/K = {100 * self.ratio.value:.4g} % ({100 * self.level:.4g} % interval {low:.4g} to {high:.4g} %)"
         return self._with_angle(f"dK = {self.dK}, {share}")
 
     def _with_angle(self, size: str) -> str:

@@ -177,7 +177,7 @@ class Assumptions(Printed):
             test = f"{entry.z:+.1f}" if entry.tested else "not determined"
             unit = "" if entry.unit == "1" else f" {entry.unit}"
             size = f"{two_digits(entry.size)}{unit}"
-            rows.append([f"{entry.name}, {entry.meaning}", test, size, *shifts, f"{entry.weight:.2g}"])
+            rows.append([f"{entry.name}, {entry.meaning}", test, size, *shifts, two_digits(entry.weight)])
         return rows
 
     @property
@@ -235,7 +235,9 @@ def _foundation(entry: Assumption) -> str:
     if THRESHOLD_COLUMN in moved:
         words[moved.index(THRESHOLD_COLUMN)] += " rpm"
     unit = "" if entry.unit == "1" else f" {entry.unit}"
-    unmoved = "" if THRESHOLD_COLUMN in moved or THRESHOLD_COLUMN not in entry.errors else f", {THRESHOLD_COLUMN} not"
+    unmoved = (
+        "" if THRESHOLD_COLUMN in moved or THRESHOLD_COLUMN not in entry.errors else f"; {THRESHOLD_COLUMN} unchanged"
+    )
     return f"{entry.name} {two_digits(entry.left, '+')}{unit} ({entry.meaning}) shifts {', '.join(words)}{unmoved}"
 
 

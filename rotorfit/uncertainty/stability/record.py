@@ -201,7 +201,7 @@ class StabilityReport(Printed):
             >>> fit.stability_report(max_speed_rpm=2000).rows()[1][4]
             'met'
         """
-        head = [case or "as identified", "value", f"{self.level:.0%} interval", "limit", "", "probability"]
+        head = [case or "as identified", "value", f"{100 * self.level:.4g} % interval", "limit", "", "probability"]
         return [head, *(self._row(c) for c in self.criteria if c.case == case)]
 
     @property
@@ -240,7 +240,7 @@ class StabilityReport(Printed):
         return f"{100 * criterion.probability:.1f} %"
 
     def _mode_lines(self) -> list[str]:
-        rows = [["mode, rpm", "", "damping ratio", "log. decrement", f"{self.level:.0%} interval", ""]]
+        rows = [["mode, rpm", "", "damping ratio", "log. decrement", f"{100 * self.level:.4g} % interval", ""]]
         for mode in self.modes:
             ends = "" if mode.overdamped else f"{mode.interval[0]:.3g} to {mode.interval[1]:.3g}"
             words = "overdamped, no resonance" if mode.overdamped else "unstable" if mode.decrement < 0 else ""
