@@ -51,6 +51,8 @@ def frequency_coefficients(table: FrequencyRows) -> Figure:
     Args:
         table: of :meth:`FitResult.frequency_coefficients`.
     """
+    # Quantile of the error bars that sets the axes: where both runs move alike, a bar is taller than the seal is stiff.
+    shown = 0.1
     figure, axes = grid(len(ENTRIES), 2, "Stiffness and damping against frequency", size=(4.6, 2.0), one_abscissa=True)
     handles = []
     for kind, column, si in (("stiffness", 0, "N/m"), ("damping", 1, "N s/m")):
@@ -59,6 +61,7 @@ def frequency_coefficients(table: FrequencyRows) -> Figure:
         )
         for entry, name in enumerate(ENTRIES):
             axis = axes[entry, column]
+            ends: list[float] = []
             for number, row in enumerate(table.rows):
                 w, colour = row.frequency * per_rad_s(), colour_of(number, len(table.rows))
                 value, error, fitted, width = (
@@ -72,8 +75,11 @@ def frequency_coefficients(table: FrequencyRows) -> Figure:
                 low, high = fitted[order] - reach, fitted[order] + reach
                 axis.fill_between(w[order], low, high, alpha=0.25, color=colour, lw=0)
                 handles += [own] if not column and not entry else []
+                ends += [float(low.min()), float(np.quantile(value - CHANCE_ERRORS * error, shown))]
+                ends += [float(high.max()), float(np.quantile(value + CHANCE_ERRORS * error, 1 - shown))]
             axis.set_ylabel(f"{'KC'[column]}{name}, {unit}", fontsize=8)
-            axis.margins(y=0.3)
+            reach = max(ends) - min(ends)
+            axis.set_ylim(min(ends) - 0.2 * reach, max(ends) + 0.2 * reach or 1.0)
     for axis in axes[-1]:
         axis.set_xlabel(f"frequency, {rate_unit()}", fontsize=8)
     legend_below(figure, handles, [row.condition for row in table.rows])
