@@ -186,6 +186,15 @@ def test_one_value_for_each_speed():
     assert fit.threshold_speed(at={"speed_rpm": 100 * 30 / np.pi}).value == slow.value  # not the ten digits of the name
     with pytest.raises(KeyError, match="it has run, speed_rpm"):
         rf.fit(OneMode(), tests, known=FLUID, per={"D": "temperature"})
+    both = [
+        replace(test, attributes={"bar": np.full(len(test), bar)}) for test, bar in zip(tests, (2.0, 3.5), strict=True)
+    ]
+    together = rf.fit(OneMode(), both, known=FLUID, per={"D": "speed_rpm+bar"})
+    assert [name for name in together.params if "[" in name] == [
+        "D[speed_rpm+bar=954.929659+2]",
+        "D[speed_rpm+bar=1718.873385+3.5]",
+    ]
+    assert together.threshold_speed(at={"speed_rpm+bar": "954.929659+2"}).value == pytest.approx(slow.value, rel=1e-9)
 
 
 def test_imposed_orbit_gives_the_same_fluid():

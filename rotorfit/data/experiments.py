@@ -169,7 +169,13 @@ class _Rows:
         return replace(self, attributes=attributes, **chosen)
 
     def attribute(self, name: str) -> NDArray[Any]:
-        """Values of a test attribute for each row; ``speed_rpm``, which the rotor was set to, and ``run`` count too."""
+        """Values of a test attribute for each row; ``speed_rpm``, which the rotor was set to, and ``run`` count too.
+
+        ``speed_rpm+pressure_bar`` stands for both together, with values such as ``3000+2``.
+        """
+        if "+" in name and name not in self.attributes:
+            parts = [self.attribute(one.strip()).tolist() for one in name.split("+")]
+            return np.array(["+".join(in_words(value) for value in row) for row in zip(*parts, strict=True)])
         if name == "speed_rpm":
             return np.asarray(np.round(self.set_speed * RPM_PER_RAD_S, 6))
         if name == "run":
@@ -180,6 +186,11 @@ class _Rows:
                 f"{', '.join(['run', 'speed_rpm', *self.attributes])}"
             )
         return self.attributes[name]
+
+
+def in_words(value: Any) -> str:
+    """A value of an attribute as the names of parameters have it."""
+    return f"{value:.10g}" if isinstance(value, (int, float)) else str(value)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

@@ -64,7 +64,8 @@ def fit(
         known: values that are not fitted, SI units; ``None`` frees a parameter that the model fixes by default.
         bounds: lower and upper bounds by parameter name, None for none.
         priors: frozen ``scipy.stats`` distributions by parameter name.
-        per: parameters that take one value for each value of a test attribute, ``{"D": "speed_rpm"}``.
+        per: parameters that take one value for each value of a test attribute, ``{"D": "speed_rpm"}``, or of several
+            together, ``{"D": "speed_rpm+pressure_bar"}``.
         loss: "linear", or "soft_l1", "huber", "cauchy" against outliers.
         start: start values that replace those that are found from the data (:attr:`FitResult.start`).
         phase_offsets: fit an offset of the phase reference for every run but the first, or for every run about their

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.data.experiments import Experiment, PerturbationTest, in_words
 from rotorfit.data.weights import Influences, weighed
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
@@ -224,12 +224,8 @@ def group_rows(experiments: Sequence[Experiment], per: Mapping[str, str]) -> Gro
     seen: dict[tuple[str, ...], int] = {}
     rows = []
     for experiment in experiments:
-        keys = [[_label(attribute, v) for v in experiment.attribute(attribute).tolist()] for attribute in per.values()]
+        keys = [[f"{name}={in_words(v)}" for v in experiment.attribute(name).tolist()] for name in per.values()]
         tuples = zip(*keys, strict=True)
         rows.append(np.array([seen.setdefault(key, len(seen)) for key in tuples], dtype=np.intp))
     suffixes = tuple(dict(zip(per, key, strict=True)) for key in seen)
     return Grouping(suffixes, tuple(rows))
-
-
-def _label(attribute: str, value: Any) -> str:
-    return f"{attribute}={value:.10g}" if isinstance(value, (int, float)) else f"{attribute}={value}"

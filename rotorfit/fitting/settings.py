@@ -57,7 +57,11 @@ class FitOptions:
         {}, "Gaussian prior of a parameter (other distributions: `rotorfit run`)", "NAME=MEAN:SD", "--prior"
     )
     start: Mapping[str, float] = option({}, "start value in place of the one that is found", "NAME=VALUE")
-    per: Mapping[str, str] = option({}, "one value for each value of a test attribute: D=speed_rpm", "NAME=ATTRIBUTE")
+    per: Mapping[str, str] = option(
+        {},
+        "one value for each value of a test attribute, or of several together: D=speed_rpm, D=speed_rpm+pressure_bar",
+        "NAME=ATTRIBUTE",
+    )
     loss: Loss = option("linear", "linear, or soft_l1, huber, cauchy against outliers", "NAME")
     phase_offsets: PhaseOffsets = option(
         False,

@@ -166,7 +166,11 @@ class CoefficientRows(Printed):
 
 
 def _columns(row: Coefficients) -> dict[str, Any]:
-    found: dict[str, Any] = {"plane": row.plane, "condition": row.condition, "speed_rpm": row.speed * RPM_PER_RAD_S}
+    found: dict[str, Any] = {
+        "plane": row.plane,
+        "condition": row.condition,
+        "speed_rpm": round(row.speed * RPM_PER_RAD_S, 6),
+    }
     for name in (*COEFFICIENTS, "whirl_frequency_ratio"):
         own = row[name] if name in COEFFICIENTS else row.whirl_frequency_ratio
         found |= {name: own.value, f"{name}_stderr": own.stderr}
