@@ -148,6 +148,24 @@ def test_cascade_follows_the_perturbation(record: rf.Recording) -> None:
         cascade(record, marks_of(record), "disk", over="load")
 
 
+def test_a_cascade_of_one_direction_is_what_its_probe_shows(record: rf.Recording) -> None:
+    """Circles of 30 um at 1x: y has their size, at positive frequencies only, and an image where it would fold."""
+    y = cascade(record, marks_of(record), "disk", spectra=5, direction="y")
+    assert y.frequency.min() == 0
+    once = np.abs(y.frequency - y.shaft.mean() / (2 * np.pi)) < 1.0
+    assert y.amplitude[:, once].max() == pytest.approx(30e-6, rel=0.02)  # by the window's points
+    (axis,) = record.plot_cascade(direction="y", lines={"w − 1x": (1, -1)}, unit="mil_pp").axes
+    words = [text.get_text() for text in axis.texts]
+    assert "w − 1x" in words
+    assert "−1x" not in words
+    assert any(text.endswith("mil pp") for text in words)
+    assert axis.get_xlim()[0] == 0
+    tops = [record.plot_timebase(unit=u).axes[0].get_lines()[0].get_ydata().max() for u in ("mil_pp", "mil")]
+    assert tops[0] == pytest.approx(tops[1])  # positions are not counted peak to peak
+    with pytest.raises(ValueError, match=r"direction 'z'.*x, y"):
+        record.plot_cascade(direction="z")
+
+
 def test_speeds_are_those_of_the_marks(record: rf.Recording) -> None:
     shaft, perturbator = speeds(marks_of(record))
     np.testing.assert_allclose(shaft.speed, 40 * np.pi, rtol=1e-3)

@@ -11,7 +11,7 @@ from rotorfit.models.array_types import Float
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.whirl import whirl_branch
 from rotorfit.plots.journal import half_width, reach
-from rotorfit.plots.style import COLOURS, GREY, grid, legend_below, length, looked, per_rad_s, prefix, rate_unit
+from rotorfit.plots.style import COLOURS, GREY, grid, legend_below, looked, per_rad_s, position_unit, prefix, rate_unit
 from rotorfit.units import RAD_S_PER_RPM
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def plot_whirl(fit: FitResult, *, group: int = 0, max_speed_rpm: float | None = 
         raise ValueError(f"the threshold speed is beyond {top * per_rad_s():.5g} {rate_unit()}: give max_speed_rpm")
     figure, axes = grid(2, 1, f"Whirl beyond the onset, {fit.model.name}", size=(5.8, 2.5), one_abscissa=True)
     radius, frequency = axes[:, 0]
-    factor, unit = length()
+    factor, unit = position_unit()
     clearance = journal(fit.model).clearance
     speed = branch.speed * per_rad_s()
     for axis, y in ((radius, branch.eccentricity * clearance * factor), (frequency, branch.frequency * per_rad_s())):

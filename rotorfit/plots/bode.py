@@ -134,8 +134,8 @@ def plot_bode(fit: FitResult, *, against: str = "frequency", mr: float | None = 
     """
     conditions, found = curves(fit)
     along = _axis_of(found, against, mr)
-    what = "Bode plot" if mr is None else f"Bode plot for {mr * 1e6:.4g} g mm"
-    figure, panels = panels_of(found, f"{what}, {fit.model.name}", rows=2, size=(5.2, 1.9), one_abscissa=True)
+    title = f"Bode plot{_weight(mr)}, {fit.model.name}"
+    figure, panels = panels_of(found, title, rows=2, size=(5.2, 1.9), one_abscissa=True)
     for curve in found if against == "size" else joined(found):
         draw_bode(fit, panels.axes[curve.coordinate, curve.force_plane], curve, along)
     for (probe, force), pair in panels.axes.items():
@@ -146,6 +146,11 @@ def plot_bode(fit: FitResult, *, against: str = "frequency", mr: float | None = 
         axis.set_xlabel(along.label(found), fontsize=8)
     condition_legend(figure, conditions, "fit and 95 % band", direction_marks(found, against))
     return figure
+
+
+def _weight(mr: float | None) -> str:
+    """The unbalance that amplitudes are drawn for, in words of a title."""
+    return "" if mr is None else f" for {mr * 1e6:.4g} g mm"
 
 
 def direction_marks(found: Sequence[SweepCurve], against: str) -> Sequence[tuple[str, str, str]]:
@@ -220,7 +225,8 @@ def plot_drive_point(fit: FitResult, *, plane: str | None = None, mr: float | No
     chosen = plane if plane is not None else names[-1]
     found = [c for c, name in zip(own, names, strict=True) if name == chosen]
     along = _axis_of(found, "frequency", mr)
-    figure, axes = grid(4, 1, literal(f"Drive point at {chosen}, {fit.model.name}"), size=(6.2, 1.9), one_abscissa=True)
+    title = literal(f"Drive point at {chosen}{_weight(mr)}, {fit.model.name}")
+    figure, axes = grid(4, 1, title, size=(6.2, 1.9), one_abscissa=True)
     phase, amplitude, direct, quadrature = axes[:, 0]
     for curve in joined(found):
         draw_bode(fit, (amplitude, phase), curve, along)

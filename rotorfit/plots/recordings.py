@@ -25,6 +25,7 @@ from rotorfit.plots.style import (
     literal,
     looked,
     per_rad_s,
+    position_unit,
     rate_unit,
     rate_words,
 )
@@ -52,12 +53,12 @@ def plot_timebase(stretches: Sequence[Stretch], name: str) -> Figure:
     for axis, part in zip(axes[:, 0], stretches, strict=True):
         traces = {"x": part.z.real, "y": part.z.imag} if np.iscomplexobj(part.z) else {"along the probe": part.z}
         for colour, (label, values) in zip((COLOURS[0], COLOURS[2]), traces.items(), strict=False):
-            handles[label] = axis.plot(part.t, values * length()[0], color=colour, linewidth=0.9)[0]
+            handles[label] = axis.plot(part.t, values * position_unit()[0], color=colour, linewidth=0.9)[0]
             for mark, times in part.dots.items():
-                at = np.interp(times, part.t, values * length()[0])
+                at = np.interp(times, part.t, values * position_unit()[0])
                 style = {"color": _MARK_COLOURS[mark], "markersize": 4, "linestyle": ""}
                 handles[f"mark of the {mark}"] = axis.plot(times, at, marker="o", **style)[0]
-        axis.set_ylabel(literal(f"{part.plane}, {length()[1]}"), fontsize=9)
+        axis.set_ylabel(literal(f"{part.plane}, {position_unit()[1]}"), fontsize=9)
         axis.margins(x=0.01)
     axes[-1, 0].set_xlabel("time, s", fontsize=9)
     handles = dict(sorted(handles.items(), key=lambda entry: entry[0].startswith("mark")))
@@ -75,12 +76,12 @@ def plot_orbit(stretches: Sequence[Stretch], name: str) -> Figure:
     figure, axes = grid(len(stretches), 1 + len(marks), title, size=(3.1, 2.9))
     handles: dict[str, Any] = {}
     for row, part in zip(axes, stretches, strict=True):
-        _orbit(row[0], part, part.z * length()[0], part.dots, handles)
+        _orbit(row[0], part, part.z * position_unit()[0], part.dots, handles)
         if part.clearance is not None:
             handles |= _draw_clearance(row[0], part.clearance)
         row[0].set_title(literal(f"{part.plane}, {'without run-out' if part.cleaned else 'as recorded'}"), fontsize=9)
         for axis, mark in zip(row[1:], marks, strict=True):
-            _orbit(axis, part, part.filtered[mark] * length()[0], {mark: part.dots[mark]}, handles)
+            _orbit(axis, part, part.filtered[mark] * position_unit()[0], {mark: part.dots[mark]}, handles)
             axis.set_title(literal(f"{part.plane}, {_FILTERED[mark]} of the {mark}"), fontsize=9)
     legend_below(figure, list(handles.values()), list(handles))
     return figure
@@ -98,8 +99,8 @@ def _orbit(axis: Any, part: Stretch, z: NDArray[Any], dots: dict[str, Float], ha
     axis.set_aspect("equal")
     for side in (axis.xaxis, axis.yaxis):
         few_ticks(side, 4)
-    axis.set_xlabel(f"x, {length()[1]}", fontsize=8)
-    axis.set_ylabel(f"y, {length()[1]}", fontsize=8)
+    axis.set_xlabel(f"x, {position_unit()[1]}", fontsize=8)
+    axis.set_ylabel(f"y, {position_unit()[1]}", fontsize=8)
     if not np.isfinite(z).any():
         text = "not distinguished from the other mark"
         axis.text(0.5, 0.5, text, transform=axis.transAxes, ha="center", fontsize=8, color=GREY)
@@ -108,7 +109,7 @@ def _orbit(axis: Any, part: Stretch, z: NDArray[Any], dots: dict[str, Float], ha
 def _draw_clearance(axis: Any, clearance: Clearance) -> dict[str, Any]:
     """The circle that the shaft can move in, whole; returns its entry of a legend."""
     turn = clearance.centre + clearance.radius * np.exp(1j * np.linspace(0, 2 * np.pi, 181))
-    z = turn * length()[0]
+    z = turn * position_unit()[0]
     ends = np.array([*axis.get_xlim()]) + 1j * np.array([*axis.get_ylim()])
     shown = np.concatenate([ends, z])
     low, high = complex(shown.real.min(), shown.imag.min()), complex(shown.real.max(), shown.imag.max())
@@ -125,7 +126,7 @@ def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
     figure, axes = grid(1, len(lines), literal(f"{name}: shaft centreline from the gap voltages"), size=(4.0, 3.0))
     handles: dict[str, Any] = {}
     for axis, line in zip(axes[0], lines, strict=True):
-        z = line.z * length()[0]
+        z = line.z * position_unit()[0]
         by_speed = np.isfinite(line.speed).all() and np.ptp(line.speed) > 0.02 * np.abs(line.speed).max()
         values, label = (np.abs(line.speed) * per_rad_s(), f"speed, {rate_unit()}") if by_speed else (line.t, "time, s")
         axis.plot(z.real, z.imag, color="0.8", linewidth=0.7, zorder=1)
@@ -143,8 +144,8 @@ def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
             handles |= _draw_clearance(axis, line.clearance)
         axis.set_aspect("equal")
         axis.set_title(literal(line.plane), fontsize=9)
-        axis.set_xlabel(f"x, {length()[1]}", fontsize=9)
-        axis.set_ylabel(f"y, {length()[1]}", fontsize=9)
+        axis.set_xlabel(f"x, {position_unit()[1]}", fontsize=9)
+        axis.set_ylabel(f"y, {position_unit()[1]}", fontsize=9)
     legend_below(figure, list(handles.values()), list(handles))
     return figure
 
@@ -333,16 +334,17 @@ def plot_cascade(
     position = cascade.position * scale
     spacing = np.ptp(position) / max(position.size - 1, 1) or 1.0
     height = 7 * spacing / float(amplitude.max(initial=1e-9))
-    title = literal(f"{name}, {cascade.plane}: full-spectrum cascade")
-    figure, ((axis,),) = grid(1, 1, title, size=(PAGE[0], 5.9))
+    full = cascade.direction is None
+    what = "full-spectrum cascade" if full else f"cascade of {cascade.direction}"
+    figure, ((axis,),) = grid(1, 1, literal(f"{name}, {cascade.plane}: {what}"), size=(PAGE[0], 5.9))
     for order, (level, row) in enumerate(sorted(zip(position, amplitude, strict=True), key=lambda pair: -pair[0])):
         curve = level + row * height
         axis.fill_between(frequency, level, curve, color="white", linewidth=0, zorder=2 + order)
         axis.plot(frequency, curve, color=COLOURS[0], linewidth=0.6, zorder=2 + order)
     _order_lines(axis, cascade, position, edge, lines)
-    axis.set_xlim(-edge, edge)
+    axis.set_xlim(-edge if full else 0, edge)
     axis.set_ylim(position.min() - spacing, position.max() + 10 * spacing)
-    axis.set_xlabel("frequency, Hz (backward < 0 < forward)", fontsize=9)
+    axis.set_xlabel("frequency, Hz (backward < 0 < forward)" if full else "frequency, Hz", fontsize=9)
     axis.set_ylabel(label, fontsize=9)
     axis.tick_params(labelsize=8)
     bar = float(f"{amplitude.max(initial=1e-9) / 2:.1g}")
@@ -362,9 +364,12 @@ def _order_lines(
 ) -> None:
     """Orders of the shaft, the perturbation and its image, where their frequencies are known."""
     shaft, perturbation = cascade.shaft / (2 * np.pi), cascade.perturbation / (2 * np.pi)
-    lines = {"−2x": -2 * shaft, "−1x": -shaft, "1x": shaft, "2x": 2 * shaft, "w": perturbation, "−w": -perturbation}
-    lines["2x − w"] = 2 * shaft - perturbation
+    lines = {"1x": shaft, "2x": 2 * shaft, "w": perturbation, "2x − w": 2 * shaft - perturbation}
+    if cascade.direction is None:
+        lines |= {"−1x": -shaft, "−2x": -2 * shaft, "−w": -perturbation}
     lines |= {literal(name): of_w * perturbation + of_speed * shaft for name, (of_w, of_speed) in further.items()}
+    if cascade.direction is not None:
+        lines = {name: np.abs(at) for name, at in lines.items()}
     order = np.argsort(position)
     for label, at in lines.items():
         if not np.isfinite(at).any():

@@ -102,15 +102,17 @@ def _round(curve: SweepCurve) -> ComplexArray:
 
 
 def _mark_frequencies(axis: Any, found: Sequence[SweepCurve], factor: float) -> None:
-    """Crosses at round frequencies on the fitted lines, each with its number on the outer side of the curve."""
+    """Crosses at round frequencies on the fitted lines, each with its number where it hides least."""
     from matplotlib.ticker import MaxNLocator
 
     top = max(float(np.abs(c.fine).max()) for c in found) * per_rad_s()
     steps = np.asarray(MaxNLocator(nbins=28, steps=[1, 2, 5, 10]).tick_values(-top, top))
-    middle = complex(np.mean(axis.get_xlim()), np.mean(axis.get_ylim()))
     reach = np.ptp(axis.get_xlim()) / 2
     apart = 0.3  # of crosses, in halves of the axis
     placed: list[complex] = []
+    every = factor * np.concatenate([c.line_seen[np.isfinite(c.line_seen)] for c in found])
+    cell = 0.02 * reach  # places nearer than this count once
+    drawn = np.asarray(np.unique(np.round(every / cell)) * cell, dtype=complex)
     for curve in found:
         x = curve.fine * per_rad_s()
         for rpm in sorted(steps[(steps >= x[0]) & (steps <= x[-1]) & (steps != 0)], key=abs):
@@ -118,19 +120,39 @@ def _mark_frequencies(axis: Any, found: Sequence[SweepCurve], factor: float) -> 
             if all(abs(z - other) > apart * reach for other in placed):
                 placed.append(z)
                 axis.plot(z.real, z.imag, "x", ms=4.5, mew=1.1, color="black", zorder=5)
-                left, low = z.real < middle.real, z.imag < middle.imag
+                words = f"{rpm:.4g}".replace("-", "−")
+                right, up, drawn = _clear_corner(axis, z, len(words), drawn)
                 axis.annotate(
-                    f"{rpm:.4g}".replace("-", "−"),
+                    words,
                     (z.real, z.imag),
-                    xytext=(-4 if left else 4, -3 if low else 3),
+                    xytext=(4 * right, 3 * up),
                     textcoords="offset points",
-                    ha="right" if left else "left",
-                    va="top" if low else "bottom",
+                    ha="left" if right > 0 else "right",
+                    va="bottom" if up > 0 else "top",
                     fontsize=SMALL_TYPE,
                     color=curve.condition.colour,
                     zorder=5,
                     clip_on=True,
                 )
+
+
+def _clear_corner(axis: Any, z: complex, letters: int, drawn: ComplexArray) -> tuple[int, int, ComplexArray]:
+    """Corner of a point in which its number hides least of what is drawn, and that with the number."""
+    (left, right), (low, high) = axis.get_xlim(), axis.get_ylim()
+    smaller = 0.85  # of the room of the axes, what labels of ticks and equal scales leave
+    room = smaller * min(axis.bbox.width, axis.bbox.height) / axis.figure.dpi * 72  # points
+    point = (right - left) / room  # of type, in units of the data
+    width, height = (0.6 * SMALL_TYPE * letters + 4) * point, (SMALL_TYPE + 3) * point
+
+    def hidden(corner: tuple[int, int]) -> float:
+        x, y = z.real + corner[0] * width, z.imag + corner[1] * height
+        across, along = (drawn - z).real * corner[0] / width, (drawn - z).imag * corner[1] / height
+        inside = (across > 0) & (across < 1) & (along > 0) & (along < 1)
+        return float(np.count_nonzero(inside)) if left < x < right and low < y < high else np.inf
+
+    best = min(((1, 1), (-1, 1), (1, -1), (-1, -1)), key=hidden)
+    x, y = np.meshgrid(np.linspace(0.05, 0.95, 8), np.linspace(0.05, 0.95, 6))
+    return *best, np.concatenate([drawn, (z + best[0] * width * x + 1j * best[1] * height * y).ravel()])
 
 
 def _square(axis: Any, values: ComplexArray) -> None:

@@ -98,6 +98,12 @@ def length() -> tuple[float, str]:
     return 1 / UNITS["displacement"][name], _NAMES.get(base, base) + {"": "", "pp": " pp"}.get(peak, f" {peak}")
 
 
+def position_unit() -> tuple[float, str]:
+    """Factor from m to the figure's unit of positions and radii, which are not counted pp or rms, and its name."""
+    base = _LOOK.get().length.partition("_")[0]
+    return 1 / UNITS["displacement"][base], _NAMES.get(base, base)
+
+
 def amplitude_unit(unit: str | None = None) -> str:
     """A unit of amplitudes, by default the figure's unit of length, with 0-pk unless it is pp or rms already."""
     name = length()[1] if unit is None else unit

@@ -301,9 +301,10 @@ class Recording(Signals):
         spectra: int = 60,
         limit_hz: float | None = None,
         lines: Mapping[str, tuple[float, float]] | None = None,
+        direction: str | None = None,
         **look: Unpack[PlotKeywords],
     ) -> Figure:
-        """Full-spectrum cascade with order lines.
+        """Full-spectrum cascade with order lines, or the cascade of one direction (Fig. 37).
 
         Args:
             plane: one of :attr:`planes`; None: the first.
@@ -311,14 +312,16 @@ class Recording(Signals):
             spectra: how many.
             limit_hz: largest frequency shown; None: what holds all that is worth seeing.
             lines: further lines to mark, factors of w and of the speed by name, ``{"2w − 1x": (2, -1)}``.
+            direction: ``"x"`` or ``"y"``: spectra of the motion along it, as one probe there shows, without forward and
+                backward; None: full spectra of x and y.
             **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
 
         Raises:
-            ValueError: no such plane, or no mark for what is asked.
+            ValueError: no such plane or direction, or no mark for what is asked.
         """
         from rotorfit.plots.recordings import plot_cascade
 
-        found = cascade(self, self.marks, self._of(plane)[0], over=over, spectra=spectra)
+        found = cascade(self, self.marks, self._of(plane)[0], over=over, spectra=spectra, direction=direction)
         return plot_cascade(found, self.name, limit_hz, lines or {}, **look)
 
     def plot_twist(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.estimators.signals.spectral_lines import full_spectrum
 from rotorfit.models.array_types import Float, Index
@@ -18,6 +20,7 @@ class Cascade:
     """Full spectra of one plane, one after the other."""
 
     plane: str  # its name
+    direction: str | None  # x or y where the spectra are of the motion along it alone, frequencies not negative
     over: str  # what tells them apart: ``time``, ``speed`` or ``perturbation``
     position: Float  # s or rad/s, shape ``(W,)``
     frequency: Float  # Hz, negative is backward, shape ``(F,)``
@@ -39,23 +42,44 @@ def spectrum(record: Signals, plane: str, start: float, stop: float | None) -> t
     return frequency, amplitude if np.iscomplexobj(z) else 2 * amplitude
 
 
-def cascade(record: Signals, marks: Marks, plane: str, *, over: str | None = None, spectra: int = 60) -> Cascade:
-    """Full spectra at even steps of time, speed or perturbation frequency."""
+def cascade(
+    record: Signals,
+    marks: Marks,
+    plane: str,
+    *,
+    over: str | None = None,
+    spectra: int = 60,
+    direction: str | None = None,
+) -> Cascade:
+    """Full spectra at even steps of time, speed or perturbation frequency, or those along x or y."""
+    if direction not in (None, "x", "y"):
+        raise ValueError(unknown_name("direction", str(direction), ("x", "y")))
     places = cascade_times(record, marks, over, spectra)
     rows = []
     for start in places.starts.tolist():
-        z = record.motion(plane, start, start + places.size)
+        z = _along(record.motion(plane, start, start + places.size), direction, f"{record.name}, {plane}")
         frequency, amplitude = full_spectrum(z.astype(complex), record.sample_rate, points=4)  # round lines
         rows.append(amplitude if np.iscomplexobj(z) else 2 * amplitude)
+    shown = frequency >= (-np.inf if direction is None else 0)
     return Cascade(
         plane=plane,
+        direction=direction,
         over=places.over,
         position=places.position,
-        frequency=frequency,
-        amplitude=np.array(rows),
+        frequency=frequency[shown],
+        amplitude=np.array(rows)[:, shown],
         shaft=places.shaft,
         perturbation=places.perturbation,
     )
+
+
+def _along(z: NDArray[Any], direction: str | None, where: str) -> NDArray[Any]:
+    """Motion ``x + jy`` as it is, or along x or y."""
+    if direction is None:
+        return z
+    if not np.iscomplexobj(z):
+        raise ValueError(f"{where}: one probe reads this plane; leave direction out for its spectra")
+    return np.asarray(z.real if direction == "x" else z.imag)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
