@@ -222,3 +222,24 @@ def test_combination_lines_have_the_speed_at_their_own_moment(tmp_path: Path) ->
     assert fit.redchi < 2
     for name, value in {"M": MASS, "D": DAMPING, "K": STIFFNESS, "dK_cos": 900.0, "dK_sin": 0.0}.items():
         assert abs(fit.params[name].value - value) < 4 * fit.params[name].stderr, name
+
+
+def test_simulated_rotors_turn_at_the_speed_that_their_marks_show(tmp_path: Path) -> None:
+    """Volts of the virtual rig at a speed that wanders by a percent: the fit finds the rotor within its errors."""
+    values = {"M": 1.2, "K": 3e4, "Ds": 8.0, "K0": 1e4, "D": 400.0, "lam": 0.45, "Mf": 0.3}
+    paths = rf.simulate_recordings(
+        rf.models.OneMode(),
+        values,
+        tmp_path,
+        speed_rpm=1500.0,
+        duration=8.0,
+        instruments=rf.Instruments(sample_rate=2048.0, wander=0.01),
+        seed=2,
+    )
+    test = rf.responses([rf.read_recording(path) for path in paths])
+    assert np.ptp(test.speed) > 0.01 * 1500.0 * RPM
+    fit = rf.fit(rf.models.OneMode(), test, known={name: values[name] for name in ("K", "Ds", "M")})
+    assert fit.redchi < 1.3
+    for name in ("K0", "D", "lam", "Mf"):
+        parameter = fit.params[name]
+        assert abs(parameter.value - values[name]) < 4 * parameter.stderr, name

@@ -194,12 +194,3 @@ def notch(angle: Float, *, width: float, ramp: float) -> Float:
 def keyphasor_volts(depth: Float) -> Float:
     """Voltage of a Keyphasor over a notch."""
     return np.asarray(-2.0 - 6.0 * depth)  # -2 V beside the notch, -8 V in it
-
-
-def wandering_angle(time: Float, speed: float, wander: float, rng: np.random.Generator) -> Float:
-    """Angle of a shaft whose speed wanders slowly about its mean, rad."""
-    angle = speed * time
-    for rate in rng.uniform(0.2, 3.0, 6):  # rad/s
-        phase = rng.uniform(0, 2 * np.pi)
-        angle = angle + speed * wander * np.sqrt(2 / 6) * np.cos(rate * time + phase) / rate
-    return np.asarray(angle)

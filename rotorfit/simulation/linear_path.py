@@ -3,7 +3,7 @@
 ``x' = A x + B f`` falls apart into modes ``q' = s q + b f``; over a step of h the solution is
 ``q(t + h) = exp(s h) q(t) + int exp(s (h - u)) b f(t + u) du``, the integral by Gauss-Legendre quadrature with four
 points, whose error for a force of frequency w is of the order ``(w h)^8 / 10^7``. Where the speed changes and the rotor
-with it, the coefficients are those of the middle of a short block.
+with it, the coefficients are those of the middle of a block, which is the shorter the faster the speed changes.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(4)
+_SPEED_CHANGE = 1e-4
+"""Share of the speed by which it may change within a block, whose coefficients are those of its middle."""
 
 
 def linear_path(
@@ -32,17 +34,15 @@ def linear_path(
 
     h, n = 1 / rate, len(model.coordinates)
     inside = (_POINTS + 1) * h / 2
-    steady = not model.speed_dependent or np.ptp(speed(np.arange(count, dtype=float) * h)) == 0.0
-    block = 1 << 15 if steady else 64  # shorter where the coefficients change with the speed
+    speeds = speed(np.arange(count, dtype=float) * h)
+    change = np.abs(np.diff(speeds)).max(initial=0.0) / np.abs(speeds).max() if model.speed_dependent else 0.0
+    block = int(np.clip(_SPEED_CHANGE / change, 64, 1 << 15)) if change else 1 << 15
     path = np.zeros((count, n), dtype=complex)
     state = np.zeros(2 * n, dtype=complex)
-    modes = None
     for first in range(0, count - 1, block):
         last = min(first + block, count - 1)
         start = np.arange(first, last, dtype=float) * h
-        if modes is None or not steady:
-            modes = _modes(model, theta, float(speed(np.array([(first + last) / 2 * h]))[0]))
-        s, shapes, drive = modes
+        s, shapes, drive = _modes(model, theta, float(speed(np.array([(first + last) / 2 * h]))[0]))
         forces = force((start[:, None] + inside).ravel()).reshape(start.size, 4, n) @ drive.T
         kernel = np.exp(s * (h - inside[:, None])) * (_WEIGHTS * h / 2)[:, None]
         steps = np.einsum("tkm,km->tm", forces, kernel)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.shafts.angular_rates import angular_rate
 from rotorfit.simulation.instruments import Played
-from rotorfit.simulation.recorded_rig import RecordedRig, constant
+from rotorfit.simulation.recorded_rig import RecordedRig
 from rotorfit.simulation.rig import rates_rpm, some_planes
 from rotorfit.simulation.turning_speeds import Dwells, Rotation, Sweep
 from rotorfit.units import RAD_S_PER_RPM as RPM
@@ -85,10 +85,11 @@ def _perturbed(
         turned = unbalance * turning.force(t, spot + mark)
         return turned if direction == "forward" else turned.conj()
 
+    shaft = rig.shaft(rpm * RPM)
     return Played(
         name=f"{plane}-{'fwd' if direction == 'forward' else 'bwd'}-{rpm:g}",
-        motion=rig.path(constant(rpm * RPM), force, plane, time.size),
-        shaft=rig.shaft(time, rpm * RPM),
+        motion=rig.path(shaft.speed, force, plane, time.size),
+        shaft=shaft.angle(time),
         perturbator=turning.angle(time) + mark,
         attributes={
             "force_plane": plane,
@@ -147,18 +148,12 @@ def balance(
         rig.virtual.decay(rpm * RPM)
     for name, weights, said in _weighted(rig, unbalance, planes, hole_zero_deg, hole_deg, reference):
         for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
-            shaft = rig.shaft(time, rpm * RPM)
-            speed = np.gradient(shaft, time)
-
-            def turning(t: Float, weight: complex, shaft: Float = shaft, speed: Float = speed) -> ComplexArray:
-                angle, turned = np.interp(t, time, shaft), np.interp(t, time, speed)
-                return np.asarray(weight * turned**2 * np.exp(1j * angle))
-
-            forces = {plane: partial(turning, weight=weight) for plane, weight in weights.items()}
+            shaft = rig.shaft(rpm * RPM)
+            forces = {plane: partial(_turning, shaft, weight) for plane, weight in weights.items()}
             yield Played(
                 name=f"{name}-{rpm:g}",
-                motion=rig.path_of(constant(rpm * RPM), forces, time.size),
-                shaft=shaft,
+                motion=rig.path_of(shaft.speed, forces, time.size),
+                shaft=shaft.angle(time),
                 attributes={**said, "speed_rpm": rpm},
             )
 
@@ -202,14 +197,15 @@ def measured_force(
             raise ValueError(f"directions are {', '.join(_ACTS)}, got {direction!r}")
         acts = partial(_ACTS[direction], force, sweep)
         newton = acts(time)
+        shaft = rig.shaft(speed_rpm * RPM)
         yield Played(
             name=f"{plane}-{direction}",
-            motion=rig.path(constant(speed_rpm * RPM), acts, plane, time.size),
-            shaft=rig.shaft(time, speed_rpm * RPM),
+            motion=rig.path(shaft.speed, acts, plane, time.size),
+            shaft=shaft.angle(time),
             forces={"force_X": newton.real, "force_Y": newton.imag},
             attributes={"speed_rpm": speed_rpm, "force_plane": plane},
         )
 
 
-def _turning(sweep: Sweep, weight: complex, t: Float) -> ComplexArray:
-    return weight * sweep.force(t, 0.0)
+def _turning(shaft: Rotation, weight: complex, t: Float) -> ComplexArray:
+    return weight * shaft.force(t, 0.0)

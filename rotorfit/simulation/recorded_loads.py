@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.simulation.instruments import Played
 from rotorfit.simulation.loads import rest_under
-from rotorfit.simulation.recorded_rig import Force, RecordedRig, constant
+from rotorfit.simulation.recorded_rig import Force, RecordedRig
 from rotorfit.simulation.rig import rates_rpm
 from rotorfit.units import RAD_S_PER_RPM as RPM
 
@@ -51,10 +51,11 @@ def _struck(
     where = plane or rig.virtual.model.planes[-1]
     time, force = rig.instruments.time(apart * (blows + 1)), _blows(size, blows, apart, rig.rng)
     for rpm in _speeds(rig, speed_rpm):
+        shaft = rig.shaft(rpm * RPM)
         played = Played(
             name=f"{where}-{kind}-{rpm:g}",
-            motion=rig.path(constant(rpm * RPM), force, where, time.size),
-            shaft=rig.shaft(time, rpm * RPM),
+            motion=rig.path(shaft.speed, force, where, time.size),
+            shaft=shaft.angle(time),
             attributes={"speed_rpm": rpm},
         )
         yield played, where, force(time).real
@@ -77,12 +78,13 @@ def release(
         return np.where(t > duration / 2, -newton, 0.0)
 
     for rpm in _speeds(rig, speed_rpm):
-        moved = rig.path(constant(rpm * RPM), gone, where, time.size)
+        shaft = rig.shaft(rpm * RPM)
+        moved = rig.path(shaft.speed, gone, where, time.size)
         rest = _rest(rig, rpm, newton, where)
         yield Played(
             name=f"{where}-release-{rpm:g}",
             motion={each: z + rest[each] for each, z in moved.items()},
-            shaft=rig.shaft(time, rpm * RPM),
+            shaft=shaft.angle(time),
             attributes={"speed_rpm": rpm, "impulse_plane": where},
         )
 
@@ -106,7 +108,7 @@ def static_load(
             yield Played(
                 name=f"{where}-{size:g}N-{rpm:g}",
                 motion={plane: np.full(time.size, z) for plane, z in rest.items()},
-                shaft=rig.shaft(time, rpm * RPM),
+                shaft=rig.shaft(rpm * RPM).angle(time),
                 attributes={"speed_rpm": rpm, "load_plane": where, "load_N": size, "load_deg": load_deg},
             )
 

@@ -9,16 +9,12 @@ import numpy as np
 
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.simulation.instruments import Instruments, wandering_angle
+from rotorfit.simulation.instruments import Instruments
 from rotorfit.simulation.linear_path import linear_path
 from rotorfit.simulation.rig import VirtualRig
+from rotorfit.simulation.turning_speeds import Wander
 
 Force = Callable[[Float], ComplexArray]
-
-
-def constant(speed: float) -> Callable[[Float], Float]:
-    """One speed at all times."""
-    return lambda t: np.full(np.shape(t), speed)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -61,9 +57,9 @@ class RecordedRig:
                 "are simulated only (static-load), other tests of linear rotors"
             )
 
-    def shaft(self, time: Float, speed: float) -> Float:
-        """Angle of the shaft at a speed that wanders as the instruments say, rad."""
-        return wandering_angle(time, speed, self.instruments.wander, self.rng)
+    def shaft(self, speed: float) -> Wander:
+        """The shaft's rotation at a speed, rad/s, that wanders as the instruments say."""
+        return Wander.drawn(speed, self.instruments.wander, self.rng)
 
     @property
     def rng(self) -> np.random.Generator:

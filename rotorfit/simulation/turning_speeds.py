@@ -1,7 +1,8 @@
-"""Angles of what turns in a recorded test: swept, or dwelling at one frequency after the other."""
+"""Angles of what turns in a recorded test: at a speed that wanders, swept, or dwelling at one speed after the other."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -30,6 +31,42 @@ class Rotation(Protocol):
         """Force of one kg m as seen from x turning with it, N, shape ``(N,)``."""
         turned = np.exp(1j * (self.angle(t) + heavy_spot))
         return np.asarray((self.speed(t) ** 2 - 1j * self.acceleration(t)) * turned)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Wander(Rotation):
+    """Angle of a shaft whose speed wanders slowly about its mean: a sum of slow waves."""
+
+    mean: float  # speed, rad/s
+    share: float  # standard deviation of the speed over its mean
+    rates: Float  # of the waves, rad/s, shape ``(W,)``
+    phases: Float  # of the waves, rad, shape ``(W,)``
+
+    @classmethod
+    def drawn(cls, mean: float, share: float, rng: np.random.Generator) -> Wander:
+        """Waves with periods of some seconds."""
+        rates, phases = rng.uniform([[0.2], [0.0]], [[3.0], [2 * np.pi]], (2, 6))
+        return cls(mean=mean, share=share, rates=rates, phases=phases)
+
+    def _waves(self, t: Float) -> ComplexArray:
+        """The waves, each of size one, shape ``(N, W)``."""
+        return np.asarray(np.exp(1j * (np.multiply.outer(t, self.rates) + self.phases)))
+
+    @property
+    def _size(self) -> float:
+        return self.mean * self.share * math.sqrt(2 / self.rates.size)
+
+    def angle(self, t: Float) -> Float:
+        """See :meth:`Rotation.angle`."""
+        return np.asarray(self.mean * t + self._size * (self._waves(t).real / self.rates).sum(axis=-1))
+
+    def speed(self, t: Float) -> Float:
+        """See :meth:`Rotation.speed`."""
+        return np.asarray(self.mean - self._size * self._waves(t).imag.sum(axis=-1))
+
+    def acceleration(self, t: Float) -> Float:
+        """See :meth:`Rotation.acceleration`."""
+        return np.asarray(-self._size * (self._waves(t).real * self.rates).sum(axis=-1))
 
 
 @dataclass(frozen=True, kw_only=True)
