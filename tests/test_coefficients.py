@@ -141,3 +141,19 @@ def test_models_without_fluid_are_refused_in_words() -> None:
     theta = np.ones(len(rf.models.TwoDisk().parameters))
     with pytest.raises(ValueError, match="two-disk has no fluid force"):
         plane_force(rf.models.TwoDisk(), theta, 100.0, "inboard")
+
+
+def test_several_pressures_are_conditions_and_lines_of_their_own() -> None:
+    names = [k + i + j for k in "KD" for i in "xy" for j in "xy"]
+    rig = {"speeds_rpm": [1500.0, 3000.0], "mass": 0.0, "force_noise": 0.6, "force_sigma": 0.6}
+    tables = [floating_stator(**rig, seed=bar).assign(pressure_bar=bar) for bar in (2, 5)]  # type: ignore[arg-type]
+    test = rf.read(pd.concat([table.assign(run=table.run + f" {k} bar") for k, table in enumerate(tables)]))
+    known = {f"M{i}{j}": 0.0 for i in "xy" for j in "xy"}
+    per = dict.fromkeys(names, "speed_rpm+pressure_bar")
+    fit = rf.fit(rf.models.Anisotropic(("stator",)), test, known=known, per=per)
+    conditions = [f"pressure_bar={bar}, {rpm} rpm" for bar in (2, 5) for rpm in (1500, 3000)]
+    assert [row.condition for row in fit.coefficient_table().rows] == conditions
+    curves = [container.lines[0] for container in fit.plot_coefficients().axes[0].containers]
+    assert [np.round(curve.get_xdata(), 6).tolist() for curve in curves] == [
+        [1500.0, 3000.0]
+    ] * 8  # 4 entries at 2 pressures

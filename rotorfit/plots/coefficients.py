@@ -2,41 +2,55 @@
 
 from __future__ import annotations
 
+from itertools import cycle
+from typing import Any
+
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from rotorfit.estimators.significance import CHANCE_ERRORS
-from rotorfit.fitting.structure.coefficient_rows import UNITS, CoefficientRows
+from rotorfit.fitting.structure.coefficient_rows import UNITS, CoefficientRows, Coefficients
 from rotorfit.fitting.structure.frequency_rows import ENTRIES, FrequencyRows
 from rotorfit.models.shafts.plane_forces import COEFFICIENTS
 from rotorfit.plots.style import colour_of, grid, legend_below, looked, per_rad_s, prefix, rate_unit
 
+_MARKERS = "os^Dv<>P"
+
 
 @looked
 def coefficients(table: CoefficientRows) -> Figure:
-    """Stiffness, damping and inertia in x and y against speed, error bars of 95 %.
+    """Stiffness, damping and inertia in x and y against speed, error bars of 95 %; a marker a condition beside speed.
 
     Args:
         table: of :meth:`FitResult.coefficient_table`.
     """
     kinds = [kind for kind in "KCM" if any(_there(table, name) for name in COEFFICIENTS if name[0] == kind)]
     figure, axes = grid(len(kinds), 1, f"Coefficients at {table.rows[0].plane}", size=(6.5, 2.6))
-    speed = np.array([row.speed for row in table.rows]) * per_rad_s()
+    series: dict[str, list[Coefficients]] = {}
+    for row in sorted(table.rows, key=lambda row: row.speed):
+        series.setdefault(row.condition.rpartition(", ")[0], []).append(row)
     for axis, kind in zip(axes[:, 0], kinds, strict=True):
         names = [name for name in COEFFICIENTS if name[0] == kind and _there(table, name)]
-        size = np.array([[row[name].value for row in table.rows] for name in names])
-        factor, unit = prefix(np.abs(size), UNITS[kind])
-        for values, name in zip(size, names, strict=True):
-            error = CHANCE_ERRORS * np.array([row[name].stderr for row in table.rows])
-            shown = np.where(np.isfinite(error), error, 0.0)
-            place = ("xx", "xy", "yx", "yy").index(name[1:])
-            axis.errorbar(
-                speed, factor * values, factor * shown, fmt="o-", ms=3, lw=1, capsize=2, color=colour_of(place, 4)
-            )
+        factor, unit = prefix(np.abs([[row[name].value for row in table.rows] for name in names]), UNITS[kind])
+        for name in names:
+            colour = colour_of(("xx", "xy", "yx", "yy").index(name[1:]), 4)
+            for marker, rows in zip(cycle(_MARKERS), series.values(), strict=False):
+                speed = np.array([row.speed for row in rows]) * per_rad_s()
+                values = factor * np.array([row[name].value for row in rows])
+                error = factor * CHANCE_ERRORS * np.array([row[name].stderr for row in rows])
+                shown = np.where(np.isfinite(error), error, 0.0)
+                axis.errorbar(speed, values, shown, fmt=f"{marker}-", ms=3, lw=1, capsize=2, color=colour)
         axis.set_ylabel(f"{kind}, {unit}")
     axes[-1, 0].set_xlabel(f"rotative speed, {rate_unit()}")
-    handles = axes[0, 0].containers
-    legend_below(figure, list(handles), [n[1:] for n in COEFFICIENTS if n[0] == kinds[0] and _there(table, n)])
+    entries = [name[1:] for name in COEFFICIENTS if name[0] == kinds[0] and _there(table, name)]
+    handles: list[Any] = list(axes[0, 0].containers[:: len(series)])
+    if len(series) > 1:
+        entries += series
+        handles += [
+            Line2D([], [], color="0.4", marker=m, ls="", ms=4) for m, _ in zip(cycle(_MARKERS), series, strict=False)
+        ]
+    legend_below(figure, handles, entries)
     return figure
 
 

@@ -73,8 +73,17 @@ def _at_speed(fit: FitResult, speed: float) -> Mapping[str, Any] | None:
 
 def _condition(fit: FitResult, group: int, speed: float) -> str:
     """Name of a condition: the speed, after what else parameters were fitted per."""
-    others = [label for label in fit.problem.space.labels[group] if not label.startswith("speed_rpm=")]
-    return ", ".join([*others, f"{speed * RPM_PER_RAD_S:.5g} rpm"])
+    others = filter(None, map(_without_speed, fit.problem.space.labels[group]))
+    return ", ".join([*dict.fromkeys(others), f"{speed * RPM_PER_RAD_S:.5g} rpm"])
+
+
+def _without_speed(label: str) -> str:
+    """A label of a group, such as ``speed_rpm+pressure_bar=3000+2``, without its speed."""
+    names, _, values = label.partition("=")
+    pairs = list(zip(names.split("+"), values.split("+"), strict=False))
+    if len(pairs) < values.count("+") + 1:
+        return label
+    return ", ".join(f"{name}={value}" for name, value in pairs if name != "speed_rpm")
 
 
 def of_a_rig(fit: FitResult) -> bool:
