@@ -55,6 +55,20 @@ def check_unpacked(name: str, declared: float, size: int) -> None:
         )
 
 
+def decompressed(name: str, packed: bytes | memoryview, size: int) -> bytes:
+    """Content that zlib packed, of a file of ``size`` bytes; one that unpacks to too much is refused before it does."""
+    import zlib
+
+    most = allowed_bytes(size)
+    unpacking = zlib.decompressobj()
+    content = unpacking.decompress(packed, most)
+    if unpacking.unconsumed_tail:
+        check_unpacked(name, most + 1.0, size)
+    if not unpacking.eof:
+        raise ValueError(f"{name}: packed content is cut short")
+    return content
+
+
 def check_text(name: str, cells: Sequence[str]) -> None:
     """Refuse a column of text with a cell too long: an array takes the room of its longest cell for every row."""
     longest = max(map(len, set(cells)), default=0)
@@ -202,7 +216,7 @@ def _check_elements(name: str, content: memoryview, order: str, size: int, *, in
     """Elements one after the other, of a file of version 5 or inside one of its arrays."""
     for number, (kind, part) in enumerate(_elements(name, content, order)):
         if kind == _COMPRESSED:
-            _check_elements(name, _unpacked(name, part, size), order, size, inside=False)
+            _check_elements(name, memoryview(decompressed(name, part, size)), order, size, inside=False)
         elif kind == _MATRIX:
             _check_elements(name, part, order, size, inside=True)
         elif inside and number == 1 and kind == _DIMENSIONS:
@@ -221,15 +235,3 @@ def _elements(name: str, content: memoryview, order: str) -> Iterator[tuple[int,
             raise ValueError(f"{name} is not a readable MAT file: an element of {length} bytes is longer than the file")
         yield kind, content[begin : begin + length]
         at = at + 8 if short else begin + (length if kind == _COMPRESSED else -(-length // 8) * 8)
-
-
-def _unpacked(name: str, part: memoryview, size: int) -> memoryview:
-    """A compressed element; one that unpacks to too much is refused before it does."""
-    import zlib
-
-    most = allowed_bytes(size)
-    unpacking = zlib.decompressobj()
-    content = unpacking.decompress(part, most)
-    if unpacking.unconsumed_tail:
-        check_unpacked(name, most + 1.0, size)
-    return memoryview(content)

@@ -10,6 +10,7 @@ import shutil
 import signal
 import sqlite3
 import time
+import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -231,6 +232,39 @@ def test_what_is_no_store_is_one_sentence(make: Callable[..., Any], said: str, r
             assert code == 2
             assert re.search(said, out + err), out + err
         assert "Traceback" not in err
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "words"),
+    [
+        ("tests.findings", "{}x", "list"),
+        ("tests.findings", "[[1]]", "add {} {file} --study {study}"),
+        ("tests.machine", b"\xff", "list"),
+        ("sources.path", b"\xff", "list"),
+        ("tests.conditions", "[1]", "trend"),
+        ("tests.data", zlib.compress(b'[{"a": 1}]')[:-2], "check"),
+        ("fits.findings", '{"errors": [1], "warnings": []}', "list"),
+        ("fits.redchi", "x", "trend"),
+        ("fits.result", zlib.compress(b'{"format": "rotorfit fit"}'), "get {} 1 --out {out}"),
+        ("fits.result", zlib.compress(bytes(1 << 27)), "get {} 1 --out {out}"),
+        ("parameters.value", "x", "list"),
+    ],
+)
+def test_fields_of_another_kind_and_bombs_are_one_sentence(
+    field: str, value: str | bytes, words: str, run: Run, tmp_path: Path
+) -> None:
+    """What SQLite takes in any column, and what is packed to a thousandth."""
+    path, study, [file] = tmp_path / "m.db", tmp_path / "study.toml", days(tmp_path, 1)
+    rf.Store(path).add([file], STUDY if "--study" not in words else None)
+    study.write_text('model = "one-mode"\nknown = {Ds = 8.0, K = 8000.0}\n', encoding="utf-8")
+    table, _, column = field.partition(".")
+    with sqlite3.connect(path) as connection:
+        connection.execute(f"UPDATE {table} SET {column} = ?", (value,))
+    given = (words if "{}" in words else f"{words} {{}}").format(path, file=file, study=study, out=tmp_path / "out")
+    code, out, err = run("store", *given.split())
+    assert (code, path.name in out + err) == (2, True)
+    assert err.count("\n") == (words != "check")
+    assert not (tmp_path / "out").exists()
 
 
 def test_an_output_that_is_an_input_is_refused(run: Run, tmp_path: Path) -> None:

@@ -8,6 +8,8 @@ import zlib
 from collections.abc import Mapping
 from typing import Any
 
+from rotorfit.estimators.file_limits import decompressed
+from rotorfit.estimators.file_reading import reading
 from rotorfit.fitting.json_values import decode, encode
 from rotorfit.models import RotorModel
 from rotorfit.version import __version__
@@ -30,5 +32,7 @@ def to_bytes(fields: Mapping[str, Any]) -> bytes:
 
 def from_bytes(data: bytes) -> dict[str, Any]:
     """The fields of :func:`to_bytes`."""
-    found: dict[str, Any] = decode(json.loads(zlib.decompress(data)))
+    name = "a fit that the store keeps"
+    with reading(name, "fit of a run"):
+        found: dict[str, Any] = decode(json.loads(decompressed(name, data, len(data))))
     return found

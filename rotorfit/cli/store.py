@@ -89,7 +89,7 @@ def _add(options: argparse.Namespace) -> int:
         store, added = checked(lambda: _added(options, line))
     finally:
         line.close()
-    fits = {fit.number: fit for fit in store.fits}
+    fits = {fit.number: fit for fit in checked(lambda: store.fits)}
     if options.json:
         print(json.dumps([added_json(one, fits) for one in added], indent=1, allow_nan=False))
     elif not options.quiet:
@@ -190,7 +190,7 @@ def _list(options: argparse.Namespace) -> int:
     from rotorfit.cli.errors import ExitCode, checked
 
     store = checked(lambda: _opened(options))
-    tests, fits = store.tests, store.fits
+    tests, fits = checked(lambda: (store.tests, store.fits))
     if options.json:
         found = {"tests": [_test_json(test) for test in tests], "fits": [fit_json(fit) for fit in fits]}
         print(json.dumps(found, indent=1, allow_nan=False))
@@ -202,7 +202,7 @@ def _list(options: argparse.Namespace) -> int:
 def _table(tests: tuple[StoredTest, ...], fits: tuple[StoredFit, ...]) -> list[str]:
     rows: list[list[str | Wide]] = [["test", "date", "machine", "readings", "file"]]
     for test in tests:
-        file = Path(test.sources[-1]).name if test.sources else ""
+        file = Path(test.sources[-1]).name
         more = f" and {len(test.sources) - 1} more" if len(test.sources) > 1 else ""
         state = "" if test.superseded is None else f" (superseded by test {test.superseded})"
         rows.append([str(test.number), test.date, test.machine, str(test.readings), f"{file}{more}{state}"])

@@ -19,6 +19,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
+from rotorfit.estimators.file_limits import decompressed
 from rotorfit.estimators.file_reading import reading
 
 SCHEMA = 1
@@ -27,7 +28,8 @@ _MARK = 0x726F7466
 """SQLite's application_id of a store: the letters "rotf"."""
 _PATIENCE = 60.0
 """Seconds that a writer waits for others; each holds the file for some thousandths of a second. Chosen."""
-_KIND = "store of tests"
+KIND = "store of tests"
+"""A store in the sentence that refuses a damaged one."""
 
 _TABLES = """
 CREATE TABLE tests (
@@ -195,5 +197,5 @@ def packed(text: str) -> bytes:
 
 def unpacked(blob: bytes, name: str) -> str:
     """The text that was packed; damage is one sentence."""
-    with reading(name, _KIND):
-        return zlib.decompress(blob).decode("utf-8")
+    with reading(name, KIND):
+        return decompressed(name, blob, len(blob)).decode("utf-8")

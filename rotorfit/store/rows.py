@@ -102,6 +102,13 @@ def values_of(fit: FitResult) -> list[tuple[str, float | None, float | None, flo
     ]
 
 
+def _check(kind: type, *values: Any) -> None:
+    """Refuse what SQLite keeps in a column of another kind."""
+    for value in values:
+        if not isinstance(value, kind):
+            raise TypeError(f"{value!r} stands where there should be {kind.__name__}")
+
+
 def stored_findings(text: str) -> tuple[tuple[Finding, ...], ...]:
     """Findings of the check of the data, experiment by experiment."""
     return tuple(
@@ -114,6 +121,8 @@ def stored_test(row: Sequence[Any], paths: Sequence[str]) -> StoredTest:
     """The record of a row and of the files it was found in."""
     number, batch, content, kind, readings, machine, date, date_given, attributes, findings, superseded = row
     said = [finding for found in stored_findings(findings) for finding in found]
+    _check(str, content, kind, machine, date, *paths, *(finding.message for finding in said))
+    _check(int, number, batch, readings)
     return StoredTest(
         number=number,
         batch=batch,
@@ -123,7 +132,7 @@ def stored_test(row: Sequence[Any], paths: Sequence[str]) -> StoredTest:
         machine=machine,
         date=date,
         date_given=bool(date_given),
-        conditions=json.loads(attributes),
+        conditions=dict(json.loads(attributes)),
         sources=tuple(paths),
         findings=(*errors_in(said), *warnings_in(said)),
         superseded=superseded,
@@ -134,6 +143,8 @@ def stored_fit(row: Sequence[Any], params: Mapping[str, StoredValue]) -> StoredF
     """The record of a row and of its parameters."""
     number, test, model, settings, success, message, redchi, findings, version = row
     said = json.loads(findings)
+    _check(str, model, settings, message, version, *said["errors"], *said["warnings"])
+    _check(int, number, test)
     return StoredFit(
         number=number,
         test=test,
@@ -141,7 +152,7 @@ def stored_fit(row: Sequence[Any], params: Mapping[str, StoredValue]) -> StoredF
         settings=settings,
         success=bool(success),
         message=message,
-        redchi=math.nan if redchi is None else redchi,
+        redchi=math.nan if redchi is None else float(redchi),
         errors=tuple(said["errors"]),
         warnings=tuple(said["warnings"]),
         params=params,

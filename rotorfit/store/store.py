@@ -18,6 +18,7 @@ from rotorfit.data.content import content_hash
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import Finding
 from rotorfit.estimators.atomic_file import note_input, refuse_input
+from rotorfit.estimators.file_reading import reading
 from rotorfit.executors import carry_out, executor_of
 from rotorfit.fitting.fit_file import fit_from_json
 from rotorfit.fitting.json_values import decode
@@ -27,7 +28,7 @@ from rotorfit.models import RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.monitoring.trend import DatedValues, MachineTrend, trend
 from rotorfit.store.claims import claimed
-from rotorfit.store.database import Database, unpacked
+from rotorfit.store.database import KIND, Database, unpacked
 from rotorfit.store.records import Added, StoredFit, StoredTest, StoredValue
 from rotorfit.store.rows import as_time, fit_row, insert, stored_findings, stored_fit, stored_test, test_row, values_of
 from rotorfit.store.settings import settings_key
@@ -260,7 +261,9 @@ class Store:
 
     def _findings(self, test: int) -> tuple[tuple[Finding, ...], ...]:
         with self.database.look() as ask:
-            return stored_findings(ask("SELECT findings FROM tests WHERE number = ?", (test,))[0][0])
+            text = ask("SELECT findings FROM tests WHERE number = ?", (test,))[0][0]
+        with reading(str(self.path), KIND):
+            return stored_findings(text)
 
     def _keep(self, test: int, key: str, text: str, study: Study, row: dict[str, Any], values: Sequence[Any]) -> int:
         row = {**row, "test": test, "settings": key}
@@ -286,7 +289,8 @@ class Store:
             paths: dict[int, list[str]] = {}
             for test, path in ask("SELECT DISTINCT test, path FROM sources WHERE test NOT NULL ORDER BY number"):
                 paths.setdefault(test, []).append(path)
-        return tuple(stored_test(row, paths.get(row[0], [])) for row in rows)
+        with reading(str(self.path), KIND):
+            return tuple(stored_test(row, paths[row[0]]) for row in rows)
 
     @property
     def fits(self) -> tuple[StoredFit, ...]:
@@ -296,12 +300,14 @@ class Store:
                 "SELECT number, test, model, settings, success, message, redchi, findings, version "
                 "FROM fits JOIN settings ON key = settings ORDER BY number"
             )
+            parameters = ask("SELECT * FROM parameters")
+        with reading(str(self.path), KIND):
             values: dict[int, dict[str, StoredValue]] = {}
-            for fit, name, *numbers, unit in ask("SELECT * FROM parameters"):
-                value, stderr, systematic = (math.nan if number is None else number for number in numbers)
+            for fit, name, *numbers, unit in parameters:
+                value, stderr, systematic = (math.nan if number is None else float(number) for number in numbers)
                 stored = StoredValue(value=value, stderr=stderr, systematic=systematic, unit=unit)
                 values.setdefault(fit, {})[name] = stored
-        return tuple(stored_fit(row, values.get(row[0], {})) for row in rows)
+            return tuple(stored_fit(row, values.get(row[0], {})) for row in rows)
 
     @property
     def refused(self) -> dict[str, str]:
@@ -322,7 +328,8 @@ class Store:
             ValueError: it is damaged.
         """
         text = self._blob("SELECT data FROM tests WHERE number = ?", test, "test")
-        return tuple(decode(json.loads(text)))
+        with reading(f"test {test} of {self.path}", KIND):
+            return tuple(decode(json.loads(text)))
 
     def result(self, fit: int, *, model: RotorModel | None = None) -> FitResult:
         """The whole result of a fit, to be plotted, sampled and judged as any other.
@@ -414,7 +421,7 @@ class Store:
                 chosen = {name: fit.params[name] for name in followed(names, fit)}
                 values = {name: (value.value, value.stderr) for name, value in chosen.items()}
                 units = {name: value.unit for name, value in chosen.items()}
-                source = test.sources[0] if test.sources else f"test {test.number}"
+                source = test.sources[0]
                 entries.append(
                     DatedValues(date=test.date, values=values, units=units, place=test.machine, source=source)
                 )
