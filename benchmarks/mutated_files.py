@@ -38,6 +38,7 @@ from rotorfit.data.experiments import PerturbationTest
 from rotorfit.fitting.result import FitResult
 from rotorfit.recordings.formats.files import open_raw
 from rotorfit.recordings.rig.rig_toml import read_setup
+from rotorfit.studies.plan_file import read_plan
 from rotorfit.studies.study_file import read_study
 from rotorfit.uncertainty.posterior import Posterior
 
@@ -134,11 +135,11 @@ def _write_float_wav(path: Path) -> None:
     wavfile.write(path, int(_RATE), np.column_stack(list(_volts().values())).astype("f4"))
 
 
-def _write_mat(path: Path) -> None:
+def _write_mat(path: Path, packed: bool = True) -> None:
     from scipy.io import savemat
 
     struct = {"function_record": {"name": "disk_X"}, "values": _volts()["disk_Y"]}
-    savemat(path, {**_volts(), "fs": _RATE, "Signal_1": struct}, do_compression=True)
+    savemat(path, {**_volts(), "fs": _RATE, "Signal_1": struct}, do_compression=packed)
 
 
 def _write_mat73(path: Path) -> None:
@@ -202,6 +203,24 @@ def _sample(path: Path) -> Posterior:
     return _fit().sample(walkers=16, max_steps=10, seed=1, checkpoint=path, accelerate=False)
 
 
+def _shaft(path: Path) -> list[Any]:
+    shaft = rf.models.KnownStructure.from_ross(path, planes={"journal": 1}, fluid="journal")
+    return [str(shaft.parameters)]
+
+
+def _write_store(path: Path) -> None:
+    table = path.with_suffix(".csv")
+    rf.write(RIGS["one-mode"].test(8, 0.01), table)
+    path.unlink(missing_ok=True)
+    rf.Store(path).add([table], {"model": "one-mode", "known": {"M": 1.0, "K": 8000.0}})
+
+
+def _stored(path: Path) -> list[Any]:
+    store = rf.Store(path)
+    tests = [(test, *(experiment.frequency for experiment in store.experiments(test.number))) for test in store.tests]
+    return [*tests, *((fit, store.result(fit.number).x) for fit in store.fits), store.problems()]
+
+
 def _draws(posterior: Posterior) -> list[Any]:
     return [posterior.chain, posterior.log_density]
 
@@ -215,6 +234,21 @@ priors = {sigma = {norm = [1.0, 0.01]}}
 seed = 1
 bootstrap = 20
 clearance_um = 200.0
+"""
+_PLAN = """model = "whirl-whip"
+known = {K3 = 6000.0}
+quantity = ["lam", "threshold_speed"]
+noise_um = 0.5
+tests = ["last_year.csv"]
+[values]
+Md = 0.95
+K1 = [12e3, 16e3]
+D = {norm = [450.0, 50.0]}
+[design]
+speed_rpm = [600, 1000, 1400]
+speed_count = 2
+frequency_rpm = {from = 100, to = 3000, count = 40}
+force_N = 5.0
 """
 _SETUP = """rotation = "ccw"
 sample_rate_hz = 3200.0
@@ -262,6 +296,13 @@ FORMATS = {
     ),
     "study": Format(suffix=".toml", write=lambda path: [path.write_text(_STUDY)].clear(), read=read_study),
     "rig.toml": Format(suffix=".toml", write=lambda path: [path.write_text(_SETUP)].clear(), read=read_setup),
+    "MAT 5, not packed": Format(suffix=".mat", write=lambda path: _write_mat(path, packed=False), read=_recorded),
+    "npz": Format(suffix=".npz", write=lambda path: np.savez(path, **_volts(), fs=_RATE), read=_recorded),
+    "shaft": Format(
+        suffix=".npz", write=lambda path: np.savez(path, M=np.eye(8), K=np.eye(8), nodes=np.arange(2.0)), read=_shaft
+    ),
+    "plan": Format(suffix=".toml", write=lambda path: [path.write_text(_PLAN)].clear(), read=read_plan),
+    "store": Format(suffix=".db", write=_write_store, read=_stored),
 }
 
 

@@ -25,7 +25,10 @@ _SEAL = b"rotorfit sha256 "
 @contextmanager
 def reading(name: str, kind: str) -> Iterator[None]:
     """Turn whatever is raised over a file, ``kind`` being what it should be, into one :class:`ValueError` of one line
-    that names it. Sentences that name the file pass, and so does what the system says of a path."""
+    that names it. Sentences that name the file pass, and so does what the system says of a path. A name that is no text
+    is refused: it goes into figures, tables and stores."""
+    if not _is_text(name):
+        raise ValueError(f"{name!a}: names of files and folders must be text in UTF-8; rename it")
     try:
         yield
     except MemoryError as problem:
@@ -47,6 +50,14 @@ def reading(name: str, kind: str) -> Iterator[None]:
         raise ValueError(
             f"{name} is not a readable {kind} (cut short, damaged, or of another format){why}"
         ) from problem
+
+
+def _is_text(name: str) -> bool:
+    try:
+        name.encode("utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def read_toml(path: Path, name: str) -> dict[str, Any]:

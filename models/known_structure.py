@@ -274,10 +274,14 @@ class KnownStructure(RotorModel):
             )
         }
         made = structure_options(rotor, planes=planes, taken_out=taken_out, speed=speed, dofs=dofs)
-        model = cls(**made, **options)
-        if isinstance(rotor, str | PathLike):
-            asked = {"planes": dict(planes), **taken_out, "speed": speed, "dofs": tuple(dofs), **options}
-            model.made_from = {"structure": str(rotor), **{name: value for name, value in asked.items() if value}}
+        if not isinstance(rotor, str | PathLike):
+            return cls(**made, **options)
+        try:
+            model = cls(**made, **options)
+        except ValueError as problem:
+            raise ValueError(f"{rotor}: {problem}") from problem
+        asked = {"planes": dict(planes), **taken_out, "speed": speed, "dofs": tuple(dofs), **options}
+        model.made_from = {"structure": str(rotor), **{name: value for name, value in asked.items() if value}}
         return model
 
     # ---- the structure ---------------------------------------------------------------------------------------------

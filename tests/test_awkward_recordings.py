@@ -189,6 +189,18 @@ def test_hdf5_of_several_groups_keeps_their_signals_apart(tmp_path: Path) -> Non
     assert np.array_equal(record.channel("run1/disk_X"), CHANNELS["disk_X"])
 
 
+def test_a_tdms_scale_that_is_not_known_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """npTDMS logs it and gives counts where volts are meant."""
+    from nptdms import ChannelObject, TdmsWriter
+
+    scale = {"NI_Number_Of_Scales": 1, "NI_Scale[0]_Scale_Type": "Shunt", "NI_Scaling_Status": "unscaled"}
+    with TdmsWriter(tmp_path / "a.tdms") as file:
+        file.write_segment([ChannelObject("run", name, values, scale) for name, values in CHANNELS.items()])
+    with pytest.raises(ValueError, match=r"a\.tdms: Unsupported scale type: Shunt; the values would stay counts"):
+        rf.read_recording(tmp_path / "a.tdms")
+    assert capfd.readouterr().err == ""
+
+
 def test_a_tdms_file_cut_off_within_its_last_segment_is_refused(tmp_path: Path) -> None:
     from nptdms import ChannelObject, TdmsWriter
 

@@ -1,5 +1,6 @@
 import re
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -7,8 +8,10 @@ from any_test import rigs, same
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import rotorfit
 from rotorfit.data.experiments import DisplacementTest, PerturbationTest, perturbation_test
 from rotorfit.io.files import read
+from rotorfit.io.tables.result_tables import frame_csv, records_csv, rows_csv
 from rotorfit.io.tables.tidy_csv import read_csv, write_csv
 
 HEADER = "run,speed_rpm,frequency_rpm,force_plane,force_N,force_phase_deg,plane,direction,amplitude_um,phase_deg"
@@ -283,6 +286,25 @@ def test_names_that_spreadsheets_run_are_text_in_files_and_read_back(tmp_path):
     again = read(tmp_path / "a.csv")
     same(again, test, rtol=1e-12)
     assert (again.planes, again.runs) == (tuple(names[:2]), tuple(names[2:]))
+
+
+def test_names_that_spreadsheets_run_are_text_in_tables_of_results(tmp_path):
+    """Columns and cells, of rows as of DataFrames; numbers are not touched."""
+    import pandas as pd
+
+    expected = "plane,'@x\n'=cmd,-1.5\n-b2,\n".replace("-b2", "'-b2")
+    rows = [["plane", "@x"], ["=cmd", -1.5], ["-b2", None]]
+    assert rows_csv(rows) == expected
+    assert records_csv([dict(zip(rows[0], row, strict=True)) for row in rows[1:]]) == expected
+    assert frame_csv(pd.DataFrame(rows[1:], columns=rows[0])) == expected
+
+
+def test_all_tables_of_results_are_written_by_one_writer():
+    """Which is the one that keeps formulas out."""
+    package = Path(rotorfit.__file__).parent
+    own = re.compile(r"csv\.(writer|DictWriter)|dataframe\(.*\)\.to_csv|import csv$", re.M)
+    writers = {file.name for file in package.rglob("*.py") if own.search(file.read_text(encoding="utf-8"))}
+    assert writers == {"cells.py", "result_tables.py"}
 
 
 def test_titles_speed_alone_and_columns_either_way(tmp_path):

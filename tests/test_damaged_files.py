@@ -52,6 +52,16 @@ def test_whatever_a_package_raises_becomes_one_line_with_its_cause() -> None:
         raise_in_reading(ValueError("a.wav: line 3 is odd"))
 
 
+def test_names_that_are_no_text_are_refused(tmp_path: Path) -> None:
+    """They would end in figures and stores, which take none."""
+    path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/a\xff.csv"))
+    path.write_bytes(rf.datasets.path("field_balance.csv").read_bytes())
+    with pytest.raises(ValueError, match=r"^'a\\udcff\.csv': names of files and folders must be text in UTF-8"):
+        rf.read(path)
+    [added] = rf.Store(tmp_path / "machine.db").add([path])
+    assert "must be text" in added.refusal
+
+
 def test_a_stop_passes_and_a_lack_of_memory_is_a_sentence() -> None:
     """A damaged file may declare any size; a traceback says nothing of it."""
     with pytest.raises(KeyboardInterrupt), reading("a.wav", "WAV file"):

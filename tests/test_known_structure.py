@@ -356,6 +356,7 @@ def anisotropic(kind):
         (lambda m: {k: v[:-1, :-1] for k, v in m.items()}, "multiple of the 4 dofs"),
         (lambda m: m | {"M": m["M"][:, :-1]}, "M must be a square matrix"),
         (lambda m: m | {"K": m["K"] * np.nan}, "finite"),
+        (lambda m: m | {"K": m["K"] * 1e150}, "finite"),
         (lambda m: m | {"K": m["K"] + 0j}, "matrices are real"),
     ],
 )
@@ -363,6 +364,13 @@ def test_unsuitable_real_matrices(change, message):
     matrices = change(dict(zip("MGK", real_matrices(*rig_matrices()), strict=True)))
     with pytest.raises(ValueError, match=message):
         KnownStructure(matrices["M"], None, matrices["G"], matrices["K"], planes=PLANES, dofs=rf.models.ROSS_4)
+
+
+def test_matrices_of_a_file_are_refused_with_its_name(tmp_path):
+    for name, nodes, said in (("a.npz", [0.0, 1.0], "a.npz: M must be"), ("b.npz", ["x", "y"], "b.npz: the positions")):
+        np.savez(tmp_path / name, M=np.full((8, 8), np.inf), K=np.eye(8), nodes=nodes)
+        with pytest.raises(ValueError, match=said):
+            KnownStructure.from_ross(tmp_path / name, planes={"journal": 1}, fluid="journal")
 
 
 def test_lateral_axial_coupling_is_refused():

@@ -97,7 +97,8 @@ def _square(kind: str, value: ArrayLike) -> NDArray[Any]:
     if kind not in MATRICES:
         raise ValueError(unknown_name("matrix", kind, MATRICES))
     matrix = np.asarray(value)
-    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix).all():
+    largest = 1e100  # whose products stay finite
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not (np.abs(matrix) < largest).all():
         raise ValueError(f"{kind} must be a square matrix of finite numbers, got shape {matrix.shape}")
     return matrix
 

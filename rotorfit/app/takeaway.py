@@ -11,6 +11,7 @@ from rotorfit.app.parts import WIDE, button, download, heading, in_a_row, markup
 from rotorfit.app.session import Session, toml_of
 from rotorfit.fitting.fit_file import fit_to_json
 from rotorfit.io.files import to_dataframe
+from rotorfit.io.tables.result_tables import frame_csv
 from rotorfit.report.html import element
 from rotorfit.studies.wording import refusal
 
@@ -57,4 +58,4 @@ class Takeaway:
 
 
 def _as_csv(test: Experiment) -> str:
-    return str(to_dataframe(test).to_csv(index=False))
+    return frame_csv(to_dataframe(test))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -30,7 +29,7 @@ from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.fitting.summary import natural
-from rotorfit.io.tables.cells import as_text
+from rotorfit.io.tables.result_tables import rows_csv
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
@@ -312,11 +311,11 @@ class Campaign(Printed):
         Args:
             path: file to write as well.
         """
-        text = io.StringIO()
         names = (*self.shared, *self.fitted)
-        writer = csv.writer(text, lineterminator="\n")
         columns = [column for name in names for column in (name, f"{name}_stderr")]
-        writer.writerow(["run", *self.attributes, *columns, "redchi", "readings", "success", "message", "silent"])
+        rows: list[list[Any]] = [
+            ["run", *self.attributes, *columns, "redchi", "readings", "success", "message", "silent"]
+        ]
         for run in self.runs:
             cells: list[Any] = []
             for name in names:
@@ -328,11 +327,12 @@ class Campaign(Printed):
                 if run.params
                 else ["", 0, False, run.message]
             )
-            writer.writerow(map(as_text, [run.name, *conditions, *cells, *quality, run.silent]))
+            rows.append([run.name, *conditions, *cells, *quality, run.silent])
+        text = rows_csv(rows)
         if path is not None:
             with whole_file(Path(path)) as draft:
-                draft.write_text(text.getvalue(), encoding="utf-8")
-        return text.getvalue()
+                draft.write_text(text, encoding="utf-8")
+        return text
 
     def plot_trends(
         self,

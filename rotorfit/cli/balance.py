@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -108,11 +107,10 @@ def _by_plane(option: str, given: Sequence[str], parse: Callable[[str], Any]) ->
 
 
 def _write(found: Balance, text: str, folder: Path) -> None:
-    for name, rows in (("weights.csv", _weights(found)), ("readings.csv", _readings(found))):
-        with (folder / name).open("w", newline="", encoding="utf-8") as stream:
-            table = csv.DictWriter(stream, list(rows[0]))
-            table.writeheader()
-            table.writerows(rows)
+    from rotorfit.io.tables.result_tables import records_csv
+
+    for name, records in (("weights.csv", _weights(found)), ("readings.csv", _readings(found))):
+        (folder / name).write_text(records_csv(records), encoding="utf-8")
     (folder / "summary.txt").write_text(f"{text}\n", encoding="utf-8")
 
 

@@ -69,9 +69,10 @@ def run(options: argparse.Namespace) -> int:
     text = "\n".join([*(f"ERROR in the data, nothing below can be relied on: {words}" for words in errors), str(found)])
 
     def write(folder: Path) -> None:
+        from rotorfit.io.tables.result_tables import frame_csv
         from rotorfit.plots.style import picture_of
 
-        found.to_dataframe().to_csv(folder / "stability.csv", index=False)
+        (folder / "stability.csv").write_text(frame_csv(found.to_dataframe()), encoding="utf-8")
         (folder / "summary.txt").write_text(f"{text}\n", encoding="utf-8")
         figure = folder / f"stability.{options.figure_format}"
         figure.write_bytes(picture_of(found.plot(), options.figure_format))

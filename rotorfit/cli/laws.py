@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -85,11 +84,9 @@ def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str, list[s
 
 
 def _write(found: LawComparison, folder: Path) -> None:
-    rows = [_row(entry) for entry in found.laws]
-    with (folder / "law_comparison.csv").open("w", newline="", encoding="utf-8") as stream:
-        table = csv.DictWriter(stream, list(rows[0]))
-        table.writeheader()
-        table.writerows(rows)
+    from rotorfit.io.tables.result_tables import records_csv
+
+    (folder / "law_comparison.csv").write_text(records_csv([_row(entry) for entry in found.laws]), encoding="utf-8")
     drawn = _drawn(found)
     note = "law.png: no law that changes with eccentricity could be fitted"
     if drawn is not None:

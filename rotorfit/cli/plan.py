@@ -38,11 +38,12 @@ def run(options: argparse.Namespace) -> int:
     found = checked(lambda: run_plan(replace(study, out=options.out)))
 
     def write(folder: Path) -> None:
+        from rotorfit.io.tables.result_tables import frame_csv
         from rotorfit.plots.style import picture_of
 
         if found.test is not None:
             found.to_csv(folder / "plan.csv")
-        found.to_dataframe().to_csv(folder / "lines.csv", index=False)
+        (folder / "lines.csv").write_text(frame_csv(found.to_dataframe()), encoding="utf-8")
         (folder / "summary.txt").write_text(f"{found}\n", encoding="utf-8")
         figure = folder / f"plan.{options.figure_format}"
         figure.write_bytes(picture_of(found.plot(), options.figure_format))

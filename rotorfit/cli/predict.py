@@ -53,9 +53,10 @@ def run(options: argparse.Namespace) -> int:
     found = checked(lambda: _prediction(fit, options))
 
     def write(folder: Path) -> None:
+        from rotorfit.io.tables.result_tables import frame_csv
         from rotorfit.plots.style import picture_of
 
-        found.to_dataframe().to_csv(folder / "prediction.csv", index=False)
+        (folder / "prediction.csv").write_text(frame_csv(found.to_dataframe()), encoding="utf-8")
         (folder / "summary.txt").write_text(f"{found}\n", encoding="utf-8")
         figure = folder / f"prediction.{options.figure_format}"
         figure.write_bytes(picture_of(found.plot(), options.figure_format))

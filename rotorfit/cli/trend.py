@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -86,10 +85,10 @@ def _rows(found: MachineTrend) -> list[list[Any]]:
 
 
 def _write(found: MachineTrend, folder: Path) -> None:
-    with (folder / "trend.csv").open("w", newline="", encoding="utf-8") as stream:
-        table = csv.writer(stream)
-        table.writerow(["place", "test", "quantity", "unit", "value", "stderr"])
-        table.writerows(_rows(found))
+    from rotorfit.io.tables.result_tables import rows_csv
+
+    rows = [["place", "test", "quantity", "unit", "value", "stderr"], *_rows(found)]
+    (folder / "trend.csv").write_text(rows_csv(rows), encoding="utf-8")
     (folder / "summary.txt").write_text(f"{found}\n", encoding="utf-8")
     from rotorfit.plots.style import picture_of
 

@@ -162,8 +162,8 @@ class Database:
                     f"lock files ({words}); a store lies on a file system that does, see docs/howto/watch.md"
                 ) from problem
             raise OSError(f"the store {self.path} cannot be used: {words}") from problem
-        except sqlite3.DatabaseError as problem:
-            if type(problem) is not sqlite3.DatabaseError:  # a mistake in a statement, no damage
+        except (sqlite3.DatabaseError, UnicodeDecodeError) as problem:
+            if type(problem) not in (sqlite3.DatabaseError, UnicodeDecodeError):  # a mistake in a statement, no damage
                 raise
             raise ValueError(
                 f"{self.path} is not a store of tests, or is damaged: {problem}; `rotorfit store add` into a new file "

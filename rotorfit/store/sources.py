@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
@@ -40,8 +41,8 @@ class Source:
 
     @property
     def name(self) -> str:
-        """Path in the store."""
-        return str(self.path.absolute())
+        """Path in the store, with escapes for bytes that are no text."""
+        return os.fsencode(self.path.absolute()).decode("utf-8", "backslashreplace")
 
     def stamp(self) -> str:
         """Sizes and times of the files: equal where nothing has changed, without reading them."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +16,7 @@ from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.structure.coefficients import of_a_rig
-from rotorfit.io.tables.cells import as_text
+from rotorfit.io.tables.result_tables import rows_csv
 from rotorfit.models.array_types import Float
 from rotorfit.studies.data_files import StudyProgress
 from rotorfit.studies.recording_files import RecordingFiles
@@ -98,8 +97,7 @@ def _report_parts(outcome: Outcome, progress: StudyProgress) -> dict[str, Any]:
 
 
 def _write_csv(path: Path, rows: Iterable[Sequence[Any]]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        csv.writer(stream).writerows([as_text(cell) for cell in row] for row in rows)
+    path.write_text(rows_csv(rows), encoding="utf-8")
 
 
 def status(p: FittedParameter) -> str:

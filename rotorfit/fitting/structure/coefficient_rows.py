@@ -14,6 +14,7 @@ import numpy as np
 from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.fitting.digits import plus_minus
 from rotorfit.fitting.quantities import Quantity
+from rotorfit.io.tables.result_tables import frame_csv
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.shafts.plane_forces import COEFFICIENTS
@@ -159,7 +160,7 @@ class CoefficientRows(Printed):
             path: the file.
         """
         with whole_file(Path(path)) as draft:
-            self.to_dataframe().to_csv(draft, index=False)
+            draft.write_text(frame_csv(self.to_dataframe()), encoding="utf-8")
 
     def __str__(self) -> str:
         return "\n".join(table_of(self.rows))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.estimators.atomic_file import whole_file
+from rotorfit.io.tables.result_tables import frame_csv
 from rotorfit.models.array_types import Float
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ class FrequencyRows:
             path: the file.
         """
         with whole_file(Path(path)) as draft:
-            self.to_dataframe().to_csv(draft, index=False)
+            draft.write_text(frame_csv(self.to_dataframe()), encoding="utf-8")
 
 
 def _columns(row: FrequencyCoefficients) -> dict[str, object]:

@@ -21,6 +21,7 @@ from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.fitting.digits import plus_minus
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.structure.coefficient_rows import UNITS, Coefficients
+from rotorfit.io.tables.result_tables import frame_csv
 from rotorfit.models.array_types import Float
 from rotorfit.models.shafts.plane_forces import COEFFICIENTS
 from rotorfit.models.text_table import text_table
@@ -104,7 +105,7 @@ class Mountings:
             path: the file.
         """
         with whole_file(Path(path)) as draft:
-            self.to_dataframe().to_csv(draft, index=False)
+            draft.write_text(frame_csv(self.to_dataframe()), encoding="utf-8")
 
     def __str__(self) -> str:
         lines = [["condition", "", "mean", "scatter between mountings, 95 %", ""]]

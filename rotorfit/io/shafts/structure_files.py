@@ -114,6 +114,8 @@ def _dofs(content: Mapping[str, NDArray[Any]], size: int, source: str) -> tuple[
 def _check_positions(positions: NDArray[Any], source: str) -> None:
     """Refuse positions that are no metres: matrices in other units are wrong by powers of ten, and look like any."""
     longest = 100.0  # m, a ship's shaft line
+    if positions.dtype.kind not in "iuf":
+        raise ValueError(f"{source}: the positions of the nodes are not numbers but {positions.dtype}")
     values: Float = np.asarray(positions, dtype=float).reshape(-1)
     if not np.isfinite(values).all() or np.ptp(values) > longest:
         raise ValueError(

@@ -21,7 +21,7 @@ from rotorfit.recordings.formats.raw_file import RawFile
 def open_file(path: Path) -> RawFile:
     """Content of an npz file."""
     if not zipfile.is_zipfile(path):
-        raise ValueError(f"{path.name} is not a readable npz file: np.savez writes one")
+        raise ValueError(f"{path.name} is not a readable npz file: NumPy's savez writes one")
     check_archive(path)
     tree: dict[str, Any] = {}
     with np.load(path, allow_pickle=False) as content:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,11 +18,7 @@ from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count
 
 def open_file(path: Path) -> RawFile:
     """Content of a TDMS file; scaled channels are in volts, others in counts."""
-    try:
-        from nptdms import TdmsFile
-    except ImportError as problem:
-        raise ValueError(f"{path.name}: TDMS needs npTDMS; pip install 'rotorfit[tdms]'") from problem
-    with TdmsFile.open(path) as file:
+    with _opened(path) as file:
         attributes, whole = plain(file.properties), not file.file_status.incomplete_final_segment
         found = [channel for group in file.groups() for channel in group.channels() if len(channel) >= FEWEST]
         names = [channel.name for channel in found]
@@ -43,7 +42,26 @@ def open_file(path: Path) -> RawFile:
 
 
 def _read(path: Path, group: str, name: str, start: int, stop: int) -> NDArray[Any]:
-    from nptdms import TdmsFile
-
-    with TdmsFile.open(path) as file:
+    with _opened(path) as file:
         return np.asarray(file[group][name][start:stop])
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """The file by npTDMS. It logs, and gives counts for volts, where it does not know a scale: that is refused."""
+    try:
+        from nptdms import TdmsFile
+        from nptdms.log import log_manager
+    except ImportError as problem:
+        raise ValueError(f"{path.name}: TDMS needs npTDMS; pip install 'rotorfit[tdms]'") from problem
+    logged: list[logging.LogRecord] = []
+    keep = logged.append  # which returns None: nothing is printed
+    log_manager.console_handler.addFilter(keep)
+    try:
+        with TdmsFile.open(path) as file:
+            yield file
+    finally:
+        log_manager.console_handler.removeFilter(keep)
+    for record in logged:
+        if record.name == "nptdms.scaling":
+            raise ValueError(f"{path.name}: {record.getMessage()}; the values would stay counts")
