@@ -19,8 +19,8 @@ def cheapest_rows(cost: Float) -> Index:
 
 
 def matched(values: ComplexArray, reference: ComplexArray) -> ComplexArray:
-    """Values of each row ``(N, n)`` that belong to those of a reference ``(m,)``, each used once."""
-    distance = np.abs(values[:, :, None] - reference)
+    """Values of each row ``(N, n)`` that belong to those of a reference ``(m,)``, or ``(N, m)``, each used once."""
+    distance = np.abs(values[:, :, None] - reference[..., None, :])
     distance = np.where(np.isfinite(distance), distance, 1e300)
     order = distance.argmin(axis=1)
     ranked = np.sort(order, axis=1)

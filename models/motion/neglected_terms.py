@@ -229,14 +229,48 @@ def eigenvalue_shift(
         s: an eigenvalue of each, shape ``(...)``.
         terms: the terms.
     """
+    left, right, slope = _mode_vectors(coefficients, s)
+    at = np.arange(left.shape[-1]) if model.shaft is None else model.shaft.at
+    pressed = [
+        sum(weight * left[..., at[i]] * right[..., at[j]] for i, j, weight in term.entries)
+        * term.factor(s, np.asarray(speed))
+        for term in terms
+    ]
+    return np.asarray(-np.stack(pressed, axis=-1) / slope[..., None])
+
+
+def eigenvalues_with(
+    model: RotorModel, coefficients: ComplexArray, speed: float, s: ComplexArray, terms: Sequence[LeftOut], sizes: Float
+) -> ComplexArray:
+    """Eigenvalues with left-out terms, shape ``(W, m)``, in no order.
+
+    To first order in the terms, as of modes that may be close to one another: where two nearly coincide, the change of
+    each by itself (:func:`eigenvalue_shift`) has no limit, while the terms mix both and move them by little.
+
+    Args:
+        model: the rotor.
+        coefficients: of free motion, shape ``(W, order + 1, n, n)``.
+        speed: rotative speed, rad/s.
+        s: eigenvalues without the terms, shape ``(W, m)``.
+        terms: the terms.
+        sizes: of them in each rotor, shape ``(W, T)``.
+    """
+    left, right, slope = _mode_vectors(coefficients[:, None], s)
+    at = np.arange(left.shape[-1]) if model.shaft is None else model.shaft.at
+    pressed = np.zeros((*s.shape, s.shape[-1]), dtype=complex)
+    for term, size in zip(terms, sizes.T, strict=True):
+        factor = size[:, None] * term.factor(s, np.asarray(speed))
+        for i, j, weight in term.entries:
+            pressed += weight * left[..., at[i], None] * (factor * right[..., at[j]])[:, None, :]
+    mixed = s[..., None] * np.eye(s.shape[-1]) - pressed / slope[..., None]
+    return np.asarray(np.linalg.eigvals(mixed))
+
+
+def _mode_vectors(coefficients: ComplexArray, s: ComplexArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Left and right vectors of eigenvalues ``(..., n)``, and the product of both with d kappa / d s ``(...)``."""
     order = np.arange(coefficients.shape[-3])
     powers = s[..., None] ** order
     left, _, right = np.linalg.svd(np.einsum("...k,...kij->...ij", powers, coefficients))
     u, v = left[..., -1].conj(), right[..., -1, :].conj()
     slope = np.einsum("...k,...kij->...ij", order[1:] * powers[..., :-1], coefficients[..., 1:, :, :])
-    at = np.arange(u.shape[-1]) if model.shaft is None else model.shaft.at
-    pressed = [
-        sum(weight * u[..., at[i]] * v[..., at[j]] for i, j, weight in term.entries) * term.factor(s, np.asarray(speed))
-        for term in terms
-    ]
-    return np.asarray(-np.stack(pressed, axis=-1) / np.einsum("...i,...ij,...j->...", u, slope, v)[..., None])
+    return u, v, np.asarray(np.einsum("...i,...ij,...j->...", u, slope, v))

@@ -237,10 +237,10 @@ def _reference(fit: FitResult, rotor: Rotors, speed: float) -> ComplexArray:
 def _least_decrement(fit: FitResult, rotors: Rotors, speed: float) -> Float:
     """Logarithmic decrement of the least stable forward mode of each rotor, shape ``(W,)``."""
     reference = _reference(fit, rotors.part(slice(1)), speed)
-    forward = reference[is_forward(fit.model, rotors.theta[0], speed, reference)]
-    if not forward.size:
+    forward = is_forward(fit.model, rotors.theta[0], speed, reference)
+    if not forward.any():
         return np.full(len(rotors.theta), np.inf)
-    return np.asarray(_decrement(rotors.eigenvalues(speed, forward)).min(axis=1))
+    return np.asarray(_decrement(rotors.eigenvalues(speed, reference)[:, forward]).min(axis=1))
 
 
 def _decrement_question(
@@ -307,8 +307,8 @@ def _decrement_curves(fit: FitResult, one: Rotors, few: Rotors, top: float, leve
     """Decrement of the forward modes against speed, those that the highest running speed has."""
     tested = float(fit.speeds.max(initial=0.0))
     speeds = np.linspace(0.1, 1.0, 28) * _MARGIN_OF_CURVES * max(top, tested)
-    at = _reference(fit, one, top)
-    start = at[is_forward(fit.model, one.theta[0], top, at)]
+    start = _reference(fit, one, top)
+    forward = is_forward(fit.model, one.theta[0], top, start)
     values, bands = np.zeros((speeds.size, start.size)), np.zeros((speeds.size, start.size, 2))
     first = int(np.argmin(np.abs(speeds - top)))
     for order in (range(first, speeds.size), range(first - 1, -1, -1)):
@@ -325,6 +325,7 @@ def _decrement_curves(fit: FitResult, one: Rotors, few: Rotors, top: float, leve
             band=bands[:, k],
         )
         for k, s in enumerate(start)
+        if forward[k]
     )
 
 

@@ -12,13 +12,14 @@ from rotorfit.estimators.matching import matched
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
-from rotorfit.models.motion.neglected_terms import LeftOut, eigenvalue_shift
+from rotorfit.models.motion.neglected_terms import LeftOut, eigenvalues_with
 from rotorfit.models.motion.stability import spectrum
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.shafts.plane_forces import loop_stiffness
 
 _BLOCK = 200
 """Rotors whose responses at all speeds are computed together, some tens of megabytes."""
+_LEAST_STABLE = 4  # modes that may become the least stable one: two, in x and y each with its conjugate
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -55,23 +56,24 @@ class Rotors:
         """Those of each rotor that belong to the reference ones, shape ``(W, modes)``. Left-out terms, which are small,
         move them to first order: some would bring roots far above the band along."""
         motion = self._motion(speed)
-        found = matched(spectrum(self.model, motion), reference)
-        return found + self._shifts(motion[:, None], speed, found)
+        return self._with_terms(motion, speed, matched(spectrum(self.model, motion), reference))
 
     def growth(self, speed: float, band: float) -> Float:
         """Real part of the least stable eigenvalue up to ``|s| = band`` of each rotor, shape ``(W,)``."""
         motion = self._motion(speed)
         s = spectrum(self.model, motion)
-        rate = np.where(counted(self.model, s, band), s.real, -np.inf)
-        least = s[np.arange(len(s)), rate.argmax(axis=1)]
-        return np.asarray(rate.max(axis=1) + self._shifts(motion, speed, least).real)
+        inside = counted(self.model, s, band)
+        rate = np.where(inside, s.real, -np.inf)
+        count = int(np.clip(inside.sum(axis=1).min(), 1, _LEAST_STABLE))
+        least = np.take_along_axis(s, np.argsort(-rate, axis=1)[:, :count], axis=1)
+        moved = self._with_terms(motion, speed, least).real.max(axis=1)
+        return np.where(inside.any(axis=1), moved, -np.inf)
 
-    def _shifts(self, motion: ComplexArray, speed: float, s: ComplexArray) -> ComplexArray:
-        """Change of eigenvalues ``(W, ...)`` by the left-out terms."""
+    def _with_terms(self, motion: ComplexArray, speed: float, s: ComplexArray) -> ComplexArray:
+        """Eigenvalues ``(W, modes)`` moved by the left-out terms."""
         if not self.terms:
-            return np.zeros_like(s)
-        by_term = eigenvalue_shift(self.model, motion, speed, s, self.terms)
-        return np.asarray(np.einsum("w...t,wt->w...", by_term, self.sizes))
+            return s
+        return matched(eigenvalues_with(self.model, motion, speed, s, self.terms, self.sizes), s)
 
     def _motion(self, speed: float) -> ComplexArray:
         """Coefficient matrices of free motion with the coupling, shape ``(W, order + 1, n, n)``."""
