@@ -15,6 +15,7 @@ from rotorfit.plots.dynamic_stiffness import draw_drive_point
 from rotorfit.plots.style import (
     GREY,
     PHASE_LABEL,
+    SMALL_TYPE,
     amplitude_unit,
     decade_ticks,
     grid,
@@ -187,8 +188,15 @@ def finish_bode(fit: FitResult, pair: Sequence[Any], found: Sequence[SweepCurve]
     decade_ticks(amplitude.yaxis)
     shown = [(along.scale(c.frequency) * np.abs(c.measured), along.scale(c.fine) * np.abs(c.fitted)) for c in found]
     _amplitude_limits(amplitude, factor * np.concatenate([part for both in shown for part in both]))
-    amplitude.set_ylabel(unit if unit.startswith("N/") else f"amplitude, {unit}", fontsize=8)
-    phase.set_ylabel("phase lead of the force, deg" if unit.startswith("N/") else PHASE_LABEL, fontsize=8)
+    imposed = unit.startswith("N/")
+    roomy = 4  # rows of panels up to which whole words fit beside one
+    place = amplitude.get_subplotspec()
+    if place is not None and place.get_gridspec().nrows > roomy:
+        amplitude.set_ylabel(unit, fontsize=SMALL_TYPE)
+        phase.set_ylabel("phase, deg", fontsize=SMALL_TYPE)
+    else:
+        amplitude.set_ylabel(unit if imposed else f"amplitude, {unit}", fontsize=8)
+        phase.set_ylabel("phase lead of the force, deg" if imposed else PHASE_LABEL, fontsize=8)
     phase.set_yticks([-180, -90, 0, 90, 180])
     phase.set_ylim(-190, 190)
 

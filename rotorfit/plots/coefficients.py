@@ -41,8 +41,8 @@ def coefficients(table: CoefficientRows) -> Figure:
                 error = factor * CHANCE_ERRORS * np.array([row[name].stderr for row in rows])
                 shown = np.where(np.isfinite(error), error, 0.0)
                 axis.errorbar(speed, values, shown, fmt=f"{marker}-", ms=3, lw=1, capsize=2, color=colour)
-        axis.set_ylabel(f"{kind}, {unit}")
-    axes[-1, 0].set_xlabel(f"rotative speed, {rate_unit()}")
+        axis.set_ylabel(f"{kind}, {unit}", fontsize=8)
+    axes[-1, 0].set_xlabel(f"rotative speed, {rate_unit()}", fontsize=8)
     entries = [name[1:] for name in COEFFICIENTS if name[0] == kinds[0] and _there(table, name)]
     handles: list[Any] = list(axes[0, 0].containers[:: len(series)])
     if len(series) > 1:

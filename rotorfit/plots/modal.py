@@ -10,7 +10,17 @@ from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.estimators.starting.modal_start import stabilisation
 from rotorfit.models import Modal
-from rotorfit.plots.style import colour_of, grid, legend_below, looked, per_rad_s, rate_unit, rate_words
+from rotorfit.plots.style import (
+    colour_of,
+    decade_ticks,
+    grid,
+    legend_below,
+    length,
+    looked,
+    per_rad_s,
+    rate_unit,
+    rate_words,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,8 +44,9 @@ def plot_stabilisation(fit: FitResult, most: int | None = None) -> Figure:
     axis, scale = axes[0, 0], per_rad_s()
     w, size = _responses(blocks)
     back = axis.twinx()
-    back.semilogy(w * scale, size, color="0.75", lw=1)
-    back.set_ylabel("rms response per unit force, m/N", fontsize=8, color="0.5")
+    back.semilogy(w * scale, size * length()[0], color="0.75", lw=1)
+    decade_ticks(back.yaxis)
+    back.set_ylabel(f"rms response per unit force, {length()[1]}/N", fontsize=8, color="0.5")
     back.tick_params(labelsize=7, colors="0.5")
     axis.set_zorder(back.get_zorder() + 1)
     axis.patch.set_visible(False)
@@ -48,8 +59,8 @@ def plot_stabilisation(fit: FitResult, most: int | None = None) -> Figure:
         for name, parameter in fit.params.items():
             if name.startswith(f"wn{number if model.modes > 1 else ''}") and parameter.value <= top:
                 axis.axvline(parameter.value * scale, color="0.2", lw=0.8, ls="--")
-    axis.set_xlabel(f"frequency, {rate_unit()}")
-    axis.set_ylabel("pairs of poles")
+    axis.set_xlabel(f"frequency, {rate_unit()}", fontsize=8)
+    axis.set_ylabel("pairs of poles", fontsize=8)
     handles = [
         axis.plot([], [], marker=marker, color=colour, ls=ls)[0]
         for marker, colour, ls in (("o", colour_of(0, 2), "none"), ("x", colour_of(1, 2), "none"), ("", "0.2", "--"))

@@ -132,7 +132,6 @@ def _mark_frequencies(axis: Any, found: Sequence[SweepCurve], factor: float) -> 
                     fontsize=SMALL_TYPE,
                     color=curve.condition.colour,
                     zorder=5,
-                    clip_on=True,
                 )
 
 

@@ -236,7 +236,9 @@ def literal(text: str) -> str:
 
 
 def prefix(values: Float, unit: str) -> tuple[float, str]:
-    """Factor and unit with an SI prefix that brings typical values between 1 and 1000."""
+    """Factor and unit with an SI prefix that brings typical values between 1 and 1000; kg has one already."""
+    if unit.startswith("kg"):
+        return 1.0, unit
     finite = np.abs(values[np.isfinite(values)])
     top = float(finite.max(initial=0.0))
     for factor, letter in ((1e-9, "G"), (1e-6, "M"), (1e-3, "k"), (1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n")):
