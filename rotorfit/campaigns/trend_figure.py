@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from rotorfit.campaigns.trends import Trend
-from rotorfit.plots.style import GREY, colour_of, grid, legend_below, literal, looked, prefix
+from rotorfit.plots.style import GREY, colour_of, grid, labelled, legend_below, literal, looked, prefix
 
 _MARKERS = ("o", "s", "^", "D", "v", "P")
 _LARGEST_ERROR_RATIO = 8.0  # standard errors over their median beyond which a run does not set the limits of a panel
@@ -33,7 +33,7 @@ def plot_trends(trends: Sequence[Trend], by: str | None = None) -> Figure:
             mine = [trend for trend in trends if (trend.parameter, trend.against) == (parameter, name)]
             unit, hidden = _panel(axis, mine, groups, handles)
             beyond = max(beyond, hidden)
-        axes[row, 0].set_ylabel(literal(parameter if unit == "1" else f"{parameter}, {unit}"), fontsize=8)
+        axes[row, 0].set_ylabel(labelled(parameter, unit), fontsize=8)
     for axis, name in zip(axes[-1], against, strict=True):
         axis.set_xlabel(literal(name) + (", others held" if len(against) > 1 else ""), fontsize=8)
     labels = [literal(group if by is None else f"{by} {group}") for group in groups] if groups != [""] else []
@@ -54,7 +54,7 @@ def _panel(axis: Any, trends: Sequence[Trend], groups: Sequence[str], handles: d
     values = np.concatenate([t.value for t in trends])
     errors = np.concatenate([t.stderr for t in trends])
     sure = errors <= _LARGEST_ERROR_RATIO * np.median(errors)
-    factor, unit = (1.0, "1") if trends[0].unit == "1" else prefix(values[sure], trends[0].unit)
+    factor, unit = prefix(values[sure], trends[0].unit)
     for trend in trends:
         number = groups.index(trend.group)
         colour, marker = colour_of(number, len(groups)), _MARKERS[number % len(_MARKERS)]

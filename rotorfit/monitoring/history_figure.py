@@ -8,7 +8,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from rotorfit.plots.style import COLOURS, GREY, SMALL_TYPE, grid, legend_below, literal, looked, prefix
+from rotorfit.plots.style import (
+    COLOURS,
+    GREY,
+    SMALL_TYPE,
+    date_ticks,
+    grid,
+    labelled,
+    legend_below,
+    literal,
+    looked,
+    per_rad_s,
+    prefix,
+    rate_unit,
+)
 
 if TYPE_CHECKING:
     from rotorfit.monitoring.trend import MachineTrend
@@ -28,7 +41,8 @@ def plot_trend(trend: MachineTrend) -> Figure:
             if row >= len(place.names):
                 axis.set_visible(False)
                 continue
-            factor, unit = prefix(place.values[:, row], place.units[row])
+            speed = place.units[row] == "rad/s"
+            factor, unit = (per_rad_s(), rate_unit()) if speed else prefix(place.values[:, row], place.units[row])
             values, errors = place.values[:, row] * factor, place.stderr[:, row] * factor
             handles["one test, with its standard error"] = axis.errorbar(
                 x, values, errors, fmt="o", color=COLOURS[0], markersize=3, linewidth=1, capsize=2
@@ -47,8 +61,12 @@ def plot_trend(trend: MachineTrend) -> Figure:
                 if place.found:
                     middle = x[split - 1] + (x[split] - x[split - 1]) / 2
                     handles["change"] = axis.axvline(middle, color=GREY, linestyle="--", linewidth=1)
-            axis.set_ylabel(f"{place.names[row]}, {unit}", fontsize=SMALL_TYPE)
+            axis.set_ylabel(
+                labelled(place.names[row].replace("threshold_speed", "threshold speed"), unit), fontsize=SMALL_TYPE
+            )
             if row < len(place.names) - 1:
+                if place.dated:
+                    date_ticks(axis.xaxis)
                 axis.tick_params(labelbottom=False)
         _name_tests(axes[len(place.names) - 1, column], place.dates, dated=place.dated)
     legend_below(figure, list(handles.values()), list(handles))
@@ -58,7 +76,7 @@ def plot_trend(trend: MachineTrend) -> Figure:
 def _name_tests(axis: Any, dates: tuple[str, ...], *, dated: bool) -> None:
     most_names = 12  # tests from which on their names no longer fit under the axis
     if dated:
-        axis.tick_params(axis="x", rotation=30)
+        date_ticks(axis.xaxis)
     elif len(dates) <= most_names:
         axis.set_xticks(
             range(len(dates)), [literal(date.rpartition("/")[2]) for date in dates], rotation=30, ha="right"

@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 
 import numpy as np
-from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
 from rotorfit.monitoring.alarms import MARGIN, Rule
-from rotorfit.plots.style import COLOURS, GREY, SMALL_TYPE, grid, legend_below, literal, prefix
+from rotorfit.plots.style import COLOURS, GREY, SMALL_TYPE, date_ticks, grid, labelled, legend_below, prefix
 from rotorfit.units import RPM_PER_RAD_S
 
 _LEAST_EVIDENCE = 0.1
@@ -26,7 +25,6 @@ def plot_rules(rules: Sequence[Rule], dates: Mapping[int, str]) -> Figure:
         when = [datetime.fromisoformat(dates[test]) for test in watched.tests]
         speed = watched.unit == "rad/s"
         factor, unit = (RPM_PER_RAD_S, "rpm") if speed else prefix(watched.value, watched.unit)
-        factor, unit = (1.0, "") if watched.unit == "1" else (factor, f", {unit}")
         handles["one test, with its standard error"] = axes[row, 0].errorbar(
             when, watched.value * factor, watched.stderr * factor, fmt="o", color=COLOURS[0], markersize=3, linewidth=1
         )
@@ -34,7 +32,7 @@ def plot_rules(rules: Sequence[Rule], dates: Mapping[int, str]) -> Figure:
             required = axes[row, 0].axhline(rule.required * factor, color=COLOURS[1], linewidth=1)
             handles["required"] = required
         name = "threshold speed" if rule.name == MARGIN else rule.name
-        axes[row, 0].set_ylabel(f"{literal(name)}{unit}", fontsize=SMALL_TYPE)
+        axes[row, 0].set_ylabel(labelled(name, unit), fontsize=SMALL_TYPE)
         shown = np.clip(rule.evidence, _LEAST_EVIDENCE, 10 * rule.limit)
         axes[row, 1].plot(
             np.arange(1, len(shown) + 1), shown, marker="o", markersize=2.5, color=COLOURS[2], linewidth=1
@@ -44,8 +42,6 @@ def plot_rules(rules: Sequence[Rule], dates: Mapping[int, str]) -> Figure:
         axes[row, 1].set_yscale("log")
         axes[row, 1].set_ylabel("evidence", fontsize=SMALL_TYPE)
         axes[row, 1].set_xlabel("test, in order of arrival" if row == len(rules) - 1 else "", fontsize=SMALL_TYPE)
-        ticks = AutoDateLocator(minticks=2, maxticks=5)
-        axes[row, 0].xaxis.set_major_locator(ticks)
-        axes[row, 0].xaxis.set_major_formatter(ConciseDateFormatter(ticks))
+        date_ticks(axes[row, 0].xaxis)
     legend_below(figure, list(handles.values()), list(handles))
     return figure

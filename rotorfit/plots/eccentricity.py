@@ -22,6 +22,7 @@ from rotorfit.plots.style import (
     GREY,
     colour_of,
     grid,
+    labelled,
     legend_below,
     literal,
     logarithmic_over_decades,
@@ -55,14 +56,14 @@ def plot_law(fit: FitResult) -> Figure:
     for place, axis in enumerate(axes[:, 0]):
         curves = [curves[place] for curves in sets]
         every = np.concatenate([curve.value for curve in curves])
-        factor, unit = (1.0, "") if curves[0].unit == "1" else prefix(every, curves[0].unit)
+        factor, unit = prefix(every, curves[0].unit)
         for number, ((group, _), curve) in enumerate(zip(series, curves, strict=True)):
             colour, value = colour_of(number, len(series)), factor * curve.value
             band = factor * half_width(fit, group, curve.slope)
             axis.plot(eps[seen], value[seen], color=colour, lw=1.4)
             axis.plot(eps[~seen], value[~seen], ":", color=colour, lw=1.4)
             axis.fill_between(eps, value - band, value + band, color=colour, alpha=0.25, lw=0)
-        axis.set_ylabel(f"{curves[0].name}, {unit}" if unit else curves[0].name, fontsize=8)
+        axis.set_ylabel(labelled(curves[0].name, unit), fontsize=8)
         logarithmic_over_decades(axis, factor * every)
         _rug(axis, fit)
     axes[-1, 0].set_xlabel("eccentricity of the journal over clearance", fontsize=8)

@@ -236,8 +236,8 @@ def literal(text: str) -> str:
 
 
 def prefix(values: Float, unit: str) -> tuple[float, str]:
-    """Factor and unit with an SI prefix that brings typical values between 1 and 1000; kg has one already."""
-    if unit.startswith("kg"):
+    """Factor and unit with an SI prefix that brings typical values between 1 and 1000; none for kg and for ratios."""
+    if unit == "1" or unit.startswith("kg"):
         return 1.0, unit
     finite = np.abs(values[np.isfinite(values)])
     top = float(finite.max(initial=0.0))
@@ -245,6 +245,20 @@ def prefix(values: Float, unit: str) -> tuple[float, str]:
         if top * factor >= 1.0:
             return factor, f"{letter}{unit}"
     return 1.0, unit
+
+
+def labelled(name: str, unit: str) -> str:
+    """A quantity with its unit, as axes show them."""
+    return literal(name if unit == "1" else f"{name}, {unit}")
+
+
+def date_ticks(axis: Any) -> None:
+    """Few dates along an axis, each as short as it can be."""
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
+    ticks = AutoDateLocator(minticks=2, maxticks=5)
+    axis.set_major_locator(ticks)
+    axis.set_major_formatter(ConciseDateFormatter(ticks))
 
 
 def legend_below(figure: Any, handles: Sequence[Any], labels: Sequence[str]) -> None:

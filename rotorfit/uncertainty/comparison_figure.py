@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.plots.style import colour_of, few_ticks, grid, literal, looked, prefix
+from rotorfit.plots.style import colour_of, few_ticks, grid, labelled, literal, looked, prefix
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,7 +36,7 @@ def plot_comparison(comparison: Comparison) -> Figure:
         axis.set_yticks(range(len(fits)), [literal(label) for label in fits], fontsize=7)
         few_ticks(axis.xaxis, intervals=3)
         axis.set_ylim(len(fits) - 0.5, -0.5)
-        axis.set_xlabel(f"{name}, {unit}" if unit != "1" else name, fontsize=8)
+        axis.set_xlabel(labelled(name, unit), fontsize=8)
     for axis in axes.flat[len(names) :]:
         axis.set_visible(False)
     return figure
