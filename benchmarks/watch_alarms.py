@@ -5,7 +5,8 @@ beyond three standard deviations of the first ten, and a t test at the same rate
 against the earlier one. Values scatter normally, or with the tails of Student's t with three degrees of freedom, or
 skewed; or they are fits: tests of a one-mode rotor with 1 % noise and weights mounted anew within 2 %, of which
 histories of three values (K0, lam, D) are drawn. At the limit: a threshold speed that is exactly what is required,
-with errors half of which all tests have in common.
+with errors half of which all tests have in common. Two rows show what the rules take for granted: scatter that hangs
+together from test to test, and errors of the threshold that are a third of its scatter, with none in common.
 
     python benchmarks/watch_alarms.py [--histories 400] [--tests 100]
 """
@@ -19,6 +20,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from reporting import environment, table
+from scipy.signal import lfilter
 from scipy.stats import t
 
 import rotorfit as rf
@@ -70,7 +72,14 @@ def scatter(random: np.random.Generator) -> dict[str, Callable[[int], Values]]:
         "normal": lambda n: random.normal(size=n),
         "Student's t, 3 degrees of freedom": lambda n: random.standard_t(3, size=n),
         "lognormal": lambda n: random.lognormal(0, 0.5, size=n),
+        "correlated by 0.3 from test to test": lambda n: correlated(random.normal(size=n), 0.3),
+        "correlated by 0.6 from test to test": lambda n: correlated(random.normal(size=n), 0.6),
     }
+
+
+def correlated(steps: Values, share: float) -> Values:
+    """Values each of which keeps a share of the one before."""
+    return np.asarray(lfilter([np.sqrt(1 - share**2)], [1.0, -share], steps))
 
 
 def fitted_pool(random: np.random.Generator) -> Values:
@@ -116,12 +125,14 @@ def shares(histories: int, draw: Callable[[], list[Values]], rate: float) -> lis
     return [f"{count / histories:.4f}" for count in counts]
 
 
-def at_the_limit(histories: int, tests: int, rate: float, random: np.random.Generator) -> str:
-    """Share of histories with an alarm where the threshold speed is what is required."""
+def at_the_limit(
+    histories: int, tests: int, rate: float, random: np.random.Generator, scatter: float = 1.0, common: float = 1.0
+) -> str:
+    """Share of histories with an alarm where the threshold speed is what is required, its standard error 1."""
     alarms = 0
     for _ in range(histories):
-        values = 300 + random.normal() + random.normal(size=tests)
-        rules = watch_rules([], rate, margin=(watched(values, 1.0, 1.0), 300.0))
+        values = 300 + common * random.normal() + scatter * random.normal(size=tests)
+        rules = watch_rules([], rate, margin=(watched(values, 1.0, common), 300.0))
         alarms += rules[0].alarm is not None
     return f"{alarms / histories:.4f}"
 
@@ -151,7 +162,11 @@ def main() -> None:
             rows.append([name, f"{rate:g}", *shares(count, lambda draw=draw: [draw(tests)], rate)])
         drawn = shares(count, lambda: list(random.permutation(pool)[:tests].T), rate)
         rows.append(["K0, lam, D of fits, together", f"{rate:g}", *drawn])
-        rows.append(["threshold speed at its limit", f"{rate:g}", at_the_limit(count, tests, rate, random), "", ""])
+        kept = [at_the_limit(count, tests, rate, random, *sizes) for sizes in ((), (3.0, 1.0), (3.0, 0.0))]
+        for name, share in zip(
+            ("", ", scatter of 3 errors", ", scatter of 3 errors, none in common"), kept, strict=True
+        ):
+            rows.append([f"threshold speed at its limit{name}", f"{rate:g}", share, "", ""])
     found = [[f"{shift:g}", *delays(count // 4, shift, 0.01, random)] for shift in SHIFTS]
     lines = [
         "# Alarms of a watched machine",

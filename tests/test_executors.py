@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -162,6 +163,15 @@ def test_profiles_are_found_elsewhere_as_here():
     for one, other in zip(there, fit.profiles(["K0", "lam"], points=5), strict=True):
         assert (one.name, one.interval, one.message) == (other.name, other.interval, other.message)
         np.testing.assert_array_equal(one.rise, other.rise)
+
+
+def test_a_fit_and_a_plan_can_be_sent():
+    fit = rf.fit(OneMode(), seal_campaign(1)[0], known=KNOWN)
+    sent = pickle.loads(pickle.dumps(fit))
+    np.testing.assert_array_equal(sent.sample(seed=1, ess=20).chain, fit.sample(seed=1, ess=20).chain)
+    design = rf.Design(speed_rpm=[500, 900], frequency_rpm=range(200, 2001, 200), force_N=5.0)
+    plan = rf.plan(OneMode(), fit, design, noise_um=0.5, quantity="lam")
+    assert str(pickle.loads(pickle.dumps(plan))) == str(plan)
 
 
 @pytest.mark.slow

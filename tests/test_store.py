@@ -12,6 +12,7 @@ import sqlite3
 import time
 import zlib
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -199,6 +200,26 @@ def test_fits_that_are_made_elsewhere_are_those_made_here(run: Run, tmp_path: Pa
     assert not there.problems()
     code, _, stderr = run("store", "add", tmp_path / "m.db", *files, "--cluster", "host:8786")
     assert (code, "--cluster takes local:N" in stderr) == (2, True)
+
+
+def test_what_a_study_asks_of_the_uncertainty_is_kept(run: Run, tmp_path: Path) -> None:
+    """Posterior, profiles and simulated tests come from a worker into the store, and out of it as files."""
+    [file] = days(tmp_path, 1)
+    asked = {**STUDY, "sample": True, "ess": 40, "seed": 3, "profile": ["lam"], "bootstrap": 4}
+    store = rf.Store(tmp_path / "machine.db")
+    with ThreadPoolExecutor(1) as pool:
+        store.add([file], asked, executor=pool)
+    fit = rf.fit(rf.models.OneMode(), rf.read(file), known=STUDY["known"])
+    np.testing.assert_array_equal(store.posterior(1).chain, fit.sample(seed=3, ess=40).chain)
+    code, _, stderr = run("store", "get", store.path, "1", "--out", tmp_path / "out")
+    assert (code, stderr) == (0, "")
+    assert {"fit.json", "posterior.nc", "profiles.csv", "bootstrap.csv"} <= {
+        p.name for p in (tmp_path / "out").iterdir()
+    }
+    assert rf.load_posterior(tmp_path / "out" / "posterior.nc", store.result(1)).names == fit.var_names
+    store.add([file], STUDY)
+    with pytest.raises(KeyError, match="has no posterior: sample = true"):
+        store.posterior(2)
 
 
 def newer(path: Path, _: list[Path]) -> None:

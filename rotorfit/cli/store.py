@@ -47,7 +47,12 @@ def add_options(to: argparse.ArgumentParser) -> None:
     add_output(follow)
     getting = action("get", _get, "write the result of a fit as fit.json, and its data")
     getting.add_argument("number", type=int, metavar="FIT", help="number of the fit, as `rotorfit store list` shows it")
-    getting.add_argument("--out", type=Path, required=True, help="folder for fit.json and the tests as netCDF files")
+    getting.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        help="folder for fit.json, the tests as netCDF files, and posterior.nc, profiles.csv, bootstrap.csv",
+    )
     add_output(getting)
     add_output(action("check", _check, "look for damage: every page, test and fit"))
 
@@ -238,12 +243,15 @@ def _get(options: argparse.Namespace) -> int:
     from rotorfit.fitting.fit_file import save_fit
     from rotorfit.io.files import write
 
-    fit = checked(lambda: _opened(options).result(options.number))
+    store = checked(lambda: _opened(options))
+    fit = checked(lambda: store.result(options.number))
 
     def fill(folder: Path) -> None:
         save_fit(fit, folder / "fit.json")
         for number, test in enumerate(fit.experiments, 1):
             write(test, folder / f"test{number}.nc")
+        for name, data in store.uncertainty_files(options.number).items():
+            (folder / name).write_bytes(data)
 
     give(options, fill, lambda: {"fit": options.number, "out": str(options.out)}, fit.summary())
     return ExitCode.DONE

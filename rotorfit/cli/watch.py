@@ -9,12 +9,14 @@ import shlex
 import shutil
 import sys
 import time
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rotorfit.cli.answer import say
+from rotorfit.cli.arguments import add_jobs, workers_of
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.cli.store import add_followed, add_study, added_json, added_words
 from rotorfit.options.kinds import positive_word, words
@@ -49,6 +51,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
         help="threshold speed over --running-speed that is required [1]",
     )
     to.add_argument("--on-alarm", default="", metavar="CMD", help="program and arguments; it reads the alarm as JSON")
+    add_jobs(to, "fit")
     to.add_argument("--once", action="store_true", help="one round, for cron; exit code 3 while an alarm stands")
     to.add_argument("--every", type=positive_word, default=10.0, metavar="S", help="s between rounds [%(default)g]")
     to.add_argument(
@@ -60,9 +63,18 @@ def add_options(to: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do what the command line says; returns the exit code."""
+    from rotorfit.cli.errors import checked
+
+    with ExitStack() as stack:
+        watch = checked(lambda: _watch(options))
+        watch.executor = checked(lambda: stack.enter_context(workers_of(options)))
+        return _watched(watch, options)
+
+
+def _watched(watch: FolderWatch, options: argparse.Namespace) -> int:
+    """One round, or rounds without end."""
     from rotorfit.cli.errors import ExitCode, checked
 
-    watch = checked(lambda: _watch(options))
     if options.once:
         states = checked(lambda: _round(watch, wait=True))
         if not options.json and not options.quiet:

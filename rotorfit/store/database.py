@@ -79,6 +79,12 @@ CREATE TABLE parameters (                     -- of a fit, SI units, for whoever
     unit TEXT NOT NULL,
     PRIMARY KEY (fit, name)
 ) WITHOUT ROWID;
+CREATE TABLE uncertainty (                    -- of a fit, where its study asks for it
+    fit INTEGER NOT NULL REFERENCES fits (number) ON DELETE CASCADE,
+    file TEXT NOT NULL,                       -- posterior.nc, profiles.csv, bootstrap.csv
+    data BLOB NOT NULL,
+    PRIMARY KEY (fit, file)
+) WITHOUT ROWID;
 CREATE TABLE claims (key TEXT PRIMARY KEY, owner TEXT NOT NULL, until REAL NOT NULL) WITHOUT ROWID;
 CREATE TABLE alarms ( -- that were reported
     fit INTEGER NOT NULL, rule TEXT NOT NULL, PRIMARY KEY (fit, rule)) WITHOUT ROWID;

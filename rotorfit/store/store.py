@@ -12,7 +12,8 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
 from rotorfit.data.content import content_hash
 from rotorfit.data.experiments import Experiment
@@ -34,11 +35,15 @@ from rotorfit.store.rows import as_time, fit_row, insert, stored_findings, store
 from rotorfit.store.settings import settings_key
 from rotorfit.store.sources import Source, continues, sources_of
 from rotorfit.studies.data_files import StudyProgress, no_progress
+from rotorfit.studies.results import write_uncertainty
 from rotorfit.studies.run import identify
 from rotorfit.studies.study import Outcome, Study
 from rotorfit.studies.study_file import read_study, study_of
 from rotorfit.studies.study_model import check_model
 from rotorfit.version import __version__
+
+if TYPE_CHECKING:
+    from rotorfit.uncertainty.posterior import Posterior
 
 _FOLLOWED = ("K0", "lam", "lam_D", "D", THRESHOLD)
 """Values that are followed unless others are named, where a fit has them."""
@@ -265,7 +270,16 @@ class Store:
         with reading(str(self.path), KIND):
             return stored_findings(text)
 
-    def _keep(self, test: int, key: str, text: str, study: Study, row: dict[str, Any], values: Sequence[Any]) -> int:
+    def _keep(
+        self,
+        test: int,
+        key: str,
+        text: str,
+        study: Study,
+        row: dict[str, Any],
+        values: Sequence[Any],
+        files: Mapping[str, bytes],
+    ) -> int:
         row = {**row, "test": test, "settings": key}
         with self.database.change() as connection:
             connection.execute("INSERT OR IGNORE INTO settings VALUES (?, ?, ?)", (key, study.model, text))
@@ -273,6 +287,9 @@ class Store:
             number = insert(connection, "fits", row)
             connection.executemany(
                 "INSERT INTO parameters VALUES (?, ?, ?, ?, ?, ?)", [(number, *value) for value in values]
+            )
+            connection.executemany(
+                "INSERT INTO uncertainty VALUES (?, ?, ?)", [(number, *one) for one in files.items()]
             )
         return number
 
@@ -344,6 +361,35 @@ class Store:
         """
         text = self._blob("SELECT result FROM fits WHERE number = ?", fit, "fit")
         return fit_from_json(text, model=model, source=f"fit {fit} of {self.path}")
+
+    def posterior(self, fit: int) -> Posterior:
+        """The posterior of a fit whose study has ``sample = true``.
+
+        Args:
+            fit: its number.
+
+        Raises:
+            KeyError: no such fit, or one without a posterior.
+            ValueError: it is damaged.
+        """
+        from rotorfit.uncertainty.posterior_file import load_posterior
+
+        result, found = self.result(fit), self.uncertainty_files(fit)
+        if "posterior.nc" not in found:
+            raise KeyError(f"fit {fit} of {self.path} has no posterior: sample = true in its study draws one")
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / f"posterior of fit {fit}.nc"
+            path.write_bytes(found["posterior.nc"])
+            return load_posterior(path, result)
+
+    def uncertainty_files(self, fit: int) -> dict[str, bytes]:
+        """Content of the files that the study of a fit asks for: ``posterior.nc``, ``profiles.csv``, ``bootstrap.csv``.
+
+        Args:
+            fit: its number.
+        """
+        with self.database.look() as ask:
+            return dict(ask("SELECT file, data FROM uncertainty WHERE fit = ?", (fit,)))
 
     def _blob(self, sql: str, number: int, what: str) -> str:
         with self.database.look() as ask:
@@ -492,14 +538,19 @@ class Store:
 
 def _fitted(
     item: tuple[Study, tuple[Experiment, ...], tuple[tuple[Finding, ...], ...]], progress: StudyProgress = no_progress
-) -> tuple[dict[str, Any], Sequence[Any]]:
-    """The fit of a test as a row, and its values; here or on a worker."""
+) -> tuple[dict[str, Any], Sequence[Any], dict[str, bytes]]:
+    """The fit of a test as a row, its values, and files of their uncertainty; here or on a worker."""
     outcome: Outcome | str
     try:
         outcome = identify(*item, progress)
     except (ValueError, KeyError) as problem:
         outcome = str(problem.args[0] if isinstance(problem, KeyError) and problem.args else problem)
-    return fit_row(outcome), () if isinstance(outcome, str) else values_of(outcome.best)
+    if isinstance(outcome, str):
+        return fit_row(outcome), (), {}
+    with TemporaryDirectory() as folder:
+        write_uncertainty(outcome, Path(folder))
+        files = {path.name: path.read_bytes() for path in Path(folder).iterdir()}
+    return fit_row(outcome), values_of(outcome.best), files
 
 
 def study_for_store(study: str | os.PathLike[str] | Mapping[str, Any] | Study | None) -> Study | None:

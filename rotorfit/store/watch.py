@@ -8,6 +8,7 @@ import shlex
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -48,6 +49,7 @@ class FolderWatch:
     on_alarm: str = ""  # command, run without a shell, that reads the alarm's JSON
     tell: Callable[[dict[str, Any]], None] = print  # called with every event
     progress: StudyProgress = no_progress
+    executor: Executor | None = None  # to fit with
     _seen: dict[str, tuple[str, float]] = field(default_factory=dict)  # stamp of a source, and since when
     _told: dict[str, str] = field(default_factory=dict)  # what was said of a source that could not be read
 
@@ -55,7 +57,9 @@ class FolderWatch:
         """Add what is ready; returns what became of it."""
         ready = [source for source in self._new() if self._stands_still(source)]
         ready.sort(key=lambda source: (source.date(), source.name))
-        added = list(self.store.add_sources(ready, machine=self.machine, progress=self.progress))
+        added = list(
+            self.store.add_sources(ready, machine=self.machine, executor=self.executor, progress=self.progress)
+        )
         fits = {fit.number: fit for fit in self.store.fits} if added else {}
         for one in added:
             if one.refusal and self._told.get(one.source) != one.refusal:

@@ -55,13 +55,8 @@ def write_outcome(
             best.plot_coefficients().savefig(folder / f"coefficients.{figure_format}")
             if of_frequency:
                 best.plot_frequency_coefficients().savefig(folder / f"frequency_coefficients.{figure_format}")
-    if outcome.profiles:
-        _write_csv(folder / "profiles.csv", _profile_rows(outcome.profiles))
-    if outcome.bootstrap is not None:
-        _write_csv(folder / "bootstrap.csv", (outcome.bootstrap.names, *outcome.bootstrap.samples.tolist()))
     best.save(folder / "fit.json")
-    if outcome.posterior is not None:
-        outcome.posterior.save(folder / "posterior.nc")
+    write_uncertainty(outcome, folder)
     progress("drawing the report")
     write_report(
         best,
@@ -71,6 +66,16 @@ def write_outcome(
         interactive=interactive,
         **_report_parts(outcome, progress),
     )
+
+
+def write_uncertainty(outcome: Outcome, folder: Path) -> None:
+    """Write profiles, estimates from simulated tests and the posterior, as far as the study has them."""
+    if outcome.profiles:
+        _write_csv(folder / "profiles.csv", _profile_rows(outcome.profiles))
+    if outcome.bootstrap is not None:
+        _write_csv(folder / "bootstrap.csv", (outcome.bootstrap.names, *outcome.bootstrap.samples.tolist()))
+    if outcome.posterior is not None:
+        outcome.posterior.save(folder / "posterior.nc")
 
 
 def report_text(outcome: Outcome, progress: StudyProgress) -> str:

@@ -119,7 +119,8 @@ def _with_uncertainty(
     study, best = outcome.study, outcome.best
     if study.profile:
         progress(f"profile likelihood of {', '.join(study.profile)}")
-    profiles = best.profiles(study.profile)
+    nonlinear = best.model.eccentricity_dependent  # profiles of others are found sooner than a worker begins
+    profiles = best.profiles(study.profile, executor=executor if nonlinear else None)
     simulated = None
     if study.bootstrap:
         progress(f"fitting {study.bootstrap} simulated tests")

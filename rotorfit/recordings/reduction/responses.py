@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import PHASE_DATUM, Finding, listed
 from rotorfit.data.synchronous import join
 from rotorfit.data.weights import differenced
-from rotorfit.executors import carry_out
+from rotorfit.executors import carry_out, executor_of
 from rotorfit.recordings.quality import copied_recordings, probe_findings, spoiled
 from rotorfit.recordings.recording import Recording, named_apart
 from rotorfit.recordings.reduction.dwell_responses import dwelling
@@ -56,6 +56,7 @@ def responses(
     *,
     turns: int | None = None,
     executor: Executor | None = None,
+    client: Any = None,
     on_finding: Report | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> PerturbationTest:
@@ -75,6 +76,7 @@ def responses(
             linear. A sweep makes such vectors lag behind.
         executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor()``, that reduces recordings
             beside each other; by default one after the other in this process. What a lost worker had is done again.
+        client: a Dask client, in place of its executor.
         on_finding: called with each thing that was found odd or that limits what the recordings say, for instance
             ``print``; what was found while reading is in ``record.findings``.
         progress: called with a few words before each stage.
@@ -95,9 +97,8 @@ def responses(
     """
     listed = named_apart(records)
     report = on_finding or (lambda finding: None)
-    return checked_responses(
-        listed, turns=turns, executor=executor, on_finding=report, progress=progress, checked=False
-    )
+    there = executor_of(executor, client)
+    return checked_responses(listed, turns=turns, executor=there, on_finding=report, progress=progress, checked=False)
 
 
 def checked_responses(

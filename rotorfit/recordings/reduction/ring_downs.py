@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from rotorfit.data.experiments import RingDownTest
-from rotorfit.executors import carry_out
+from rotorfit.executors import carry_out, executor_of
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.recording import Recording, named_apart
@@ -38,6 +38,7 @@ def ring_downs(
     highest_hz: float | None = None,
     position: complex | None = None,
     executor: Executor | None = None,
+    client: Any = None,
 ) -> RingDownTest:
     """Records of free vibration after each blow or release, for fits and :func:`rotorfit.ring_down_modes`.
 
@@ -50,7 +51,7 @@ def ring_downs(
         highest_hz: frequency above which nothing is of interest, by default that of ``[impulse]``, or 200.
         position: where the journal rests, ``x + jy`` from the bearing's centre, m; by default what gap voltages tell
             where the setup says ``centre_V`` of the probes, else the centre.
-        executor: reads recordings beside each other, see :func:`rotorfit.responses`.
+        executor, client: read recordings beside each other, see :func:`rotorfit.responses`.
 
     Raises:
         ValueError: no blow stands out, no such plane, or a plane with one probe.
@@ -69,7 +70,7 @@ def ring_downs(
         _Struck(record=record, plane=_plane(record, plane), highest_hz=_highest(record, highest_hz))
         for record in listed
     ]
-    for job, (mean, blows) in zip(jobs, carry_out(_reduced, jobs, executor), strict=True):
+    for job, (mean, blows) in zip(jobs, carry_out(_reduced, jobs, executor_of(executor, client)), strict=True):
         for number, (speed, time, z, settled) in enumerate(blows, start=1):
             runs += [f"{job.record.name}, blow {number}"] * time.size
             at = z + (position if position is not None else 0.0 if mean is None else mean + settled)

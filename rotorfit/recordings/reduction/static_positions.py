@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import StaticTest
 from rotorfit.data.findings import Finding
-from rotorfit.executors import carry_out
+from rotorfit.executors import carry_out, executor_of
 from rotorfit.recordings.recording import Recording, named_apart
 from rotorfit.recordings.reduction.response_lines import Report
 from rotorfit.recordings.reduction.rest_positions import STEADY_SPEED_RANGE, RestPosition, rest_positions
@@ -30,7 +30,11 @@ class _Zero:
 
 
 def static_positions(
-    records: Sequence[Recording] | Recording, *, executor: Executor | None = None, on_finding: Report | None = None
+    records: Sequence[Recording] | Recording,
+    *,
+    executor: Executor | None = None,
+    client: Any = None,
+    on_finding: Report | None = None,
 ) -> StaticTest:
     """Positions of a shaft under constant loads, from the mean voltages of its probes, for fits.
 
@@ -44,7 +48,7 @@ def static_positions(
 
     Args:
         records: of one rig, DC-coupled, with their loads in ``[load]``.
-        executor: reads recordings beside each other, see :func:`rotorfit.responses`.
+        executor, client: read recordings beside each other, see :func:`rotorfit.responses`.
         on_finding: called with each thing that was found odd.
 
     Raises:
@@ -67,7 +71,7 @@ def static_positions(
     rests: list[RestPosition] = []
     for record in listed:
         load_of(record)
-    reduced = carry_out(rest_positions, listed, executor)
+    reduced = carry_out(rest_positions, listed, executor_of(executor, client))
     for record, (found, left_out) in zip(listed, reduced, strict=True):
         rests += [replace(rest, record=record) for rest in found]
         for why in left_out:
