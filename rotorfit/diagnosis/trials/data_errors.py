@@ -116,7 +116,7 @@ def mirrored_orbits(orbits: Sequence[Orbits]) -> Iterator[DataError]:
     yield DataError(
         code="lag-as-lead",
         message="phases of lag are given as lead",
-        undo="phase_lag_deg and force_phase_lag_deg in place of phase_deg and force_phase_deg",
+        undo="give phase_lag_deg and force_phase_lag_deg in place of phase_deg and force_phase_deg",
         correct=lambda test: replace(test.with_forces(np.conj), response=test.response.conj()),
     )
     planes = [plane for plane, wrong in against.items() if wrong]

@@ -165,12 +165,12 @@ def _findings(tried: Sequence[Explanation]) -> list[Finding]:
     fewest = min(one.free for one in equal)
     named = list({one.message: one for one in equal if one.free == fewest}.values())[:3]
     better = float(f"{1 / least:.2g}")
-    others = f" One of {len(named)} explanations that the data cannot tell apart." if len(named) > 1 else ""
+    others = f" This is one of {len(named)} explanations that the data cannot separate." if len(named) > 1 else ""
     found = []
     for one in named:
         text = (
-            f"A trial fit says: {one.message}. So taken, the model misses the data {better:,.0f} times less.{others} "
-            f"To undo it: {one.undo}."
+            f"A trial fit shows that {one.message}. With this corrected, the misfit is {better:,.0f} times "
+            f"smaller.{others} To correct it, {one.undo}."
         )
         found.append(Finding("error", one.code, text, undo=one.undo, correction=one.correction))
     return found
