@@ -67,6 +67,7 @@ class World:
         proportional: noise of a probe over its reading.
         backward: factor on the probes' noise in backward runs.
         filters: decay of the probes' correlation from line to line, 1 for none (overlapping filters).
+        averaging: the same correlation, falling as powers of this (an average that forgets), in place of filters.
         force_jitter, force_jitter_amplitude, speed_jitter: from line to line; the second leaves the phase alone.
         oil, gain, phase, label: from run to run: viscosity (D and K0), force, phase reference (rad), speed label.
         sigma_given: whether the data hold sigma.
@@ -87,6 +88,7 @@ class World:
     proportional: float = 0.0
     backward: float = 1.0
     filters: float = 1.0
+    averaging: float = 0.0
     force_jitter: float = 0.0
     force_jitter_amplitude: float = 0.0
     speed_jitter: float = 0.0
@@ -139,6 +141,9 @@ WORLDS: dict[str, World] = {
     "proportional 1 %, constant 0.5 % and filters": World(
         proportional=0.01, constant=0.005, filters=0.3, promise=0.85, widest=1.5
     ),
+    "proportional 1 % and averaging, 0.7 a line, one probe": World(
+        proportional=0.01, averaging=0.7, both=False, promise=0.85, widest=2.0
+    ),
     "force jitter 1 %, force 1 % from run to run": World(force_jitter=0.01, gain=0.01, constant=0.002, promise=0.85),
     "ideal: two runs": World(speeds=(140.0,), widest=np.inf, ideal=True, **BETWEEN),
     "force 0.25 %, two runs": World(gain=0.0025, speeds=(140.0,), promise=0.0, widest=np.inf, **BETWEEN),
@@ -186,7 +191,7 @@ def probe_sigma(world: World, exact: list[ComplexArray]) -> list[Float]:
 def neighbours(world: World) -> Float:
     """Correlation of a probe's noise between the lines of a run."""
     distance = np.abs(np.subtract.outer(np.arange(world.lines), np.arange(world.lines)))
-    return np.maximum(0.0, 1 - world.filters * distance)
+    return world.averaging**distance if world.averaging else np.maximum(0.0, 1 - world.filters * distance)
 
 
 def simulate(world: World, rng: np.random.Generator) -> PerturbationTest:
@@ -276,7 +281,8 @@ def ideal_width(world: World) -> dict[str, float]:
         sensitivity = _real(column[:, None] * (run[:, None] == np.arange(count)))
         cov += size**2 * sensitivity @ sensitivity.T
     J = _real(np.column_stack([_slope(world, _with(name)) / world.truth[name] for name in FREE]))
-    if world.speed_jitter or world.force_jitter_amplitude or world.filters < 1:  # fits have one weight a reading
+    correlated = world.filters < 1 or world.averaging
+    if world.speed_jitter or world.force_jitter_amplitude or correlated:  # fits have one weight a reading
         weight = 1 / (np.diag(cov)[: y.size] + np.diag(cov)[y.size :])
         gain = np.linalg.solve(J.T @ (np.tile(weight, 2)[:, None] * J), (np.tile(weight, 2)[:, None] * J).T)
         errors = gain @ cov @ gain.T

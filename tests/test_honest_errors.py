@@ -54,6 +54,7 @@ def fitted(world, seed, **options):
             "forward noise three times the backward",
             "overlapping filters, neighbours 0.7, told",
             "proportional 1 % and filters",
+            "proportional 1 % and averaging, 0.7 a line, one probe",
             "oil 1 % from run to run",
             "phase 1 degree, phase_offsets=True",
         ],

@@ -24,6 +24,7 @@ class Memory:
     first: float  # correlation of neighbouring lines, less what the fit itself brings about
     z: float  # that over its standard deviation for residuals without memory, whatever their sizes
     lags: tuple[float, ...]  # correlations at distances 1, 2, ... up to the first that chance explains
+    fades: bool  # chance explains one of the distances that are looked at
 
 
 def memory(r: ComplexArray, sensitivities: ComplexArray, outer: Float, sweeps: Sequence[Index]) -> Memory:
@@ -35,7 +36,7 @@ def memory(r: ComplexArray, sensitivities: ComplexArray, outer: Float, sweeps: S
     moved = np.mean(np.abs(r) ** 2) / 2 * (outer @ own)
     total = float(np.sum(np.abs(along) ** 2) + np.sum(own * moved))
     found: list[float] = []
-    z = 0.0
+    z, fades = 0.0, False
     # Distance, in lines, up to which neighbours are looked at, and never more than a third of a sweep: filters of an
     # analyser overlap over two or three lines.
     longest_lag = 12
@@ -47,11 +48,12 @@ def memory(r: ComplexArray, sensitivities: ComplexArray, outer: Float, sweeps: S
         if lag == 1:
             z = amount / chance if chance > 0 else 0.0
             found.append(amount / total if total > 0 else 0.0)
-        if amount < CHANCE_ERRORS * chance:
+        fades = amount < CHANCE_ERRORS * chance
+        if fades:
             break
         if lag > 1:
             found.append(amount / total)
-    return Memory(first=found[0], z=z, lags=tuple(found) if z > CHANCE_ERRORS else ())
+    return Memory(first=found[0], z=z, lags=tuple(found) if z > CHANCE_ERRORS else (), fades=fades)
 
 
 def scatter(own: ComplexArray, sweeps: Sequence[Index], lags: Sequence[float]) -> Float:

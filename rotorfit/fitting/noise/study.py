@@ -134,10 +134,9 @@ def _follows(remembered: Memory) -> bool:
 
 
 def _perhaps_filtered(data: LinearisedFit, verdict: NoiseVerdict, remembered: Memory) -> bool:
-    """True if a misfit may be noise of overlapping filters, which smoothness takes for signal. They make neighbours
-    correlate over two or three lines, five by chance in thirty lines; smooth misfits over more."""
-    longest = 5
-    return verdict is NoiseVerdict.MISFIT and not data.sigma_given and len(remembered.lags) <= longest
+    """True if a misfit may be noise of overlapping filters or averages, which smoothness takes for signal: its memory
+    fades along a sweep, that of smooth misfits does not."""
+    return verdict is NoiseVerdict.MISFIT and not data.sigma_given and remembered.fades
 
 
 # ---- differences from run to run ---------------------------------------------------------------------------------
