@@ -158,6 +158,18 @@ def test_wrong_files_and_two_tabs(browser: Browser, address: str, folder: Path, 
     assert sorted(folder.iterdir()) == before
 
 
+def test_the_history_beside_a_store_is_shown_and_can_do_nothing(tmp_path: Path) -> None:
+    from rotorfit.app.folder import Folder
+    from rotorfit.app.parts import document
+
+    for name in ("machine.db", "machine.html", "other.html"):
+        (tmp_path / name).write_text("<script>alert('x')</script>", encoding="utf-8")
+    assert Folder(tmp_path).histories() == ["machine.html"]
+    shown = document(tmp_path / "machine.html").object
+    assert 'sandbox=""' in shown
+    assert "<script>" not in shown
+
+
 def test_the_cursor_of_a_sweep_stands_at_the_speed_of_its_time() -> None:
     from rotorfit.app.signals import _BodeFigure
     from rotorfit.plots.recordings import vectors_shown

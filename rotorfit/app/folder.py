@@ -56,6 +56,10 @@ class Folder:
         """Files that may be setups of a rig."""
         return self._named((".toml",))
 
+    def histories(self) -> list[str]:
+        """Pages that a watch keeps beside a store."""
+        return [name for name in self._named((".html",)) if (self.root / name).with_suffix(".db").is_file()]
+
     def _named(self, suffixes: Sequence[str]) -> list[str]:
         return sorted(name for name, _ in zip(self._walk(suffixes), range(_MOST_FILES), strict=False))
 

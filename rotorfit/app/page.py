@@ -12,7 +12,7 @@ import panel as pn
 from rotorfit.app.data_view import DataView
 from rotorfit.app.folder import Folder
 from rotorfit.app.model_form import model_form
-from rotorfit.app.parts import WIDE, button, heading, in_a_row, in_sight, markup, message
+from rotorfit.app.parts import WIDE, button, document, heading, in_a_row, in_sight, markup, message
 from rotorfit.app.results import result_parts
 from rotorfit.app.session import Session, chosen_entries
 from rotorfit.app.takeaway import Takeaway
@@ -80,7 +80,24 @@ class Page:
         setups = ["", *folder.setups()]
         self._setup = pn.widgets.Select(name="Setup of the rig, for recordings", options=setups, width=260)
         opened = button("Open", lambda: self.open(files.value, self._setup.value or None), main=True, width=90)
-        return pn.Column(heading("Data"), in_a_row(files, self._setup, opened), **WIDE)
+        chosen = in_a_row(files, self._setup, opened)
+        return pn.Column(heading("Data"), chosen, *self._history_section(folder.histories()), **WIDE)
+
+    def _history_section(self, names: Sequence[str]) -> list[Any]:
+        """A list of the pages that watches keep, and the one that is chosen."""
+        if not names:
+            return []
+        shown = pn.Column(**WIDE)
+        listed = pn.widgets.Select(name="Or look at the history of a machine", options=["", *names], width=260)
+
+        def show(event: Any) -> None:
+            try:
+                shown.objects = [document(self.session.folder.path(event.new))] if event.new else []
+            except (ValueError, OSError) as problem:
+                self.say(refusal(problem))
+
+        listed.param.watch(show, "value")
+        return [listed, shown]
 
     def open(self, names: Sequence[str], setup: str | None) -> None:
         """Open files of the folder."""

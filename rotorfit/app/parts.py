@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
 from io import BytesIO
+from pathlib import Path
 from time import sleep
 from typing import Any
 
@@ -71,6 +72,12 @@ def shown_in(field: Any) -> str:
     """Text of a field on the page, which Panel may not have received yet."""
     models = [model for model, _ in field._models.values()]
     return str(models[0].value if models else field.value).strip()
+
+
+def document(path: Path) -> Any:
+    """A page of the folder within this one, where nothing in it can do anything."""
+    text = path.read_text(encoding="utf-8", errors="replace")
+    return markup(element("iframe", srcdoc=text, sandbox="", title=path.name))
 
 
 def download(name: str, text: Callable[[], str]) -> Any:

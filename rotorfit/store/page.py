@@ -13,7 +13,9 @@ from rotorfit.report.html import Html, bullets, paragraph, picture, table
 from rotorfit.report.page import page, write_whole
 from rotorfit.report.parts import note, section, sentence
 from rotorfit.store.alarms import MachineState
+from rotorfit.store.records import StoredValue
 from rotorfit.store.store import Store
+from rotorfit.units import RPM_PER_RAD_S
 
 _SHOWN = 200
 """Latest tests in the table of a machine. Chosen."""
@@ -55,11 +57,10 @@ def _tests(state: MachineState) -> Html:
     rows = []
     for test, fit in sorted((*state.history, *state.left_out), key=lambda pair: pair[0].date, reverse=True)[:_SHOWN]:
         values = [fit.params.get(name) for name in names]
-        cells = ["" if v is None or not math.isfinite(v.value) else plus_minus(v.value, v.stderr) for v in values]
+        cells = ["" if v is None or not math.isfinite(v.value) else _shown(v) for v in values]
         remark = fit.errors[0] if fit.errors else "" if fit.success else fit.message
         rows.append([test.date, str(test.number), Path(test.sources[0]).name, *cells, remark])
-    units = [state.history[-1][1].params[name].unit for name in names]
-    heads = [f"{name}, {unit}" if unit != "1" else name for name, unit in zip(names, units, strict=True)]
+    heads = [_head(name, state.history[-1][1].params[name].unit) for name in names]
     count = len(state.history) + len(state.left_out)
     more = f"The latest {_SHOWN} of {count} tests; all are in the store." if count > _SHOWN else ""
     return section(
@@ -69,9 +70,19 @@ def _tests(state: MachineState) -> Html:
     )
 
 
+def _head(name: str, unit: str) -> str:
+    return name if unit == "1" else f"{name}, {'rpm' if unit == 'rad/s' else unit}"
+
+
+def _shown(value: StoredValue) -> str:
+    factor = RPM_PER_RAD_S if value.unit == "rad/s" else 1.0
+    return plus_minus(factor * value.value, factor * value.stderr)
+
+
 def _refused(store: Store) -> list[Html]:
     refused = store.refused
     if not refused:
         return []
-    words = (f"{Path(path).name}: {reason}" for path, reason in list(refused.items())[-_SHOWN:])
+    latest = [(Path(path).name, reason) for path, reason in list(refused.items())[-_SHOWN:]]
+    words = (reason if reason.startswith(name) else f"{name}: {reason}" for name, reason in latest)
     return [section("Files that could not be read", bullets(words))]
