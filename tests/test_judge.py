@@ -308,9 +308,14 @@ def test_what_is_refused() -> None:
         ("unknown parameter", {"cases": {"hot": {"K9": 1.2}}}),
         ("probability", {"level": 1.2}),
         ("factor of K0 in a case", {"cases": {"worn": {"K0": float("nan")}}}),
+        ("case 'broken' leaves a rotor without stiffness", {"cases": {"broken": {"K": 0.0, "K0": 0.0}}}),
+        ("min_decrement is -1; a limit is a positive", {"min_decrement": -1}),
+        ("max_amplitude_um is nan", {"unbalance_g_mm": {"disk": 1.0}, "max_amplitude_um": float("nan")}),
     ):
         with pytest.raises(ValueError, match=words):
             fit.stability_report(**{"max_speed_rpm": 2000.0, **options})
+    with pytest.raises(TypeError, match="it is given by plane"):
+        fit.stability_report(unbalance_g_mm=3.0)
     with pytest.raises(TypeError, match="keyword of stability_report"):
         fit.stability_report(max_sped_rpm=2000.0)
 

@@ -177,6 +177,21 @@ def test_what_a_prediction_cannot_know_is_said() -> None:
     assert any("No readings at disk" in note for note in blind.notes)
 
 
+def test_a_place_without_a_probe_moves_by_the_shares_of_the_planes() -> None:
+    model = rf.models.WhirlWhip(probes={"quarter": {"disk": 0.6, "journal": 0.4}})
+    fit = rf.fit(model, rf.datasets.rig_lumped(), known={"K3": 6000.0})
+    w = np.array([120.0, 190.0])
+    disk, journal, between = (
+        fit.predict(w, 150.0, force_plane="disk", plane=plane) for plane in ("disk", "journal", "quarter")
+    )
+    np.testing.assert_allclose(between.response, 0.6 * disk.response + 0.4 * journal.response, rtol=1e-9)
+    assert any("No readings at quarter" in note for note in between.notes)
+    judged = fit.stability_report(unbalance_g_mm={"disk": 30.0}, plane="quarter")
+    assert any("at quarter" in criterion.name for criterion in judged.criteria)
+    with pytest.raises(ValueError, match="unknown force_plane 'quarter'"):
+        fit.predict(w, 150.0, force_plane="quarter")
+
+
 def test_a_fluid_that_changes_with_eccentricity_and_a_rotor_tested_at_rest() -> None:
     """Orbits by the roots of another program; at rest nothing shows gyroscopic effects, small all the same."""
     law = rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=law_data.CLEARANCE_UM)

@@ -656,11 +656,12 @@ class FitResult(FitFigures):
             speed: rotative speed, rad/s; scalars and vectors ``(N,)`` may be mixed.
             **options: ``force_plane``: where the force acts; may be left out of models of one plane. ``force``:
                 ``F exp(j delta)``, N; 1 N where neither it nor ``mr`` is given. ``mr``: an unbalance, kg m, whose force
-                is ``mr w^2``. ``plane``: where the motion is predicted, a plane of the model, with a probe or without;
-                by default that of the force. ``direction``: ``z`` for x + j y, or of models of both directions ``x`` or
-                ``y``. ``level``: probability that a band holds, 0.95. ``whole``: bands that hold whole curves at once,
-                in place of each point by itself. ``statistical``: bands without the systematic share, see
-                :meth:`systematic`. ``at``: group of parameters, for fits with one value a group.
+                is ``mr w^2``. ``plane``: where the motion is predicted, a plane of the model, with a probe or without,
+                or a place between planes (``probes=`` of the model); by default that of the force. ``direction``: ``z``
+                for x + j y, or of models of both directions ``x`` or ``y``. ``level``: probability that a band holds,
+                0.95. ``whole``: bands that hold whole curves at once, in place of each point by itself.
+                ``statistical``: bands without the systematic share, see :meth:`systematic`. ``at``: group of
+                parameters, for fits with one value a group.
 
         Raises:
             TypeError: a keyword that is none of these.

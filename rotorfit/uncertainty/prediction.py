@@ -365,7 +365,7 @@ def _planned(
         raise ValueError("frequency and speed are finite numbers or vectors of them, rad/s")
     if force is not None and mr is not None:
         raise ValueError("give a force, N, or an unbalance mr, kg m, not both")
-    where = _plane(fit, "force_plane", force_plane)
+    where = _plane("force_plane", force_plane, model.planes)
     drive = np.full(w.shape, 1.0 if force is None else force, dtype=complex) if mr is None else mr * w**2 + 0j
     if not (np.isfinite(drive).all() and drive.all()):
         raise ValueError("the force is zero or not finite: there is no response to predict")
@@ -376,7 +376,7 @@ def _planned(
         frequency=w,
         force_plane=np.full(w.shape, where),
         force=drive,
-        plane=np.full(w.shape, _plane(fit, "plane", where if plane is None else plane)),
+        plane=np.full(w.shape, _plane("plane", where if plane is None else plane, model.read_planes)),
         direction=np.full(w.shape, read if direction is None else direction),
         response=np.full(w.shape, 1e-9, dtype=complex),  # m, inside any clearance: to be predicted, none of it is used
         sigma=np.ones(w.shape),
@@ -384,8 +384,7 @@ def _planned(
     )
 
 
-def _plane(fit: FitResult, what: str, name: str | None) -> str:
-    planes = fit.model.planes
+def _plane(what: str, name: str | None, planes: Sequence[str]) -> str:
     if name is None and len(planes) == 1:
         return str(planes[0])
     if name is None:

@@ -6,7 +6,8 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any
+from numbers import Real
+from typing import Any
 
 import numpy as np
 
@@ -33,9 +34,6 @@ from rotorfit.uncertainty.stability.rotors import (
 )
 from rotorfit.uncertainty.stability.unbalance import Peaks, margin, margin_asked, peaks_near, peaks_of
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
-
-if TYPE_CHECKING:
-    pass
 
 _CURVE_DRAWS = 300
 """Rotors from which bands of curves are read: a limit of 95 % is known to a tenth of a standard deviation."""
@@ -74,6 +72,13 @@ def stability_report(
     thetas: Float | None = None,
 ) -> StabilityReport:
     """Judge a fitted rotor, by the fit's covariance or over parameter vectors of draws, shape ``(W, P)``."""
+    _refuse_limits(
+        min_decrement=min_decrement,
+        min_threshold_ratio=min_threshold_ratio,
+        min_cross_coupling_ratio=min_cross_coupling_ratio,
+        max_amplitude_um=max_amplitude_um,
+        max_sensitivity=max_sensitivity,
+    )
     group = fit.group(at)
     running = _running(fit, min_speed_rpm, max_speed_rpm, level)
     coupling = _at_planes(fit, cross_coupling, "cross_coupling")
@@ -123,11 +128,16 @@ def stability_report(
             )
         return asked
 
-    criteria = [
-        _answer(question, case, one.scaled(factors), many.scaled(factors), unseen.scaled(factors), level)
-        for case, factors in {"": {}, **(cases or {})}.items()
-        for question in questions(one.scaled(factors))
-    ]
+    def answers(case: str, factors: Mapping[str, float]) -> list[Criterion]:
+        if not isinstance(factors, Mapping):
+            raise TypeError(f"case {case!r} is {factors!r}; a case is factors by parameter, {{'K0': 1.3, 'D': 1.5}}")
+        rotors = one.scaled(factors), many.scaled(factors), unseen.scaled(factors)
+        try:
+            return [_answer(question, case, *rotors, level) for question in questions(rotors[0])]
+        except np.linalg.LinAlgError:
+            raise ValueError(f"case {case!r} leaves a rotor without stiffness, which cannot be judged") from None
+
+    criteria = [one for case, factors in {"": {}, **(cases or {})}.items() for one in answers(case, factors)]
     few = many.part(slice(_CURVE_DRAWS))
     return StabilityReport(
         criteria=tuple(criteria),
@@ -144,6 +154,12 @@ def stability_report(
         notes=_notes(fit, one, running),
         caution=_caution(fit),
     )
+
+
+def _refuse_limits(**limits: float | None) -> None:
+    for name, limit in limits.items():
+        if limit is not None and not (isinstance(limit, Real) and 0 < limit < math.inf):
+            raise ValueError(f"{name} is {limit!r}; a limit is a positive, finite number")
 
 
 def _running(fit: FitResult, lowest: float | None, highest: float | None, level: float) -> tuple[float, float]:
@@ -167,11 +183,13 @@ def _running(fit: FitResult, lowest: float | None, highest: float | None, level:
 
 
 def _at_planes(fit: FitResult, given: Mapping[str, float] | None, what: str) -> dict[str, float]:
+    if not isinstance(given, Mapping | None):
+        raise TypeError(f"{what} is {given!r}; it is given by plane, {{{fit.model.planes[0]!r}: 30.0}}")
     for where, size in (given or {}).items():
         if where not in fit.model.planes:
             raise ValueError(unknown_name(f"plane of {what}", where, fit.model.planes))
-        if not 0 < size < math.inf:
-            raise ValueError(f"{what} at {where} is {size:g}; it is positive and finite")
+        if not (isinstance(size, Real) and 0 < size < math.inf):
+            raise ValueError(f"{what} at {where} is {size!r}; it is positive and finite")
     return dict(given or {})
 
 
@@ -180,8 +198,8 @@ def _seen(fit: FitResult, plane: str | None, unbalance: Mapping[str, float], lim
     if not unbalance and (plane is not None or limit is not None):
         raise ValueError("plane and max_amplitude_um are of the unbalance response: give unbalance_g_mm too")
     seen = next(iter(unbalance), "") if plane is None else plane
-    if plane is not None and plane not in fit.model.planes:
-        raise ValueError(unknown_name("plane", plane, fit.model.planes))
+    if plane is not None and plane not in fit.model.read_planes:
+        raise ValueError(unknown_name("plane", plane, fit.model.read_planes))
     return seen
 
 
