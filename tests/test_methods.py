@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
-from law_data import CLEARANCE_UM, ONE_MODE, static, sweep
+from law_data import CLEARANCE_UM, ONE_MODE, WHIRL_WHIP, static, sweep
 from scipy import stats
 from slow_cases import slow_but
 from synthetic import SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
@@ -18,7 +19,18 @@ from test_shaft_lines import ALL, TORSION, VALUES, line_test
 import rotorfit as rf
 from rotorfit.estimators.misfit.cost_graph import cost_graph
 from rotorfit.estimators.misfit.losses import LOSSES, Loss
-from rotorfit.models import MODELS, Chain, EvenPolynomial, Law, LinearInSpeed, MonotoneSpline, Muszynska, OneMode
+from rotorfit.models import (
+    MODELS,
+    Chain,
+    Collapse,
+    EvenPolynomial,
+    Law,
+    LinearInSpeed,
+    MonotoneSpline,
+    Muszynska,
+    OneMode,
+    WhirlWhip,
+)
 
 CHAIN = {
     "M1": 0.7,
@@ -131,6 +143,31 @@ def test_laws_of_eccentricity_have_no_graph_and_the_same_optimum(law: Law) -> No
     model = OneMode(law=law, clearance_um=CLEARANCE_UM)
     fit = both(model, data, known=known, start={"D": 430.0, "lam": 0.44})
     assert cost_graph(fit.problem) is None
+
+
+WITH_BOUNDS = product((Muszynska(), EvenPolynomial(), Collapse()), LOSSES)
+
+
+@pytest.mark.parametrize(("law", "loss"), slow_but(WITH_BOUNDS, (Muszynska(), "huber"), (Collapse(), "linear")))
+def test_laws_with_bounds_and_every_loss(law: Law, loss: Loss) -> None:
+    data = [sweep(ONE_MODE, levels=(3.0, 20.0), lines=20), static(ONE_MODE, loads=(2.0, 6.0, 10.0, 14.0, 18.0))]
+    response = data[0].response.copy()
+    response[[3, 17, 30]] *= 1.2  # readings that a robust loss discounts
+    data[0] = replace(data[0], response=response)
+    bounds = {"lam": (0.2, 0.99 * ONE_MODE["lam"]), "D": (0.0, 0.995 * ONE_MODE["D"])}
+    model = OneMode(law=law, clearance_um=CLEARANCE_UM)
+    fit = both(model, data, known={"Ds": 8.0, "K": 8000.0}, loss=loss, bounds=bounds)
+    assert fit.params["lam"].value == bounds["lam"][1] or fit.params["D"].value == bounds["D"][1]
+
+
+def test_gauss_newton_goes_on_where_the_exact_hessian_leads_nowhere() -> None:
+    """A law that misses the data, between kinks of a robust loss, with parameters at their bounds."""
+    model = WhirlWhip(law=MonotoneSpline(knots=(0.5,)), clearance_um=CLEARANCE_UM)
+    data = [sweep(WHIRL_WHIP, levels=(3.0, 30.0), lines=20), static(WHIRL_WHIP)]
+    response = data[0].response.copy()
+    response[np.random.default_rng(0).choice(response.size, 6, replace=False)] *= 1.15
+    data[0] = replace(data[0], response=response)
+    both(model, data, known={"Ds": 25.0, "K3": 6000.0, "sigma": 1.0}, loss="huber")
 
 
 def test_a_law_of_the_speed() -> None:

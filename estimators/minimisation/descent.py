@@ -186,7 +186,8 @@ class Minimisation:
     def assess(self, point: _Point) -> _Candidate:
         """The step that remains, relative to the misfit or to the parameters, whichever is smaller."""
         step = self._newton_step(point, point.matrix)
-        offset = math.sqrt(max(float(step @ point.matrix @ step), 0.0) / 2)
+        gain = -float(point.gradient @ step) - float(step @ point.matrix @ step) / 2  # linear towards a bound
+        offset = math.sqrt(max(gain, 0.0))
         least_size = 1e-3  # of a scaled variable, against which its change is judged
         change = float((np.abs(step) / np.maximum(np.abs(point.u), least_size)).max())
         change_weight = 100.0  # a relative change of the parameters must be this much smaller than an offset
@@ -243,11 +244,11 @@ class Minimisation:
             if candidate.offset > slow_share * before.offset:
                 return
 
-    def descend(self) -> None:
-        """Gauss-Newton steps, shortened after Marquardt where one does not lower the cost."""
+    def descend(self, enough: float = HANDOVER_OFFSET) -> None:
+        """Gauss-Newton steps down to an offset, shortened after Marquardt where one does not lower the cost."""
         least, most = 1e-6, 1e12  # damping, in units of the diagonal of the Gauss-Newton matrix
         damping = 0.0
-        while self.best.offset > HANDOVER_OFFSET and damping <= most and not self.exhausted():
+        while self.best.offset > enough and damping <= most and not self.exhausted():
             before = self.best
             diagonal = before.point.matrix.diagonal()
             matrix = before.point.matrix + np.diag(damping * np.where(diagonal > 0, diagonal, 1.0))

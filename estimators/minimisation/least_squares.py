@@ -64,6 +64,10 @@ def minimise(
     run = Minimisation(objective, x, bounds, exact_scale(scales), options)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # a trial point may well be absurd
         status = _descend(run, graph)
+        if status is Status.STALLED:  # where the exact Hessian leads nowhere, as between kinks of a robust loss
+            run.descend(options.acceptable)
+            run.refine()
+            status = run.status()
     best = run.best
     if status is Status.INFEASIBLE_START:
         return Solution(
