@@ -5,6 +5,7 @@ from __future__ import annotations
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.legend import Legend
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
@@ -153,6 +154,10 @@ def test_figures_of_results_take_axes_and_units_too(fit: rf.FitResult) -> None:
         if name in ("prediction", "judgement", "plan", "profile", "coefficients"):
             assert any("Hz" in label for label in labels), (name, labels)
             assert not any("rpm" in label for label in labels), (name, labels)
+        if name == "judgement":
+            (legend,) = figure.findobj(Legend)
+            words = [text.get_text() for text in legend.get_texts()]
+            assert any(word.startswith("forward mode, ") and word.endswith(" Hz at 25 Hz") for word in words)
         plt.close(figure)
     first, second = plt.subplots(2)[1]
     assert prediction.plot(ax=[first, second], unit=("hz", "mil_pp")) is first.figure

@@ -160,6 +160,10 @@ def test_what_a_prediction_cannot_know_is_said() -> None:
     fit, inside = drawn(False)[0]
     assert any("speeds" in note and "outside the tested" in note for note in inside.notes)
     assert fit.predict(200.0, 120.0, force_plane="disk").notes == ()
+    (both,) = fit.predict(200.0, [80.0, 120.0, 200.0], force_plane="disk").notes
+    assert both.startswith(
+        "Extrapolated: 2 of 3 speeds, 763.94 and 1909.9 rpm, lie outside the tested 954.93 to 1718.9"
+    )
     with pytest.raises(ValueError, match="unstable at"):
         fit.predict(200.0, 2000.0, force_plane="disk")
     with pytest.raises(ValueError, match="force_plane is needed: one of disk, journal"):

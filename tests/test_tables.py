@@ -35,6 +35,7 @@ def test_a_fit_as_a_table(rig_fit: rf.FitResult) -> None:
 def test_fits_side_by_side(rig_fit: rf.FitResult) -> None:
     larger = rf.fit(rf.models.WhirlWhip(blocks=("coupling_mass",)), rig_fit.experiments, known={"K3": 6000.0})
     both = rf.compare([rig_fit, larger])
+    assert f"{rig_fit.params['D']}".split(" N")[0] in str(both)  # with the systematic share, as where it stands alone
     assert next(iter(both.fits)) == "whirl-whip 2"  # of smaller AIC
     odds = both.weights["whirl-whip 1"] / both.weights["whirl-whip 2"]
     assert odds == pytest.approx(np.exp((larger.aic - rig_fit.aic) / 2))

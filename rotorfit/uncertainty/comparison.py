@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Unpack
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Unpack
 import numpy as np
 
 from rotorfit.data.figure_keywords import PlotKeywords
-from rotorfit.fitting.digits import with_error
+from rotorfit.fitting.digits import plus_minus
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Float
 from rotorfit.models.text_table import Printed, text_table
@@ -17,6 +18,8 @@ from rotorfit.models.text_table import Printed, text_table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
+
+_ERRORS = "errors include the systematic share; fit.params[name].stderr is the statistical one"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -37,7 +40,7 @@ class Comparison(Printed):
         return tuple(dict.fromkeys(p.name for fit in self.fits.values() for p in fit.params.values() if p.vary))
 
     def to_dataframe(self) -> DataFrame:
-        """A row a fit: AIC, weight, redchi, then values and standard errors.
+        """A row a fit: AIC, weight, redchi, then values, standard errors and systematic shares.
 
         Example:
             >>> list(rf.compare([fit]).to_dataframe().columns[:3])
@@ -53,6 +56,7 @@ class Comparison(Printed):
                 p = fit.params.get(parameter)
                 row |= {parameter: np.nan if p is None else p.value}
                 row |= {f"{parameter}_stderr": np.nan if p is None else p.stderr}
+                row |= {f"{parameter}_systematic": np.nan if p is None else p.systematic}
             rows.append(row)
         return DataFrame(rows)
 
@@ -80,7 +84,8 @@ class Comparison(Printed):
         width = max(22, *(len(name) + 1 for name in self.fits))
         text = text_table(rows, "<16 " + " ".join([f">{width}"] * len(self.fits)))
         failed = [name for name, fit in self.fits.items() if not fit.success]
-        return "\n".join([*text, *(f"{name} did not converge" for name in failed)])
+        shares = [] if not any(fit.assumed.entries for fit in self.fits.values()) else [_ERRORS]
+        return "\n".join([*text, *shares, *(f"{name} did not converge" for name in failed)])
 
 
 def compare(fits: FitResult | Sequence[FitResult] | Mapping[str, FitResult]) -> Comparison:
@@ -155,4 +160,4 @@ def _shown(fit: FitResult, name: str) -> str:
         return ""
     if not p.vary:
         return f"{p.value:.6g} known"
-    return " +- ".join(with_error(p.value, p.stderr)) if p.resolved else "not determined"
+    return plus_minus(p.value, math.hypot(p.stderr, p.systematic)) if p.resolved else "not determined"

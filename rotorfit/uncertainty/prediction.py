@@ -501,13 +501,16 @@ def extrapolation(what: str, values: Float, tested: Sequence[Float]) -> list[str
             here = np.sign(values) == sign
             low[here], high[here] = same.min(), same.max()
     margin = SPEED_TOLERANCE * np.abs(known).max(initial=0.0)
-    outside = (values < low - margin) | (values > high + margin)
-    if not outside.any():
+    sides = [values[values < low - margin] * RPM_PER_RAD_S, values[values > high + margin] * RPM_PER_RAD_S]
+    count = sum(side.size for side in sides)
+    if not count:
         return []
-    ends = np.unique(values[outside] * RPM_PER_RAD_S)
-    count = np.count_nonzero(outside)
-    where = f"{ends[0]:.5g} to {ends[-1]:.5g} rpm" if ends.size > 1 else f"{ends[0]:.5g} rpm"
-    return [
-        f"Extrapolated: {count} of {values.size} {what}, {where}, {'lie' if count > 1 else 'lies'} outside the tested "
-        f"{known.min() * RPM_PER_RAD_S:.5g} to {known.max() * RPM_PER_RAD_S:.5g} rpm."
-    ]
+    where = " and ".join(_span(side.min(), side.max()) for side in sides if side.size)
+    tested_span = _span(known.min() * RPM_PER_RAD_S, known.max() * RPM_PER_RAD_S)
+    verb = "lie" if count > 1 else "lies"
+    return [f"Extrapolated: {count} of {values.size} {what}, {where} rpm, {verb} outside the tested {tested_span} rpm."]
+
+
+def _span(low: float, high: float) -> str:
+    ends = f"{low:.5g}", f"{high:.5g}"
+    return ends[0] if ends[0] == ends[1] else " to ".join(ends)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from rotorfit.plots.style import (
     per_rad_s,
     prefix,
     rate_unit,
+    rate_words,
 )
 from rotorfit.uncertainty.stability.record import SENSITIVITY
 
@@ -70,7 +72,13 @@ def _limit(report: StabilityReport, axis: Any) -> None:
 
 def _decrements(report: StabilityReport, axis: Any) -> None:
     damped = 3.0  # above which curves are cut off: such a mode is no question of stability
-    shown = [curve for curve in report.decrement if np.min(curve.y) < damped]
+    forward = sorted((m for m in report.modes if m.direction == "forward"), key=lambda mode: mode.frequency)
+    at = rate_words(report.running[1])
+    shown = [
+        replace(curve, label=f"forward mode, {rate_words(mode.frequency)} at {at}")
+        for curve, mode in zip(report.decrement, forward, strict=True)
+        if np.min(curve.y) < damped
+    ]
     _draw(axis, shown, per_rad_s(), 1.0)
     _running(report, axis)
     _limit(report, axis)
