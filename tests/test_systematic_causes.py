@@ -195,6 +195,23 @@ def test_one_speed_leaves_a_plausible_change_that_the_user_may_replace() -> None
     # The threshold is (1/lam) sqrt((K + K0)/M) but for Ds: lam changes by 5 % of the way beyond the tested speed.
     assert onset.systematic == pytest.approx(0.05 * (onset.value / test.speeds[0] - 1) * onset.value, rel=0.1)
     assert rising.systematic("lam") == 0
+    # Drawn rotors have a lam of their own at the speed that is judged: 1.5 % of 4000 quantiles is their chance.
+    report = rising.stability_report(max_speed_rpm=1.2 * test.speeds[0] * 30 / np.pi)
+    ends = np.array(report.criteria[1].interval) * 1.2 * test.speeds[0]
+    np.testing.assert_allclose(ends, rising.interval("threshold_speed"), rtol=0.015)
+    low, high = report.criteria[0].interval
+    assert high - low > 0.05 * report.criteria[0].value
+
+
+def test_a_rotor_that_a_found_cause_makes_unstable_is_not_called_surely_stable() -> None:
+    """With a second seal of 10 % at the disk the rotor is unstable at half the threshold that the fit has."""
+    rng = np.random.default_rng(4)
+    rig, test = CAUSES["second seal at the disk, 10 %"][1](chain(rng), rng)
+    fit = rf.fit(rf.models.WhirlWhip(), measured(rig, test, rng), known=rig.known)
+    speed = 1.05 * rig.truth()["threshold_speed"]
+    assert fit.threshold_speed().value > speed
+    report = fit.stability_report(max_speed_rpm=speed * 30 / np.pi)
+    assert all(criterion.probability < 0.95 for criterion in report.criteria)
 
 
 @pytest.mark.slow

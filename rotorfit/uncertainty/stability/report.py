@@ -15,7 +15,6 @@ from rotorfit.estimators.inference.identifiability import UNSEEN_CHANGE
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.models.motion.neglected_terms import onset_shift
 from rotorfit.models.motion.stability import threshold_speeds
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.shafts.plane_forces import loop_stiffness
@@ -280,10 +279,8 @@ def _thresholds(fit: FitResult, group: int, rotors: Rotors) -> Float:
         speed = threshold_speeds(fit.model, rotors.theta, band=fit.stability_band)[0]
     else:
         speed = onsets_of(fit, rotors.theta, group, seed=0).speed
-    onset = fit.onset(group) if rotors.terms else None
-    if onset is not None and onset.speed > 0:  # unstable from standstill on, a rotor has no threshold that moves
-        shifts = [onset_shift(fit.model, fit.thetas[group], onset, term) for term in rotors.terms]
-        speed = speed + rotors.sizes @ np.array(shifts)
+    if rotors.onset_shifts:
+        speed = np.maximum(speed + rotors.sizes @ np.array(rotors.onset_shifts), 0.0)
     return np.where(np.isnan(speed), np.inf, speed)
 
 

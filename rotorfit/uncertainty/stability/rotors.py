@@ -8,9 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rotorfit.estimators.inference.left_out_columns import Term
+from rotorfit.estimators.inference.smooth_causes import Cause, Kind, Part, beyond, changed_values, onset_terms
 from rotorfit.estimators.matching import matched
+from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN, Assumption
 from rotorfit.fitting.result import FitResult
-from rotorfit.models import RotorModel
+from rotorfit.models import RotorModel, Threshold
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.motion.neglected_terms import LeftOut, eigenvalues_with
 from rotorfit.models.motion.stability import spectrum
@@ -28,8 +31,10 @@ class Rotors:
 
     model: RotorModel  # the model
     theta: Float  # parameter vectors, shape ``(W, P)``
-    terms: tuple[LeftOut, ...]  # of the equation of motion that the model leaves out
+    # of the equation of motion that the model leaves out, and changes of its values with speed
+    terms: tuple[LeftOut | Part, ...]
     sizes: Float  # of these terms in each rotor, shape ``(W, T)``
+    onset_shifts: tuple[float, ...] = ()  # change of the threshold speed by a unit of each term, rad/s
     # cross-coupled stiffness at planes, N/m, which drives forward whirl; by plane, each shape ``(W,)``
     coupling: Mapping[str, Float]
 
@@ -71,14 +76,26 @@ class Rotors:
 
     def _with_terms(self, motion: ComplexArray, speed: float, s: ComplexArray) -> ComplexArray:
         """Eigenvalues ``(W, modes)`` moved by the left-out terms."""
-        if not self.terms:
+        own = [k for k, term in enumerate(self.terms) if isinstance(term, LeftOut)]
+        if not own:
             return s
-        return matched(eigenvalues_with(self.model, motion, speed, s, self.terms, self.sizes), s)
+        terms = [term for term in self.terms if isinstance(term, LeftOut)]
+        return matched(eigenvalues_with(self.model, motion, speed, s, terms, self.sizes[:, own]), s)
+
+    def at(self, speed: Float, some: slice = slice(None)) -> Float:
+        """Parameter vectors at speeds ``(S,)``, shape ``(W, S, P)``."""
+        theta = self.theta[some, None]
+        changes = np.zeros((len(theta), speed.size, theta.shape[-1]))
+        for number, part in enumerate(self.terms):
+            if isinstance(part, Part):
+                grown = self.sizes[some, number, None] * beyond(part, np.abs(speed))
+                changes += grown[..., None] * changed_values(self.model, theta, part.value)
+        return theta + changes
 
     def _motion(self, speed: float) -> ComplexArray:
         """Coefficient matrices of free motion with the coupling, shape ``(W, order + 1, n, n)``."""
         model = self.model
-        motion = np.array(model.motion(self.theta, np.full(len(self.theta), speed)))
+        motion = np.array(model.motion(self.at(np.array([speed]))[:, 0], np.full(len(self.theta), speed)))
         at = np.arange(motion.shape[-1]) if model.shaft is None else model.shaft.at
         for plane, stiffness in self.coupling.items():
             for i, j, unit in _skew(model, plane):
@@ -93,7 +110,7 @@ class Rotors:
         blocks = []
         for first in range(0, len(self.theta), _BLOCK):
             some = slice(first, first + _BLOCK)
-            stiffness: ComplexArray = model.dynamic_stiffness(self.theta[some, None], speed, speed)
+            stiffness: ComplexArray = model.dynamic_stiffness(self.at(speed, some), speed, speed)
             stiffness = stiffness + self._added(np.asarray(1j * speed), speed, some)
             phasors = np.linalg.solve(stiffness, np.broadcast_to(force[..., None], (*stiffness.shape[:-1], 1)))
             blocks.append(_deflection(np.asarray(phasors[..., read, 0])))
@@ -109,10 +126,10 @@ class Rotors:
         speeds, blocks = np.full(w.size, speed), []
         for first in range(0, len(self.theta), _BLOCK):
             some = slice(first, first + _BLOCK)
-            theta = self.theta[some]
-            stiffness: ComplexArray = model.dynamic_stiffness(theta[:, None], w, speeds)
+            theta = self.at(np.array([speed]), some)
+            stiffness: ComplexArray = model.dynamic_stiffness(theta, w, speeds)
             stiffness = stiffness + self._added(s, speeds, some)
-            force = loop_stiffness(model, theta, s, speed, plane)
+            force = loop_stiffness(model, theta[:, 0], s, speed, plane)
             blocks.append(np.abs(1 - np.linalg.inv(stiffness)[..., at, at] * force))
         return np.concatenate(blocks)
 
@@ -121,6 +138,8 @@ class Rotors:
         size = len(self.model.coordinates)
         total = np.zeros((len(self.theta[some]), s.size, size, size), dtype=complex)
         for number, term in enumerate(self.terms):
+            if isinstance(term, Part):
+                continue
             factor = self.sizes[some, number, None] * term.factor(s, speed)
             for i, j, weight in term.entries:
                 total[..., i, j] += weight * factor
@@ -186,7 +205,10 @@ def drawn_rotors(fit: FitResult, group: int, draws: int, thetas: Float | None = 
     of it moves the parameters along."""
     rng = np.random.default_rng(0)
     theta = _scattered(fit, group, draws, rng) if thetas is None else thetas.copy()
-    names, terms, sizes, planes = fit.model.parameter_names, [], [], has_planes(fit.model)
+    names, planes, onset = fit.model.parameter_names, has_planes(fit.model), fit.onset(group)
+    terms: list[LeftOut | Part] = []
+    sizes: list[Float] = []
+    onset_shifts: list[float] = []
     for entry in fit.assumed.entries:
         size = entry.left * rng.normal(size=len(theta))
         for name, shift in entry.shifts.items():
@@ -194,11 +216,42 @@ def drawn_rotors(fit: FitResult, group: int, draws: int, thetas: Float | None = 
                 theta[:, names.index(name)] += shift * size
         if isinstance(entry.acts, int):
             theta[:, entry.acts] += size
-        elif isinstance(entry.acts, LeftOut) and planes:
-            terms.append(entry.acts)
-            sizes.append(size)
+        elif entry.acts is not None and planes:
+            own, shares = _acting(entry.acts)
+            terms += own
+            sizes += [share * size for share in shares]
+            onset_shifts += [_onset_shift(fit, group, onset, entry), *[0.0] * (len(own) - 1)] if own else []
     columns = np.column_stack(sizes) if sizes else np.zeros((len(theta), 0))
-    return Rotors(model=fit.model, theta=theta, terms=tuple(terms), sizes=columns, coupling={})
+    return Rotors(
+        model=fit.model,
+        theta=theta,
+        terms=tuple(terms),
+        sizes=columns,
+        onset_shifts=tuple(onset_shifts),
+        coupling={},
+    )
+
+
+def _acting(term: Term) -> tuple[list[LeftOut | Part], list[float]]:
+    """What of a term acts on the rotor beside the parameters, and the share of its size that each has. The damping of
+    hysteresis is that of a forward whirl, which may become unstable."""
+    if isinstance(term, LeftOut):
+        return [term], [1.0]
+    if not isinstance(term, Cause):
+        return [], []
+    if term.kind in (Kind.SPEED, Kind.BEND):
+        return list(term.parts), term.shares.tolist()
+    own = onset_terms(term, 1.0)
+    return list(own), [1.0] * len(own)
+
+
+def _onset_shift(fit: FitResult, group: int, onset: Threshold | None, entry: Assumption) -> float:
+    """Change of the threshold speed by a unit of what acts, the parameters held, rad/s; none where it does not move."""
+    if onset is None or THRESHOLD_COLUMN not in entry.shifts:
+        return 0.0
+    moved = np.array([entry.shifts[name] for name in fit.problem.space.names])
+    slopes = fit.problem.space.pull_back(np.asarray(onset.gradient), group)[: moved.size]
+    return float(entry.shifts[THRESHOLD_COLUMN] - slopes @ moved)
 
 
 def _scattered(fit: FitResult, group: int, draws: int, rng: np.random.Generator) -> Float:
