@@ -31,12 +31,15 @@ def add_figure_format(to: argparse.ArgumentParser, *, may_lack: bool = False) ->
     """Format of the figures in the folder for results, and of a report, whether it has figures and which."""
     one = to.add_mutually_exclusive_group()
     one.add_argument(
-        "--figure-format", choices=("png", "pdf", "svg"), default="png", help="of the figures in --out [%(default)s]"
+        "--figure-format",
+        choices=("png", "pdf", "svg"),
+        default="png",
+        help="format of the figures in --out [%(default)s]",
     )
     if may_lack:
-        words = "no figures in --out: tables, report and files that read back only"
+        words = "write no figures in --out, only tables, report and data files"
         one.add_argument("--no-figures", dest="figure_format", action="store_const", const="none", help=words)
-        words = "Bode plots in the report to zoom and to point at; needs plotly, and makes the file 5 MB larger"
+        words = "add Bode plots to the report that can be zoomed and clicked; needs plotly and 5 MB"
         to.add_argument("--interactive", action="store_true", help=words)
 
 
@@ -73,7 +76,7 @@ def add_files(to: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="PLANE=X:Y",
-        help="where the probes named x and y sit, degrees from X towards Y",
+        help="angles of the probes named x and y, degrees from X towards Y",
     )
     to.add_argument(
         "--slow-roll-below",
@@ -83,7 +86,7 @@ def add_files(to: argparse.ArgumentParser) -> None:
     )
     to.add_argument("--speed", type=float, metavar="RPM", help="rotative speed, for universal files without it")
     to.add_argument(
-        "--axes", metavar="AB", help="which directions of a universal file are x and y: yz for a shaft along its x [xy]"
+        "--axes", metavar="AB", help="directions of a universal file that are x and y: yz for a shaft along its x [xy]"
     )
     to.add_argument("--sheet", metavar="NAME", help="sheet of an Excel file [the first]")
     to.add_argument(
@@ -91,19 +94,23 @@ def add_files(to: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="[FILE:]COLUMN=VALUE",
-        help="column that a table does not have, with one value throughout: force_plane=disk, mr_g_mm=30; of several "
-        "files for the one that is named, trial.csv:mr_g_mm=30",
+        help="value of a column that a table lacks: force_plane=disk, mr_g_mm=30; for one of several files: "
+        "trial.csv:mr_g_mm=30",
     )
     to.add_argument(
         "--column",
         action="append",
         default=[],
         metavar="NAME=COLUMN",
-        help="a column of a table (in a machine's export: a channel) under the name that rotorfit knows",
+        help="rotorfit's name of a column (in a machine's export: of a channel)",
     )
-    rows = "readings by attribute (run, speed_rpm, plane, a column of the file): a value, or a range of numbers LO:HI"
+    rows = "readings by attribute (run, speed_rpm, plane, a column of the file): a value or a range LO:HI"
     to.add_argument(
-        "--where", action="append", default=[], metavar="NAME=VALUE", help=f"only {rows}; again for a further value"
+        "--where",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help=f"keep only {rows}; repeat it for a further value",
     )
     to.add_argument("--exclude", action="append", default=[], metavar="NAME=VALUE", help=f"leave out {rows}")
     to.add_argument(
@@ -114,13 +121,16 @@ def add_files(to: argparse.ArgumentParser) -> None:
 def add_setup(to: argparse.ArgumentParser) -> None:
     """Setup of the rig for recordings."""
     to.add_argument(
-        "--setup", type=Path, metavar="rig.toml", help="channels of the recordings; all files are recordings then"
+        "--setup",
+        type=Path,
+        metavar="rig.toml",
+        help="setup of the rig with the channels of recordings; all files are then recordings",
     )
     to.add_argument(
         "--windows",
         type=count_word,
         metavar="TURNS",
-        help="vectors of recordings by windows of whole turns: for rotors that are not linear",
+        help="reduce recordings by windows of so many turns, for nonlinear rotors",
     )
 
 

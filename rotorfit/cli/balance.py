@@ -43,7 +43,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="[PLANE=]G_MM",
-        help="largest weight, mass times radius, of every plane or of one; again for a further plane",
+        help="largest weight, mass times radius, of every plane or of one; repeat it for a further plane",
     )
     to.add_argument(
         "--holes",

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rotorfit.cli.errors import ExitCode, checked
 
-DESCRIPTION = "look at tests and recordings, fit and judge them in a browser, on this machine alone"
+DESCRIPTION = "view, fit and judge tests and recordings in a browser, on this machine only"
 
 
 def add_options(to: argparse.ArgumentParser) -> None:
@@ -20,7 +20,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="test files and recordings, or a folder of them [this folder]; nothing outside their folder is touched",
     )
-    to.add_argument("--port", type=int, default=0, metavar="N", help="of the server [any that is free]")
+    to.add_argument("--port", type=int, default=0, metavar="N", help="port of the server [any free one]")
     to.add_argument("--no-browser", action="store_true", help="print the address and start no browser")
 
 

@@ -33,22 +33,31 @@ def add_options(to: argparse.ArgumentParser) -> None:
     add_model(to, CAMPAIGN)
     to.add_argument("--out", type=Path, help="folder for runs.csv, summary.txt, report.html and trends.png")
     add_figure_format(to)
-    to.add_argument("--split", default="run", metavar="ATTRIBUTE", help="column that parts the runs [%(default)s]")
+    to.add_argument("--split", default="run", metavar="ATTRIBUTE", help="column that separates the runs [%(default)s]")
     to.add_argument("--shared", type=words, default=(), metavar="A,B", help="parameters with one value for all runs")
     to.add_argument(
         "--against", type=words, metavar="A,B", help="columns that trends are shown against: pressure_psi,oil_C"
     )
     to.add_argument("--by", metavar="ATTRIBUTE", help="column that makes groups: inlet")
     to.add_argument(
-        "--degree", type=count_word, default=1, metavar="N", help="of the trends' polynomials; 1: lines [%(default)s]"
+        "--degree",
+        type=count_word,
+        default=1,
+        metavar="N",
+        help="degree of the trends' polynomials; 1: lines [%(default)s]",
     )
     to.add_argument("--follow", type=words, metavar="A,B", help="parameters whose trends are shown [K0, lam, D]")
     add_jobs(to, "reduce recordings and fit")
     to.add_argument(
-        "--store", type=Path, metavar="STORE", help="keep fits as they come; begun again, it takes up there"
+        "--store",
+        type=Path,
+        metavar="STORE",
+        help="store that keeps each fit; the same command continues there after a stop",
     )
     to.add_argument(
-        "--lazy", action="store_true", help="read each file where its runs are fitted, so that no process holds all"
+        "--lazy",
+        action="store_true",
+        help="read each file where its runs are fitted, so that no process holds all data",
     )
     add_output(to)
 

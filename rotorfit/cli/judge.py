@@ -22,16 +22,27 @@ def add_options(to: argparse.ArgumentParser) -> None:
     to.add_argument("fit", type=Path, metavar="FIT.json", help="a saved fit, fit.json of a folder with results")
     to.add_argument("--max-speed", type=positive_word, metavar="RPM", help="highest running speed [highest tested]")
     to.add_argument("--min-speed", type=positive_word, metavar="RPM", help="lowest running speed [the highest]")
-    to.add_argument("--min-decrement", type=positive_word, default=0.1, help="log. decrement asked for [%(default)g]")
-    to.add_argument("--min-threshold-ratio", type=positive_word, default=1.0, help="over running speed [%(default)g]")
-    to.add_argument("--cross-coupling", action="append", default=[], metavar="PLANE=N/M", help="anticipated at a plane")
+    to.add_argument("--min-decrement", type=positive_word, default=0.1, help="required log. decrement [%(default)g]")
+    to.add_argument(
+        "--min-threshold-ratio",
+        type=positive_word,
+        default=1.0,
+        help="required threshold speed over running speed [%(default)g]",
+    )
+    to.add_argument(
+        "--cross-coupling",
+        action="append",
+        default=[],
+        metavar="PLANE=N/M",
+        help="anticipated cross-coupled stiffness at a plane, N/m",
+    )
     to.add_argument("--min-cross-coupling-ratio", type=positive_word, default=2.0, help="Q0/Qa [%(default)g]")
     to.add_argument("--unbalance", action="append", default=[], metavar="PLANE=G_MM", help="unbalance at a plane")
     to.add_argument("--plane", metavar="PLANE", help="where unbalance responses are judged [that of the unbalance]")
     to.add_argument("--max-amplitude", type=positive_word, metavar="UM", help="largest deflection at running speeds")
     to.add_argument("--sensitivity", metavar="PLANE", help="bearing whose sensitivity function is judged")
     to.add_argument("--max-sensitivity", type=positive_word, default=3.0, help="its largest value [%(default)g]")
-    case = "a case beside the rotor as identified: factors on parameters, 'smallest clearance:K0=1.3,D=1.5'"
+    case = "a further case, as factors on parameters: 'smallest clearance:K0=1.3,D=1.5'"
     to.add_argument("--case", action="append", default=[], metavar="CASE:NAME=FACTOR", help=case)
     add_group(to)
     to.add_argument("--level", type=positive_word, default=0.95, help="probability of the intervals [%(default)g]")

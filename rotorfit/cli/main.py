@@ -298,7 +298,9 @@ def build_parser() -> argparse.ArgumentParser:
     what = demo.add_mutually_exclusive_group()
     what.add_argument("--from-volts", action="store_true", help="begin with the raw signals of bundled recordings")
     what.add_argument(
-        "--finite-elements", action="store_true", help="a rig of 56 degrees of freedom, which no chain of two masses is"
+        "--finite-elements",
+        action="store_true",
+        help="identify a rig of 56 degrees of freedom instead, which a chain of two masses describes only roughly",
     )
     demo.add_argument("--out", type=Path, default=Path("rotorfit-demo"), help="folder for the results [%(default)s]")
     add_figure_format(demo, may_lack=True)
@@ -308,9 +310,9 @@ def build_parser() -> argparse.ArgumentParser:
     add_jobs(fit, "reduce recordings and fit simulated tests")
     add_figure_format(fit, may_lack=True)
     add_output(fit)
-    run = command("run", "fit as a TOML file says")
+    run = command("run", "fit with the settings of a TOML file")
     run.add_argument("study", type=Path, metavar="STUDY.toml", help="settings of a fit as TOML keys")
-    run.add_argument("--out", type=Path, help="folder for the results, in place of the file's")
+    run.add_argument("--out", type=Path, help="folder for the results, instead of the file's")
     add_jobs(run, "reduce recordings and fit simulated tests")
     add_figure_format(run, may_lack=True)
     add_output(run)
@@ -321,9 +323,9 @@ def build_parser() -> argparse.ArgumentParser:
     trend.add_options(command("trend", trend.DESCRIPTION))
     models = command("models", "list the models and their parameters")
     models.add_argument("name", nargs="?", help="only this one")
-    add_files(command("info", "say what a test file holds and what is odd about it"))
-    shell = command("completion", "print a script that completes rotorfit's words in a shell")
+    add_files(command("info", "summarise a test file with its findings"))
+    shell = command("completion", "print a script that lets a shell complete commands and options")
     shell.add_argument(
-        "shell", choices=("bash", "zsh", "tcsh"), help="the shell; source what is printed where it starts"
+        "shell", choices=("bash", "zsh", "tcsh"), help="the shell; source the printed script when it starts"
     )
     return whole

@@ -13,12 +13,12 @@ from rotorfit.cli.arguments import add_figure_format, add_output
 if TYPE_CHECKING:
     from rotorfit.planning.record import Plan
 
-DESCRIPTION = "plan a test: the errors that it will give, the speeds and lines that deserve its time"
+DESCRIPTION = "plan a test: expected errors, speeds to run, and time for each line"
 
 
 def add_options(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
-    to.add_argument("study", type=Path, metavar="PLAN.toml", help="rotor, noise and what the rig can do, as TOML keys")
+    to.add_argument("study", type=Path, metavar="PLAN.toml", help="rotor, noise and limits of the rig as TOML keys")
     to.add_argument(
         "--out", type=Path, help="folder for plan.csv to fill in, lines.csv, summary.txt and plan.png, in place of the "
         "file's",

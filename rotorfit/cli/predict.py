@@ -27,7 +27,9 @@ def add_options(to: argparse.ArgumentParser) -> None:
     span = "A,B|LO:HI:N"
     to.add_argument("--speed", type=numbers, required=True, metavar=span, help="rotative speeds, rpm")
     how = to.add_mutually_exclusive_group()
-    how.add_argument("--frequency", type=numbers, metavar=span, help="of the force, rpm; negative is backward [tested]")
+    how.add_argument(
+        "--frequency", type=numbers, metavar=span, help="frequencies of the force, rpm; negative is backward [tested]"
+    )
     how.add_argument("--synchronous", action="store_true", help="the force turns with the shaft, as an unbalance does")
     size = to.add_mutually_exclusive_group()
     size.add_argument("--force", type=positive_word, metavar="N", help="size of the force [1]")
@@ -37,8 +39,8 @@ def add_options(to: argparse.ArgumentParser) -> None:
     to.add_argument("--direction", metavar="X", help="x or y, of models that keep both apart")
     add_group(to)
     to.add_argument("--level", type=positive_word, default=0.95, help="probability that a band holds [%(default)g]")
-    to.add_argument("--whole", action="store_true", help="bands that hold whole curves, not each point by itself")
-    to.add_argument("--statistical", action="store_true", help="bands without what the model leaves out")
+    to.add_argument("--whole", action="store_true", help="bands that hold for whole curves, not point by point")
+    to.add_argument("--statistical", action="store_true", help="bands without the systematic share")
     to.add_argument("--out", type=Path, help="folder for prediction.csv, summary.txt and prediction.png")
     add_figure_format(to)
     add_output(to)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rotorfit.recordings.rig.setup import RigSetup
 
 TEMPLATE = "print an example file with comments, or a setup, rig.toml, to fill in for a recording of raw signals"
-LOOK = "say what recordings of raw signals hold and what is odd about them, and draw it"
+LOOK = "summarise recordings of raw signals with their findings, and draw them"
 FORMATS = "recording (.h5 .tdms .mat .npz .wav .uff .csv .parquet)"
 
 
@@ -39,7 +39,9 @@ def add_look_options(to: argparse.ArgumentParser) -> None:
     """Options of ``rotorfit look``."""
     to.add_argument("files", nargs="+", type=Path, metavar="FILE", help=FORMATS)
     to.add_argument("--setup", type=Path, metavar="RIG.toml", help="setup of the rig, see `rotorfit template`")
-    to.add_argument("--out", type=Path, metavar="DIR", help="folder for the figures; without it, words only")
+    to.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for the figures; without it only the summary is printed"
+    )
     to.add_argument("--plane", help="only this plane")
     to.add_argument("--at", type=float, metavar="S", help="time of the time base and the orbits [the middle]")
     to.add_argument(
@@ -48,7 +50,7 @@ def add_look_options(to: argparse.ArgumentParser) -> None:
     to.add_argument(
         "--slow-roll",
         metavar="RPM|FILE",
-        help="take run-out out of the signals, as the shaft shows it below a speed, or a recording of slow turning",
+        help="subtract run-out, from the part below this speed or from a recording of slow turning",
     )
     to.add_argument("--quiet", action="store_true", help="print no progress and no summary")
 

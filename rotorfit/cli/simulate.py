@@ -20,7 +20,7 @@ _LISTS = {
     "--speed-rpm": "rotative speeds",
     "--frequency-rpm": "perturbation frequencies; negative is backward, see also --backward",
     "--force": "sizes of the rotating force, N",
-    "--unbalance": "m r, kg m, in place of --force; the calibration weight of a synchronous test",
+    "--unbalance": "unbalance m r, kg m, instead of --force; the calibration weight of a synchronous test",
     "--amplitude-um": "radii of an imposed orbit",
     "--load": "constant loads, N",
     "--sweep-rpm": "first and last frequency of a sweep that is recorded",
@@ -49,14 +49,14 @@ def add_options(to: argparse.ArgumentParser) -> None:
     to.add_argument("--kind", default="perturbation", help="perturbation, static-load, impulse, ... [%(default)s]")
     for name, help_text in _LISTS.items():
         to.add_argument(name, type=numbers, metavar="A,B|LO:HI:N", help=help_text)
-    to.add_argument("--backward", action="store_true", help="the same frequencies backward as well")
+    to.add_argument("--backward", action="store_true", help="add the same frequencies backward")
     to.add_argument("--load-deg", type=float, default=-90.0, metavar="DEG", help="direction of the load [%(default)g]")
     for name, (metavar, help_text) in _NUMBERS.items():
         to.add_argument(name, type=float, metavar=metavar, help=help_text)
     for name, help_text in _WORDS.items():
         to.add_argument(name, metavar=name[2:].upper(), help=help_text)
     to.add_argument("--force-planes", type=words, metavar="A,B", help="planes that are forced [all]")
-    to.add_argument("--noise", type=float, default=0.01, help="over the rms reading of a run [%(default)g]")
+    to.add_argument("--noise", type=float, default=0.01, help="noise over the rms reading of a run [%(default)g]")
     to.add_argument("--seed", type=whole_word, default=0, help="of the noise [%(default)s]")
     where = to.add_mutually_exclusive_group(required=True)
     where.add_argument("--out", type=Path, metavar="FILE", help="file to write (.csv .uff .nc .mat)")

@@ -32,7 +32,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
         added.add_argument("store", type=Path, metavar="STORE", help="the file, machine.db for instance")
         return added
 
-    adding = action("add", _add, "add test files, and fit them as a study says; nothing is fitted twice")
+    adding = action("add", _add, "add test files and fit them with the settings of a study; nothing is fitted twice")
     adding.add_argument(
         "files", nargs="+", type=Path, metavar="FILE", help="test files, recordings, folders with one test's recordings"
     )
@@ -40,7 +40,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
     add_jobs(adding, "fit")
     add_output(adding)
     add_output(action("list", _list, "list tests and fits"))
-    follow = action("trend", _trend, "say what changed over time in fitted values")
+    follow = action("trend", _trend, "report changes of fitted values over time")
     follow.add_argument("--study", type=Path, metavar="STUDY.toml", help="settings of the fits [the only ones]")
     add_followed(follow)
     follow.add_argument("--false-alarm", type=positive_word, default=0.01, metavar="P", help="see `rotorfit trend`")
@@ -54,23 +54,23 @@ def add_options(to: argparse.ArgumentParser) -> None:
         help="folder for fit.json, the tests as netCDF files, and posterior.nc, profiles.csv, bootstrap.csv",
     )
     add_output(getting)
-    add_output(action("check", _check, "look for damage: every page, test and fit"))
+    add_output(action("check", _check, "look for damage in every page, test and fit"))
 
 
 def add_study(to: argparse.ArgumentParser, *, required: bool = False) -> None:
     """The study, the rig, the machine."""
     to.add_argument(
-        "--study", type=Path, metavar="STUDY.toml", required=required, help="fit as this file says; its files are "
+        "--study", type=Path, metavar="STUDY.toml", required=required, help="settings of the fits; its files are "
         "patterns of names",
     )  # fmt: skip
     to.add_argument("--setup", type=Path, metavar="rig.toml", help="channels of recordings")
-    to.add_argument("--machine", default="", metavar="NAME", help="of tests that do not name their machine")
+    to.add_argument("--machine", default="", metavar="NAME", help="machine of tests that do not name one")
 
 
 def add_followed(to: argparse.ArgumentParser) -> None:
     """Quantities that are followed."""
     to.add_argument("--follow", type=words, metavar="A,B", help="values to follow [K0, lam, D, threshold_speed]")
-    to.add_argument("--since", default="", metavar="DATE", help="leave out tests before")
+    to.add_argument("--since", default="", metavar="DATE", help="leave out tests before this date")
 
 
 def run(options: argparse.Namespace) -> int:

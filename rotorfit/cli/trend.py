@@ -1,4 +1,4 @@
-"""``rotorfit trend``: follow dated tests of one machine and say what changed."""
+"""``rotorfit trend``: follow dated tests of one machine and report changes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 DESCRIPTION = (
     "follow the observed stiffness, mass and damping of dated tests of one machine, or dK/K of saved fits (.json) of "
-    "a shaft that is not round, and say what changed"
+    "a shaft that is not round, and report changes"
 )
 
 
@@ -29,7 +29,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
         type=positive_word,
         default=0.01,
         metavar="P",
-        help="probability of seeing a change where there is none [%(default)g]",
+        help="probability of reporting a change when there is none [%(default)g]",
     )
     to.add_argument("--out", type=Path, help="folder for trend.csv, summary.txt and trend.png")
     add_output(to)

@@ -18,7 +18,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
     add_setup(to)
     to.add_argument("--out", type=Path, required=True, metavar="FILE", help="file to write (.csv .uff .nc .mat)")
     add_jobs(to, "reduce recordings")
-    to.add_argument("--quiet", action="store_true", help="neither progress nor what was found")
+    to.add_argument("--quiet", action="store_true", help="print neither progress nor findings")
 
 
 def run(options: argparse.Namespace) -> int:

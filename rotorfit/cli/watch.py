@@ -31,7 +31,9 @@ DESCRIPTION = "watch a folder: fit tests and recordings as they arrive, keep a h
 
 def add_options(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
-    to.add_argument("folder", type=Path, metavar="FOLDER", help="where files arrive; a folder in it is one test")
+    to.add_argument(
+        "folder", type=Path, metavar="FOLDER", help="folder in which files arrive; a folder in it is one test"
+    )
     add_study(to, required=True)
     to.add_argument("--store", type=Path, required=True, metavar="STORE", help="machine.db; machine.html is beside it")
     add_followed(to)
@@ -53,11 +55,17 @@ def add_options(to: argparse.ArgumentParser) -> None:
     to.add_argument("--on-alarm", default="", metavar="CMD", help="program and arguments; it reads the alarm as JSON")
     add_jobs(to, "fit")
     to.add_argument("--once", action="store_true", help="one round, for cron; exit code 3 while an alarm stands")
-    to.add_argument("--every", type=positive_word, default=10.0, metavar="S", help="s between rounds [%(default)g]")
     to.add_argument(
-        "--settle", type=float, default=5.0, metavar="S", help="a file is ready unchanged for so long [%(default)g]"
+        "--every", type=positive_word, default=10.0, metavar="S", help="seconds between rounds [%(default)g]"
     )
-    to.add_argument("--json", action="store_true", help="print events as JSON, one a line")
+    to.add_argument(
+        "--settle",
+        type=float,
+        default=5.0,
+        metavar="S",
+        help="seconds for which a file must not change before it is read [%(default)g]",
+    )
+    to.add_argument("--json", action="store_true", help="print events as JSON, one per line")
     to.add_argument("--quiet", action="store_true", help="print alarms only")
 
 

@@ -48,7 +48,7 @@ class FitOptions:
     """Options of a fit as the user gives them, each described once: see :func:`rotorfit.fit`."""
 
     known: Mapping[str, float | None] = option(
-        {}, "not fitted, SI units; NAME=free fits what the model fixes by default", "NAME=VALUE"
+        {}, "known value, SI units; NAME=free fits a parameter that the model fixes by default", "NAME=VALUE"
     )
     bounds: Mapping[str, tuple[float, float]] = option(
         {}, "limits of a parameter, either may be left out", "NAME=LO:HI"
@@ -56,7 +56,7 @@ class FitOptions:
     priors: Mapping[str, Any] = option(
         {}, "Gaussian prior of a parameter (other distributions: `rotorfit run`)", "NAME=MEAN:SD", "--prior"
     )
-    start: Mapping[str, float] = option({}, "start value in place of the one that is found", "NAME=VALUE")
+    start: Mapping[str, float] = option({}, "start value instead of the one that is found", "NAME=VALUE")
     per: Mapping[str, str] = option(
         {},
         "one value for each value of a test attribute, or of several together: D=speed_rpm, D=speed_rpm+pressure_bar",
@@ -70,16 +70,18 @@ class FitOptions:
     )
     method: Method = option(
         "auto",
-        "how the optimum is searched: auto, gauss-newton, or ipopt (on CasADi's own graph where there is one)",
+        "method of the search: auto, gauss-newton, or ipopt (on CasADi's graph if there is one)",
         "NAME",
     )
     stator_mass_kg: float | None = option(
-        None, "mass of a floating stator, kg, that moves beside what the model holds (or a dry run, --baseline)", "KG"
+        None,
+        "mass of a floating stator, kg, which moves with the fluid's motion (instead of a dry run, --baseline)",
+        "KG",
     )
     max_iterations: int = option(200, "limit on the iterations of the search; 200 unless given", "N")
     assumptions: Mapping[str, float] = option(
         {},
-        "standard uncertainty of what the model leaves out or takes as known, Ds[journal]=2: a systematic share",
+        "standard uncertainty of an effect that the model leaves out or a value that it takes as known: Ds[journal]=2",
         "NAME=SD",
         "--assumption",
     )

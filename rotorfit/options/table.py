@@ -28,14 +28,20 @@ class StudyOptions(FitOptions):
         (), "the data's plane names, in the model's order; with --structure the node of each, disk=7,journal=14", "A,B"
     )
     fluid: tuple[str, ...] = option((), "planes in the fluid (--structure), or tags of elements of a ROSS rotor", "A,B")
-    supports: tuple[str, ...] = option((), "planes on supports to be fitted (--structure), or such tags", "A,B")
-    magnetic: tuple[str, ...] = option(
-        (), "planes in magnetic bearings to be fitted with gains and delay (--structure), or such tags", "A,B"
+    supports: tuple[str, ...] = option(
+        (), "planes on supports that are fitted (--structure), or tags of a ROSS rotor", "A,B"
     )
-    damping: tuple[str, ...] = option((), "planes with a damper to be fitted (--structure), or such tags", "A,B")
-    dofs: tuple[str, ...] = option((), "coordinates of a node, where the file of --structure does not say", "x,y,...")
+    magnetic: tuple[str, ...] = option(
+        (), "planes in magnetic bearings whose gains and delay are fitted (--structure), or tags of a ROSS rotor", "A,B"
+    )
+    damping: tuple[str, ...] = option(
+        (), "planes with a damper that is fitted (--structure), or tags of a ROSS rotor", "A,B"
+    )
+    dofs: tuple[str, ...] = option(
+        (), "coordinates of a node, if the file of --structure does not give them", "x,y,..."
+    )
     blocks: tuple[str, ...] = option((), "structural blocks to include", "A,B")
-    two_lam: bool = option(False, "lam_D and lam_M of their own in place of one lam")
+    two_lam: bool = option(False, "fit lam_D and lam_M instead of one lam")
     orthotropic: tuple[str, ...] = option((), "planes whose supports differ in two directions", "A,B")
     law: str = option("", "law of eccentricity: muszynska, even-polynomial, ...", "NAME")
     clearance_um: float | None = option(None, "radial clearance at the fluid, for a law", "UM")
@@ -46,12 +52,14 @@ class StudyOptions(FitOptions):
     gains: str = option("", "modal: a complex gain for each probe, or for each plane", "KIND")
     apart: bool = option(False, "modal: x and y have natural frequencies and damping ratios of their own")
     runout_um: float | None = option(
-        None, "plausible run-out; 1x and 2x of recordings then give unbalance and side load (anisotropic-shaft)", "UM"
+        None,
+        "plausible run-out; with it 1x and 2x of recordings give unbalance and side load (anisotropic-shaft)",
+        "UM",
     )
-    undo: tuple[str, ...] = option((), "errors of the data to undo, by the names that their findings give them", "A,B")
-    refine: bool = option(False, "add structural blocks while the data ask for them (AIC)")
+    undo: tuple[str, ...] = option((), "errors of the data to correct, by the names in their findings", "A,B")
+    refine: bool = option(False, "add structural blocks that the data support (AIC)")
     baseline: str = option(
-        "", "dry run of the rig, whose dynamic stiffness is taken out; read as the first test file is", "FILE"
+        "", "dry run of the rig, whose dynamic stiffness is taken out; it is read like the first test file", "FILE"
     )
     calibration: Mapping[str, float | Mapping[str, float]] = option(
         {}, "systematic uncertainty: probe_gain=0.01, probe_phase_deg=0.5, mr=0.005, keyphasor_deg=1", "NAME=VALUE"
@@ -59,9 +67,9 @@ class StudyOptions(FitOptions):
     profile: tuple[str, ...] = option((), "profile likelihoods: lam,D,threshold_speed", "A,B")
     bootstrap: int = option(0, "simulate and fit N tests", "N")
     sample: bool = option(False, "draw from the posterior with emcee; needs some seconds")
-    seed: int | None = option(None, "of random numbers, for the same draws again", "N")
+    seed: int | None = option(None, "seed of the random numbers; the same seed gives the same draws", "N")
     ess: float = option(4000.0, "effective samples to reach", "ESS")
-    max_steps: int = option(20_000, "steps to stop at in any case", "N")
+    max_steps: int = option(20_000, "largest number of steps", "N")
 
 
 @dataclass(frozen=True, kw_only=True)
