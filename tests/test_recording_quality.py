@@ -149,7 +149,7 @@ def test_missing_and_double_pulses_are_said_by_time_and_the_angle_holds(tmp_path
     found = {finding.code: finding.message for finding in record.findings}
     assert set(found) == {"pulses-missing", "pulses-double"}
     assert "3 pulses missing, after 0.4" in found["pulses-missing"]
-    assert "4 edges too close to others left out, at 0.7" in found["pulses-double"]
+    assert "4 edges that are no pulses left out, at 0.7" in found["pulses-double"]
     inner = np.linspace(0.2, 3.8, 500)
     turns = (record.shaft_angle().angle(inner) - shaft_angle(inner)) / (2 * np.pi)
     np.testing.assert_allclose(turns, np.round(turns.mean()), atol=1e-3)

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import median_filter, percentile_filter
 
+from rotorfit.estimators.signals.pulse_bridges import CHATTER, bridged
 from rotorfit.estimators.signals.pulse_path import steadier
-from rotorfit.models.array_types import Float, Index
+from rotorfit.models.array_types import Bool, Float, Index
 
 NOISE_STEP_OVER_SCATTER = 3.3
 """Distance of the two voltages over their scatter: Gaussian noise cut in two has 2.7, a sine 4.1, a pulse more."""
@@ -21,8 +22,6 @@ _HISTOGRAM_BINS = 512
 """Bins of the histogram of voltages: one is a five-hundredth of their range."""
 _SHORT_INTERVAL = 0.6
 """Interval, in expected ones, below which one of its two edges is one too many."""
-_BOUNCE_INTERVAL = 0.2
-"""The same below which it is the second one: a mark that chatters does so after its edge."""
 _LARGEST_CHANGE_OF_TURN = 0.2
 """Change of a turn against its neighbours that neither a shaft's speed makes within two turns nor the spacing of teeth,
 but an edge too many or too few among three, which changes it by a third."""
@@ -53,6 +52,7 @@ class NumberedPulses:
     missing: Float  # times of the pulses before the gaps, and how many are missing in each, shape ``(G,)`` both
     missing_count: Index  # see ``missing``
     extra: Float  # times of the edges left out
+    unsure: Float  # from when to when it is not certain which edges are pulses, shape ``(U, 2)``
 
 
 def find_levels(voltage: Float, *, edge: str = "", level: float | None = None) -> PulseLevels:
@@ -147,6 +147,7 @@ def number_pulses(times: Float) -> NumberedPulses:
     if kept.size < 4:
         raise ValueError(f"{kept.size} pulses; at least four are needed to know the angle")
     kept, turns = _settled(times, kept, turns)
+    kept, turns, unsure = bridged(times, kept, turns, _uneven(times[kept], turns))
     pulses, extra = times[kept], np.delete(times, kept)
     uneven = uneven_turns(pulses, turns)
     if extra.size > kept.size or uneven.size > 0.2 * turns.size:
@@ -161,14 +162,19 @@ def number_pulses(times: Float) -> NumberedPulses:
         missing=pulses[gaps],
         missing_count=turns[gaps] - 1,
         extra=extra,
+        unsure=np.array(unsure, dtype=float).reshape(-1, 2),
     )
 
 
 def uneven_turns(times: Float, turns: Index) -> Float:
     """Times of the pulses that begin turns unlike the two before and the two after them: a shaft has too much inertia.
     A pulse counted once too often or too seldom makes two of three such turns half or twice as long as the others."""
+    return np.asarray(times[:-1][_uneven(times, turns)])
+
+
+def _uneven(times: Float, turns: Index) -> Bool:
     period = np.diff(times) / turns
-    return np.asarray(times[:-1][np.abs(period / _expected(period) - 1) > _LARGEST_CHANGE_OF_TURN])
+    return np.asarray(np.abs(period / _expected(period) - 1) > _LARGEST_CHANGE_OF_TURN)
 
 
 def _by_neighbours(times: Float) -> tuple[Index, Index]:
@@ -252,7 +258,7 @@ def _without_extra(times: Float) -> tuple[Float, Float]:
         short = np.flatnonzero(intervals < _SHORT_INTERVAL * turn)
         if not short.size:
             break
-        bounce = short[intervals[short] < _BOUNCE_INTERVAL * turn[short]]
+        bounce = short[intervals[short] < CHATTER * turn[short]]
         if bounce.size:
             extra = np.concatenate([extra, kept[bounce + 1]])
             kept = np.delete(kept, bounce + 1)

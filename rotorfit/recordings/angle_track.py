@@ -121,8 +121,15 @@ def _mended(where: str, pulses: NumberedPulses, smooth: SmoothAngle) -> Iterator
             text += f" Of the {longest} in a row after {at:.3f} s it is not certain that they were counted right."
         yield _warning("pulses-missing", f"{where}: {text}")
     if pulses.extra.size:
-        text = f"{pulses.extra.size} edges too close to others left out, at {_times(pulses.extra)}."
+        text = f"{pulses.extra.size} edges that are no pulses left out, at {_times(pulses.extra)}."
         yield _warning("pulses-double", f"{where}: {text}")
+    if pulses.unsure.size:
+        when = listed([f"{begin:.3f} to {end:.3f} s" for begin, end in pulses.unsure])
+        yield _warning(
+            "pulses-unsure",
+            f"{where}: from {when} missing and double pulses stand so close to one another, or to the end, that it is "
+            "not certain which edges are pulses. Where one is wrong the speed (plot_speed) bends: cut that part off.",
+        )
     if smooth.outlying.size:
         text = f"{smooth.outlying.size} pulses far off their place left out, at {_times(smooth.outlying)}."
         if smooth.outlying.size <= _LARGEST_OUTLYING_SHARE * pulses.times.size:
