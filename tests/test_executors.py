@@ -174,6 +174,16 @@ def test_a_fit_and_a_plan_can_be_sent():
     assert str(pickle.loads(pickle.dumps(plan))) == str(plan)
 
 
+def test_netcdf_files_are_written_beside_a_dask_client(tmp_path):
+    """xarray then locks by the cluster, which takes files only; posteriors are drawn on workers."""
+    distributed = pytest.importorskip("distributed")
+    table, _ = seal_campaign(1)
+    here = {"processes": False, "protocol": "tcp", "dashboard_address": None}
+    with distributed.LocalCluster(1, threads_per_worker=1, **here) as workers, distributed.Client(workers):
+        rf.write(table, tmp_path / "a.nc")
+    assert len(rf.read(tmp_path / "a.nc")) == len(table)
+
+
 @pytest.mark.slow
 def test_a_dask_cluster_and_one_scaled_to_zero():
     """A real cluster of one process: it works, and when it is taken away the rest is done here."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from contextlib import nullcontext
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -56,9 +58,17 @@ def write_netcdf(experiment: Experiment, path: str | Path) -> None:
         variables[f"attribute_{number}"] = ("row", stored, {"long_name": name})
     header = {"title": "rotorfit experiment", "kind": type(experiment).__name__}
     content = BytesIO()  # the HDF5 library ends the process where a disk is full
-    xr.Dataset(variables, attrs=header).to_netcdf(content, engine="h5netcdf")
+    write_dataset(xr.Dataset(variables, attrs=header), content)
     Path(path).write_bytes(content.getbuffer())
     seal(Path(path))
+
+
+def write_dataset(dataset: xr.Dataset, content: BytesIO, **options: Any) -> None:
+    """Write a data set into memory. Beside a Dask client, or on one's worker, xarray would lock by the cluster, which
+    refuses what is no file: the lock of this process will do."""
+    dask = sys.modules.get("dask")
+    with nullcontext() if dask is None else dask.config.set(scheduler="synchronous"):
+        dataset.to_netcdf(content, engine="h5netcdf", **options)
 
 
 def load_dataset(path: Path, group: str | None = None) -> xr.Dataset:

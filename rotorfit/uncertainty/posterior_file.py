@@ -17,7 +17,7 @@ from rotorfit.estimators.file_reading import reading, seal
 from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.noise.error_bars import effect_entries
 from rotorfit.fitting.result import FitResult
-from rotorfit.io.netcdf import load_dataset
+from rotorfit.io.netcdf import load_dataset, write_dataset
 from rotorfit.models.text_table import text_table
 from rotorfit.uncertainty.posterior import Posterior, SampleSettings
 
@@ -128,7 +128,7 @@ def save(posterior: Posterior, path: Path) -> None:
     content = BytesIO()  # the HDF5 library ends the process where a disk is full
     for number, (group, dataset) in enumerate(datasets(posterior).items()):
         packed = {name: {"zlib": True, "complevel": 4, "shuffle": True} for name in dataset.data_vars}
-        dataset.to_netcdf(content, mode="a" if number else "w", group=group, engine="h5netcdf", encoding=packed)
+        write_dataset(dataset, content, mode="a" if number else "w", group=group, encoding=packed)
     with whole_file(path) as draft:
         draft.write_bytes(content.getbuffer())
         seal(draft)
