@@ -38,7 +38,8 @@ class Modal(RotorModel):
         apart: let the x and the y direction have a natural frequency and a damping ratio each (``wn_x``, ``wn_y``), for
             supports that differ in x and y; the modal mass stays that of the x direction. Needs gains by probe.
         force_planes, probe_planes: planes that are forced and measured, all of them by default. The participation is
-            one at the first force plane and the gain is one at the first probe plane.
+            one at the first force plane and the gain is one at the first probe plane; where these are two planes, ``M``
+            is negative in modes in which they move against one another.
     """
 
     name: ClassVar[str] = "modal"
@@ -89,7 +90,12 @@ class Modal(RotorModel):
     def _of_mode(self, number: int) -> list[Parameter]:
         """Parameters of one mode: mass, frequencies and dampings, participations, gains."""
         of = f"of mode {number}" if self.modes > 1 else "of the mode"
-        found = [Parameter(self._named("M", number), "kg", f"modal mass {of} at {self.planes[0]}", lower=0.0)]
+        forced, probe = self.force_planes[0], self.probe_planes[0]
+        found = [
+            Parameter(self._named("M", number), "kg", f"modal mass {of} at {probe}", lower=0.0)
+            if forced == probe
+            else Parameter(self._named("M", number), "kg", f"modal mass {of} between {forced} and {probe}")
+        ]
         for axis in ("x", "y") if self.apart else ("",):
             along = f" in {axis}" if self.apart else ""
             found += [

@@ -201,6 +201,23 @@ def test_eight_sensors_and_three_modes(lines, coherence) -> None:
             assert abs(p.value - value) < 4 * p.stderr, p.name
 
 
+def test_modes_normalised_where_they_move_against_the_force() -> None:
+    """Mass between the forced plane and that of the first probe is negative in modes in which these are opposed."""
+    from rotorfit.studies.study_model import modal_options
+
+    test = hammer_test(400, 0.95, seed=3)
+    model = rf.models.Modal(("s5", *(s for s in EIGHT if s != "s5")), modes=3, gains="plane", force_planes=("s0",))
+    fit = rf.fit(model, test)
+    assert fit.success
+    assert 0.9 < fit.redchi < 1.1
+    shape = np.sin(np.arange(1, 4) * np.pi * (0.1 + 0.8 * 5 / 7)) / np.sin(np.arange(1, 4) * np.pi * 0.1)
+    assert (shape < 0).any()
+    for number, mass in enumerate(MODES["M"] / shape, start=1):
+        p = fit.params[f"M{number}"]
+        assert abs(p.value - mass) < 4 * p.stderr
+    assert modal_options((), [test])["planes"][0] == "s0"  # the drive point, though others move more
+
+
 def test_fewer_modes_than_the_responses_have() -> None:
     """One mode of three: the one that explains the responses best, and redchi says that it does not suffice."""
     model = rf.models.Modal(EIGHT, modes=1, gains="plane", force_planes=("s0",))
@@ -272,6 +289,7 @@ def test_stabilisation_and_shapes_are_drawn() -> None:
         assert all(np.abs(stable - hertz).min() < 0.01 * hertz for hertz in (42.0, 95.0, 160.0))
     figure = fit.plot_stabilisation(unit="hz")
     assert figure.axes[0].get_xlabel() == "frequency, Hz"
+    assert len({axis.get_position().x0 for axis in fit.plot_bode().axes}) == 3  # columns: a page has no room for one
     shapes = fit.plot_mode_shapes(unit="hz")
     assert [axis.get_ylabel() for axis in shapes.axes] == ["mode 1, 42 Hz", "mode 2, 95 Hz", "mode 3, 160 Hz"]
     rig = rf.fit(rf.models.WhirlWhip(), rf.read(rf.datasets.path("rig_open.csv")), known={"K3": 6000.0})

@@ -48,9 +48,12 @@ class Lines:
     plane: Index  # number of the plane of each force, shape ``(R,)``
 
 
-def modal_start(model: Modal, blocks: Sequence[Responses], *, unknown: bool = True) -> tuple[dict[str, float], float]:
+def modal_start(
+    model: Modal, blocks: Sequence[Responses], *, turned: bool = False, unknown: bool = True
+) -> tuple[dict[str, float], float]:
     """Parameters of a modal model, and the common datum angle, rad, from responses. Returns values by name, and the
-    lead of the responses over the forces at the first plane.
+    lead of the responses over the forces at the first plane. Modal masses are as if the responses were turned back by
+    that angle (``turned``), or as they are.
 
     Raises:
         ValueError: more modes than the responses show, unless some natural frequency is known (not ``unknown``).
@@ -61,6 +64,7 @@ def modal_start(model: Modal, blocks: Sequence[Responses], *, unknown: bool = Tr
     every = _joined(along, len(model.planes))
     values: dict[str, float] = {}
     unit: ComplexArray | None = None  # exp(j datum) / M of each mode
+    datum = 0.0
     for axis, lines in along.items():
         end = axis if model.apart else ""
         own = lines if model.apart else every
@@ -74,17 +78,18 @@ def modal_start(model: Modal, blocks: Sequence[Responses], *, unknown: bool = Tr
         parts = _residues(lines, wn, zeta, len(model.planes))
         if unit is None:
             unit = np.where(parts[:, probe, forced] == 0, np.abs(parts).max(axis=(1, 2)), parts[:, probe, forced])
+        datum = float(np.angle(unit[0]))
+        sign = np.sign((unit * np.exp(-1j * datum) if turned else unit).real)
         for i, part in enumerate(parts):
             tag = str(i + 1) if model.modes > 1 else ""
             values |= {_name(f"wn{tag}", end): float(wn[i]), _name(f"zeta{tag}", end): float(zeta[i])}
-            values.setdefault(f"M{tag}", float(1 / np.abs(unit[i])))
+            values.setdefault(f"M{tag}", float((1.0 if forced == probe else sign[i]) / np.abs(unit[i])))
             shape = np.linalg.svd(part)[2][0]  # participations up to a factor
             shape = shape / (shape[forced] if shape[forced] else 1.0)
             gain = part @ shape.conj() / np.vdot(shape, shape).real / unit[i]
             for place, plane in enumerate(model.planes):
                 values |= _pair(f"phi{tag}_{plane}", complex(shape[place]))
                 values |= _pair(_name(f"g{tag}_{plane}", axis.strip("z")), complex(gain[place]))
-    datum = 0.0 if unit is None else float(np.angle(unit[0]))
     return {name: values[name] for name in model.parameter_names if name in values}, datum
 
 

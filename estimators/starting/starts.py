@@ -76,9 +76,10 @@ def _guess_with_datum(problem: Problem) -> tuple[Start, float]:
     if isinstance(model, Modal):
         blocks = [block for block in map(responses_of, problem.blocks) if block is not None]
         unknown = {name for name in model.parameter_names if name.startswith("wn")} <= set(space.base)
-        values, datum = modal_start(model, blocks, unknown=unknown)
+        has_datum = DATUM in space.nuisance
+        values, datum = modal_start(model, blocks, turned=has_datum, unknown=unknown)
         typical = np.array([values.get(name, model.parameter(name).scale) for name in space.base])
-        return Start(x=typical, kind=RATIONAL_FIT), datum if DATUM in space.nuisance else 0.0
+        return Start(x=typical, kind=RATIONAL_FIT), datum if has_datum else 0.0
     uncorrelated = problem  # the same object where nothing changes: it keeps what it evaluated last
     if any(isinstance(block, CorrelatedResponses) for block in problem.blocks):
         without = (b.base if isinstance(b, CorrelatedResponses) else b for b in problem.blocks)

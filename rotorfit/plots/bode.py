@@ -14,10 +14,12 @@ from rotorfit.models.parameters import unknown_name
 from rotorfit.plots.dynamic_stiffness import draw_drive_point
 from rotorfit.plots.style import (
     GREY,
+    PAGE,
     PHASE_LABEL,
     SMALL_TYPE,
     amplitude_unit,
     decade_ticks,
+    few_ticks,
     grid,
     legend_below,
     length,
@@ -45,13 +47,16 @@ class Panels:
 def panels_of(
     found: Sequence[SweepCurve], title: str, *, rows: int, size: tuple[float, float], one_abscissa: bool = False
 ) -> tuple[Figure, Panels]:
-    """A figure with a panel for each probe (down) and force (across), packed where not all of them were measured."""
+    """A figure with a panel for each probe (down) and force (across), packed where not all of them were measured, and
+    side by side where a page is too short for all probes of one force."""
     pairs = sorted({(c.coordinate, c.force_plane) for c in found})
     probes, forces = sorted({p for p, _ in pairs}), sorted({f for _, f in pairs})
-    if len(pairs) == len(probes) * len(forces):
+    shortest = 0.6 * rows * size[1]  # of a pair, inches
+    columns = next((n for n in (1, 2) if -(-len(pairs) // n) * shortest <= PAGE[1]), 3)
+    if len(pairs) == len(probes) * len(forces) and (len(forces) > 1 or columns == 1):
         place = {(p, f): (probes.index(p), forces.index(f)) for p, f in pairs}
     else:
-        place = {pair: divmod(i, 2) for i, pair in enumerate(pairs)}
+        place = {pair: divmod(i, max(columns, 2)) for i, pair in enumerate(pairs)}
     down, across = (max(where[k] for where in place.values()) + 1 for k in (0, 1))
     figure, axes = grid(rows * down, across, title, size=size, one_abscissa=one_abscissa)
     for row, column in {(r, c) for r in range(down) for c in range(across)} - set(place.values()):
@@ -62,6 +67,9 @@ def panels_of(
     bottom = [axes[rows * (r + 1) - 1, c] for c, r in lowest.items()]
     for axis in bottom:
         axis.tick_params(labelbottom=True)
+    if across > 2:
+        for axis in (axis for pair in shown.values() for axis in pair):
+            few_ticks(axis.xaxis, 3)
     return figure, Panels(shown, bottom)
 
 

@@ -80,18 +80,20 @@ def _responses(blocks: list) -> tuple[Float, Float]:  # type: ignore[type-arg]
 
 @looked
 def plot_mode_shapes(fit: FitResult) -> Figure:
-    """Gains of the probes in each mode, the first probe's being one: real and imaginary part with 95 % errors."""
+    """Gains of the probes in each mode, that at which all are normalised being one: real and imaginary part with 95 %
+    errors, probes in the order of the data."""
     model = _modal(fit)
+    planes = [p for p in dict.fromkeys(p for test in fit.experiments for p in test.planes) if p in model.probe_planes]
     axes_of = ("x", "y") if model.frame == "xy" else ("",)
     figure, axes = grid(model.modes, len(axes_of), "Mode shapes", size=(6.5 / len(axes_of), 1.9), one_abscissa=True)
-    places = np.arange(len(model.probe_planes))
+    places = np.arange(len(planes))
     handles = []
     for row in range(model.modes):
         tag = str(row + 1) if model.modes > 1 else ""
         for column, end in enumerate(axes_of):
             axis = axes[row, column]
             for k, part in enumerate(("", "_im")):
-                names = ["_".join(n for n in (f"g{tag}", plane, end) if n) + part for plane in model.probe_planes]
+                names = ["_".join(n for n in (f"g{tag}", plane, end) if n) + part for plane in planes]
                 known = 1.0 - k  # gain of the first probe
                 value = np.array([fit.params[n].value if n in fit.params else known for n in names])
                 error = np.array([fit.params[n].stderr if n in fit.params else 0.0 for n in names])
@@ -99,7 +101,7 @@ def plot_mode_shapes(fit: FitResult) -> Figure:
                 style = {"fmt": "o-" if not k else "s--", "ms": 3, "lw": 1 - 0.3 * k, "capsize": 2}
                 handles.append(axis.errorbar(places, value, reach, color=colour_of(k, 2), **style))
             axis.axhline(0.0, color="0.6", lw=0.7)
-            axis.set_xticks(places, model.probe_planes)
+            axis.set_xticks(places, planes)
             own = [fit.params[n] for n in (f"wn{tag}_{end}", f"wn{tag}") if n in fit.params]
             axis.set_ylabel(f"mode {row + 1}{f' {end}' if end else ''}, {rate_words(own[0].value)}", fontsize=8)
     legend_below(figure, handles[:2], ["real part", "imaginary part"])

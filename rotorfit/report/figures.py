@@ -75,6 +75,17 @@ def _impulses(block: object) -> bool:
     )
 
 
+def _of_modes(block: object) -> bool:
+    """Responses of modes alone."""
+    return _turning(block) and isinstance(getattr(block, "model", None), Modal)
+
+
+def _many_lines(block: object) -> bool:
+    """So many frequencies that poles of some orders beyond those of the model can be looked for."""
+    fewest, responses = 50, responses_of(block)
+    return responses is not None and np.unique(responses.frequency).size >= fewest
+
+
 _TO_FORCE = "Responses to a unit force. Points: measured. Lines: fit, with its 95 % band."
 _POLAR = "Responses to a unit force. Points: measured, open ones backward. Lines: fit; crosses: frequencies in rpm."
 _BAND = "Residuals over their noise; noise alone would leave 95 % of them in the grey band."
@@ -93,8 +104,15 @@ FIGURES: tuple[ReportFigure, ...] = (
     ReportFigure(
         "Mode shapes",
         FitResult.plot_mode_shapes,
-        "Gains of the probes in each mode, that of the first probe being one, with 95 % errors.",
-        lambda block: _turning(block) and isinstance(getattr(block, "model", None), Modal),
+        "Gains of the probes in each mode, one where all are normalised, with 95 % errors.",
+        _of_modes,
+    ),
+    ReportFigure(
+        "Stabilisation",
+        FitResult.plot_stabilisation,
+        "Natural frequencies of poles against how many are looked for, over the size of all responses. Poles of modes "
+        "stay where they are, those of noise do not.",
+        lambda block: _of_modes(block) and _many_lines(block),
     ),
     ReportFigure(
         "Spectral lines",

@@ -98,13 +98,15 @@ def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
 
 
 def modal_options(planes: Sequence[str], experiments: Sequence[Experiment]) -> dict[str, Any]:
-    """Options of a modal model that suit the data: the plane that moves most is the one to normalise at."""
+    """Options of a modal model that suit the data: of the planes that are forced and read, or else of all, the one that
+    moves most is the one to normalise at."""
     tests = [test for test in experiments if isinstance(test, PerturbationTest)]
     size = {plane: 0.0 for test in tests for plane in (*test.planes, *test.force_planes)}
     for test in tests:
         for plane in test.planes:
             size[plane] = max(size[plane], float(np.sqrt(np.mean(np.abs(test.response[test.plane == plane]) ** 2))))
-    names = tuple(planes) or tuple(sorted(size, key=lambda plane: -size[plane]))
+    driven = {p for t in tests for p in t.force_plane[t.force != 0].tolist() if p in t.planes}
+    names = tuple(planes) or tuple(sorted(size, key=lambda plane: (plane not in driven, -size[plane])))
     forced = tuple(dict.fromkeys(p for t in tests for p in t.force_plane[t.force != 0].tolist() if p in names))
     measured = tuple(dict.fromkeys(p for t in tests for p in t.planes if p in names))
     paired = all({"x", "y"} == set(t.direction[t.plane == p].tolist()) for t in tests for p in t.planes)
