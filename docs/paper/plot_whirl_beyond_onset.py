@@ -8,11 +8,13 @@ follow from the dynamic stiffness, ``kappa(w, Om, eps) = 0``. The fit of a law o
 threshold predicts them.
 """
 
-import matplotlib.pyplot as plt
+import tempfile
+from pathlib import Path
+
 import numpy as np
-from scipy.integrate import solve_ivp
 
 import rotorfit as rf
+from rotorfit.simulation.instruments import Instruments
 
 CLEARANCE_UM = 200.0
 law = rf.models.Muszynska()
@@ -59,43 +61,28 @@ truth = {
 }  # fmt: skip
 
 # %%
-# A start-up through the onset is integrated in time with a residual unbalance. The cascade shows 1x and the whirl; the
-# dotted line is the branch of ``kappa = 0``. The whirl appears later than this branch, because the start-up is faster
-# than its growth.
+# A start-up through the onset, as it would be recorded: the rotor with its residual unbalance is integrated in time and
+# read by probes in volts. The dotted line over the cascade is the branch of ``kappa = 0``. The whirl appears later than
+# this branch, because the start-up is faster than its growth.
 
-matrices = model.functions
-theta, clearance = model.vector(truth), CLEARANCE_UM * 1e-6
-first, last, duration = 2000.0, 8000.0, 12.0  # rpm, rpm, s
-rate = (last - first) / duration * np.pi / 30
-
-
-def motion(t, state):
-    """Equation of motion at the speed of the moment, the fluid's coefficients at the eccentricity of the moment."""
-    z, velocity = state[:2], state[2:]
-    speed = first * np.pi / 30 + rate * t
-    K, C, M = matrices.values(theta, speed, min(abs(z[1]) / clearance, 0.99))
-    force = np.array([2e-5 * speed**2 * np.exp(1j * (first * np.pi / 30 * t + rate * t**2 / 2)), 0])
-    return np.concatenate([velocity, np.linalg.solve(M, force - C @ velocity - K @ z)])
+folder = Path(tempfile.mkdtemp())
+(file,) = rf.simulate_recordings(
+    model, truth, folder, "synchronous", speed_rpm=(2000, 7000), duration=10, unbalance=2e-5, planes="disk",
+    hole_deg=[0], instruments=Instruments(sample_rate=4000),
+)  # fmt: skip
+branch = rf.models.whirl_branch(model, model.vector(truth), max_speed=7000 * np.pi / 30)
 
 
-t = np.arange(0, duration, 1 / 1000)
-z = solve_ivp(motion, (0, duration), np.array([1e-6, 1e-6, 0, 0], complex), t_eval=t, rtol=1e-5, atol=1e-9).y[1]
-figure, axis = plt.subplots(figsize=(7, 5.5), layout="constrained")
-window = 1024
-for begin in range(0, t.size - window, 500):
-    piece = z[begin : begin + window] * np.hanning(window)
-    size = 2e6 * np.abs(np.fft.fftshift(np.fft.fft(piece))) / window
-    w = np.fft.fftshift(np.fft.fftfreq(window, 1 / 1000)) * 60
-    speed = first + (last - first) * (t[begin] + 0.5) / duration
-    axis.plot(w, speed + 4 * size, "C0", lw=0.7)
-branch = rf.models.whirl_branch(model, theta, max_speed=last * np.pi / 30)
-axis.plot([5700, 5700], [2600, 2600 + 4 * 100], "k", lw=1.5)
-axis.text(5600, 2650, "100 µm 0-pk", ha="right")
-axis.plot(branch.frequency * 30 / np.pi, branch.speed * 30 / np.pi, "k:", label="whirl, kappa(w, Om, eps) = 0")
-axis.plot([first, last], [first, last], "C1--", lw=0.9, label="1x")
-axis.set(xlim=(-2000, 6000), xlabel="frequency, rpm (backward < 0 < forward)", ylabel="rotative speed, rpm")
-axis.set_title("start-up through the onset")
-axis.legend(loc="upper left")
+def with_branch(cascade):
+    """The cascade with the whirl that the dynamic stiffness gives."""
+    (axis,) = cascade.axes
+    style = {"color": "k", "ls": ":", "zorder": 1000, "label": "whirl, kappa(w, Om, eps) = 0"}
+    axis.plot(branch.frequency / (2 * np.pi), branch.speed * 30 / np.pi, **style)
+    axis.legend(loc="upper left", fontsize=8)
+    return cascade
+
+
+with_branch(rf.read_recording(file).plot_cascade("journal", limit_hz=100))
 
 # %%
 # What to look at: the whirl begins with radius zero and grows steeply. Its frequency departs from the straight line of

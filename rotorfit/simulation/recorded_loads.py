@@ -71,6 +71,9 @@ def release(
     duration: float = 4.0,
 ) -> Iterator[Played]:
     """A constant load that is let go in the middle of the recording."""
+    if rig.virtual.model.eccentricity_dependent:
+        name = f"{rig.virtual.model.name} with a law of eccentricity"
+        raise ValueError(f"{name}: a load that is let go is simulated of linear rotors; take impulse or static-load")
     where = plane or rig.virtual.model.planes[-1]
     time, newton = rig.instruments.time(duration), load * np.exp(1j * np.radians(load_deg))
 
@@ -115,7 +118,6 @@ def static_load(
 
 def _speeds(rig: RecordedRig, speed_rpm: ArrayLike) -> Iterator[float]:
     """Speeds, rpm, at which the rotor is stable."""
-    rig.need_linear()
     for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
         rig.virtual.decay(rpm * RPM)
         yield rpm

@@ -1,4 +1,4 @@
-"""A virtual rig whose motion is recorded: a linear rotor integrated in time, with its instruments."""
+"""A virtual rig whose motion is recorded: a rotor integrated in time, with its instruments."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.simulation.instruments import Instruments
 from rotorfit.simulation.linear_path import linear_path
+from rotorfit.simulation.nonlinear_path import nonlinear_path
 from rotorfit.simulation.rig import VirtualRig
 from rotorfit.simulation.turning_speeds import Wander
 
@@ -35,27 +36,19 @@ class RecordedRig:
         self, speed: Callable[[Float], Float], forces: Mapping[str, Callable[[Float], ComplexArray]], count: int
     ) -> dict[str, ComplexArray]:
         """Motion of each plane under forces at several."""
-        self.need_linear()
         model, theta = self.virtual.model, self.virtual.theta
+        integrated = nonlinear_path if model.eccentricity_dependent else linear_path
         along = [(_along(model, plane), force) for plane, force in forces.items()]
 
         def generalised(t: Float) -> ComplexArray:
             return np.asarray(sum(spread(force(t)) for spread, force in along))
 
-        path = linear_path(model, theta, speed=speed, force=generalised, rate=self.instruments.sample_rate, count=count)
+        path = integrated(model, theta, speed=speed, force=generalised, rate=self.instruments.sample_rate, count=count)
         path = path * model.functions.factors(theta)
         if model.frame == "z":
             return {c.plane: path[:, i] for i, c in enumerate(model.coordinates) if c.axis == "z"}
         axes = {(c.plane, c.axis): path[:, i].real for i, c in enumerate(model.coordinates)}
         return {plane: axes[plane, "x"] + 1j * axes[plane, "y"] for plane in model.planes}
-
-    def need_linear(self) -> None:
-        """Refuse a rotor whose motion depends on its eccentricity."""
-        if self.virtual.model.eccentricity_dependent:
-            raise ValueError(
-                f"{self.virtual.model.name} with a law of eccentricity: of such rotors recordings under constant loads "
-                "are simulated only (static-load), other tests of linear rotors"
-            )
 
     def shaft(self, speed: float) -> Wander:
         """The shaft's rotation at a speed, rad/s, that wanders as the instruments say."""

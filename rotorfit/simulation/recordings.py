@@ -46,7 +46,8 @@ def simulate_recordings(
 ) -> list[Path]:
     """Record tests of a virtual rig: raw volts of probes and Keyphasors in HDF5 files that say what they are.
 
-    The linear rotor is integrated in time. Options of the kinds:
+    The rotor is integrated in time. One with a law of eccentricity may run up through its onset of instability: the
+    start-up holds its whirl, as large as the law lets it become. Options of the kinds:
 
     - ``perturbation``: speed_rpm, sweep_rpm (first and last), duration, unbalance, planes, directions
     - ``dwell``: frequency_rpm, speed_rpm, duration (of each dwell), unbalance, planes, directions, mark (of the
@@ -58,7 +59,7 @@ def simulate_recordings(
     - ``impulse``: speed_rpm, impulse (N s), plane, blows, apart (s)
     - ``hammer``: the same, with the force measured
     - ``release``: speed_rpm, load, load_deg, plane, duration; a load that is let go
-    - ``static-load``: load, speed_rpm, load_deg, plane, duration; a law of eccentricity is allowed
+    - ``static-load``: load, speed_rpm, load_deg, plane, duration
 
     A ``rig.toml`` beside the files says what they do not.
 
@@ -76,7 +77,8 @@ def simulate_recordings(
         the files.
 
     Raises:
-        ValueError: unknown kind, or a rotor that is unstable or whose motion depends on its eccentricity.
+        ValueError: unknown kind, a rotor that is unstable, or a load that is let go of one with a law of eccentricity.
+        IntegrationError: the journal touches the wall.
         TypeError: an option that the kind does not have; names those that it has.
         KeyError: unknown or missing parameters.
 
