@@ -355,3 +355,13 @@ def test_boxes_of_dynamic_stiffness_hide_no_fit(rig_refinement):
         for line in (line for line in axis.lines if line.get_linestyle() == "-" and line.get_linewidth() > 1):
             at = axis.transData.transform(line.get_xydata())
             assert not any(covered.contains(x, y) for x, y in at.tolist()), text.get_text()
+
+
+def test_the_legend_names_the_frequency_that_the_table_has(rig_fit: rf.FitResult) -> None:
+    """Of the mode at the tested speed, not at the nearest speed of the curve."""
+    fit = rig_fit
+    top = float(np.max(fit.speeds))
+    words = " ".join(text.get_text() for text in fit.plot_stability().legends[0].get_texts())
+    for frequency, _ in fit.natural_frequencies(top):
+        rpm = abs(frequency.value) * 30 / np.pi
+        assert rpm < 100 or f"{rpm:.0f} rpm at" in words

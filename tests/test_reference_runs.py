@@ -70,3 +70,27 @@ def test_what_cannot_be_joined_is_refused() -> None:
         rf.join_runs([])
     with pytest.raises(TypeError, match="not a CoefficientTable"):
         rf.join_runs([rf.datasets.seal_muszynska_tum()])  # type: ignore[list-item]
+
+
+def test_a_run_exported_one_file_a_probe_is_one_run() -> None:
+    """A start-up without a weight and one with it, four files: differenced as those of one file."""
+    rpm = np.arange(600.0, 3000.0, 50.0)
+    parts = []
+    for run, force in (("reference", 0.0), ("trial", 1e-5)):
+        for direction in ("x", "y"):
+            speed = rpm * np.pi / 30
+            test = rf.perturbation_test(
+                run=run, speed=speed, frequency=speed, force_plane="disk", force=force * speed**2, plane="disk",
+                direction=direction, response=1e-6 + force * speed**2 * 1e-5, source=f"{run}_{direction}.csv",
+            )  # fmt: skip
+            parts.append(test)
+    assert rf.join_runs(parts).runs == ("trial minus reference",)
+    assert len(rf.join_runs([*parts, parts[0]], difference=False).runs) == 3
+
+
+def test_a_preamble_with_commas_is_no_header(tmp_path: Path) -> None:
+    rows = ["Export,,", "Start-up, 1X vectors, raw", "Speed,Disk X 1X Amp,Disk X 1X Phase Lag,Disk Y 1X Amp,"
+            "Disk Y 1X Phase Lag", "rpm,um pp,deg,um pp,deg"]  # fmt: skip
+    rows += [f"{rpm},{rpm / 100:.2f},30,{rpm / 100:.2f},120" for rpm in range(500, 900, 50)]
+    (tmp_path / "ref.csv").write_text("\n".join(rows) + "\n")
+    assert len(rf.read(tmp_path / "ref.csv", difference=False, on_finding=lambda finding: None)) == 16

@@ -285,3 +285,23 @@ def test_commands_refuse_to_write_over_what_they_read(tmp_path: Path, capsys: py
         assert "one of the files read" in capsys.readouterr().err
         assert (volts.read_bytes(), responses.read_bytes()) == before
     assert sorted(path.name for path in tmp_path.iterdir()) == ["responses.csv", "volts.h5", "volts.mat"]
+
+
+def test_a_forward_test_alone_of_anisotropic_coefficients_is_written(tmp_path: Path) -> None:
+    """No line has forces along both axes, so that there is no stiffness against frequency; it was a traceback."""
+    w, stiffness, damping = np.linspace(20, 300, 40), np.array([[17e3, 6e3], [-6e3, 19e3]]), np.diag([98.0, 95.0])
+    dynamic = stiffness + 1j * w[:, None, None] * damping - w[:, None, None] ** 2 * np.diag([1.2, 1.25])
+    along = np.linalg.solve(dynamic, np.broadcast_to(np.array([[5.0], [-5j]]), (w.size, 2, 1)))[..., 0]
+    rng = np.random.default_rng(1)
+    parts = [
+        rf.perturbation_test(
+            run="forward", speed=150.0, frequency=w, force_plane="journal", force=5.0, plane="journal",
+            direction=direction, response=along[:, i] + 2e-8 * (rng.normal(size=40) + 1j * rng.normal(size=40)),
+            sigma=2e-8,
+        )
+        for i, direction in enumerate("xy")
+    ]  # fmt: skip
+    rf.write(rf.join_runs(parts), tmp_path / "forward.csv")
+    command = ["fit", str(tmp_path / "forward.csv"), "--model", "anisotropic", "--no-figures", "--quiet"]
+    assert main([*command, "--out", str(tmp_path / "out")]) == 0
+    assert not (tmp_path / "out" / "frequency_coefficients.csv").exists()

@@ -18,8 +18,8 @@ def join_runs(tests: Sequence[PerturbationTest], *, difference: bool = True) -> 
     """One test of the runs of several, differenced as :func:`rotorfit.read` does with runs of one file.
 
     Balancing records the run without a trial weight and the run with it in two files; alone, neither says anything of
-    the rotor. Runs of the same name in several files are distinguished by the name of their file. Attributes that only
-    some of the tests have are left out.
+    the rotor. Files of a run by its name, one for each probe, are one run; runs of one name that a probe read twice
+    are distinguished by the name of their file. Attributes that only some of the tests have are left out.
 
     Args:
         tests: of the same machine; of files read with ``difference=False``.
@@ -41,11 +41,16 @@ def join_runs(tests: Sequence[PerturbationTest], *, difference: bool = True) -> 
         raise ValueError("there are no tests to join")
     check_planes_spelt(tests)
     shared = set.intersection(*(set(test.attributes) for test in tests))
-    taken = Counter(run for test in tests for run in set(test.run.tolist()))
+    probes = Counter(
+        key
+        for test in tests
+        for key in {*zip(test.run.tolist(), test.plane.tolist(), test.direction.tolist(), strict=True)}
+    )
+    twice = {run for (run, *_), count in probes.items() if count > 1}
     parts = []
     for number, test in enumerate(tests):
         where = Path(test.source).stem or f"test {number + 1}"
-        run = np.array([f"{name} ({where})" if taken[name] > 1 else name for name in test.run.tolist()])
+        run = np.array([f"{name} ({where})" if name in twice else name for name in test.run.tolist()])
         attributes = {name: values for name, values in test.attributes.items() if name in shared}
         source = ", ".join(dict.fromkeys(t.source for t in tests if t.source))
         parts.append(replace(test, run=run, attributes=attributes, source=source))

@@ -45,7 +45,7 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
     onset = onset if onset is not None and np.isfinite(onset.value) else None
     tested = _tested_speeds(fit, group)
     top = _highest_speed(fit, np.nan if onset is None else onset.value)
-    speeds = np.linspace(0.0, top, 400)
+    speeds = np.union1d(np.linspace(0.0, top, 400), tested[-1:])  # at which the legend and tables name frequencies
     s = _tracked(eigenvalues(fit.model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds))
     s = np.where(np.abs(s) <= fit.stability_band, s, complex(np.nan, np.nan))
     s = s[:, np.isfinite(s).any(axis=0)]

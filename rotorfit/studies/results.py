@@ -16,6 +16,7 @@ from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.structure.coefficients import of_a_rig
+from rotorfit.fitting.structure.frequency_coefficients import measured_by_frequency
 from rotorfit.io.tables.result_tables import rows_csv
 from rotorfit.models.array_types import Float
 from rotorfit.studies.data_files import StudyProgress
@@ -48,7 +49,7 @@ def write_outcome(
     _write_csv(folder / "curves.csv", _curve_rows(best))
     if of_a_rig(best):
         best.coefficient_table().to_csv(folder / "coefficients.csv")
-        of_frequency = best.model.frame != "z"
+        of_frequency = best.model.frame != "z" and measured_by_frequency(best)
         if of_frequency:
             best.frequency_coefficients().to_csv(folder / "frequency_coefficients.csv")
         if figure_format != "none":

@@ -58,4 +58,15 @@ def frequency_coefficients_of(fit: FitResult, speeds: Sequence[float] | None) ->
                     fitted_damping_stderr=np.repeat(np.sqrt(np.diag(at.covariance)[4:8])[:, None], w.size, axis=1),
                 )
             )
+    if not found:
+        raise ValueError(
+            "no line was forced and read along both axes, or forward and backward, so that its stiffness cannot be "
+            "measured by itself; force both ways at the same frequencies and speeds"
+        )
     return FrequencyRows(tuple(found))
+
+
+def measured_by_frequency(fit: FitResult) -> bool:
+    """True if some line was forced and read along both axes, so that it has a stiffness of its own."""
+    blocks = [block for block in map(responses_of, fit.problem.blocks) if block is not None]
+    return any(stiffness_matrices(block).frequency.size for block in blocks)

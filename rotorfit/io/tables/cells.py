@@ -251,10 +251,15 @@ def _even(source: str, batch: Sequence[_Row], width: int) -> tuple[Sequence[int]
 
 
 def _without_titles(found: list[_Row]) -> list[_Row]:
-    """Rows without those of a preamble, one or two cells each, above a header of three and more."""
+    """Rows without those of a preamble: fewer than three cells, or fewer than a later row of words has."""
     sizes = [sum(bool(cell.strip()) for cell in row) for _, row in found]
     first = next((i for i, size in enumerate(sizes) if size > 2), 0)
-    return found[first:]
+    words = [
+        size if not any(map(_is_number, map(str.strip, row))) else 0
+        for size, (_, row) in zip(sizes, found, strict=True)
+    ]
+    widest = max(range(len(words)), key=lambda i: words[i], default=0)
+    return found[widest if first < widest and words[widest] == max(sizes) > sizes[first] else first :]
 
 
 def _units_below(source: str, found: Sequence[_Row], width: int, is_unit: Callable[[str], bool]) -> list[str]:
