@@ -12,6 +12,7 @@ from law_data import CLEARANCE, CLEARANCE_UM, ONE_MODE, WHIRL_WHIP, fluid, stati
 from scipy.integrate import solve_ivp
 
 import rotorfit as rf
+from rotorfit.cli.main import main
 from rotorfit.models import EvenPolynomial, Muszynska, OneMode, WhirlWhip, whirl_branch
 from rotorfit.models.array_types import ComplexArray
 from rotorfit.simulation.integration import IntegrationError
@@ -86,8 +87,13 @@ def test_a_start_up_runs_through_the_onset(tmp_path: Path) -> None:
     z = solve_ivp(motion, (0, 1.0), np.zeros(2, complex), t_eval=t, rtol=1e-9, atol=1e-14, method="DOP853").y[0]
     assert np.abs(path - z).max() < 1e-4 * np.abs(z).max()  # steps of 1e-6 over a hundred periods
     quick = {"duration": 0.5, "hole_deg": (0.0,), "speed_rpm": (2200.0, 3000.0)}
-    (file,) = rf.simulate_recordings(rotor, v, tmp_path, "synchronous", **quick)
-    assert rf.read_recording(file).planes == ("journal",)
+    rig = ["--model", "one-mode", "--law", "muszynska", "--clearance-um", "200", "--kind", "synchronous"]
+    rig += [word for name, value in v.items() for word in ("--set", f"{name}={value}")]
+    rig += ["--speed-rpm", "2200,3000", "--duration", "0.5", "--unbalance", "6e-5", "--sampling-hz", "2000"]
+    assert main(["simulate", *rig, "--recordings", str(tmp_path / "raw"), "--quiet"]) == 0
+    for file in (tmp_path / "raw").glob("*.h5"):
+        z = rf.read_recording(file).motion("journal")
+        assert 0.1 * CLEARANCE < np.abs(z[-200:]).max() < CLEARANCE
     soft = OneMode(law=EvenPolynomial(terms=1), clearance_um=CLEARANCE_UM)
     values = {name: value for name, value in v.items() if name not in ("n_K", "n_D", "b")}
     values |= {"K0_2": 0.0, "D_2": 0.0, "lam_2": 0.0}

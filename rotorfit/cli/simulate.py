@@ -131,6 +131,8 @@ def _recorded(options: argparse.Namespace) -> list[str]:
     """Names of the recordings that were written."""
     from inspect import signature
 
+    import numpy as np
+
     from rotorfit.models.parameters import unknown_name
     from rotorfit.simulation.instruments import Instruments
     from rotorfit.simulation.recordings import RECORDED, simulate_recordings
@@ -148,11 +150,11 @@ def _recorded(options: argparse.Namespace) -> list[str]:
         word = f"--{name.replace('_', '-')}"
         if name not in known:
             raise ValueError(f"{word}: recordings of kind {kind} take {', '.join(known)}")
-        count = _COUNTS.get((kind, name))
-        if count is not None and len(value) != count:
-            raise ValueError(f"{word} takes {count} number{'s' * (count > 1)}, got {len(value)}")
+        count, numbers = _COUNTS.get((kind, name)), np.atleast_1d(value)
+        if count is not None and numbers.size != count:
+            raise ValueError(f"{word} takes {count} number{'s' * (count > 1)}, got {numbers.size}")
         if count is not None:
-            settings[name] = float(value[0]) if count == 1 else tuple(value.tolist())
+            settings[name] = float(numbers[0]) if count == 1 else tuple(numbers.tolist())
     params = pairs("--set", options.set, number_word)
     model = _model(options)
     try:
