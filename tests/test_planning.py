@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib
 import json
+import math
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -13,6 +15,7 @@ import pytest
 from scipy import optimize, stats
 from slow_cases import slow_but
 from synthetic import TYPICAL, circular_test, covering_frequencies, known_of
+from test_known_structure import FITTED, known_rig
 
 import rotorfit as rf
 from rotorfit.cli.main import main
@@ -275,6 +278,37 @@ def test_what_is_measured_already_counts_and_moves_the_plan_elsewhere() -> None:
     assert errors.expected["lam"].stderr > 0
 
 
+def test_terms_that_hold_in_the_band_leave_a_rotor_that_can_be_planned_for() -> None:
+    """As a polynomial the out-of-band block has unstable roots at every speed, which are none of the rotor's."""
+    model = rf.models.WhirlWhip(blocks=("coupling_mass", "gyroscopic", "out_of_band"))
+    fit = rf.fit(model, rf.datasets.rig_open(), known={"K3": 6000.0})
+    design = rf.Design(speed_rpm=[1000, 1800], frequency_rpm=np.linspace(300, 3000, 10), force_N=1.0)
+    plan = rf.plan(model, fit, design, noise_um=0.5, quantity="threshold_speed", draws=2)
+    assert plan.expected["threshold_speed"].value == pytest.approx(fit.threshold_speed().value, rel=1e-9)
+    assert math.isfinite(plan.expected["threshold_speed"].stderr)
+    with pytest.raises(ValueError, match=r"unstable at 3000 rpm .* below the threshold of 265"):
+        rf.plan(model, fit, replace(design, speed_rpm=3000), noise_um=0.5)
+
+
+def test_a_known_shaft_settles_as_fast_as_its_planes_do() -> None:
+    """The many modes far above the band are hardly damped, and no reading waits for them."""
+    model = known_rig()
+    design = rf.Design(speed_rpm=1000, frequency_rpm=[600, 1200, 1800], force_N=1.0)
+    plan = rf.plan(model, FITTED, design, noise_um=0.5, quantity="lam")
+    s = rf.models.eigenvalues(model, model.vector(FITTED), 1000 * np.pi / 30)
+    slow = max(z.real for z in s if abs(z) < 3000 * np.pi / 30)
+    np.testing.assert_allclose(plan.lines.settle, math.log(100) / -slow)
+
+
+def test_a_modal_design_reads_the_planes_alone() -> None:
+    model = rf.models.Modal(("inboard", "outboard"), modes=1, gains="plane")
+    values = {q.name: 1.0 for q in model.parameters} | {"wn": 160.0, "zeta": 0.03}
+    design = rf.Design(speed_rpm=0, frequency_rpm=np.linspace(1000, 2000, 10), force_N=1.0)
+    plan = rf.plan(model, values, design, noise_um=0.5)
+    assert plan.test is not None
+    assert set(plan.test.plane.tolist()) == {"inboard", "outboard"}
+
+
 def test_lines_of_a_shaft_that_is_not_round_are_patterns_and_no_design() -> None:
     shaft = rf.models.AnisotropicShaft(torsion=None)
     values = {"M": 4.0, "D": 40.0, "K": 4e5, "dK_cos": 8e3, "dK_sin": 2e3}
@@ -402,6 +436,15 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert len(answer["lines"]) == 2 * 2 * 12
 
 
+def test_the_model_of_a_plan_may_be_that_of_the_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rf.fit(ONE, swept(1), known=KNOWN).save(tmp_path / "fit.json")
+    head, design = PLAN.partition("[values]")[0], PLAN[PLAN.index("[design]") :]
+    head = head.replace('model = "one-mode"', 'fit = "fit.json"').replace("known = {K = 8000.0, Ds = 8.0}", "")
+    (tmp_path / "plan.toml").write_text(head + design, encoding="utf-8")
+    assert main(["plan", str(tmp_path / "plan.toml"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["model"] == "one-mode"
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -420,6 +463,7 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
         ("[values]", 'fit = "no.json"\n[values]', "give the values of the rotor"),
         ("wanted = 0.001", 'tests = ["no.csv"]', "no.csv"),
         ("wanted = 0.001", "wanted = ", "TOML"),
+        ('model = "one-mode"', "", "the key 'model' is missing"),
     ],
 )
 def test_a_wrong_file_is_one_sentence(

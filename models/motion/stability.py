@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.array_types import ROUND_OFF, ComplexArray, Float
+from rotorfit.models.array_types import ROUND_OFF, Bool, ComplexArray, Float
 from rotorfit.models.model import RotorModel
 from rotorfit.models.shafts.angular_rates import angular_rate, angular_rates
 from rotorfit.models.shafts.turning import unstable_bands
@@ -144,6 +144,45 @@ def fastest_growth(model: RotorModel, coefficients: ComplexArray, band: float = 
     s = spectrum(model, coefficients)
     counted = np.isfinite(s) & (np.abs(s) <= band)
     return np.asarray(np.where(counted, s.real, -np.inf).max(axis=-1))
+
+
+def stability_band(model: RotorModel, tested: float) -> float:
+    """Frequencies that count for stability: all, but only the tested band with corrections above s^2 or delays.
+
+    Args:
+        model: the rotor.
+        tested: highest tested frequency, rad/s.
+    """
+    return tested if model.order > 2 or model.in_band_only else math.inf
+
+
+def counted(model: RotorModel, s: ComplexArray, band: float) -> Bool:
+    """Eigenvalues that count: up to a band, of a whole shaft as many as its planes can follow.
+
+    Args:
+        model: the rotor.
+        s: all of a rotor, shape ``(..., modes)``.
+        band: modulus beyond which they do not count, rad/s.
+    """
+    size = np.where(np.isfinite(s), np.abs(s), np.inf)
+    limit = np.asarray(band)
+    if model.shaft is not None:
+        lowest = np.sort(size, axis=-1)[..., min(model.order * len(model.coordinates), s.shape[-1]) - 1]
+        limit = np.minimum(lowest, band)[..., None]
+    return np.asarray((size <= limit) & np.isfinite(size))
+
+
+def decay_rate(model: RotorModel, theta: ArrayLike, speed: ArrayLike, band: float) -> Float:
+    """Rate at which the slowest free motion that counts dies out, 1/s; negative where it grows.
+
+    Args:
+        model: the rotor.
+        theta: parameter vectors, shape ``(..., P)``.
+        speed: rotative speed, rad/s, one or as many as vectors.
+        band: as for :func:`counted`.
+    """
+    s = spectrum(model, model.motion(theta, speed))
+    return np.asarray(np.where(counted(model, s, band), -s.real, np.inf).min(axis=-1))
 
 
 def eigenvalue_gradient(

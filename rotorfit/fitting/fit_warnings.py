@@ -18,7 +18,7 @@ from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.structure.refinable import why_not_refined
 from rotorfit.models import BLOCKS, Modal, RotorModel
 from rotorfit.models.array_types import Bool, Float
-from rotorfit.models.motion.stability import growth_rate
+from rotorfit.models.motion.stability import growth_rate, stability_band
 from rotorfit.units import RPM_PER_RAD_S
 
 _QUIET_DEVIATIONS = 6.0  # standard deviations of redchi below one at which the noise is too large for the residuals
@@ -144,7 +144,7 @@ def _remedy(unresolved: Sequence[str]) -> str:
 
 def growth(model: RotorModel, theta: Float, speed: Float, frequency: Float) -> tuple[Float, Bool]:
     """Largest growth rate, 1/s, of rotors at tested speeds, and whether it is more than round-off, shape ``(K,)``."""
-    band = float(np.abs(frequency).max()) if model.order > 2 or model.in_band_only else np.inf
+    band = stability_band(model, float(np.abs(frequency).max()))
     if len(speed) == 1:  # one by numbers: arrays of one entry cost several times as much
         rates = growth_rate(model, theta[0], speed[0], band)[None]
     else:

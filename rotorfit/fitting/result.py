@@ -34,6 +34,7 @@ from rotorfit.fitting.result_figures import FitFigures
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel, Threshold, threshold_speed
 from rotorfit.models.array_types import Float
+from rotorfit.models.motion.stability import stability_band
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.shafts.angular_rates import real_number
 from rotorfit.version import renamed
@@ -274,7 +275,7 @@ class FitResult(FitFigures):
     @property
     def stability_band(self) -> float:
         """Frequencies that count for stability: all, but only the tested band with corrections above s^2 or delays."""
-        return self.band if self.model.order > 2 or self.model.in_band_only else math.inf
+        return stability_band(self.model, self.band)
 
     @property
     def speeds(self) -> Float:

@@ -10,7 +10,7 @@ import numpy as np
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.models.array_types import Float
-from rotorfit.models.motion.stability import growth_rate
+from rotorfit.models.motion.stability import decay_rate
 from rotorfit.observing.circular import first_rows
 from rotorfit.planning.candidates import candidate_test, line_times
 from rotorfit.planning.design import Design
@@ -77,7 +77,7 @@ def _candidates(task: Task, tests: Sequence[PerturbationTest]) -> list[tuple[Per
     most_lines, most_speeds, most_runs = 40, 4, 24  # of a run, of the tests, and of all that are tried
     speeds = np.unique(np.concatenate([np.round(test.speed, 6) for test in tests]))
     speeds = np.unique([*_some(speeds, most_speeds), speeds[0] / _STEP, speeds[-1] * _STEP])
-    speeds = speeds[[float(growth_rate(model, theta, _STEP * speed)) < 0 for speed in speeds.tolist()]]
+    speeds = speeds[[float(decay_rate(model, theta, _STEP * speed, task.band)) > 0 for speed in speeds.tolist()]]
     w = _some(np.unique(np.concatenate([np.round(np.abs(test.frequency), 6) for test in tests])), most_lines)
     if not speeds.size:
         return []
@@ -90,7 +90,7 @@ def _candidates(task: Task, tests: Sequence[PerturbationTest]) -> list[tuple[Per
         probes=probes,
         force_N=float(np.median(force[force > 0])),
     )
-    whole = candidate_test(like, model, theta)
+    whole = candidate_test(like, model, theta, task.band)
     there = {
         (plane, round(speed, 4), frequency > 0)
         for test in tests
@@ -103,7 +103,7 @@ def _candidates(task: Task, tests: Sequence[PerturbationTest]) -> list[tuple[Per
         run = whole.select(whole.run == name)
         if (str(run.force_plane[0]), round(float(run.speed[0]), 4), bool(run.frequency[0] > 0)) in there:
             continue
-        settle, average = line_times(like, model, theta, run, first_rows(run))
+        settle, average = line_times(like, model, theta, run, first_rows(run), task.band)
         found.append((_with_noise(task, run, tests), float(settle.sum() + average.sum())))
     return found[:most_runs]
 
@@ -127,8 +127,8 @@ def _with_noise(task: Task, run: PerturbationTest, tests: Sequence[PerturbationT
 
 def _with(task: Task, added: Sequence[Experiment], run: PerturbationTest, time_s: float) -> Addition:
     tests = (*task.patterns, *added, run)
-    found = expect(task.model, tests, task.settings, task.values, task.noise, 1, task.seed)
-    targets, _ = all_targets(found.problem.space, task.quantity)
+    found = expect(task.model, tests, task.settings, task.values, task.noise, 1, task.seed, task.band)
+    targets, _ = all_targets(found.problem.space, task.quantity, task.band)
     return Addition(test=run, time_s=time_s, errors=errors_of(found, targets), open=len(found.errors()[1].combinations))
 
 

@@ -12,7 +12,7 @@ from rotorfit.data.experiments import PerturbationTest
 from rotorfit.models import AnisotropicShaft, RotorModel, Turning
 from rotorfit.models.array_types import Float, Index
 from rotorfit.models.motion.journal import journal
-from rotorfit.models.motion.stability import growth_rate
+from rotorfit.models.motion.stability import decay_rate
 from rotorfit.models.parameters import unknown_name
 from rotorfit.planning.design import SENSE, Design
 from rotorfit.planning.expectation import refuse_speed
@@ -22,8 +22,9 @@ _TRANSIENT = 0.01
 """Share of a transient that is left when a line is read, and of the lag behind a sweep."""
 
 
-def candidate_test(design: Design, model: RotorModel, theta: Float) -> PerturbationTest:
-    """All lines with forces as large as the limits allow, to be read; runs are named by plane, speed and direction."""
+def candidate_test(design: Design, model: RotorModel, theta: Float, band: float) -> PerturbationTest:
+    """All lines with forces as large as the limits allow, to be read; runs are named by plane, speed and direction.
+    Eigenvalues up to a band count."""
     planes = model.planes if design.force_planes is None else design.words("force_planes")
     if model.turns or isinstance(model, AnisotropicShaft | Turning):
         raise ValueError(
@@ -34,8 +35,8 @@ def candidate_test(design: Design, model: RotorModel, theta: Float) -> Perturbat
         if plane not in model.planes:
             raise ValueError(unknown_name(f"force plane of {model.name}", plane, model.planes))
     for speed in design.speeds.tolist():
-        if growth_rate(model, theta, speed) > 0:
-            refuse_speed(model, theta, speed)
+        if decay_rate(model, theta, speed, band) < 0:
+            refuse_speed(model, theta, speed, band)
     channels = _channels(design, model)
     columns: dict[str, list[Any]] = {}
     for plane, speed, way, level in product(planes, design.speeds.tolist(), design.words("directions"), design.levels):
@@ -57,6 +58,7 @@ def _channels(design: Design, model: RotorModel) -> list[tuple[str, str]]:
     own = [
         (c.plane, direction)
         for c in model.coordinates
+        if c.plane in model.read_planes
         for direction in ({"z": ("x", "y"), "r": ("rx", "ry")}.get(c.axis, (c.axis,)))
     ]
     if design.probes is None:
@@ -91,7 +93,7 @@ def _force(design: Design, model: RotorModel, theta: Float, plane: str, speed: f
 
 
 def line_times(
-    design: Design, model: RotorModel, theta: Float, test: PerturbationTest, first: Index
+    design: Design, model: RotorModel, theta: Float, test: PerturbationTest, first: Index, band: float
 ) -> tuple[Float, Float]:
     """Times to settle and to average at lines of the test, given by their first rows, s."""
     speed, w = test.speed[first], test.frequency[first]
@@ -100,16 +102,16 @@ def line_times(
         order = np.searchsorted(design.frequencies, np.abs(w))
         return np.zeros(w.size), steps[order] / (design.sweep_rpm_per_s * RAD_S_PER_RPM)
     distinct, number = np.unique(speed, return_inverse=True)
-    decay = np.array([-float(growth_rate(model, theta, one)) for one in distinct.tolist()])
+    decay = np.array([float(decay_rate(model, theta, one, band)) for one in distinct.tolist()])
     return math.log(1 / _TRANSIENT) / decay[number], np.full(w.size, design.average_s)
 
 
-def too_fast(design: Design, model: RotorModel, theta: Float) -> str:
+def too_fast(design: Design, model: RotorModel, theta: Float, band: float) -> str:
     """A sentence where the sweep is too fast for the vibration to follow; else empty. A response swept at the rate r
-    lags behind by about ``r / decay^2`` of itdesign at a resonance."""
+    lags behind by about ``r / decay^2`` of itself at a resonance."""
     if design.sweep_rpm_per_s is None:
         return ""
-    decay = min(-float(growth_rate(model, theta, one)) for one in design.speeds.tolist())
+    decay = min(float(decay_rate(model, theta, one, band)) for one in design.speeds.tolist())
     limit = _TRANSIENT * decay**2 * RPM_PER_RAD_S
     if design.sweep_rpm_per_s <= limit:
         return ""

@@ -23,7 +23,7 @@ from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel, threshold_speed
 from rotorfit.models.array_types import ComplexArray, Float, Index
-from rotorfit.models.motion.stability import growth_rate
+from rotorfit.models.motion.stability import decay_rate
 from rotorfit.planning.guesses import Guess, Values, guess
 from rotorfit.planning.noise import PlannedNoise, with_differences
 from rotorfit.units import RPM_PER_RAD_S
@@ -39,6 +39,7 @@ class Expectation:
     problem: Problem
     guess: Guess
     noise: PlannedNoise
+    band: float  # modulus of eigenvalues that count, rad/s
     constant: Float  # noise of each reading that does not depend on it, shape ``(R,)``
     relative: Float  # noise of each reading over its size, shape ``(R,)``
 
@@ -121,7 +122,7 @@ class Expectation:
             if base is not None and not base.imposed:
                 _, group, speed = base.condition
                 for number, rows in enumerate(base.condition_readings):
-                    if growth_rate(base.model, theta[group[number]], speed[number]) > 0:
+                    if decay_rate(base.model, theta[group[number]], speed[number], self.band) < 0:
                         steady[rows] = 0.0
             parts.append(steady)
         return np.concatenate(parts)
@@ -139,13 +140,14 @@ def expect(
     noise: PlannedNoise,
     draws: int,
     seed: int,
+    band: float,
 ) -> Expectation:
     """The problem of tests that were not made yet."""
     planned = [_unread(test, noise.of_rows(test)) for test in tests]
     problem = build_problem(model, planned, settings)
     vectors = guess(problem.space, values, draws, seed)
     problem = replace(problem, blocks=tuple(_from_rest(block) for block in problem.blocks))
-    _refuse_unstable(problem, vectors.centre)
+    _refuse_unstable(problem, vectors.centre, band)
     predicted = problem.predict(vectors.centre)
     unit = build_problem(model, [_unread(test, np.ones(len(test))) for test in tests], settings)
     constant = np.concatenate([block.sigma for block in problem.blocks])
@@ -165,6 +167,7 @@ def expect(
         problem=problem,
         guess=Guess(centre=centre, draws=wider),
         noise=noise,
+        band=band,
         constant=constant,
         relative=relative,
     )
@@ -209,20 +212,20 @@ def _with_readings(block: Block, values: ComplexArray) -> Block:
     return replace(block, measured=values)  # type: ignore[type-var]
 
 
-def _refuse_unstable(problem: Problem, x: Float) -> None:
+def _refuse_unstable(problem: Problem, x: Float, band: float) -> None:
     theta = problem.space.theta(x)
     for base in map(responses_of, problem.blocks):
         if base is None or base.imposed:
             continue
         _, group, speed = base.condition
-        rate = growth_rate(base.model, theta[group], speed)
-        for number in np.flatnonzero(rate > 0)[:1].tolist():
-            refuse_speed(base.model, theta[group[number]], float(speed[number]))
+        decay = decay_rate(base.model, theta[group], speed, band)
+        for number in np.flatnonzero(decay < 0)[:1].tolist():
+            refuse_speed(base.model, theta[group[number]], float(speed[number]), band)
 
 
-def refuse_speed(model: RotorModel, theta: Float, speed: float) -> None:
+def refuse_speed(model: RotorModel, theta: Float, speed: float, band: float) -> None:
     """Refuse a speed at which the guessed rotor whirls by itself."""
-    onset = threshold_speed(model, theta)
+    onset = threshold_speed(model, theta, band=band)
     limit = f"; speeds are allowed below the threshold of {onset.speed * RPM_PER_RAD_S:.5g} rpm" if onset else ""
     raise ValueError(
         f"the guessed rotor is unstable at {speed * RPM_PER_RAD_S:.5g} rpm and has no steady response there{limit}"

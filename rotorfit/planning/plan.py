@@ -7,12 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from rotorfit.data.experiments import Experiment
 from rotorfit.fitting.assumptions.calibration import Calibration
 from rotorfit.fitting.problem_setup import as_tuple
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets
 from rotorfit.models import RotorModel
+from rotorfit.models.motion.stability import stability_band
 from rotorfit.planning.design import Design
 from rotorfit.planning.guesses import Values
 from rotorfit.planning.noise import PlannedNoise
@@ -100,11 +103,18 @@ def plan(
     noise = PlannedNoise(additive=noise_um, share=noise_share, common=common_share, memory=memory, runs=runs or {})
     task = Task(
         model=model, values=values, patterns=patterns, settings=settings, noise=noise, quantity=quantity,
-        even=float(even), draws=draws, seed=seed,
+        even=float(even), draws=draws, seed=seed, band=_band(model, earlier, patterns, design),
     )  # fmt: skip
     chosen, alternatives = (design, None) if design is None else with_best_speeds(task, design)
     made = task.solved(chosen)
     return replace(made, suggestions=suggest(task, made, chosen, alternatives, wanted))
+
+
+def _band(model: RotorModel, earlier: Any, patterns: Sequence[Experiment], design: Design | None) -> float:
+    """Eigenvalues that count: with terms that hold in a band, those of the earlier fit's, else of the test's."""
+    tested = [np.abs(test.frequencies).max(initial=0.0) for test in patterns]
+    tested += [] if design is None else [design.frequencies.max()]
+    return stability_band(model, earlier.band if isinstance(earlier, FitResult) else float(max(tested)))
 
 
 def _apart(tests: Any) -> tuple[tuple[Experiment, ...], Design | None]:

@@ -37,7 +37,7 @@ def with_best_speeds(task: Task, design: Design) -> tuple[Design, Alternatives |
         return design, None
     whole = replace(design, speed_count=None)
     found, test = task.expectation(whole)
-    targets, names = all_targets(found.problem.space, task.quantity)
+    targets, names = all_targets(found.problem.space, task.quantity, task.band)
     first = sum(block.measured.size for block in found.problem.blocks[: len(task.patterns)])
     errors = errors_of(found, targets)
     lines, _ = task.lines(found, [targets[name] for name in names if math.isfinite(errors[name].stderr)], first)

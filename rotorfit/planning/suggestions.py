@@ -24,7 +24,7 @@ def suggest(
         found.append(_speeds(plan, alternatives))
     if design is not None:
         found += _runs(plan)
-        slow = too_fast(design, task.model, task.vector())
+        slow = too_fast(design, task.model, task.vector(), task.band)
         found += [slow] if slow else []
     else:
         found += _reshared(plan)

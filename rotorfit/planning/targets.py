@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -29,14 +30,14 @@ class Target:
     at: Callable[[Float], tuple[float, Float]]
 
 
-def all_targets(space: ParameterSpace, quantity: Wanted) -> tuple[dict[str, Target], tuple[str, ...]]:
+def all_targets(space: ParameterSpace, quantity: Wanted, band: float) -> tuple[dict[str, Target], tuple[str, ...]]:
     """Parameters, threshold speeds and what else is asked for, by name, and the names of what is asked for."""
     found = {name: _parameter(space, i) for i, name in enumerate(space.names)}
     if space.model.speed_dependent:
         labels = space.labels
         for group, label in enumerate(labels):
             name = THRESHOLD if len(labels) == 1 else f"{THRESHOLD}[{', '.join(label)}]"
-            found[name] = _threshold(space, group, name)
+            found[name] = _threshold(space, group, name, band)
     if quantity is None:
         return found, ()
     if callable(quantity):
@@ -65,14 +66,15 @@ def _parameter(space: ParameterSpace, entry: int) -> Target:
     return Target(name=space.names[entry], unit=space.model.parameter(space.base[entry]).unit, at=at)
 
 
-def _threshold(space: ParameterSpace, group: int, name: str) -> Target:
-    def at(x: Float) -> tuple[float, Float]:
-        onset = threshold_speed(space.model, space.theta(x)[group])
+def _threshold(space: ParameterSpace, group: int, name: str, band: float) -> Target:
+    @cache
+    def found(x: tuple[float, ...]) -> tuple[float, Float]:
+        onset = threshold_speed(space.model, space.theta(np.array(x))[group], band=band)
         if onset is None:
             return math.nan, np.zeros(space.size)
         return onset.speed, space.pull_back(onset.gradient, group)
 
-    return Target(name=name, unit="rad/s", at=at)
+    return Target(name=name, unit="rad/s", at=lambda x: found(tuple(x.tolist())))
 
 
 def _function(space: ParameterSpace, name: str, function: Callable[[Any], Any]) -> Target:

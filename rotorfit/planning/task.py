@@ -46,15 +46,16 @@ class Task:
     even: float
     draws: int
     seed: int
+    band: float  # modulus of eigenvalues that count, rad/s
 
     def expectation(self, design: Design | None) -> tuple[Expectation, PerturbationTest | None]:
         """The problem of the patterns and all lines of a design."""
         tests: tuple[Experiment, ...] = self.patterns
         test = None
         if design is not None:
-            test = candidate_test(design, self.model, self.vector())
+            test = candidate_test(design, self.model, self.vector(), self.band)
             tests = (*tests, test)
-        return expect(self.model, tests, self.settings, self.values, self.noise, self.draws, self.seed), test
+        return expect(self.model, tests, self.settings, self.values, self.noise, self.draws, self.seed, self.band), test
 
     def vector(self) -> Float:
         """The likeliest parameters, shape ``(P,)``."""
@@ -90,7 +91,7 @@ class Task:
     def solved(self, design: Design | None) -> Plan:
         """The plan without suggestions."""
         found, test = self.expectation(design)
-        targets, names = all_targets(found.problem.space, self.quantity)
+        targets, names = all_targets(found.problem.space, self.quantity, self.band)
         first = 0 if test is None else sum(b.measured.size for b in found.problem.blocks[: len(self.patterns)])
         alike = errors_of(found, targets)
         open_ = [name for name in names if not math.isfinite(alike[name].stderr)]
@@ -196,7 +197,7 @@ def _timed(
 ) -> tuple[PlannedLines, PerturbationTest]:
     """The lines with their times, and the test with averaging times and the noise that these leave."""
     first = first_rows(test)
-    settle, average = line_times(design, task.model, task.vector(), test, first)
+    settle, average = line_times(design, task.model, task.vector(), test, first, task.band)
     line: Index = test.lines.apart()[0]
     shared = (average * weight)[line]
     sigma = np.hypot(task.noise.of_rows(test), _relative(task.noise) * sizes) / np.sqrt(weight[line])

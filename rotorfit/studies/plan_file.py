@@ -10,7 +10,7 @@
     tests = ["last_year.csv"]           # patterns: made in any case, their readings do not count
     out = "planned"
 
-    [values]                            # or fit = "results/fit.json"
+    [values]                            # or fit = "results/fit.json", whose model is taken where none is named
     Md = 0.95
     K1 = [12e3, 16e3]                   # a range
     D = {norm = [450.0, 50.0]}          # a distribution of scipy.stats
@@ -51,7 +51,7 @@ class PlanStudy:
 
     path: Path  # of the file
     settings: Mapping[str, Any]  # arguments of rf.plan
-    study: Study  # model with its options, and files of patterns
+    study: Study  # model with its options, empty where it is that of the fit, and files of patterns
     fit: Path | None  # saved fit that values come from
     out: Path | None  # folder for the results
 
@@ -74,10 +74,13 @@ def run_plan(study: PlanStudy) -> Plan:
     tests: list[Experiment | Design] = []
     if study.study.files:
         tests += read_files(study.study.files, no_progress)[0]
-    model = build_model(study.study, [test for test in tests if isinstance(test, Experiment)])
     settings = dict(study.settings)
     if study.fit is not None:
         settings["values"] = load_fit(study.fit)
+    if study.study.model:
+        model = build_model(study.study, [test for test in tests if isinstance(test, Experiment)])
+    else:
+        model = settings["values"].model
     if "design" in settings:
         tests.append(settings.pop("design"))
     try:
@@ -92,8 +95,8 @@ def _settings(path: Path, content: Mapping[str, Any]) -> PlanStudy:
             raise ValueError(unknown_name("key", key, _KEYS))
     if "structure" in content:
         content = {"model": KnownStructure.name, **content}
-    if "model" not in content:
-        raise ValueError("the key 'model' is missing")
+    if "model" not in content and ("fit" not in content or set(content) & set(_MODEL)):
+        raise ValueError("the key 'model' is missing; it may be left out, with its options, where fit = names a fit")
     found = {key: _KEYS[key](key, value) for key, value in content.items()}
     if ("values" in found) == ("fit" in found):
         raise ValueError("give the values of the rotor: a table [values], or fit = the path of a saved fit.json")
@@ -108,7 +111,7 @@ def _settings(path: Path, content: Mapping[str, Any]) -> PlanStudy:
     return PlanStudy(
         path=path,
         settings=found,
-        study=Study(files=files, **model),
+        study=Study(files=files, **{"model": "", **model}),
         fit=None if fit is None else base / fit,
         out=None if out is None else base / out,
     )

@@ -15,7 +15,7 @@ from rotorfit.estimators.inference.identifiability import UNSEEN_CHANGE
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.models.motion.stability import threshold_speeds
+from rotorfit.models.motion.stability import counted, threshold_speeds
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.shafts.plane_forces import loop_stiffness
 from rotorfit.uncertainty.derived import DERIVED_DRAWS, SHAFT_DRAWS
@@ -24,7 +24,6 @@ from rotorfit.uncertainty.prediction import extrapolation
 from rotorfit.uncertainty.stability.record import SENSITIVITY, Criterion, Curve, ModeDamping, StabilityReport
 from rotorfit.uncertainty.stability.rotors import (
     Rotors,
-    counted,
     drawn_rotors,
     fitted_rotor,
     has_planes,

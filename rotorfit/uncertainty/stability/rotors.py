@@ -16,7 +16,7 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.models import RotorModel, Threshold
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.motion.neglected_terms import LeftOut, eigenvalues_with
-from rotorfit.models.motion.stability import spectrum
+from rotorfit.models.motion.stability import counted, spectrum
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.shafts.plane_forces import loop_stiffness
 
@@ -164,16 +164,6 @@ def _deflection(phasors: ComplexArray) -> Float:
         return np.abs(phasors[..., 0])
     x, y = phasors[..., 0], phasors[..., 1]
     return np.asarray((np.abs(x + 1j * y) + np.abs(x - 1j * y)) / 2)
-
-
-def counted(model: RotorModel, s: ComplexArray, band: float) -> Bool:
-    """Eigenvalues ``(..., modes)`` that count: up to a band, of a whole shaft as many as its planes can follow."""
-    size = np.where(np.isfinite(s), np.abs(s), np.inf)
-    limit = np.asarray(band)
-    if model.shaft is not None:
-        lowest = np.sort(size, axis=-1)[..., min(model.order * len(model.coordinates), s.shape[-1]) - 1]
-        limit = np.minimum(lowest, band)[..., None]
-    return np.asarray((size <= limit) & np.isfinite(size))
 
 
 def has_planes(model: RotorModel) -> bool:
