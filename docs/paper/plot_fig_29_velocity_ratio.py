@@ -7,12 +7,38 @@ falls slightly with eccentricity and then collapses, earlier at high speed. As a
 ring-down is an eigenvalue of the whole rotor, and the ratio is near lam only while the whirl mode is lightly damped.
 """
 
+import tempfile
+from pathlib import Path
+
 import matplotlib.pyplot as plt
 import numpy as np
 
 import rotorfit as rf
 
 RPM = 30 / np.pi
+
+# %%
+# Fig. 29 (a): spectra of a recording after one blow at the disk, with 1x and the modes. The whirl, near lam times the
+# speed, is forward only. The whip, the bending mode, is in the disk's motion, and a blow along one axis excites it
+# backward too.
+
+rotor = rf.models.WhirlWhip()
+thick_oil = {
+    "Md": 0.95, "Ds": 3.0, "K1": 14e3, "K2": 6e3, "sigma": 1.0, "Mb": 0.3, "K3": 6e3, "K0": 5e3, "D": 1500.0,
+    "lam": 0.475, "Mf": 0.35,
+}  # fmt: skip
+folder = Path(tempfile.mkdtemp())
+(blow,) = rf.simulate_recordings(
+    rotor, thick_oil, folder, "impulse", speed_rpm=2100, impulse=0.3, blows=1, plane="disk"
+)
+roots = rf.models.eigenvalues(rotor, rotor.vector(thick_oil), 2100 / RPM)
+whirl, whip = sorted(roots[roots.imag > 50].imag)
+record = rf.read_recording(blow)
+record.plot_full_spectrum(marks={"whirl": whirl, "whip": whip, "whip, backward": -whip}, limit_hz=50)
+
+# %%
+# Figs 29 (b) and (c): journals that rest at several eccentricities are tapped, at two speeds.
+
 law = rf.models.Muszynska()
 model = rf.models.OneMode(law=law, clearance_um=200.0)
 structure = {"M": 1.2, "K": 2e3, "Ds": 8.0}

@@ -300,7 +300,8 @@ def plot_full_spectrum(
         for label, at in marks.items():
             if abs(at) <= 2 * np.pi * edge:
                 axis.axvline(at / (2 * np.pi), color=COLOURS[1], linewidth=0.8, linestyle="--")
-                axis.text(at / (2 * np.pi), top * 1.13, literal(label), fontsize=7, color=COLOURS[1], ha="center")
+                style = {"fontsize": 7, "color": COLOURS[1], "ha": "center", "bbox": _LABEL}
+                axis.text(at / (2 * np.pi), top * 1.13, literal(label), **style)
         axis.set_xlim(-edge, edge)
         axis.set_ylim(0, top * (1.25 if marks else 1.15) or 1.0)
         axis.set_ylabel(literal(f"{plane}, {amplitude_unit()}"), fontsize=9)
