@@ -27,12 +27,15 @@ class LogPosterior:
 
     The noise given with the data sets the shape of each channel's noise; its level is what ``noise`` says:
 
-    * "fixed": as given, times ``inflation``;
+    * "fixed": as given;
     * "marginal": unknown in each channel and integrated out in closed form. The prior of the scale is Jeffreys' 1/s
       together with one datum's worth of belief in the noise given, without which a channel of few readings could be
       met exactly and pull the density to infinity. With n real data of whitened sum of squares S the channel
       contributes ``(S + 1)^(-(n + 1)/2)``: one that the model misses widens by itself;
     * "sampled": the same, with log s of each channel as further entries of the vector.
+
+    The likelihood is taken to the power of one over ``inflation``: of noise as given that multiplies its variance, of
+    unknown noise so many readings count as one.
 
     Effects of runs, given by their entries and estimated standard deviation, are normal with a variance that is unknown
     too and integrated out the same way, in place of their priors: n of them with a sum of squares b contribute
@@ -56,7 +59,7 @@ class LogPosterior:
         self.problem, self.noise, self.inflation = problem, noise, inflation
         self.batch = Batch(problem, accelerate=accelerate, work=work)
         belief = 0.0 if noise == "fixed" else PRIOR_FREEDOM
-        self.counts = problem.channel_counts + belief
+        self.counts = problem.channel_counts / inflation + belief
         self.size = problem.space.size + (self.counts.size if noise == "sampled" else 0)
         self.lower, self.upper = box(problem)
         self._effects = tuple(effects)
@@ -83,14 +86,18 @@ class LogPosterior:
             return result
         x = vectors[inside, :p]
         with np.errstate(all="ignore"):  # a proposal may well be absurd; what is not finite is refused below
-            value = self._misfit(self.batch.channel_sums(x), vectors[inside, p:]) + self._log_priors(x)
+            value = self._misfit(self.channel_sums(x), vectors[inside, p:]) + self._log_priors(x)
             value += self._log_effects(x)
         result[inside] = np.where(np.isfinite(value), value, -np.inf)
         return result
 
+    def channel_sums(self, x: Float) -> Float:
+        """Whitened sum of squares of each channel over ``inflation``, shape ``(W, channels)``."""
+        return self.batch.channel_sums(x) / self.inflation
+
     def _misfit(self, sums: Float, levels: Float) -> Float:
         if self.noise == "fixed":
-            return np.asarray(-0.5 * sums.sum(axis=1) / self.inflation)
+            return np.asarray(-0.5 * sums.sum(axis=1))
         if self.noise == "marginal":
             return np.asarray(-0.5 * np.log(sums + PRIOR_FREEDOM) @ self.counts)
         return np.asarray(-levels @ self.counts - 0.5 * ((sums + PRIOR_FREEDOM) * np.exp(-2 * levels)).sum(axis=1))
@@ -108,11 +115,13 @@ class LogPosterior:
         """Mode and covariance of the density's normal approximation. Directions without curvature get the width of the
         bounds across them."""
         if self.noise == "fixed":
-            x, levels = start, np.full(self.counts.size, 0.5 * np.log(self.inflation))
+            x, levels = start, np.zeros(self.counts.size)
         else:
             x, levels = self._mode(start)
         weighted = self._weighted(levels)
-        if self.inflation != 1 and self.problem.priors:  # priors weigh more against wider noise
+        if (
+            self.inflation != 1 and self.problem.priors and self.noise == "fixed"
+        ):  # priors weigh more against wider noise
             x = self._fit(levels, x)
         information = weighted.gauss_newton(x)[2]
         for prior in self.problem.priors:
@@ -129,7 +138,8 @@ class LogPosterior:
         return np.concatenate([x, levels]), full
 
     def _weighted(self, levels: Float) -> Problem:
-        """The problem with the noise of each channel multiplied by exp(level)."""
+        """The problem with the noise of each channel multiplied by exp(level), and by ``inflation``."""
+        levels = levels + 0.5 * np.log(self.inflation)
         offset, blocks = 0, []
         for block in self.problem.blocks:
             blocks.append(block.with_noise(np.exp(levels[offset + block.label])))
@@ -140,7 +150,7 @@ class LogPosterior:
         """Alternate between the noise levels and the fit they weigh, which climbs the density at every turn."""
         x, levels = start, np.zeros(self.counts.size)
         for _ in range(30):
-            sums = self.batch.channel_sums(x[None, :])[0]
+            sums = self.channel_sums(x[None, :])[0]
             new = 0.5 * np.log((sums + PRIOR_FREEDOM) / self.counts)
             moved, levels = np.abs(new - levels).max(), new
             if moved < 1e-3:

@@ -14,7 +14,6 @@ from rotorfit.estimators.starting.closed_form import ClosedForm
 from rotorfit.estimators.starting.start_points import Start
 from rotorfit.fitting.fit_warnings import fit_warnings
 from rotorfit.fitting.goodness import goodness_of
-from rotorfit.fitting.noise.record import NoiseVerdict
 from rotorfit.fitting.noise.residual_study import ResidualStudy
 from rotorfit.fitting.parameter_table import parameter_table
 from rotorfit.fitting.result import FitResult
@@ -99,6 +98,6 @@ def with_model_uncertainty(fit: FitResult, uncertainty: Float) -> FitResult:
 def inverse_curvature(fit: FitResult) -> Float:
     """Change of the estimate by the slope of the cost, shape ``(p, p)``: mostly ``covar`` itself."""
     noise = fit.noise
-    wider = noise is not None and (noise.robust or noise.perhaps_filtered or noise.verdict is NoiseVerdict.CORRELATED)
+    wider = noise is not None and (noise.robust or noise.correlated)
     wider = wider or fit.model_uncertainty is not None or (fit.noise is not None and bool(fit.noise.possible_effects))
     return fit.covar if fit.problem.loss == "linear" and not wider else covariance.inverse_curvature(fit.problem, fit.x)

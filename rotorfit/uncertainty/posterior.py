@@ -34,7 +34,7 @@ class SampleSettings:
     """How a posterior was sampled; see :func:`rotorfit.sample`."""
 
     noise: Noise  # treatment of the noise level: "marginal", "fixed" or "sampled"
-    inflation: float  # factor on the noise variances with fixed noise, 1 unless the model limits the fit
+    inflation: float  # factor on variances, beside the level of unknown noise: of misfits, of correlated readings
     walkers: int  # how many there are
     ess: float  # effective samples asked for of each parameter
     max_steps: int  # as asked for

@@ -150,9 +150,20 @@ def _refuse_unsampled(fit: FitResult) -> None:
 def _target(fit: FitResult, noise: Noise | None, accelerate: bool | None, work: float) -> LogPosterior:
     """The density to sample: noise of unknown level unless the loss has a scale of its own."""
     level: Noise = noise or ("marginal" if fit.settings.loss == "linear" else "fixed")
-    inflation = fit.widening if fit.model_limited and level == "fixed" else 1.0
+    inflation = _inflation(fit, level)
     effects = effect_entries(fit.problem, fit.settings.noise)
     return LogPosterior(fit.problem, level, inflation=inflation, effects=effects, accelerate=accelerate, work=work)
+
+
+def _inflation(fit: FitResult, level: Noise) -> float:
+    """Factor on variances that the likelihood lacks: of a model that limits the fit, of readings that are correlated.
+    The level of unknown noise is that of the residuals already."""
+    if fit.noise is not None and fit.noise.correlated:
+        white = [(i, fit.params[name].stderr_noise) for i, name in enumerate(fit.problem.space.names)]
+        within = np.diag(fit.noise.shares[-1])  # all but differences of runs
+        wider = [float(within[i]) / own**2 for i, own in white if 0 < own < np.inf]
+        return max(float(np.median(wider)) / (1.0 if level == "fixed" else fit.redchi), 1.0) if wider else 1.0
+    return fit.widening if fit.model_limited and level == "fixed" else 1.0
 
 
 def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
@@ -199,12 +210,17 @@ def _noise_words(fit: FitResult, target: LogPosterior, centre: Float) -> str:
             return "noise as given with the data"
         return f"noise as given with the data, standard deviations widened by {np.sqrt(target.inflation):.3g}"
     parameters = centre[None, : target.problem.space.size]
-    level = np.sqrt((target.batch.channel_sums(parameters)[0] + 1.0) / target.counts)
+    level = np.sqrt((target.channel_sums(parameters)[0] + 1.0) / target.counts)
     level *= [fit.settings.noise_scale.get(name, 1.0) for name in fit.problem.channel_names]
     how = "integrated out" if target.noise == "marginal" else "sampled"
+    few = (
+        f"; variances are {target.inflation:.2g} times as large, as readings are correlated"
+        if target.inflation != 1.0
+        else ""
+    )
     return (
         f"noise level of each channel unknown and {how}; at the optimum {level.min():.3g} to {level.max():.3g} "
-        "times the noise given with the data"
+        f"times the noise given with the data{few}"
     )
 
 

@@ -85,6 +85,11 @@ class ResidualStudy:
         """True if what a fit misses looks like noise behind overlapping filters: no given sigma excludes it."""
         return bool(self.noise_ratio)
 
+    @property
+    def correlated(self) -> bool:
+        """True if standard errors include that the noise is, or may be, correlated along the sweeps."""
+        return self.verdict is NoiseVerdict.CORRELATED or self.perhaps_filtered
+
     def degrees(self, gradient: Float) -> float:
         """Degrees of freedom of the variance of a derived quantity (Satterthwaite), infinite for a known one.
 
