@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
@@ -24,6 +25,8 @@ _ATTEMPTS = 3
 """Times that an item is sent before it is worked on here. Chosen."""
 _IN_FLIGHT = 256
 """Items that are sent and not answered at a time, so that no machine holds all of them. Chosen."""
+_LOOK = 5.0
+"""Seconds between looks at a cluster that does not answer. Chosen."""
 _CONNECTING = 15.0
 """Seconds that a scheduler may take to answer. Chosen."""
 
@@ -93,14 +96,24 @@ class _Sent:
                     break
             if not waiting:
                 break
-            finished = wait(waiting, timeout=self.patience, return_when=FIRST_COMPLETED).done
+            finished = self._answered(waiting, executor)
             self.stalled = not finished
             lost += [number for future in finished if not self._taken(future, number := waiting.pop(future))]
-        if self.stalled:
-            self.reason = f"no worker has answered for {self.patience:g} s"
+        if self.stalled and not _is_closed(executor):
             for future in waiting:
                 future.cancel()
         return sorted([*lost, *waiting.values(), *left])
+
+    def _answered(self, waiting: Mapping[Future[Any], int], executor: Executor) -> set[Future[Any]]:
+        """What has come to an end, nothing where no answer is to be expected any more."""
+        end = time.monotonic() + self.patience
+        while not _is_closed(executor) and (left := end - time.monotonic()) > 0:
+            finished = wait(waiting, timeout=min(left, _LOOK), return_when=FIRST_COMPLETED).done
+            if finished:
+                return finished
+        closed = _is_closed(executor)
+        self.reason = "the cluster was lost" if closed else f"no worker has answered for {self.patience:g} s"
+        return set()
 
     def _send(self, number: int, executor: Executor, waiting: dict[Future[Any], int], lost: list[int]) -> None:
         try:
@@ -118,6 +131,11 @@ class _Sent:
         self.results[number] = future.result()
         self.done(self.items[number], self.results[number])
         return True
+
+
+def _is_closed(executor: Executor) -> bool:
+    """True for that of a Dask client which has given its scheduler up."""
+    return getattr(getattr(executor, "_client", None), "status", "") == "closed"
 
 
 # ---- where the work goes --------------------------------------------------------------------------------------------
@@ -170,7 +188,8 @@ def cluster(address: str) -> Iterator[Executor | None]:
     except ImportError as reason:
         raise ValueError('a cluster needs Dask: pip install "rotorfit[cluster]"') from reason
     if kind == "local":
-        quiet = {"dashboard_address": None, "silence_logs": logging.CRITICAL}
+        pages = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}  # of the scheduler: for this machine alone
+        quiet = {"scheduler_kwargs": pages, "silence_logs": logging.CRITICAL}
         with LocalCluster(n_workers=int(rest), threads_per_worker=1, **quiet) as workers, Client(workers) as client:
             yield executor_of(None, client)
         return
@@ -178,6 +197,7 @@ def cluster(address: str) -> Iterator[Executor | None]:
         found = Client(address, timeout=_CONNECTING)
     except OSError as problem:
         raise OSError(f"no Dask scheduler answers at {address}: {problem}") from problem
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what is lost is said where it is done again
     with found as client:
         _check_versions(client, address)
         yield executor_of(None, client)

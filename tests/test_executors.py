@@ -13,6 +13,7 @@ import time
 import warnings
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -47,11 +48,24 @@ class Closed(Executor):
         raise AssertionError("tried to send a message over a closed comm")
 
 
-@pytest.mark.parametrize(("pool", "said"), [(Silent(3), "no worker has answered for 0.2 s"), (Closed(), "closed comm")])
-def test_a_cluster_that_is_lost_is_not_waited_for(pool, said):
+class GivenUp(Silent):
+    """Answers nothing: of a Dask client that could not reach its scheduler any more."""
+
+    _client = SimpleNamespace(status="closed")
+
+
+@pytest.mark.parametrize(
+    ("pool", "patience", "said"),
+    [
+        (Silent(3), 0.2, "no worker has answered for 0.2 s"),
+        (Closed(), 0.2, "closed comm"),
+        (GivenUp(0), 300.0, "the cluster was lost"),
+    ],
+)
+def test_a_cluster_that_is_lost_is_not_waited_for(pool, patience, said):
     done = []
     with pytest.warns(UserWarning, match=f"of 10 pieces of work are done here: .*{said}"):
-        found = carry_out(lambda n: n * n, range(10), pool, lambda n, square: done.append(n), patience=0.2)
+        found = carry_out(lambda n: n * n, range(10), pool, lambda n, square: done.append(n), patience=patience)
     assert found == [n * n for n in range(10)]
     assert sorted(done) == list(range(10))
 
@@ -178,8 +192,9 @@ def test_netcdf_files_are_written_beside_a_dask_client(tmp_path):
     """xarray then locks by the cluster, which takes files only; posteriors are drawn on workers."""
     distributed = pytest.importorskip("distributed")
     table, _ = seal_campaign(1)
-    here = {"processes": False, "protocol": "tcp", "dashboard_address": None}
-    with distributed.LocalCluster(1, threads_per_worker=1, **here) as workers, distributed.Client(workers):
+    here = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
+    options = {"processes": False, "protocol": "tcp", "threads_per_worker": 1, "scheduler_kwargs": here}
+    with distributed.LocalCluster(1, **options) as workers, distributed.Client(workers):
         rf.write(table, tmp_path / "a.nc")
     assert len(rf.read(tmp_path / "a.nc")) == len(table)
 
