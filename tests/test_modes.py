@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.linalg import eig, eigh
 from synthetic import SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
-from rotorfit.fitting.structure.modes import half_power
+from rotorfit.cli.main import main
+from rotorfit.fitting.structure.modes import half_power, own_modes
 from rotorfit.models import MODELS, TwoDisk
 
 
@@ -39,6 +43,24 @@ def test_the_papers_numbers_come_out(fit: rf.FitResult) -> None:
     table = str(modes)
     assert "half-power" in table
     assert "at outboard" in table
+
+
+def test_the_command_gives_the_modes_too(fit: rf.FitResult, tmp_path: Path) -> None:
+    """As columns, and in the report as they are printed."""
+    data = str(rf.datasets.path("two_disk.csv"))
+    assert main(["fit", data, "--model", "two-disk", "--out", str(tmp_path), "--no-figures", "--quiet"]) == 0
+    table = pd.read_csv(tmp_path / "modes.csv")
+    for number, (mode, row) in enumerate(zip(fit.modes(), table.itertuples(), strict=True), 1):
+        assert mode.mass is not None
+        assert row.mode == number
+        assert (row.mass_kg, row.mass_kg_stderr) == pytest.approx((mode.mass.value, mode.mass.stderr), rel=1e-6)
+        assert row.shape_outboard == pytest.approx(mode.shape["outboard"].value, rel=1e-6)
+        assert row.half_power == pytest.approx(mode.half_power, rel=1e-6)
+    report = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "half-power" in report
+    assert fit.modes().rows()[1][4] in report
+    damped = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), known={"K3": 6e3})
+    assert own_modes(damped) is None
 
 
 def test_modes_of_a_passive_rotor_are_another_solvers(fit: rf.FitResult) -> None:

@@ -18,6 +18,7 @@ from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses
 from rotorfit.estimators.blocks.small_motion import FreeVibrations
 from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.structure.modes import own_modes
 from rotorfit.models import Modal
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import bare_name
@@ -216,7 +217,23 @@ def _stability(material: ReportInput) -> Iterator[Html]:
         head, rows = head[1:], [row[1:] for row in rows]
     modes = table(head, rows, numeric=range(len(head) - 5, len(head)))
     yield from _criteria(material)
+    yield from _own_modes(fit)
     yield element("details", element("summary", "Modes at the tested speeds"), modes)
+
+
+def _own_modes(fit: FitResult) -> Iterator[Html]:
+    """Modal masses, stiffnesses and shapes of a passive rotor."""
+    modes = own_modes(fit)
+    if modes is None:
+        return
+    head, *rows = modes.rows()
+    yield element("h3", "Modes one by one")
+    yield table(head, rows, numeric=range(1, len(head)))
+    place = next(iter(modes[0].shape))
+    yield note(
+        f"Mass, stiffness and damping are those of each mode by itself, one being its deflection at {place}. Half-power: "
+        "damping ratio by the width of the measured peaks."
+    )
 
 
 def _criteria(material: ReportInput) -> Iterator[Html]:

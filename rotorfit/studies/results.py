@@ -17,6 +17,7 @@ from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.structure.coefficients import of_a_rig
 from rotorfit.fitting.structure.frequency_coefficients import measured_by_frequency
+from rotorfit.fitting.structure.modes import own_modes
 from rotorfit.io.tables.result_tables import rows_csv
 from rotorfit.models.array_types import Float
 from rotorfit.studies.data_files import StudyProgress
@@ -56,6 +57,9 @@ def write_outcome(
             best.plot_coefficients().savefig(folder / f"coefficients.{figure_format}")
             if of_frequency:
                 best.plot_frequency_coefficients().savefig(folder / f"frequency_coefficients.{figure_format}")
+    modes = own_modes(best)
+    if modes is not None:
+        _write_csv(folder / "modes.csv", modes.numbers())
     best.save(folder / "fit.json")
     write_uncertainty(outcome, folder)
     progress("drawing the report")

@@ -97,7 +97,8 @@ class Modes(Printed, Sequence[Mode]):
         others = list(np.stack(columns, axis=1))
         return np.array([[modal_assurance(mode.vector[places], other) for other in others] for mode in self.modes])
 
-    def __str__(self) -> str:
+    def rows(self) -> list[list[str]]:
+        """The table as text, its head first."""
         planes = list(self.modes[0].shape) if self.modes else []
         parts = self.modes[0].mass is not None if self.modes else False
         head = ["mode", "frequency, rpm", "damping ratio", "half-power"]
@@ -109,9 +110,32 @@ class Modes(Printed, Sequence[Mode]):
             row += [_said(q) for q in (mode.mass, mode.stiffness, mode.damping) if q is not None]
             row += [_deflection(mode, plane) for plane in planes]
             rows.append(row)
+        return rows
+
+    def numbers(self) -> list[list[Any]]:
+        """The table in SI units, each number with its standard error, its head first."""
+        named = [_numbers(mode) for mode in self.modes]
+        head = [part for name in (named[0] if named else ()) for part in (name, f"{name}_stderr")]
+        rows = [[part for q in one.values() for part in (q.value, q.stderr)] for one in named]
+        return [
+            ["mode", "half_power", *head],
+            *([k, mode.half_power, *row] for k, (mode, row) in enumerate(zip(self.modes, rows, strict=True), 1)),
+        ]
+
+    def __str__(self) -> str:
+        rows = self.rows()
         return "\n".join(text_table(rows, ">4 " + ">8 " * (len(rows[0]) - 1)))
 
     __repr__ = __str__
+
+
+def _numbers(mode: Mode) -> dict[str, Quantity]:
+    """Quantities of a mode by name and unit."""
+    found = {"frequency_rad_s": mode.frequency, "damping_ratio": mode.damping_ratio}
+    own = {"mass_kg": mode.mass, "stiffness_N_m": mode.stiffness, "damping_N_s_m": mode.damping}
+    found |= {name: q for name, q in own.items() if q is not None}
+    found |= {f"shape_{plane}": q for plane, q in mode.shape.items()}
+    return found if own["mass_kg"] else found | {f"phase_{plane}_rad": q for plane, q in mode.phase.items()}
 
 
 def _said(q: Quantity, factor: float = 1.0) -> str:

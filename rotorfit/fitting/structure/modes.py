@@ -77,6 +77,15 @@ def modes_of(fit: FitResult, speed: float, normalise: str | None, at: Mapping[st
     return Modes(tuple(modes), speed)
 
 
+def own_modes(fit: FitResult) -> Modes | None:
+    """Modes of a passive rotor that rotation does not change, each with a mass of its own; None of other rotors."""
+    model = fit.model
+    if model.frame != "z" or model.shaft is not None or model.speed_dependent or len(fit.thetas) > 1:
+        return None
+    found = fit.modes() if len(model.coordinates) > 1 else ()
+    return found if isinstance(found, Modes) and found and found[0].mass is not None else None
+
+
 def _numbers(mode: VibrationMode) -> Float:
     """Frequency, damping ratio, mass, stiffness, damping, sizes and phases of the shape."""
     passive = np.isfinite(mode.mass)
