@@ -230,10 +230,8 @@ def _own_modes(fit: FitResult) -> Iterator[Html]:
     yield element("h3", "Modes one by one")
     yield table(head, rows, numeric=range(1, len(head)))
     place = next(iter(modes[0].shape))
-    yield note(
-        f"Mass, stiffness and damping are those of each mode by itself, one being its deflection at {place}. Half-power: "
-        "damping ratio by the width of the measured peaks."
-    )
+    own = f"Mass, stiffness and damping are those of each mode by itself, with a deflection of one at {place}."
+    yield note(f"{own} Half-power: damping ratio by the width of the measured peaks.")
 
 
 def _criteria(material: ReportInput) -> Iterator[Html]:
