@@ -78,6 +78,17 @@ def test_decrement_is_that_of_the_decay_in_time() -> None:
     assert by_name(report, "decrement").value == pytest.approx(expected, rel=1e-5)
 
 
+def test_damping_of_every_mode_against_speed() -> None:
+    report = exact().stability_report(max_speed_rpm=RUNNING * RPM)
+    assert [curve.label.split()[0] for curve in report.decrement] == ["backward", "forward"]
+    theta, model = exact().theta(), exact().model
+    for curve, sense in zip(report.damping_ratio, (-1, 1), strict=True):
+        for speed, ratio in zip(curve.x.tolist(), curve.y.tolist(), strict=True):
+            (s,) = (s for s in eigenvalues(model, theta, speed) if s.imag * sense > 0)
+            assert ratio == pytest.approx(-s.real / abs(s), rel=1e-9)
+        assert np.all((curve.band[:, 0] <= curve.y) & (curve.y <= curve.band[:, 1]))
+
+
 def test_cross_coupling_at_onset_is_the_quadrature_stiffness_at_the_natural_frequency() -> None:
     """By hand for one mode: Q0 = Ds wn + D (wn - lam Om)."""
     p, qa = TRUE, 900.0

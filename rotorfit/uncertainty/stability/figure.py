@@ -22,7 +22,7 @@ from rotorfit.plots.style import (
     rate_unit,
     rate_words,
 )
-from rotorfit.uncertainty.stability.record import SENSITIVITY
+from rotorfit.uncertainty.stability.record import SENSITIVITY, damping_ratio
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -72,21 +72,29 @@ def _limit(report: StabilityReport, axis: Any) -> None:
 
 def _decrements(report: StabilityReport, axis: Any) -> None:
     damped = 3.0  # above which curves are cut off: such a mode is no question of stability
-    forward = sorted((m for m in report.modes if m.direction == "forward"), key=lambda mode: mode.frequency)
+    modes = sorted(report.modes, key=lambda mode: mode.frequency)
     at = rate_words(report.running[1])
     shown = [
-        replace(curve, label=f"forward mode, {rate_words(mode.frequency)} at {at}")
-        for curve, mode in zip(report.decrement, forward, strict=True)
+        replace(curve, label=f"{mode.direction} mode, {rate_words(abs(mode.frequency))} at {at}")
+        for curve, mode in zip(report.decrement, modes, strict=True)
         if np.min(curve.y) < damped
     ]
     _draw(axis, shown, per_rad_s(), 1.0)
     _running(report, axis)
     _limit(report, axis)
-    top = max([report.criteria[0].limit, *(float(np.max(np.minimum(c.y, damped))) for c in shown)])
-    low = min([0.0, *(float(np.min(c.y)) for c in shown)])
+    top = max([report.criteria[0].limit, *(float(np.max(np.minimum(c.band, damped))) for c in shown)])
+    low = min([0.0, *(float(np.min(c.band)) for c in shown)])
     axis.set_ylim(max(low, -0.5 * top) - 0.1 * top, 1.15 * top)
     axis.set_xlabel(f"speed, {rate_unit()}", fontsize=8)
     axis.set_ylabel("log. decrement", fontsize=8)
+    ratio = axis.secondary_yaxis("right", functions=(damping_ratio, _decrement_of))
+    ratio.set_ylabel("damping ratio", fontsize=8)
+    ratio.tick_params(labelsize=7)
+
+
+def _decrement_of(ratio: Float) -> Float:
+    """Logarithmic decrements of damping ratios; those of ratios beyond the axis do not matter."""
+    return np.asarray(2 * np.pi * np.tan(np.arcsin(np.clip(ratio, -0.99, 0.99))))
 
 
 def _unbalance(report: StabilityReport, axis: Any) -> None:

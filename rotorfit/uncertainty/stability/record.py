@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Unpack
+
+import numpy as np
 
 from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.models.array_types import Float
@@ -97,6 +99,11 @@ class Curve:
     band: Float
 
 
+def damping_ratio(decrement: Float) -> Float:
+    """Damping ratios of logarithmic decrements, ``zeta = delta / sqrt(4 pi^2 + delta^2)``; one of infinite ones."""
+    return np.asarray(np.sin(np.arctan(decrement / (2 * np.pi))))
+
+
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class StabilityReport(Printed):
     """Criteria of a fitted rotor at running speed; see :meth:`FitResult.stability_report`.
@@ -123,8 +130,13 @@ class StabilityReport(Printed):
 
     @cached_property
     def decrement(self) -> tuple[Curve, ...]:
-        """Of each forward mode against speed, rad/s."""
+        """Of each mode against speed, rad/s."""
         return self.curves["decrement"]()
+
+    @property
+    def damping_ratio(self) -> tuple[Curve, ...]:
+        """The same as shares of critical damping."""
+        return tuple(replace(c, y=damping_ratio(c.y), band=damping_ratio(c.band)) for c in self.decrement)
 
     @cached_property
     def unbalance(self) -> tuple[Curve, ...]:

@@ -310,15 +310,19 @@ def _modes(fit: FitResult, one: Rotors, many: Rotors, speed: float, level: float
             decrement=float(_decrement(np.array(s))),
             interval=(float(band[0]), float(band[1])),
             damping_ratio=float(-s.real / abs(s)),
-            direction="forward" if ahead else "backward",
+            direction=_direction(ahead),
         )
         for s, band, ahead in zip(reference, bands, forward, strict=True)
     ]
     return tuple(sorted(found, key=lambda mode: mode.decrement))
 
 
+def _direction(ahead: bool) -> str:
+    return "forward" if ahead else "backward"
+
+
 def _decrement_curves(fit: FitResult, one: Rotors, few: Rotors, top: float, level: float) -> tuple[Curve, ...]:
-    """Decrement of the forward modes against speed, those that the highest running speed has."""
+    """Decrement of the modes against speed, those that the highest running speed has."""
     tested = float(fit.speeds.max(initial=0.0))
     speeds = np.linspace(0.1, 1.0, 28) * _MARGIN_OF_CURVES * max(top, tested)
     start = _reference(fit, one, top)
@@ -333,13 +337,12 @@ def _decrement_curves(fit: FitResult, one: Rotors, few: Rotors, top: float, leve
             bands[k] = _quantiles(_decrement(few.eigenvalues(float(speeds[k]), last)), level).T
     return tuple(
         Curve(
-            label=f"forward mode, {s.imag * RPM_PER_RAD_S:.0f} rpm at {top * RPM_PER_RAD_S:.0f} rpm",
+            label=f"{_direction(ahead)} mode, {abs(s.imag) * RPM_PER_RAD_S:.0f} rpm at {top * RPM_PER_RAD_S:.0f} rpm",
             x=speeds,
             y=values[:, k],
             band=bands[:, k],
         )
-        for k, s in enumerate(start)
-        if forward[k]
+        for k, (s, ahead) in enumerate(zip(start, forward, strict=True))
     )
 
 
