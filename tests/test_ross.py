@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+import tomllib
 import warnings
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from test_known_structure import rig_matrices
 
 import rotorfit as rf
 from rotorfit.cli import main as cli
+from rotorfit.io.shafts import ross_rotor
 from rotorfit.models import KnownStructure, eigenvalues
 
 FILES = Path(__file__).parent / "data" / "ross"
@@ -172,19 +174,51 @@ def test_files_of_something_else(tmp_path):
 # ---- rotors --------------------------------------------------------------------------------------------
 
 
-def test_saved_rotors_are_read_by_their_own_line_of_ross(ross):
-    """In the next line a table's 'frequency' means something else."""
-    for version in VERSIONS:
-        path = FILES / f"rotor-{version}.toml"
-        if version[0] == ross.__version__[0]:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                model = KnownStructure.from_ross(path, planes={"disk": 2}, fluid="oil")
-            K = from_file(version).shaft.matrices.K
-            np.testing.assert_allclose(model.shaft.matrices.K, K, atol=1e-12 * np.abs(K).max())
-        else:
-            with pytest.raises(ValueError, match=f"saved by ROSS {version}.*save_mat"):
-                KnownStructure.from_ross(path, planes={"disk": 2}, fluid="oil")
+@pytest.mark.parametrize("version", VERSIONS)
+def test_saved_rotors_are_read_by_either_line_of_ross(ross, version, tmp_path, capfd):
+    """A table's 'frequency' means the speed in the one, that of the whirl in the other: K at 300 rad/s is the same."""
+    path = FILES / f"rotor-{version}.toml"
+    model = KnownStructure.from_ross(path, planes={"disk": 2}, fluid="oil")
+    K = from_file(version).shaft.matrices.K
+    np.testing.assert_allclose(model.shaft.matrices.K, K, atol=1e-12 * np.abs(K).max())
+    content = tomllib.loads(path.read_text())
+    if version[0] == "3":  # what JSON has beside, as null
+        content["parameters"]["modal_damping_ratio"] = None
+        for part in content.values():
+            if "kxx" in part:
+                part.setdefault("frequency", None)
+                part.setdefault("radial_clearance", None)
+    (tmp_path / "rotor.json").write_text(json.dumps(content))
+    again = ross_rotor._load_rotor(tmp_path / "rotor.json")
+    fluid = answers(version)["fluid"]
+    (oil,) = [e for e in again.bearing_elements if e.tag == "oil"]
+    assert oil.K(300.0)[0, 1] == pytest.approx(fluid["D"] * fluid["lam"] * 300.0, rel=1e-9)
+    assert capfd.readouterr().out == ""  # compiled code of packages that ROSS imports prints
+    content["ross_version"] = "nightly"
+    (tmp_path / "rotor.json").write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=r"saved by ROSS nightly.*version is 'nightly'.*save_mat"):
+        ross_rotor._load_rotor(tmp_path / "rotor.json")
+
+
+def test_what_the_other_line_does_not_have_is_refused():
+    content = {"parameters": {"alpha": 0.0}, "BearingElement_a": {"frequency": [0.0, 1.0], "speed": [0.0, 1.0]}}
+    with pytest.raises(ValueError, match="no tables over the frequency of whirl"):
+        ross_rotor._in_line(content, 3, 2)
+    with pytest.raises(ValueError, match="no alpha of a rotor"):
+        ross_rotor._in_line({"parameters": {"alpha": 0.1}}, 3, 2)
+
+
+def test_a_fluid_left_in_a_file_is_refused(tmp_path):
+    """Its damping, or its cross-coupling where the matrices were saved at a speed, would be fitted a second time."""
+    shaft = loadmat(FILES / "shaft-2.3.0.mat")
+    at = [6 * PLANES["oil"], 6 * PLANES["oil"] + 1]
+    damped, coupled = shaft["C"].copy(), shaft["K"].copy()
+    damped[at, at] += 600.0
+    coupled[np.ix_(at, at)] += np.array([[0.0, 8e4], [-8e4, 0.0]])
+    for changes in ({"C": damped}, {"K": coupled}):
+        path = saved(tmp_path, **changes)
+        with pytest.raises(ValueError, match=r"at node 4, where the fluid that is fitted acts \(plane oil\): take"):
+            KnownStructure.from_ross(path, planes=PLANES, fluid="oil")
 
 
 def test_the_rig_assembled_by_ross_is_the_one_behind_the_data(ross):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.estimators.atomic_file import whole_file
-from rotorfit.io.shafts.ross_rotor import installed_ross
+from rotorfit.io.shafts.ross_rotor import SPEED_FROM, imported_ross, installed_ross, line_of
 from rotorfit.models import KnownStructure, Orthotropic, RotorModel
 from rotorfit.models.array_types import Float
 from rotorfit.models.shafts.plane_forces import force_planes, plane_force
@@ -24,8 +24,6 @@ LEAST_SPEEDS = 5
 """Rows that a table of ROSS 2.x needs for its cubic splines to hold what is quadratic in speed."""
 
 _CLASSES = {"bearing": "BearingElement", "seal": "SealElement"}
-_SPEED_FROM = 3
-"""Line of ROSS from which tables over speed are called ``speed``; before, ``frequency`` meant the speed."""
 _AXES = (("xx", 0, 0), ("yy", 1, 1), ("xy", 0, 1), ("yx", 1, 0))
 
 
@@ -53,15 +51,13 @@ class RossElement:
             ValueError: ROSS is not installed, or not of the line that the element is for.
         """
         here = installed_ross()
-        if here is None or int(here.partition(".")[0]) != self.line:
+        if here is None or line_of(here) != self.line:
             there = "not installed here" if here is None else f"of version {here} here"
             raise ValueError(
                 f"the element is for ROSS {self.line}.x, and ROSS is {there}; its arguments go into "
                 f"ross.{self.kind}(**element.arguments) there, or save it"
             )
-        import ross
-
-        return getattr(ross, self.kind)(**self.arguments)
+        return getattr(imported_ross(), self.kind)(**self.arguments)
 
     def save(self, path: str | Path) -> None:
         """Write the element as ROSS's own ``element.save`` does; ``ross.BearingElement.load(path)`` reads it.
@@ -85,8 +81,8 @@ class RossElement:
             draft.write_text(text, encoding="utf-8")
 
     def __str__(self) -> str:
-        speeds = self.arguments.get("speed" if self.line >= _SPEED_FROM else "frequency")
-        other = f"{_SPEED_FROM}.x or later" if self.line < _SPEED_FROM else "2.x"
+        speeds = self.arguments.get("speed" if self.line >= SPEED_FROM else "frequency")
+        other = f"{SPEED_FROM}.x or later" if self.line < SPEED_FROM else "2.x"
         table = (
             "the same at all speeds"
             if speeds is None
@@ -120,10 +116,7 @@ def _line(version: str | int | None) -> int:
     given = installed_ross() if version is None else str(version)
     if given is None:
         raise ValueError("ROSS is not installed here: give the version that the element is for, version='2.3' or '3.1'")
-    first = given.partition(".")[0]
-    if not first.isdecimal() or int(first) < 1:
-        raise ValueError(f"version is {version!r}; give that of ROSS, '2.3' or '3.1'")
-    return int(first)
+    return line_of(given)
 
 
 def _checked_speeds(speeds: ArrayLike) -> Float:
@@ -166,7 +159,7 @@ def _element(plane: str, node: int, speeds: Float, force: Float, line: int, kind
     varies = any(np.ptp(values) > 0 for values in columns.values())
     table: dict[str, Any] = {name: values.tolist() if varies else float(values[0]) for name, values in needed.items()}
     if varies:
-        table["speed" if line >= _SPEED_FROM else "frequency"] = speeds.tolist()
+        table["speed" if line >= SPEED_FROM else "frequency"] = speeds.tolist()
     return RossElement(
         kind=kind,
         line=line,
@@ -185,7 +178,7 @@ def _between(force: Float, speeds: Float, line: int) -> float:
 
     halfway = (speeds[1:] + speeds[:-1]) / 2
     columns = force.reshape(speeds.size, -1)
-    interpolated = PchipInterpolator if line >= _SPEED_FROM else UnivariateSpline
+    interpolated = PchipInterpolator if line >= SPEED_FROM else UnivariateSpline
     found = np.stack([interpolated(speeds, column)(halfway) for column in columns.T], axis=-1)
     error = np.abs(found - CubicSpline(speeds, columns)(halfway)).max(axis=0).reshape(3, -1).max(axis=-1)
     largest = np.abs(force).max(axis=(0, 2, 3))

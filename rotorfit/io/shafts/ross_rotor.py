@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import copy
 import json
+import os
+import sys
+import tempfile
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -14,9 +18,12 @@ import numpy as np
 from rotorfit.estimators.atomic_file import note_input
 from rotorfit.estimators.file_reading import read_toml, reading
 from rotorfit.io.shafts.structure_files import SAVED_ROTORS, Structure, read_structure
+from rotorfit.models.array_types import ROUND_OFF
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.shafts.shaft import ROSS_4, ROSS_6
 
+SPEED_FROM = 3
+"""Line of ROSS from which tables over speed are called ``speed``; before, ``frequency`` meant the speed."""
 _COEFFICIENTS = tuple(f"{kind}{axes}" for kind in "kcm" for axes in ("xx", "yy", "xy", "yx"))
 
 
@@ -75,11 +82,33 @@ def _of_file(
                     "matrices, which know no tags of elements: take the element out of the rotor before it is saved "
                     f"(rotor.save_mat), and give the plane where it stands"
                 )
+    for plane in taken_out.get("fluid", ()):
+        _refuse_fluid_in_file(structure, plane, planes[plane])
     return {
         **{name: getattr(structure, name) for name in ("M", "C", "G", "K", "dofs")},
         "planes": dict(planes),
         **taken_out,
     }
+
+
+def _refuse_fluid_in_file(structure: Structure, plane: str, node: int | str) -> None:
+    """Refuse matrices with damping to the ground or cross-coupling at the plane of the fluid: it was left in them."""
+    count = len(structure.dofs)
+    own = [int(node) * count + k for k, name in enumerate(structure.dofs) if name in ("x", "y", "z")]
+    if not own or max(own) >= len(structure.K):
+        return  # no such node, which the model says
+    there = structure.K[np.ix_(own, own)]
+    cross = np.abs(there - there.conj().T).max() / 2  # of a complex z the imaginary part
+    damping = 0.0
+    if structure.C is not None:
+        elsewhere = np.delete(structure.C[own], own, axis=1)
+        damping = 0.0 if elsewhere.any() else float(np.abs(structure.C[np.ix_(own, own)]).max())
+    if damping or cross > ROUND_OFF * np.abs(structure.K).max():
+        raise ValueError(
+            f"{structure.source} has damping of {damping:.4g} N s/m and cross-coupling of {cross:.4g} N/m at node "
+            f"{node}, where the fluid that is fitted acts (plane {plane}): take the bearing or seal out of the rotor "
+            "before it is saved (rotor.save_mat)"
+        )
 
 
 # ---- a saved rotor ---------------------------------------------------------------------------------------------------
@@ -93,8 +122,32 @@ def installed_ross() -> str | None:
         return None
 
 
+def imported_ross() -> Any:
+    """The ROSS package; what it and its own imports print, some of it from compiled code, is left out of answers."""
+    sys.stdout.flush()
+    shown, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            import ross
+    finally:
+        os.dup2(shown, 1)
+        os.close(shown)
+        os.close(nowhere)
+    return ross
+
+
+def line_of(release: str) -> int:
+    """Line of ROSS that a version belongs to: 2 for 2.3.0."""
+    first = release.partition(".")[0]
+    if not first.isdecimal() or int(first) < 1:
+        raise ValueError(f"version is {release!r}, which is none of ROSS as '2.3' or '3.1' are")
+    return int(first)
+
+
 def _load_rotor(path: Path) -> Any:
-    """A rotor that ROSS saved, read by the same line of ROSS: in the next, tables mean something else."""
+    """A rotor that ROSS saved, of the installed line or of the other."""
     with reading(path.name, "rotor saved by ROSS"):
         if path.suffix.lower() == ".json":
             content = json.loads(path.read_text(encoding="utf-8"))
@@ -108,15 +161,41 @@ def _load_rotor(path: Path) -> Any:
     way = "Open it there and write its matrices: rotor.save_mat('shaft.mat', speed), which need no ROSS to be read"
     if here is None:
         raise ValueError(f"{path.name} is a rotor of ROSS {saved}, and ROSS is not installed here. {way}")
-    if saved.partition(".")[0] != here.partition(".")[0]:
-        raise ValueError(
-            f"{path.name} was saved by ROSS {saved}, and {here} is installed: 'frequency' of its bearings means the "
-            f"speed up to 2.x and the frequency of whirl from 3.0 on. {way}"
-        )
-    import ross
-
     with reading(path.name, f"rotor saved by ROSS {saved}"):
-        return ross.Rotor.load(path)
+        try:
+            content = _in_line(content, line_of(saved), line_of(here))
+        except ValueError as reason:
+            raise ValueError(f"{path.name} was saved by ROSS {saved}, {here} is installed: {reason}. {way}") from reason
+        with tempfile.TemporaryDirectory() as folder:
+            whole = Path(folder) / "rotor.json"
+            whole.write_text(json.dumps({**content, "ross_version": here}), encoding="utf-8")
+            return imported_ross().Rotor.load(whole)
+
+
+def _in_line(content: Mapping[str, Any], saved: int, here: int) -> dict[str, Any]:
+    """Content of a saved rotor as another line of ROSS writes it.
+
+    A table over speed is called ``frequency`` up to 2.x and ``speed`` from 3.0 on, where ``frequency`` is that of the
+    whirl: read as it is, a table would mean something else.
+    """
+    found = {name: dict(part) if isinstance(part, dict) else part for name, part in content.items()}
+    elements = [part for part in found.values() if isinstance(part, dict)]
+    if saved < SPEED_FROM <= here:
+        for part in elements:
+            if "frequency" in part:
+                part["speed"] = part.pop("frequency")
+    elif here < SPEED_FROM <= saved:
+        for name in ("default_damping_ratio", "modal_damping_ratio", "alpha", "beta"):
+            if found["parameters"].pop(name, None):
+                raise ValueError(f"{here}.x has no {name} of a rotor")
+        for part in elements:
+            if part.get("frequency") is not None:
+                raise ValueError(f"{here}.x has no tables over the frequency of whirl")
+            for name in ("interpolation", "radial_clearance"):  # between speeds, and of what tables were computed for
+                part.pop(name, None)
+            if "speed" in part:
+                part["frequency"] = part.pop("speed")
+    return found
 
 
 # ---- elements --------------------------------------------------------------------------------------------------------
