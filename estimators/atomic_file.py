@@ -70,14 +70,15 @@ def sweep(folder: Path, drafts: str) -> None:
 
 
 @contextmanager
-def writing(path: Path) -> Iterator[None]:
-    """Name the path in what the system says of a full disk."""
+def writing(path: Path, draft: Path) -> Iterator[None]:
+    """Name the path in what the system says of its draft, or of no file, as of a full disk."""
     try:
         yield
     except OSError as problem:
-        if problem.errno is None or problem.filename is not None:
+        name = str(problem.filename or draft)
+        if problem.errno is None or not name.startswith(str(draft)):
             raise
-        raise OSError(problem.errno, problem.strerror, str(path)) from problem
+        raise OSError(problem.errno, problem.strerror, f"{path}{name.removeprefix(str(draft))}") from problem
 
 
 @contextmanager
@@ -92,7 +93,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     sweep(target.parent, rf"\.\d+-\d+-{re.escape(target.name)}")
     draft = target.with_name(f".{os.getpid()}-{threading.get_ident()}-{target.name}")
     try:
-        with writing(path):
+        with writing(path, draft):
             yield draft
             with draft.open("rb+") as file:
                 os.fsync(file.fileno())

@@ -149,6 +149,14 @@ def test_a_stop_between_renames_puts_the_result_back(tmp_path: Path, monkeypatch
     assert held(out) == {"fit": "1"}
 
 
+def test_what_the_system_says_of_a_draft_is_said_of_the_file_itself(tmp_path: Path) -> None:
+    out = tmp_path / "results"
+    with pytest.raises(FileNotFoundError, match=r"results.nowhere.curves\.csv'$"), complete_folder(out) as folder:
+        (folder / "nowhere" / "curves.csv").write_text("1")
+    with pytest.raises(FileNotFoundError, match=r"/a\.csv'$"), whole_file(tmp_path / "a.csv") as draft:
+        draft.unlink(missing_ok=True)
+
+
 def test_two_runs_into_one_folder_leave_the_result_of_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "results"
     fill(out, fit="1")

@@ -104,6 +104,22 @@ def test_a_command_that_fails_is_run_again(inbox: Path) -> None:
 # ---- files as they come ---------------------------------------------------------------------------------------------
 
 
+def test_a_watch_ends_when_nobody_reads_what_it_prints(inbox: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in ``rotorfit watch ... | head``: it went on for ever."""
+
+    def closed(*_: Any, **__: Any) -> None:
+        raise BrokenPipeError
+
+    monkeypatch.setattr("rotorfit.cli.watch._tell", closed)
+    monkeypatch.setattr("rotorfit.cli.main._close_output", lambda: None)
+    days(inbox, 1)
+    words = ["watch", inbox, "--study", inbox.parent / "study.toml", "--store", inbox.parent / "machine.db"]
+    for more in ([], ["--once"]):
+        code, _, err = run(*words, "--settle", "0", "--every", "0.1", *more)
+        assert (code, err) == (0, "")
+        (inbox.parent / "machine.db").unlink()
+
+
 def test_a_file_is_taken_when_it_stands_still(inbox: Path, tmp_path: Path) -> None:
     [file] = days(tmp_path, 1)
     text, target = file.read_bytes(), inbox / "slow.csv"

@@ -85,7 +85,7 @@ class _SealedCache:
         """Machine code of a signature, None where there is none, or it is damaged or may be changed by others."""
         with suppress(FileNotFoundError):  # another process removes it at this moment
             files = self._files()
-            if not all(is_sealed(file) and _only_mine(file) for file in files):
+            if not all(_only_mine(file) and is_sealed(file) for file in files):
                 for file in files:
                     file.unlink(missing_ok=True)
         return self._kept.load_overload(signature, context)

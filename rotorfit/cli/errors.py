@@ -30,5 +30,7 @@ def checked(work: Callable[[], T]) -> T:
     """Do work that depends on the user's files and settings; what they get wrong becomes a :class:`BadInputError`."""
     try:
         return work()
+    except BrokenPipeError:  # of the output, whose reader has seen enough
+        raise
     except (ValueError, KeyError, OSError) as problem:
         raise BadInputError(sentence(problem)) from problem

@@ -91,6 +91,8 @@ def _watched(watch: FolderWatch, options: argparse.Namespace) -> int:
     while True:
         try:
             _round(watch)
+        except BrokenPipeError:
+            raise
         except (OSError, ValueError) as problem:
             _tell_problem(options, problem)  # a network that is down, a full disk: the next round may do
         time.sleep(options.every)

@@ -16,7 +16,7 @@ import numpy as np
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding, listed
 from rotorfit.data.linear_force import probe_pairs
-from rotorfit.diagnosis.orbits import FEWEST_READINGS, Orbits, total_power
+from rotorfit.diagnosis.orbits import FEWEST_READINGS, Orbits, enough, total_power
 from rotorfit.diagnosis.probe_pairs import LARGEST_REDCHI
 from rotorfit.diagnosis.readings import rows_of
 from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
@@ -37,7 +37,7 @@ _NEGLIGIBLE_SHARE = 1e-3
 def force_along_axis(orbits: Orbits) -> Iterator[Finding]:
     """Runs that only a force along x or along y explains, though it was given as circular."""
     found: dict[str, set[str]] = {}
-    modes = len({*orbits.plane.tolist(), *orbits.force_plane.tolist()}) if orbits.paired.any() else 0
+    modes = len({*orbits.names("plane"), *orbits.names("force_plane")}) if orbits.paired.any() else 0
     for (run, _, force_plane), at in orbits.groups("run", "speed", "force_plane") if modes else ():
         planes = dict.fromkeys(orbits.plane[at].tolist())
         explained = [_explains(orbits, at[orbits.plane[at] == plane], modes) for plane in planes]
@@ -142,8 +142,8 @@ def _explains(orbits: Orbits, at: Index, modes: int) -> bool | None:
     if not BACKWARD_SHARES[0] * (along + against) < against < BACKWARD_SHARES[1] * (along + against):
         return False
     ahead, behind, force = _halves(orbits, at)
-    noise = np.hypot(*(noise_from_smoothness(w, part) for part in (orbits.x[at], orbits.y[at]))) / 2
-    some = slice(None, None, -(-w.size // 5000))  # so many lines are enough for a verdict
+    noise = np.hypot(*(noise_from_smoothness(w, part) for part in (orbits.x(at), orbits.y(at)))) / 2
+    some = enough(w.size)
     size = np.tile((2 * noise / np.abs(force))[some], 2)
     # along y both halves are multiplied by j, which leaves a rational function one
     return _rational(np.concatenate([w[some], -w[some]]), np.concatenate([ahead[some], behind[some]]), size, modes)

@@ -17,6 +17,9 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 FEWEST_READINGS = 12
 """Readings needed for a verdict on a run."""
 
+_ENOUGH_READINGS = 5000
+"""Readings that are enough for a verdict of a search, which takes time and memory for each. Chosen."""
+
 SYNCHRONOUS_DISTANCE = 1e-3
 """Readings with |w| this close to the speed, as a fraction, are once-per-turn readings to a tracking filter."""
 
@@ -56,18 +59,16 @@ class Orbits:
         """Rotative speed that each was set to, rad/s."""
         return self.test.set_speed[self.first]
 
-    @cached_property
-    def x(self) -> ComplexArray:
-        """Reading x of each, NaN where there is none."""
-        return self._read(0)
+    def x(self, at: Index) -> ComplexArray:
+        """Reading x of some, NaN where there is none."""
+        return self._read(0, at)
 
-    @cached_property
-    def y(self) -> ComplexArray:
-        """Reading y of each, NaN where there is none."""
-        return self._read(1)
+    def y(self, at: Index) -> ComplexArray:
+        """Reading y of some, NaN where there is none."""
+        return self._read(1, at)
 
-    def _read(self, probe: int) -> ComplexArray:
-        rows = self.rows[:, probe]
+    def _read(self, probe: int, at: Index) -> ComplexArray:
+        rows = self.rows[at, probe]
         return np.where(rows >= 0, self.test.response[rows], np.nan)
 
     @cached_property
@@ -78,7 +79,22 @@ class Orbits:
     @cached_property
     def driven(self) -> NDArray[np.bool_]:
         """Where the measured plane is that of the force."""
-        return np.asarray(self.plane == self.force_plane)
+        driven = np.zeros(self.first.size, dtype=bool)
+        for plane in self.test.lines.names["plane"]:
+            driven |= self.at("plane", plane) & self.at("force_plane", plane)
+        return driven
+
+    def names(self, column: str) -> list[str]:
+        """Distinct entries of a column of text."""
+        lines = self.test.lines
+        there = np.bincount(lines.number[column][self.first], minlength=len(lines.names[column])) > 0
+        return [name for name, some in zip(lines.names[column], there, strict=True) if some]
+
+    def at(self, column: str, name: str) -> NDArray[np.bool_]:
+        """Where a column of text has an entry."""
+        lines = self.test.lines
+        place = lines.names[column].index(name) if name in lines.names[column] else -1
+        return np.asarray(lines.number[column][self.first] == place)
 
     def number(self, *names: str) -> Index:
         """Number of the group of equal values of columns that each belongs to, in order of appearance."""
@@ -93,6 +109,8 @@ class Orbits:
 
     def part(self, at: Index) -> Orbits:
         """Some of them."""
+        if at.size == self.first.size:
+            return self
         arrays = ("first", "rows", "frequency", "force", "right", "wrong")
         return replace(self, **{name: getattr(self, name)[at] for name in arrays})
 
@@ -100,6 +118,11 @@ class Orbits:
         """Rows of the whole test behind orbits."""
         rows = self.rows[indices]
         return tuple(np.unique(self.origin[rows[rows >= 0]]).tolist())
+
+
+def enough(count: int) -> slice:
+    """Every so many of some readings, enough for a verdict."""
+    return slice(None, None, max(1, -(-count // _ENOUGH_READINGS)))
 
 
 def total_power(amplitude: ComplexArray) -> float:

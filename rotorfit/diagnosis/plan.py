@@ -99,11 +99,11 @@ def _frequencies(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]
         )
         yield Finding("warning", "one-direction", text)
     w = np.round(test.frequency, 6)
-    names, number = np.unique(test.run, return_inverse=True)
-    lowest, highest = np.full(names.size, np.inf), np.full(names.size, -np.inf)
+    names, number = words(test.run)
+    lowest, highest = np.full(len(names), np.inf), np.full(len(names), -np.inf)
     np.minimum.at(lowest, number, w)
     np.maximum.at(highest, number, w)
-    constant = set(names[lowest == highest].tolist())
+    constant = {name for name, alone in zip(names, lowest == highest, strict=True) if alone}
     single = [run for run in test.runs if run in constant]
     if single and (forced is None or _influences(forced) is None):
         text = f"Runs with one frequency only: {listed(single)}; they cannot show how dynamic stiffness varies with it."

@@ -39,6 +39,10 @@ class Pair:
     seen: ComplexArray  # responses measured, m
     noise: Float  # of x and of y, m, shape ``(N, 2)``
 
+    def part(self, some: slice) -> Pair:
+        """Some of them."""
+        return Pair(**{name: values[some] for name, values in vars(self).items()})
+
 
 def filtered_probe(pair: Pair, limit: float) -> FilteredProbe | None:
     """The probe of a pair behind a filter that explains how y differs from what x makes one expect, if one does."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.findings import Finding, listed
-from rotorfit.diagnosis.orbits import FEWEST_READINGS, Orbits, total_power
+from rotorfit.diagnosis.orbits import FEWEST_READINGS, Orbits, enough, total_power
 from rotorfit.diagnosis.probe_filters import FilteredProbe, Pair, filtered_probe
 from rotorfit.estimators.blocks.row_keys import combined
 from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
@@ -120,14 +120,14 @@ def _relations(orbits: Orbits) -> dict[str, _Relation]:
 
 
 def _relation(orbits: Orbits, at: Index) -> _Relation | None:
-    at = at[np.isfinite(orbits.wrong[at]) & (np.abs(orbits.x[at]) > 0) & (np.abs(orbits.y[at]) > 0)]
+    at = at[np.isfinite(orbits.wrong[at]) & (np.abs(orbits.x(at)) > 0) & (np.abs(orbits.y(at)) > 0)]
     if at.size < FEWEST_READINGS:
         return None
     against, along = total_power(orbits.wrong[at]), total_power(orbits.right[at])
     share = against / (against + along)
     if share > _EXCHANGED_SHARE:
         return None
-    expected = np.where(orbits.frequency[at] < 0, 1j, -1j) * orbits.x[at]
+    expected = np.where(orbits.frequency[at] < 0, 1j, -1j) * orbits.x(at)
     if _differs_by_noise(orbits, at, expected):
         return _Relation(even=True, share=share)
     noise = _noise(orbits, at)
@@ -136,18 +136,19 @@ def _relation(orbits: Orbits, at: Index) -> _Relation | None:
     if at.size < FEWEST_READINGS:
         return None
     backward = orbits.frequency[at] < 0
-    pair = Pair(w=np.abs(orbits.frequency[at]), expected=expected, seen=orbits.y[at], noise=noise)
+    pair = Pair(w=np.abs(orbits.frequency[at]), expected=expected, seen=orbits.y(at), noise=noise)
     ratio, error, mirrored = _ratio_of_sides(pair, backward)
     even = _misfit(pair, expected, 1.0)
     constant = _misfit(pair, expected, np.where(backward & mirrored, np.conj(ratio), ratio))
     size = np.abs(orbits.right[at] / orbits.force[at])
-    clear = size[np.abs(orbits.x[at]) > 10 * noise[:, 0]]
+    clear = size[np.abs(orbits.x(at)) > 10 * noise[:, 0]]
     certain = abs(ratio - 1) > _SIGNIFICANT_ERRORS * error
     neither = constant >= LARGEST_REDCHI and even >= LARGEST_REDCHI
-    delay = _delay(pair, LARGEST_REDCHI) if neither else 0.0
-    filtered = filtered_probe(pair, LARGEST_REDCHI) if neither and not delay else None
+    part = pair.part(enough(at.size))
+    delay = _delay(part, LARGEST_REDCHI) if neither else 0.0
+    filtered = filtered_probe(part, LARGEST_REDCHI) if neither and not delay else None
     if neither and not delay and filtered is None:  # some lines are less exact than their neighbours tell
-        delay = _delay(pair, min(1 + _DELAY_MISFIT_SHARE * (constant - 1), _LARGEST_DELAY_MISFIT))
+        delay = _delay(part, min(1 + _DELAY_MISFIT_SHARE * (constant - 1), _LARGEST_DELAY_MISFIT))
     return _Relation(
         even=even < LARGEST_REDCHI and not (certain and constant < LARGEST_REDCHI and abs(ratio - 1) >= _SMALLEST_GAIN),
         constant=constant < LARGEST_REDCHI and certain,
@@ -165,7 +166,7 @@ def _relation(orbits: Orbits, at: Index) -> _Relation | None:
 def _differs_by_noise(orbits: Orbits, at: Index, expected: ComplexArray) -> bool:
     """True if what departs from an isotropic rotor jumps from line to line, as noise does, sweep by sweep."""
     for sweep in _sweeps(orbits, at, "run", "force_plane"):
-        u, rest = expected[sweep], orbits.y[at[sweep]] - expected[sweep]
+        u, rest = expected[sweep], orbits.y(at[sweep]) - expected[sweep]
         slope = np.vdot(u, rest) / np.vdot(u, u)  # what one factor more explains
         jumps = np.abs(np.diff(rest - slope * u)) ** 2 / 2
         level = float(np.mean(jumps)) if sweep.size > 1 else 0.0
@@ -194,7 +195,7 @@ def _noise(orbits: Orbits, at: Index) -> Float:
         if sweep.size >= FEWEST_READINGS:
             w = np.abs(orbits.frequency[at[sweep]])
             for k, readings in enumerate((orbits.x, orbits.y)):
-                noise[sweep, k] = noise_from_smoothness(w, readings[at[sweep]])
+                noise[sweep, k] = noise_from_smoothness(w, readings(at[sweep]))
     return noise
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
 from rotorfit.data.findings import NO_COPIES, Finding, listed
-from rotorfit.estimators.blocks.row_keys import combined
+from rotorfit.estimators.blocks.row_keys import combined, words
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 
 _IMPOSSIBLE_DISPLACEMENT, _SUSPECT_DISPLACEMENT, _SMALLEST_DISPLACEMENT = 0.025, 5e-3, 1e-6
@@ -115,17 +115,17 @@ def run_digests(test: Experiment) -> dict[str, bytes]:
 
 def _digests(test: PerturbationTest) -> Iterator[tuple[str, bytes]]:
     values = (test.speed, test.frequency, test.force, test.response)
-    numbers = np.stack([part for column in values for part in (column.real, column.imag)])
     number = test.lines.number["run"]
     order = np.argsort(number, kind="stable")
     for some in np.split(order, np.flatnonzero(np.diff(number[order])) + 1):
         if some.size >= _COPIED_READINGS and test.response[some].any():
-            rows = some[np.lexsort(numbers[:, some])]
-            places = "\0".join(
-                name for key in ("force_plane", "plane", "direction") for name in getattr(test, key)[rows]
-            )
-            digest = hashlib.sha256(places.encode("utf-8"))
-            digest.update(numbers[:, rows].tobytes())
+            numbers = np.stack([part for column in values for part in (column[some].real, column[some].imag)])
+            sequence = np.lexsort(numbers)
+            rows = some[sequence]
+            digest = hashlib.sha256(numbers[:, sequence].tobytes())
+            for key in ("force_plane", "plane", "direction"):
+                names, place = words(getattr(test, key)[rows])
+                digest.update("\0".join([*names, ""]).encode("utf-8") + place.tobytes())
             yield str(test.run[some[0]]), digest.digest()
 
 

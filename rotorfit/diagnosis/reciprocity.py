@@ -9,7 +9,7 @@ import numpy as np
 from rotorfit.data.findings import Finding
 from rotorfit.diagnosis.orbits import Orbits
 from rotorfit.diagnosis.trials.channel_filters import likeness
-from rotorfit.estimators.blocks.row_keys import combined, numbers
+from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
 from rotorfit.models.array_types import Float, Index
 
 _LARGEST_MEDIAN = 0.4
@@ -27,18 +27,20 @@ def reciprocity(orbits: Orbits) -> Iterator[Finding]:
             continue
         low, middle, high = np.quantile(logs, [0.25, 0.5, 0.75]).tolist()
         if abs(middle) > _LARGEST_MEDIAN and high - low < _LARGEST_SPREAD:
-            both = np.isin(orbits.plane, (a, b)) & np.isin(orbits.force_plane, (a, b))
+            both = (orbits.at("plane", a) | orbits.at("plane", b)) & (
+                orbits.at("force_plane", a) | orbits.at("force_plane", b)
+            )
             first, second = (a, b) if middle > 0 else (b, a)
             yield _finding(first, second, float(2 ** abs(middle)), orbits.rows_of(np.flatnonzero(both)))
 
 
 def _ratios(orbits: Orbits, a: str, b: str) -> Float:
     """log2 of how much more one plane answers a force at another than the other way round, condition by condition."""
-    condition = combined(orbits.number("speed"), numbers(np.round(orbits.frequency, 6)))
+    condition = in_order(combined(orbits.number("speed"), numbers(np.round(orbits.frequency, 6))))[1]
     size = np.abs(orbits.right / orbits.force)
     last = np.full((2, int(condition.max()) + 1), -1, dtype=np.intp)
     for found, (forced, plane) in zip(last, ((b, a), (a, b)), strict=True):
-        at: Index = np.flatnonzero((orbits.force_plane == forced) & (orbits.plane == plane) & (size > 0))
+        at: Index = np.flatnonzero(orbits.at("force_plane", forced) & orbits.at("plane", plane) & (size > 0))
         found[condition[at]] = at
     there, back = last[:, (last >= 0).all(axis=0)]
     return np.asarray(np.log2(size[there] / size[back]))

@@ -39,7 +39,7 @@ def complete_folder(out: Path) -> Iterator[Path]:
     except OSError as reason:
         raise PermissionError(f"cannot write to {place}: {reason.strerror}; give another folder") from reason
     try:
-        with writing(out):
+        with writing(out, draft):
             yield draft
         names = sorted(file.name for file in draft.iterdir())
         (draft / CONTENTS).write_text("\n".join(names) + "\n", encoding="utf-8", errors="surrogateescape")

@@ -137,6 +137,8 @@ class Columns:
         cells = self.table.cells[column]
         if "" in cells:
             raise ValueError(f"{self.table.where(cells.index(''), column)} is blank; every reading needs its {column}")
+        if len(set(cells)) == 1:  # shown in every row, kept once
+            return np.broadcast_to(cells[0], len(cells))
         return np.array(cells, dtype=str)
 
     def number(self, name: str, *, blank: bool = False) -> Float:
