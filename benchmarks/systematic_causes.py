@@ -361,8 +361,9 @@ CAUSES: dict[str, tuple[Callable[[np.random.Generator], Rig], Draw]] = {
     ),
     "known stiffness, 1 %, one mode": (one_mode, _known),
     "known stiffness, 1 %, chain": (chain, _known),
-    "gyroscopic effect, 0.01 kg, one speed": (
-        one_mode, lambda rig, rng: (replace(rig, gyroscopic=rng.normal(0, 0.01)), Campaign(speeds=(180.0,))),
+    "gyroscopic effect, 3 % of M, one speed": (
+        one_mode,
+        lambda rig, rng: (replace(rig, gyroscopic=abs(rng.normal(0, 0.03)) * rig.M[0]), Campaign(speeds=(180.0,))),
     ),
     "lam +5 % a half threshold, four speeds": (one_mode, partial(_with_speed, lam_rise=0.05)),
     "lam +5 % a half threshold, four speeds, chain": (chain, partial(_with_speed, lam_rise=0.05)),

@@ -21,7 +21,7 @@ SHORT = (
     "gain of the only run, 1 %",
     "gain of the only probe, 1.5 %",
     "internal damping, 1 N s/m",
-    "gyroscopic effect, 0.01 kg, one speed",
+    "gyroscopic effect, 3 % of M, one speed",
 )
 
 

@@ -725,9 +725,9 @@ class FitResult(FitFigures):
 
         Example:
             >>> print(fit.derive(lambda p: p.K0 / p.D, unit="1/s"))
-            7.0 +- 1.4 1/s (0.074 statistical, 1.4 systematic)
+            7.0 +- 1.5 1/s (0.074 statistical, 1.5 systematic)
             >>> print(fit.params["K0"] / fit.params["D"])  # the same: parameters of one fit know their covariance
-            7.0 +- 1.4 1/s (0.074 statistical, 1.4 systematic)
+            7.0 +- 1.5 1/s (0.074 statistical, 1.5 systematic)
         """
         from rotorfit.fitting.derived import derive
 

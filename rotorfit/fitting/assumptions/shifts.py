@@ -46,6 +46,7 @@ from rotorfit.models.structure import block_parameters
 _RESULTS = ("K0", "D", "lam", "lam_D", "lam_M", "Mf", "n_K", "n_D", "b")
 _PLAUSIBLE = {
     "term": 0.01,  # of what is there already, that nobody thought of
+    "gyroscopic": 0.03,  # of the inertia: a full disk at a third of the span has that, its radius 0.14 of the span
     "offset": 0.02,  # of the way to the next plane, by which a probe or a force is off
     "clearance": 0.02,  # of the clearance, which heat and wear change
     "rest": 0.05,  # eccentricity at which a journal rests that is taken as centred
@@ -262,7 +263,8 @@ def _described(fit: FitResult, term: Term) -> tuple[str, str, str, float]:
             described = name, f"offset towards {planes[term.towards]}", "1", _PLAUSIBLE["offset"]
         case LeftOut():
             stiffness, frequency, speed = _levels(fit)
-            share = _PLAUSIBLE["term"] * stiffness / frequency**term.power / speed**term.speed_power
+            part = _PLAUSIBLE["gyroscopic" if term.name.startswith("g[") else "term"]
+            share = part * stiffness / frequency**term.power / speed**term.speed_power
             # What acts between the planes acts at the journal too, about as much.
             damper = max(_damper(fit), _coupled(fit)) if term.name.startswith("Ds") else 0.0
             described = term.name, term.meaning, term.unit, max(share, damper)
