@@ -296,7 +296,11 @@ def test_records_are_fitted_as_they_are(model: OneMode) -> None:
         (lambda t: replace(t, time=t.time**1.1), "equal steps are needed"),
         (lambda t: replace(t, speed=t.time * 10), "the speed changes within the record"),
         (lambda t: replace(t, x=0.0 * t.x, y=0.0 * t.y), "x and y do not move"),
-        (lambda t: replace(t, x=t.time, y=np.exp(-9 * t.time)), r"fewer than 1 vibrating mode"),
+        # Nothing vibrates: round-off decides whether no mode is left, or one that is lost in its error.
+        (
+            lambda t: replace(t, x=t.time, y=np.exp(-9 * t.time)),
+            r"fewer than 1 vibrating mode|within its error, not a mode",
+        ),
     ],
 )
 def test_records_that_cannot_be_analysed(change: Any, message: str) -> None:

@@ -68,7 +68,7 @@ def test_two_tooth_wheels_give_the_twist_between_them(record):
 def test_the_twist_is_drawn_over_time_where_nothing_is_swept(record):
     folder, _, _ = record
     figure = opened(folder, WHEELS).plot_twist(spectra=12)
-    assert [axis.get_xlabel() for axis in figure.axes] == ["time (s)", "frequency (Hz)"]
+    assert [axis.get_xlabel() for axis in figure.axes] == ["time, s", "frequency, Hz"]
 
 
 @pytest.mark.parametrize(

@@ -67,7 +67,7 @@ def write_dataset(dataset: xr.Dataset, content: BytesIO, **options: Any) -> None
     """Write a data set into memory. Beside a Dask client, or on one's worker, xarray would lock by the cluster, which
     refuses what is no file: the lock of this process will do."""
     dask = sys.modules.get("dask")
-    with nullcontext() if dask is None else dask.config.set(scheduler="synchronous"):
+    with nullcontext() if dask is None else dask.config.set(scheduler=dask.get):  # by its name it would warn
         dataset.to_netcdf(content, engine="h5netcdf", **options)
 
 
