@@ -243,3 +243,11 @@ def test_simulated_rotors_turn_at_the_speed_that_their_marks_show(tmp_path: Path
     for name in ("K0", "D", "lam", "Mf"):
         parameter = fit.params[name]
         assert abs(parameter.value - values[name]) < 4 * parameter.stderr, name
+
+
+@pytest.mark.parametrize("kind", ["hammer", "measured-force"])
+def test_a_shaft_at_rest_is_recorded(tmp_path: Path, kind: str) -> None:
+    """At speed zero there is no wander, and nothing to divide by."""
+    values = {"M": 1.2, "K": 3e4, "Ds": 8.0, "K0": 1e4, "D": 100.0, "lam": 0.45, "Mf": 0.3}
+    short = {"blows": 1} if kind == "hammer" else {"duration": 2.0}
+    assert rf.simulate_recordings(rf.models.OneMode(), values, tmp_path, kind, speed_rpm=0.0, **short)

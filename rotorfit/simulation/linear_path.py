@@ -35,8 +35,8 @@ def linear_path(
     h, n = 1 / rate, len(model.coordinates)
     inside = (_POINTS + 1) * h / 2
     speeds = speed(np.arange(count, dtype=float) * h)
-    change = np.abs(np.diff(speeds)).max(initial=0.0) / np.abs(speeds).max() if model.speed_dependent else 0.0
-    block = int(np.clip(_SPEED_CHANGE / change, 64, 1 << 15)) if change else 1 << 15
+    change = np.abs(np.diff(speeds)).max(initial=0.0) if model.speed_dependent else 0.0
+    block = int(np.clip(_SPEED_CHANGE * np.abs(speeds).max() / change, 64, 1 << 15)) if change else 1 << 15
     path = np.zeros((count, n), dtype=complex)
     state = np.zeros(2 * n, dtype=complex)
     for first in range(0, count - 1, block):
