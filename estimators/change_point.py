@@ -87,9 +87,7 @@ def _distances(white: Float) -> Float:
 
 
 def along(change: Change, direction: Float) -> tuple[float, float, float]:
-    """The change as a multiple of one direction: multiple, standard error, and probability of what is left over.
-    Returns the size of the cause by generalised least squares, its standard error, and the probability of a remainder
-    as large as this if the cause were alone (an F test); 1 where nothing can be left over."""
+    """The multiple of one direction that the change is, its standard error, and the chance of what is left (F test)."""
     from scipy.stats import f
 
     whiten = np.linalg.inv(np.linalg.cholesky(change.covariance))

@@ -59,15 +59,10 @@ _UNARY = {
 
 
 def _python_source(function: ca.Function, name: str = "kernel") -> str:
-    """Write the scalar instructions of a CasADi SX function as Python source.
-
-    The source defines ``name(v0, v1, ..., out)``: one argument for each scalar input (the nonzeros of all inputs in
-    order) and ``out``, indexed by the running number of the output nonzero. It holds arithmetic and NumPy ufuncs only,
-    so that it runs on arrays and compiles under numba on scalars alike.
-
-    Raises:
-        NotImplementedError: an operation without a translation, named.
-    """
+    """Write the scalar instructions of a CasADi SX function as Python source. The source defines ``name(v0, v1, ...,
+    out)``: one argument for each scalar input (the nonzeros of all inputs in order) and ``out``, indexed by the running
+    number of the output nonzero. It holds arithmetic and NumPy ufuncs only, so that it runs on arrays and compiles
+    under numba on scalars alike."""
     n_inputs = sum(function.nnz_in(i) for i in range(function.n_in()))
     lines = statements(function, "v{}".format, "out[{}] = {}".format)
     arguments = ", ".join([f"v{i}" for i in range(n_inputs)] + ["out"])
@@ -75,16 +70,7 @@ def _python_source(function: ca.Function, name: str = "kernel") -> str:
 
 
 def statements(function: ca.Function, read: Callable[[int], str], write: Callable[[int, str], str]) -> list[str]:
-    """Statements of :func:`_python_source`, with inputs and outputs spelled by the caller.
-
-    Args:
-        function: SX function.
-        read: expression for the running number of an input nonzero.
-        write: statement that disposes of an output nonzero, from its running number and its value.
-
-    Raises:
-        NotImplementedError: an operation without a translation, named.
-    """
+    """Statements of :func:`_python_source`, with inputs and outputs spelled by the caller."""
     offsets_in = np.cumsum([0] + [function.nnz_in(i) for i in range(function.n_in())])
     offsets_out = np.cumsum([0] + [function.nnz_out(i) for i in range(function.n_out())])
     lines = []
@@ -107,15 +93,7 @@ def statements(function: ca.Function, read: Callable[[int], str], write: Callabl
 
 
 def array_function(function: ca.Function) -> Callable[[Sequence[Float]], Float]:
-    """Compile a CasADi SX function to work on arrays.
-
-    Args:
-        function: of SX symbols.
-
-    Returns:
-        a function of a sequence of scalars or arrays, one for each input nonzero, that broadcast to a common shape
-        ``S``; it returns the output nonzeros as an array of shape ``(n_outputs, *S)``.
-    """
+    """A CasADi SX function on arrays: inputs one by one that broadcast to ``S``, outputs ``(n_outputs, *S)``."""
     namespace: dict[str, object] = {"np": np, "inf": np.inf, "nan": np.nan}  # as constants are written
     exec(compile(_python_source(function), f"<casadi {function.name()}>", "exec"), namespace)
     kernel = namespace["kernel"]

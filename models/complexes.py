@@ -27,11 +27,7 @@ class Complex:
 
     @staticmethod
     def of(value: Number) -> Complex:
-        """Lift a number or symbol; what is complex already stays as it is.
-
-        Args:
-            value: float, Python complex, ``SX`` or :class:`Complex`.
-        """
+        """Lift a number or symbol; what is complex already stays as it is."""
         if isinstance(value, Complex):
             return value
         if isinstance(value, complex):
@@ -40,20 +36,12 @@ class Complex:
 
     @staticmethod
     def matrix(rows: Sequence[Sequence[Number]]) -> Complex:
-        """Build a matrix from nested sequences of scalars.
-
-        Args:
-            rows: numbers or symbols, row by row.
-        """
+        """Build a matrix from nested sequences of scalars."""
         return Complex.block([[Complex.of(entry) for entry in row] for row in rows])
 
     @staticmethod
     def block(rows: Sequence[Sequence[Complex]]) -> Complex:
-        """Build a matrix from blocks.
-
-        Args:
-            rows: blocks, row by row; those of a row have equal heights.
-        """
+        """Build a matrix from blocks."""
         re = ca.vertcat(*[ca.horzcat(*[entry.re for entry in row]) for row in rows])
         im = ca.vertcat(*[ca.horzcat(*[entry.im for entry in row]) for row in rows])
         return Complex(re, im)

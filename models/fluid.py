@@ -39,13 +39,8 @@ def fluid_force(K0: Any, D: Any, Mf: Any, lam_D: Any, lam_M: Any, speed: Any) ->
 
 
 def fluid_parameters(two_lam: bool) -> tuple[Parameter, ...]:
-    """Parameters K0, D, lam (or lam_D and lam_M) and Mf.
-
-    K0 has no lower limit: machines near stall show negative radial stiffness.
-
-    Args:
-        two_lam: whether damping and inertia turn at ratios of their own.
-    """
+    """Parameters K0, D, lam (or lam_D and lam_M) and Mf. K0 has no lower limit: machines near stall show negative
+    radial stiffness."""
     ratio = "circumferential average velocity ratio"
     lams = (
         (
@@ -69,15 +64,7 @@ def _velocity_ratios(p: Any, two_lam: bool) -> tuple[Any, Any]:
 
 
 def fluid_at(law: Law, p: Any, two_lam: bool, speed: Any, eccentricity: Any) -> FluidForce:
-    """Fluid force of eq. (13) with the coefficients that a law gives; one factor for both ratios.
-
-    Args:
-        law: of eccentricity or speed.
-        p: parameters by name, CasADi symbols: ``p.K0``.
-        two_lam: whether damping and inertia turn at ratios of their own.
-        speed: rotative speed Omega, rad/s, symbolic.
-        eccentricity: orbit radius over clearance, symbolic.
-    """
+    """Fluid force of eq. (13) with the coefficients that a law gives; one factor for both ratios."""
     fluid = law.at_speed(p, eccentricity, speed)
     lam_D, lam_M = _velocity_ratios(p, two_lam)
     return fluid_force(fluid.K0, fluid.D, p.Mf, lam_D * fluid.ratio, lam_M * fluid.ratio, speed)

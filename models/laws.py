@@ -19,17 +19,11 @@ from rotorfit.models.parameters import Parameter
 
 
 class Fluid(NamedTuple):
-    """Radial stiffness and damping at an eccentricity, and the factor on the velocity ratio; symbolic.
+    """Radial stiffness and damping at an eccentricity, and the factor on the velocity ratio; symbolic."""
 
-    Attributes:
-        K0: N/m.
-        D: N s/m.
-        ratio: velocity ratio over that at eps = 0.
-    """
-
-    K0: Any
-    D: Any
-    ratio: Any
+    K0: Any  # N/m
+    D: Any  # N s/m
+    ratio: Any  # velocity ratio over that at eps = 0
 
 
 class Law(ABC):
@@ -244,13 +238,7 @@ class MonotoneSpline(Law):
 
 
 def i_spline(nodes: Sequence[float], number: int, x: Any) -> Any:
-    """Integral, from the first node, of the hat function on ``nodes[number]``, scaled to rise from 0 to 1.
-
-    Args:
-        nodes: ascending nodes; the first and the last hat are half hats.
-        number: node on which the hat stands.
-        x: symbolic or number, not below the first node.
-    """
+    """Integral, from the first node, of the hat function on ``nodes[number]``, scaled to rise from 0 to 1."""
     left, centre, right = nodes[max(number - 1, 0)], nodes[number], nodes[min(number + 1, len(nodes) - 1)]
     height = 2.0 / (right - left)
     total: Any = 0.0
@@ -368,16 +356,7 @@ LAWS: dict[str, type[Law]] = {
 
 
 def clearance_of(law: Law, clearance_um: float | None, model: str) -> float | None:
-    """Clearance in m, checked against the law.
-
-    Args:
-        law: of eccentricity.
-        clearance_um: radial clearance, micrometres; ``None`` where it was not given.
-        model: its name, for messages.
-
-    Raises:
-        ValueError: a law that changes with eccentricity without a clearance, or one that is not positive.
-    """
+    """Clearance in m, checked against the law."""
     if clearance_um is None:
         if law.of_eccentricity:
             raise ValueError(

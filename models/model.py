@@ -47,19 +47,13 @@ class Coordinate:
 
 @dataclass(frozen=True, kw_only=True)
 class CoefficientJacobian:
-    """Structurally nonzero derivatives of the coefficients, entry e being d C[power, row, column] / d input.
+    """Structurally nonzero derivatives of the coefficients, entry e being d C[power, row, column] / d input."""
 
-    Attributes:
-        inputs: number of the input of each entry, parameters first, then speed, then eccentricity, shape ``(E,)``.
-        powers, rows, columns: place of each entry, shape ``(E,)``.
-        values: shape ``(..., E)``.
-    """
-
-    inputs: Index
-    powers: Index
+    inputs: Index  # number of the input of each entry, parameters first, then speed, then eccentricity, shape ``(E,)``
+    powers: Index  # place of each entry, shape ``(E,)``
     rows: Index
     columns: Index
-    values: ComplexArray
+    values: ComplexArray  # shape ``(..., E)``
 
 
 class RotorModel(ABC):
@@ -434,14 +428,7 @@ def _last(values: Float) -> Float:
 
 
 class CompiledModel:
-    """Vectorised coefficient functions of a model, made once from its CasADi graph.
-
-    Attributes:
-        inputs, powers, rows, columns: of each entry of the coefficients' Jacobian, see :class:`CoefficientJacobian`.
-        real_entry, imag_entry: entries that have a real part, and those that have an imaginary one.
-        n_parameters: length of a parameter vector.
-        has_probe_factors: whether readings are multiplied by something that depends on the parameters.
-    """
+    """Vectorised coefficient functions of a model, made once from its CasADi graph."""
 
     def __init__(self, model: RotorModel) -> None:
         theta, speed, eccentricity, matrices, factors = model.symbolic
@@ -487,24 +474,14 @@ class CompiledModel:
         return [*parameters, np.asarray(speed, dtype=float)[()], np.asarray(eccentricity, dtype=float)[()]]
 
     def values(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
-        """Coefficient matrices, shape ``(..., order + 1, n, n)``.
-
-        Args:
-            theta: parameter vectors, shape ``(..., P)``, SI units.
-            speed: rotative speed, rad/s, shape broadcasting with ``theta[..., 0]``.
-            eccentricity: orbit radius over clearance, likewise.
-        """
+        """Coefficient matrices, shape ``(..., order + 1, n, n)``."""
         flat = _last(self._values(self._arguments(theta, speed, eccentricity)))
         powers, size, _ = self._shape
         parts = flat.reshape(*flat.shape[:-1], powers, 2, size, size)
         return np.asarray(parts[..., 0, :, :] + 1j * parts[..., 1, :, :])
 
     def jacobian(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike = 0.0) -> CoefficientJacobian:
-        """Derivatives of the coefficients with respect to parameters, speed and eccentricity.
-
-        Args:
-            theta, speed, eccentricity: as for :meth:`values`.
-        """
+        """Derivatives of the coefficients with respect to parameters, speed and eccentricity."""
         flat = _last(self._jacobian(self._arguments(theta, speed, eccentricity)))
         values = np.zeros((*flat.shape[:-1], self.inputs.size), dtype=complex)
         values.real[..., self.real_entry] = flat[..., self._real]
@@ -514,20 +491,12 @@ class CompiledModel:
         )
 
     def factors(self, theta: ArrayLike) -> ComplexArray:
-        """Probe factors, shape ``(..., n)``.
-
-        Args:
-            theta: parameter vectors, shape ``(..., P)``.
-        """
+        """Probe factors, shape ``(..., n)``."""
         flat = np.moveaxis(self._factors(self._arguments(theta, 0.0, 0.0)), 0, -1)
         return np.asarray(flat[..., 0::2] + 1j * flat[..., 1::2])
 
     def factor_jacobian(self, theta: ArrayLike) -> ComplexArray:
-        """Derivatives of the probe factors, shape ``(..., n, P)``.
-
-        Args:
-            theta: parameter vectors, shape ``(..., P)``.
-        """
+        """Derivatives of the probe factors, shape ``(..., n, P)``."""
         flat = np.moveaxis(self._factor_jacobian(self._arguments(theta, 0.0, 0.0)), 0, -1)
         size = self._shape[1]
         parts = np.swapaxes(flat.reshape(*flat.shape[:-1], self.n_parameters, 2 * size), -1, -2)

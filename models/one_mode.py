@@ -74,16 +74,7 @@ class OneMode(RotorModel):
 
 
 def one_per_coordinate(planes: Sequence[str], count: int, model: str) -> tuple[str, ...]:
-    """Check the plane names of a model.
-
-    Args:
-        planes: names that were given; a text is one name.
-        count: how many the model has.
-        model: its name, for messages.
-
-    Raises:
-        ValueError: wrong number of names, or one twice.
-    """
+    """Check the plane names of a model."""
     names = (planes,) if isinstance(planes, str) else tuple(planes)
     if len(names) != count or len(set(names)) != count:
         raise ValueError(f"{model} has {count} plane{'s' * (count > 1)}, each with a name of its own; got {names}")

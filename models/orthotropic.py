@@ -199,22 +199,12 @@ def _apart(matrix: Complex) -> Complex:
 
 
 def support_symbol(kind: str, support: int, at: Sequence[str]) -> str:
-    """Name of a support's parameter: numbered where there are several supports.
-
-    Args:
-        kind: ``dKs``, ``dDs`` or ``angle_s``.
-        support: its place in ``at``.
-        at: planes with such supports.
-    """
+    """Name of a support's parameter: numbered where there are several supports."""
     return kind if len(at) == 1 else f"{kind}_{support + 1}"
 
 
 def support_parameters(at: Sequence[str]) -> list[Parameter]:
-    """Parameters of supports that differ in two directions.
-
-    Args:
-        at: their planes.
-    """
+    """Parameters of supports that differ in two directions."""
     kinds = (
         ("dKs", "N/m", "support stiffness along its direction minus across", 5e3, None),
         ("dDs", "N s/m", "support damping along its direction minus across", 10.0, None),

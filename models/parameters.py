@@ -51,11 +51,7 @@ MATRIX_UNITS = {"K": "N/m", "M": "kg", "D": "N s/m"}
 
 
 def bare_name(name: str) -> str:
-    """Name of a parameter without its group: ``K0`` of ``K0[speed_rpm=1000]``.
-
-    Args:
-        name: as a fit writes it.
-    """
+    """Name of a parameter without its group: ``K0`` of ``K0[speed_rpm=1000]``."""
     return name.partition("[")[0]
 
 
@@ -64,13 +60,7 @@ _LONGEST = 80
 
 
 def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> str:
-    """Sentence for an error: the unknown name, the nearest known one, and all that is allowed.
-
-    Args:
-        kind: what the name is of, in words: ``parameter of whirl-whip``.
-        name: the unknown one.
-        allowed: all that there are.
-    """
+    """Sentence for an error: the unknown name, the nearest known one, and all that is allowed."""
     allowed, name = list(allowed), name[:_LONGEST]
     near = difflib.get_close_matches(name, allowed, n=1, cutoff=0.5)
     if not near:

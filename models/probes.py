@@ -15,16 +15,7 @@ Probes = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
 
 
 def check_probes(probes: Mapping[str, Mapping[str, float]] | None, planes: Sequence[str], model: str) -> Probes:
-    """Probes between planes as records that can be compared.
-
-    Args:
-        probes: by name, ``{"quarter": {"disk": 0.6, "journal": 0.4}}``.
-        planes: of the model.
-        model: its name, for messages.
-
-    Raises:
-        ValueError: a probe named as a plane, shares of a plane that the model has not, or that are not finite numbers.
-    """
+    """Probes between planes as records that can be compared."""
     for name, shares in (probes or {}).items():
         if name in planes:
             raise ValueError(f"{model} has a plane {name!r} of its own; a probe between the planes has another name")
@@ -37,12 +28,7 @@ def check_probes(probes: Mapping[str, Mapping[str, float]] | None, planes: Seque
 
 
 def probe_parameters(planes: Sequence[str], probes: Probes) -> tuple[Parameter, ...]:
-    """``beta1``, ``beta2``, ...: factors of the probes at the planes, then of those between, known to be one.
-
-    Args:
-        planes: of the model.
-        probes: between them.
-    """
+    """``beta1``, ``beta2``, ...: factors of the probes at the planes, then of those between, known to be one."""
     places = [*(f"at {plane}" for plane in planes), *(name for name, _ in probes)]
     return tuple(
         Parameter(f"beta{i}", "1", f"factor of the probe {where}", lower=0.0, default=1.0, nominal=1.0)
@@ -51,13 +37,7 @@ def probe_parameters(planes: Sequence[str], probes: Probes) -> tuple[Parameter, 
 
 
 def with_probes(matrices: Sequence[Complex], planes: Sequence[str], probes: Probes) -> list[Complex]:
-    """Coefficient matrices with a row for each probe between the planes: its motion less the shares of theirs is zero.
-
-    Args:
-        matrices: of powers of s, of the planes.
-        planes: of the model.
-        probes: between them.
-    """
+    """Coefficient matrices with a row for each probe between planes: its motion less the shares of theirs is zero."""
     n, extra = len(planes), len(probes)
     shares = ca.SX([[-dict(own).get(plane, 0.0) for plane in planes] for _, own in probes])
     right, nothing = ca.SX(n, extra), ca.SX(extra, n + extra)

@@ -33,14 +33,7 @@ _BETWEEN = ("coupling_mass", "coupling_damping")  # the planes' own masses and d
 
 
 def check_blocks(blocks: Sequence[str]) -> tuple[str, ...]:
-    """Return the blocks in canonical order.
-
-    Args:
-        blocks: names out of ``BLOCKS``.
-
-    Raises:
-        ValueError: unknown block.
-    """
+    """Return the blocks in canonical order."""
     for block in blocks:
         if block not in BLOCKS:
             raise ValueError(unknown_name("structural block", block, BLOCKS))
@@ -48,11 +41,7 @@ def check_blocks(blocks: Sequence[str]) -> tuple[str, ...]:
 
 
 def block_symbols(blocks: Sequence[str]) -> str:
-    """Symbols of blocks, for instance ``m g c q``, which the names of their parameters begin with.
-
-    Args:
-        blocks: of :data:`BLOCKS`.
-    """
+    """Symbols of blocks, for instance ``m g c q``, which the names of their parameters begin with."""
     return " ".join(_SYMBOL[block] for block in blocks)
 
 
@@ -67,12 +56,7 @@ def _entries(block: str, size: int) -> list[tuple[int, int, str]]:
 
 
 def block_parameters(blocks: Sequence[str], size: int) -> tuple[Parameter, ...]:
-    """Parameters of the blocks, for instance m12; g11, g12, g22; c12; ci11, ci12; q11, ...
-
-    Args:
-        blocks: names out of ``BLOCKS``.
-        size: number of planes.
-    """
+    """Parameters of the blocks, for instance m12; g11, g12, g22; c12; ci11, ci12; q11, ..."""
     return tuple(
         Parameter(name, _UNIT[block], f"{block.replace('_', ' ')} between planes", scale=_SCALE[block])
         for block in blocks
@@ -81,17 +65,8 @@ def block_parameters(blocks: Sequence[str], size: int) -> tuple[Parameter, ...]:
 
 
 def add_blocks(matrices: Sequence[Any], blocks: Sequence[str], p: Any, speed: Any) -> list[Complex]:
-    """Add blocks to coefficients by powers of s = j w.
-
-    They are ``-w^2 m``, ``+w Om g``, ``+j w c``, ``+j (w - Om) ci``, ``+w^4 q``, ``-w^6 r``, ``+w^3 Om h``,
-    ``-w^2 Om^2 e`` and ``-j w^3 d``.
-
-    Args:
-        matrices: coefficients of s^0, s^1 and s^2, each a :class:`Complex` or rows of scalars.
-        blocks: names out of ``BLOCKS``.
-        p: parameters by name, CasADi symbols: ``p.m12``.
-        speed: rotative speed Omega, rad/s, symbolic.
-    """
+    """Add blocks to coefficients by powers of s = j w. They are ``-w^2 m``, ``+w Om g``, ``+j w c``, ``+j (w - Om)
+    ci``, ``+w^4 q``, ``-w^6 r``, ``+w^3 Om h``, ``-w^2 Om^2 e`` and ``-j w^3 d``."""
     result = [Complex.matrix(m) if not isinstance(m, Complex) else m for m in matrices]
     size = result[0].shape[0]
     for block in blocks:

@@ -18,17 +18,11 @@ class Printed:
 
 
 class Wide(NamedTuple):
-    """A cell that reaches over several columns, aligned as the first of them; a remark begins at its left.
+    """A cell that reaches over several columns, aligned as the first of them; a remark begins at its left."""
 
-    Attributes:
-        text: what it says.
-        columns: how many it reaches over.
-        remark: whether it begins at the left whatever the alignment, and makes no column wider.
-    """
-
-    text: str
-    columns: int
-    remark: bool = False
+    text: str  # what it says
+    columns: int  # how many it reaches over
+    remark: bool = False  # whether it begins at the left whatever the alignment, and makes no column wider
 
 
 def text_table(rows: Iterable[Sequence[str | Wide]], columns: str) -> list[str]:
@@ -64,9 +58,5 @@ def _line(row: Sequence[Wide], specs: Sequence[tuple[str, int]], widths: Sequenc
 
 
 def text_html(text: str) -> str:
-    """Text for a notebook, its columns under one another.
-
-    Args:
-        text: several lines.
-    """
+    """Text for a notebook, its columns under one another."""
     return f"<pre>{escape(text)}</pre>"

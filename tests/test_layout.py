@@ -340,13 +340,15 @@ def public_callables() -> dict[str, object]:
 
 
 CALLABLES = public_callables()
-FOR_USERS = {inspect.unwrap(getattr(rotorfit, name)) for name in rotorfit._HOME if rotorfit._HOME[name]}
+EXPORTED = [getattr(rotorfit, name) for name in rotorfit._HOME if rotorfit._HOME[name]]
+EXPORTED += [thing for name in rotorfit.models.__all__ if callable(thing := getattr(rotorfit.models, name))]
+FOR_USERS = {inspect.unwrap(thing) for thing in EXPORTED}
 
 
 def for_users(name: str) -> bool:
-    """Whether users call it: models, what the package exports and methods of that. Internals have types and a line."""
+    """Whether users call it: what the package or its models export, and methods of that. Internals have a line."""
     owner = CALLABLES.get(name.rpartition(".")[0])
-    return name.startswith("rotorfit.models.") or CALLABLES[name] in FOR_USERS or owner in FOR_USERS
+    return CALLABLES[name] in FOR_USERS or owner in FOR_USERS
 
 
 CLASSES = {name: thing for name, thing in CALLABLES.items() if inspect.isclass(thing)}

@@ -47,8 +47,8 @@ class CorrelatedResponses(OnResponses):
 
     @cached_property
     def channel_correlation(self) -> Float:
-        """Correlation of the errors of two channels, in size, ones on the diagonal, shape ``(C, C)``. Of readings at
-        the same line; the square is that of the estimate less what chance adds to it."""
+        """Correlation in size of errors of two channels at the same line, less what chance adds to its square, ``(C,
+        C)``."""
         numbers = np.unique(self.base.coordinate)
         found = np.eye(numbers.size)
         chance = min(2.0 / self.freedom, 1.0)  # of |r|^2 between complex errors that have nothing in common

@@ -33,8 +33,7 @@ class _State:
 
 @dataclass(frozen=True, eq=False)
 class OrbitResponses(OnResponses):
-    """Centred orbits under circular forces, or displacements under constant loads (w = 0), of a nonlinear rotor. The
-    journal's eccentricity solves ``kappa(w, |A_b|) A = F``; see :mod:`rotorfit.models.motion.orbits`."""
+    """Centred orbits under circular forces, or displacements under constant loads (w = 0), of a nonlinear rotor."""
 
     # eccentricity of the journal in each line as its probe read it, NaN where it was not measured, shape ``(L,)``
     eccentricity: Float
@@ -47,8 +46,7 @@ class OrbitResponses(OnResponses):
         return journal(self.model)
 
     def frozen(self) -> OrbitResponses:
-        """The same with the measured eccentricities taken as given: explicit, a good place to start a fit from. Where
-        it was not measured the journal is taken as centred."""
+        """The same with the measured eccentricities taken as given: explicit, a good place to start a fit from."""
         return replace(self, mode="given", eccentricity=np.nan_to_num(self.eccentricity))
 
     def lines(self, keep: Bool) -> OrbitResponses:
@@ -56,8 +54,7 @@ class OrbitResponses(OnResponses):
         return OrbitResponses(self.base.lines(keep), self.eccentricity[keep], self.mode, self.sweep[keep])
 
     def measured_eccentricity(self, theta: Float) -> Float:
-        """Measured eccentricity of the journal in each line, the factor of its probe taken out; an imposed orbit is
-        what it is. Shape ``(..., L)``, or ``(L,)`` where no probe has a factor."""
+        """Eccentricity of the journal in each line, its probe's factor taken out, shape ``(..., L)`` or ``(L,)``."""
         if self.base.imposed:
             return self.eccentricity
         return eccentricity_of_reading(self.model, theta, self.base.group, self.eccentricity)[0]
@@ -154,8 +151,7 @@ class OrbitResponses(OnResponses):
         return total
 
     def predict(self, theta: Float) -> ComplexArray:
-        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`. Of vectors of shape ``(..., G, P)`` it
-        gives ``(..., R)``."""
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""
         state = self._state(theta)
         if self.base.imposed:
             coordinates = range(state.H.shape[0])
@@ -205,8 +201,7 @@ class OrbitResponses(OnResponses):
         return self._read(values), np.moveaxis(self._read(by_theta), 0, -1)
 
     def _orbit_slopes(self, state: _State, slopes: ComplexArray) -> Float:
-        """Derivatives of the eccentricities by the parameters, shape ``(P, ..., L)``; zero where the orbit fills the
-        gap."""
+        """Derivatives of the eccentricities, shape ``(P, ..., L)``; zero where the orbit fills the gap."""
         seat, moving = self.journal, state.amplitude[self.journal.at]
         size = np.abs(moving)
         pointer = np.divide(moving.conj(), size * seat.clearance, out=np.zeros_like(moving), where=size > 0)
@@ -233,15 +228,8 @@ class OrbitResponses(OnResponses):
 
 
 def eccentricity_of_reading(model: RotorModel, theta: Float, group: Index, reading: Float) -> tuple[Float, Float]:
-    """Eccentricities of the journal that its probe read with its factor, shape ``(..., L)``, and their derivatives by
-    the group's parameters, shape ``(..., L, P)``. Where the probe has none, the readings and zeros, ``(L,)``, ``(1,)``.
-
-    Args:
-        model: the rotor.
-        theta: parameter vectors, shape ``(..., G, P)``.
-        group: parameter group of each line, shape ``(L,)``.
-        reading: position over clearance by the probe, shape ``(L,)``.
-    """
+    """Eccentricities of the journal by its probe, ``(..., L)``, and slopes by the parameters, ``(..., L, P)`` or
+    ``(1,)``."""
     functions = model.functions
     if not (functions.has_probe_factors and model.eccentricity_dependent):
         return reading, np.zeros(1)

@@ -131,8 +131,7 @@ class Sensitivities:
 
 
 def by_condition(block: Responses, values: ComplexArray) -> Iterator[tuple[slice | Index, slice | Index, Float]]:
-    """Values along readings, shape ``(..., K, R)``, parted by (group, speed): the numbers of some pairs, their
-    readings, and real and imaginary parts there, shape ``(..., C, K, 2 m)``."""
+    """Values ``(..., K, R)`` by (group, speed): some pairs, their readings, both parts there ``(..., C, K, 2 m)``."""
     if block.stretch:  # a view: nothing is copied
         real = values.view(float).reshape(*values.shape[:-1], -1, 2 * block.stretch)
         yield slice(None), slice(None), np.swapaxes(real, -3, -2)
@@ -253,8 +252,7 @@ def read_by_probes_jacobian(
 
 
 def displacement_to_force(block: Responses, theta: Float) -> ComplexArray:
-    """Force at the plane of an imposed orbit while the other planes are free (eqs 14 to 17), shape ``(..., R)``. The
-    force is the displacement over the drive-point receptance; with one plane, ``kappa A``."""
+    """Force at the plane of an imposed orbit while the other planes are free (eqs 14 to 17), shape ``(..., R)``."""
     return _imposed(block) / _drive_point(block, _receptance(block, theta))
 
 

@@ -42,8 +42,8 @@ class OffCentreResponses(Observed):
         return eccentricity_of_reading(self.model, theta, self.group, self.eccentricity)[0]
 
     def _solve(self, theta: Float, eps: Float) -> tuple[Float, ComplexArray, ComplexArray]:
-        """Parameter vectors of the lines, receptance of (A, conj(B)) and these amplitudes, lines along the last axis.
-        Shapes ``(..., L or 1, P)``, ``(2n, 2n, ..., L)`` and ``(2n, ..., L)``."""
+        """Vectors of the lines, receptance ``(2n, 2n, ..., L)`` of (A, conj(B)), and these amplitudes, ``(2n, ...,
+        L)``."""
         vectors = theta if theta.shape[-2] == 1 else theta[..., self.group, :]
         stiffness = coupled_stiffness(self.model, vectors, self.frequency, self.speed, eps, self.attitude)
         back = (self.frequency < 0)[:, None]
@@ -59,8 +59,7 @@ class OffCentreResponses(Observed):
         return np.moveaxis(np.where(vertical, -1j * (A - B), A + B), 0, -1)
 
     def predict(self, theta: Float) -> ComplexArray:
-        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`. Of vectors of shape ``(..., G, P)`` it
-        gives ``(..., R)``."""
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""
         return read_by_probes(self, theta, self._read(self._solve(theta, self.measured_eccentricity(theta))[2]))
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:

@@ -47,8 +47,7 @@ class Constraint(Protocol):
         ...
 
     def alone(self, entry: int, value: float, start: Float) -> tuple[float, Float, bool]:
-        """Cost and vector at the minimum for one value, and whether it is one to full precision. The cost is infinite
-        where there is nothing."""
+        """Cost (infinite where there is nothing) and vector at the minimum for one value, and whether it is exact."""
         ...
 
 
@@ -98,8 +97,7 @@ class Condition(Protocol):
     """Constraint that holds a derived quantity at a value: an equation between the vector and the value."""
 
     def __call__(self, x: Float, values: Float) -> tuple[Float, Float, Float]:
-        """Residual of the equation at vectors of shape ``(W, p)``, and its derivatives by vector and value. NaN where
-        the equation does not hold the quantity there."""
+        """Residual of the equation at vectors ``(W, p)``, NaN where it has none, and its slopes by vector and value."""
         ...
 
 
@@ -216,8 +214,7 @@ def _solved(matrix: Float, *sides: Float) -> tuple[Float, ...]:
 
 
 def _held_step(gradient: Float, matrix: Float, slope: Float, missing: float, low: Float, high: Float) -> Float:
-    """Step to the minimum of the quadratic model where the quantity changes by what is missing. Entries that rest on a
-    bound and would leave it stay where they are."""
+    """Step to the minimum of the quadratic model where the quantity changes by what is missing."""
     free = np.ones(gradient.size, dtype=bool)
     step = np.zeros_like(gradient)
     while free.any():

@@ -32,9 +32,7 @@ class Correction:
 
 
 def correct(coefficients: ComplexArray, covariance: ComplexArray, importance: Float, limit: Float) -> Correction:
-    """Correction weights of at most ``limit`` in each plane, shape ``(P,)``, from vibration and influences of each
-    reading, shape ``(C, 1 + P)``, their covariance reading by reading (NaN where not known), and the importance of each
-    reading."""
+    """Weights within limits by vibration and influences ``(C, 1 + P)``, their covariance, and readings' importance."""
     y, A = coefficients[:, 0], coefficients[:, 1:]
     right = A.conj().T * importance
     normal, towards = right @ A, right @ y

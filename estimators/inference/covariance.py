@@ -37,8 +37,7 @@ def widening(redchi: float, loss: Loss, *, rescaled: bool = False, nfree: int = 
 
 
 def standard_error(slope: Float, covar: Float) -> Float:
-    """Standard error of quantities that follow from an estimate, by the delta method, shape ``(...)``; zero where
-    round-off makes a variance negative."""
+    """Standard error of quantities that follow from an estimate, by the delta method, shape ``(...)``."""
     return np.asarray(np.sqrt(np.maximum(np.sum(slope @ covar * slope, axis=-1), 0.0)))
 
 
@@ -57,9 +56,7 @@ def per_freedom(loss: Loss, nfree: int) -> float:
 def information(
     problem: Problem, x: Float, r: ComplexArray, J: ComplexArray, *, widening: float = 1.0
 ) -> tuple[Float, Float | None]:
-    """Square root of the cost's expected curvature, and for a robust loss its gradient's scatter (the sandwich).
-    Returns ``R`` with ``R^T R`` the curvature, shape ``(p, p)``, and the scatter of the gradient, None for squares of
-    independent errors."""
+    """``R`` with ``R^T R`` the cost's curvature, and the scatter of its gradient; None for independent squares."""
     prior = prior_curvature(problem, x)
     if problem.loss == "linear":
         curvature = problem.gauss_newton(x)[2]
@@ -173,8 +170,7 @@ def inverse_curvature(problem: Problem, x: Float) -> Float:
 
 
 def excess(wide: Float, own: Float) -> Float:
-    """Least addition to a covariance so that no combination is surer than by another, shape ``(p, p)``. The positive
-    part of their difference, entries scaled by the standard errors."""
+    """Least addition to a covariance so that no combination is surer than by another, shape ``(p, p)``."""
     size = np.sqrt(np.maximum(np.diag(own), np.diag(wide)))
     size = np.where(size > 0, size, 1.0)
     power, basis = np.linalg.eigh((wide - own) / np.outer(size, size))

@@ -50,8 +50,8 @@ class Identifiability:
     null_space: Float
 
     def leaves_open(self, sizes: Float, slopes: Float) -> Bool:
-        """True for results, shape ``(N,)``, that a change of parameters moves which no datum notices; ``slopes``: their
-        derivatives by the fitted vector, shape ``(N, ..., n)``."""
+        """True for results, of slopes ``(N, ..., n)``, that a change of parameters moves which no datum notices,
+        ``(N,)``."""
         if not self.null_space.size:
             return np.zeros(len(slopes), dtype=bool)
         leak = np.abs(slopes[..., : self.null_space.shape[0]] @ self.null_space)
@@ -82,9 +82,7 @@ def natural_scales(model: RotorModel, base: Sequence[str], values: Float, stiffn
 
 
 def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, Bool]:
-    """Covariance of the determined combinations. Returns the covariance with directions that the data do not see at all
-    left out, shape ``(p, p)``; standard error of each scaled direction, ascending information, shape ``(p,)``; scaled
-    directions as columns; their unresolved mask."""
+    """Covariance of the determined combinations; errors, directions and unresolved mask of scaled ones."""
     kept, unseen, lost, silent = _scaled_directions(root, scales)
     seen = not (lost.any() or silent.any())
     null = np.zeros((scales.size, 0)) if seen else _null_basis(unseen[:, lost], silent)
@@ -144,8 +142,7 @@ def diagnose(
     root: Float,
     scales: Float,
 ) -> tuple[Float, Identifiability]:
-    """Covariance and identifiability verdict of a fit. Returns the covariance of the determined combinations, shape
-    ``(p, p)``, and the verdict."""
+    """Covariance and identifiability verdict of a fit."""
     covar, stderr, directions, open_ = covariance(root, scales)
     determined = bool(np.isfinite(stderr).all()) and stderr.min() > 0
     condition = float(stderr.max() / stderr.min()) if determined else float("inf")

@@ -112,8 +112,7 @@ class LogPosterior:
     # ---- normal approximation ----------------------------------------------------------------------------------------
 
     def laplace(self, start: Float) -> tuple[Float, Float]:
-        """Mode and covariance of the density's normal approximation. Directions without curvature get the width of the
-        bounds across them."""
+        """Mode and covariance of the density's normal approximation."""
         if self.noise == "fixed":
             x, levels = start, np.zeros(self.counts.size)
         else:

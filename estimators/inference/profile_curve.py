@@ -105,8 +105,7 @@ class Curve:
         return np.asarray(x[near] + way[:, None] * straight + curved)
 
     def search(self, side: int, level: float, step: float, limit: float, at_bound: bool) -> Search:
-        """Follow the curve to one side until it has risen to a level. The signed root of the rise is nearly a straight
-        line, so its zero is soon found."""
+        """Follow the curve to one side until it has risen to a level."""
         centre, goal = self._points[0].value, math.sqrt(level)
         reach = abs(limit - centre)
         inner, low = 0.0, -goal

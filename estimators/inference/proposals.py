@@ -78,9 +78,7 @@ def best_proposal(
 
 
 def mixture(log_density: Callable[[Float], Float], centre: Float, covariance: Float) -> list[tuple[Any, float]]:
-    """Independence proposals mixed with moves that need no approximation: differential evolution and stretch.
-    Independence proposals get the larger a share the more they resemble the posterior, and half where they do not and
-    walkers have to be carried."""
+    """Independence proposals mixed with moves that need no approximation: differential evolution and stretch."""
     independence, efficiency = best_proposal(log_density, centre, covariance)
     # Share of independence proposals at most: the rest keeps a chain moving where 512 draws have seen nothing.
     largest_share = 0.9

@@ -129,8 +129,7 @@ class Cause:
 
 
 def causes_of(problem: Problem, x: Float) -> list[Cause]:
-    """Causes that tests of a rotor in complex coordinates could show, of one with a law of eccentricity a static
-    load."""
+    """Causes that tests of a rotor in complex coordinates could show; with a law of eccentricity a static load."""
     blocks = [base for base in map(_base, problem.blocks) if base is not None]
     model = problem.space.model
     orbits = [block for block in problem.blocks if isinstance(block, OrbitResponses) and not block.base.imposed]

@@ -16,8 +16,7 @@ LOSS_SCALE = 2.0
 
 
 def robust_weights(loss: Loss, size2: Float) -> tuple[Float, Float]:
-    """Robust cost of squared whitened residual moduli, and the factor by which each residual's pull shrinks. Returns
-    ``rho`` with cost = sum(rho)/2, and ``d rho / d size2``."""
+    """Cost ``rho`` (that of the fit is sum(rho)/2) of squared residual moduli, and ``d rho / d size2``."""
     if loss == "linear":
         return size2, np.ones_like(size2)
     c2 = LOSS_SCALE**2

@@ -109,8 +109,7 @@ def _restricted(y: ComplexArray, X: ComplexArray, within: Float) -> float:
 
 
 def repeat_variance(readings: ComplexArray, mounting: Index) -> tuple[float, int]:
-    """Variance of real and imaginary part between repeats of one mounting, pooled, and its complex degrees of freedom.
-    Returns the variance, NaN where nothing was repeated, and the degrees of freedom."""
+    """Variance of either part between repeats of one mounting, NaN without any, and its complex degrees of freedom."""
     count = np.bincount(mounting)
     mean = (np.bincount(mounting, readings.real) + 1j * np.bincount(mounting, readings.imag)) / np.maximum(count, 1)
     freedom = int(readings.size - np.count_nonzero(count))
@@ -135,8 +134,7 @@ def scatter(cells: list[MountingFit]) -> ComplexArray:
 
 
 def coefficient_covariance(cells: list[MountingFit], between: ComplexArray) -> ComplexArray:
-    """Covariance of the coefficients of all cells, cell by cell, from that of the mean readings of one mounting, shape
-    ``(C p, C p)``."""
+    """Covariance of the coefficients of all cells by that of the mean readings of a mounting, shape ``(C p, C p)``."""
     weights = np.array([cell.weights for cell in cells])
     spread = np.einsum("cim,dkm->cidk", weights, weights.conj())
     size = weights.shape[0] * weights.shape[1]

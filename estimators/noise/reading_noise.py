@@ -70,15 +70,10 @@ def _level(noise: ComplexArray) -> float:
 
 
 def noise_from_smoothness(frequency: Float, response: ComplexArray) -> Float:
-    """Noise level of a channel from its departure from local rational functions of frequency.
-
-    In a window that slides along the sweep, ``y (1 + a1 d + a2 d^2) = b0 + b1 d + b2 d^2`` is fitted by linear least
-    squares, d the distance from the middle: a rational function follows a resonance that a polynomial of the same width
-    cannot. The median over the windows of the residual variance is the estimate. Short sweeps drop a2, then a1.
-
-    Returns:
-        standard deviation of the real part and of the imaginary part, shape ``(L,)``.
-    """
+    """Noise level of a channel from its departure from local rational functions of frequency. In a window that slides
+    along the sweep, ``y (1 + a1 d + a2 d^2) = b0 + b1 d + b2 d^2`` is fitted by linear least squares, d the distance
+    from the middle: a rational function follows a resonance that a polynomial of the same width cannot. The median over
+    the windows of the residual variance is the estimate. Short sweeps drop a2, then a1."""
     count = frequency.size
     if count < 6:
         raise ValueError(

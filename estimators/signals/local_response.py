@@ -96,9 +96,7 @@ class LocalFit:
 def local_response(
     records: Sequence[RecordSpectra], low: float, high: float, *, degree: int = SMOOTH_DEGREE, transient: bool = True
 ) -> LocalResponse:
-    """Frequency response of each output to each force, at ``degree + 1`` nodes a band, from records of one rotor
-    between frequencies in rad/s. A record has no ``transient`` where the rotor rests when it begins and when it
-    ends."""
+    """Response of outputs to forces, ``degree + 1`` nodes a band; no ``transient`` of records at rest at both ends."""
     inside = [(record.frequency >= low) & (record.frequency <= high) for record in records]
     fewest = min(int(np.sum(lines)) for lines in inside)
     smooth = -(-(degree + 1) * records[0].forces.shape[0] // len(records)) + (degree + 1) * transient  # in each record

@@ -32,19 +32,8 @@ _MOST_DOUBTFUL = 10_000
 
 
 def bridged(times: Float, kept: Index, turns: Index, uneven: Bool) -> tuple[Index, Index, list[tuple[float, float]]]:
-    """The count with short stretches in doubt taken as the turns on either side say.
-
-    Each stretch is taken for itself, then those that are left together with their neighbours.
-
-    Args:
-        times: of all edges.
-        kept: places of the pulses among them, shape ``(N,)``.
-        turns: between these, shape ``(N - 1,)``.
-        uneven: which of the turns are unlike their neighbours, likewise.
-
-    Returns:
-        the better ``kept`` and ``turns``, and from when to when it is not certain which edges are pulses.
-    """
+    """The count with short stretches in doubt taken as the turns on either side say. Each stretch is taken for itself,
+    then those that are left together with their neighbours."""
     doubtful = np.flatnonzero((turns > 1) | (np.diff(kept) > 1) | uneven)
     if not 0 < doubtful.size <= _MOST_DOUBTFUL:
         return kept, turns, []
@@ -96,15 +85,8 @@ def _within_turns(times: Float, kept: Index, begin: int, end: int) -> bool:
 
 
 def _between(times: Float, sides: Index, count: Float) -> tuple[Index, Index] | None:
-    """Pulses between those on either side, and the turns from the last on the left to the first on the right.
-
-    None where they are not smooth enough to tell.
-
-    Args:
-        times: of all edges.
-        sides: pulses, half of them on the left.
-        count: of these, each half from the pulse next to the stretch.
-    """
+    """Pulses between those on either side, and the turns from the last on the left to the first on the right. None
+    where they are not smooth enough to tell."""
     last, first = sides[_SIDE - 1], sides[_SIDE]
     edges = np.arange(last + 1, first)
     middle, half = (times[last] + times[first]) / 2, (times[sides[-1]] - times[sides[0]]) / 2

@@ -37,9 +37,7 @@ class _Ways:
 
 
 def steadier(times: Float, kept: Index, turns: Index) -> tuple[Index, Index]:
-    """A count of pulses, or the one on which the speed changes less. Before the first and after the last stretch of
-    even intervals, where a shaft that starts or stops changes its speed much within a turn, the count stays as it was.
-    Returns the better ``kept`` and ``turns``."""
+    """A count of pulses, or the one on which the speed changes less; ends at which the shaft starts or stops stay."""
     intervals = np.diff(times)
     alike = np.abs(np.log(intervals[1:] / intervals[:-1])) < _LARGEST_CHANGE_OF_INTERVAL
     clean = np.flatnonzero(np.convolve(alike, np.ones(_EVEN_INTERVALS), mode="valid") == _EVEN_INTERVALS)

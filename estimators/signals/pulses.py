@@ -108,8 +108,7 @@ def _plateau(voltage: Float, span: float) -> float:
 
 
 def find_edges(pieces: Iterable[Float], levels: PulseLevels) -> Float:
-    """Positions of the timed edges, in samples from the start of the first piece. Returns positions, shape ``(N,)``,
-    ascending, interpolated between the two samples on either side of the level."""
+    """Positions of timed edges, in samples from the first piece on, interpolated at the level, shape ``(N,)``."""
     sign = -1.0 if levels.falling else 1.0
     found: list[Float] = []
     begin, held = 0, np.zeros(0)  # held: the samples since the voltage was last clear of the hysteresis

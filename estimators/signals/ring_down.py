@@ -36,8 +36,7 @@ class Decay:
 
 
 def decay_of(time: Float, signals: Float, modes: int, steady: Float | None = None) -> Decay | None:
-    """The sum of decaying vibrations that a record holds, of the order that BIC prefers. Returns the sum, None where
-    the record determines no sum of so many modes."""
+    """The sum of decaying vibrations whose order BIC prefers; None where the record shows none of so many modes."""
     found = list(_decays(time, signals, modes, np.zeros(0)))
     if steady is not None and any(_is_steady(decay, steady) for decay in found):
         found += _decays(time, signals, modes, steady)

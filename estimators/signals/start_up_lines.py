@@ -62,8 +62,7 @@ class RoughShaft:
 
 
 def start_up_lines(run: StartUp) -> dict[int, LocalResponse]:
-    """Lines 1x and 2x at steady speeds. Returns lines by order, at frequencies of order times speed: one response of
-    one output, m."""
+    """Lines 1x and 2x of one response at steady speeds, m, by order, at frequencies of order times speed."""
     image = np.exp(2j * run.angle) * run.motion.conj()
     rough = _rough_shaft(run, image)
     for _ in range(2):  # steps of Gauss and Newton from there
@@ -127,14 +126,9 @@ def _rough_shaft(run: StartUp, image: ComplexArray) -> RoughShaft:
 def shaft_of_lines(
     w: Float, first: Bool, own: ComplexArray, partner: ComplexArray, sigma: Float, *, runout: bool = True
 ) -> tuple[RoughShaft, complex, complex]:
-    """Shaft whose equation lines 1x and 2x obey, by weighted linear least squares.
-
-    ``kappa (A - R1) + delta (B - conj(R1)) = eps w^2`` and ``kappa (A2 - R2) + delta (B2 + conj(S)) = 0``, R1 and R2
-    run-out, S the sag about which the motion was taken; linear in k, d, delta and products of the rest with these.
-
-    Returns:
-        the shaft, its side load ``k S``, and the run-out at 1x and at 2x.
-    """
+    """Shaft whose equation lines 1x and 2x obey, by weighted linear least squares. ``kappa (A - R1) + delta (B -
+    conj(R1)) = eps w^2`` and ``kappa (A2 - R2) + delta (B2 + conj(S)) = 0``, R1 and R2 run-out, S the sag about which
+    the motion was taken; linear in k, d, delta and products of the rest with these."""
     powers = (0, 1, 2) if runout else None
     smooth = {(1, n): first * w**n + 0j for n in powers or (2,)} | {(2, n): ~first * w**n + 0j for n in powers or (0,)}
     complexes = [partner, *smooth.values()]

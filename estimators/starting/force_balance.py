@@ -135,8 +135,7 @@ def _powers(values: NDArray[Any], most: int) -> NDArray[Any]:
 
 
 def weigh(sides: ComplexArray, weight: ComplexArray | Float) -> Float:
-    """Sides of equations, shape ``(n, C, L)``, mixed by weights of shape ``(L, n, n)``: real, shape ``(n, C, 2 L)``.
-    Weights of shape ``(L,)`` are those of whole lines."""
+    """Sides ``(n, C, L)`` mixed by weights ``(L, n, n)``, or scaled by ``(L,)``, as real numbers ``(n, C, 2 L)``."""
     if weight.ndim == 1:
         return (sides * weight).view(float)
     mixed, product = np.empty_like(sides), np.empty_like(sides[0])

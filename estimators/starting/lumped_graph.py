@@ -31,8 +31,7 @@ class Place:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LumpedGraph:
-    """Expressions of lumped coefficients, speeds and known values among their variables: fits that differ in those
-    share one."""
+    """Lumped coefficients with speeds and known values as variables: fits that differ in those share one."""
 
     function: Callable[[Sequence[Any]], Float]
     rows: Index  # coefficient of each derivative

@@ -53,11 +53,7 @@ def modal_start(
 ) -> tuple[dict[str, float], float]:
     """Parameters of a modal model, and the common datum angle, rad, from responses. Returns values by name, and the
     lead of the responses over the forces at the first plane. Modal masses are as if the responses were turned back by
-    that angle (``turned``), or as they are.
-
-    Raises:
-        ValueError: more modes than the responses show, unless some natural frequency is known (not ``unknown``).
-    """
+    that angle (``turned``), or as they are."""
     forced, probe = (model.planes.index(names[0]) for names in (model.force_planes, model.probe_planes))
     axes = ("x", "y") if model.frame == "xy" else ("z",)
     along = {axis: lines for axis in axes if (lines := _lines_along(model, blocks, axis)).value.size}
@@ -146,8 +142,7 @@ def _lines_along(model: Modal, blocks: Sequence[Responses], axis: str) -> Lines:
 
 
 def _poles(lines: Lines, modes: int) -> tuple[Float, Float, int]:
-    """Natural frequencies, rad/s, ascending, and damping ratios of so many modes, shape ``(modes,)`` each, and how many
-    of them explain more than noise would let them."""
+    """Natural frequencies, rad/s, ascending, damping ratios, and how many modes explain more than noise would."""
     responses = _responses(lines)
     enough = 1.2  # mean square of what is left over the noise, from which more poles would explain noise
     most = _explained_by_chance(len(responses), lines.value.size)
@@ -187,8 +182,7 @@ def _responses(lines: Lines) -> list[Response]:
 
 
 def _best_of(poles: ComplexArray, responses: Sequence[Response], modes: int) -> tuple[Float, Float, Float]:
-    """Misfits of one pole, two and so on, natural frequencies and damping ratios of those poles that explain the
-    responses best, one by one."""
+    """Misfits of one pole, two, ..., frequencies and damping ratios of those that explain most, one by one."""
     wn, zeta = np.abs(poles), -poles.real / np.abs(poles)
     basis = [
         np.asarray(one.weight[:, None] / (wn**2 - w**2 + 2j * zeta * wn * w), dtype=complex)

@@ -38,8 +38,7 @@ class RationalFit:
 
 
 def rational_fit(blocks: Sequence[Responses]) -> RationalFit | None:
-    """Fit every group and speed of responses by ratios of polynomials with as many poles as the model has. Returns the
-    fit; None for models with x and y apart or a known shaft, for imposed orbits, and for too few readings."""
+    """Ratios of polynomials with as many poles as the model has; None of models and readings without such ratios."""
     fits = []
     for block in blocks:
         if block.model.frame != "z" or block.model.shaft is not None or block.imposed:

@@ -25,14 +25,8 @@ class Response(NamedTuple):
 
 
 def common_poles(responses: Sequence[Response], pairs: int) -> ComplexArray:
-    """Stable poles with positive imaginary part that all responses have in common, rad/s, ascending.
-
-    Poles that become real are left out of the answer.
-
-    Args:
-        responses: of one rotor.
-        pairs: conjugate pairs of trial poles.
-    """
+    """Stable poles with positive imaginary part that all responses have in common, rad/s, ascending. Poles that become
+    real are left out of the answer."""
     top = max(float(np.abs(one.frequency).max()) for one in responses)
     low = min(float(np.abs(one.frequency).min()) for one in responses) / top
     damping = 0.01  # of the trial poles at the beginning: between lightly and well damped

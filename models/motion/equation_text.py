@@ -24,23 +24,16 @@ _GREEK |= {"epsilon": "ε", "Omega": "Ω", "omega": "ω", "kappa": "κ", "mu": "
 
 @dataclass(frozen=True)
 class Entry:
-    """One entry of the dynamic stiffness matrix, ``direct(w) + j quadrature(w)``.
+    """One entry of the dynamic stiffness matrix, ``direct(w) + j quadrature(w)``."""
 
-    Attributes:
-        direct, quadrature: coefficient of each power of the perturbation frequency w, as a polynomial in the
-            parameters and the rotative speed; powers without a term are left out.
-    """
-
+    # coefficient of each power of the perturbation frequency w, as a polynomial in the parameters and the rotative
+    # speed; powers without a term are left out
     direct: Mapping[int, Polynomial]
     quadrature: Mapping[int, Polynomial]
 
 
 def stiffness_entries(model: RotorModel) -> list[list[Entry]]:
-    """Entries of the dynamic stiffness matrix, row by row; what a known shaft adds is not in them.
-
-    Args:
-        model: the rotor.
-    """
+    """Entries of the dynamic stiffness matrix, row by row; what a known shaft adds is not in them."""
     p = SimpleNamespace(**{name: ca.SX.sym(name) for name in model.parameter_names})
     equation = model.equation(p, ca.SX.sym(SPEED), ca.SX.sym(ECCENTRICITY))
     matrices = [m if isinstance(m, Complex) else Complex.matrix(m) for m in equation]
@@ -117,11 +110,7 @@ def _split_symbol(name: str) -> tuple[str, str]:
 
 
 def symbol_mathml(name: str) -> str:
-    """A parameter's symbol in MathML.
-
-    Args:
-        name: of a parameter, ``lam_D`` for instance; what is no name of one is shown as text.
-    """
+    """A parameter's symbol in MathML."""
     if not name.isidentifier():
         return f"<mtext>{escape(name)}</mtext>"
     letter, index = _split_symbol(name)
@@ -141,12 +130,7 @@ def _number(value: str) -> str:
 
 
 def to_mathml(part: Mapping[int, Polynomial], order: Sequence[str]) -> str:
-    """Polynomial in the frequency as a row of MathML elements.
-
-    Args:
-        part: ``direct`` or ``quadrature`` of an :class:`Entry`.
-        order: names in the order in which terms are sorted, those of the model's parameters.
-    """
+    """Polynomial in the frequency as a row of MathML elements."""
     most_terms = 60  # terms beyond which an entry is not written out
     if sum(len(polynomial) for polynomial in part.values()) > most_terms:
         return symbol_mathml("f")

@@ -16,18 +16,10 @@ from rotorfit.models.motion.line_stiffness import arguments, at_frequency, compl
 
 
 class Journal:
-    """The one coordinate whose orbit changes the fluid, and the drive-point stiffness that changes there.
-
-    Only the entry (b, b) of the coefficient matrices depends on the eccentricity. A rotor of n planes therefore
-    condenses to a scalar equation: with ``Delta(eps)`` the change of that entry and ``H`` the receptance of the
-    centred rotor, ``A_b = (H F)_b / (1 + H_bb Delta)``.
-
-    Attributes:
-        model: the rotor.
-        at: number of the coordinate b.
-        clearance: m.
-        inertia_changes: whether the mass there depends on the eccentricity.
-    """
+    """The one coordinate whose orbit changes the fluid, and the drive-point stiffness that changes there. Only the
+    entry (b, b) of the coefficient matrices depends on the eccentricity. A rotor of n planes therefore condenses to a
+    scalar equation: with ``Delta(eps)`` the change of that entry and ``H`` the receptance of the centred rotor, ``A_b =
+    (H F)_b / (1 + H_bb Delta)``."""
 
     def __init__(self, model: RotorModel) -> None:
         if model.frame != "z":
@@ -63,33 +55,12 @@ class Journal:
         receptance: ComplexArray,
         eccentricity: ArrayLike,
     ) -> Float:
-        """Predicted minus assumed eccentricity of centred orbits, and what the rotor's response follows from.
-
-        Args:
-            theta: parameter vectors, shape ``(..., P)``.
-            w: variable of ``s = j w``, rad/s, shape broadcasting with ``theta[..., 0]``; so the others.
-            speed: rotative speed, rad/s.
-            drive: modulus of the journal's response of the centred rotor over clearance.
-            receptance: drive-point receptance of the centred rotor at the journal, m/N.
-            eccentricity: orbit radius over clearance.
-
-        Returns:
-            the excess, its slope in eccentricity, real and imaginary part of the change of the drive-point stiffness
-            against the centred journal, and of that one's slope, N/m, shape ``(6, ...)``.
-        """
+        """Excess of the eccentricity, its slope, change of the drive-point stiffness and that one's slope, ``(6,
+        ...)``."""
         return self._excess(arguments(theta, speed, eccentricity, w, drive, receptance.real, receptance.imag))
 
     def change_of(self, theta: ArrayLike, speed: ArrayLike) -> Callable[[Float], ComplexArray]:
-        """Change of the journal's coefficients by powers of s against the centred journal, by the eccentricity.
-
-        Args:
-            theta: parameter vectors, shape ``(..., P)``.
-            speed: rotative speed, rad/s, shape broadcasting with ``theta[..., 0]``.
-
-        Returns:
-            a function of orbit radius over clearance, of the same shape, which may change from instant to instant;
-            it answers with shape ``(order + 1, ...)``.
-        """
+        """Change of the journal's coefficients by powers of s, ``(order + 1, ...)``, by the eccentricity."""
         rotors = arguments(theta, speed)
         if all(np.ndim(value) == 0 for value in rotors):
             of_one = _change_of_one(self, tuple(map(float, rotors)))
@@ -101,35 +72,20 @@ class Journal:
         return change
 
     def change_graph(self, rotor: Sequence[float]) -> ca.Function:
-        """The change of :meth:`change_of` for one rotor: real and imaginary parts by the eccentricity alone.
-
-        Args:
-            rotor: parameters in SI units, and the speed, rad/s.
-        """
+        """The change of :meth:`change_of` for one rotor: real and imaginary parts by the eccentricity alone."""
         eccentricity = ca.SX.sym("eccentricity")
         parts = self._change_graph(ca.vertcat(*rotor, eccentricity))
         return ca.Function("change", [eccentricity], [ca.cse(ca.densify(parts))])
 
     def coupling(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
-        """Half the eccentricity times the slope of the static stiffness, N/m.
-
-        About an equilibrium at an angle phi a small displacement ``dz`` of the journal changes the force by
-        ``C0 dz + coupling (dz + exp(2 j phi) conj(dz))``.
-
-        Args:
-            theta: parameter vectors, shape ``(..., P)``.
-            speed: rotative speed, rad/s, shape broadcasting with ``theta[..., 0]``.
-            eccentricity: distance of the equilibrium from the centre over clearance, likewise.
+        """Half the eccentricity times the slope of the static stiffness, N/m. About an equilibrium at an angle phi a
+        small displacement ``dz`` of the journal changes the force by ``C0 dz + coupling (dz + exp(2 j phi) conj(dz))``.
         """
         flat = self._coupling(arguments(theta, speed, eccentricity))
         return np.asarray(flat[0] + 1j * flat[1])
 
     def coupling_jacobian(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
-        """Derivatives of :meth:`coupling` by the parameters and, last, the eccentricity, shape ``(P + 1, ...)``.
-
-        Args:
-            theta, speed, eccentricity: as for :meth:`coupling`.
-        """
+        """Derivatives of :meth:`coupling` by the parameters and, last, the eccentricity, shape ``(P + 1, ...)``."""
         flat = self._coupling_jacobian(arguments(theta, speed, eccentricity))
         return np.asarray(flat[0::2] + 1j * flat[1::2])
 
@@ -142,14 +98,7 @@ def _change_of_one(seat: Journal, rotor: tuple[float, ...]) -> Callable[[Sequenc
 
 @lru_cache(maxsize=64)
 def journal(model: RotorModel) -> Journal:
-    """The journal of a model that depends on eccentricity, compiled once.
-
-    Args:
-        model: a rotor with a law of eccentricity.
-
-    Raises:
-        ValueError: the model has none, or eccentricity enters in more than one place.
-    """
+    """The journal of a model that depends on eccentricity, compiled once."""
     return Journal(model)
 
 

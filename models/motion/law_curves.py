@@ -18,30 +18,16 @@ from rotorfit.models.model import RotorModel
 
 
 class LawCurve(NamedTuple):
-    """A coefficient of the fluid against eccentricity: values ``(E,)``, derivatives by parameters ``(E, P)``.
+    """A coefficient of the fluid against eccentricity: values ``(E,)``, derivatives by parameters ``(E, P)``."""
 
-    Attributes:
-        name: ``K0``, ``D``, ``lam``, or ``lam_D`` and ``lam_M``.
-        unit: SI unit.
-        value: at each eccentricity, shape ``(E,)``.
-        slope: its derivatives by the model's parameters, shape ``(E, P)``.
-    """
-
-    name: str
-    unit: str
-    value: Float
-    slope: Float
+    name: str  # ``K0``, ``D``, ``lam``, or ``lam_D`` and ``lam_M``
+    unit: str  # SI unit
+    value: Float  # at each eccentricity, shape ``(E,)``
+    slope: Float  # its derivatives by the model's parameters, shape ``(E, P)``
 
 
 def law_of(model: RotorModel) -> Law:
-    """The law of eccentricity of a model.
-
-    Args:
-        model: the rotor.
-
-    Raises:
-        ValueError: it has none, or its fluid is linear.
-    """
+    """The law of eccentricity of a model."""
     law = getattr(model, "law", None)
     if not isinstance(law, Law) or not law.parameters:
         raise ValueError(f"{model.name} as used here does not change with eccentricity; give it a law")
@@ -49,11 +35,7 @@ def law_of(model: RotorModel) -> Law:
 
 
 def law_changes_with_speed(model: RotorModel) -> bool:
-    """True if the law of a model gives other values at another speed.
-
-    Args:
-        model: a model with a law.
-    """
+    """True if the law of a model gives other values at another speed."""
     p, eccentricity, speed = _symbols(model)
     return any(ca.depends_on(ca.SX(part), speed) for part in law_of(model).at_speed(p, eccentricity, speed))
 
@@ -61,17 +43,7 @@ def law_changes_with_speed(model: RotorModel) -> bool:
 def law_curves(
     model: RotorModel, theta: ArrayLike, eccentricity: ArrayLike, speed: float | None = None
 ) -> tuple[LawCurve, ...]:
-    """K0, D and lam (or lam_D and lam_M) of the fluid at eccentricities.
-
-    Args:
-        model: a model with a law.
-        theta: parameter vector, shape ``(P,)``.
-        eccentricity: shape ``(E,)``.
-        speed: rotative speed, rad/s, for a law that changes with it; its reference speed unless given.
-
-    Raises:
-        ValueError: the model has no law.
-    """
+    """K0, D and lam (or lam_D and lam_M) at eccentricities ``(E,)``, at a speed or the law's reference speed."""
     law_of(model)
     vector, eps = np.asarray(theta, dtype=float), np.asarray(eccentricity, dtype=float)
     names, kernel = _compiled(model, at_speed=speed is not None)

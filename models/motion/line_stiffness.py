@@ -22,12 +22,7 @@ from rotorfit.models.shafts.shaft import KnownStiffness
 
 
 def at_frequency(coefficients: list[tuple[Any, Any]], w: Any) -> tuple[Any, Any]:
-    """Real and imaginary part of a polynomial in ``s = j w`` from those of its coefficients, symbolic.
-
-    Args:
-        coefficients: of ascending powers.
-        w: frequency.
-    """
+    """Real and imaginary part of a polynomial in ``s = j w`` from those of its coefficients, symbolic."""
     re, im = ca.SX(0), ca.SX(0)
     for power in range(len(coefficients) - 1, -1, -1):
         a, b = coefficients[power]
@@ -37,14 +32,8 @@ def at_frequency(coefficients: list[tuple[Any, Any]], w: Any) -> tuple[Any, Any]
 
 
 def arguments(theta: ArrayLike, *others: ArrayLike) -> list[Any]:
-    """Inputs of a compiled graph: the parameters one by one, then what else it takes.
-
-    A single vector is passed as numbers, whose arithmetic costs a fraction of that of arrays of one element.
-
-    Args:
-        theta: parameter vectors, shape ``(..., P)``.
-        others: speeds, eccentricities and so on, shapes broadcasting with ``theta[..., 0]``.
-    """
+    """Inputs of a compiled graph: the parameters one by one, then what else it takes. A single vector is passed as
+    numbers, whose arithmetic costs a fraction of that of arrays of one element."""
     theta = np.asarray(theta, dtype=float)
     single = theta.ndim < 3 and theta.size == theta.shape[-1]
     parameters = theta.ravel() if single else np.moveaxis(theta, -1, 0)
@@ -52,12 +41,7 @@ def arguments(theta: ArrayLike, *others: ArrayLike) -> list[Any]:
 
 
 class LineStiffness:
-    """Dynamic stiffness of a model without its known structure, and its derivatives.
-
-    Attributes:
-        inputs, rows, columns: parameter (or, after the last one, the eccentricity) and place of each derivative that
-            is not zero throughout, tuples of length K.
-    """
+    """Dynamic stiffness of a model without its known structure, and its derivatives."""
 
     def __init__(self, model: RotorModel) -> None:
         theta, speed, eccentricity, matrices, _ = model.symbolic
@@ -78,32 +62,17 @@ class LineStiffness:
         self._slopes = array_function(ca.Function("slopes", [inputs], [ca.cse(ca.densify(ca.vertcat(*slopes)))]))
 
     def values(self, theta: ArrayLike, w: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
-        """Dynamic stiffness, shape ``(n, n, ...)``.
-
-        Args:
-            theta: parameter vectors, shape ``(..., P)``.
-            w: variable of ``s = j w``, rad/s, shape broadcasting with ``theta[..., 0]``; so the others.
-            speed: rotative speed, rad/s.
-            eccentricity: of the journal.
-        """
+        """Dynamic stiffness, shape ``(n, n, ...)``."""
         flat = self._values(arguments(theta, speed, eccentricity, w))
         return complex_pairs(flat).reshape(self._size, self._size, *flat.shape[1:])
 
     def slopes(self, theta: ArrayLike, w: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
-        """Derivatives by parameters and eccentricity, shape ``(K, ...)``.
-
-        Args:
-            theta, w, speed, eccentricity: as for :meth:`values`.
-        """
+        """Derivatives by parameters and eccentricity, shape ``(K, ...)``."""
         return complex_pairs(self._slopes(arguments(theta, speed, eccentricity, w)))
 
 
 def complex_pairs(flat: Float) -> ComplexArray:
-    """Real and imaginary parts in turn as complex numbers, shape ``(n, ...)``.
-
-    Args:
-        flat: shape ``(2 n, ...)``.
-    """
+    """Real and imaginary parts in turn as complex numbers, shape ``(n, ...)``."""
     result = np.empty((flat.shape[0] // 2, *flat.shape[1:]), dtype=complex)
     result.real, result.imag = flat[0::2], flat[1::2]
     return result
@@ -111,23 +80,12 @@ def complex_pairs(flat: Float) -> ComplexArray:
 
 @lru_cache(maxsize=64)
 def line_stiffness(model: RotorModel) -> LineStiffness:
-    """The functions of a model, compiled once.
-
-    Args:
-        model: the rotor.
-    """
+    """The functions of a model, compiled once."""
     return LineStiffness(model)
 
 
 def known_structure(model: RotorModel, vectors: Float, s: ComplexArray, speed: Float) -> KnownStiffness:
-    """Contribution of a model's known structure to its stiffness, lines along the last axis of values and slopes.
-
-    Args:
-        model: the rotor.
-        vectors: parameter vectors, shape ``(P,)`` or ``(..., L or 1, P)``.
-        s: j w of each line, shape ``(L,)``.
-        speed: rotative speed, rad/s, shape ``(L,)``.
-    """
+    """Contribution of a model's known structure to its stiffness, lines along the last axis of values and slopes."""
     shape = np.broadcast_shapes(vectors.shape[:-1], s.shape)
     flat = np.broadcast_to(vectors, (*shape, vectors.shape[-1])).reshape(-1, vectors.shape[-1])
     known = model.known_stiffness(flat, np.broadcast_to(s, shape).ravel(), np.broadcast_to(speed, shape).ravel())

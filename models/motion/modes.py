@@ -13,17 +13,12 @@ from rotorfit.models.motion.stability import eigenvalues, is_image
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class VibrationMode:
-    """One mode; complex unless the rotor is passive, its stiffness and mass real and symmetric.
+    """One mode; complex unless the rotor is passive, its stiffness and mass real and symmetric."""
 
-    Attributes:
-        s: eigenvalue, 1/s; of a passive rotor that of the mode by itself, damping between the modes left out.
-        shape: deflection of each coordinate, shape ``(n,)``, normalised to one at the coordinate that was asked for.
-        mass, stiffness, damping: of the mode by itself, ``shape^T M shape`` and so on, kg, N/m, N s/m; NaN of a rotor
-            that is not passive.
-    """
-
-    s: complex
+    s: complex  # eigenvalue, 1/s; of a passive rotor that of the mode by itself, damping between the modes left out
+    # deflection of each coordinate, shape ``(n,)``, normalised to one at the coordinate that was asked for
     shape: ComplexArray
+    # of the mode by itself, ``shape^T M shape`` and so on, kg, N/m, N s/m; NaN of a rotor that is not passive
     mass: float
     stiffness: float
     damping: float
@@ -40,14 +35,7 @@ class VibrationMode:
 
 
 def vibration_modes(model: RotorModel, theta: Float, speed: float, *, normalised_at: int = 0) -> list[VibrationMode]:
-    """Modes by natural frequency, ascending.
-
-    Args:
-        model: the rotor.
-        theta: parameter vector, shape ``(P,)``.
-        speed: rotative speed, rad/s.
-        normalised_at: number of the coordinate at which shapes are one.
-    """
+    """Modes by natural frequency, ascending."""
     coefficients = model.motion(theta, speed)
     if is_passive(model, coefficients):
         return _real_modes(model, coefficients.real, normalised_at)
@@ -70,12 +58,7 @@ def _seen(model: RotorModel) -> slice | list[int]:
 
 
 def is_passive(model: RotorModel, coefficients: ComplexArray) -> bool:
-    """True if stiffness and mass are real and symmetric: modes are real, and share what each has of either.
-
-    Args:
-        model: the rotor.
-        coefficients: of its motion, shape ``(order + 1, n, n)``.
-    """
+    """True if stiffness and mass are real and symmetric: modes are real, and share what each has of either."""
     n = len(model.planes)
     if model.frame != "z" or model.shaft is not None or len(coefficients) != 3 or coefficients.shape[-1] < n:
         return False
@@ -109,9 +92,5 @@ def _real_modes(model: RotorModel, coefficients: Float, normalised_at: int) -> l
 
 
 def modal_assurance(one: ComplexArray, other: ComplexArray) -> float:
-    """Modal assurance criterion of two shapes ``(n,)``: 1 where they are alike but for a factor, 0 at right angles.
-
-    Args:
-        one, other: deflections at the same places.
-    """
+    """Modal assurance criterion of two shapes ``(n,)``: 1 where they are alike but for a factor, 0 at right angles."""
     return float(np.abs(np.vdot(one, other)) ** 2 / (np.vdot(one, one).real * np.vdot(other, other).real))

@@ -14,35 +14,20 @@ from rotorfit.models.motion.stability import Threshold, eigenvalue_gradient
 
 @dataclass(frozen=True, kw_only=True)
 class LeftOut:
-    """A term ``t (a + b Om + c Om^2) s^k E`` that adds to kappa, linear in its size t.
+    """A term ``t (a + b Om + c Om^2) s^k E`` that adds to kappa, linear in its size t."""
 
-    Attributes:
-        name: symbol and planes.
-        meaning: in words.
-        unit: SI unit of its size.
-        entries: row, column and factor of each nonzero of E.
-        power: k.
-        constant, by_speed, by_speed_squared: a, b and c; b is complex, as for gyroscopic terms.
-        more: further powers with factors of their own, ``(k, a, b)``.
-    """
-
-    name: str
-    meaning: str
-    unit: str
-    entries: tuple[tuple[int, int, float], ...]
-    power: int
-    constant: complex = 0.0
+    name: str  # symbol and planes
+    meaning: str  # in words
+    unit: str  # SI unit of its size
+    entries: tuple[tuple[int, int, float], ...]  # row, column and factor of each nonzero of E
+    power: int  # k
+    constant: complex = 0.0  # a, b and c; b is complex, as for gyroscopic terms
     by_speed: complex = 0.0
     by_speed_squared: float = 0.0
-    more: tuple[tuple[int, complex, complex], ...] = ()
+    more: tuple[tuple[int, complex, complex], ...] = ()  # further powers with factors of their own, ``(k, a, b)``
 
     def factor(self, s: ComplexArray, speed: Float) -> ComplexArray:
-        """Factor of E, broadcasting.
-
-        Args:
-            s: j w, rad/s.
-            speed: rotative speed, rad/s.
-        """
+        """Factor of E, broadcasting."""
         parts = ((self.power, self.constant, self.by_speed), *self.more)
         squared = self.by_speed_squared * speed**2 * s**self.power
         return np.asarray(squared + sum((a + b * speed) * s**k for k, a, b in parts), dtype=complex)
@@ -54,14 +39,9 @@ class LeftOut:
 
 
 def terms_left_out(model: RotorModel) -> tuple[LeftOut, ...]:
-    """Passive structure between and at the planes of an isotropic rotor that a model has no parameter for.
-
-    Symmetric coupling damping and mass, gyroscopic terms and their next order in frequency, internal damping of the
-    shaft, external damping where the fluid acts; empty for models with x and y apart.
-
-    Args:
-        model: the rotor.
-    """
+    """Passive structure between and at the planes of an isotropic rotor that a model has no parameter for. Symmetric
+    coupling damping and mass, gyroscopic terms and their next order in frequency, internal damping of the shaft,
+    external damping where the fluid acts; empty for models with x and y apart."""
     if model.frame != "z" or any(c.axis != "z" for c in model.coordinates):
         return ()
     planes, blocks = list(model.planes), getattr(model, "blocks", ())
@@ -93,22 +73,14 @@ def terms_left_out(model: RotorModel) -> tuple[LeftOut, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class _Expansion:
-    """Terms of an expansion in the square of the frequency.
+    """Terms of an expansion in the square of the frequency."""
 
-    Attributes:
-        symbol, meaning: of its terms; those after the first have their power in the symbol.
-        blocks: structural blocks that hold its first terms, in order.
-        power: of the first.
-        units: of the first and the next ones.
-        speed: power of the rotative speed.
-    """
-
-    symbol: str
+    symbol: str  # of its terms; those after the first have their power in the symbol
     meaning: str
-    blocks: tuple[str, ...]
-    power: int
-    units: tuple[str, ...]
-    speed: int = 0
+    blocks: tuple[str, ...]  # structural blocks that hold its first terms, in order
+    power: int  # of the first
+    units: tuple[str, ...]  # of the first and the next ones
+    speed: int = 0  # power of the rotative speed
 
 
 _BEYOND = (
@@ -173,20 +145,12 @@ def _with(term: LeftOut, *, more: tuple[tuple[int, complex, complex], ...]) -> L
 
 
 def fluid_coordinates(model: RotorModel) -> list[int]:
-    """Coordinates at which fluid damping D acts.
-
-    Args:
-        model: the rotor.
-    """
+    """Coordinates at which fluid damping D acts."""
     return sorted(_damping_coordinates(model)[0])
 
 
 def externally_undamped(model: RotorModel) -> list[int]:
-    """Those of them without external damping of the model's own.
-
-    Args:
-        model: the rotor.
-    """
+    """Those of them without external damping of the model's own."""
     fluid, external = _damping_coordinates(model)
     return sorted(fluid - external)
 
@@ -203,14 +167,7 @@ def _damping_coordinates(model: RotorModel) -> tuple[set[int], set[int]]:
 
 
 def onset_shift(model: RotorModel, theta: Float, onset: Threshold, term: LeftOut) -> float:
-    """Change of the threshold speed by one unit of a left-out term, rad/s, the parameters held.
-
-    Args:
-        model: the rotor.
-        theta: parameter vector, shape ``(P,)``.
-        onset: its threshold.
-        term: the term.
-    """
+    """Change of the threshold speed by one unit of a left-out term, rad/s, the parameters held."""
     s = 1j * onset.whirl_frequency
     by_term = eigenvalue_shift(model, model.motion(theta, onset.speed), onset.speed, np.asarray(s), [term])[0]
     by_speed, _ = eigenvalue_gradient(model, theta, onset.speed, s)
@@ -220,15 +177,7 @@ def onset_shift(model: RotorModel, theta: Float, onset: Threshold, term: LeftOut
 def eigenvalue_shift(
     model: RotorModel, coefficients: ComplexArray, speed: float, s: ComplexArray, terms: Sequence[LeftOut]
 ) -> ComplexArray:
-    """Change of eigenvalues by one unit of left-out terms, 1/s, shape ``(..., T)``.
-
-    Args:
-        model: the rotor.
-        coefficients: of free motion, shape ``(..., order + 1, n, n)``.
-        speed: rotative speed, rad/s.
-        s: an eigenvalue of each, shape ``(...)``.
-        terms: the terms.
-    """
+    """Change of eigenvalues by one unit of left-out terms, 1/s, shape ``(..., T)``."""
     left, right, slope = _mode_vectors(coefficients, s)
     at = np.arange(left.shape[-1]) if model.shaft is None else model.shaft.at
     pressed = [
@@ -242,19 +191,9 @@ def eigenvalue_shift(
 def eigenvalues_with(
     model: RotorModel, coefficients: ComplexArray, speed: float, s: ComplexArray, terms: Sequence[LeftOut], sizes: Float
 ) -> ComplexArray:
-    """Eigenvalues with left-out terms, shape ``(W, m)``, in no order.
-
-    To first order in the terms, as of modes that may be close to one another: where two nearly coincide, the change of
-    each by itself (:func:`eigenvalue_shift`) has no limit, while the terms mix both and move them by little.
-
-    Args:
-        model: the rotor.
-        coefficients: of free motion, shape ``(W, order + 1, n, n)``.
-        speed: rotative speed, rad/s.
-        s: eigenvalues without the terms, shape ``(W, m)``.
-        terms: the terms.
-        sizes: of them in each rotor, shape ``(W, T)``.
-    """
+    """Eigenvalues with left-out terms, shape ``(W, m)``, in no order. To first order in the terms, as of modes that may
+    be close to one another: where two nearly coincide, the change of each by itself (:func:`eigenvalue_shift`) has no
+    limit, while the terms mix both and move them by little."""
     left, right, slope = _mode_vectors(coefficients[:, None], s)
     at = np.arange(left.shape[-1]) if model.shaft is None else model.shaft.at
     pressed = np.zeros((*s.shape, s.shape[-1]), dtype=complex)

@@ -24,20 +24,7 @@ from rotorfit.models.shafts.angular_rates import angular_rate
 
 
 def static_equilibria(model: RotorModel, theta: ArrayLike, speed: float, load: ArrayLike) -> list[ComplexArray]:
-    """Displacements under a constant load, the equation of motion at w = 0.
-
-    Args:
-        model: the rotor.
-        theta: parameter vector, shape ``(P,)``.
-        speed: rotative speed, rad/s.
-        load: constant force Px + j Py at each coordinate, N, shape ``(n,)``.
-
-    Returns:
-        every equilibrium, shape ``(n,)`` each, m, the smallest eccentricity first; for a linear model the only one.
-
-    Raises:
-        ValueError: a speed that is no finite number.
-    """
+    """Every displacement ``(n,)`` under a constant load ``(n,)``, m, the smallest first; one of a linear model."""
     speed, load = angular_rate(speed), np.asarray(load, dtype=complex)
     H = model.receptance(theta, 0.0, speed)
     centred = H @ load
@@ -63,20 +50,7 @@ def coupled_stiffness(
     eccentricity: ArrayLike,
     attitude: ArrayLike = 0.0,
 ) -> ComplexArray:
-    """Dynamic stiffness of small motion, which acts on the forward amplitudes A and on conj(B), B the backward ones.
-
-    Args:
-        model: the rotor.
-        theta: parameter vectors, shape ``(P,)`` or ``(..., L or 1, P)``.
-        frequency: ``|w|``, rad/s, shape ``(L,)``; so the others, or scalars.
-        speed: rotative speed, rad/s.
-        eccentricity: static eccentricity of the journal.
-        attitude: direction of its displacement, rad.
-
-    Returns:
-        shape ``(..., L, 2n, 2n)``, stored with the lines along the last axis; a force ``F exp(jwt) + G exp(-jwt)``
-        stands as (F, conj(G)) on the other side.
-    """
+    """Dynamic stiffness of small motion on (A, conj(B)), forward and backward, shape ``(..., L, 2n, 2n)``."""
     w, speed, eps, phi = np.broadcast_arrays(*np.atleast_1d(np.abs(frequency), speed, eccentricity, attitude))
     theta = np.asarray(theta, dtype=float)
     graph = line_stiffness(model)
@@ -110,16 +84,7 @@ def _seats(model: RotorModel) -> Index:
 
 
 def free_motion(model: RotorModel, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
-    """Coefficient matrices of small free motion, acting on (z, conj(z)), shape ``(..., order + 1, 2N, 2N)``.
-
-    N counts the coordinates of :meth:`RotorModel.motion`. The direction of the equilibrium does not matter here.
-
-    Args:
-        model: the rotor.
-        theta: parameter vectors, shape ``(..., P)``.
-        speed: rotative speed, rad/s, shape ``(...)``.
-        eccentricity: static eccentricity of the journal, shape ``(...)``.
-    """
+    """Coefficient matrices of small free motion, acting on (z, conj(z)), shape ``(..., order + 1, 2N, 2N)``."""
     C = np.array(model.motion(theta, speed))
     seats = _seats(model)
     size = C.shape[-1]
@@ -140,20 +105,7 @@ def free_motion(model: RotorModel, theta: ArrayLike, speed: ArrayLike, eccentric
 def off_centre_eigenvalues(
     model: RotorModel, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike
 ) -> ComplexArray:
-    """Eigenvalues s of small free motion about equilibria, conjugate pairs, sorted by imaginary part.
-
-    At the centre they are those of :func:`~rotorfit.models.eigenvalues` and their conjugates.
-
-    Args:
-        model: the rotor.
-        theta: parameter vectors, shape ``(..., P)``.
-        speed: rotative speed, rad/s, shape ``(...)``.
-        eccentricity: static eccentricity of the journal, shape ``(...)``.
-
-    Returns:
-        shape ``(..., order 2N)``; infinite ones (massless coordinates) are left out for one rotor, NaN and last for
-        several.
-    """
+    """Eigenvalues of small free motion by imaginary part, ``(..., order 2N)``; infinite ones of several are NaN."""
     C = free_motion(model, theta, speed, eccentricity)
     if model.shaft is not None and model.shaft.has_mass:
         matrix, scale = companion(C[..., ::-1, :, :])
@@ -170,12 +122,7 @@ def off_centre_eigenvalues(
 def off_centre_gradient(
     model: RotorModel, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike, s: ComplexArray | complex
 ) -> ComplexArray:
-    """Derivatives of simple eigenvalues by the parameters and, last, the eccentricity, shape ``(..., P + 1)``.
-
-    Args:
-        model, theta, speed, eccentricity: as for :func:`off_centre_eigenvalues`.
-        s: eigenvalues, shape ``(...)``.
-    """
+    """Derivatives of simple eigenvalues by the parameters and, last, the eccentricity, shape ``(..., P + 1)``."""
     if model.shaft is not None and np.ndim(s):
         lines = zip(np.asarray(theta), np.asarray(speed), np.asarray(eccentricity), np.asarray(s), strict=True)
         return np.array([off_centre_gradient(model, *line) for line in lines])
@@ -218,21 +165,9 @@ def off_centre_gradient(
 def off_centre_threshold(
     model: RotorModel, theta: ArrayLike, eccentricity: float, *, band: float = math.inf
 ) -> Threshold | None:
-    """Lowest rotative speed at which small motion about equilibria of one eccentricity becomes unstable.
-
-    The load that keeps the journal at this eccentricity changes with the speed. At ``eccentricity = 0`` this is
-    :func:`~rotorfit.models.threshold_speed`.
-
-    Args:
-        model: the rotor.
-        theta: parameter vector, shape ``(P,)``.
-        eccentricity: static eccentricity of the journal, held.
-        band: count only eigenvalues with ``|s|`` up to this, rad/s.
-
-    Returns:
-        the threshold, its gradient at held eccentricity, or ``None`` if there is none up to 30 times the highest
-        natural frequency.
-    """
+    """Lowest rotative speed at which small motion about equilibria of one eccentricity becomes unstable. The load that
+    keeps the journal at this eccentricity changes with the speed. At ``eccentricity = 0`` this is
+    :func:`~rotorfit.models.threshold_speed`."""
     from scipy.optimize import brentq
 
     theta = np.asarray(theta, dtype=float)

@@ -25,23 +25,14 @@ _NEAR_TARGET = 0.05  # a root this close to its target, with no sign change betw
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OrbitEquation:
-    """The scalar equation of many lines, all arrays of shape ``(..., L)``, or smaller ones that broadcast to it.
+    """The scalar equation of many lines, all arrays of shape ``(..., L)``, or smaller ones that broadcast to it. theta
+    has one more axis, ``(..., L or 1, P)``."""
 
-    theta has one more axis, ``(..., L or 1, P)``.
-
-    Attributes:
-        theta: parameter vectors.
-        s: j w, rad/s.
-        speed: rotative speed, rad/s.
-        drive: journal's response of the centred rotor over clearance, complex.
-        receptance: drive-point receptance of the centred rotor at the journal, m/N.
-    """
-
-    theta: Float
-    s: ComplexArray
-    speed: Float
-    drive: ComplexArray
-    receptance: ComplexArray
+    theta: Float  # parameter vectors
+    s: ComplexArray  # j w, rad/s
+    speed: Float  # rotative speed, rad/s
+    drive: ComplexArray  # journal's response of the centred rotor over clearance, complex
+    receptance: ComplexArray  # drive-point receptance of the centred rotor at the journal, m/N
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
@@ -59,11 +50,7 @@ class OrbitEquation:
         return self.s.imag
 
     def select(self, lines: Index | tuple[Index, ...]) -> Self:
-        """The equation of some lines, in one row.
-
-        Args:
-            lines: their numbers, or one array of numbers for each axis of :attr:`shape`.
-        """
+        """The equation of some lines, in one row."""
         shape = self.shape
         return type(self)(
             theta=np.broadcast_to(self.theta, (*shape, self.theta.shape[-1]))[lines],
@@ -74,45 +61,25 @@ class OrbitEquation:
         )
 
     def at(self, journal: Journal, eccentricity: Float) -> Float:
-        """Answer of :meth:`~rotorfit.models.motion.journal.Journal.excess` for these lines, shape ``(6, ...)``.
-
-        Args:
-            journal, eccentricity: as for :meth:`excess`.
-        """
+        """Answer of :meth:`~rotorfit.models.motion.journal.Journal.excess` for these lines, shape ``(6, ...)``."""
         extra = (...,) + (None,) * (eccentricity.ndim - len(self.shape))
         w, speed, size = (values[extra] for values in (self._frequency, self.speed, self._size))
         return journal.excess(self.theta[(*extra, slice(None))], w, speed, size, self.receptance[extra], eccentricity)
 
     def change(self, journal: Journal, eccentricity: Float) -> ComplexArray:
-        """Change of the drive-point stiffness against the centred journal, N/m.
-
-        Args:
-            journal, eccentricity: as for :meth:`excess`.
-        """
+        """Change of the drive-point stiffness against the centred journal, N/m."""
         found = self.at(journal, eccentricity)
         return np.asarray(found[2] + 1j * found[3])
 
     def excess(self, journal: Journal, eccentricity: Float) -> tuple[Float, Float]:
-        """Predicted minus assumed eccentricity, and its slope.
-
-        Args:
-            journal: the model's journal.
-            eccentricity: shape ``(..., L)``, or ``(..., L, G)`` for several at each line.
-        """
+        """Predicted minus assumed eccentricity, and its slope."""
         found = self.at(journal, eccentricity)
         return found[0], found[1]
 
 
 def nearest_orbits(journal: Journal, equation: OrbitEquation, target: Float) -> tuple[Float, ComplexArray]:
     """Root nearest to a target for each line, and the change of the drive-point stiffness there, shape ``(..., L)``.
-
-    Where the orbit would pass the clearance there is no root and the answer is :data:`LARGEST_ECCENTRICITY`.
-
-    Args:
-        journal: the model's journal.
-        equation: its equation.
-        target: eccentricity of each line, shape ``(L,)``.
-    """
+    Where the orbit would pass the clearance there is no root and the answer is :data:`LARGEST_ECCENTRICITY`."""
     found, change, certain = _strides(journal, equation, target)
     if not certain.all():
         rest = np.nonzero(~certain)
@@ -183,12 +150,7 @@ def _only_root_near(journal: Journal, equation: OrbitEquation, target: Float, fo
 
 
 def all_roots(journal: Journal, equation: OrbitEquation) -> list[Float]:
-    """All eccentricities that solve each line's equation, ascending, to the resolution of a grid of 129 points.
-
-    Args:
-        journal: the model's journal.
-        equation: its equation, of shape ``(L,)``.
-    """
+    """All eccentricities that solve each line's equation, ascending, to the resolution of a grid of 129 points."""
     grid_points = 129  # eccentricities at which a search looks for sign changes
     grid = np.linspace(0.0, LARGEST_ECCENTRICITY, grid_points)
     value, _ = equation.excess(journal, np.broadcast_to(grid, (*equation.shape, grid_points)))
@@ -206,18 +168,8 @@ def all_roots(journal: Journal, equation: OrbitEquation) -> list[Float]:
 
 
 def followed_roots(journal: Journal, equation: OrbitEquation, sweep: Index) -> Float:
-    """Roots along sweeps, as a rig would run: from the lowest root, each line from that of the line before it.
-
-    A branch that ends is left for the nearest other one: the jump.
-
-    Args:
-        journal: the model's journal.
-        equation: its equation, lines in the order of the sweep.
-        sweep: number of the sweep of each line, shape ``(L,)``.
-
-    Returns:
-        shape ``(..., L)``.
-    """
+    """Roots along sweeps, as a rig would run: from the lowest root, each line from that of the line before it. A branch
+    that ends is left for the nearest other one: the jump."""
     shape = equation.shape
     if len(shape) > 1:  # every vector's sweeps are its own
         flat = equation.select(tuple(place.ravel() for place in np.indices(shape)))

@@ -39,14 +39,9 @@ class Threshold:
 
 
 def companion(coefficients: ComplexArray) -> tuple[ComplexArray, float]:
-    """Companion matrix of the reversed polynomial in a scaled variable.
-
-    Eigenvalues mu of the result give ``s = scale / mu``. Reversing puts the static stiffness, not the mass matrix, in
-    the place that is inverted: masses may be zero, a rotor without stiffness is no rotor.
-
-    Args:
-        coefficients: shape ``(..., order + 1, n, n)``.
-    """
+    """Companion matrix of the reversed polynomial in a scaled variable. Eigenvalues mu of the result give ``s = scale /
+    mu``. Reversing puts the static stiffness, not the mass matrix, in the place that is inverted: masses may be zero, a
+    rotor without stiffness is no rotor."""
     order, n = coefficients.shape[-3] - 1, coefficients.shape[-1]
     size = np.abs(coefficients).max(axis=(-1, -2)).reshape(-1, order + 1).max(axis=0)
     ratios = [(size[0] / size[k]) ** (1.0 / k) for k in range(1, order + 1) if size[k] > 0]
@@ -84,12 +79,7 @@ def eigenvalues(model: RotorModel, theta: ArrayLike, speed: ArrayLike) -> Comple
 
 
 def spectrum(model: RotorModel, coefficients: ComplexArray) -> ComplexArray:
-    """Eigenvalues of free motion with given coefficients, in no order.
-
-    Args:
-        model: the rotor.
-        coefficients: shape ``(..., order + 1, n, n)``.
-    """
+    """Eigenvalues of free motion with given coefficients, in no order."""
     if model.shaft is not None and model.shaft.has_mass:
         # Its many high modes would carry the round-off of s^2 over the lowest one.
         matrix, scale = companion(coefficients[..., ::-1, :, :])
@@ -102,16 +92,8 @@ def spectrum(model: RotorModel, coefficients: ComplexArray) -> ComplexArray:
 
 
 def is_image(model: RotorModel, theta: ArrayLike, speed: float, s: complex) -> bool:
-    """True if an eigenvalue in turning coordinates is that of another line, such as the image, of a motion.
-
-    Where motion and image grow together, between the edges of an unstable band, neither is.
-
-    Args:
-        model: the rotor.
-        theta: parameter vector, shape ``(P,)``.
-        speed: rotative speed, rad/s.
-        s: the eigenvalue, 1/s, in turning coordinates.
-    """
+    """True if an eigenvalue in turning coordinates is that of another line, such as the image, of a motion. Where
+    motion and image grow together, between the edges of an unstable band, neither is."""
     if not model.turns:
         return False
     coefficients = model.motion(theta, speed)
@@ -122,48 +104,24 @@ def is_image(model: RotorModel, theta: ArrayLike, speed: float, s: complex) -> b
 
 
 def growth_rate(model: RotorModel, theta: ArrayLike, speed: ArrayLike, band: float = math.inf) -> Float:
-    """Largest real part of the eigenvalues with ``|s| <= band``, 1/s; positive means unstable.
-
-    Args:
-        model: the rotor.
-        theta: parameter vectors, shape ``(..., P)``.
-        speed: rotative speed, rad/s, one or as many as vectors.
-        band: modulus beyond which eigenvalues do not count, rad/s.
-    """
+    """Largest real part of the eigenvalues with ``|s| <= band``, 1/s; positive means unstable."""
     return fastest_growth(model, model.motion(theta, speed), band)
 
 
 def fastest_growth(model: RotorModel, coefficients: ComplexArray, band: float = math.inf) -> Float:
-    """Largest real part of the eigenvalues, as :func:`growth_rate`, with the coefficients of free motion at hand.
-
-    Args:
-        model: the rotor.
-        coefficients: shape ``(..., order + 1, n, n)``.
-        band: as there.
-    """
+    """Largest real part of the eigenvalues, as :func:`growth_rate`, with the coefficients of free motion at hand."""
     s = spectrum(model, coefficients)
     counted = np.isfinite(s) & (np.abs(s) <= band)
     return np.asarray(np.where(counted, s.real, -np.inf).max(axis=-1))
 
 
 def stability_band(model: RotorModel, tested: float) -> float:
-    """Frequencies that count for stability: all, but only the tested band with corrections above s^2 or delays.
-
-    Args:
-        model: the rotor.
-        tested: highest tested frequency, rad/s.
-    """
+    """Frequencies that count for stability: all, but only the tested band with corrections above s^2 or delays."""
     return tested if model.order > 2 or model.in_band_only else math.inf
 
 
 def counted(model: RotorModel, s: ComplexArray, band: float) -> Bool:
-    """Eigenvalues that count: up to a band, of a whole shaft as many as its planes can follow.
-
-    Args:
-        model: the rotor.
-        s: all of a rotor, shape ``(..., modes)``.
-        band: modulus beyond which they do not count, rad/s.
-    """
+    """Eigenvalues that count: up to a band, of a whole shaft as many as its planes can follow."""
     size = np.where(np.isfinite(s), np.abs(s), np.inf)
     limit = np.asarray(band)
     if model.shaft is not None:
@@ -173,14 +131,7 @@ def counted(model: RotorModel, s: ComplexArray, band: float) -> Bool:
 
 
 def decay_rate(model: RotorModel, theta: ArrayLike, speed: ArrayLike, band: float) -> Float:
-    """Rate at which the slowest free motion that counts dies out, 1/s; negative where it grows.
-
-    Args:
-        model: the rotor.
-        theta: parameter vectors, shape ``(..., P)``.
-        speed: rotative speed, rad/s, one or as many as vectors.
-        band: as for :func:`counted`.
-    """
+    """Rate at which the slowest free motion that counts dies out, 1/s; negative where it grows."""
     s = spectrum(model, model.motion(theta, speed))
     return np.asarray(np.where(counted(model, s, band), -s.real, np.inf).min(axis=-1))
 
@@ -188,17 +139,7 @@ def decay_rate(model: RotorModel, theta: ArrayLike, speed: ArrayLike, band: floa
 def eigenvalue_gradient(
     model: RotorModel, theta: ArrayLike, speed: ArrayLike, s: ArrayLike
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Derivatives of simple eigenvalues.
-
-    Args:
-        model: the rotor.
-        theta: parameter vectors, shape ``(..., P)``.
-        speed: rotative speeds, rad/s, shape ``(...)``.
-        s: an eigenvalue of each, shape ``(...)``.
-
-    Returns:
-        derivative with respect to the speed, shape ``(...)``, and with respect to the parameters, shape ``(..., P)``.
-    """
+    """Derivatives of simple eigenvalues by the speed, shape ``(...)``, and by the parameters, shape ``(..., P)``."""
     return _gradient(model, theta, speed, np.asarray(s), model.motion(theta, speed))
 
 
@@ -223,18 +164,7 @@ def _gradient(
 def least_stable(
     model: RotorModel, theta: ArrayLike, speed: ArrayLike, *, band: float = math.inf
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-    """The least stable eigenvalue of many rotors, each at a speed, and its derivatives.
-
-    Args:
-        model: the rotor.
-        theta: parameter vectors, shape ``(N, P)``.
-        speed: rad/s, shape ``(N,)``.
-        band: count only eigenvalues with ``|s|`` up to this, rad/s.
-
-    Returns:
-        the eigenvalue, NaN where none is counted, its derivative by the speed, both of shape ``(N,)``, and by the
-        parameters, shape ``(N, P)``.
-    """
+    """The least stable eigenvalue of many rotors, NaN where none counts, and its slopes by speed and parameters."""
     coefficients = model.motion(theta, speed)
     s = spectrum(model, coefficients)
     growth = np.where(np.isfinite(s) & (np.abs(s) <= band), s.real, -np.inf)
@@ -246,19 +176,7 @@ def least_stable(
 
 
 def growing_bands(model: RotorModel, theta: ArrayLike, max_speed: float) -> list[tuple[float, float]]:
-    """Ranges of rotative speed in which free motion grows, of any model.
-
-    Args:
-        model: the rotor.
-        theta: parameter vector, shape ``(P,)``.
-        max_speed: highest speed searched, rad/s, at evenly spaced speeds: narrower bands are passed over.
-
-    Returns:
-        lower and upper edge of each, rad/s, ascending; the last may end at ``max_speed``.
-
-    Raises:
-        ValueError: no positive speed to search up to.
-    """
+    """Ranges of speed, rad/s, in which free motion of any model grows; some narrower than a step are passed over."""
     from scipy.optimize import brentq
 
     max_speed = angular_rate(max_speed, "max_speed", positive=True)
@@ -315,12 +233,7 @@ def threshold_speed(
 
 
 def first_growth(rate: Callable[[Float], Float], speeds: Float) -> float | None:
-    """Lowest speed, rad/s, at which motion begins to grow; ``None`` if it does at none of those searched.
-
-    Args:
-        rate: growth at speeds, shape ``(N,)``, 1/s.
-        speeds: to search, rad/s, ascending; zero comes before them.
-    """
+    """Lowest speed, rad/s, from which motion grows, zero before those searched; None if it does at none of them."""
     from scipy.optimize import brentq  # loads much of SciPy
 
     at_once = 60  # a scan mostly ends in the first part
@@ -341,21 +254,9 @@ def first_growth(rate: Callable[[Float], Float], speeds: Float) -> float | None:
 def threshold_speed_near(
     model: RotorModel, theta: ArrayLike, other: Threshold, *, band: float = math.inf
 ) -> Threshold | None:
-    """Threshold speed of a rotor by Newton's method from that of a rotor much like it.
-
-    The eigenvalue that met the imaginary axis there is followed to where it meets it here. No other one within the band
-    may be unstable at that speed; what happens at lower speeds is taken to be as for the other rotor.
-
-    Args:
-        model: the rotor.
-        theta: parameter vector, shape ``(P,)``.
-        other: threshold of the rotor like it.
-        band: as for :func:`threshold_speed`.
-
-    Returns:
-        the threshold, as exact as that of :func:`threshold_speed`, which searches all speeds and takes some ten times
-        as long; ``None`` if this way does not find it.
-    """
+    """Threshold speed of a rotor by Newton's method from that of a rotor much like it. The eigenvalue that met the
+    imaginary axis there is followed to where it meets it here. No other one within the band may be unstable at that
+    speed; what happens at lower speeds is taken to be as for the other rotor."""
     from scipy.optimize import root_scalar
 
     theta = np.asarray(theta, dtype=float)
@@ -402,13 +303,7 @@ def _threshold_at(model: RotorModel, theta: Float, onset: float, band: float) ->
 
 
 def search_limits(model: RotorModel, theta: Float, band: float) -> tuple[float, float]:
-    """Highest speed worth a search, and the real part up to which an eigenvalue counts as undamped.
-
-    Args:
-        model: the rotor.
-        theta: parameter vector, shape ``(P,)``.
-        band: as for :func:`threshold_speed`.
-    """
+    """Highest speed worth a search, and the real part up to which an eigenvalue counts as undamped."""
     rest = np.abs(eigenvalues(model, theta, 0.0))
     rest = np.sort(rest[np.isfinite(rest) & (rest <= band) & (rest > 0)])
     # The many modes of a known structure above those that the coordinates can follow only add round-off.
@@ -418,20 +313,8 @@ def search_limits(model: RotorModel, theta: Float, band: float) -> tuple[float, 
 
 
 def threshold_speeds(model: RotorModel, theta: ArrayLike, *, band: float = math.inf) -> tuple[Float, Float]:
-    """Threshold speeds of many rotors alike, such as draws of a posterior.
-
-    Speeds are searched on a grid around the threshold of the median rotor, so an instability that closes again between
-    two of its speeds may be passed over; :func:`threshold_speed` searches finer.
-
-    Args:
-        model: the rotor.
-        theta: parameter vectors, shape ``(N, P)``.
-        band: as for :func:`threshold_speed`.
-
-    Returns:
-        threshold speeds and whirl frequencies at onset, rad/s, shapes ``(N,)``: infinite and NaN for rotors that are
-        stable at every speed searched.
-    """
+    """Threshold speeds and whirl frequencies of many rotors alike, rad/s, infinite and NaN of stable ones. Searched on
+    a grid around the median rotor's: what closes between two speeds may be passed over."""
     from scipy.optimize.elementwise import find_root
 
     theta = np.asarray(theta, dtype=float)

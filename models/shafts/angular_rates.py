@@ -14,16 +14,7 @@ HIGHEST_RATE = 1e15
 
 
 def real_numbers(values: Any, name: str, allowed: str) -> Float:
-    """The value given, as an array; nothing is read from text.
-
-    Args:
-        values: what was given.
-        name: of the argument, for the message.
-        allowed: what may be given, in words.
-
-    Raises:
-        ValueError: text, nothing, complex numbers.
-    """
+    """The value given, as an array; nothing is read from text."""
     try:
         array = np.asarray(values)
     except ValueError as error:  # rows of unequal length
@@ -34,16 +25,7 @@ def real_numbers(values: Any, name: str, allowed: str) -> Float:
 
 
 def real_number(value: Any, name: str, allowed: str) -> float:
-    """One real, finite number.
-
-    Args:
-        value: what was given.
-        name: of the argument, for the message.
-        allowed: what may be given, in words.
-
-    Raises:
-        ValueError: text, nothing, a complex number, several numbers, or one that is not finite.
-    """
+    """One real, finite number."""
     array = real_numbers(value, name, allowed)
     if array.ndim or not math.isfinite(array):
         raise ValueError(f"{name} is {_shown(value)}; it must be {allowed}")
@@ -51,17 +33,7 @@ def real_number(value: Any, name: str, allowed: str) -> float:
 
 
 def angular_rate(value: Any, name: str = "speed", unit: str = "rad/s", *, positive: bool = False) -> float:
-    """One rotative speed or frequency, signed unless it must be positive.
-
-    Args:
-        value: what was given.
-        name: of the argument, for the message.
-        unit: of the value.
-        positive: whether zero and negative numbers are refused.
-
-    Raises:
-        ValueError: none such.
-    """
+    """One rotative speed or frequency, signed unless it must be positive."""
     allowed = f"one finite{' positive' if positive else ''} number in {unit}, up to {HIGHEST_RATE:g} in size"
     number = real_number(value, name, allowed)
     if abs(number) > HIGHEST_RATE or (positive and number <= 0):
@@ -70,16 +42,7 @@ def angular_rate(value: Any, name: str = "speed", unit: str = "rad/s", *, positi
 
 
 def angular_rates(values: Any, name: str = "speed", unit: str = "rad/s") -> Float:
-    """Rotative speeds or frequencies, one or several, signed; the shape stays.
-
-    Args:
-        values: what was given.
-        name: of the argument, for the message.
-        unit: of the values.
-
-    Raises:
-        ValueError: none at all, or some that are no such numbers; the first of these is shown.
-    """
+    """Rotative speeds or frequencies, one or several, signed; the shape stays."""
     allowed = f"finite numbers in {unit}, one or more, up to {HIGHEST_RATE:g} in size"
     array = real_numbers(values, name, allowed)
     if not array.size:

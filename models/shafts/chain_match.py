@@ -191,15 +191,10 @@ def _near_chain(w: Float, d: Float, modes: Float) -> tuple[Float, Float] | None:
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """Search over the logarithms of psi's squared first column and the share ``end`` of the last spring.
+    """Search over the logarithms of psi's squared first column and the share ``end`` of the last spring."""
 
-    Attributes:
-        w: frequencies, ascending, shape ``(n,)``.
-        lines: deflection lines of unit length, stations by modes, shape ``(n, n)``.
-    """
-
-    w: Float
-    lines: Float
+    w: Float  # frequencies, ascending, shape ``(n,)``
+    lines: Float  # deflection lines of unit length, stations by modes, shape ``(n, n)``
 
     def miss(self, M: Float, psi: Float) -> Float:
         """Residuals of the given lines, those of the chain being scaled to match."""

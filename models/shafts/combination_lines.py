@@ -53,15 +53,7 @@ _SPELLINGS = {"2(w-Om)": "2w-2Om", "Om": "1x", "2Om": "2x", "-w+2Om": "2Om-w", "
 
 
 def line_order(direction: str, name: str) -> Order:
-    """Orders (m, n) of a line, of the lateral motion or (direction ``twist``) of the twist.
-
-    Args:
-        direction: ``twist``, or anything else for the lateral motion.
-        name: of the line as files write it, ``2Om-w`` for instance; blanks and ``*`` do not count.
-
-    Raises:
-        ValueError: no such line; the message lists those there are.
-    """
+    """Orders (m, n) of a line, of the lateral motion or (direction ``twist``) of the twist."""
     lines = TWIST if direction == "twist" else LATERAL
     plain = re.sub(r"[\s*]", "", name)
     plain = _SPELLINGS.get(plain, plain)
@@ -80,57 +72,35 @@ _BOTH = tuple(dict.fromkeys((*_TWIST, *((-m, -n) for m, n in _TWIST))))
 
 @dataclass(frozen=True, kw_only=True)
 class Torsion:
-    """Stiffness against the twist, jets of one row.
+    """Stiffness against the twist, jets of one row."""
 
-    Attributes:
-        J, kt, ct: polar inertia, stiffness and damping, kg m^2, N m/rad, N m s/rad.
-    """
-
-    J: Jet
+    J: Jet  # polar inertia, stiffness and damping, kg m^2, N m/rad, N m s/rad
     kt: Jet
     ct: Jet
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShaftValues:
-    """Values that the lines depend on: jets of one row, and arrays of shape ``(R,)``.
+    """Values that the lines depend on: jets of one row, and arrays of shape ``(R,)``."""
 
-    Attributes:
-        M, D, K: kg, N s/m, N/m.
-        delta: ``dK exp(2jg)``, N/m.
-        eps: eccentricity, ahead of the Keyphasor mark as a complex number, m.
-        side: side load, N.
-        speed, frequency: Om and w, rad/s.
-        force: complex amplitude at w, N.
-        torsion: inertia, stiffness and damping of the twist; None of a shaft that does not twist.
-    """
-
-    M: Jet
+    M: Jet  # kg, N s/m, N/m
     D: Jet
     K: Jet
-    delta: Jet
-    eps: Jet
-    side: Jet
-    speed: Float
+    delta: Jet  # ``dK exp(2jg)``, N/m
+    eps: Jet  # eccentricity, ahead of the Keyphasor mark as a complex number, m
+    side: Jet  # side load, N
+    speed: Float  # Om and w, rad/s
     frequency: Float
-    force: ComplexArray
-    torsion: Torsion | None
+    force: ComplexArray  # complex amplitude at w, N
+    torsion: Torsion | None  # inertia, stiffness and damping of the twist; None of a shaft that does not twist
 
     def turning_frequency(self, orders: Sequence[Order]) -> Float:
-        """Frequencies of orders in turning coordinates, rad/s, shape ``(n, R)``.
-
-        Args:
-            orders: pairs (m, n) of :func:`line_order`.
-        """
+        """Frequencies of orders in turning coordinates, rad/s, shape ``(n, R)``."""
         m, n = np.array(orders, dtype=float).T[:, :, None]
         return np.asarray(m * (self.frequency - self.speed) + n * self.speed)
 
     def fixed_frequency(self, orders: Sequence[Order]) -> Float:
-        """Frequencies of lateral lines in fixed coordinates, rad/s, shape ``(n, R)``.
-
-        Args:
-            orders: pairs (m, n) of :func:`line_order`, of the lateral motion.
-        """
+        """Frequencies of lateral lines in fixed coordinates, rad/s, shape ``(n, R)``."""
         return self.turning_frequency(orders) + self.speed
 
 
@@ -144,17 +114,8 @@ def solve_lines(
     lateral: Sequence[Order] = _LATERAL,
     twist: Sequence[Order] = _TWIST,
 ) -> tuple[Lines, Lines]:
-    """Lateral lines and, of a shaft that twists, lines of the twist.
-
-    Args:
-        v: the shaft, its speed and its force.
-        sweeps: passes of the twist's action back on the lateral motion; zero is first order in the coupling.
-        lateral, twist: orders of the lines that are wanted.
-
-    Returns:
-        complex amplitudes of ``z exp(-j Om t)``, m, and of ``phi = Re(...)``, rad, by their orders; lateral lines that
-        only the twist drives are left out of a shaft that does not twist.
-    """
+    """Lateral lines, of ``z exp(-j Om t)``, and lines of the twist by orders, after ``sweeps`` of the twist's back
+    action."""
     sources = Jet.rows([Jet(v.force[None]), v.M * v.eps * v.speed**2, v.side])
 
     def driven(orders: Sequence[Order]) -> Jet:
@@ -232,16 +193,7 @@ def _place(orders: tuple[Order, ...], order: Order) -> int:
 def _partners(
     made: tuple[Order, ...], first: tuple[Order, ...], second: tuple[Order, ...], signs: tuple[int, int]
 ) -> tuple[Index, Index]:
-    """Products that make some orders: which second factor goes with each first, and the other way round, -1 for none.
-
-    Args:
-        made: orders of the products.
-        first, second: orders of the factors.
-        signs: of the factors' orders in the sum that is the order of their product.
-
-    Returns:
-        shapes ``(len(made), len(first))`` and ``(len(made), len(second))``.
-    """
+    """Partners of each first and of each second factor in products of some orders, -1 for none."""
     tables = np.full((len(made), len(first)), -1), np.full((len(made), len(second)), -1)
     for row, (p, q) in enumerate(made):
         for i, (m, n) in enumerate(first):

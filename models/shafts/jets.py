@@ -21,37 +21,24 @@ Factor: TypeAlias = Union["Jet", Values, complex]
 
 @dataclass(frozen=True, eq=False)
 class Jet:
-    """Values, and their derivatives by the parameters.
+    """Values, and their derivatives by the parameters."""
 
-    Attributes:
-        value: shape ``(n, R)`` or one that broadcasts with it, rows being what is indexed by :meth:`take`.
-        slope: derivatives by P real parameters, shape ``(P, n, R)`` or one that broadcasts with it; None where none are
-            wanted, or there are none.
-    """
-
-    value: Values
+    value: Values  # shape ``(n, R)`` or one that broadcasts with it, rows being what is indexed by :meth:`take`
+    # derivatives by P real parameters, shape ``(P, n, R)`` or one that broadcasts with it; None where none are
+    # wanted, or there are none
     slope: Values | None = None
 
     __array_ufunc__ = None  # an array times a jet is a jet
 
     @staticmethod
     def parameters(vectors: Float, *, derivatives: bool) -> list[Jet]:
-        """The parameters themselves.
-
-        Args:
-            vectors: shape ``(R, P)``, or ``(1, P)`` of one vector for all.
-            derivatives: whether derivatives are wanted.
-        """
+        """The parameters themselves."""
         unit = np.eye(vectors.shape[1])[:, :, None, None]
         return [Jet(column[None], unit[i] if derivatives else None) for i, column in enumerate(vectors.T)]
 
     @staticmethod
     def rows(parts: Sequence[Jet]) -> Jet:
-        """One jet of the rows of others, one below the other.
-
-        Args:
-            parts: the others.
-        """
+        """One jet of the rows of others, one below the other."""
         width = max(part.value.shape[-1] for part in parts)
         values = [np.broadcast_to(part.value, (len(part.value), width)) for part in parts]
         count = max((len(part.slope) for part in parts if part.slope is not None), default=0)
@@ -106,31 +93,17 @@ class Jet:
         return Jet(self.value.real, None if self.slope is None else self.slope.real)
 
     def take(self, places: Index | Sequence[int]) -> Jet:
-        """Some of the rows, in the order asked for.
-
-        Args:
-            places: numbers of rows; a row may be asked for more than once.
-        """
+        """Some of the rows, in the order asked for."""
         return Jet(self.value.take(places, axis=-2), None if self.slope is None else self.slope.take(places, axis=-2))
 
     def placed(self, places: Sequence[int]) -> Jet:
-        """Some of the rows, in the order asked for, and rows of zeros.
-
-        Args:
-            places: numbers of rows, -1 for zeros.
-        """
+        """Some of the rows, in the order asked for, and rows of zeros for -1."""
         none = np.asarray(places)[:, None] < 0
         value = np.where(none, 0.0, self.value.take(places, axis=-2))
         return Jet(value, None if self.slope is None else np.where(none, 0.0, self.slope.take(places, axis=-2)))
 
     def folded(self, other: Jet, partners: tuple[Index, Index]) -> Jet:
-        """Sums of products of rows of one jet with rows of another, both of full width.
-
-        Args:
-            other: the other; it may be this one.
-            partners: for each sum, a row of the result, the row of the other jet that goes with each of this one, -1
-                for none, and the row of this one that goes with each of the other.
-        """
+        """Sums of products of rows of two jets of full width, by a table of the partners of either, -1 for none."""
         beside_own, beside_other = (
             _filled(jet.value, table) for jet, table in zip((other, self), partners, strict=True)
         )

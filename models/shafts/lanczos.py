@@ -46,19 +46,10 @@ def chain_modes(M: ArrayLike, K: ArrayLike) -> tuple[Float, Float]:
 
 
 def bidiagonal(frequencies: Float, weights: Float) -> Float:
-    """Upper bidiagonal B with ``psi^T diag(w^2) psi = B^T B`` for a given first column of psi.
-
-    The modes are added in descending order of frequency. Between two, the matrix ``L L^T``, ``L = B^T``, of those
-    there, with w^2 counted from the last one, is shifted by the positive gap to the next (stationary qd).
-    The new mode then has w^2 = 0 and leaves ``L^T L`` unchanged but for a row.
-
-    Args:
-        frequencies: natural frequencies, rad/s, ascending, positive and distinct, shape ``(n,)``.
-        weights: squared entries of psi's first column, positive, of any sum, shape ``(n,)``.
-
-    Returns:
-        shape ``(n, n)``, diagonal positive, superdiagonal negative.
-    """
+    """Upper bidiagonal B with ``psi^T diag(w^2) psi = B^T B`` for a given first column of psi. The modes are added in
+    descending order of frequency. Between two, the matrix ``L L^T``, ``L = B^T``, of those there, with w^2 counted from
+    the last one, is shifted by the positive gap to the next (stationary qd). The new mode then has w^2 = 0 and leaves
+    ``L^T L`` unchanged but for a row."""
     w, mass = frequencies.tolist(), weights.tolist()
     q, e = [0.0], [0.0]
     total = mass[-1]
@@ -94,15 +85,7 @@ def _with_zero(q: list[float], e: list[float], share: float) -> tuple[list[float
 
 
 def chain_of(B: Float, end: float) -> tuple[Float, Float, Float]:
-    """Chain of a bidiagonal matrix, up to a factor on masses and springs.
-
-    Args:
-        B: upper bidiagonal, diagonal positive, superdiagonal negative, shape ``(n, n)``.
-        end: share of the last mass in the force ``T d`` that springs to ground take up, 0 to 1.
-
-    Returns:
-        masses, shape ``(n,)``; springs, shape ``(n + 1,)``; psi, shape ``(n, n)``.
-    """
+    """Masses, springs ``(n + 1,)`` and psi of a bidiagonal matrix; ``end``: share of the last mass in ``T d``."""
     from scipy.linalg import solve_triangular
 
     load = np.zeros(B.shape[0])

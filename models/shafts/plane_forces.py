@@ -20,33 +20,16 @@ COEFFICIENTS = tuple(f"{kind}{row}{column}" for kind in "KCM" for row in "xy" fo
 
 @dataclass(frozen=True, kw_only=True)
 class PlaneForce:
-    """Coefficients of the force at a plane at one speed, ``F = K r + C r' + M r''`` with r = (x, y).
+    """Coefficients of the force at a plane at one speed, ``F = K r + C r' + M r''`` with r = (x, y)."""
 
-    Attributes:
-        values: by power of s, row and column, shape ``(3, 2, 2)``: N/m, N s/m, kg.
-        slopes: derivatives by the model's parameters, shape ``(3, 2, 2, P)``.
-    """
-
-    values: Float
-    slopes: Float
+    values: Float  # by power of s, row and column, shape ``(3, 2, 2)``: N/m, N s/m, kg
+    slopes: Float  # derivatives by the model's parameters, shape ``(3, 2, 2, P)``
 
 
 def plane_force(model: RotorModel, theta: Float, speed: float, plane: str, eccentricity: float = 0.0) -> PlaneForce:
-    """Coefficients of the fluid at a plane, or of all that a model holds where its structure stands apart.
-
-    In ``z = x + jy`` a coefficient ``a + jb`` is ``[[a, -b], [b, a]]`` of x and y: ``Kxx = K0 - Mf lam^2 Om^2``,
-    ``Kxy = -Kyx = D lam Om``, ``Cxx = D``, ``Cxy = -Cyx = 2 lam Om Mf``, ``Mxx = Mf``.
-
-    Args:
-        model: the rotor.
-        theta: parameter vector, shape ``(P,)``, SI units.
-        speed: rotative speed, rad/s.
-        plane: name of the plane.
-        eccentricity: orbit radius over clearance, for models with a law.
-
-    Raises:
-        ValueError: a model without fluid, or without such a plane; a magnetic bearing.
-    """
+    """Coefficients of the fluid at a plane, or of all that a model holds where its structure stands apart. In ``z = x +
+    jy`` a coefficient ``a + jb`` is ``[[a, -b], [b, a]]`` of x and y: ``Kxx = K0 - Mf lam^2 Om^2``, ``Kxy = -Kyx = D
+    lam Om``, ``Cxx = D``, ``Cxy = -Cyx = 2 lam Om Mf``, ``Mxx = Mf``."""
     if plane not in model.planes:
         raise ValueError(unknown_name(f"plane of {model.name}", plane, model.planes))
     if plane in _magnetic(model):
@@ -76,14 +59,7 @@ def plane_force(model: RotorModel, theta: Float, speed: float, plane: str, eccen
 
 
 def force_parameters(model: RotorModel) -> Bool:
-    """Parameters that make the force at a plane: those of the fluid, or all where the structure stands apart.
-
-    Args:
-        model: the rotor.
-
-    Raises:
-        ValueError: a model without fluid.
-    """
+    """Parameters that make the force at a plane: those of the fluid, or all where the structure stands apart."""
     whole = model.base if isinstance(model, Orthotropic) else model
     if isinstance(whole, KnownStructure | Anisotropic):
         return np.ones(len(model.parameters), dtype=bool)
@@ -96,21 +72,7 @@ def force_parameters(model: RotorModel) -> Bool:
 
 
 def loop_stiffness(model: RotorModel, theta: Float, s: ComplexArray, speed: float, plane: str) -> ComplexArray:
-    """Dynamic stiffness of the loop at a plane: of a magnetic bearing its controller's, else of all the force there.
-
-    Args:
-        model: the rotor, in complex coordinates.
-        theta: parameter vectors, shape ``(W, P)``.
-        s: j w of each line, shape ``(N,)``.
-        speed: rotative speed, rad/s.
-        plane: name of the plane.
-
-    Returns:
-        shape ``(W, N)``, N/m.
-
-    Raises:
-        ValueError: a model without fluid.
-    """
+    """Dynamic stiffness of the loop at a plane: of a magnetic bearing its controller's, else of all the force there."""
     if isinstance(model, KnownStructure) and plane in model.magnetic:
         return model.control(theta[:, None], s, plane)
     at = model.coordinate(plane, "z")
@@ -125,14 +87,7 @@ def _magnetic(model: RotorModel) -> tuple[str, ...]:
 
 
 def force_planes(model: RotorModel) -> tuple[str, ...]:
-    """Planes at which a model has such a force; magnetic bearings have none that does not change with frequency.
-
-    Args:
-        model: the rotor.
-
-    Raises:
-        ValueError: a model without fluid.
-    """
+    """Planes at which a model has such a force; magnetic bearings have none that does not change with frequency."""
     typical = np.array([q.scale for q in model.parameters])
     apart = [plane for plane in model.planes if plane not in _magnetic(model)]
     return tuple(plane for plane in apart if plane_force(model, typical, 1.0, plane).values.any())

@@ -30,25 +30,14 @@ _SMALLEST_DIRECTION = 1e-6  # share of a new direction that earlier ones leave, 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Terms:
-    """A structure as a sum of matrices, each times a number that depends on frequency, speed and factors.
+    """A structure as a sum of matrices, each times a number that depends on frequency, speed and factors."""
 
-    Attributes:
-        matrices: K, C, G, M, then those of each part in this order, shape ``(4 + 4 S, N, N)``.
-        n: coordinates seen, which come first.
-    """
-
-    matrices: ComplexArray
-    n: int
+    matrices: ComplexArray  # K, C, G, M, then those of each part in this order, shape ``(4 + 4 S, N, N)``
+    n: int  # coordinates seen, which come first
 
     @staticmethod
     def of(whole: StructureMatrices, parts: Sequence[StructureMatrices], seen: Index) -> Terms:
-        """The terms of a structure and its parts, of which some coordinates are seen.
-
-        Args:
-            whole: the structure, its parts included.
-            parts: those that a factor multiplies, ``S`` of them.
-            seen: numbers of the coordinates seen, shape ``(n,)``.
-        """
+        """The terms of a structure and its parts, of which some coordinates are seen."""
         order = np.concatenate([seen, np.setdiff1d(np.arange(len(whole.K)), seen)])
         terms = np.stack([matrix for each in (whole, *parts) for matrix in (each.K, each.C, each.G, each.M)])
         return Terms(matrices=terms[:, order[:, None], order], n=seen.size)
@@ -59,33 +48,14 @@ class Terms:
         return len(self.matrices[0])
 
     def weights(self, s: ComplexArray, speed: Float, scales: Float) -> ComplexArray:
-        """The numbers of each line, shape ``(L, 4 + 4 S)``.
-
-        Args:
-            s: j w of each line, rad/s, shape ``(L,)``.
-            speed: rotative speed, rad/s, shape ``(L,)``.
-            scales: factors of the parts, shape ``(L, S)``.
-        """
+        """The numbers of each line, shape ``(L, 4 + 4 S)``."""
         powers = np.stack([np.ones_like(s), s, s * speed, s**2], axis=1)
         factors = np.concatenate([np.ones((s.size, 1)), scales - 1.0], axis=1)
         return np.asarray((factors[:, :, None] * powers[:, None, :]).reshape(s.size, -1))
 
     def condense(self, s: ComplexArray, speed: Float, scales: Float) -> tuple[ComplexArray, ComplexArray]:
-        """Dynamic stiffness between the coordinates seen, the others being free of force.
-
-        ``kappa_pp - kappa_pi inv(kappa_ii) kappa_ip``, p the coordinates seen, i the others.
-
-        Args:
-            s: j w of each line, shape ``(L,)``.
-            speed: rotative speed, rad/s, shape ``(L,)``.
-            scales: scale factors, shape ``(L, S)``.
-
-        Returns:
-            shape ``(L, n, n)``, and derivatives by the factors, shape ``(S, L, n, n)``.
-
-        Raises:
-            numpy.linalg.LinAlgError: the other coordinates resonate undamped at one of the frequencies.
-        """
+        """Dynamic stiffness between the coordinates seen, the others being free of force. ``kappa_pp - kappa_pi
+        inv(kappa_ii) kappa_ip``, p the coordinates seen, i the others."""
         entries = 4_000_000  # of matrices worked on at once
         step = max(1, entries // self.size**2)
         pieces = [slice(i, i + step) for i in range(0, max(s.size, 1), step)]
@@ -118,22 +88,7 @@ class Terms:
 
 
 class Reduction:
-    """A structure reduced for given lines and for factors between given limits.
-
-    Args:
-        full: all of it.
-        s: j w of the lines, shape ``(L,)``.
-        speed: rotative speed of the lines, rad/s, shape ``(L,)``.
-        limits: smallest and largest scale factors, shape ``(2, S)``.
-
-    Attributes:
-        small: the reduced structure, the coordinates seen first.
-        error: largest error of the stiffness at the planes over its largest entry at the line, estimated from what is
-            left of the equations at every line, at the corners and the middle of the limits.
-
-    Raises:
-        numpy.linalg.LinAlgError: the structure resonates undamped at one of the frequencies, or is not stable at rest.
-    """
+    """A structure reduced for lines, and factors within ``limits``, ``(2, S)``; its error is over the largest entry."""
 
     def __init__(self, full: Terms, s: ComplexArray, speed: Float, limits: Float) -> None:
         self._full = full

@@ -30,46 +30,24 @@ _LOG_SCALE_RANGE = 0.2  # range of the logarithm of a scale factor for which one
 
 @dataclass(frozen=True, eq=False)
 class StructureMatrices:
-    """Matrices in complex coordinates of ``M q'' + (C + Om G) q' + K q = F``, shape ``(N, N)`` each.
+    """Matrices in complex coordinates of ``M q'' + (C + Om G) q' + K q = F``, shape ``(N, N)`` each."""
 
-    Attributes:
-        M, C, G, K: mass, kg, damping, N s/m, gyroscopic matrix, kg, and stiffness, N/m; of slopes times m or m^2.
-    """
-
-    M: ComplexArray
+    M: ComplexArray  # mass, kg, damping, N s/m, gyroscopic matrix, kg, and stiffness, N/m; of slopes times m or m^2
     C: ComplexArray
     G: ComplexArray
     K: ComplexArray
 
     def coefficients(self, speed: ArrayLike) -> ComplexArray:
-        """Coefficients of s^0, s^1, s^2, shape ``(..., 3, N, N)``.
-
-        Args:
-            speed: rotative speeds, rad/s, shape ``(...)``.
-        """
+        """Coefficients of s^0, s^1, s^2, shape ``(..., 3, N, N)``."""
         Om = np.asarray(speed, dtype=float)[..., None, None]
         damping = self.C + Om * self.G
         return np.stack(np.broadcast_arrays(self.K, damping, self.M), axis=-3)
 
 
 def complex_matrices(matrices: Mapping[str, ArrayLike], dofs: Sequence[str]) -> tuple[StructureMatrices, Index]:
-    """Matrices in complex coordinates, and the place of each node's z and r in them.
-
-    Real matrices with x and y apart become complex ones of half the size, z = x + j y and the slope
-    r = dx/ds + j dy/ds = beta - j alpha, if the structure is isotropic. Axial and torsional coordinates are left out.
-
-    Args:
-        matrices: any of M, C, G, K; real ones in ``M q'' + (C + Om G) q' + K q = F``, complex ones in
-            ``M q'' + (C - j Om G) q' + K q = F``, so that G holds polar moments of inertia there.
-        dofs: coordinates of every node in their order, of :data:`DOFS`.
-
-    Returns:
-        matrices, and the index of z and of r (-1 where there is none) for each node, shape ``(nodes, 2)``.
-
-    Raises:
-        ValueError: sizes that do not go with ``dofs``, matrices that are not isotropic, or lateral motion that is
-            coupled to the coordinates left out.
-    """
+    """Matrices in complex coordinates, and the place of each node's z and r in them. Real matrices with x and y apart
+    become complex ones of half the size, z = x + j y and the slope r = dx/ds + j dy/ds = beta - j alpha, if the
+    structure is isotropic. Axial and torsional coordinates are left out."""
     names = tuple(dofs)
     for name in names:
         if name not in DOFS:
@@ -148,35 +126,20 @@ def _check_isotropic(kind: str, difference: Float, level: Float, per_node: int, 
 
 @dataclass(frozen=True, eq=False)
 class KnownStiffness:
-    """Dynamic stiffness of a known structure at a model's coordinates.
+    """Dynamic stiffness of a known structure at a model's coordinates."""
 
-    Attributes:
-        values: shape ``(L, n, n)``, N/m.
-        inputs: places of the structure's scale factors in the model's parameter vector, shape ``(S,)``.
-        slopes: derivatives by these, shape ``(S, L, n, n)``.
-    """
-
-    values: ComplexArray
-    inputs: Index
-    slopes: ComplexArray
+    values: ComplexArray  # shape ``(L, n, n)``, N/m
+    inputs: Index  # places of the structure's scale factors in the model's parameter vector, shape ``(S,)``
+    slopes: ComplexArray  # derivatives by these, shape ``(S, L, n, n)``
 
     @classmethod
     def of_values(cls, values: ComplexArray) -> KnownStiffness:
-        """The shaft of a structure without scale factors.
-
-        Args:
-            values: shape ``(L, n, n)``, N/m.
-        """
+        """The shaft of a structure without scale factors."""
         return cls(values, np.zeros(0, dtype=np.intp), np.zeros((0, *values.shape), dtype=complex))
 
 
 class SeenShaft(Protocol):
-    """A known structure as free motion needs it.
-
-    Attributes:
-        at: coordinates of the structure that a model sees, in the order of the model's own, shape ``(n,)``.
-        has_mass: whether every coordinate has inertia of its own.
-    """
+    """A known structure as free motion needs it."""
 
     @property
     def at(self) -> Index:
@@ -191,28 +154,14 @@ class SeenShaft(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ShaftApart:
-    """A known structure with x and y apart, all x first; see :class:`SeenShaft`.
+    """A known structure with x and y apart, all x first."""
 
-    Attributes:
-        at, has_mass: see :class:`SeenShaft`.
-    """
-
-    at: Index
+    at: Index  # see :class:`SeenShaft`
     has_mass: bool
 
 
 class Shaft:
-    """Known structure seen at a few of its coordinates.
-
-    Args:
-        matrices: all of it, with scale factors of one.
-        parts: the parts that scale factors multiply.
-        at: coordinates seen, shape ``(n,)``.
-
-    Attributes:
-        has_mass: whether every coordinate has inertia of its own.
-        terms: all of it as a sum of matrices.
-    """
+    """Known structure, of which scale factors multiply ``parts``, seen at coordinates ``at``, shape ``(n,)``."""
 
     def __init__(self, matrices: StructureMatrices, parts: Sequence[StructureMatrices], at: Index) -> None:
         self.matrices = matrices
@@ -229,38 +178,17 @@ class Shaft:
         self._reductions: OrderedDict[bytes, Reduction | None] = OrderedDict()
 
     def coefficients(self, scales: Float, speed: ArrayLike) -> ComplexArray:
-        """Coefficients of s^0, s^1, s^2 of all coordinates.
-
-        Args:
-            scales: scale factors, shape ``(..., S)``.
-            speed: rotative speed, rad/s, shape ``(...)``.
-
-        Returns:
-            shape ``(..., 3, N, N)``.
-        """
+        """Coefficients of s^0, s^1, s^2 of all coordinates, shape ``(..., 3, N, N)``."""
         total = self.matrices.coefficients(speed)
         for number, part in enumerate(self.parts):
             total = total + (scales[..., number] - 1.0)[..., None, None, None] * part.coefficients(speed)
         return total
 
     def condensed(self, s: ComplexArray, speed: Float, scales: Float) -> tuple[ComplexArray, ComplexArray]:
-        """Dynamic stiffness between the coordinates seen, the others being free of force.
-
-        Exact where the structure has no scale factors, or few coordinates, or where few lines are asked for; else of a
-        reduced structure whose error is below :data:`~rotorfit.models.shafts.reduction.BASIS_TOLERANCE`. It is kept,
-        because it does not change in a fit as long as the scale factors do not.
-
-        Args:
-            s: j w of each line, shape ``(L,)``.
-            speed: rotative speed, rad/s, shape ``(L,)``.
-            scales: scale factors, shape ``(L, S)``.
-
-        Returns:
-            dynamic stiffness, shape ``(L, n, n)``, and its derivatives by the scale factors, shape ``(S, L, n, n)``.
-
-        Raises:
-            numpy.linalg.LinAlgError: the other coordinates resonate undamped at one of the frequencies.
-        """
+        """Dynamic stiffness between the coordinates seen, the others being free of force. Exact where the structure has
+        no scale factors, or few coordinates, or where few lines are asked for; else of a reduced structure whose error
+        is below :data:`~rotorfit.models.shafts.reduction.BASIS_TOLERANCE`. It is kept, because it does not change in a
+        fit as long as the scale factors do not."""
         key = blake2b(b"".join(np.ascontiguousarray(part).tobytes() for part in (s, speed, scales))).digest()
         if key in self._kept:
             self._kept.move_to_end(key)

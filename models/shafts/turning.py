@@ -84,11 +84,7 @@ class TurningFrame(RotorModel):
 
 
 def beside(parts: Sequence[ComplexArray]) -> ComplexArray:
-    """Square matrices of one size along the diagonal of larger ones.
-
-    Args:
-        parts: shape ``(..., n, n)`` each.
-    """
+    """Square matrices of one size along the diagonal of larger ones."""
     n, count = parts[0].shape[-1], len(parts)
     whole = np.zeros((*parts[0].shape[:-2], n * count, n * count), dtype=complex)
     for i, part in enumerate(parts):
@@ -97,12 +93,7 @@ def beside(parts: Sequence[ComplexArray]) -> ComplexArray:
 
 
 def shifted(powers: Sequence[Complex], shift: Complex) -> list[Complex]:
-    """Coefficients of ``sum C_k (s + shift)^k`` by powers of s.
-
-    Args:
-        powers: the matrices C_k.
-        shift: what is added to s.
-    """
+    """Coefficients of ``sum C_k (s + shift)^k`` by powers of s."""
     result = []
     for low in range(len(powers)):
         total = powers[low]

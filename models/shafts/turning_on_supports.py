@@ -112,12 +112,7 @@ class TurningOnSupports(Turning):
 
 class LinesFrame(TurningFrame):
     """The lines of a rotor with a turning element on orthotropic supports, at the frequency w - Om of one of them.
-
-    Coordinates are the planes at w, then those of the image 2 Om - w, conjugated, then those of the other lines.
-
-    Args:
-        base: the rotor.
-    """
+    Coordinates are the planes at w, then those of the image 2 Om - w, conjugated, then those of the other lines."""
 
     name: ClassVar[str] = "lines"
 
@@ -165,11 +160,7 @@ class LinesFrame(TurningFrame):
 
 
 def chain(terms: int) -> tuple[Line, ...]:
-    """Lines w and 2 Om - w, then their neighbours to either side in turn.
-
-    Args:
-        terms: neighbours on each side.
-    """
+    """Lines w and 2 Om - w, then their neighbours to either side in turn."""
     # w is followed on its other side by -w, w + 2 Om, -w - 2 Om, w + 4 Om, ...
     left = [(-(i // 2), True) if i % 2 == 0 else ((i + 1) // 2, False) for i in range(terms)]
     right = [(-(i // 2) - 1, False) if i % 2 == 0 else ((i + 1) // 2 + 1, True) for i in range(terms)]

@@ -112,15 +112,10 @@ def probe_pairs(test: PerturbationTest, rows: Bool) -> tuple[Index, Index]:
 
 
 def directional(response: ComplexArray, rows: Index, backward: Bool) -> tuple[ComplexArray, ComplexArray]:
-    """Motion in the direction of the force, relative to ``exp(jwt)``, and against it, relative to ``exp(-jwt)``.
-
-    ``Re(X exp(j|w|t)) + j Re(Y exp(j|w|t))`` is ``(X + jY)/2`` forward and ``conj(X - jY)/2`` backward. What one probe
-    reads alone is taken for that of a circular orbit, ``Y = -jX`` forward and ``Y = +jX`` backward; a reading z is
-    motion in the direction of the force as it is, and counts where neither x nor y was read.
-
-    Returns:
-        both, shape ``(..., M)``; NaN in the first where nothing was read, in the second without an x/y pair.
-    """
+    """Motion in the direction of the force, relative to ``exp(jwt)``, and against it, relative to ``exp(-jwt)``. ``Re(X
+    exp(j|w|t)) + j Re(Y exp(j|w|t))`` is ``(X + jY)/2`` forward and ``conj(X - jY)/2`` backward. What one probe reads
+    alone is taken for that of a circular orbit, ``Y = -jX`` forward and ``Y = +jX`` backward; a reading z is motion in
+    the direction of the force as it is, and counts where neither x nor y was read."""
     seen, turn = rows >= 0, np.where(backward, -1j, 1j)
     right = np.where(seen[:, 2], response[..., rows[:, 2]], np.nan)
     wrong = np.full(right.shape, np.nan, dtype=complex)

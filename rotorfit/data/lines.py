@@ -39,8 +39,7 @@ class Lines:
         return value[new], (np.cumsum(new) - 1)[rank]
 
     def apart(self) -> tuple[Index, Index]:
-        """Line of each row, and first row of each line, where a reading that a line holds again goes to a line of its
-        own."""
+        """Line of each row and first row of each line, repeats of a reading being put on lines of their own."""
         reading = combined(self.line, self.number["plane"], self.number["direction"])
         if not reading.size or np.bincount(reading).max() == 1:
             return self.line, self.first

@@ -100,8 +100,7 @@ def difference_synchronous(test: PerturbationTest) -> PerturbationTest:
 
 
 def at_speeds(test: PerturbationTest, speeds: Float) -> PerturbationTest:
-    """Start-ups at chosen speeds, rad/s, each run and probe interpolated as for differences; noise that was not given
-    is estimated from the smoothness of the readings around."""
+    """Start-ups at chosen speeds, rad/s, interpolated as for differences; unknown noise follows from what is around."""
     around = 25  # readings, of which windows of thirteen tell the noise
     parts = []
     for run in test.runs:
@@ -177,8 +176,7 @@ def _with_reference(test: PerturbationTest, rows: Bool) -> Iterator[tuple[NDArra
 
 
 def _merge(degrees: list[float]) -> list[float]:
-    """Replace each angle by the first one seen within the tolerance of it, so that a force phase that jitters is
-    one."""
+    """Each angle replaced by the first one within the tolerance, so that a force phase that jitters is one."""
     seen: dict[float, float] = {}
     for angle in dict.fromkeys(degrees):
         near = [s for s in seen.values() if abs((angle - s + 180) % 360 - 180) <= np.degrees(OPPOSITE_TOLERANCE)]
@@ -245,8 +243,7 @@ def _covered(speed: Float, sampled: Float) -> Bool:
 
 
 def _at(position: Float, x: Float, y: NDArray[Any], *, smooth: bool = False) -> ComplexArray:
-    """Values at other positions; samples much closer than the usual step are averaged, or the spline amplifies
-    noise."""
+    """Values at other positions; samples much closer than the usual step are averaged, or splines amplify noise."""
     from scipy.interpolate import CubicSpline
 
     order = np.argsort(x, kind="stable")

@@ -89,11 +89,7 @@ def _along_axes(test: PerturbationTest, row: int) -> list[complex]:
 
 def _moving_mass(w: Float, amplitude: ComplexArray, force: ComplexArray) -> tuple[float, float, float] | None:
     """Lesser and greater principal value of the inertia in ``F = (K + jw C - w^2 M) A``, kg, and its part that couples
-    x with y; None where these matrices do not stand for the plane.
-
-    Args:
-        amplitude, force: along x and y, shape ``(N, 2)``.
-    """
+    x with y; None where these matrices do not stand for the plane."""
     columns = np.hstack([amplitude, 1j * w[:, None] * amplitude, -(w[:, None] ** 2) * amplitude])
     design = np.vstack([columns.real, columns.imag])
     scale = np.linalg.norm(design, axis=0)

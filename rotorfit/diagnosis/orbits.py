@@ -166,8 +166,7 @@ def orbits_of(test: PerturbationTest, rows: Index) -> Orbits:
 
 
 def mirrored(orbits: Orbits, at: Index, *names: str) -> Index:
-    """Forward and backward orbits at the same |w|, to a millionth of a rad/s, in the same group, shape ``(N, 2)``; of
-    repeats the last."""
+    """Forward and backward orbits at the same |w| in the same group, shape ``(N, 2)``; of repeats the last."""
     w = np.round(orbits.frequency[at], 6)
     first, pair = in_order(combined(numbers(np.abs(w)), orbits.number(*names)[at]))
     found = np.full((2, first.size), -1, dtype=np.intp)

@@ -80,8 +80,7 @@ def _candidates(pair: Pair) -> Iterator[tuple[float, FilteredProbe]]:
 
 
 def _misfits(filters: ComplexArray, probe: str, pair: Pair) -> tuple[Float, ComplexArray]:
-    """Mean squares over the noise with one probe behind each of some filters, shape ``(K, N)``, and factors that are
-    left, shape ``(K,)`` each."""
+    """Mean squares over the noise with one probe behind each filter, ``(K, N)``, and the factors left, ``(K,)``."""
     ratio = filters if probe == "y" else 1 / filters
     own, noise = ratio * pair.expected, pair.noise
     factor = np.ones(len(ratio), dtype=complex)

@@ -75,8 +75,7 @@ class _Relation:
 
 
 def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
-    """Planes where x and y differ by more than their noise: by one factor, a delay, a filter, or as on an anisotropic
-    rotor."""
+    """Planes where x and y differ beyond their noise: by a factor, a delay, a filter, or as on an anisotropic rotor."""
     relations = _relations(orbits)
     good = any(one.even for one in relations.values())
     uneven = []
@@ -206,8 +205,7 @@ def _misfit(pair: Pair, expected: ComplexArray, ratio: complex | ComplexArray) -
 
 
 def _ratio_of_sides(pair: Pair, backward: NDArray[np.bool_]) -> tuple[complex, float, bool]:
-    """Ratio of y to what is expected of forward orbits, its standard error, and whether that of backward ones is
-    rather its conjugate."""
+    """Ratio of y to what is expected of forward orbits, its error, and whether backward ones have its conjugate."""
     sides = {side: _ratio(pair, pair.expected, backward == side) for side in (False, True) if (backward == side).any()}
     if False not in sides:
         return sides[True][0].conjugate(), sides[True][1], False

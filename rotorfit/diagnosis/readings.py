@@ -211,8 +211,7 @@ def _step(distinct: Float) -> float:
 
 
 def _holes(sweep: Index, response: ComplexArray, step: float) -> list[int]:
-    """Rows of a sweep that are zero where those beside them, whose mean turns through zero at an antiresonance, do not
-    lead to it."""
+    """Rows of a sweep that are zero where those beside them do not turn through zero, as at an antiresonance."""
     read, empty = np.flatnonzero(response[sweep] != 0), np.flatnonzero(response[sweep] == 0)
     if not read.size:
         return []

@@ -141,8 +141,7 @@ def _negative_damping(drives: Orbits, kappa: ComplexArray, hit: Index) -> Findin
 
 
 def _dissipates(drives: Orbits, kappa: ComplexArray) -> Float:
-    """Sign of the dissipation of each drive at |w| >= Omega, where the force leads or opposes the fluid whatever lam <
-    1 is; 0: unknown. Shape ``(G,)``."""
+    """Sign of the dissipation of each drive at |w| >= Omega, whatever lam < 1 is, shape ``(G,)``; 0: unknown."""
     fast = np.abs(drives.frequency) >= np.abs(drives.speed) * (1 - SYNCHRONOUS_DISTANCE)
     sine = kappa.imag / np.abs(kappa) * np.sign(drives.frequency)
     # a phase of a few degrees may be an error of the reference: such readings hardly count

@@ -183,8 +183,7 @@ def _correction_lines(fit: FitResult) -> list[str]:
 
 
 def _parameter_lines(fit: FitResult, *, folded: bool = False) -> list[str]:
-    """Lines of the parameter table; a parameter that the data do not determine shows no number. Structural corrections
-    have a table of their own."""
+    """Lines of the parameter table; a parameter that the data do not determine shows no number."""
     both = any(p.stderr > p.stderr_noise * 1.01 for p in fit.params.values() if p.vary and p.resolved)
     more = any(p.systematic for p in fit.params.values() if p.vary)
     errors = ["stderr", *(["noise only"] * both), *(["systematic"] * more)]

@@ -46,8 +46,7 @@ _SAME_MISFIT_RATIO = 1.5  # ratio of what two errors leave within which the data
 
 
 def explained(fit: FitResult, shown: Collection[str] = ()) -> list[Finding]:
-    """The errors of the data that explain what a fit misses, beside the ``shown`` ones that the data show
-    themselves."""
+    """The errors of the data that explain what a fit misses, beside ``shown``, those that the data show themselves."""
     if fit.problem.loss != "linear":
         return []
     tests = [test for test in fit.experiments if isinstance(test, PerturbationTest)]

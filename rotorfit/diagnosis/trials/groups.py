@@ -97,8 +97,7 @@ def _others_agree(corrected: Readings, rows: Bool, expected: ComplexArray, facto
 
 
 def _levels(readings: Readings, known: Sequence[str]) -> Iterator[list[_Group]]:
-    """Sets of readings, those that are most likely to share an error first; of a later level none that an earlier one
-    explains."""
+    """Sets of readings, the likeliest to share an error first; of later ones none that an earlier one explains."""
     w = readings.frequency
     speeds = np.unique(readings.speed).tolist()
     ways = [
@@ -132,8 +131,7 @@ def _set(ways: Sequence[tuple[str, Bool, str]], unless: str = "") -> list[_Group
 def _factor(
     readings: Readings, rows: Bool, expected: ComplexArray, powers: Sequence[int] = (0, *POWERS)
 ) -> tuple[int, complex, float]:
-    """Power of the frequency, and factor, by which readings are what the rest makes one expect; mostly power zero; and
-    the share of their power that this leaves."""
+    """Power of the frequency and factor by which readings differ from what is expected, and share of power left."""
     size = readings.sigma[rows]
     p, m = (readings.seen(values)[rows] / size for values in (expected, readings.measured))
     found = []

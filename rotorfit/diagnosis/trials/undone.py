@@ -20,15 +20,7 @@ from rotorfit.models.parameters import unknown_name
 
 
 def undone(experiments: Sequence[Experiment], names: Sequence[str]) -> tuple[Experiment, ...]:
-    """The data with errors undone one after the other.
-
-    Args:
-        experiments: as they were given.
-        names: of the errors, as :attr:`rotorfit.Finding.correction` gives them.
-
-    Raises:
-        ValueError: an error that these data cannot have.
-    """
+    """The data with errors undone one after the other."""
     corrected = list(experiments)
     for name in names:
         known = {error.name: error for error in _possible(corrected)}

@@ -161,8 +161,7 @@ class ResidualStudy:
 
 
 def is_misfit(study: ResidualStudy | None, widening: float) -> bool:
-    """True if the model, not the noise, limits a fit: by a fixed cause that it lacks, by its residuals' memory, or else
-    by their size alone."""
+    """True if the model limits a fit, not the noise: by a missing cause, the memory of residuals, or their size."""
     if study is None:
         return widening > MODEL_LIMITED_REDCHI
     return study.verdict is NoiseVerdict.MISFIT or bool(study.causes)
