@@ -17,18 +17,35 @@ _WORDS = 160
 """Characters of a package's own message that are passed on."""
 _LONG = re.compile(r"(\S{300})\S+")
 """A cell or name too long for a sentence."""
+_CLASS = re.compile(r"<class '([\w.]+)'>")
+"""A type as Python writes it."""
+
+_STEERING = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+"""Characters that steer a terminal, begin a line or turn the direction of writing, and halves of characters."""
 
 _SEAL = b"rotorfit sha256 "
 """First bytes of a checksum at the end of a file."""
+
+
+def shown(name: str) -> str:
+    """A name that a file gives, as it is shown and written: on one line, and unable to steer what shows it."""
+    return _STEERING.sub(lambda found: found[0].encode("unicode_escape").decode(), name)
+
+
+def shown_lines(text: str) -> str:
+    """The same of text that has lines and columns of its own."""
+    return "\n".join("\t".join(map(shown, line.split("\t"))) for line in text.split("\n"))
 
 
 @contextmanager
 def reading(name: str, kind: str) -> Iterator[None]:
     """Turn whatever is raised over a file, ``kind`` being what it should be, into one :class:`ValueError` of one line
     that names it. Sentences that name the file pass, and so does what the system says of a path. A name that is no text
-    is refused: it goes into figures, tables and stores."""
-    if not _is_text(name):
-        raise ValueError(f"{name!a}: names of files and folders must be text in UTF-8; rename it")
+    of one line is refused: it goes into figures, tables and stores."""
+    if shown(name) != name:
+        raise ValueError(
+            f"{name!a}: names of files and folders must be text in UTF-8 without control characters; rename it"
+        )
     try:
         yield
     except MemoryError as problem:
@@ -38,7 +55,7 @@ def reading(name: str, kind: str) -> Iterator[None]:
     except RecursionError as problem:
         raise ValueError(f"{name} is not a readable {kind}: its content is nested too deeply") from problem
     except Exception as problem:
-        words = _LONG.sub(r"\1...", " ".join(str(problem).split()))
+        words = _CLASS.sub(r"\1", _LONG.sub(r"\1...", " ".join(str(problem).split())))
         of_a_path = isinstance(problem, OSError) and problem.filename is not None
         sentence = isinstance(problem, ValueError) and name in words
         if of_a_path or (sentence and words == str(problem)):
@@ -52,14 +69,6 @@ def reading(name: str, kind: str) -> Iterator[None]:
         ) from problem
 
 
-def _is_text(name: str) -> bool:
-    try:
-        name.encode("utf-8")
-    except UnicodeEncodeError:
-        return False
-    return True
-
-
 def read_toml(path: Path, name: str) -> dict[str, Any]:
     """Content of a TOML file."""
     note_input(path)
@@ -70,7 +79,17 @@ def read_toml(path: Path, name: str) -> dict[str, Any]:
             f"{name}: a TOML file is UTF-8 text, byte {problem.start} is not; save it as UTF-8"
         ) from problem
     check_dots(name, text)
-    return tomllib.loads(text)
+    content: dict[str, Any] = _shown_within(tomllib.loads(text))
+    return content
+
+
+def _shown_within(value: Any) -> Any:
+    """Values of a TOML file with all texts in them as they are shown."""
+    if isinstance(value, dict):
+        return {shown(key): _shown_within(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_shown_within(item) for item in value]
+    return shown(value) if isinstance(value, str) else value
 
 
 def seal(path: Path) -> None:

@@ -8,23 +8,17 @@ import os
 import sys
 from typing import TextIO
 
-_CONTROLS = {
-    code: chr(code).encode("unicode_escape").decode()
-    for code in (*range(32), *range(127, 160), *range(0x202A, 0x202F), *range(0x2066, 0x206A))
-    if chr(code) not in "\t\n\r"
-}
-"""Characters that steer a terminal, or turn the direction of writing, as they are printed."""
+from rotorfit.estimators.file_reading import shown_lines
 
-
-_ERASE = "\033[K"
-"""Erases the rest of a line, as a line of progress does."""
+_ERASE = "\r\033[K"
+"""Erases a line, as a line of progress does."""
 
 
 class _PlainStream(io.TextIOWrapper):
     """Output in which names from files cannot steer the terminal, and what it has no letter for is escaped."""
 
     def write(self, text: str, /) -> int:
-        return super().write(_ERASE.join(part.translate(_CONTROLS) for part in text.split(_ERASE)))
+        return super().write(_ERASE.join(map(shown_lines, text.split(_ERASE))))
 
 
 def _plain(stream: TextIO | None, closed: int) -> TextIO:

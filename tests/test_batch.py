@@ -181,6 +181,25 @@ def test_damaged_machine_code_is_compiled_again(tmp_path, monkeypatch, damage):
         assert compiled_anew()
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes with names")
+def test_only_files_are_machine_code(tmp_path, monkeypatch):
+    """A pipe would be waited for without end; it is removed. A folder stays, and nothing is kept beside it."""
+    pytest.importorskip("numba")
+    monkeypatch.setenv("ROTORFIT_CACHE_DIR", str(tmp_path / "kernels"))
+    assert not compiled_anew()
+    for file in sorted((tmp_path / "kernels" / "__pycache__").glob("*.nb[ic]")):
+        file.unlink()
+        os.mkfifo(file)
+        assert not compiled_anew()
+        assert compiled_anew()
+        file.unlink()
+        (file / "mine").mkdir(parents=True)
+        assert not compiled_anew()
+        assert not compiled_anew()
+        (file / "mine").rmdir()
+        file.rmdir()
+
+
 def test_machine_code_that_others_may_change_is_compiled_again(tmp_path, monkeypatch):
     """The folder may be seen by all; the files that numba makes there have the mode that the user's umask leaves."""
     pytest.importorskip("numba")

@@ -83,11 +83,15 @@ class _SealedCache:
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """Machine code of a signature, None where there is none, or it is damaged or may be changed by others."""
-        with suppress(FileNotFoundError):  # another process removes it at this moment
+        try:
             files = self._files()
-            if not all(_only_mine(file) and is_sealed(file) for file in files):
+            if not all(file.is_file() and _only_mine(file) and is_sealed(file) for file in files):
                 for file in files:
                     file.unlink(missing_ok=True)
+        except FileNotFoundError:  # another process removes it at this moment
+            pass
+        except OSError:  # a folder of that name, for instance, stays
+            self._kept.disable()
         return self._kept.load_overload(signature, context)
 
     def save_overload(self, signature: Any, code: Any) -> None:

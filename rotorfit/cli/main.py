@@ -48,6 +48,7 @@ from rotorfit.cli.arguments import (
 from rotorfit.cli.errors import BadInputError, ExitCode, checked
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.estimators.atomic_file import protected_inputs
+from rotorfit.estimators.file_reading import shown
 from rotorfit.studies.wording import in_options, sentence, spoken
 from rotorfit.version import __version__
 
@@ -73,13 +74,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return ExitCode.DONE
     except OSError as problem:  # the output, or what no command expects of its files
         _close_output()
-        print(f"rotorfit: the output cannot be written: {sentence(problem)}", file=sys.stderr)
+        print(f"rotorfit: the output cannot be written: {shown(sentence(problem))}", file=sys.stderr)
         return ExitCode.BAD_INPUT
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     """A warning as a sentence, without the file and line of the program that it comes from."""
-    print(f"rotorfit: {message}", file=sys.stderr)
+    print(f"rotorfit: {shown(str(message))}", file=sys.stderr)
 
 
 def _carry_out(arguments: Sequence[str] | None) -> int:
@@ -96,7 +97,7 @@ def _carry_out(arguments: Sequence[str] | None) -> int:
             warnings.showwarning = _show_warning
             return int(options.command(options))
     except BadInputError as problem:
-        said = spoken(str(problem))
+        said = shown(spoken(str(problem)))
         print(f"rotorfit: {said if options.command in (_run, plan.run) else in_options(said)}", file=sys.stderr)
         return ExitCode.BAD_INPUT
     except KeyboardInterrupt as stop:

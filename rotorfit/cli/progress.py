@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from time import monotonic
 
+from rotorfit.estimators.file_reading import shown
+
 
 def _duration(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 99 else f"{seconds / 60:.0f} min"
@@ -23,7 +25,7 @@ class ProgressLine:
             seconds = monotonic() - self._begin
             bar = "" if done is None else f"[{'#' * round(24 * done):<24}] {100 * done:3.0f} %  "
             left = "" if done is None else self._left(done)
-            print(f"\r\033[K{seconds:5.1f} s  {bar}{stage} ...{left}", end="", file=sys.stderr, flush=True)
+            print(f"\r\033[K{seconds:5.1f} s  {bar}{shown(stage)} ...{left}", end="", file=sys.stderr, flush=True)
 
     def _left(self, done: float) -> str:
         """Time left, once it can be estimated from the work done."""

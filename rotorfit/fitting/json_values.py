@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.file_limits import check_text
+from rotorfit.estimators.file_reading import shown
 from rotorfit.models import RotorModel
 
 _HOMES = (
@@ -74,7 +75,7 @@ def decode(value: Any) -> Any:
     if isinstance(value, list):
         return [decode(item) for item in value]
     if not isinstance(value, dict):
-        return value
+        return shown(value) if isinstance(value, str) else value
     for key in value:
         if key in _READERS:
             return _READERS[key](value)
@@ -108,7 +109,8 @@ def _decode_array(value: Mapping[str, Any]) -> NDArray[Any]:
     if kind not in _KINDS.values():
         raise ValueError(f"array of unknown kind {kind!r}; there are {', '.join(_KINDS.values())}")
     if kind == "str":
-        check_text("an array", [str(item) for item in data])
+        data = [shown(str(item)) for item in data]
+        check_text("an array", data)
     try:
         if kind == "object":
             return np.fromiter(map(decode, data), dtype=object).reshape(shape)

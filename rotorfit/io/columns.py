@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.data.several_forces import gathered, written_per_force
+from rotorfit.estimators.blocks.row_keys import words
+from rotorfit.estimators.file_reading import shown
 from rotorfit.models.parameters import unknown_name
 
 STORABLE: dict[str, type[Any]] = {kind.__name__: kind for kind in get_args(Experiment)}
@@ -55,6 +57,14 @@ def build(kind: str, columns: Mapping[str, Any], attributes: Mapping[str, Any], 
         return gathered(experiment) if isinstance(experiment, PerturbationTest) else experiment
     except ValueError as error:
         raise ValueError(str(error) if str(error).startswith(source) else f"{source}: {error}") from error
+
+
+def shown_words(column: NDArray[Any]) -> NDArray[Any]:
+    """A column whose texts can be shown; numbers as they are."""
+    if column.dtype.kind != "U":
+        return column
+    names, number = words(column.reshape(-1))
+    return np.array([shown(name) for name in names], dtype=str)[number].reshape(column.shape)
 
 
 def as_stored(experiment: Experiment) -> Experiment:

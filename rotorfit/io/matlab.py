@@ -19,7 +19,7 @@ from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.file_limits import check_mat
 from rotorfit.estimators.file_reading import reading
-from rotorfit.io.columns import as_stored, build, column_types
+from rotorfit.io.columns import as_stored, build, column_types, shown_words
 from rotorfit.io.tables.table import Table
 from rotorfit.io.tables.tidy_csv import experiment_of
 
@@ -145,4 +145,4 @@ def _column(values: Any) -> NDArray[Any]:
         flat = np.array(["".join(np.asarray(cell).astype(str).reshape(-1)) for cell in flat.tolist()], dtype=str)
     elif flat.dtype.kind == "U":
         flat = np.char.rstrip(flat)  # rows of a character matrix are filled up with blanks
-    return flat
+    return shown_words(flat)

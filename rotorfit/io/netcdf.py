@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.file_limits import check_hdf5, refuse_deadly
-from rotorfit.estimators.file_reading import check_seal, is_sealed, reading, seal
-from rotorfit.io.columns import as_stored, build, column_types
+from rotorfit.estimators.file_reading import check_seal, is_sealed, reading, seal, shown
+from rotorfit.io.columns import as_stored, build, column_types, shown_words
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import find_unit, units_of
 
@@ -113,8 +113,9 @@ def read_netcdf(path: str | Path) -> Experiment:
         name, variable, values = str(key), data[key], data[key].values
         if values.dtype.kind in "OS":
             values = values.astype(str)
+        values = shown_words(values)
         if name.startswith("attribute_"):
-            attributes[str(variable.attrs.get("long_name", name))] = values
+            attributes[shown(str(variable.attrs.get("long_name", name)))] = values
         elif name.endswith("_real") and f"{name[:-5]}_imag" in data:
             imaginary = data[f"{name[:-5]}_imag"]
             parts = values * _factor(source, variable), imaginary.values * _factor(source, imaginary)

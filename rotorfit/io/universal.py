@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment, PerturbationTest, perturbation_test
 from rotorfit.data.several_forces import refuse_several
-from rotorfit.estimators.file_reading import reading
+from rotorfit.estimators.file_reading import reading, shown
 from rotorfit.io.universal_foreign import (
     AXES,
     DataType,
@@ -152,6 +152,10 @@ def read_uff(path: str | Path, *, speed: float | None = None, axes: str = "xy") 
     with reading(source, "universal file"):
         content = pyuff.UFF(str(path)).read_sets()
     records = content if isinstance(content, list) else [content]
+    records = [
+        {name: shown(value) if isinstance(value, str) else value for name, value in record.items()}
+        for record in records
+    ]
     functions = [record for record in records if record.get("type") == 58]
     if not functions:
         raise ValueError(f"{source} has no function at nodal DOF (dataset 58); nothing to read")

@@ -6,6 +6,8 @@ import base64
 from collections.abc import Iterable, Sequence
 from html import escape
 
+from rotorfit.estimators.file_reading import shown_lines
+
 _SHORT = 8
 """Rows of a table that is not broken between pages."""
 _VOID = ("img", "meta", "br")
@@ -19,7 +21,7 @@ class Html(str):
 
 def element(tag: str, /, *children: str, **attributes: str) -> Html:
     """An element of a page."""
-    written = "".join(f' {key.rstrip("_").replace("_", "-")}="{escape(value)}"' for key, value in attributes.items())
+    written = "".join(f' {key.rstrip("_").replace("_", "-")}="{_text(value)}"' for key, value in attributes.items())
     if tag in _VOID:
         return Html(f"<{tag}{written}>")
     return Html(f"<{tag}{written}>{join(children)}</{tag}>")
@@ -27,7 +29,11 @@ def element(tag: str, /, *children: str, **attributes: str) -> Html:
 
 def join(children: Iterable[str], separator: str = "") -> Html:
     """Text and markup in a row."""
-    return Html(separator.join(child if isinstance(child, Html) else escape(child) for child in children))
+    return Html(separator.join(child if isinstance(child, Html) else _text(child) for child in children))
+
+
+def _text(text: str) -> str:
+    return escape(shown_lines(text))
 
 
 def paragraph(*children: str) -> Html:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TextIO, overload
 import numpy as np
 
 from rotorfit.estimators.file_limits import check_archive, check_text, check_unpacked
+from rotorfit.estimators.file_reading import shown
 from rotorfit.models.array_types import Bool, Float, Index
 from rotorfit.models.parameters import unknown_name
 
@@ -49,8 +50,10 @@ _Row = tuple[int, Sequence[str]]
 
 def as_text(cell: Any) -> Any:
     """A cell to write, a name that spreadsheets would run as a formula with an apostrophe before it."""
-    formula = isinstance(cell, str) and cell.startswith(_FORMULA) and not _is_number(cell)
-    return f"'{cell}" if formula else cell
+    if not isinstance(cell, str):
+        return cell
+    formula = cell.startswith(_FORMULA) and not _is_number(cell)
+    return f"'{shown(cell)}" if formula else shown(cell)
 
 
 def _as_written(cell: str) -> str:
@@ -106,7 +109,7 @@ class _Text(dict[str, str]):
     """Cells of a column of text as they are meant, each kept once."""
 
     def __missing__(self, cell: str) -> str:
-        self[cell] = _as_written(cell.strip())
+        self[cell] = shown(_as_written(cell.strip()))
         return self[cell]
 
 
@@ -203,7 +206,7 @@ def read_cells(
     first = _without_titles(list(islice(rows, _TITLE_ROWS)))
     if not first:
         return None
-    header = [_as_written(cell.strip()) for cell in first[0][1]]
+    header = [shown(_as_written(cell.strip())) for cell in first[0][1]]
     width = max((i + 1 for i, name in enumerate(header) if name), default=0)
     if units := _units_below(path.name, [row for row in first[1:] if any(row[1])][:4], width, is_unit):
         header = [f"{name} ({unit})" if unit else name for name, unit in zip(header, units, strict=False)]
@@ -225,7 +228,7 @@ def read_cells(
 
 def frame_cells(frame: DataFrame, is_text: Callable[[str], bool]) -> Cells:
     """Columns of a table in memory, whose rows have the numbers that they would have below a header."""
-    columns = [_Column(str(name), is_text=is_text(str(name))) for name in frame.columns]
+    columns = [_Column(name, is_text=is_text(name)) for name in map(shown, map(str, frame.columns))]
     for at, column in enumerate(columns):
         values = frame.iloc[:, at]
         if len(frame):
@@ -404,7 +407,7 @@ def _sheet(path: Path, sheet: str | None) -> Iterator[_Row]:
         for line, row in enumerate(rows, 1):
             taken += _CELL_BYTES * len(row)
             check_unpacked(path.name, taken, size)
-            cells = [_shown(value) for value in row]
+            cells = [_cell_text(value) for value in row]
             if any(cells) and not cells[0].startswith("#"):
                 yield line, cells
         book.close()
@@ -433,7 +436,7 @@ def _workbook(path: Path, stream: BinaryIO) -> Any:
         raise ValueError(f"{path.name} is not a readable Excel file: {advice}") from reason
 
 
-def _shown(value: Any) -> str:
+def _cell_text(value: Any) -> str:
     """A cell of a sheet as text; a whole number that Excel holds as a float keeps no point."""
     if value is None:
         return ""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.atomic_file import note_input
 from rotorfit.estimators.file_limits import check_unpacked
-from rotorfit.estimators.file_reading import reading
+from rotorfit.estimators.file_reading import reading, shown
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
 
@@ -63,6 +63,7 @@ def open_raw(path: str | Path) -> RawFile:
     kind = FORMATS[suffix]
     with reading(file.name, KINDS[kind]):
         raw: RawFile = import_module(f"rotorfit.recordings.formats.{kind}").open_file(file)
+    raw = _with_shown_names(raw)
     if not raw.channels:
         raise ValueError(f"{file.name} holds no signals: no channel with enough samples to be a recording")
     check_unpacked(file.name, 8.0 * sum(channel.size for channel in raw.channels.values()), file.stat().st_size)
@@ -75,6 +76,13 @@ def open_raw(path: str | Path) -> RawFile:
         if not (np.isfinite(channel.offset) and np.isfinite(channel.volts_per_count or 1.0)):
             raise ValueError(f"{file.name}: the scale of {channel.name} is not a finite number")
     return replace(raw, channels={name: _guarded(file.name, KINDS[kind], c) for name, c in raw.channels.items()})
+
+
+def _with_shown_names(raw: RawFile) -> RawFile:
+    """A file whose channels and attributes have names that can be shown."""
+    channels = {shown(name): replace(channel, name=shown(channel.name)) for name, channel in raw.channels.items()}
+    said = {shown(name): shown(value) if isinstance(value, str) else value for name, value in raw.attributes.items()}
+    return replace(raw, channels=channels, attributes=said)
 
 
 def _guarded(source: str, kind: str, channel: RawChannel) -> RawChannel:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -50,9 +51,14 @@ def template(path: str | Path) -> str:
 
 def _line(key: str, known: float | str | None, example: float | str, words: str, *, must: bool = True) -> str:
     value = example if known is None else known
-    shown = f'"{value}"' if isinstance(value, str) else f"{value:.10g}" if value % 1 else f"{value:.1f}"
+    shown = _quoted(value) if isinstance(value, str) else f"{value:.10g}" if value % 1 else f"{value:.1f}"
     said = "the recording says so" if known is not None else f"FILL IN: {words}" if must else words
     return f"{f'# {key} = {shown}':<32} # {said}"
+
+
+def _quoted(name: str) -> str:
+    """A text as TOML has it, which escapes as JSON does."""
+    return json.dumps(name, ensure_ascii=False)
 
 
 def _channel_rate(raw: RawFile) -> float | None:
@@ -70,7 +76,7 @@ def _reference(table: str, known: Reference | None, raw: RawFile, words: str) ->
     return [
         "",
         f"{f'[{table}]':<32} # {words}",
-        f'channel = "{known.channel}"',
+        f"channel = {_quoted(known.channel)}",
         f"{'# pulses_per_turn = 1':<32} # {edge}; level_V is found",
     ]
 
@@ -83,8 +89,8 @@ def _probe(probe: Probe, own: RigSetup, raw: RawFile) -> list[str]:
     return [
         "",
         "[[probe]]",
-        f'plane = "{probe.plane}"',
-        f'channel = "{probe.channel}"',
+        f"plane = {_quoted(probe.plane)}",
+        f"channel = {_quoted(probe.channel)}",
         _line("angle_deg", angle, 0.0, "where the probe sits, from x counter-clockwise"),
         _line("unit", unit, "um", "")
         if unit
@@ -99,7 +105,7 @@ def _unknown_probes(raw: RawFile) -> list[str]:
         lines += [
             "# [[probe]]",
             '# plane = "disk"',
-            f'# channel = "{name}"',
+            f"# channel = {_quoted(name)}",
             "# angle_deg = 0.0",
             '# sensitivity_V_per_mm = 7.87   # or unit = "um" for a channel that is scaled already',
         ]
@@ -129,7 +135,7 @@ def _counts(raw: RawFile) -> list[str]:
             lines += [
                 "",
                 "[[channel]]                      # it holds counts",
-                f'name = "{channel.name}"',
+                f"name = {_quoted(channel.name)}",
                 "# full_scale_V = 10.0            # FILL IN: volts of the largest count, or volts_per_count",
             ]
     return lines
