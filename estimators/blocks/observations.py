@@ -5,7 +5,7 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol, Self
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -15,11 +15,10 @@ from rotorfit.estimators.blocks.response import (
     respond,
     respond_jacobian,
 )
-from rotorfit.estimators.blocks.row_keys import numbers
+from rotorfit.estimators.blocks.row_keys import numbers, rows_by
 from rotorfit.estimators.blocks.set_speeds import set_speeds
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Text
-from rotorfit.models.shafts.shaft import KnownStiffness
 
 
 class Block(Protocol):
@@ -154,16 +153,9 @@ class Responses(Observed):
         return 1j * self.s_powers
 
     @cached_property
-    def layout_notes(self) -> dict[Any, Any]:
-        """Results that others derived from the layout and keep here."""
-        return {}
-
-    @cached_property
     def condition_readings(self) -> list[Index]:
         """Readings of each distinct (group, speed) pair."""
-        number = self.condition[0][self.line]
-        order = np.argsort(number, kind="stable")
-        return np.split(order, np.cumsum(np.bincount(number, minlength=self.condition[1].size))[:-1])
+        return rows_by(self.condition[0][self.line])
 
     @cached_property
     def conditions_alike(self) -> list[tuple[Index, Index]]:
@@ -178,13 +170,6 @@ class Responses(Observed):
         number, pairs = self.condition[0][self.line], self.condition[1].size
         size = number.size // pairs
         return size if np.array_equal(number, np.repeat(np.arange(pairs), size)) else 0
-
-    def known_stiffness(self, theta: Float) -> KnownStiffness | None:
-        """Dynamic stiffness of the model's known structure and of what acts beside it, if there is any."""
-        shaft = self.model.shaft and self.model.known_stiffness(theta[self.group], self.s, self.speed)
-        if self.beside is None:
-            return shaft or None
-        return KnownStiffness.of_values(self.beside) if not shaft else replace(shaft, values=shaft.values + self.beside)
 
     @property
     def _by_line(self) -> list[str]:

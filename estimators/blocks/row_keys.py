@@ -123,6 +123,21 @@ def in_order(keys: Index) -> tuple[Index, Index]:
     return np.sort(first[first < keys.size]), rank[keys]
 
 
+def rows_by(key: Index, *within: NDArray[Any]) -> list[Index]:
+    """Rows of each distinct key, ascending, in the order of other columns, the last of which counts most."""
+    order = np.lexsort([*within, key])
+    return np.split(order, np.flatnonzero(np.diff(key[order])) + 1) if order.size else []
+
+
+def occurrence(key: Index) -> Index:
+    """How often each row's key came before."""
+    order = np.argsort(key, kind="stable")
+    first = np.flatnonzero(np.diff(key[order], prepend=-1))
+    found = np.empty(key.size, dtype=np.intp)
+    found[order] = np.arange(key.size) - np.repeat(first, np.diff(np.append(first, key.size)))
+    return found
+
+
 def combined(*columns: Index) -> Index:
     """One number for each row that is equal where all columns are."""
     key: Index = np.zeros(columns[0].shape, dtype=np.intp)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from rotorfit.estimators.blocks.observations import Responses
-from rotorfit.estimators.blocks.row_keys import combined
-from rotorfit.models.array_types import Bool, Float, Index
+from rotorfit.estimators.blocks.row_keys import combined, numbers, occurrence, rows_by
+from rotorfit.models.array_types import Bool, Index
 
 
 def force_plane(block: Responses) -> Index:
@@ -24,29 +24,9 @@ def acts_alone(block: Responses) -> Bool:
 def sweeps_of(block: Responses, *, synchronous: bool = False) -> list[Index]:
     """Readings of each sweep, ordered by frequency. Frequencies that one run holds again, at another level of force,
     are another sweep."""
-    kept = block.layout_notes
-    if ("sweeps", synchronous) not in kept:
-        kept["sweeps", synchronous] = _sweeps(block, synchronous)
-    return list(kept["sweeps", synchronous])
-
-
-def _sweeps(block: Responses, synchronous: bool) -> list[Index]:
     w = block.frequency[block.line]
     place = block.speed[block.line] if synchronous else w
     speed = np.zeros_like(block.speed) if synchronous else np.round(block.set_speed, 6)
     at = np.unique(speed, return_inverse=True)[1].reshape(-1)[block.line]
     key = combined(block.label, at, (w < 0).astype(np.intp), force_plane(block))
-    key = combined(key, _occurrence(key, np.round(place, 9)))
-    order = np.lexsort([w, key])
-    return np.split(order, np.flatnonzero(np.diff(key[order])) + 1) if order.size else []
-
-
-def _occurrence(key: Index, place: Float) -> Index:
-    """How often a row's key and place came before, shape ``(R,)``."""
-    order = np.lexsort([place, key])
-    new = np.ones(key.size, dtype=bool)
-    new[1:] = (np.diff(key[order]) != 0) | (np.diff(place[order]) != 0)
-    first = np.flatnonzero(new)
-    found = np.empty(key.size, dtype=np.intp)
-    found[order] = np.arange(key.size) - first[np.cumsum(new) - 1]
-    return found
+    return rows_by(combined(key, occurrence(combined(key, numbers(np.round(place, 9))))), w)

@@ -42,8 +42,7 @@ class BatchFit:
 
 def with_measured(problem: Problem, measured: ComplexArray) -> Problem:
     """The same problem with other readings."""
-    stops = np.cumsum([block.measured.size for block in problem.blocks])[:-1]
-    parts = np.split(measured, stops)
+    parts = problem.by_block(measured)
     return replace(problem, blocks=tuple(_read(block, m) for block, m in zip(problem.blocks, parts, strict=True)))
 
 

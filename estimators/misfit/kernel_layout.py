@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.blocks.row_keys import occurrence
 from rotorfit.estimators.misfit.codegen import LARGEST_UNROLLED
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import ComplexArray, Float, Index
@@ -67,15 +68,6 @@ def _distinct(rows: Float | Index) -> tuple[Index, Index]:
 def _codes(columns: Float | Index) -> Index:
     """Number rows by equality."""
     return _distinct(columns)[1]
-
-
-def _occurrence(codes: Index) -> Index:
-    """How many equal codes stand before each one."""
-    order = np.argsort(codes, kind="stable")
-    starts = np.flatnonzero(np.diff(np.append(-1, codes[order])))
-    result = np.empty(codes.size, dtype=np.intp)
-    result[order] = np.arange(codes.size) - np.repeat(starts, np.diff(np.append(starts, codes.size)))
-    return result
 
 
 def layout(problem: Problem) -> KernelLayout:
@@ -162,13 +154,13 @@ def _gains(problem: Problem, nuisance: ComplexArray, group: Index, coordinate: I
 def _nodes(condition: Index, w: Float, read: Index, size: int) -> tuple[Index, Index]:
     """Node of each reading, and a key of how it was read; repeats of a reading at a node have keys of their own."""
     node, key = _codes(np.column_stack([condition, w])), _codes(read)
-    key = _codes(np.column_stack([_occurrence(_codes(np.column_stack([node, key]))), key]))
+    key = _codes(np.column_stack([occurrence(_codes(np.column_stack([node, key]))), key]))
     if size > LARGEST_UNROLLED:
         return node, key
     # Generated code reads few entries a node: one with very many readings counts as several.
     rank = np.empty(w.size, dtype=np.intp)
     order = np.lexsort([key, node])
-    rank[order] = _occurrence(node[order])
+    rank[order] = occurrence(node[order])
     return _codes(np.column_stack([rank // READINGS_OF_A_NODE, node])), key
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.misfit.block_term import BlockTerm, Normal
@@ -15,6 +17,7 @@ from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
+_Number = TypeVar("_Number", bound=np.generic)
 READINGS_OF_A_PIECE = 8192  # readings evaluated together: derivatives of millions fit no memory
 _READINGS_AT_ONCE = 32_768
 """Readings of several vectors evaluated together, which measured fastest: more leave the cache."""
@@ -66,6 +69,10 @@ class Problem:
                 pieces.append(self._term(block, None if term.factors is None else term.factors[rows], start))
                 start += block.measured.size
         return tuple(pieces)
+
+    def by_block(self, values: NDArray[_Number]) -> list[NDArray[_Number]]:
+        """Values of all readings block by block."""
+        return [values[term.readings] for term in self._terms]
 
     def predict(self, x: Float) -> list[ComplexArray]:
         """Predicted observations of each block, shape ``(..., R)``."""

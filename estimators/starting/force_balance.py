@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.observations import Responses
-from rotorfit.estimators.blocks.response import inverse
+from rotorfit.estimators.blocks.response import inverse, known_lines
 from rotorfit.estimators.starting.lumped import Lumped
 from rotorfit.estimators.starting.lumped_graph import Place
 from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
@@ -27,8 +27,8 @@ class ForceBalance:
     def __init__(self, lumped: Lumped, number: int, block: Responses, typical: Float) -> None:
         self.block = block
         # A known structure goes to the side of the forces; its scale factors, not linear here, stay typical.
-        known = block.known_stiffness(typical)
-        self._known = None if known is None else known.values
+        known = known_lines(block, typical)
+        self._known = None if known is None else np.moveaxis(known.values, -1, 0)
         if block.imposed:
             self.amplitude, self.force, self.sigma = block.force, block.measured[:, None], block.sigma[:, None]
         else:

@@ -61,20 +61,14 @@ class Lumped:
         self.size = scale.size
         self._function, self._speeds, self._known = graph.function, list[Any](speeds), known
         self._rows, self._columns = graph.rows, graph.columns
-        pattern = tuple(speed != 0 for speed in speeds)
-        anyhow, notes = _kept(graph, pattern), _kept(graph, (pattern, *known))
-        if "kind" not in anyhow:  # what is linear in what does not change with known values
-            anyhow["kind"] = self._dependence(scale)
-        self._kind: Index = anyhow["kind"]
+        self._kind = self._dependence(scale)
         count = self.place.row.size
-        if not notes.get("independent"):  # relations between coefficients do not come and go with the speed
-            self.basis, self.spread, self.offset = _independent(self, scale)
-            notes["independent"] = self.basis.size == count
-        if notes["independent"]:  # to the last digit, as for the fits that follow
-            self.basis, self.spread, self.offset = np.arange(count), np.eye(count), np.zeros(count)
-        self.back = np.eye(count) if notes["independent"] else np.linalg.pinv(self.spread)
-        self.determined: dict[int, bool] = notes.setdefault("determined", {})
-        self._singles: dict[bytes, list[_Single]] = anyhow.setdefault("singles", {})
+        self.basis, self.spread, self.offset = _independent(self, scale)
+        if self.basis.size == count:  # to the last digit
+            self.spread, self.offset = np.eye(count), np.zeros(count)
+        self.back = self.spread if self.basis.size == count else np.linalg.pinv(self.spread)
+        self.determined: dict[int, bool] = {}  # whether tests give all of them, by a digest of their layout
+        self._singles: dict[bytes, list[_Single]] = {}
 
     def _evaluate(self, x: Float) -> tuple[Float, Float]:
         """Coefficients and their nonzero derivatives, shape ``(E, ...)`` for vectors of shape ``(p, ...)``."""
@@ -175,12 +169,6 @@ def lumped_coefficients(layout: LumpedStructure) -> Lumped:
     form = tuple(tuple(value if value in vanishing else None for value in row) for row in given)
     known = tuple(value for row in given for value in row if value not in vanishing)
     return Lumped(lumped_graph(layout.model, form, layout.index, kinds, len(layout.names)), speeds, known, scale)
-
-
-@lru_cache(maxsize=256)
-def _kept(graph: LumpedGraph, conditions: tuple[Any, ...]) -> dict[Any, Any]:
-    """Results that others derived from a graph, for a pattern of speeds (which are zero) or known values too."""
-    return {}
 
 
 def _independent(lumped: Lumped, scale: Float) -> tuple[Index, Float, Float]:

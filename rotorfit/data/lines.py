@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
+from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, occurrence, words
 from rotorfit.models.array_types import Float, Index
 
 _TEXT = ("run", "force_plane", "force_direction", "plane", "direction")
@@ -43,12 +43,7 @@ class Lines:
         reading = combined(self.line, self.number["plane"], self.number["direction"])
         if not reading.size or np.bincount(reading).max() == 1:
             return self.line, self.first
-        _, same = in_order(reading)
-        order = np.argsort(same, kind="stable")
-        starts = np.r_[0, np.flatnonzero(np.diff(same[order])) + 1]
-        before = np.empty(same.size, dtype=np.intp)  # how often each reading was there before
-        before[order] = np.arange(same.size) - np.repeat(starts, np.diff(np.r_[starts, same.size]))
-        first, line = in_order(combined(before, self.line))
+        first, line = in_order(combined(occurrence(reading), self.line))
         return line, first
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest, records
-from rotorfit.estimators.blocks.row_keys import combined, distinguished, numbers
+from rotorfit.estimators.blocks.row_keys import combined, distinguished, numbers, rows_by
 
 _PROBE = ("run", "speed", "frequency", "plane", "direction")
 """Columns that rows of one reading share, beside the reading itself."""
@@ -49,8 +49,7 @@ def gathered(test: PerturbationTest, where: Where | None = None) -> Perturbation
         _refuse_two_readings(test, named)
         return test
     runs = set(test.run[anew].tolist())
-    order = np.argsort(group, kind="stable")
-    groups = [rows.tolist() for rows in np.split(order, np.flatnonzero(np.diff(group[order])) + 1)]
+    groups = [rows.tolist() for rows in rows_by(group)]
     inside = np.isin(test.run, list(runs))
     kept: list[int] = []
     own = test.force.copy()

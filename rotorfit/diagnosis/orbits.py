@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.linear_force import directional, probe_pairs, whirl_parts
-from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
+from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, rows_by
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
 FEWEST_READINGS = 12
@@ -102,9 +102,7 @@ class Orbits:
 
     def groups(self, *names: str) -> list[tuple[tuple[Any, ...], Index]]:
         """Indices by equal values of columns."""
-        number = self.number(*names)
-        order = np.argsort(number, kind="stable")
-        parts = np.split(order, np.cumsum(np.bincount(number))[:-1]) if number.size else []
+        parts = rows_by(self.number(*names))
         return [(tuple(getattr(self.test, name)[self.first[at[0]]].item() for name in names), at) for at in parts]
 
     def part(self, at: Index) -> Orbits:

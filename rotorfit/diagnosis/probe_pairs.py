@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rotorfit.data.findings import Finding, listed
 from rotorfit.diagnosis.orbits import FEWEST_READINGS, Orbits, enough, total_power
 from rotorfit.diagnosis.probe_filters import FilteredProbe, Pair, filtered_probe
-from rotorfit.estimators.blocks.row_keys import combined
+from rotorfit.estimators.blocks.row_keys import combined, rows_by
 from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
@@ -178,8 +178,7 @@ def _differs_by_noise(orbits: Orbits, at: Index, expected: ComplexArray) -> bool
 def _sweeps(orbits: Orbits, at: Index, *names: str) -> Iterator[Index]:
     """Places among some orbits of those of one direction of whirl and of one value of columns, by frequency."""
     number = combined(orbits.number(*names)[at], (orbits.frequency[at] < 0).astype(np.intp))
-    order = np.lexsort([orbits.frequency[at], number])
-    return iter(np.split(order, np.flatnonzero(np.diff(number[order])) + 1))
+    return iter(rows_by(number, orbits.frequency[at]))
 
 
 def _noise(orbits: Orbits, at: Index) -> Float:

@@ -10,7 +10,7 @@ import numpy as np
 
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
 from rotorfit.data.findings import NO_COPIES, Finding, listed
-from rotorfit.estimators.blocks.row_keys import combined, words
+from rotorfit.estimators.blocks.row_keys import combined, rows_by, words
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 
 _IMPOSSIBLE_DISPLACEMENT, _SUSPECT_DISPLACEMENT, _SMALLEST_DISPLACEMENT = 0.025, 5e-3, 1e-6
@@ -115,9 +115,7 @@ def run_digests(test: Experiment) -> dict[str, bytes]:
 
 def _digests(test: PerturbationTest) -> Iterator[tuple[str, bytes]]:
     values = (test.speed, test.frequency, test.force, test.response)
-    number = test.lines.number["run"]
-    order = np.argsort(number, kind="stable")
-    for some in np.split(order, np.flatnonzero(np.diff(number[order])) + 1):
+    for some in rows_by(test.lines.number["run"]):
         if some.size >= _COPIED_READINGS and test.response[some].any():
             numbers = np.stack([part for column in values for part in (column[some].real, column[some].imag)])
             sequence = np.lexsort(numbers)
@@ -193,9 +191,7 @@ def _channels(test: PerturbationTest) -> Index:
 def _sweeps(test: PerturbationTest, channel: Index) -> Iterator[Index]:
     """Rows of one probe in one run and under one force's plane, in the order of frequency."""
     number = test.lines.number
-    sweep = combined(number["run"], number["force_plane"], channel)
-    order = np.lexsort((test.frequency, sweep))
-    return iter(np.split(order, np.flatnonzero(np.diff(sweep[order])) + 1))
+    return iter(rows_by(combined(number["run"], number["force_plane"], channel), test.frequency))
 
 
 def _distinct(size: Float) -> Float:

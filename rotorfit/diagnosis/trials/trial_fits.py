@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.blocks.row_keys import numbers, rows_by
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import closed_form
 from rotorfit.estimators.starting.start_points import short_fits
@@ -116,8 +117,8 @@ class Readings:
         return self._with(self.measured, np.where(rows, hidden, 1.0) * self.sigma)
 
     def _with(self, measured: ComplexArray, sigma: Float) -> Problem:
-        stops = np.cumsum([block.measured.size for block in self.problem.blocks])[:-1]
-        parts = zip(self.problem.blocks, np.split(measured, stops), np.split(sigma, stops), strict=True)
+        by_block = self.problem.by_block
+        parts = zip(self.problem.blocks, by_block(measured), by_block(sigma), strict=True)
         blocks = tuple(
             replace(block, measured=m, sigma=e) if isinstance(block, Responses) else block for block, m, e in parts
         )
@@ -153,12 +154,9 @@ def _some_lines(problem: Problem, blocks: list[Responses], every: int) -> Proble
     kept, factors = [], []
     for number, block in enumerate(blocks):
         first = np.searchsorted(block.line, np.arange(block.speed.size))
-        _, run = np.unique(block.run[first], return_inverse=True)
-        order = np.lexsort([np.abs(block.frequency), run])
-        begin = np.searchsorted(run[order], run)
-        rank = np.empty(run.size, dtype=np.intp)
-        rank[order] = np.arange(run.size)
-        keep = (rank - begin) % every == 0
+        run = numbers(block.run[first])
+        keep = np.zeros(run.size, dtype=bool)
+        keep[np.concatenate([rows[::every] for rows in rows_by(run, np.abs(block.frequency))])] = True
         kept.append(block.lines(keep))
         own = problem.factors[number] if problem.factors else None
         factors.append(None if own is None else own[keep[block.line]])

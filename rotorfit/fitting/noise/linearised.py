@@ -8,7 +8,7 @@ import numpy as np
 
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import responses_of
-from rotorfit.estimators.blocks.row_keys import words
+from rotorfit.estimators.blocks.row_keys import rows_by, words
 from rotorfit.estimators.blocks.set_speeds import SYNCHRONOUS_TOLERANCE
 from rotorfit.estimators.blocks.sweeps import force_plane, sweeps_of
 from rotorfit.estimators.misfit.problem import Problem
@@ -101,7 +101,7 @@ def linearise(problem: Problem, x: Float) -> LinearisedFit | None:
 def _runs_of(problem: Problem) -> tuple[tuple[str, ...], list[Index]]:
     """Runs that may differ, with the readings of each; none where they are one, too many, or one has too few."""
     names, number = words(np.concatenate([block.run for block in problem.blocks]))
-    rows = np.split(np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))[:-1])
+    rows = rows_by(number)
     if not 2 <= len(names) <= _MOST_RUNS or any(own.size < _FEWEST_READINGS for own in rows):
         return (), []
     return tuple(names), rows

@@ -100,7 +100,7 @@ def _study(problem: Problem, x: Float, data: LinearisedFit, causes: tuple[Cause,
     effects = _run_effects(problem, fit, sigma, variance, possible)
     found = None
     if variance.any() or verdict is NoiseVerdict.SHAPED:
-        factors = _by_block(problem, sigma / data.sigma)
+        factors = tuple(problem.by_block(sigma / data.sigma))
         found = FoundNoise(factors=factors, effects=tuple(e for e in effects if e.values), before=x)
     return ResidualStudy(
         verdict=verdict,
@@ -109,7 +109,7 @@ def _study(problem: Problem, x: Float, data: LinearisedFit, causes: tuple[Cause,
         lags=remembered.lags,
         response_noise=_response_noise(problem, shapes) if verdict is NoiseVerdict.SHAPED else (),
         found=found,
-        noise_ratio=_by_block(problem, own_shape) if _perhaps_filtered(data, verdict, remembered) else (),
+        noise_ratio=tuple(problem.by_block(own_shape)) if _perhaps_filtered(data, verdict, remembered) else (),
         possible_effects=tuple(e for e in effects if not e.values),
         run_count=len(data.runs),
         misses=_misses(problem, data) if verdict is NoiseVerdict.MISFIT else (),
@@ -185,7 +185,7 @@ def _run_effects(
             freedom=float(own),
             runs=data.runs,
             values=tuple(fit.solution.own[:, chosen.index(kind)].tolist()) if kind in chosen else (),
-            sensitivities=_by_block(problem, data.sensitivity(kind)),
+            sensitivities=tuple(problem.by_block(data.sensitivity(kind))),
         )
         for kind, own in zip(kinds.tolist(), freedom, strict=True)
     ]
@@ -206,11 +206,6 @@ def _scatter_freedom(fit: NoiseFit, verdict: NoiseVerdict, shapes: Sequence[Shap
 
 
 # ---- responses and places ----------------------------------------------------------------------------------------
-
-
-def _by_block(problem: Problem, values: NDArray[_Number]) -> tuple[NDArray[_Number], ...]:
-    stops = np.cumsum([block.measured.size for block in problem.blocks])
-    return tuple(np.split(values, stops[:-1]))
 
 
 def _labels(problem: Problem) -> NDArray[np.str_]:

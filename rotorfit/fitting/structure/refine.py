@@ -278,8 +278,7 @@ def _noise_scale(problem: Problem, x: Float) -> dict[str, float]:
     """Root mean square of the whitened residuals of each response, over the share that the fitted values leave."""
     sums: dict[str, float] = {}
     counts: dict[str, int] = {}
-    residuals = np.split(problem.residuals(x), np.cumsum([b.measured.size for b in problem.blocks])[:-1])
-    for block, part in zip(problem.blocks, residuals, strict=True):
+    for block, part in zip(problem.blocks, problem.by_block(problem.residuals(x)), strict=True):
         for number, name in enumerate(block.labels):
             rows = block.label == number
             sums[name] = sums.get(name, 0.0) + float(np.sum(np.abs(part[rows]) ** 2))
