@@ -58,15 +58,15 @@ _UNARY = {
 }
 
 
-def _python_source(function: ca.Function, name: str = "kernel") -> str:
-    """Write the scalar instructions of a CasADi SX function as Python source. The source defines ``name(v0, v1, ...,
+def _python_source(function: ca.Function) -> str:
+    """Write the scalar instructions of a CasADi SX function as Python source. The source defines ``kernel(v0, v1, ...,
     out)``: one argument for each scalar input (the nonzeros of all inputs in order) and ``out``, indexed by the running
     number of the output nonzero. It holds arithmetic and NumPy ufuncs only, so that it runs on arrays and compiles
     under numba on scalars alike."""
     n_inputs = sum(function.nnz_in(i) for i in range(function.n_in()))
     lines = statements(function, "v{}".format, "out[{}] = {}".format)
     arguments = ", ".join([f"v{i}" for i in range(n_inputs)] + ["out"])
-    return f"def {name}({arguments}):\n    " + "\n    ".join(lines or ["pass"]) + "\n"
+    return f"def kernel({arguments}):\n    " + "\n    ".join(lines or ["pass"]) + "\n"
 
 
 def statements(function: ca.Function, read: Callable[[int], str], write: Callable[[int, str], str]) -> list[str]:

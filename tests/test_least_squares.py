@@ -304,7 +304,7 @@ def test_wrong_arguments(arguments: dict[str, Any], message: str) -> None:
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"max_iterations": 0}, {"tolerance": 0.0}, {"tolerance": 1e-3}, {"hessian": "bfgs"}, {"barrier": 0.0}],
+    [{"max_iterations": 0}, {"tolerance": 0.0}, {"tolerance": 1e-3}, {"hessian": "bfgs"}],
 )
 def test_wrong_options(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):

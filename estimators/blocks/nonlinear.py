@@ -113,10 +113,10 @@ class OrbitResponses(OnResponses):
             kappa = kappa + known_structure(self.model, vectors, s, self.base.speed).values
         return np.asarray(kappa)
 
-    def compliance(self, theta: Float, eccentricity: Float | float = 0.0) -> Float:
+    def compliance(self, theta: Float) -> Float:
         """Eccentricity by which a unit of a constant load moves the journal, shape ``(..., L)``, 1/N."""
         vectors = theta if theta.shape[-2] == 1 else theta[..., self.base.group, :]
-        held = inverse_of_lines(self._stiffness(vectors, np.zeros_like(self._frequency), eccentricity))
+        held = inverse_of_lines(self._stiffness(vectors, np.zeros_like(self._frequency), 0.0))
         return np.asarray(np.abs(held[self.journal.at, self.journal.at]) / self.journal.clearance)
 
     def under_load(self, theta: Float, load: float) -> ComplexArray:

@@ -164,7 +164,7 @@ def _ipopt_settings(options: Options) -> dict[str, Any]:
         "show_eval_warnings": False,
         "error_on_fail": False,
         "ipopt.sb": "yes",
-        "ipopt.print_level": options.print_level,
+        "ipopt.print_level": 0,
         "ipopt.nlp_scaling_method": "none",
         "ipopt.tol": 1e-16,  # the monitor stops the run
         "ipopt.acceptable_iter": 0,
@@ -178,7 +178,7 @@ def _ipopt_settings(options: Options) -> dict[str, Any]:
         "ipopt.bound_push": 1e-8,
         "ipopt.bound_frac": 1e-8,
         "ipopt.bound_mult_init_method": "mu-based",
-        "ipopt.mu_init": options.barrier,
+        "ipopt.mu_init": 1e-4,  # in units of the logarithm of the cost
         "ipopt.fixed_variable_treatment": "make_parameter",
     }
 
@@ -192,7 +192,7 @@ def descend_on_graph(run: Minimisation, graph: ca.Function) -> None:
         "error_on_fail": False,
         "show_eval_warnings": False,
         "ipopt.sb": "yes",
-        "ipopt.print_level": run.options.print_level,
+        "ipopt.print_level": 0,
         "ipopt.nlp_scaling_method": "none",
         "ipopt.tol": 1e-8,  # differences of the cost drown in round-off below; the last digits are refined
         "ipopt.max_iter": run.options.max_iterations,

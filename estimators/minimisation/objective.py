@@ -54,8 +54,6 @@ class Options:
     tolerance: float = 1e-10
     acceptable: float = 1e-6  # relative offset that still counts as converged when round-off prevents ``tolerance``
     hessian: Literal["auto", "gauss-newton", "exact"] = "auto"
-    barrier: float = 1e-4  # Ipopt's initial barrier parameter, in units of the logarithm of the cost
-    print_level: int = 0  # Ipopt's output, 0 (silent) to 12
 
     def __post_init__(self) -> None:
         if self.max_iterations < 1:
@@ -69,8 +67,6 @@ class Options:
             raise ValueError(f"method is {self.method!r}; allowed: {', '.join(map(repr, METHODS))}")
         if self.hessian not in ("auto", "gauss-newton", "exact"):
             raise ValueError(f"hessian is {self.hessian!r}; allowed: 'auto', 'gauss-newton', 'exact'")
-        if not self.barrier > 0.0:
-            raise ValueError(f"barrier is {self.barrier}; it must be positive")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -51,13 +51,13 @@ class BlockTerm:
         predicted = self.block.predict(self.space.theta(x))
         return predicted if self.factors is None else predicted * self._gain(x, self.factors)
 
-    def residuals(self, x: Float, measured: ComplexArray | None = None) -> ComplexArray:
+    def residuals(self, x: Float) -> ComplexArray:
         """Whitened residuals, shape ``(..., R)``."""
-        return self._misses(self.predict(x), measured)
+        return self._misses(self.predict(x), None)
 
-    def losses(self, x: Float, measured: ComplexArray | None = None) -> Float:
+    def losses(self, x: Float) -> Float:
         """Twice what each reading adds to the cost, shape ``(..., R)``."""
-        r = self.residuals(x, measured)
+        r = self.residuals(x)
         return robust_weights(self.loss, r.real**2 + r.imag**2)[0]
 
     def _misses(self, predicted: ComplexArray, measured: ComplexArray | None) -> ComplexArray:

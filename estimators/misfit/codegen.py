@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 
@@ -76,7 +77,7 @@ def _adjugate(
     return [[d, (-b[0], -b[1])], [(-c[0], -c[1]), a]], (ad[0] - bc[0], ad[1] - bc[1])
 
 
-def _rho(loss: Loss, size2: ca.SX) -> ca.SX:
+def robust_cost(loss: Loss, size2: Any) -> Any:
     """Robust cost of :func:`rotorfit.estimators.misfit.losses.robust_weights`, symbolically."""
     c2 = LOSS_SCALE**2
     if loss == "linear":
@@ -123,7 +124,7 @@ def _pattern_graph(model: RotorModel, pattern: Pattern) -> _PatternGraph:
             value = _times((gain[0], gain[1]), value)
         miss = _times((target[0], target[1]), det)
         size2 = ((value[0] - miss[0]) ** 2 + (value[1] - miss[1]) ** 2) * inverse * weight
-        rho.append(_rho(pattern.loss, size2))
+        rho.append(robust_cost(pattern.loss, size2))
         data.append(ca.vertcat(target, weight))
         gains.append(gain)
         directions.append(u)

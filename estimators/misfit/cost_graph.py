@@ -13,7 +13,7 @@ import numpy as np
 
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.observations import Block, Responses
-from rotorfit.estimators.misfit.losses import LOSS_SCALE, Loss
+from rotorfit.estimators.misfit.codegen import robust_cost
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.misfit.priors import normal_moments
 from rotorfit.estimators.misfit.problem import Problem
@@ -39,7 +39,8 @@ def cost_graph(problem: Problem) -> ca.Function | None:
     for block, responses, gains in zip(problem.blocks, blocks, factors, strict=True):
         if responses is not None:
             misses = _misses(problem.space, responses, x, gains)
-            cost += _loss(problem.loss, *_whitened(block, misses)) / 2
+            real, imag = _whitened(block, misses)
+            cost += ca.sum2(robust_cost(problem.loss, real**2 + imag**2)) / 2
     for prior, moments in zip(problem.priors, priors, strict=True):
         if moments is not None:
             cost += ((x[prior.entry] - moments[0]) / moments[1]) ** 2 / 2
@@ -106,16 +107,3 @@ def _whitened(block: Block, misses: tuple[Any, Any]) -> tuple[Any, Any]:
         return misses
     (real, imag), mixing = misses, block.mixing.T
     return real @ mixing.real - imag @ mixing.imag, real @ mixing.imag + imag @ mixing.real
-
-
-def _loss(loss: Loss, real: Any, imag: Any) -> Any:
-    """Sum of the robust costs of residuals."""
-    size2 = real**2 + imag**2
-    c2 = LOSS_SCALE**2
-    if loss == "linear":
-        return ca.sum2(size2)
-    if loss == "soft_l1":
-        return ca.sum2(2 * c2 * (ca.sqrt(1 + size2 / c2) - 1))
-    if loss == "huber":
-        return ca.sum2(ca.if_else(size2 <= c2, size2, c2 * (2 * ca.sqrt(ca.fmax(size2 / c2, 1)) - 1)))
-    return ca.sum2(c2 * ca.log1p(size2 / c2))

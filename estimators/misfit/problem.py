@@ -122,13 +122,12 @@ class Problem:
             return range(len(x))
         return [slice(first, first + step) for first in range(0, len(x), step)]
 
-    def costs(self, x: Float, measured: ComplexArray | None = None) -> Float:
+    def costs(self, x: Float) -> Float:
         """Costs of vectors ``(W, p)``: half the (robust) sum of squares plus minus the log prior, shape ``(W,)``."""
         total = np.zeros(len(x))
         for some in self._chunks(x):
-            data = None if measured is None else measured[some]
             for piece in self._pieces:
-                total[some] += 0.5 * piece.losses(x[some], data).sum(axis=-1)
+                total[some] += 0.5 * piece.losses(x[some]).sum(axis=-1)
         for prior in self.priors:
             total += prior.terms(x[:, prior.entry])[0]
         return total

@@ -94,14 +94,15 @@ class LocalFit:
 
 
 def local_response(
-    records: Sequence[RecordSpectra], low: float, high: float, *, degree: int = SMOOTH_DEGREE, transient: bool = True
+    records: Sequence[RecordSpectra], low: float, high: float, *, transient: bool = True
 ) -> LocalResponse:
-    """Response of outputs to forces, ``degree + 1`` nodes a band; no ``transient`` of records at rest at both ends."""
+    """Response of outputs to forces, at the nodes of each band; no ``transient`` of records at rest at both ends."""
     inside = [(record.frequency >= low) & (record.frequency <= high) for record in records]
     fewest = min(int(np.sum(lines)) for lines in inside)
-    smooth = -(-(degree + 1) * records[0].forces.shape[0] // len(records)) + (degree + 1) * transient  # in each record
+    known = (SMOOTH_DEGREE + 1) * records[0].forces.shape[0]
+    smooth = -(-known // len(records)) + (SMOOTH_DEGREE + 1) * transient  # in each record
     spare = 3  # lines of a narrowest band beyond its unknowns
-    needed = smooth + spare + (_usually_seen(records, inside, degree) if transient else 0)
+    needed = smooth + spare + (_usually_seen(records, inside) if transient else 0)
     if fewest < needed:
         raise ValueError(
             f"{fewest} spectral lines lie in the tested band, {low:.4g} to {high:.4g} rad/s, {needed} are needed: the "
@@ -113,9 +114,9 @@ def local_response(
     edges[-1] = np.nextafter(high, np.inf)
     poles = np.full(count, np.nan + 0j)
     for _ in range(1 if transient else POLE_PASSES):
-        rough = _solver(records, edges, degree, poles, transient)
+        rough = _solver(records, edges, poles, transient)
         poles = _poles([rough(k, k + 1) for k in range(count)])
-    fits = tile(count, _solver(records, edges, degree, poles, transient))
+    fits = tile(count, _solver(records, edges, poles, transient))
     nodes = [fit.node.size for fit in fits]
     response = np.concatenate([fit.response for fit in fits], axis=2)
     noise = np.repeat(pooled_noise(fits), nodes, axis=1)
@@ -175,20 +176,20 @@ def _poles(narrow: Sequence[LocalFit]) -> ComplexArray:
 
 
 def _solver(
-    records: Sequence[RecordSpectra], edges: Float, degree: int, poles: ComplexArray, transient: bool
+    records: Sequence[RecordSpectra], edges: Float, poles: ComplexArray, transient: bool
 ) -> Callable[[int, int], LocalFit]:
     """A function that fits a band from one of the edges to another, with the pole nearest to its middle."""
     greatest = [np.abs(record.others).max(axis=1, initial=0.0) for record in records]
     borders = [np.searchsorted(record.frequency, edges) for record in records]
-    known = (degree + 1) * records[0].forces.shape[0]
-    smooth = -(-known // len(records)) + (degree + 1) * transient
+    known = (SMOOTH_DEGREE + 1) * records[0].forces.shape[0]
+    smooth = -(-known // len(records)) + (SMOOTH_DEGREE + 1) * transient
 
     def solve(first: int, last: int) -> LocalFit:
         lines = tuple(slice(int(border[first]), int(border[last])) for border in borders)
         middle, half = (edges[first] + edges[last]) / 2, (edges[last] - edges[first]) / 2
         position = [(r.frequency[part] - middle) / half for r, part in zip(records, lines, strict=True)]
         pole = (poles[(first + last) // 2] - middle) / half
-        powers = [_basis(at, degree, pole) for at in position]
+        powers = [_basis(at, pole) for at in position]
         drive = np.vstack([_drive(r.forces[:, part], p) for r, part, p in zip(records, lines, powers, strict=True)])
         own = [
             np.hstack([p, _seen(r.others[:, part].T, p, INPUT_AMPLITUDE_SHARE * top, p.shape[0] - smooth - 1)])
@@ -207,8 +208,8 @@ def _solver(
         weight = np.concatenate(
             [np.abs(r.forces[0, part] * p[:, 0]) ** 2 for r, part, p in zip(records, lines, powers, strict=True)]
         )
-        node = gauss_nodes(np.concatenate(position), weight, degree + 1)
-        at_node = _basis(node, degree, pole) @ inverse.reshape(-1, degree + 1, matrix.shape[1])
+        node = gauss_nodes(np.concatenate(position), weight, SMOOTH_DEGREE + 1)
+        at_node = _basis(node, pole) @ inverse.reshape(-1, SMOOTH_DEGREE + 1, matrix.shape[1])
         return LocalFit(
             node=middle + half * node,
             response=(at_node @ projected).swapaxes(1, 2),
@@ -235,9 +236,9 @@ def _without_noise(r: ComplexArray, noise: ComplexArray, scale: Float) -> Comple
     return np.asarray(np.linalg.solve(r.conj().T @ r - min(1.0, 0.5 / worst) * extra, r.conj().T))
 
 
-def _basis(position: Float, degree: int, pole: complex) -> ComplexArray:
+def _basis(position: Float, pole: complex) -> ComplexArray:
     """Polynomials over a band, divided by the distance from its pole where one is near."""
-    powers = np.polynomial.legendre.legvander(position, degree).astype(complex)
+    powers = np.polynomial.legendre.legvander(position, SMOOTH_DEGREE).astype(complex)
     if not (abs(pole) < POLE_HALF_WIDTHS and pole.imag > LEAST_POLE_DISTANCE):
         return powers
     return np.asarray(powers / (1 - position / pole)[:, None])
@@ -248,14 +249,14 @@ def _drive(forces: ComplexArray, powers: ComplexArray) -> ComplexArray:
     return np.asarray((forces[:, :, None] * powers).transpose(1, 0, 2).reshape(powers.shape[0], -1))
 
 
-def _usually_seen(records: Sequence[RecordSpectra], inside: Sequence[Bool], degree: int) -> int:
+def _usually_seen(records: Sequence[RecordSpectra], inside: Sequence[Bool]) -> int:
     """How many of the other inputs nine in ten pieces of the band have: few of a steady shaft, all of a start-up."""
     counts = [0]
     for record, lines in zip(records, inside, strict=True):
         greatest = np.abs(record.others).max(axis=1, initial=0.0)
-        parts = np.array_split(np.flatnonzero(lines), max(int(lines.sum()) // (4 * (degree + 1)), 1))
+        parts = np.array_split(np.flatnonzero(lines), max(int(lines.sum()) // (4 * (SMOOTH_DEGREE + 1)), 1))
         for part in parts:
-            powers = _basis(np.linspace(-1, 1, part.size), degree, complex(np.nan))
+            powers = _basis(np.linspace(-1, 1, part.size), complex(np.nan))
             counts.append(_seen(record.others[:, part].T, powers, INPUT_AMPLITUDE_SHARE * greatest, part.size).shape[1])
     return int(np.quantile(counts, 0.9))
 

@@ -12,12 +12,12 @@ _LINE_POWER_OVER_MEDIAN = 25.0
 """Power of a line over the median around it; chi-squared noise with two degrees reaches it once in 3e7 bins."""
 
 
-def turning_power(z: ComplexArray, angle: Float, turns: float = 6.0) -> tuple[float, float]:
+def turning_power(z: ComplexArray, angle: Float) -> tuple[float, float]:
     """Square of what turns with an angle, and of what turns against it, in half of the record at least. The signal is
-    taken in blocks of some turns each, so that a response whose amplitude and phase change over the record, as in a
+    taken in blocks of six turns each, so that a response whose amplitude and phase change over the record, as in a
     sweep, does not cancel itself. The median over the blocks counts: a sweep that passes the frequency of the angle the
     other way is large there for a while."""
-    block = np.floor((angle - angle[0]) / (2 * np.pi * turns)).astype(np.intp)
+    block = np.floor((angle - angle[0]) / (2 * np.pi * 6)).astype(np.intp)
     count = int(block[-1])
     if count < 1:
         return float("nan"), float("nan")
@@ -31,9 +31,9 @@ def turning_power(z: ComplexArray, angle: Float, turns: float = 6.0) -> tuple[fl
     return found[0], found[1]
 
 
-def mains_hum(signal: Float, rate: float, harmonics: int = 5) -> list[tuple[float, float]]:
+def mains_hum(signal: Float, rate: float) -> list[tuple[float, float]]:
     """Lines at 50 or 60 Hz and odd harmonics that stand out: frequencies (Hz) and amplitudes (0-peak)."""
-    places = [(order * mains, order * 0.05) for mains in (50.0, 60.0) for order in range(1, harmonics + 1, 2)]
+    places = [(order * mains, order * 0.05) for mains in (50.0, 60.0) for order in (1, 3, 5)]
     # the mains' frequency wanders by some hundredths of a hertz
     return [line for line in _standing_out(signal, rate, places) if line is not None]
 

@@ -17,25 +17,23 @@ _LINE_AMPLITUDE_OVER_MEDIAN = 8.0
 """Amplitude of the line over the median of the spectrum on its side."""
 
 
-def steady_angle(
-    z: ComplexArray, rate: float, direction: int, avoid: Sequence[float], start: float = 0.0
-) -> SmoothAngle:
+def steady_angle(z: ComplexArray, rate: float, direction: int, avoid: Sequence[float]) -> SmoothAngle:
     """Angle of a perturbation at a steady frequency; zero at time zero, since nothing says where its mark would be."""
     near = _outstanding_line(z, rate, direction, avoid)
-    t = start + np.arange(z.size) / rate
+    t = np.arange(z.size) / rate
     beyond, error = _rate_of_phase(z * np.exp(-2j * np.pi * near * t), t, near)
     speed = direction * (2 * np.pi * near + beyond)
-    end = start + z.size / rate
-    knots = np.concatenate([np.full(SPLINE_DEGREE + 1, start), np.full(SPLINE_DEGREE + 1, end)])
-    coefficients = speed * np.linspace(start, end, SPLINE_DEGREE + 1)
+    end = z.size / rate
+    knots = np.concatenate([np.zeros(SPLINE_DEGREE + 1), np.full(SPLINE_DEGREE + 1, end)])
+    coefficients = speed * np.linspace(0.0, end, SPLINE_DEGREE + 1)
     return SmoothAngle(
         spline=BSpline(knots, coefficients, SPLINE_DEGREE, extrapolate=True),
-        begin=start,
+        begin=0.0,
         end=end,
         jitter=error / abs(speed),
-        groups=np.array([[start, end], [error, error]]),
+        groups=np.array([[0.0, end], [error, error]]),
         shares=np.ones(2),
-        share_t=np.array([start, end]),
+        share_t=np.array([0.0, end]),
         pattern=np.zeros(1),
         outlying=np.zeros(0),
         pulses=0,

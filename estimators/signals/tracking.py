@@ -30,14 +30,14 @@ class Tracked:
     clear: Bool  # whether no order of the shaft was too near to the drive to be distinguished, shape ``(W,)``
 
 
-def track_windows(motion: ComplexArray, angle: Float, shaft: Float | None, *, turns: int, orders: int = 5) -> Tracked:
+def track_windows(motion: ComplexArray, angle: Float, shaft: Float | None, *, turns: int) -> Tracked:
     """Components of signals in windows of whole turns of the drive."""
     number = np.floor(np.abs(angle - angle[0]) / (2 * np.pi * turns)).astype(np.intp)
     edges = np.searchsorted(number, np.arange(number[-1] + 1))
     if edges.size < 2:
         raise ValueError(f"the record holds less than {turns} turns of the drive")
     windows = [slice(int(a), int(b)) for a, b in pairwise(edges)]
-    found = [_window(motion[:, w], angle[w], None if shaft is None else shaft[w], orders) for w in windows]
+    found = [_window(motion[:, w], angle[w], None if shaft is None else shaft[w]) for w in windows]
     along, against, sigma, clear = (np.array(part) for part in zip(*found, strict=True))
     return Tracked(
         centre=np.array([(w.start + w.stop) // 2 for w in windows], dtype=np.intp),
@@ -48,14 +48,12 @@ def track_windows(motion: ComplexArray, angle: Float, shaft: Float | None, *, tu
     )
 
 
-def _window(
-    motion: ComplexArray, angle: Float, shaft: Float | None, orders: int
-) -> tuple[ComplexArray, ComplexArray, Float, bool]:
+def _window(motion: ComplexArray, angle: Float, shaft: Float | None) -> tuple[ComplexArray, ComplexArray, Float, bool]:
     turn = np.exp(1j * angle)
     columns, clear = [turn, turn.conj(), np.ones(turn.size, dtype=complex)], True
     if shaft is not None:
         drive, shaft_turns = angle[-1] - angle[0], shaft[-1] - shaft[0]
-        for n in [n for n in range(-orders, orders + 1) if n]:
+        for n in [n for n in range(-5, 6) if n]:
             apart = min(abs(n * shaft_turns - drive), abs(n * shaft_turns + drive)) / (2 * np.pi)
             if apart > LEAST_TURNS_APART:
                 columns.append(np.exp(1j * n * shaft))

@@ -8,7 +8,7 @@ import numpy as np
 
 from rotorfit.models.array_types import ROUND_OFF, ComplexArray, Float
 from rotorfit.models.model import RotorModel
-from rotorfit.models.motion.stability import eigenvalues, is_image
+from rotorfit.models.motion.stability import eigenvalues, is_image, mode_vectors, seats
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -42,19 +42,11 @@ def vibration_modes(model: RotorModel, theta: Float, speed: float, *, normalised
     found = []
     for s in eigenvalues(model, theta, speed).tolist():
         if np.isfinite(s) and not is_image(model, theta, speed, s):
-            kappa = np.einsum("k,kij->ij", s ** np.arange(len(coefficients)), coefficients)
-            shape = np.linalg.svd(kappa)[2][-1].conj()[_seen(model)]
+            shape = mode_vectors(coefficients, np.asarray(s))[1][seats(model)]
             found.append(
                 VibrationMode(s=s, shape=shape / shape[normalised_at], mass=np.nan, stiffness=np.nan, damping=np.nan)
             )
     return found
-
-
-def _seen(model: RotorModel) -> slice | list[int]:
-    """Places of the model's coordinates in its motion: all, or those of a known structure that are seen."""
-    if model.shaft is not None:
-        return [int(at) for at in model.shaft.at]
-    return slice(0, len(model.coordinates))
 
 
 def is_passive(model: RotorModel, coefficients: ComplexArray) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.model import RotorModel
-from rotorfit.models.motion.stability import Threshold, eigenvalue_gradient
+from rotorfit.models.motion.stability import Threshold, eigenvalue_gradient, mode_vectors, seats
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,8 +178,8 @@ def eigenvalue_shift(
     model: RotorModel, coefficients: ComplexArray, speed: float, s: ComplexArray, terms: Sequence[LeftOut]
 ) -> ComplexArray:
     """Change of eigenvalues by one unit of left-out terms, 1/s, shape ``(..., T)``."""
-    left, right, slope = _mode_vectors(coefficients, s)
-    at = np.arange(left.shape[-1]) if model.shaft is None else model.shaft.at
+    left, right, slope = mode_vectors(coefficients, s)
+    at = seats(model)
     pressed = [
         sum(weight * left[..., at[i]] * right[..., at[j]] for i, j, weight in term.entries)
         * term.factor(s, np.asarray(speed))
@@ -194,8 +194,8 @@ def eigenvalues_with(
     """Eigenvalues with left-out terms, shape ``(W, m)``, in no order. To first order in the terms, as of modes that may
     be close to one another: where two nearly coincide, the change of each by itself (:func:`eigenvalue_shift`) has no
     limit, while the terms mix both and move them by little."""
-    left, right, slope = _mode_vectors(coefficients[:, None], s)
-    at = np.arange(left.shape[-1]) if model.shaft is None else model.shaft.at
+    left, right, slope = mode_vectors(coefficients[:, None], s)
+    at = seats(model)
     pressed = np.zeros((*s.shape, s.shape[-1]), dtype=complex)
     for term, size in zip(terms, sizes.T, strict=True):
         factor = size[:, None] * term.factor(s, np.asarray(speed))
@@ -203,13 +203,3 @@ def eigenvalues_with(
             pressed += weight * left[..., at[i], None] * (factor * right[..., at[j]])[:, None, :]
     mixed = s[..., None] * np.eye(s.shape[-1]) - pressed / slope[..., None]
     return np.asarray(np.linalg.eigvals(mixed))
-
-
-def _mode_vectors(coefficients: ComplexArray, s: ComplexArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-    """Left and right vectors of eigenvalues ``(..., n)``, and the product of both with d kappa / d s ``(...)``."""
-    order = np.arange(coefficients.shape[-3])
-    powers = s[..., None] ** order
-    left, _, right = np.linalg.svd(np.einsum("...k,...kij->...ij", powers, coefficients))
-    u, v = left[..., -1].conj(), right[..., -1, :].conj()
-    slope = np.einsum("...k,...kij->...ij", order[1:] * powers[..., :-1], coefficients[..., 1:, :, :])
-    return u, v, np.asarray(np.einsum("...i,...ij,...j->...", u, slope, v))

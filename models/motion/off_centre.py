@@ -19,7 +19,7 @@ from rotorfit.models.model import CoefficientJacobian, RotorModel
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.line_stiffness import known_structure, line_stiffness
 from rotorfit.models.motion.orbits import OrbitEquation, all_roots
-from rotorfit.models.motion.stability import Threshold, companion
+from rotorfit.models.motion.stability import SPEEDS, Threshold, first_growth, mode_vectors, seats, spectrum
 from rotorfit.models.shafts.angular_rates import angular_rate
 
 
@@ -78,24 +78,19 @@ def _couple(total: ComplexArray, N: ComplexArray, attitude: Float, at: int) -> N
     total[other, other] += N.conj()
 
 
-def _seats(model: RotorModel) -> Index:
-    """Places of the model's coordinates among those of free motion."""
-    return np.arange(len(model.coordinates)) if model.shaft is None else model.shaft.at
-
-
 def free_motion(model: RotorModel, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
     """Coefficient matrices of small free motion, acting on (z, conj(z)), shape ``(..., order + 1, 2N, 2N)``."""
     C = np.array(model.motion(theta, speed))
-    seats = _seats(model)
+    places = seats(model)
     size = C.shape[-1]
     if model.eccentricity_dependent:
         change = model.coefficients(theta, speed, eccentricity) - model.coefficients(theta, speed)
-        C[..., seats[:, None], seats] += change
+        C[..., places[:, None], places] += change
     total = np.zeros((*C.shape[:-2], 2 * size, 2 * size), dtype=complex)
     total[..., :size, :size], total[..., size:, size:] = C, C.conj()
     if model.eccentricity_dependent:
         seat = journal(model)
-        at = int(seats[seat.at])
+        at = int(places[seat.at])
         N = seat.coupling(theta, speed, eccentricity)
         for row, column, entry in ((0, 0, N), (0, size, N), (size, 0, N.conj()), (size, size, N.conj())):
             total[..., 0, at + row, at + column] += entry
@@ -106,16 +101,8 @@ def off_centre_eigenvalues(
     model: RotorModel, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike
 ) -> ComplexArray:
     """Eigenvalues of small free motion by imaginary part, ``(..., order 2N)``; infinite ones of several are NaN."""
-    C = free_motion(model, theta, speed, eccentricity)
-    if model.shaft is not None and model.shaft.has_mass:
-        matrix, scale = companion(C[..., ::-1, :, :])
-        s = np.linalg.eigvals(matrix) / scale
-    else:
-        matrix, scale = companion(C)
-        mu = np.linalg.eigvals(matrix)
-        finite = np.abs(mu) > 1e-9 * np.abs(mu).max(axis=-1, keepdims=True)
-        s = np.where(finite, scale / np.where(finite, mu, 1.0), complex(np.nan, np.nan))
-        s = s[np.isfinite(s)] if s.ndim == 1 else s
+    s = spectrum(model, free_motion(model, theta, speed, eccentricity))
+    s = s[np.isfinite(s)] if s.ndim == 1 else s
     return np.asarray(np.take_along_axis(s, np.argsort(s.imag, axis=-1), axis=-1))
 
 
@@ -129,36 +116,32 @@ def off_centre_gradient(
     s = np.asarray(s, dtype=complex)
     C = free_motion(model, theta, speed, eccentricity)
     size = C.shape[-1] // 2
-    powers = s[..., None] ** np.arange(C.shape[-3])
-    left, _, right = np.linalg.svd(np.einsum("...k,...kij->...ij", powers, C))
-    u, v = left[..., :, -1].conj(), right[..., -1, :].conj()
-    seats = _seats(model)
+    u, v, by_s = mode_vectors(C, s)
+    places = seats(model)
     total = np.zeros((len(model.parameters) + 2, *s.shape), dtype=complex)
     parts: list[tuple[CoefficientJacobian, Index, float]]
     if model.shaft is None:
-        parts = [(model.functions.jacobian(theta, speed, eccentricity), seats, 1.0)]
+        parts = [(model.functions.jacobian(theta, speed, eccentricity), places, 1.0)]
     else:
         parts = [(model.motion_jacobian(theta, float(np.asarray(speed))), np.arange(size), 1.0)]
         if model.eccentricity_dependent:
-            parts.append((model.functions.jacobian(theta, speed, eccentricity), seats, 1.0))
+            parts.append((model.functions.jacobian(theta, speed, eccentricity), places, 1.0))
             centred = model.functions.jacobian(theta, speed)
             values = np.where(centred.inputs == len(model.parameters) + 1, 0.0, centred.values)
-            parts.append((replace(centred, values=values), seats, -1.0))
+            parts.append((replace(centred, values=values), places, -1.0))
     for jacobian, place, sign in parts:
         rows, columns = place[jacobian.rows], place[jacobian.columns]
         entries = u[..., rows] * v[..., columns] * jacobian.values
         entries = entries + u[..., size + rows] * v[..., size + columns] * jacobian.values.conj()
-        np.add.at(total, jacobian.inputs, np.moveaxis(sign * powers[..., jacobian.powers] * entries, -1, 0))
+        np.add.at(total, jacobian.inputs, np.moveaxis(sign * s[..., None] ** jacobian.powers * entries, -1, 0))
     result = np.moveaxis(np.delete(total, -2, axis=0), 0, -1)  # without that by the speed
     if model.eccentricity_dependent:
         seat = journal(model)
-        at = int(seats[seat.at])
+        at = int(places[seat.at])
         slope = np.moveaxis(seat.coupling_jacobian(theta, speed, eccentricity), 0, -1)
         moved = v[..., at] + v[..., size + at]
         result = result + (u[..., at] * moved)[..., None] * slope
         result = result + (u[..., size + at] * moved)[..., None] * slope.conj()
-    rates = np.arange(1, C.shape[-3]) * powers[..., :-1]
-    by_s = np.einsum("...i,...kij,...j,...k->...", u, C[..., 1:, :, :], v, rates)
     return np.asarray(-result / by_s[..., None])
 
 
@@ -168,8 +151,6 @@ def off_centre_threshold(
     """Lowest rotative speed at which small motion about equilibria of one eccentricity becomes unstable. The load that
     keeps the journal at this eccentricity changes with the speed. At ``eccentricity = 0`` this is
     :func:`~rotorfit.models.threshold_speed`."""
-    from scipy.optimize import brentq
-
     theta = np.asarray(theta, dtype=float)
     if not model.speed_dependent:
         return None
@@ -180,20 +161,14 @@ def off_centre_threshold(
 
     still = np.abs(off_centre_eigenvalues(model, theta, 0.0, eccentricity))
     counted = np.sort(still[(still <= band) & (still > 0)])[: 2 * model.order * len(model.coordinates)]
-    searched = 600  # speeds searched for an onset
-    speeds = np.geomspace(3e-3, 30.0, searched) * (float(counted[-1]) if counted.size else 300.0)
+    speeds = np.geomspace(3e-3, 30.0, SPEEDS) * (float(counted[-1]) if counted.size else 300.0)
     round_off = 1e-13 * float(still.max()) if model.shaft is not None else 0.0
-    low = 0.0
-    for high in speeds.tolist():
-        if critical(high).real > round_off:
-            break
-        low = high
-    else:
+    onset = first_growth(lambda at: np.array([critical(v).real for v in at.tolist()]) - round_off, speeds)
+    if onset is None:
         return None
-    if low == 0.0 and critical(0.0).real > round_off:
-        return Threshold(0.0, abs(critical(0.0).imag), theta * np.nan)
-    onset = float(brentq(lambda speed: critical(speed).real - round_off, low, high, xtol=1e-12 * high, rtol=1e-13))
     s = critical(onset)
+    if onset == 0:
+        return Threshold(0.0, abs(s.imag), theta * np.nan)
     step = 1e-5 * onset
     by_speed = (critical(onset + step).real - critical(onset - step).real) / (2 * step)
     gradient = off_centre_gradient(model, theta, onset, eccentricity, s)[:-1]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.array_types import ROUND_OFF, Bool, ComplexArray, Float
+from rotorfit.models.array_types import ROUND_OFF, Bool, ComplexArray, Float, Index
 from rotorfit.models.model import RotorModel
 from rotorfit.models.shafts.angular_rates import angular_rate, angular_rates
 from rotorfit.models.shafts.turning import unstable_bands
@@ -84,6 +84,11 @@ def spectrum(model: RotorModel, coefficients: ComplexArray) -> ComplexArray:
         # Its many high modes would carry the round-off of s^2 over the lowest one.
         matrix, scale = companion(coefficients[..., ::-1, :, :])
         return np.asarray(np.linalg.eigvals(matrix) / scale)
+    return roots(coefficients)
+
+
+def roots(coefficients: ComplexArray) -> ComplexArray:
+    """Eigenvalues of a polynomial with coefficients ``(..., order + 1, n, n)``, NaN in place of infinite ones."""
     matrix, scale = companion(coefficients)
     mu = np.linalg.eigvals(matrix)
     size = np.abs(mu)
@@ -91,14 +96,27 @@ def spectrum(model: RotorModel, coefficients: ComplexArray) -> ComplexArray:
     return np.where(finite, scale / np.where(finite, mu, 1.0), complex(np.nan, np.nan))
 
 
+def mode_vectors(coefficients: ComplexArray, s: ComplexArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Left and right vectors of eigenvalues ``(..., n)``, and the product of both with d kappa / d s ``(...)``."""
+    order = np.arange(coefficients.shape[-3])
+    powers = s[..., None] ** order
+    left, _, right = np.linalg.svd(np.einsum("...k,...kij->...ij", powers, coefficients))
+    u, v = left[..., -1].conj(), right[..., -1, :].conj()
+    slope = np.einsum("...k,...kij->...ij", order[1:] * powers[..., :-1], coefficients[..., 1:, :, :])
+    return u, v, np.asarray(np.einsum("...i,...ij,...j->...", u, slope, v))
+
+
+def seats(model: RotorModel) -> Index:
+    """Places of the model's coordinates among those of free motion."""
+    return np.arange(len(model.coordinates)) if model.shaft is None else model.shaft.at
+
+
 def is_image(model: RotorModel, theta: ArrayLike, speed: float, s: complex) -> bool:
     """True if an eigenvalue in turning coordinates is that of another line, such as the image, of a motion. Where
     motion and image grow together, between the edges of an unstable band, neither is."""
     if not model.turns:
         return False
-    coefficients = model.motion(theta, speed)
-    kappa = np.einsum("k,kij->ij", s ** np.arange(model.order + 1), coefficients)
-    shape = np.linalg.svd(kappa)[2][-1]
+    _, shape, _ = mode_vectors(model.motion(theta, speed), np.asarray(s))
     lines = np.linalg.norm(shape.reshape(model.line_count, -1), axis=1)
     return bool(lines[0] < (1 - 1e-6) * lines[1:].max())
 
@@ -147,17 +165,12 @@ def _gradient(
     model: RotorModel, theta: ArrayLike, speed: ArrayLike, s: ComplexArray, coefficients: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray]:
     """See :func:`eigenvalue_gradient`, with the coefficients of free motion at hand."""
-    powers = s[..., None] ** np.arange(model.order + 1)
-    left, _, right = np.linalg.svd(np.einsum("...k,...kij->...ij", powers, coefficients))
-    u, v = left[..., -1].conj(), right[..., -1, :].conj()
-    slope = np.einsum(
-        "...k,...kij->...ij", np.arange(1, model.order + 1) * powers[..., :-1], coefficients[..., 1:, :, :]
-    )
+    u, v, by_s = mode_vectors(coefficients, s)
     jacobian = model.motion_jacobian(theta, speed)
-    entries = powers[..., jacobian.powers] * u[..., jacobian.rows] * v[..., jacobian.columns] * jacobian.values
+    entries = s[..., None] ** jacobian.powers * u[..., jacobian.rows] * v[..., jacobian.columns] * jacobian.values
     total = np.zeros((*entries.shape[:-1], len(model.parameters) + 2), dtype=complex)
     np.add.at(total.T, jacobian.inputs, entries.T)
-    total /= -np.einsum("...i,...ij,...j->...", u, slope, v)[..., None]
+    total /= -by_s[..., None]
     return total[..., -2], total[..., :-2]
 
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.models.model import RotorModel
 from rotorfit.models.motion.journal import journal
-from rotorfit.models.motion.stability import companion, threshold_speed
+from rotorfit.models.motion.stability import roots, threshold_speed
 
 LARGEST_WHIRL = 0.97
 """Eccentricity up to which a whirl is followed; laws that grow without limit mean little beyond."""
@@ -170,13 +170,7 @@ def _is_stable(coefficients: ComplexArray, w: float, at: int, coupling: complex)
     for row, value in ((at, coupling), (n + at, coupling.conjugate())):
         turning[0, row, at] += value
         turning[0, row, n + at] += value
-    s = _eigenvalues(turning) + away
+    s = roots(turning)
+    s = s[np.isfinite(s)] + away
     others = np.delete(s, np.argmin(np.abs(s)))
     return bool((others.real < 1e-9 * abs(w)).all())
-
-
-def _eigenvalues(coefficients: ComplexArray) -> ComplexArray:
-    """Finite eigenvalues, 1/s, of a polynomial with coefficients ``(order + 1, n, n)``."""
-    matrix, scale = companion(coefficients)
-    mu = np.linalg.eigvals(matrix)
-    return np.asarray(scale / mu[np.abs(mu) > 1e-9 * np.abs(mu).max()])

@@ -291,7 +291,6 @@ def _noise_scale(problem: Problem, x: Float) -> dict[str, float]:
 def refit(
     fit: FitResult,
     model: RotorModel,
-    extra_known: Mapping[str, float] | None = None,
     priors: Mapping[str, Any] | None = None,
 ) -> FitResult:
     """Fit another model to the data of a result with the same settings. New parameters start from zero influence, the
@@ -299,7 +298,7 @@ def refit(
     settings = fit.settings
     start = {name: p.value for name, p in fit.params.items() if p.vary and name in _names(model, fit)}
     block_start = {q.name: 0.0 for q in model.parameters if q.name not in {bare_name(b) for b in fit.params}}
-    known = {k: v for k, v in {**settings.known, **(extra_known or {})}.items() if k in model.parameter_names}
+    known = {k: v for k, v in settings.known.items() if k in model.parameter_names}
     wanted = replace(
         settings.asked, known=known, priors={**settings.priors, **(priors or {})}, start={**start, **block_start}
     )
