@@ -8,7 +8,6 @@ readings is that of the data until :func:`sigma_of_residuals` replaces it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,8 +61,6 @@ _LARGEST_REST = 0.1
 """Share of redchi that a fixed cause may leave where that is a misfit still: large causes are not linear. Chosen."""
 _MISS_LINES = 5
 """Lines over which residuals are averaged to see where the model misses, and places that are named."""
-
-_Number = TypeVar("_Number", np.float64, np.complex128)
 
 
 def study_residuals(problem: Problem, x: Float) -> ResidualStudy | None:
