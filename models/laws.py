@@ -361,7 +361,7 @@ def clearance_of(law: Law, clearance_um: float | None, model: str) -> float | No
         if law.of_eccentricity:
             raise ValueError(
                 f"{model}: law {law.name} depends on eccentricity = |journal displacement| / clearance; give "
-                f"clearance_um, the radial clearance in micrometres"
+                "the radial clearance in micrometres (clearance_um=, --clearance-um)"
             )
         return None
     if not 0 < clearance_um < float("inf"):

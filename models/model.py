@@ -323,7 +323,7 @@ class RotorModel(ABC):
                 return index
         raise KeyError(
             f"{self.name} has no coordinate {plane}.{axis}; it has {', '.join(map(str, self.coordinates))}. "
-            f"Map other plane names with {type(self).__name__}(planes=(...))"
+            "Map other plane names (planes=, --planes)"
         )
 
     def options(self) -> dict[str, Any]:

@@ -77,7 +77,7 @@ def dead_probe(test: PerturbationTest) -> PerturbationTest:
         (dead_probe, "every reading of journal y is zero: a probe that was not connected"),
         (lambda t: t.select(np.zeros(len(t), dtype=bool)), "give at least one experiment with at least one reading"),
         (lambda t: t.select([0, 1]), "10 unknowns but only 2 real data: fix parameters or add readings"),
-        (other_rig, r"other\.csv has planes rotor, seal .* has disk, journal\. Map names with WhirlWhip\(planes="),
+        (other_rig, r"other\.csv has planes rotor, seal .* has disk, journal\. Map names \(planes="),
     ],
 )
 def test_data_that_cannot_be_fitted(
@@ -310,16 +310,22 @@ def test_binary_junk(run: Callable[..., str], tmp_path: Path, suffix: str, conte
             "fit rig.csv --model one-mode --windows 24",
             "--windows is for recordings of raw signals, which rig.csv is not",
         ),
-        ("fit rig.csv --model one-mode --law muszynska", "give --clearance-um, the radial clearance"),
-        ("fit rig.csv --model two-disk --known K1=1", "Map names with --planes A,B"),
-        ("fit two.csv --model one-mode --known K=0,Ds=0", "those chosen (--where plane=A --where force_plane=A)"),
+        (
+            "fit rig.csv --model one-mode --law muszynska",
+            "radial clearance in micrometres (clearance_um=, --clearance-um)",
+        ),
+        ("fit rig.csv --model two-disk --known K1=1", "Map names (planes=, --planes)"),
+        (
+            "fit two.csv --model one-mode --known K=0,Ds=0",
+            "(where=, --where plane=A --where force_plane=A)",
+        ),
         ("fit rig.csv --model one-mode --known K=0,Ds=0 --calibration probe_gain=2", "below 0.5 (as a fraction, 0.02"),
         ("fit rig.csv --model one-mode --known K=0,Ds=0,lam=3", "known lam = 3 is outside the physical limits [-2, 2]"),
-        ("info rig.csv --probe-angles journal=0:0", "--probe-angles: probes at 0.0 and 0.0 degrees"),
-        ("look rig.csv", "rig.csv is a table of vectors, not of raw signals: `rotorfit info`"),
+        ("info rig.csv --probe-angles journal=0:0", "probe angles: probes at 0.0 and 0.0 degrees"),
+        ("look rig.csv", "rig.csv is a table of vectors, not of raw signals: rf.read, `rotorfit info`"),
         ("run absent.toml", "absent.toml: No such file or directory"),
         ("run windows.toml", "byte 0 is not; save it as UTF-8"),
-        ("run law.toml", "give clearance_um, the radial clearance"),
+        ("run law.toml", "radial clearance in micrometres (clearance_um=, --clearance-um)"),
         ("run study.toml", "unknown key 'modell', did you mean 'model'"),
     ],
 )

@@ -131,7 +131,7 @@ def test_a_law_that_cannot_be_fitted_is_listed_with_the_reason() -> None:
     ("model", "options", "error", "says"),
     [
         (rf.models.TwoDisk(), {}, ValueError, "two-disk takes no law"),
-        (rf.models.OneMode(), {}, ValueError, "give clearance_um"),
+        (rf.models.OneMode(), {}, ValueError, r"give it \(clearance_um=, --clearance-um\)"),
         (rf.models.OneMode(clearance_um=200.0), {"laws": ()}, ValueError, "at least one law"),
         (rf.models.OneMode(clearance_um=200.0), {"known": {"n_k": 2.0}}, KeyError, "n_K"),
         (rf.models.OneMode(clearance_um=200.0), {"loss": "cubic"}, ValueError, "cubic"),

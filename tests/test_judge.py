@@ -312,10 +312,10 @@ def test_what_the_data_do_not_determine_has_no_probability() -> None:
 def test_what_is_refused() -> None:
     fit = exact()
     for words, options in (
-        ("plane of cross_coupling", {"cross_coupling": {"dsik": 1.0}}),
+        ("plane of cross-coupling", {"cross_coupling": {"dsik": 1.0}}),
         ("positive and finite", {"unbalance_g_mm": {"disk": -1.0}}),
         ("the lowest first", {"min_speed_rpm": 3000.0, "max_speed_rpm": 2000.0}),
-        ("give unbalance_g_mm", {"plane": "disk"}),
+        ("unbalance_g_mm=, --unbalance", {"plane": "disk"}),
         ("unknown parameter", {"cases": {"hot": {"K9": 1.2}}}),
         ("probability", {"level": 1.2}),
         ("factor of K0 in a case", {"cases": {"worn": {"K0": float("nan")}}}),
@@ -344,7 +344,7 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert main([*words, "--unbalance", "dsik=20"]) == 2
     assert "did you mean 'disk'" in capsys.readouterr().err
     assert main([*words, "--plane", "disk"]) == 2
-    assert "--plane and --max-amplitude are of the unbalance response: give --unbalance too" in capsys.readouterr().err
+    assert "give the unbalance too (unbalance_g_mm=, --unbalance)" in capsys.readouterr().err
     assert main([*words, "--unbalance", "20"]) == 2
     assert "--unbalance takes NAME=VALUE" in capsys.readouterr().err
     assert main([*words, "--cross-coupling", "disk=3kN/m"]) == 2

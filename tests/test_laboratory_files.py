@@ -528,24 +528,6 @@ def test_findings_name_lines_of_the_file(tmp_path, capsys):
     assert "read(..." not in out
 
 
-def test_messages_on_the_command_line_speak_of_options():
-    from rotorfit.studies.wording import spoken
-
-    assert spoken("may be biased; try rf.refine(fit) (--refine)") == "may be biased; try --refine"
-    said = spoken("a.uff: no rotative speed on the z axis (type 0); give it, read(path, speed=...) in rad/s")
-    assert said.endswith("give it, --speed RPM")
-    said = spoken("takes only those chosen (where={'plane': ..., 'force_plane': ...})")
-    assert said == "takes only those chosen (--where plane=A --where force_plane=A)"
-    said = spoken("2 modes, but 1. Fit rf.models.Modal(('a', 'b'), modes=1) (--model modal), measure nearer")
-    assert said == "2 modes, but 1. Fit --model modal --modes 1, measure nearer"
-    said = spoken("(`rotorfit template a.h5` makes one to fill in), or use rf.read_recording")
-    assert said == "(`rotorfit template a.h5` makes one to fill in)"
-    words = "sample a refined fit instead, rf.refine(fit).best.sample() or fit.sample(refine=True), or average over "
-    said = spoken(f"{words}structures, rf.sample_models(rf.refine(fit).steps)")
-    assert said == "sample a refined fit instead, --refine"
-    assert spoken("say which directions are x and y (axes, --axes yz)").endswith("x and y --axes yz")
-
-
 @pytest.mark.parametrize(
     ("kind", "words"),
     [

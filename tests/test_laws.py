@@ -142,7 +142,7 @@ def test_splines_take_symbols_and_numbers_alike() -> None:
         (lambda: rf.models.MonotoneSpline(knots=(0.6, 0.3)), "knots must ascend"),
         (lambda: rf.models.MonotoneSpline(knots=(0.3,), reach=0.2), "reach"),
         (lambda: rf.models.MonotoneSpline(reach=1.5), r"\(0, 1\]"),
-        (lambda: rf.models.OneMode(law=rf.models.Muszynska()), "give clearance_um"),
+        (lambda: rf.models.OneMode(law=rf.models.Muszynska()), "clearance_um=, --clearance-um"),
         (lambda: rf.models.WhirlWhip(law=rf.models.EvenPolynomial(), clearance_um=-1.0), "must be positive"),
     ],
 )

@@ -185,7 +185,7 @@ def _readings(known: rf.Influences, seen: rf.PerturbationTest) -> tuple[ComplexA
 
 
 def test_two_disks_are_refused_and_the_modal_model_offered(rk4: rf.PerturbationTest) -> None:
-    with pytest.raises(ValueError, match=r"two-disk has 2 modes, but these data see 1 mode .* Fit rf.models.Modal"):
+    with pytest.raises(ValueError, match=r"two-disk has 2 modes, but these data see 1 mode .* a modal model, modes=1"):
         rf.fit(rf.models.TwoDisk(("disk1", "disk2")), rk4, phase_offsets="common")
 
 

@@ -106,7 +106,7 @@ class ParameterSpace:
         ]
         if len(matches) != 1:
             raise ValueError(
-                "parameters differ between tests: say which with at={attribute: value}; there are "
+                "parameters differ between tests: say which (at=, --at NAME=VALUE); there are "
                 + "; ".join(", ".join(sorted(s)) for s in self.labels)
             )
         return matches[0]

@@ -67,9 +67,8 @@ def modal_start(
         wn, zeta, shown = _poles(own, model.modes)
         if unknown and shown < model.modes:
             raise ValueError(
-                f"the responses show {shown} of {model.modes} modes: what one more explains is noise. Fit "
-                f"rf.models.Modal({model.planes}, modes={shown}) (--model modal), or say "
-                "which natural frequencies are known"
+                f"the responses show {shown} of {model.modes} modes: what one more explains is noise. Fit with "
+                f"modes={shown} (--modes {shown}), or say which natural frequencies are known"
             )
         parts = _residues(lines, wn, zeta, len(model.planes))
         if unit is None:

@@ -26,7 +26,7 @@ from rotorfit.app.work import read
 from rotorfit.recordings.summary import summary
 from rotorfit.report.html import element
 from rotorfit.studies.text import describe_test
-from rotorfit.studies.wording import refusal
+from rotorfit.studies.wording import sentence
 
 if TYPE_CHECKING:
     from rotorfit.app.front import Front
@@ -142,4 +142,4 @@ class DataView:
             words = [line for line in summary(record).splitlines() if "[" not in line or "] " not in line]
             return [markup(element("pre", "\n".join(words))), *(markup(finding_words(f)) for f in record.findings)]
         except ValueError as problem:
-            return [message(refusal(problem), "error")]
+            return [message(sentence(problem), "error")]

@@ -14,7 +14,7 @@ from rotorfit.estimators.misfit.losses import LOSSES
 from rotorfit.models import LAWS, MODELS
 from rotorfit.options.table import FIT
 from rotorfit.report.html import element
-from rotorfit.studies.wording import refusal
+from rotorfit.studies.wording import sentence
 
 if TYPE_CHECKING:
     from rotorfit.app.front import Front
@@ -51,7 +51,7 @@ def _known(page: Front, fields: dict[str, Any]) -> Any:
     try:
         parameters = page.session.model.parameters
     except (ValueError, KeyError) as problem:
-        return message(refusal(problem), "error")
+        return message(sentence(problem), "error")
     fields.update({p.name: _field(page, p) for p in parameters})
     words = "Values that are known; what is left empty is fitted, but for those whose usual value stands in grey."
     return pn.Column(

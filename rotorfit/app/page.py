@@ -18,7 +18,7 @@ from rotorfit.app.session import Session, chosen_entries
 from rotorfit.app.takeaway import Takeaway
 from rotorfit.app.work import Data, End, News, Refusal, Report, Stage, Task, Work, fit, read
 from rotorfit.report.html import element
-from rotorfit.studies.wording import refusal
+from rotorfit.studies.wording import sentence
 
 if TYPE_CHECKING:
     from rotorfit.data.findings import Finding
@@ -94,7 +94,7 @@ class Page:
             try:
                 shown.objects = [document(self.session.folder.path(event.new))] if event.new else []
             except (ValueError, OSError) as problem:
-                self.say(refusal(problem))
+                self.say(sentence(problem))
 
         listed.param.watch(show, "value")
         return [listed, shown]
@@ -120,7 +120,7 @@ class Page:
                 try:
                     self.session = self.session.with_records()
                 except (ValueError, OSError) as problem:
-                    self.say(refusal(problem))
+                    self.say(sentence(problem))
             view = DataView(self)
             self._data.objects = view.parts
             self._show_model()
@@ -139,7 +139,7 @@ class Page:
         try:
             self.session = asked()
         except (ValueError, KeyError, OSError) as problem:
-            self.say(refusal(problem))
+            self.say(sentence(problem))
             return False
         self.say("")
         self._result.objects = []

@@ -15,7 +15,6 @@ from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.report.html import Html, join, table
 from rotorfit.studies.results import status
-from rotorfit.studies.wording import spoken
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -39,7 +38,7 @@ def result_parts(outcome: Outcome, undo: Callable[[Finding], None]) -> list[Any]
         went,
         markup(parameter_table(fit), *_notes(fit)),
         *[part for found in fit.findings for part in _finding(found, undo)],
-        *[message(spoken(text), "warning") for text in fit.warnings],
+        *[message(text, "warning") for text in fit.warnings],
         _figures(fit),
     ]
 

@@ -15,7 +15,7 @@ from rotorfit.recordings.recording import read_recording
 from rotorfit.recordings.rig.rig_toml import setup_of
 from rotorfit.recordings.rig.template import template
 from rotorfit.report.html import element
-from rotorfit.studies.wording import refusal
+from rotorfit.studies.wording import sentence
 
 if TYPE_CHECKING:
     from rotorfit.app.front import Front
@@ -95,7 +95,7 @@ class SetupForm:
             read_recording(self._path, setup_of(content, name))  # refuses what is wrong and what is missing
             self._page.session.folder.write_new(name, tomli_w.dumps(content))
         except (ValueError, OSError) as problem:
-            self._said.objects = [message(refusal(problem), "error")]
+            self._said.objects = [message(sentence(problem), "error")]
             return
         self._page.opened_with(name)
 

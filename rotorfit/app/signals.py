@@ -16,7 +16,7 @@ from rotorfit.plots.style import COLOURS
 from rotorfit.recordings.envelope import envelope
 from rotorfit.recordings.spectra import Cascade, cascade, spectrum
 from rotorfit.recordings.views import OrderVectors, Stretch, stretch
-from rotorfit.studies.wording import refusal
+from rotorfit.studies.wording import sentence
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class SignalsView:
         try:
             parts = list(self._figures())
         except ValueError as problem:  # no mark, or none that can be followed
-            self._linked.objects = [message(refusal(problem), "warning")]
+            self._linked.objects = [message(sentence(problem), "warning")]
             return
         for part in parts:
             part.move(self.at)

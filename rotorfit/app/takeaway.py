@@ -13,7 +13,7 @@ from rotorfit.fitting.fit_file import fit_to_json
 from rotorfit.io.files import to_dataframe
 from rotorfit.io.tables.result_tables import frame_csv
 from rotorfit.report.html import element
-from rotorfit.studies.wording import refusal
+from rotorfit.studies.wording import sentence
 
 if TYPE_CHECKING:
     from rotorfit.data.experiments import Experiment
@@ -52,7 +52,7 @@ class Takeaway:
         try:
             self._session.folder.write_new(name, toml_of(self._session, absolute=False))
         except (ValueError, OSError) as problem:
-            self._kept.objects = [message(refusal(problem), "error")]
+            self._kept.objects = [message(sentence(problem), "error")]
         else:
             self._kept.objects = [message(f"{name} is written; rotorfit run {name} repeats the fit.", "good")]
 

@@ -11,7 +11,7 @@ from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING
 
 from rotorfit.studies.study import Outcome, Study
-from rotorfit.studies.wording import refusal
+from rotorfit.studies.wording import sentence
 
 if TYPE_CHECKING:
     from rotorfit.data.experiments import Experiment
@@ -125,4 +125,4 @@ def _carry_out(task: Task, study: Study, sender: Connection) -> None:
         task(study, sender.send)
         sender.send(End())
     except (ValueError, KeyError, OSError) as problem:
-        sender.send(Refusal(words=refusal(problem)))
+        sender.send(Refusal(words=sentence(problem)))

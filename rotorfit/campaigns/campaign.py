@@ -463,9 +463,9 @@ def _check(model: RotorModel, settings: FitSettings, shared: Sequence[str], star
         model.parameter(name)
     fixed = [name for name in shared if name not in space.names]
     if fixed:
-        raise ValueError(f"{', '.join(fixed)} cannot be known and shared: free a default with known={{name: None}}")
+        raise ValueError(f"{', '.join(fixed)} cannot be known and shared: free a default (known=, --known NAME=free)")
     if len(shared) >= len(space.names):
-        raise ValueError("every fitted parameter is shared: that is a joint fit, use rf.fit(model, experiments)")
+        raise ValueError("every fitted parameter is shared: that is a joint fit (rf.fit, `rotorfit fit`)")
     if any(name in settings.priors for name in shared):
         raise ValueError("a prior of a shared parameter would count once for every run; bound it, or take it for known")
 

@@ -13,7 +13,7 @@ from typing import Any
 from rotorfit.cli.errors import BadInputError
 from rotorfit.data.findings import Finding, attributed, errors_in, warnings_in
 from rotorfit.estimators.file_reading import shown
-from rotorfit.studies.wording import sentence, spoken
+from rotorfit.studies.wording import sentence
 
 
 def give(
@@ -48,7 +48,7 @@ def finite(value: float) -> float | None:
 
 def say(problem: str) -> None:
     """One sentence on what is wrong, beside the answer."""
-    print(f"rotorfit: {shown(spoken(problem))}", file=sys.stderr)
+    print(f"rotorfit: {shown(problem)}", file=sys.stderr)
 
 
 def say_findings(findings: Sequence[Iterable[Finding]], sources: Sequence[str]) -> None:

@@ -14,7 +14,6 @@ from rotorfit.cli.arguments import add_figure_format, add_files, add_jobs, add_m
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.options.kinds import count_word, words
 from rotorfit.options.table import CAMPAIGN
-from rotorfit.studies.wording import spoken
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -115,7 +114,7 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
             progress=lambda done, total: line(f"{done} of {total} runs", done / total),
         )
     everything = attributed(*findings)
-    return found, error_sentence(errors_in(everything)), list(map(spoken, warnings_in(everything)))
+    return found, error_sentence(errors_in(everything)), warnings_in(everything)
 
 
 def _data_of(study: Study, lazy: bool, executor: Executor | None) -> tuple[Any, tuple[Experiment, ...], Any]:

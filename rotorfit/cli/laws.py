@@ -11,7 +11,6 @@ from rotorfit.cli.answer import finite, give, say
 from rotorfit.cli.arguments import add_files, add_model, add_output, fit_study
 from rotorfit.options.kinds import positive_word, words
 from rotorfit.options.table import LAW_RANKING
-from rotorfit.studies.wording import spoken
 
 if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult
@@ -80,7 +79,7 @@ def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str, list[s
         loss=study.loss,
     )
     everything = attributed(findings, [test.source or test.title for test in tests])
-    return found, error_sentence(errors_in(everything)), list(map(spoken, warnings_in(everything)))
+    return found, error_sentence(errors_in(everything)), warnings_in(everything)
 
 
 def _write(found: LawComparison, folder: Path) -> None:

@@ -49,7 +49,7 @@ from rotorfit.cli.errors import BadInputError, ExitCode, checked
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.estimators.atomic_file import protected_inputs
 from rotorfit.estimators.file_reading import shown
-from rotorfit.studies.wording import in_options, sentence, spoken
+from rotorfit.studies.wording import sentence
 from rotorfit.version import __version__
 
 if TYPE_CHECKING:
@@ -97,8 +97,7 @@ def _carry_out(arguments: Sequence[str] | None) -> int:
             warnings.showwarning = _show_warning
             return int(options.command(options))
     except BadInputError as problem:
-        said = shown(spoken(str(problem)))
-        print(f"rotorfit: {said if options.command in (_run, plan.run) else in_options(said)}", file=sys.stderr)
+        print(f"rotorfit: {shown(str(problem))}", file=sys.stderr)
         return ExitCode.BAD_INPUT
     except KeyboardInterrupt as stop:
         print(f"rotorfit: interrupted, {stop.args[0] if stop.args else 'nothing was written'}", file=sys.stderr)

@@ -71,19 +71,19 @@ def resolve_probe_angles(test: PerturbationTest, angles: Mapping[str, tuple[floa
     response, sigma = test.response.copy(), test.sigma.copy()
     for plane, pair in angles.items():
         if plane not in test.planes:
-            raise ValueError(f"probe_angles: {unknown_name('plane', plane, test.planes)}")
+            raise ValueError(f"probe angles: {unknown_name('plane', plane, test.planes)}")
         if np.shape(pair) != (2,) or not np.isfinite(pair).all():
-            raise ValueError(f"probe_angles: {plane} needs two angles in degrees, of its probes x and y; got {pair!r}")
+            raise ValueError(f"probe angles: {plane} needs two angles in degrees, of its probes x and y; got {pair!r}")
         first, second = pair
         a = np.radians([first, second])
         mixing = np.column_stack([np.cos(a), np.sin(a)])
         if abs(np.linalg.det(mixing)) < 1e-3:
-            raise ValueError(f"probe_angles: probes at {first} and {second} degrees of {plane} see the same direction")
+            raise ValueError(f"probe angles: probes at {first} and {second} degrees of {plane} see the same direction")
         inverse: Float = np.linalg.inv(mixing)
         rows, lonely = probe_pairs(test, (test.plane == plane) & np.isin(test.direction, ("x", "y")))
         if lonely.size or not rows.size:
             raise ValueError(
-                f"probe_angles: {lonely.size} readings of {plane} have no partner in the other probe to resolve with"
+                f"probe angles: {lonely.size} readings of {plane} have no partner in the other probe to resolve with"
             )
         response[rows] = test.response[rows] @ inverse.T
         sigma[rows] = np.sqrt(test.sigma[rows] ** 2 @ (inverse**2).T)

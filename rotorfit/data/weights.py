@@ -152,8 +152,8 @@ def influence(test: PerturbationTest, speeds: ArrayLike | None = None) -> Influe
         test = at_speeds(test, np.atleast_1d(np.asarray(speeds, dtype=float)))
     if not dwells(test):
         raise ValueError(
-            f"{name} has runs over many speeds (start-ups): choose some, rf.influence(test, speeds=...), or fit the "
-            "differences, rf.difference_synchronous"
+            f"{name} has runs over many speeds (start-ups): choose some (speeds=, --speeds), or fit the "
+            "differences of two runs at a speed"
         )
     readings, channels, planes, mountings = _readings(test)
     try:

@@ -111,7 +111,7 @@ def _beside_weights(test: PerturbationTest) -> bool:
 
 _REFERENCE = (
     "This is a reference run: no reading has a force. Alone it says nothing of the rotor; put it together with the "
-    "runs that have a trial weight, rf.join_runs([reference, trial])."
+    "runs that have a trial weight (rf.join_runs, `rotorfit join REFERENCE TRIAL --out BOTH.csv`)."
 )
 
 

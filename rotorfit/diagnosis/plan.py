@@ -87,7 +87,7 @@ def _frequencies(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]
     if near.any() and not synchronous:
         text = (
             f"Near 1x: {near.sum()} readings are at once-per-turn frequency, where run-out and residual unbalance add "
-            "to the response. Subtract the slow roll, read(..., slow_roll=...), or remove them."
+            "to the response. Subtract the slow roll (slow_roll=, --slow-roll-below), or remove them."
         )
         yield Finding("warning", "near-1x", text, rows_of(near), undo="slow_roll, drop_near_1x")
     both_ways = forced is not None and bool(forced.linear.any())

@@ -106,7 +106,7 @@ def _advice(problem: Problem, identifiability: Identifiability, rescaled: bool) 
     if why_not_refined(model, identifiability):
         left = ", ".join(identifiability.unresolved)
         return f"give known values or priors for what the data leave open first ({left})"
-    return "try rf.refine(fit) (--refine)"
+    return "try a refined model (rf.refine, --refine)"
 
 
 def _one_axis_at_a_time(block: Responses) -> bool:

@@ -131,7 +131,7 @@ def _check_modes(model: RotorModel, influences: Influences, settings: FitSetting
         return
     raise ValueError(
         f"{model.name} has {wanted} modes, but {influences.modes_told}. "
-        f"Fit rf.models.Modal({model.planes}, modes={seen.count}) (--model modal), measure nearer "
+        f"Fit a modal model, modes={seen.count} (--model modal --modes {seen.count}), measure nearer "
         f"to the next critical speed, or say what is known beforehand"
     )
 

@@ -304,8 +304,8 @@ def _format(path: str | Path) -> str:
     if suffix in RECORDINGS:
         name = Path(path).name
         raise ValueError(
-            f"{name} is a recording of raw signals, not of vectors: give a setup of the rig, --setup rig.toml "
-            f"(`rotorfit template {name}` makes one to fill in), or use rf.read_recording"
+            f"{name} is a recording of raw signals, not of vectors: read it with a setup of the rig "
+            f"(rf.read_recording, --setup rig.toml); `rotorfit template {name}` makes one to fill in"
         )
     if suffix in EXCEL:
         return "csv"

@@ -161,7 +161,7 @@ def read_uff(path: str | Path, *, speed: float | None = None, axes: str = "xy") 
         raise ValueError(f"{source} has no function at nodal DOF (dataset 58); nothing to read")
     if functions[0]["id1"] == _MARK:
         if axes != "xy":
-            raise ValueError(f"{source} was written by rotorfit with its own x and y: leave axes out (--axes)")
+            raise ValueError(f"{source} was written by rotorfit with its own x and y: leave them out (axes=, --axes)")
         return _read_own(functions, source)
     scales: dict[str, Any] = next((record for record in records if record.get("type") == 164), {})
     return read_foreign(turned(functions, axes), scales, speed, source)

@@ -95,7 +95,7 @@ def read_foreign(
     if not by_run:
         raise ValueError(
             f"{source} has no FRF to a force along x or y that is lateral; nothing to read. Where the shaft is not "
-            "along z, say which directions are x and y (axes, --axes yz)"
+            "along z, say which directions are x and y (axes=, --axes yz)"
         )
     alone = _lonely(by_run)  # planes without one of the two references: their force does not turn
     parts = [pair for key, (x, y) in by_run.items() if key[2] not in alone for pair in zip(x, y, strict=True)]
@@ -155,7 +155,7 @@ def _receptance(
     """One FRF in SI units, None for directions along the shaft and torsion; what is worth a word goes to ``notes``."""
     what = f"{source}, FRF {record['rsp_node']}:{record['rsp_dir']} over {record['ref_node']}:{record['ref_dir']}"
     if abs(record["rsp_dir"]) not in DIRECTIONS or abs(record["ref_dir"]) not in (1, 2):
-        words = "left out, not lateral (where the shaft is not along z: axes, --axes)"
+        words = "left out, not lateral (where the shaft is not along z: axes=, --axes)"
         notes.append(f"{words}: {what.partition(', ')[2]}")
         return None
     if record["abscissa_spec_data_type"] not in (0, 1, DataType.FREQUENCY, DataType.SPEED):
@@ -224,7 +224,7 @@ def _speed(record: dict[str, Any], speed: float | None, what: str) -> float:
     label = str(record.get("z_axis_axis_units_lab", "")).strip("()[] ").lower().replace("/", "_")
     if kind not in (DataType.FREQUENCY, DataType.SPEED) and label not in UNITS["frequency"]:
         raise ValueError(
-            f"{what}: no rotative speed on the z axis (type {kind}); give it, read(path, speed=...) in rad/s"
+            f"{what}: no rotative speed on the z axis (type {kind}); give it (speed=, rad/s; --speed, rpm)"
         )
     return float(record["z_axis_value"] * _rate(record, "z_axis"))
 

@@ -68,7 +68,8 @@ def _check_finite(experiment: PerturbationTest) -> None:
     if not experiment.force.any():
         raise ValueError(
             f"{name}: every force is zero, so the responses say nothing of the rotor; check its column, or put "
-            "a run without a weight together with those that have one, rf.join_runs([reference, trial])"
+            "a run without a weight together with those that have one (rf.join_runs, "
+            "`rotorfit join REFERENCE TRIAL --out BOTH.csv`)"
         )
     still = experiment.force == 0
     if still.any():
@@ -348,7 +349,7 @@ def _refuse_model(model: RotorModel, test: DisplacementTest) -> None:
     if set(test.planes) - set(model.planes):
         raise ValueError(
             f"{test.source or 'experiment'} has planes {', '.join(test.planes)}, the model {model.name} has "
-            f"{', '.join(model.planes)}. Map names with {type(model).__name__}(planes=(...)) or --planes"
+            f"{', '.join(model.planes)}. Map names (planes=, --planes)"
         )
 
 

@@ -21,7 +21,7 @@ def check_clearance(eps: Float, model: RotorModel, what: str) -> None:
     if largest > LARGEST_MEASURED_ECCENTRICITY and model.clearance is not None:
         raise ValueError(
             f"{what} reach {largest * model.clearance * 1e6:.4g} um, the clearance is {model.clearance * 1e6:.4g} um; "
-            f"check clearance_um and the units of the data"
+            "check the clearance (clearance_um=, --clearance-um) and the units of the data"
         )
 
 
@@ -42,8 +42,8 @@ def check_planes(
     if not (set(planes) <= set(model.read_planes) and set(forced) <= set(model.planes)):
         raise ValueError(
             f"{test.source or test.title} has planes {', '.join(planes)} and {forces} {', '.join(forced)}, the model "
-            f"{model.name} has {', '.join(model.read_planes)}. Map names with {type(model).__name__}(planes=(...)) or "
-            f"--planes{_or_fewer(len({*planes, *forced}), model)}"
+            f"{model.name} has {', '.join(model.read_planes)}. Map names (planes=, --planes)"
+            f"{_or_fewer(len({*planes, *forced}), model)}"
         )
 
 
@@ -51,4 +51,4 @@ def _or_fewer(planes: int, model: RotorModel) -> str:
     """Advice where a test has more planes than the model."""
     if planes <= len(model.planes):
         return ""
-    return "; of so many planes it takes only those chosen (where={'plane': ..., 'force_plane': ...})"
+    return "; of so many planes it takes only those chosen (where=, --where plane=A --where force_plane=A)"

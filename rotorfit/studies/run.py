@@ -106,7 +106,8 @@ def for_model(study: Study, file: DataFile | RecordingFiles) -> DataFile | Recor
     if study.model != AnisotropicShaft.name:
         if study.runout_um is not None:
             raise ValueError(
-                f"runout_um belongs to recordings for the model {AnisotropicShaft.name}, not {study.model}"
+                f"run-out (runout_um=, --runout-um) belongs to recordings for the model "
+                f"{AnisotropicShaft.name}, not {study.model}"
             )
         return file
     return replace(file, lines=True, runout_um=study.runout_um) if isinstance(file, RecordingFiles) else file

@@ -16,7 +16,6 @@ from rotorfit.fitting.summary import fit_table
 from rotorfit.models.array_types import Float
 from rotorfit.models.text_table import text_table
 from rotorfit.studies.study import Outcome
-from rotorfit.studies.wording import spoken
 from rotorfit.uncertainty.budget import Budget
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -53,7 +52,7 @@ def summary(outcome: Outcome, rig: str = "") -> str:
         parts.append(f"threshold speed in rpm, 95 % of the posterior: {ends}{note}")
     if rig:
         parts.append(_truth_table(outcome, rig))
-    return spoken("\n\n".join(parts))
+    return "\n\n".join(parts)
 
 
 def describe_test(test: Experiment, findings: Sequence[Finding]) -> str:
@@ -81,7 +80,7 @@ def describe_test(test: Experiment, findings: Sequence[Finding]) -> str:
     if test.attributes:
         lines.append(f"  attributes   {', '.join(test.attributes)}")
     lines += [f"  check: {finding}" for finding in findings] or ["  check: nothing found"]
-    return spoken("\n".join(lines))
+    return "\n".join(lines)
 
 
 def _sizes(test: Experiment) -> list[str]:

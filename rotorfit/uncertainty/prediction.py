@@ -365,7 +365,7 @@ def _planned(
         raise ValueError("frequency and speed are finite numbers or vectors of them, rad/s")
     if force is not None and mr is not None:
         raise ValueError("give a force, N, or an unbalance mr, kg m, not both")
-    where = _plane("force_plane", force_plane, model.planes)
+    where = _plane("force plane", force_plane, model.planes)
     drive = np.full(w.shape, 1.0 if force is None else force, dtype=complex) if mr is None else mr * w**2 + 0j
     if not (np.isfinite(drive).all() and drive.all()):
         raise ValueError("the force is zero or not finite: there is no response to predict")
@@ -388,7 +388,9 @@ def _plane(what: str, name: str | None, planes: Sequence[str]) -> str:
     if name is None and len(planes) == 1:
         return str(planes[0])
     if name is None:
-        raise ValueError(f"{what} is needed: one of {', '.join(planes)}")
+        raise ValueError(
+            f"give the {what} ({what.replace(' ', '_')}=, --{what.replace(' ', '-')}): one of {', '.join(planes)}"
+        )
     if name not in planes:
         raise ValueError(unknown_name(what, name, planes))
     return name

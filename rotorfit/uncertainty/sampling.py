@@ -178,10 +178,7 @@ def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
     if fit.settings.noise_scale:
         advice = "bring the shaft's matrices (KnownStructure)"
     elif not why_not_refined(fit.model, fit.identifiability):
-        advice = (
-            "sample a refined fit instead, rf.refine(fit).best.sample() or fit.sample(refine=True), or "
-            "average over structures, rf.sample_models(rf.refine(fit).steps)"
-        )
+        advice = "sample a refined fit instead (refine=True, --refine)"
     else:
         advice = "a richer model is needed"
     return (

@@ -184,7 +184,7 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
                 code="probes-turned",
                 of=f"{'all' if some == planes else some[0]} by {degrees:g}",
                 message=f"{who} sit {degrees:g} degrees from where they are given, counted from x towards y",
-                undo=f"give their angles (probe_angles: {degrees:g} and {degrees + 90:g})",
+                undo=f"give their angles (probe_angles=, --probe-angles: {degrees:g} and {degrees + 90:g})",
                 correct=partial(_turned_back, planes=some, degrees=degrees),
             )
     for (true, read), factor in () if any(test.synchronous for test in tests) else _SPEED_UNITS.items():

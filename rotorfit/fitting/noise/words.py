@@ -51,7 +51,7 @@ _REMEDY = {
     Kind.LOAD: "Take the load off, or fit small motion about the place that the journal has under it (x_um, y_um)",
     Kind.RESIDUAL: (
         "Remove it: start up once more with the weight moved by 180 degrees, or without it, and fit the differences "
-        "(rf.difference_synchronous, reference run)"
+        "(in Python, rf.difference_synchronous)"
     ),
 }
 """Advice for each fixed cause."""

@@ -184,7 +184,7 @@ def compare_laws(
     several = as_tuple(experiments)
     gap = clearance_um if clearance_um is not None else model.options()["clearance_um"]
     if gap is None:
-        raise ValueError("laws of eccentricity need the radial clearance: give clearance_um")
+        raise ValueError("laws of eccentricity need the radial clearance: give it (clearance_um=, --clearance-um)")
     candidates = (
         tuple(laws) if laws is not None else _default_laws(model.variant(law=Muszynska(), clearance_um=gap), several)
     )

@@ -193,15 +193,15 @@ def _places(source: str, names: Sequence[str], given: Mapping[str, str]) -> dict
     if lost:
         raise ValueError(
             f"{source}: the names of these channels do not tell plane and direction: {', '.join(lost)} (of "
-            f"{', '.join(names)}); say them by columns, {{{lost[0]!r}: 'brg1_x'}}, on the command line --column "
-            f'"{lost[0]}=brg1_x"'
+            f"{', '.join(names)}); say them (columns=, --column "
+            f'"{lost[0]}=brg1_x")'
         )
     taken = Counter(found.values())
     twice = [name for name in found if taken[found[name]] > 1]
     if twice:
         raise ValueError(
             f"{source}: channels {', '.join(twice)} are all of plane {found[twice[0]][0]}, direction "
-            f"{found[twice[0]][1]}; name them apart by columns, {{{twice[0]!r}: 'brg1_x'}}"
+            f'{found[twice[0]][1]}; name them apart (columns=, --column "{twice[0]}=brg1_x")'
         )
     return found
 
@@ -220,7 +220,8 @@ def _askew(source: str, probes: Mapping[tuple[str, str], _Channel]) -> Iterator[
             where = " and ".join(f"{probe.angle} {probe.side}" for probe in pair)
             words = (
                 f"{source}: the probes x and y of {plane} sit at {where}, {apart:g} degrees apart and not 90; unless "
-                f'you have, give --probe-angles "{plane}=0:{apart:g}" (probe_angles), which puts X along the x probe'
+                f'you have, give their angles (probe_angles=, --probe-angles "{plane}=0:{apart:g}"), which puts X '
+                "along the x probe"
             )
             yield Finding("note", "probe-angles", words)
 

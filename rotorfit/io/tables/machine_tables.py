@@ -39,9 +39,9 @@ def bode_table(table: Table, plane_given: bool) -> tuple[Table, list[Finding]]:
     columns = {usual.get(name, name): cells for name, cells in table.cells.items()}
     if "y-axis value" in columns:
         raise ValueError(
-            f"{table.source} does not say the unit of its Y-Axis Value; say it by columns, "
-            "{'Y-Axis Value': 'amplitude_um_pp'}, on the command line --column \"Y-Axis Value=amplitude_um_pp\" "
-            "(units um, mil, mm, each with _pp, _pk or _rms)"
+            f"{table.source} does not say the unit of its Y-Axis Value; say it (columns=, "
+            '--column "Y-Axis Value=amplitude_um_pp"), with one of the '
+            "units um, mil, mm, each with _pp, _pk or _rms)"
         )
     count = len(table.lines)
     if not plane_given:

@@ -190,8 +190,8 @@ def _refuse_missing(table: Table, used: set[str], missing: Sequence[str], known:
         columns = ", ".join(table.names.values())[:80]
         raise ValueError(
             f"{table.source} looks like raw signals ({len(table.lines)} samples of {columns}), not like vectors: "
-            f"`rotorfit template {table.source} > rig.toml` makes a setup to fill in; then give --setup rig.toml, "
-            "or use rf.read_recording"
+            f"`rotorfit template {table.source} > rig.toml` makes a setup to fill in; then read it with that "
+            "(rf.read_recording, --setup rig.toml)"
         )
     unknown = ", ".join(_suggest(table.names[name]) for name in table.cells if name not in used) or "none"
     raise ValueError(

@@ -147,8 +147,8 @@ def _first_numbers(path: Path, lines: list[_Line]) -> int:
     header = {cell.strip().lower() for cell in lines[0].cells}
     if {"plane", "direction"} <= header or {"force_plane", "speed_rpm"} <= header:
         raise ValueError(
-            f"{path.name} is a table of vectors, not of raw signals: `rotorfit info` and `rotorfit fit` take it, "
-            "rf.read reads it"
+            f"{path.name} is a table of vectors, not of raw signals: rf.read, `rotorfit info` "
+            "and `rotorfit fit` read it"
         )
     if mixed:
         raise ValueError(f"{path.name}: line {mixed[0].number + 1} holds what is not a number: {mixed[0].text[:80]}")

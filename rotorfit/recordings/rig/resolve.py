@@ -222,7 +222,7 @@ def _clearance(given: Mapping[str, float], planes: tuple[str, ...], source: str)
 def _how(raw: RawFile) -> str:
     return (
         f"write a setup: `rotorfit template {raw.name} > rig.toml` makes one of the file's own channels to fill in; "
-        "then give it, --setup rig.toml or rf.read_recording(path, 'rig.toml')"
+        "then give it (setup=, --setup)"
     )
 
 
@@ -376,8 +376,8 @@ def _rate(raw: RawFile, used: list[RawChannel], setup: RigSetup) -> float:
     rate = setup.sample_rate or (own.pop() if own else raw.sample_rate)
     if rate is None:
         raise ValueError(
-            f"{raw.name} does not say its sampling rate; write sample_rate_hz = ... at the top of rig.toml and give it "
-            "with --setup"
+            f"{raw.name} does not say its sampling rate; write sample_rate_hz = ... at the top of rig.toml and give "
+            "that (setup=, --setup)"
         )
     return float(rate)
 

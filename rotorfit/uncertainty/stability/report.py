@@ -79,10 +79,10 @@ def stability_report(
     )
     group = fit.group(at)
     running = _running(fit, min_speed_rpm, max_speed_rpm, level)
-    coupling = _at_planes(fit, cross_coupling, "cross_coupling")
+    coupling = _at_planes(fit, cross_coupling, "cross-coupling")
     if coupling and not has_planes(fit.model):
         raise ValueError(f"{fit.model.name} is written in modes, where a cross-coupling at a plane has no place")
-    unbalance = {where: mr * 1e-6 for where, mr in _at_planes(fit, unbalance_g_mm, "unbalance_g_mm").items()}
+    unbalance = {where: mr * 1e-6 for where, mr in _at_planes(fit, unbalance_g_mm, "unbalance").items()}
     seen = _seen(fit, plane, unbalance, max_amplitude_um)
     _refuse_sensitivity(fit, sensitivity)
     one, unseen = fitted_rotor(fit, group), unseen_rotors(fit, group)
@@ -170,13 +170,13 @@ def _running(fit: FitResult, lowest: float | None, highest: float | None, level:
         raise ValueError(f"{fit.model.name} turns with the shaft; see its unstable bands in fit.summary()")
     if highest is None:
         if not fit.speeds.any():
-            raise ValueError("max_speed_rpm is needed: the tests were at rest, or name no speeds")
+            raise ValueError(
+                "give the highest running speed (max_speed_rpm=, --max-speed): the tests were at rest or name no speeds"
+            )
         highest = float(fit.speeds.max()) * RPM_PER_RAD_S
     lowest = highest if lowest is None else lowest
     if not (math.isfinite(lowest) and math.isfinite(highest) and 0 < lowest <= highest):
-        raise ValueError(
-            f"running speeds are positive, the lowest first: min_speed_rpm is {lowest:g}, max_speed_rpm {highest:g}"
-        )
+        raise ValueError(f"running speeds are positive, the lowest first: got {lowest:g} to {highest:g} rpm")
     return lowest * RAD_S_PER_RPM, highest * RAD_S_PER_RPM
 
 
@@ -194,7 +194,10 @@ def _at_planes(fit: FitResult, given: Mapping[str, float] | None, what: str) -> 
 def _seen(fit: FitResult, plane: str | None, unbalance: Mapping[str, float], limit: float | None) -> str:
     """Plane whose motion is judged."""
     if not unbalance and (plane is not None or limit is not None):
-        raise ValueError("plane and max_amplitude_um are of the unbalance response: give unbalance_g_mm too")
+        raise ValueError(
+            "the plane and its largest amplitude are of the unbalance response: give the unbalance too "
+            "(unbalance_g_mm=, --unbalance)"
+        )
     seen = next(iter(unbalance), "") if plane is None else plane
     if plane is not None and plane not in fit.model.read_planes:
         raise ValueError(unknown_name("plane", plane, fit.model.read_planes))
