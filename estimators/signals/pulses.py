@@ -178,7 +178,7 @@ def _uneven(times: Float, turns: Index) -> Bool:
 
 def _by_neighbours(times: Float) -> tuple[Index, Index]:
     """Edges that are pulses, and the turns between them, by the intervals beside each."""
-    pulses = _without_extra(times)[0]
+    pulses = _without_extra(times)
     intervals = np.diff(pulses)
     turns = np.ones(intervals.size, dtype=np.intp)
     for _ in range(8 if intervals.size > 2 else 0):
@@ -246,9 +246,9 @@ def _continued(intervals: Float) -> Float:
     return np.asarray(np.maximum(at_first - slope * np.array([1.0, 2.0]), 0.2 * float(squared.min())) ** -0.5)
 
 
-def _without_extra(times: Float) -> tuple[Float, Float]:
+def _without_extra(times: Float) -> Float:
     """Edges without those that split a turn: of two too close, the one whose removal leaves the more even intervals."""
-    kept, extra = times, np.zeros(0)
+    kept = times
     for _ in range(20):
         intervals = np.diff(kept)
         if intervals.size < 4:
@@ -259,26 +259,12 @@ def _without_extra(times: Float) -> tuple[Float, Float]:
             break
         bounce = short[intervals[short] < CHATTER * turn[short]]
         if bounce.size:
-            extra = np.concatenate([extra, kept[bounce + 1]])
             kept = np.delete(kept, bounce + 1)
-            continue
-        between = _between_halves(intervals, short, turn)
-        if between.size:
-            extra = np.concatenate([extra, kept[between]])
-            kept = np.delete(kept, between)
             continue
         out = np.where(_bend(intervals, short, -1) < _bend(intervals, short, 1), short, short + 1)
         out = out[np.concatenate([[True], np.diff(out) > 2])]  # neighbours of one left out are judged again
-        extra = np.concatenate([extra, kept[out]])
         kept = np.delete(kept, out)
-    return kept, np.sort(extra)
-
-
-def _between_halves(intervals: Float, short: Index, turn: Float) -> Index:
-    """Edges with a short interval on either side, which make one turn together."""
-    first = short[:-1][np.diff(short) == 1]
-    first = first[np.abs((intervals[first] + intervals[first + 1]) / turn[first] - 1) < 1 - _SHORT_INTERVAL]
-    return np.asarray(first[np.diff(first, prepend=-2) > 1] + 1, dtype=np.intp)
+    return kept
 
 
 def _bend(intervals: Float, short: Index, side: int) -> Float:
