@@ -2,9 +2,10 @@
 
     python benchmarks/mutated_files.py --mutations 2000 --seed 23
 
-Each mutation is read with at most 1 GB of address space and 10 s. It is *read*, *refused* (one line with the file's
-name), *unclear* (a refusal of several lines, without the name, or with remains of Python), a *traceback*, a *hang* or
-a *crash*. Where files carry a checksum, *other numbers* counts those that were read with other content than written.
+Each mutation is read with at most 1 GB of address space and 10 s of processor time. It is *read*, *refused* (one line
+with the file's name), *unclear* (a refusal of several lines, without the name, or with remains of Python), a
+*traceback*, a *hang* or a *crash*. Where files carry a checksum, *other numbers* counts those that were read with other
+content than written.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import select
 import subprocess
 import sys
 import tempfile
+import time
 import warnings
 import zipfile
 from collections import Counter
@@ -45,7 +47,9 @@ from rotorfit.uncertainty.posterior import Posterior
 MEMORY = 1 << 30
 """Address space of a reading process, bytes."""
 SECONDS = 10.0
-"""Time for one file."""
+"""Processor time for one file."""
+WAITED = 60.0
+"""Time after which one that takes none hangs too, s."""
 OUTCOMES = ("read", "refused", "unclear", "traceback", "hang", "crash", "other numbers")
 HARMLESS = ("read", "refused")
 
@@ -402,6 +406,19 @@ class Reader:
         environment |= {"ARROW_DEFAULT_MEMORY_POOL": "system", "PYTHONPATH": os.pathsep.join(sys.path)}
         return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
 
+    def _answered(self, seconds: float) -> bool:
+        """True once there is an answer, false when the time for it has passed."""
+        begin, used = time.monotonic(), self._used()
+        while not select.select([self._process.stdout], [], [], 1.0)[0]:
+            if self._used() - used > seconds or time.monotonic() - begin > WAITED:
+                return False
+        return True
+
+    def _used(self) -> float:
+        """Processor time of the process and of those that it has started, s."""
+        fields = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
+        return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
+
     def outcome(self, name: str, file: str, action: str = "read", seconds: float = SECONDS) -> tuple[str, str]:
         """How reading a file ends, that is written first if the action says so."""
         process = self._process
@@ -409,14 +426,14 @@ class Reader:
             raise RuntimeError("the reading process has no pipes")
         process.stdin.write(f"{action}\t{name}\t{file}\n")
         process.stdin.flush()
-        if select.select([process.stdout], [], [], seconds)[0]:
+        if self._answered(seconds):
             answer = process.stdout.readline()
             if answer:
                 ending, _, words = answer.rstrip("\n").partition("\t")
                 return ending, words
             ending = ("crash", f"exit code {process.wait()}")
         else:
-            ending = ("hang", f"more than {seconds:g} s")
+            ending = ("hang", f"more than {seconds:g} s of processor time, or {WAITED:g} s in all")
         self.close()
         self._process = self._started(self._folder)
         self.outcome(name, str(Path(file).with_stem("whole")), seconds=60.0)  # imports take their time once

@@ -50,10 +50,14 @@ def _identity(path: Path) -> tuple[int, int]:
 
 
 def file_name(text: str, taken: Collection[str] = ()) -> str:
-    """A text that data gave, such as a run's name, as a part of a file's name that is not among those taken."""
+    """A text that data gave, such as a run's name, as a part of a file's name that is not among those taken,
+    which some systems compare without regard to capitals."""
     most = 100  # bytes, of 255 with what stands before and behind
     plain = re.sub(r"[^\w.+=,()\[\] -]", "-", text).lstrip(".").encode()[:most].decode(errors="ignore")
-    return next(name for name in (plain, *(f"{plain}-{i + 2}" for i in range(len(taken)))) if name not in taken)
+    used = {name.casefold() for name in taken}
+    return next(
+        name for name in (plain, *(f"{plain}-{i + 2}" for i in range(len(taken)))) if name.casefold() not in used
+    )
 
 
 def sweep(folder: Path, drafts: str) -> None:

@@ -180,7 +180,7 @@ def _sound_heap(heap: bytes) -> bool:
 
 # ---- MAT ---------------------------------------------------------------------------------------
 
-_DIMENSIONS, _MATRIX, _COMPRESSED = 5, 14, 15
+_DIMENSIONS, _MATRIX, _COMPRESSED = (5, 6), 14, 15  # SciPy takes dimensions with and without a sign
 _POINTER = 16
 """Bytes of memory that an element of an array takes at most before its content is read."""
 _WIDTHS = (8, 4, 4, 2, 2, 1)
@@ -219,7 +219,9 @@ def _check_elements(name: str, content: memoryview, order: str, size: int, *, in
             _check_elements(name, memoryview(decompressed(name, part, size)), order, size, inside=False)
         elif kind == _MATRIX:
             _check_elements(name, part, order, size, inside=True)
-        elif inside and number == 1 and kind == _DIMENSIONS:
+        elif inside and number == 1 and kind in _DIMENSIONS:
+            if len(part) < 8:  # SciPy ends the process over text without dimensions
+                raise ValueError(f"{name} is not a readable MAT file: a variable has fewer than two dimensions")
             shape = struct.unpack_from(f"{order}{len(part) // 4}i", part)
             check_unpacked(name, abs(float(np.prod(shape, dtype=float))) * _POINTER, size + len(content))
 

@@ -17,8 +17,8 @@ _WORDS = 160
 """Characters of a package's own message that are passed on."""
 _LONG = re.compile(r"(\S{300})\S+")
 """A cell or name too long for a sentence."""
-_CLASS = re.compile(r"<class '([\w.]+)'>")
-"""A type as Python writes it."""
+_PYTHON = re.compile(r"<(?:class ')?([\w.]+)(?:'| object at 0x[0-9a-f]+)>")
+"""A type, or an object without a name of its own, as Python writes it."""
 
 _STEERING = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 """Characters that steer a terminal, begin a line or turn the direction of writing, and halves of characters."""
@@ -55,7 +55,7 @@ def reading(name: str, kind: str) -> Iterator[None]:
     except RecursionError as problem:
         raise ValueError(f"{name} is not a readable {kind}: its content is nested too deeply") from problem
     except Exception as problem:
-        words = _CLASS.sub(r"\1", _LONG.sub(r"\1...", " ".join(str(problem).split())))
+        words = _PYTHON.sub(r"\1", _LONG.sub(r"\1...", " ".join(str(problem).split())))
         of_a_path = isinstance(problem, OSError) and problem.filename is not None
         sentence = isinstance(problem, ValueError) and name in words
         if of_a_path or (sentence and words == str(problem)):

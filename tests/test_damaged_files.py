@@ -15,7 +15,7 @@ import pytest
 
 import rotorfit as rf
 from rotorfit.estimators import file_limits
-from rotorfit.estimators.file_limits import check_hdf5
+from rotorfit.estimators.file_limits import check_hdf5, check_mat
 from rotorfit.estimators.file_reading import reading
 from rotorfit.recordings.formats.files import open_raw
 
@@ -146,3 +146,18 @@ def test_a_long_name_is_refused_at_once(tmp_path: Path) -> None:
     with pytest.raises(KeyError, match="unknown parameter") as caught:
         rf.fit(rf.models.TwoDisk(), rf.datasets.two_disk(), known={"K" * 100_000: 1.0})
     assert len(str(caught.value)) < 1000
+
+
+@pytest.mark.parametrize("kind", [5, 6])
+def test_dimensions_of_mat_files_are_checked_whatever_their_type(tmp_path: Path, kind: int) -> None:
+    """SciPy takes dimensions as integers with and without a sign, and crashes over a text that has none."""
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
+    flags, name = bytes.fromhex("0600000008000000 0100000000000000"), bytes.fromhex("0100010061000000")
+    for shape, words in (((100_000_000, 1), "declares content of 1.6e"), ((1,), "fewer than two dimensions")):
+        sizes = np.array(shape, "<i4").tobytes()
+        tag = np.array([kind, len(sizes)], "<i4").tobytes()
+        content = flags + tag + sizes.ljust(8, b"\0") + name
+        path = tmp_path / "a.mat"
+        path.write_bytes(head + np.array([14, len(content)], "<i4").tobytes() + content)
+        with pytest.raises(ValueError, match=words):
+            check_mat(path)

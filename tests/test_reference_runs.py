@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ from synthetic import TYPICAL
 
 import rotorfit as rf
 from rotorfit.cli import main as cli
+from rotorfit.data.experiments import PerturbationTest
+from rotorfit.data.joined import runs_apart
 
 
 def test_a_start_up_without_weight_takes_the_residual_unbalance_out_of_those_with_one(
@@ -85,7 +88,45 @@ def test_a_run_exported_one_file_a_probe_is_one_run() -> None:
             )  # fmt: skip
             parts.append(test)
     assert rf.join_runs(parts).runs == ("trial minus reference",)
-    assert len(rf.join_runs([*parts, parts[0]], difference=False).runs) == 3
+    again = rf.join_runs([*parts, parts[0]], difference=False)  # a file given twice is a run of its own, and a copy
+    assert len(again.runs) == 4
+    assert any(finding.code == "duplicate" for finding in rf.check(again))
+
+
+def days() -> tuple[list[PerturbationTest], list[PerturbationTest]]:
+    """Two days' tests whose runs have the same names, the second with forces 2 % off; and with names of their own."""
+    rig = rf.datasets.rig_lumped()
+    rig = rig.select(np.arange(len(rig)) % 40 < 4)  # one frequency in ten
+    rng = np.random.default_rng(1)
+    alike = [
+        replace(
+            rig,
+            force=factor * rig.force,
+            response=rig.response + 2e-7 * (rng.normal(size=len(rig)) + 1j * rng.normal(size=len(rig))),
+        )
+        for factor in (1.0, 1.02)
+    ]
+    return alike, [replace(test, run=np.char.add(test.run, day)) for test, day in zip(alike, "ab", strict=True)]
+
+
+@pytest.mark.parametrize("sources", [("day0.csv", "day1.csv"), ("rig.csv", "rig.nc"), ("rig.csv", "RIG.csv"), ("", "")])
+def test_runs_of_one_name_in_several_tests_are_several_runs(sources: tuple[str, str]) -> None:
+    """As one run their difference would be in no error bar: these were 19 N/m of K1, where 180 are right."""
+    alike, apart = days()
+    named = [replace(test, source=source) for test, source in zip(alike, sources, strict=True)]
+    found, wanted = (rf.fit(rf.models.WhirlWhip(), tests, known={"K3": 6000.0}) for tests in (named, apart))
+    assert any("runs differ" in warning for warning in found.warnings)
+    for name in ("Md", "K1", "D"):
+        assert found.params[name].stderr == pytest.approx(wanted.params[name].stderr, rel=1e-6)
+    names = [run for test in found.experiments for run in test.runs]
+    assert len({name.casefold() for name in names}) == len(names) == 16
+    assert rf.join_runs(named).runs == tuple(names)
+
+
+def test_probes_of_a_run_in_several_files_are_one_run() -> None:
+    rig = rf.datasets.rig_lumped()
+    parts = [replace(rig.select(rig.direction == axis), source=f"{axis}.csv") for axis in "xy"]
+    assert runs_apart(parts) == tuple(parts)
 
 
 def test_a_preamble_with_commas_is_no_header(tmp_path: Path) -> None:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
-from rotorfit.data.experiments import PerturbationTest
+from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.data.synchronous import join
 from rotorfit.data.weights import differenced
+from rotorfit.estimators.blocks.row_keys import distinguished, words
+
+T = TypeVar("T", bound=Experiment)
 
 
 def join_runs(tests: Sequence[PerturbationTest], *, difference: bool = True) -> PerturbationTest:
@@ -41,21 +45,53 @@ def join_runs(tests: Sequence[PerturbationTest], *, difference: bool = True) -> 
         raise ValueError("there are no tests to join")
     check_planes_spelt(tests)
     shared = set.intersection(*(set(test.attributes) for test in tests))
-    probes = Counter(
-        key
-        for test in tests
-        for key in {*zip(test.run.tolist(), test.plane.tolist(), test.direction.tolist(), strict=True)}
-    )
-    twice = {run for (run, *_), count in probes.items() if count > 1}
+    source = ", ".join(dict.fromkeys(test.source for test in tests if test.source))
     parts = []
-    for number, test in enumerate(tests):
-        where = Path(test.source).stem or f"test {number + 1}"
-        run = np.array([f"{name} ({where})" if name in twice else name for name in test.run.tolist()])
+    for test in runs_apart(tests):
         attributes = {name: values for name, values in test.attributes.items() if name in shared}
-        source = ", ".join(dict.fromkeys(t.source for t in tests if t.source))
-        parts.append(replace(test, run=run, attributes=attributes, source=source))
+        parts.append(replace(test, attributes=attributes, source=source))
     whole = join(parts)
     return differenced(whole) if difference and whole.synchronous else whole
+
+
+def runs_apart(tests: Sequence[T]) -> tuple[T, ...]:
+    """Tests without two runs of one name: where a probe read a run of that name in several tests of a kind, these are
+    different runs, and each is named with its file. Runs that stand in several files, one for each probe, stay one."""
+    if len(tests) < 2:
+        return tuple(tests)
+    read = Counter(key for test in tests for key in _probes_of_runs(test))
+    twice = {(kind, run) for (kind, run, *_), count in read.items() if count > 1}
+    if not twice:
+        return tuple(tests)
+    return tuple(_named_apart(test, where, twice) for test, where in zip(tests, _places(tests), strict=True))
+
+
+def _probes_of_runs(test: Experiment) -> list[tuple[Any, ...]]:
+    """Kind of the test, run and probe of its readings, each once."""
+    columns = [column for name in ("run", "plane", "direction") if (column := getattr(test, name, None)) is not None]
+    first = distinguished(*columns)[0]
+    return [(type(test), *row) for row in zip(*(column[first].tolist() for column in columns), strict=True)]
+
+
+def _named_apart(test: T, where: str, twice: Collection[tuple[type, str]]) -> T:
+    names, number = words(test.run)
+    apart = [f"{name} ({where})" if (type(test), name) in twice else name for name in names]
+    return test if apart == names else replace(test, run=np.array(apart)[number])
+
+
+def _places(tests: Sequence[Experiment]) -> list[str]:
+    """Names of the files of tests without suffix, with it where two are alike, or else numbered."""
+    stems = [Path(test.source).stem or "test" for test in tests]
+    alike = Counter(map(str.casefold, stems))
+    sources = Counter(test.source.casefold() for test in tests)
+    return [
+        stem
+        if alike[stem.casefold()] == 1
+        else test.source
+        if test.source and sources[test.source.casefold()] == 1
+        else f"{test.source or stem} #{number}"
+        for number, (stem, test) in enumerate(zip(stems, tests, strict=True), 1)
+    ]
 
 
 def check_planes_spelt(tests: Sequence[PerturbationTest]) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.data.experiments import Experiment
+from rotorfit.data.joined import runs_apart
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
@@ -60,7 +61,8 @@ def fit(
 
     Args:
         model: the rotor, for instance ``rf.models.WhirlWhip()``.
-        experiments: one experiment or a list that informs one parameter vector.
+        experiments: one experiment or a list that informs one parameter vector. Runs of one name that a probe read in
+            several of them are different runs and are named with their file.
         known: values that are not fitted, SI units; ``None`` frees a parameter that the model fixes by default.
         bounds: lower and upper bounds by parameter name, None for none.
         priors: frozen ``scipy.stats`` distributions by parameter name.
@@ -113,7 +115,7 @@ def fit(
         method=method,
         max_iterations=max_iterations,
     )
-    found = fitted(model, as_tuple(experiments), settings)
+    found = fitted(model, runs_apart(as_tuple(experiments)), settings)
     return assuming(found, assumptions) if assumptions else found
 
 
@@ -194,15 +196,14 @@ def closed_form(
     if isinstance(model, Modal):
         raise ClosedFormError("a modal model starts from a rational fit of its own, which is no estimate with errors")
     settings = FitSettings(known=known or {}, per=per or {}, baseline=dry_run(baseline), stator_mass_kg=stator_mass_kg)
-    problem = build_problem(model, experiments, settings)
+    several = runs_apart(as_tuple(experiments))
+    problem = build_problem(model, several, settings)
     if has_lines(problem):
         raise ClosedFormError("combination lines have none; the fit starts from linear steps, one line after the other")
     blocks = tuple(_of_forces(block) for block in problem.blocks)
     estimate = solve_closed_form(problem.space, blocks, weighted=weighted)
     start = Start(x=estimate.x, kind=CLOSED_FORM)
-    return judge(
-        problem, as_tuple(experiments), settings, estimate.x, start, "closed form", None, estimate.notes, estimate
-    )
+    return judge(problem, several, settings, estimate.x, start, "closed form", None, estimate.notes, estimate)
 
 
 def _of_forces(block: Block) -> Block:

@@ -161,7 +161,7 @@ class Database:
         try:
             yield
         except sqlite3.OperationalError as problem:
-            words = str(problem)
+            words = _on_one_line(problem)
             if "locked" in words:
                 raise TimeoutError(
                     f"{self.path}: other processes kept the store for {_PATIENCE:g} s, or its file system does not "
@@ -172,8 +172,8 @@ class Database:
             if type(problem) not in (sqlite3.DatabaseError, UnicodeDecodeError):  # a mistake in a statement, no damage
                 raise
             raise ValueError(
-                f"{self.path} is not a store of tests, or is damaged: {problem}; `rotorfit store add` into a new file "
-                "fits the tests again"
+                f"{self.path} is not a store of tests, or is damaged: {_on_one_line(problem)}; `rotorfit store "
+                "add` into a new file fits the tests again"
             ) from problem
 
     def _version(self, connection: sqlite3.Connection) -> int:
@@ -194,6 +194,13 @@ class Database:
         with self._connected() as connection:
             found = [str(row[0]) for row in connection.execute("PRAGMA integrity_check")]
             return [text for text in found if text != "ok"]
+
+
+def _on_one_line(problem: Exception) -> str:
+    """What SQLite says, which may cite the definition of a table."""
+    most = 160
+    words = " ".join(str(problem).split())
+    return words if len(words) <= most else f"{words[:most]} ..."
 
 
 def packed(text: str) -> bytes:
