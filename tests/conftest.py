@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+import sentences
 
 if TYPE_CHECKING:
     from browser import Browser
@@ -104,6 +105,20 @@ def chromium(tmp_path: Path) -> Callable[..., tuple[str, list[str]]]:
         return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
 
     return call
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--write-sentences", action="store_true", help="write tests/data/sentences.json anew")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    sentences.writing = config.getoption("--write-sentences")
+
+
+def pytest_sessionfinish() -> None:
+    """Every process writes the sentences of the tests that it ran."""
+    if sentences.writing and sentences.heard:
+        sentences.write()
 
 
 def pytest_collection_finish() -> None:

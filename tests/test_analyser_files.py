@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from analyser_files import MODE, RPM, SPEED, W, analyser, shaker_test, written
+from sentences import refuses, warns
 from synthetic import TYPICAL
 
 import rotorfit as rf
@@ -185,13 +186,13 @@ def test_the_command_line_warns_once_and_in_a_sentence(tmp_path: Path, capsys: p
 
 def test_axial_directions_are_left_out_with_a_warning(tmp_path: Path) -> None:
     path = written(tmp_path / "t.uff", [*shaker_test(), analyser(W + 0j, 3, 1)])
-    with pytest.warns(UserWarning, match=r"left out, not lateral .*: FRF 7:3 over 7:1"):
+    with warns(UserWarning):
         assert_one_mode(rf.read(path))
 
 
 def test_unknown_unit_labels_are_told(tmp_path: Path) -> None:
     path = written(tmp_path / "t.uff", shaker_test(lambda r, *_: r | {"ordinate_axis_units_lab": "furlong"}))
-    with pytest.warns(UserWarning, match="unit 'furlong' is not known"):
+    with warns(UserWarning):
         assert_one_mode(rf.read(path))
 
 
@@ -200,19 +201,18 @@ def without(axis: int) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize(
-    ("records", "message"),
+    "records",
     [
-        (shaker_test(lambda r, *_: r | {"z_axis_spec_data_type": 0, "z_axis_axis_units_lab": "NONE"}),
-         "no rotative speed on the z axis"),
-        (shaker_test(lambda r, *_: r | {"ordinate_spec_data_type": 15}), "needed is displacement"),
-        (shaker_test(lambda r, *_: r | {"func_type": 1, "data": r["data"].real}), "no frequency response"),
-        (shaker_test(lambda r, *_: r | {"abscissa_spec_data_type": 17}), "needed is frequency"),
-        (shaker_test(lambda r, i, j: r | {"x": r["x"] * j}), "different frequency lines"),
-        ([{"type": 15, "node_nums": [1], "def_cs": [0], "disp_cs": [0], "color": [1], "x": [0.0], "y": [0.0],
-           "z": [0.0]}], "dataset 58"),
+        shaker_test(lambda r, *_: r | {"z_axis_spec_data_type": 0, "z_axis_axis_units_lab": "NONE"}),
+        shaker_test(lambda r, *_: r | {"ordinate_spec_data_type": 15}),
+        shaker_test(lambda r, *_: r | {"func_type": 1, "data": r["data"].real}),
+        shaker_test(lambda r, *_: r | {"abscissa_spec_data_type": 17}),
+        shaker_test(lambda r, i, j: r | {"x": r["x"] * j}),
+        [{"type": 15, "node_nums": [1], "def_cs": [0], "disp_cs": [0], "color": [1], "x": [0.0], "y": [0.0],
+           "z": [0.0]}],
     ],
 )  # fmt: skip
-def test_universal_files_that_do_not_make_a_test(tmp_path: Path, records: list[dict[str, Any]], message: str) -> None:
-    with pytest.raises(ValueError, match=message) as error:
+def test_universal_files_that_do_not_make_a_test(tmp_path: Path, records: list[dict[str, Any]]) -> None:
+    with refuses(ValueError) as error:
         rf.read(written(tmp_path / "t.uff", records))
     assert str(error.value).startswith("t.uff")

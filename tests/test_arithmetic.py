@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.fitting.quantities import Quantity
@@ -44,7 +45,7 @@ def test_units_follow(rig_fit: rf.FitResult) -> None:
     assert np.sqrt(p["K0"] / p["Mf"]).to("rpm").value == pytest.approx(
         math.sqrt(p["K0"].value / p["Mf"].value) * 30 / math.pi
     )
-    with pytest.raises(ValueError, match="a sum needs one unit; these are N/m and N s/m"):
+    with refuses(ValueError):
         p["K0"] + p["D"]
 
 
@@ -76,11 +77,11 @@ def test_a_sum_begins_at_zero_and_numpy_takes_symbols(rig_fit: rf.FitResult) -> 
     p = rig_fit.params
     total = sum([p["K0"], p["K3"]])
     assert (total.value, total.unit) == (p["K0"].value + p["K3"].value, "N/m")
-    with pytest.raises(ValueError, match="a sum needs one unit"):
+    with refuses(ValueError):
         p["K0"] + 1
     frequency = rig_fit.derive(lambda p: np.sqrt((p.K0 + p.K3) / p.Mb), unit="rad/s")  # no warning of CasADi's
     assert frequency.stderr == pytest.approx((((p["K0"] + p["K3"]) / p["Mb"]) ** 0.5).stderr, rel=1e-9)
-    with pytest.raises(TypeError, match="the quantity is 'K0'; a function of the parameters is needed"):
+    with refuses(TypeError):
         rig_fit.derive("K0")  # type: ignore[arg-type]
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fe_rigs import JOURNAL, K3, TYPICAL, Rig
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.estimators.inference.left_out_columns import whitened_columns
@@ -182,9 +183,9 @@ def test_an_uncertainty_given_for_a_term_enters_the_results(plain):
     assert "with the systematic share" in str(found)
     assert plain.assumptions(none).systematic("D") == 0
     assert plain.assumptions().systematic("D") > 5  # a damper of three per cent, and all else
-    with pytest.raises(KeyError, match="no assumption 'Ds'"):
+    with refuses(KeyError):
         plain.assumptions({"Ds": 2.0})
-    with pytest.raises(ValueError, match="it is positive"):
+    with refuses(ValueError):
         plain.assumptions({"Ds[journal]": -0.5})
 
 
@@ -212,7 +213,7 @@ def test_coupling_damping_says_that_a_damper_may_act_at_the_journal():
 
 def test_parameters_of_their_own_for_each_test_are_refused_in_words(rig):
     fit = rf.fit(WhirlWhip(), rig, known={"K3": 6000.0}, per={"D": "speed_rpm"})
-    with pytest.raises(ValueError, match="fitted per attribute"):
+    with refuses(ValueError):
         fit.assumptions()
 
 
@@ -273,7 +274,7 @@ def test_a_refinement_keeps_those_that_its_candidates_have_no_parameter_for(rig)
 
 
 def test_uncertainties_of_what_is_not_in_the_table_are_refused(rig):
-    with pytest.raises(KeyError, match="no assumption 'De'; there are"):
+    with refuses(KeyError):
         rf.fit(WhirlWhip(), rig, known={"K3": 6000.0}, assumptions={"De": 2.0})
-    with pytest.raises(KeyError, match="nonsense"):
+    with refuses(KeyError):
         rf.fit(WhirlWhip(), rig, known={"K3": 6000.0}).interval("nonsense")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from fe_rigs import K3, random_rig
 from scipy import stats
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.models import WhirlWhip
@@ -74,7 +75,7 @@ def test_quantities_are_mixtures(average):
     assert (bands.direct.value >= np.min(inner, axis=0)).all()
     assert (bands.direct.value <= np.max(inner, axis=0)).all()
     assert "g11" not in average.names
-    with pytest.raises(KeyError, match="that all models share"):
+    with refuses(KeyError):
         average.parameter("g11")
 
 
@@ -98,19 +99,19 @@ def test_summary_names_models_and_their_health(close_call, average):
 
 def test_what_cannot_be_averaged_is_refused(close_call):
     steps = close_call[2]
-    with pytest.raises(ValueError, match="no fits"):
+    with refuses(ValueError):
         rf.sample_models([])
-    with pytest.raises(ValueError, match="refine does not go with several models"):
+    with refuses(ValueError):
         rf.sample_models(steps, refine=True)
     other = rf.fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": K3})
-    with pytest.raises(ValueError, match="different data"):
+    with refuses(ValueError):
         rf.sample_models([steps[0], other])
     robust = rf.fit(WhirlWhip(), steps[0].experiments, known={"K3": K3}, loss="huber")
-    with pytest.raises(ValueError, match=r"losses of their own \(huber, linear\)"):
+    with refuses(ValueError):
         rf.sample_models([steps[0], robust])
 
 
 def test_reports_are_of_one_model(average, tmp_path):
     best = average.posteriors[0]
-    with pytest.raises(TypeError, match=r"report the most probable, write_report\(average.posteriors\[0\].fit"):
+    with refuses(TypeError):
         rf.write_report(best.fit, tmp_path / "report.html", posterior=average)

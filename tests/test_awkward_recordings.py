@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from recorded import ATTRIBUTES, RATE, SETUP, volts, write_hdf5
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.cli.main import main
@@ -157,7 +158,7 @@ def test_a_channel_used_twice_is_refused(tmp_path: Path, old: str) -> None:
     path = write_hdf5(tmp_path / "a.h5", CHANNELS)
     rig = tmp_path / "rig.toml"
     rig.write_text(SETUP.replace(old, 'channel = "disk_X"'), encoding="utf-8")
-    with pytest.raises(ValueError, match="the channel disk_X is used twice"):
+    with refuses(ValueError):
         rf.read_recording(path, rig)
 
 
@@ -196,7 +197,7 @@ def test_a_tdms_scale_that_is_not_known_is_refused(tmp_path: Path, capfd: pytest
     scale = {"NI_Number_Of_Scales": 1, "NI_Scale[0]_Scale_Type": "Shunt", "NI_Scaling_Status": "unscaled"}
     with TdmsWriter(tmp_path / "a.tdms") as file:
         file.write_segment([ChannelObject("run", name, values, scale) for name, values in CHANNELS.items()])
-    with pytest.raises(ValueError, match=r"a\.tdms: Unsupported scale type: Shunt; the values would stay counts"):
+    with refuses(ValueError):
         rf.read_recording(tmp_path / "a.tdms")
     assert capfd.readouterr().err == ""
 
@@ -209,5 +210,5 @@ def test_a_tdms_file_cut_off_within_its_last_segment_is_refused(tmp_path: Path) 
         for _ in range(2):
             file.write_segment([ChannelObject("run", name, values) for name, values in CHANNELS.items()])
     path.write_bytes(path.read_bytes()[: -8 * len(TIME)])
-    with pytest.raises(ValueError, match=r"a\.tdms is not a (whole|readable) TDMS file"):
+    with refuses(ValueError):
         rf.read_recording(path)

@@ -14,6 +14,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy import stats
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.cli import main as cli
@@ -65,50 +66,50 @@ def dead_probe(test: PerturbationTest) -> PerturbationTest:
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change",
     [
-        (spoilt("response", 3, np.nan), r"rig_open\.csv: 1 readings are not finite \(rows 4\); remove them"),
-        (spoilt("force", 3, np.inf), r"1 readings are not finite \(rows 4\)"),
-        (spoilt("frequency", 5, np.nan), r"1 readings are not finite \(rows 6\)"),
-        (spoilt("speed", 0, np.nan), r"1 readings are not finite \(rows 1\)"),
-        (spoilt("sigma", 7, -1e-7), r"the noise sigma must be positive and finite, or NaN if unknown \(rows 8\)"),
-        (spoilt("sigma", 7, np.inf), r"the noise sigma must be positive and finite"),
-        (spoilt("force", slice(None), 0.0), "every force is zero"),
-        (dead_probe, "every reading of journal y is zero: a probe that was not connected"),
-        (lambda t: t.select(np.zeros(len(t), dtype=bool)), "give at least one experiment with at least one reading"),
-        (lambda t: t.select([0, 1]), "10 unknowns but only 2 real data: fix parameters or add readings"),
-        (other_rig, r"other\.csv has planes rotor, seal .* has disk, journal\. Map names \(planes="),
+        spoilt("response", 3, np.nan),
+        spoilt("force", 3, np.inf),
+        spoilt("frequency", 5, np.nan),
+        spoilt("speed", 0, np.nan),
+        spoilt("sigma", 7, -1e-7),
+        spoilt("sigma", 7, np.inf),
+        spoilt("force", slice(None), 0.0),
+        dead_probe,
+        lambda t: t.select(np.zeros(len(t), dtype=bool)),
+        lambda t: t.select([0, 1]),
+        other_rig,
     ],
 )
 def test_data_that_cannot_be_fitted(
-    rig: PerturbationTest, change: Callable[[PerturbationTest], PerturbationTest], message: str
+    rig: PerturbationTest, change: Callable[[PerturbationTest], PerturbationTest]
 ) -> None:
     test = change(rig)
     for identify in (rf.fit, rf.closed_form):
-        with pytest.raises(ValueError, match=message) as error:
+        with refuses(ValueError) as error:
             identify(WhirlWhip(), test, known=K3)
         assert is_sentence(str(error.value))
 
 
 def test_rigs_that_are_not_one(rig: PerturbationTest) -> None:
-    with pytest.raises(ValueError, match=r"other\.csv has planes rotor, seal"):
+    with refuses(ValueError):
         rf.fit(WhirlWhip(), [rig, other_rig(rig)], known=K3)
-    with pytest.raises(ValueError, match="give at least one experiment"):
+    with refuses(ValueError):
         rf.fit(WhirlWhip(), [])
 
 
 def test_singular_response_matrices(rig: PerturbationTest) -> None:
     """Forces at either plane that move both in proportion: eq. (7) has no inverse at any frequency."""
     flat = replace(rig, response=(np.abs(rig.force) * np.where(rig.plane == "disk", 1e-6, 2e-6)).astype(complex))
-    with pytest.raises(ValueError, match="common frequencies are singular") as error:
+    with refuses(ValueError) as error:
         rf.dynamic_stiffness(flat.select(flat.direction == "x"))
     assert is_sentence(str(error.value))
     shifted = replace(rig, frequency=rig.frequency * np.where(rig.force_plane == "disk", 1.0, 1.01))
-    with pytest.raises(ValueError, match="the runs have no frequency in common"):
+    with refuses(ValueError):
         rf.dynamic_stiffness(shifted)
-    with pytest.raises(ValueError, match="no force at disk"):
+    with refuses(ValueError):
         rf.dynamic_stiffness(rig.select(rig.force_plane == "journal"))
-    with pytest.raises(ValueError, match="no readings at planes seal"):
+    with refuses(ValueError):
         rf.dynamic_stiffness(rig, ["seal"])
 
 
@@ -123,91 +124,89 @@ def test_a_few_singular_lines_are_left_out(rig: PerturbationTest) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "kind", "message"),
+    ("options", "kind"),
     [
-        ({"known": {"k3": 6000.0}}, KeyError, "unknown parameter of whirl-whip 'k3', did you mean 'K3'"),
-        ({"bounds": {"lamda": (0, 1)}}, KeyError, "'lamda', did you mean 'lam'"),
-        ({"start": {"lamm": 0.4}}, KeyError, "'lamm', did you mean 'lam'"),
-        ({"priors": {"lm": stats.norm(0.5, 0.1)}}, KeyError, "'lm', did you mean 'lam'"),
-        ({"per": {"Dx": "speed_rpm"}}, KeyError, "'Dx', did you mean 'D'"),
-        ({"per": {"D": "oil_C"}}, KeyError, "no attribute 'oil_C'; it has run, speed_rpm"),
-        ({"loss": "hubber"}, ValueError, "unknown loss 'hubber', did you mean 'huber'"),
-        ({"bounds": {"lam": (1, 0)}}, ValueError, "bounds of lam are contradictory: lower 1 is not below upper 0"),
-        ({"bounds": {"lam": (0.4, 0.4)}}, ValueError, "bounds of lam are contradictory"),
-        ({"bounds": {"lam": (np.nan, 0.4)}}, ValueError, "bounds of lam are contradictory"),
-        ({"bounds": {"Md": (-2.0, -1.0)}}, ValueError, r"bounds of Md are contradictory.*physical limits \[0, inf\]"),
-        ({"bounds": {"lam": 0.4}}, ValueError, "bounds of lam must be two numbers, lower and upper"),
-        ({"bounds": {"lam": ("low", "high")}}, ValueError, "bounds of lam must be two numbers"),
-        ({"bounds": {"K3": (0.0, 1.0)}}, ValueError, r"known K3 = 6000 N/m is outside its bounds \[0, 1\]"),
-        ({"known": {"Md": -1.0}}, ValueError, r"known Md = -1 kg is outside the physical limits \[0, inf\]"),
-        ({"known": {"K3": np.nan}}, ValueError, "known K3 = nan is not a finite number"),
-        ({"known": {"K3": "stiff"}}, ValueError, "known K3 = 'stiff' is not a finite number"),
-        ({"start": {"lam": 0.9}, "bounds": {"lam": (0, 0.5)}}, ValueError, r"start lam = 0.9 is not .* \[0, 0.5\]"),
-        ({"start": {"lam": np.nan}}, ValueError, "start lam = nan is not a finite number"),
-        ({"start": {"K3": 5000.0}}, KeyError, "unknown fitted parameter 'K3'"),
-        ({"priors": {"lam": (0.4, 0.1)}}, ValueError, "prior of lam must be a frozen scipy.stats distribution"),
-        ({"priors": {"lam": stats.norm(0.4, 0.0)}}, ValueError, "prior of lam needs .* positive, finite standard"),
-        ({"priors": {"lam": stats.cauchy(0.4, 0.1)}}, ValueError, "prior of lam needs a finite mean"),
-        ({"priors": {"lam": stats.uniform(2, 1)}, "bounds": {"lam": (0, 1)}}, ValueError, "nothing is left"),
-        ({"priors": {"K3": stats.norm(1, 0.1)}}, ValueError, "prior of K3: it is known here"),
-        ({"per": {"K3": "speed_rpm"}}, ValueError, "K3 is both known and fitted per attribute"),
-        ({"known": dict.fromkeys(WhirlWhip().parameter_names, 1.0)}, ValueError, "every parameter is known"),
+        ({"known": {"k3": 6000.0}}, KeyError),
+        ({"bounds": {"lamda": (0, 1)}}, KeyError),
+        ({"start": {"lamm": 0.4}}, KeyError),
+        ({"priors": {"lm": stats.norm(0.5, 0.1)}}, KeyError),
+        ({"per": {"Dx": "speed_rpm"}}, KeyError),
+        ({"per": {"D": "oil_C"}}, KeyError),
+        ({"loss": "hubber"}, ValueError),
+        ({"bounds": {"lam": (1, 0)}}, ValueError),
+        ({"bounds": {"lam": (0.4, 0.4)}}, ValueError),
+        ({"bounds": {"lam": (np.nan, 0.4)}}, ValueError),
+        ({"bounds": {"Md": (-2.0, -1.0)}}, ValueError),
+        ({"bounds": {"lam": 0.4}}, ValueError),
+        ({"bounds": {"lam": ("low", "high")}}, ValueError),
+        ({"bounds": {"K3": (0.0, 1.0)}}, ValueError),
+        ({"known": {"Md": -1.0}}, ValueError),
+        ({"known": {"K3": np.nan}}, ValueError),
+        ({"known": {"K3": "stiff"}}, ValueError),
+        ({"start": {"lam": 0.9}, "bounds": {"lam": (0, 0.5)}}, ValueError),
+        ({"start": {"lam": np.nan}}, ValueError),
+        ({"start": {"K3": 5000.0}}, KeyError),
+        ({"priors": {"lam": (0.4, 0.1)}}, ValueError),
+        ({"priors": {"lam": stats.norm(0.4, 0.0)}}, ValueError),
+        ({"priors": {"lam": stats.cauchy(0.4, 0.1)}}, ValueError),
+        ({"priors": {"lam": stats.uniform(2, 1)}, "bounds": {"lam": (0, 1)}}, ValueError),
+        ({"priors": {"K3": stats.norm(1, 0.1)}}, ValueError),
+        ({"per": {"K3": "speed_rpm"}}, ValueError),
+        ({"known": dict.fromkeys(WhirlWhip().parameter_names, 1.0)}, ValueError),
     ],
 )
-def test_settings_that_cannot_be_meant(
-    rig: PerturbationTest, options: dict[str, Any], kind: type[Exception], message: str
-) -> None:
-    with pytest.raises(kind, match=message) as error:
+def test_settings_that_cannot_be_meant(rig: PerturbationTest, options: dict[str, Any], kind: type[Exception]) -> None:
+    with refuses(kind) as error:
         rf.fit(WhirlWhip(), rig, **{"known": K3, **options})
     if not isinstance(options.get("known", {}).get("K3"), str):
         assert is_sentence(str(error.value.args[0]))
 
 
 @pytest.mark.parametrize(
-    ("model", "experiment", "message"),
+    ("model", "experiment"),
     [
-        ("whirl-whip", None, "the model must be an instance such as rf.models.WhirlWhip"),
-        (WhirlWhip, None, "the model must be an instance such as rf.models.WhirlWhip"),
-        (WhirlWhip(), "rig.csv", r"not the name of a file: rf\.read\('rig\.csv'\)"),
-        (WhirlWhip(), Path("rig.csv"), r"not the name of a file: rf\.read\('rig\.csv'\)"),
-        (WhirlWhip(), np.ones(3), "experiments such as rf.read returns, not ndarray"),
-        (WhirlWhip(), ["rig.csv"], "experiments such as rf.read returns, not str"),
+        ("whirl-whip", None),
+        (WhirlWhip, None),
+        (WhirlWhip(), "rig.csv"),
+        (WhirlWhip(), Path("rig.csv")),
+        (WhirlWhip(), np.ones(3)),
+        (WhirlWhip(), ["rig.csv"]),
     ],
 )
-def test_things_in_the_wrong_place(rig: PerturbationTest, model: Any, experiment: Any, message: str) -> None:
-    with pytest.raises(TypeError, match=message):
+def test_things_in_the_wrong_place(rig: PerturbationTest, model: Any, experiment: Any) -> None:
+    with refuses(TypeError):
         rf.fit(model, rig if experiment is None else experiment)
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    "make",
     [
-        (lambda: WhirlWhip(planes=("disk", "journal", "seal")), "whirl-whip has 2 planes, each with a name of its own"),
-        (lambda: WhirlWhip(planes=("disk", "disk")), "each with a name of its own"),
-        (lambda: WhirlWhip(blocks=("gyro",)), "unknown structural block 'gyro', did you mean 'gyroscopic'"),
-        (lambda: rf.datasets.path("rig_opn.csv"), r"unknown data set 'rig_opn\.csv', did you mean 'rig_open\.csv'"),
+        lambda: WhirlWhip(planes=("disk", "journal", "seal")),
+        lambda: WhirlWhip(planes=("disk", "disk")),
+        lambda: WhirlWhip(blocks=("gyro",)),
+        lambda: rf.datasets.path("rig_opn.csv"),
     ],
 )
-def test_names_are_suggested(make: Callable[[], Any], message: str) -> None:
-    with pytest.raises((ValueError, OSError), match=message):
+def test_names_are_suggested(make: Callable[[], Any]) -> None:
+    with refuses((ValueError, OSError)):
         make()
 
 
 @pytest.mark.parametrize(
-    ("columns", "message"),
+    "columns",
     [
-        ({"direction": "q"}, r"direction \['q'\] unknown; allowed: x, y, z"),
-        ({"run": ["a", "b", "c"], "frequency": [1.0, 2.0]}, "lists of one length; got run 3, frequency 2"),
-        ({"frequency": [[1.0, 2.0]]}, "lists of one length; got frequency 1 x 2"),
-        ({"speed": "fast"}, "speed must be numbers in SI units"),
+        {"direction": "q"},
+        {"run": ["a", "b", "c"], "frequency": [1.0, 2.0]},
+        {"frequency": [[1.0, 2.0]]},
+        {"speed": "fast"},
     ],
 )
-def test_arrays_that_make_no_test(columns: dict[str, Any], message: str) -> None:
+def test_arrays_that_make_no_test(columns: dict[str, Any]) -> None:
     good: dict[str, Any] = {
         "run": "a", "speed": 100.0, "frequency": 20.0, "force_plane": "p", "force": 1.0, "plane": "p",
         "direction": "x", "response": 1e-6,
     }  # fmt: skip
-    with pytest.raises(ValueError, match=message):
+    with refuses(ValueError):
         rf.perturbation_test(**(good | columns))
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from seal_rig import FLUID, STATOR_MASS, floating_stator
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.cli import main as cli
@@ -146,11 +147,11 @@ def test_what_is_no_dry_run_of_this_rig_is_named() -> None:
     assert "stator_mass_kg is 31. A fluid adds mass. Is it that of this stator, in kg?" in pounds.findings[0].message
     main = dataclasses.replace(wet, further_forces=np.array([], dtype=object))
     assert "give what both load cells say (force_x_N, force_y_N)" in " ".join(coefficients(main, dry).warnings)
-    with pytest.raises(ValueError, match="both given"):
+    with refuses(ValueError):
         rf.fit(MODEL, wet, baseline=dry, stator_mass_kg=3.0)
-    with pytest.raises(ValueError, match="a mass is a positive number"):
+    with refuses(ValueError):
         rf.fit(MODEL, wet, stator_mass_kg=-3.0)
-    with pytest.raises(TypeError, match=r"a baseline is what rf\.read returns"):
+    with refuses(TypeError):
         rf.fit(MODEL, wet, baseline="dry.csv")  # type: ignore[arg-type]
 
 

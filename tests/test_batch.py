@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy import stats
+from sentences import refuses
 
 from rotorfit.estimators.minimisation.batch import batch_fit, with_measured
 from rotorfit.estimators.minimisation.least_squares import minimise
@@ -118,7 +119,7 @@ def test_optima_are_those_of_one_at_a_time(make, loss, accelerate):
 
 def test_readings_of_the_wrong_shape_are_refused(make):
     problem, truth = make("one-mode")
-    with pytest.raises(ValueError, match=r"the problem has \d+ readings"):
+    with refuses(ValueError):
         batch_fit(problem, np.zeros((3, 5), dtype=complex), truth)
 
 

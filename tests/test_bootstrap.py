@@ -9,6 +9,7 @@ import pytest
 from honest_errors import WORLDS, simulate
 from law_data import CLEARANCE_UM, ONE_MODE, impulse, off_centre, squeeze, static, sweep
 from scipy import stats
+from sentences import refuses
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
@@ -126,7 +127,7 @@ def test_what_the_data_do_not_determine_has_no_interval():
     assert boot.failures == 0  # minimal along a line is minimal
     assert boot.stderr["sigma"] == np.inf
     assert boot.interval("sigma") == (-np.inf, np.inf)
-    with pytest.raises(ValueError, match="sigma is not determined"):
+    with refuses(ValueError):
         boot.parameter("sigma")
     assert "not determined" in boot.summary()
     assert boot.stderr["D"] == pytest.approx(fit.params["D"].stderr, rel=0.6)
@@ -147,11 +148,11 @@ def test_tests_of_every_kind_are_simulated_together():
 
 def test_what_cannot_be_bootstrapped_is_refused():
     fit = one_mode_fit(0.01, ("K", "Ds"))
-    with pytest.raises(ValueError, match="n is 1"):
+    with refuses(ValueError):
         fit.bootstrap(n=1)
-    with pytest.raises(KeyError, match="lamda"):
+    with refuses(KeyError):
         fit.bootstrap(n=4).interval("lamda")
-    with pytest.raises(ValueError, match="closed form"):
+    with refuses(ValueError):
         rf.closed_form(fit.model, fit.experiments, known=fit.settings.known).bootstrap()
 
 
@@ -163,7 +164,7 @@ def test_a_fit_whose_runs_differ_is_bootstrapped_without_their_entries():
     found = fit.bootstrap(n=20, seed=1)
     assert set(found.stderr) == {name for name, p in fit.params.items() if p.vary}
     assert "run_" not in found.summary()
-    with pytest.raises(KeyError, match="run_force"):
+    with refuses(KeyError):
         found.parameter(next(name for name in fit.var_names if name.startswith("run_force")))
 
 

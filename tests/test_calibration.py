@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
+from sentences import refuses
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
@@ -129,7 +130,7 @@ def test_tables_show_every_source(rig_fit):
         assert word in text
     assert str(budget) == text
     assert "sigma" in budget.table()
-    with pytest.raises(ValueError, match="K3 was not fitted"):
+    with refuses(ValueError):
         budget.share("K3")
 
 
@@ -227,7 +228,7 @@ def test_studies_and_reports_carry_a_calibration(tmp_path, rig_fit):
     assert isinstance(study, Study)
     assert calibration_of(study.calibration) == Calibration(probe_gain={"disk": 0.01}, mr=0.005)
     assert calibration_of({}) is None
-    with pytest.raises(ValueError, match="did you mean 'probe_gain'"):
+    with refuses(ValueError):
         calibration_of({"probegain": 0.01})
     fit = rig_fit.calibration(probe_gain=0.01).fit
     rf.write_report(fit, tmp_path / "report.html")
@@ -238,21 +239,21 @@ def test_studies_and_reports_carry_a_calibration(tmp_path, rig_fit):
 
 
 def test_what_makes_no_sense_is_refused(rig_fit):
-    with pytest.raises(ValueError, match="at least one"):
+    with refuses(ValueError):
         rig_fit.calibration()
-    with pytest.raises(ValueError, match=r"probe_gain is -0\.1"):
+    with refuses(ValueError):
         rig_fit.calibration(probe_gain=-0.1)
-    with pytest.raises(ValueError, match="probe_gain of disk is nan"):
+    with refuses(ValueError):
         rig_fit.calibration(probe_gain={"disk": float("nan")})
-    with pytest.raises(ValueError, match="probe_gain names disc; the data have disk"):
+    with refuses(ValueError):
         rig_fit.calibration(probe_gain={"disc": 0.01})
-    with pytest.raises(ValueError, match="mr names seal"):
+    with refuses(ValueError):
         rig_fit.calibration(mr={"seal": 0.01})
     closed = rf.closed_form(rig_fit.model, rig_fit.experiments, known={"K3": 6000.0})
-    with pytest.raises(ValueError, match=r"rf\.closed_form"):
+    with refuses(ValueError):
         closed.calibration(mr=0.01)
     model = OneMode(law=Muszynska(), clearance_um=1000.0)
-    with pytest.raises(ValueError, match="linear models only"):
+    with refuses(ValueError):
         build_problem(model, exact_test(model=OneMode(), rig=TYPICAL["one-mode"]), replace(
             rig_fit.settings, known={}, calibration=Calibration(mr=0.01)
         ))  # fmt: skip

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 from seal_campaigns import FLUID, KNOWN, seal_campaign
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.estimators.minimisation.least_squares import minimise
@@ -57,7 +58,7 @@ def test_a_run_alone_gives_the_same(small, fitted):
         for name in FLUID:
             assert result.params[name].value == pytest.approx(run.params[name].value, rel=1e-9)
         np.testing.assert_allclose(result.covar, run.covar, rtol=1e-6)
-    with pytest.raises(KeyError, match="unknown run of the campaign"):
+    with refuses(KeyError):
         fitted.fit("r99")
 
 
@@ -228,19 +229,19 @@ def test_a_shared_mass_settles_where_runs_scatter_more_than_their_data_show(smal
 def test_what_cannot_be_shared(small):
     table, _ = small
     model = OneMode()
-    with pytest.raises(ValueError, match="cannot be known and shared"):
+    with refuses(ValueError):
         rf.campaign(model, table, known=KNOWN, shared=["M"])
-    with pytest.raises(ValueError, match="joint fit"):
+    with refuses(ValueError):
         rf.campaign(model, table, known=KNOWN, shared=FLUID)
-    with pytest.raises(KeyError, match="did you mean 'K0'"):
+    with refuses(KeyError):
         rf.campaign(model, table, known=KNOWN, shared=["k0"])
-    with pytest.raises(ValueError, match="do not determine the shared K"):
+    with refuses(ValueError):
         rf.campaign(model, table, known={"M": 1.2, "Ds": 8.0}, shared=["K"])  # K0 of each run takes it up
-    with pytest.raises(ValueError, match="unknown loss"):
+    with refuses(ValueError):
         rf.campaign(model, table, known=KNOWN, loss="cubic")
-    with pytest.raises(KeyError, match="no attribute 'day'"):
+    with refuses(KeyError):
         rf.campaign(model, table, known=KNOWN, split="day")
-    with pytest.raises(KeyError, match="unknown parameter"):
+    with refuses(KeyError):
         rf.campaign(model, table, known={"mass": 1.0})
 
 
@@ -299,11 +300,11 @@ def test_conditions_that_are_not_known_or_change_within_a_run_are_told(small):
 
 
 def test_wrong_words_for_trends(fitted):
-    with pytest.raises(KeyError, match=r"unknown attribute of the runs 'pressure', did you mean 'pressure_psi'"):
+    with refuses(KeyError):
         fitted.trends(against="pressure")
-    with pytest.raises(ValueError, match=r"inlet holds text \('radial' in run r00\)"):
+    with refuses(ValueError):
         fitted.trends(against="inlet")
-    with pytest.raises(KeyError, match="unknown parameter fitted run by run 'M'"):
+    with refuses(KeyError):
         fitted.trends("M", against="pressure_psi")
 
 
@@ -429,9 +430,9 @@ def test_curves_in_several_conditions(fitted):
 def test_too_few_conditions_for_a_curve(small, fitted):
     table, _ = small
     pair = rf.campaign(OneMode(), table.select(np.isin(table.run, ["r00", "r02"])), known=KNOWN)
-    with pytest.raises(ValueError, match="needs 3 values of pressure_psi well apart, there are 2; give a lower degree"):
+    with refuses(ValueError):
         pair.trends("D", against="pressure_psi", degree=2)
-    with pytest.raises(ValueError, match="the degree of a trend is 1 for a straight line or more, got 0"):
+    with refuses(ValueError):
         fitted.trends("D", against="pressure_psi", degree=0)
     assert (
         "polynomial of degree 2" in fitted.plot_trends(against="pressure_psi", degree=2).legends[0].texts[0].get_text()

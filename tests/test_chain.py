@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.linalg import eigh, eigh_tridiagonal
+from sentences import refuses
 from synthetic import circular_test, covering_frequencies
 
 import rotorfit as rf
@@ -89,17 +90,17 @@ def test_fit_of_a_chain_of_three():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    "arguments",
     [
-        ({"n": 0}, "1 to 20 masses"),
-        ({"n": 21}, "1 to 20 masses"),
-        ({"n": 3, "planes": ("a", "b")}, "3 planes"),
-        ({"n": 2, "fluid": "journal"}, "mass-1, mass-2"),
-        ({"n": 2, "two_lam": True}, "needs a fluid"),
+        {"n": 0},
+        {"n": 21},
+        {"n": 3, "planes": ("a", "b")},
+        {"n": 2, "fluid": "journal"},
+        {"n": 2, "two_lam": True},
     ],
 )
-def test_impossible_chains(arguments, message):
-    with pytest.raises(ValueError, match=message):
+def test_impossible_chains(arguments):
+    with refuses(ValueError):
         Chain(**arguments)
 
 
@@ -256,25 +257,25 @@ def test_shaft_with_three_disks():
 
 
 @pytest.mark.parametrize(
-    ("frequencies", "shapes", "options", "message"),
+    ("frequencies", "shapes", "options"),
     [
-        ([1.0, 2.0], np.eye(3), {"total_mass": 1.0}, "as many stations as modes"),
-        ([1.0, 1.0], [[1, 1], [1, -1]], {"total_mass": 1.0}, "distinct"),
-        ([0.0, 1.0], [[1, 1], [1, -1]], {"total_mass": 1.0}, "positive"),
-        ([1.0, 2.0], [[1, 0], [1, 0]], {"total_mass": 1.0}, "zero at every station"),
-        ([1.0, 2.0], [[1, 1], [1, -1]], {}, "either modal_masses or total_mass"),
-        ([1.0, 2.0], [[1, 1], [1, -1]], {"total_mass": 1.0, "modal_masses": 1.0}, "either modal_masses or total_mass"),
-        ([1.0, 2.0], [[1, 1], [1, -1]], {"modal_masses": [1.0, -1.0]}, "positive"),
-        ([1.0, 2.0], [[1, 1], [1, -1]], {"total_mass": -1.0}, "positive"),
+        ([1.0, 2.0], np.eye(3), {"total_mass": 1.0}),
+        ([1.0, 1.0], [[1, 1], [1, -1]], {"total_mass": 1.0}),
+        ([0.0, 1.0], [[1, 1], [1, -1]], {"total_mass": 1.0}),
+        ([1.0, 2.0], [[1, 0], [1, 0]], {"total_mass": 1.0}),
+        ([1.0, 2.0], [[1, 1], [1, -1]], {}),
+        ([1.0, 2.0], [[1, 1], [1, -1]], {"total_mass": 1.0, "modal_masses": 1.0}),
+        ([1.0, 2.0], [[1, 1], [1, -1]], {"modal_masses": [1.0, -1.0]}),
+        ([1.0, 2.0], [[1, 1], [1, -1]], {"total_mass": -1.0}),
     ],
 )
-def test_impossible_modes(frequencies, shapes, options, message):
-    with pytest.raises(ValueError, match=message):
+def test_impossible_modes(frequencies, shapes, options):
+    with refuses(ValueError):
         chain_from_modes(frequencies, shapes, **options)
 
 
 def test_impossible_masses():
-    with pytest.raises(ValueError, match=r"n \+ 1 springs"):
+    with refuses(ValueError):
         chain_modes([1.0, 2.0], [1.0, 2.0])
-    with pytest.raises(ValueError, match="positive"):
+    with refuses(ValueError):
         chain_modes([1.0, -2.0], [1.0, 2.0, 3.0])

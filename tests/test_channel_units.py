@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from recorded import ATTRIBUTES, RATE, motion, volts
 from scipy.io import savemat, wavfile
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.cli.main import main
@@ -105,18 +106,18 @@ def test_wav_of_floats_with_units_of_the_setup(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("unit", "setup", "words"),
+    ("unit", "setup"),
     [
-        ("um", "sensitivity_mV_per_um = 7.87\n", "no sensitivity in volts"),
-        ("g", "", "acceleration.*a probe reads motion"),
-        ("N", "", "force.*a probe reads motion"),
-        ("", "", "unit, of a channel that is scaled"),
-        ("um pk", "", "its unit in the file, 'um pk', is none of"),
+        ("um", "sensitivity_mV_per_um = 7.87\n"),
+        ("g", ""),
+        ("N", ""),
+        ("", ""),
+        ("um pk", ""),
     ],
 )
-def test_contradictions_are_refused_with_what_is_allowed(tmp_path: Path, unit: str, setup: str, words: str) -> None:
+def test_contradictions_are_refused_with_what_is_allowed(tmp_path: Path, unit: str, setup: str) -> None:
     path = hdf5(tmp_path / "a.h5", scaled(1e-6), {"disk_X": unit, "disk_Y": unit})
-    with pytest.raises(ValueError, match=words):
+    with refuses(ValueError):
         rf.read_recording(path, toml(tmp_path / "a.toml", probe=setup))
     assert main(["look", str(path), "--setup", str(tmp_path / "a.toml"), "--out", str(tmp_path / "out")]) == 2
 
@@ -132,7 +133,7 @@ def test_a_force_in_newtons(tmp_path: Path) -> None:
     force = '[force]\nplane = "disk"\nchannel_x = "cell"\n'
     record = rf.read_recording(path, toml(tmp_path / "a.toml", force))
     assert np.std(record.force_signal().real) == pytest.approx(4.448, rel=0.03)
-    with pytest.raises(ValueError, match="no sensitivity"):
+    with refuses(ValueError):
         rf.read_recording(path, toml(tmp_path / "b.toml", force + "sensitivity_mV_per_N = 10.0\n"))
 
 
@@ -152,7 +153,7 @@ def test_a_unit_of_the_setup_against_that_of_the_file_is_named(tmp_path: Path) -
 
 def test_a_channel_without_its_unit_in_the_name_is_no_channel(tmp_path: Path) -> None:
     path = hdf5(tmp_path / "a.h5", scaled(1e-6, ("disk_X [um]", "disk_Y [um]")), {})
-    with pytest.raises(ValueError, match=r"unknown channel 'disk_X', did you mean 'disk_X \[um\]'"):
+    with refuses(ValueError):
         rf.read_recording(path, toml(tmp_path / "a.toml"))
 
 
@@ -160,7 +161,7 @@ def test_a_recording_without_probes_is_refused_and_looked_at(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = hdf5(tmp_path / "a.h5", scaled(1e-6, ("front", "side")), {})
-    with pytest.raises(ValueError, match=r"none of its channels \(front, .*, side\) is known as a probe"):
+    with refuses(ValueError):
         rf.responses(rf.read_recording(path))
     assert main(["look", str(path), "--out", str(tmp_path / "out")]) == 1
     assert "no timebase: a: none of its channels is known as a probe" in capsys.readouterr().out

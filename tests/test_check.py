@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from checked import codes, found, rows
 from clean_rigs import clean_test, random_rig
+from sentences import refuses
 from slips import read_through, thinned
 from slow_cases import slow_but
 from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
@@ -263,7 +264,7 @@ def test_too_few_forces_for_equation_7(rig: PerturbationTest) -> None:
     finding = found(test, "force-planes")
     assert finding.severity == "note"
     assert "No force was applied at disk: eq. (7)" in finding.message
-    with pytest.raises(ValueError, match="disk"):
+    with refuses(ValueError):
         rf.dynamic_stiffness(test)
 
 

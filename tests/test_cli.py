@@ -16,6 +16,7 @@ import pytest
 from command_words import FIGURES, FIT, FROM_VOLTS, RIG, TABLES, TRUTH, WHOLE, Run, perturbed, refused, table
 from report_pages import leave_pixels_out
 from seal_campaigns import seal_campaign
+from sentences import refuses
 from slips import thinned
 
 import rotorfit
@@ -335,7 +336,7 @@ def test_a_bug_is_not_hidden_as_bad_input(run: Run, monkeypatch: pytest.MonkeyPa
         raise KeyError("bug")
 
     monkeypatch.setattr(cli_output, "_parameter_rows", broken)
-    with pytest.raises(KeyError, match="bug"):
+    with refuses(KeyError):
         run(*FIT, "--out", tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
 

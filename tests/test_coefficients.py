@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from seal_rig import FLUID, floating_stator, matrices
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.models import RotorModel
@@ -128,18 +129,18 @@ def test_a_table_over_speeds_as_csv_and_figure(tmp_path: Path, fit: rf.FitResult
     assert (back["Mxx_stderr"] == 0).all()
     assert [line.split()[0] for line in str(table).splitlines()][1:3] == ["Kxx", "Kxy"]
     assert len(found.plot_coefficients().axes) == 2
-    with pytest.raises(ValueError, match=r"speed by speed, at 1500, 3000 rpm; 2000 rpm is none"):
+    with refuses(ValueError):
         found.coefficients(2000 * RPM)
-    with pytest.raises(ValueError, match="unknown plane"):
+    with refuses(ValueError):
         fit.coefficients(100.0, plane="nowhere")
-    with pytest.raises(KeyError, match="unknown coefficient 'kxx'"):
+    with refuses(KeyError):
         fit.coefficients(100.0)["kxx"]
     assert set(COEFFICIENTS) < set(back.columns)
 
 
 def test_models_without_fluid_are_refused_in_words() -> None:
     theta = np.ones(len(rf.models.TwoDisk().parameters))
-    with pytest.raises(ValueError, match="two-disk has no fluid force"):
+    with refuses(ValueError):
         plane_force(rf.models.TwoDisk(), theta, 100.0, "inboard")
 
 

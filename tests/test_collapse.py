@@ -6,7 +6,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import pytest
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.models.laws import Fluid, Law
@@ -72,5 +72,5 @@ def test_a_law_that_divides_by_its_parameter_begins_at_the_parameters_scale() ->
     )
     fit = rf.fit(model, test, known={"Ds": 8.0, "K": 2e3})
     assert abs(fit.params["width"].value - 0.6) < 4 * fit.params["width"].stderr
-    with pytest.raises(ValueError, match="law from-zero gives no finite K0, D and lam where a fit begins"):
+    with refuses(ValueError):
         rf.fit(rf.models.OneMode(law=FromZero(), clearance_um=200.0), test, known={"Ds": 8.0, "K": 2e3})

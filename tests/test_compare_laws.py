@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from nonlinear_rigs import CLEARANCE_UM, EVEN, ONE_MODE, POWER
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.models.laws import Law
@@ -123,23 +124,23 @@ def test_a_law_that_cannot_be_fitted_is_listed_with_the_reason() -> None:
     assert "16 unknowns but only 10 real data" in failed.reason
     assert failed.weight == 0.0
     assert "EvenPolynomial(terms=4): 16 unknowns" in str(found)
-    with pytest.raises(ValueError, match=r"no law could be fitted: EvenPolynomial\(terms=4\): 16 unknowns"):
+    with refuses(ValueError):
         rf.compare_laws(model, few, (rf.models.EvenPolynomial(4),), known=known)
 
 
 @pytest.mark.parametrize(
-    ("model", "options", "error", "says"),
+    ("model", "options", "error"),
     [
-        (rf.models.TwoDisk(), {}, ValueError, "two-disk takes no law"),
-        (rf.models.OneMode(), {}, ValueError, r"give it \(clearance_um=, --clearance-um\)"),
-        (rf.models.OneMode(clearance_um=200.0), {"laws": ()}, ValueError, "at least one law"),
-        (rf.models.OneMode(clearance_um=200.0), {"known": {"n_k": 2.0}}, KeyError, "n_K"),
-        (rf.models.OneMode(clearance_um=200.0), {"loss": "cubic"}, ValueError, "cubic"),
+        (rf.models.TwoDisk(), {}, ValueError),
+        (rf.models.OneMode(), {}, ValueError),
+        (rf.models.OneMode(clearance_um=200.0), {"laws": ()}, ValueError),
+        (rf.models.OneMode(clearance_um=200.0), {"known": {"n_k": 2.0}}, KeyError),
+        (rf.models.OneMode(clearance_um=200.0), {"loss": "cubic"}, ValueError),
     ],
 )
 def test_impossible_comparisons_are_refused(
-    model: rf.models.RotorModel, options: dict[str, Any], error: type[Exception], says: str
+    model: rf.models.RotorModel, options: dict[str, Any], error: type[Exception]
 ) -> None:
     test = sweeps(rf.models.Muszynska(), POWER)
-    with pytest.raises(error, match=says):
+    with refuses(error):
         rf.compare_laws(model, test, **options)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.cli.main import main
@@ -70,8 +71,8 @@ def test_fits_without_an_anisotropy_are_refused_in_words():
         run="a", speed=120.0, frequency=W, force_plane="disk", force=1.0, plane="disk", direction="z",
         response=1 / (4e4 + 14j * W - W**2), sigma=1e-9,
     )  # fmt: skip
-    with pytest.raises(ValueError, match="does not determine dK/K: the image at 2 Om - w"):
+    with refuses(ValueError):
         rf.dated_anisotropy(rf.fit(lateral, test, known=OPEN))
     mode = rf.fit(rf.models.OneMode(planes=("disk",)), test, known={"K0": 0.0, "D": 0.0, "lam": 0.0, "Mf": 0.0})
-    with pytest.raises(ValueError, match="one-mode has no turning anisotropy"):
+    with refuses(ValueError):
         rf.dated_anisotropy(mode)

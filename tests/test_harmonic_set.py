@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.models import Chain, Turning, harmonic_set
@@ -66,9 +67,9 @@ def test_either_anisotropy_alone_couples_two_lines():
 
 def test_what_makes_no_set_is_refused_in_words():
     theta = CHAIN.vector(VALUES)
-    with pytest.raises(ValueError, match="keeps x and y apart"):
+    with refuses(ValueError):
         harmonic_set(rf.models.Anisotropic(), [0.0] * 12, W, SPEED, {}, {})
-    with pytest.raises(KeyError, match=r"no coordinate seal\.z"):
+    with refuses(KeyError):
         harmonic_set(CHAIN, theta, W, SPEED, {"seal": 1.0}, {})
-    with pytest.raises(ValueError, match="pairs of lines leave a change of"):
+    with refuses(ValueError):
         harmonic_set(CHAIN, theta, W, SPEED, FORCE, SUPPORT, tolerance=0.0, most=3)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from recorded import RATE, volts, write_hdf5
+from sentences import refuses
 
 import rotorfit as rf
 
@@ -61,5 +62,5 @@ def test_a_recording_without_any_probe_left_says_why(tmp_path: Path) -> None:
     for name in ("disk_X", "disk_Y"):
         channels[name][4000:4400] = channels[name][4000]
     record = rf.read_recording(write_hdf5(tmp_path / "a.h5", channels))
-    with pytest.raises(ValueError, match=r"disk_X, disk_Y\. a, channel disk_X stays on one count from"):
+    with refuses(ValueError):
         rf.responses(record)

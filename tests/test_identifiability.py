@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 from linear_tests import linear_test
+from sentences import refuses
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
@@ -143,5 +144,5 @@ def test_readings_that_determine_no_value_are_refused_before_a_search(planes: tu
     theta = model.vector(TYPICAL["two-disk"])
     whole = linear_test(model, theta, speed=0.0, frequency=np.linspace(20.0, 300.0, 60), along="x", noise=0.01)
     test = whole.select((whole.direction == "x") & np.isin(whole.plane, planes) & np.isin(whole.force_plane, planes))
-    with pytest.raises(ValueError, match=rf"none of the {12 * len(planes) ** 2} values .* readings are of disk\.x"):
+    with refuses(ValueError):
         rf.fit(rf.models.Anisotropic(planes), test)

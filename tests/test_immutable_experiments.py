@@ -6,7 +6,7 @@ import pickle
 from dataclasses import replace
 
 import numpy as np
-import pytest
+from sentences import refuses
 from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
@@ -28,7 +28,7 @@ def test_columns_and_attributes_cannot_be_written_to():
     test = replace(test, sigma=of_a_caller + 1.0, attributes={"oil_C": of_a_caller})
     for copy in (test, test.select(test.frequency > 0), pickle.loads(pickle.dumps(test))):
         for column in (copy.response, copy.sigma, copy.attributes["oil_C"]):
-            with pytest.raises(ValueError, match="read-only"):
+            with refuses(ValueError):
                 column[0] = 0
     of_a_caller[0] = 7.0
     assert test.attributes["oil_C"][0] == 0.0

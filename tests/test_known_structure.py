@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from beams import shaft
 from scipy.linalg import block_diag
+from sentences import refuses
 from synthetic import circular_test
 
 import rotorfit as rf
@@ -348,21 +349,21 @@ def anisotropic(kind):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change",
     [
-        (lambda m: anisotropic("bearing"), "K is not isotropic: its xx and yy entries between nodes 0 and 0"),
-        (lambda m: anisotropic("cross"), "K is not isotropic: its xy and -yx"),
-        (lambda m: m | {"K": m["K"][:-4, :-4]}, "one size"),
-        (lambda m: {k: v[:-1, :-1] for k, v in m.items()}, "multiple of the 4 dofs"),
-        (lambda m: m | {"M": m["M"][:, :-1]}, "M must be a square matrix"),
-        (lambda m: m | {"K": m["K"] * np.nan}, "finite"),
-        (lambda m: m | {"K": m["K"] * 1e150}, "finite"),
-        (lambda m: m | {"K": m["K"] + 0j}, "matrices are real"),
+        lambda m: anisotropic("bearing"),
+        lambda m: anisotropic("cross"),
+        lambda m: m | {"K": m["K"][:-4, :-4]},
+        lambda m: {k: v[:-1, :-1] for k, v in m.items()},
+        lambda m: m | {"M": m["M"][:, :-1]},
+        lambda m: m | {"K": m["K"] * np.nan},
+        lambda m: m | {"K": m["K"] * 1e150},
+        lambda m: m | {"K": m["K"] + 0j},
     ],
 )
-def test_unsuitable_real_matrices(change, message):
+def test_unsuitable_real_matrices(change):
     matrices = change(dict(zip("MGK", real_matrices(*rig_matrices()), strict=True)))
-    with pytest.raises(ValueError, match=message):
+    with refuses(ValueError):
         KnownStructure(matrices["M"], None, matrices["G"], matrices["K"], planes=PLANES, dofs=rf.models.ROSS_4)
 
 
@@ -376,35 +377,35 @@ def test_matrices_of_a_file_are_refused_with_its_name(tmp_path):
 def test_lateral_axial_coupling_is_refused():
     K = block_diag(*[np.zeros((6, 6))] * 15)
     K[0, 2] = K[2, 0] = 1.0
-    with pytest.raises(ValueError, match="couples lateral motion"):
+    with refuses(ValueError):
         KnownStructure(np.eye(len(K)), None, None, K, planes=PLANES, dofs=rf.models.ROSS_6)
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    "options",
     [
-        ({"planes": {}}, "at least one node"),
-        ({"planes": {"disk": 15}}, "nodes 0 to 14"),
-        ({"planes": {"a": 3, "b": 3}}, "different nodes"),
-        ({"fluid": "seal"}, "fluid names seal; each must be one of the planes disk, journal"),
-        ({"damping": ("disk", "disk")}, "once"),
-        ({"dofs": ("z", "w")}, "degree of freedom 'w'"),
-        ({"dofs": ("x", "z")}, "dofs must hold"),
-        ({"dofs": ("z",), "tilts": ("disk",), "planes": {"disk": 3}}, "tilts need slopes"),
-        ({"scales": {"E": {"K": np.eye(4)}}}, "E needs at least one of M, C, G, K"),
-        ({"scales": {"E": {}}}, "E needs at least one"),
-        ({"scales": {"E": {"Q": np.eye(30)}}}, "matrix 'Q'"),
-        ({"fluid": "journal", "scales": {"K0": {"K": np.eye(30)}}}, "different names"),
+        {"planes": {}},
+        {"planes": {"disk": 15}},
+        {"planes": {"a": 3, "b": 3}},
+        {"fluid": "seal"},
+        {"damping": ("disk", "disk")},
+        {"dofs": ("z", "w")},
+        {"dofs": ("x", "z")},
+        {"dofs": ("z",), "tilts": ("disk",), "planes": {"disk": 3}},
+        {"scales": {"E": {"K": np.eye(4)}}},
+        {"scales": {"E": {}}},
+        {"scales": {"E": {"Q": np.eye(30)}}},
+        {"fluid": "journal", "scales": {"K0": {"K": np.eye(30)}}},
     ],
 )
-def test_impossible_structures(options, message):
+def test_impossible_structures(options):
     M, G, K = rig_matrices()
-    with pytest.raises(ValueError, match=message):
+    with refuses(ValueError):
         KnownStructure(M, None, G, K, **({"planes": PLANES} | options))
 
 
 def test_lumped_models_have_no_structure():
-    with pytest.raises(TypeError, match="no known structure"):
+    with refuses(TypeError):
         WhirlWhip().known_stiffness(np.zeros(11), np.zeros(1, dtype=complex), np.zeros(1))
 
 

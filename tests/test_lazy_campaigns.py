@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from seal_campaigns import KNOWN, same_fits, seal_campaign
+from sentences import warns
 
 import rotorfit as rf
 from rotorfit.executors import process_pool
@@ -121,7 +122,7 @@ def test_errors_in_a_part_are_warned_of(parts, tmp_path):
     table = pd.read_csv(parts[1], comment="#")
     inverted = table["direction"] == "y"
     table.assign(phase_deg=table["phase_deg"] + 180.0 * inverted).to_csv(tmp_path / "y.csv", index=False)
-    with pytest.warns(rf.DataWarning, match="[Bb]ackward|inverted|y"):
+    with warns(rf.DataWarning):
         rf.campaign(OneMode(), [tmp_path / "y.csv"], known=KNOWN)
 
 

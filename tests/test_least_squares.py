@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from sentences import refuses
 from symbolic_residuals import SymbolicResiduals
 
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
@@ -183,7 +184,7 @@ def test_exception_of_the_objective_surfaces(after: int, capfd: pytest.CaptureFi
             raise BrokenModelError("bearing 3 has no stiffness")
         return False
 
-    with pytest.raises(BrokenModelError, match="bearing 3"):
+    with refuses(BrokenModelError):
         minimise(Wrapped(rosenbrock(), hook), [-1.2, 1.0])
     assert minimise(rosenbrock(), [-1.2, 1.0]).success  # the solver is usable afterwards
     assert capfd.readouterr() == ("", "")
@@ -194,7 +195,7 @@ def test_exception_of_the_exact_hessian_surfaces() -> None:
         def hessian(self, x: Array) -> Array:
             raise BrokenModelError("no second derivatives")
 
-    with pytest.raises(BrokenModelError, match="second derivatives"):
+    with refuses(BrokenModelError):
         minimise(Broken(decay(), lambda x: False), [1.0, 1.0], options=Options(hessian="exact"))
 
 
@@ -286,19 +287,19 @@ def test_nested_and_concurrent_fits() -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    "arguments",
     [
-        ({"start": [np.nan, 1.0]}, "start is"),
-        ({"start": []}, "non-empty"),
-        ({"start": [1.0, 1.0], "lower": [2.0, 0.0]}, r"start\[0\] is 1.0; its bounds allow 2.0 to inf"),
-        ({"start": [1.0, 1.0], "upper": [1.0, 0.0]}, r"start\[1\]"),
-        ({"start": [1.0, 1.0], "lower": [0.0, 0.0, 0.0]}, "lower has shape"),
-        ({"start": [1.0, 1.0], "upper": [np.nan, 0.0]}, "nan is not allowed"),
-        ({"start": [1.0, 1.0], "scale": [1.0, 0.0]}, "finite and positive"),
+        {"start": [np.nan, 1.0]},
+        {"start": []},
+        {"start": [1.0, 1.0], "lower": [2.0, 0.0]},
+        {"start": [1.0, 1.0], "upper": [1.0, 0.0]},
+        {"start": [1.0, 1.0], "lower": [0.0, 0.0, 0.0]},
+        {"start": [1.0, 1.0], "upper": [np.nan, 0.0]},
+        {"start": [1.0, 1.0], "scale": [1.0, 0.0]},
     ],
 )
-def test_wrong_arguments(arguments: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+def test_wrong_arguments(arguments: dict[str, Any]) -> None:
+    with refuses(ValueError):
         minimise(decay(), **arguments)
 
 
@@ -316,15 +317,15 @@ def test_negative_cost_is_refused() -> None:
         def gauss_newton(self, x: Array) -> tuple[float, Array, Array]:
             return -1.0, x, np.eye(x.size)
 
-    with pytest.raises(ValueError, match="must not be negative"):
+    with refuses(ValueError):
         minimise(Negative(decay(), lambda x: False), [1.0, 1.0])
 
 
 def test_symbolic_residuals_check_their_arguments() -> None:
     x, other = ca.SX.sym("x", 2), ca.SX.sym("k")
-    with pytest.raises(ValueError, match="depend on"):
+    with refuses(ValueError):
         SymbolicResiduals(x * other, x)
-    with pytest.raises(ValueError, match="column"):
+    with refuses(ValueError):
         SymbolicResiduals(x.T, x)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from clean_rigs import clean_test, random_rig
 from linear_tests import linear_test
+from sentences import refuses
 from synthetic import MODELS, TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
@@ -98,12 +99,12 @@ def csv_text(along: str, frequency: float) -> str:
 
 
 @pytest.mark.parametrize(
-    ("along", "frequency", "message"),
-    [("z", 300, "line 2, column 'force_direction'.*circular, x, y"), ("x", -300, "frequency has to be positive")],
+    ("along", "frequency"),
+    [("z", 300), ("x", -300)],
 )
-def test_a_direction_that_cannot_be_is_refused(tmp_path: Path, along: str, frequency: float, message: str) -> None:
+def test_a_direction_that_cannot_be_is_refused(tmp_path: Path, along: str, frequency: float) -> None:
     (tmp_path / "t.csv").write_text(csv_text(along, frequency), encoding="utf-8")
-    with pytest.raises(ValueError, match=message):
+    with refuses(ValueError):
         rf.read(tmp_path / "t.csv")
 
 
@@ -117,13 +118,13 @@ def test_a_blank_cell_is_a_circular_force(tmp_path: Path) -> None:
 def test_one_probe_alone_is_refused_in_words() -> None:
     test = rig("one-mode", "x", 0.01)
     alone = test.select(test.direction == "x")
-    with pytest.raises(ValueError, match=r"no partner in the other direction .*one probe cannot tell apart"):
+    with refuses(ValueError):
         rf.fit(rf.models.OneMode(), alone, known={"K": 0.0, "Ds": 0.0})
 
 
 def test_a_law_of_eccentricity_is_refused_in_words() -> None:
     model = rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=200)
-    with pytest.raises(ValueError, match="makes no circular one"):
+    with refuses(ValueError):
         rf.fit(model, rig("one-mode", "x", 0.01), known={"K": 0.0, "Ds": 0.0})
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sentences import refuses
 from slow_cases import slow_but
 from swept import Rotor, Sweep, two_modes
 
@@ -130,7 +131,7 @@ def test_start_ups_with_the_weight_at_opposite_places_are_differenced_in_one_fit
 def test_too_few_lines_are_refused() -> None:
     line = np.arange(7.0)
     one = np.ones((1, 7), complex)
-    with pytest.raises(ValueError, match="7 spectral lines lie in the tested band, 0 to 6 rad/s, 9 are needed"):
+    with refuses(ValueError):
         local_response([RecordSpectra(frequency=line, outputs=one, forces=one, others=one)], 0.0, 6.0)
 
 

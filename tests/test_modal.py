@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from sentences import refuses
 
 import rotorfit as rf
 
@@ -94,19 +95,19 @@ def test_only_what_is_forced_and_measured_has_parameters() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    "options",
     [
-        ({"planes": ()}, "at least one plane"),
-        ({"planes": ("a", "a")}, "a name of its own"),
-        ({"gains": "none"}, "'probe', 'plane'"),
-        ({"gains": "plane", "apart": True}, "has gains='probe'"),
-        ({"modes": 0}, "1 to 9 modes"),
-        ({"force_planes": ("disk3",)}, "did you mean 'disk2'"),
-        ({"probe_planes": ()}, "name at least one of disk1, disk2"),
+        {"planes": ()},
+        {"planes": ("a", "a")},
+        {"gains": "none"},
+        {"gains": "plane", "apart": True},
+        {"modes": 0},
+        {"force_planes": ("disk3",)},
+        {"probe_planes": ()},
     ],
 )
-def test_wrong_options_are_refused_in_words(options: dict[str, object], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+def test_wrong_options_are_refused_in_words(options: dict[str, object]) -> None:
+    with refuses(ValueError):
         rf.models.Modal(**options)  # type: ignore[arg-type]
 
 
@@ -149,7 +150,7 @@ def test_two_modes_of_start_ups_give_the_disks() -> None:
 
 def test_other_models_have_no_modes_to_turn_into_disks() -> None:
     fit = rf.fit(rf.models.TwoDisk(), rf.datasets.two_disk())
-    with pytest.raises(ValueError, match="needs a fit of Modal with two modes"):
+    with refuses(ValueError):
         rf.two_disk_from_modes(fit)
 
 
@@ -274,7 +275,7 @@ def test_more_modes_than_the_responses_hold_are_refused_at_once(noise: float) ->
     blocks = [observe(beam(3), test, np.zeros(len(test), dtype=np.intp)) for test in [eight_sensors(noise)]]
     values, _ = modal_start(beam(3), blocks)
     assert values["wn3"] / (2 * np.pi) == pytest.approx(160.0, rel=0.01)
-    with pytest.raises(ValueError, match=r"show 3 of 5 modes.*modes=3 "):
+    with refuses(ValueError):
         modal_start(beam(5), blocks)
 
 
@@ -293,5 +294,5 @@ def test_stabilisation_and_shapes_are_drawn() -> None:
     shapes = fit.plot_mode_shapes(unit="hz")
     assert [axis.get_ylabel() for axis in shapes.axes] == ["mode 1, 42 Hz", "mode 2, 95 Hz", "mode 3, 160 Hz"]
     rig = rf.fit(rf.models.WhirlWhip(), rf.read(rf.datasets.path("rig_open.csv")), known={"K3": 6000.0})
-    with pytest.raises(ValueError, match="whirl-whip"):
+    with refuses(ValueError):
         rig.plot_mode_shapes()

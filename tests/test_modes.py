@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.linalg import eig, eigh
+from sentences import refuses
 from synthetic import SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
@@ -127,9 +128,9 @@ def test_shapes_are_compared(fit: rf.FitResult) -> None:
     modes = fit.modes()
     np.testing.assert_allclose(modes.mac([[1.0, 1.0], [0.984, -0.939]]), np.eye(2), atol=0.003)
     assert modes.mac({"outboard": 2.0, "inboard": 2.0}).shape == (2, 1)
-    with pytest.raises(KeyError, match="outbaord"):
+    with refuses(KeyError):
         modes.mac({"outbaord": [1.0], "inboard": [1.0]})
-    with pytest.raises(ValueError, match="two planes or more"):
+    with refuses(ValueError):
         modes.mac({"outboard": [1.0]})
-    with pytest.raises(KeyError, match="middle"):
+    with refuses(KeyError):
         fit.modes(normalise="middle")

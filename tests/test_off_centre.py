@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from linear_tests import linearised
 from nonlinear_rigs import rig
+from sentences import refuses
 
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float
@@ -170,5 +171,5 @@ def test_a_load_that_no_equilibrium_carries_does_not_come_to_rest() -> None:
     model, theta = rig("jumping")
     motion = Motion(model=model, theta=theta[None], speed=np.array([400.0]))
     assert eigenvalues(model, theta, 400.0).real.max() > 0
-    with pytest.raises(IntegrationError, match=r"touches the wall|not come to rest"):
+    with refuses(IntegrationError):
         rest_position(motion, np.array([[0.01 + 0j]]), np.array([20.0]), tolerance=1e-6)

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from linear_tests import linear_test
+from sentences import refuses, warns
 from synthetic import MODELS, TYPICAL, known_of
 
 import rotorfit as rf
@@ -49,10 +50,10 @@ def test_beside_pairs_single_probes_count_too() -> None:
 def test_a_rotor_that_turns_or_a_reading_across_the_force_is_refused() -> None:
     model = MODELS["whirl-whip"]()
     turning = linear_test(model, model.vector(TRUTH), speed=100.0, frequency=W, along="x", force=5.0)
-    with pytest.raises(ValueError, match=r"at 954\.9 rpm.*at rest \(speed 0\)"):
+    with refuses(ValueError):
         rf.fit(model, turning.select(turning.direction == "x"), known=KNOWN)
     still = linear_test(model, model.vector(TRUTH), speed=0.0, frequency=W, along="x", force=5.0, noise=0.01)
-    with pytest.raises(ValueError, match=r"reads disk y alone under a force along x"):
+    with refuses(ValueError):
         rf.fit(model, still.select(still.direction == "y"), known=KNOWN)
 
 
@@ -60,7 +61,7 @@ def test_lag_read_as_lead_is_named_at_rest_too() -> None:
     """A passive rig that took up no power would have negative damping."""
     table, _ = accelerations(5e-4, 1)
     assert rf.check(rf.read(table)) == []
-    with pytest.warns(rf.DataWarning, match="the FRF is conjugated. Give phases of lag as phase_lag_deg"):
+    with warns(rf.DataWarning):
         rf.read(table.assign(phase_deg=-table.phase_deg))
 
 
@@ -266,28 +267,25 @@ def coherent(*values: str, averages: str = ",20", start: float = 10.0) -> str:
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    "text",
     [
-        (coherent("0.9", "0.8", averages=""), "number of averages behind it"),
-        (coherent("98", "97"), r"line 2.*98 is no coherence.*not per cent"),
-        (coherent("-0.1", "0.9"), r"-0\.1 is no coherence"),
-        (coherent("1", "1"), "coherence is 1 in all rows"),
-        (coherent("0", "0"), "throughout: all readings are noise alone"),
-        (coherent("0.9", "0.8", averages=",1"), "5 or more"),
-        (coherent("0.9", "0.8", averages=",many"), "'many' is not a number"),
-        (
-            coherent("0.9,20,1e-6", "0.8,20,1e-6", averages="").replace("coherence", "coherence,averages,sigma_g"),
-            "keep one",
-        ),
+        coherent("0.9", "0.8", averages=""),
+        coherent("98", "97"),
+        coherent("-0.1", "0.9"),
+        coherent("1", "1"),
+        coherent("0", "0"),
+        coherent("0.9", "0.8", averages=",1"),
+        coherent("0.9", "0.8", averages=",many"),
+        coherent("0.9,20,1e-6", "0.8,20,1e-6", averages="").replace("coherence", "coherence,averages,sigma_g"),
     ],
 )
-def test_a_coherence_that_says_nothing_is_refused(text: str, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+def test_a_coherence_that_says_nothing_is_refused(text: str) -> None:
+    with refuses(ValueError):
         read_text(text)
 
 
 def test_rounded_ones_zeros_and_blanks() -> None:
-    with pytest.warns(UserWarning, match="1 of 4 readings have coherence zero"):
+    with warns(UserWarning):
         found = read_text(coherent("1.00", "0.90", "0", ""))
     assert len(found) == 3
     size = np.abs(found.response)
@@ -296,21 +294,21 @@ def test_rounded_ones_zeros_and_blanks() -> None:
 
 
 def test_a_line_at_frequency_zero_is_left_out_with_a_word() -> None:
-    with pytest.warns(UserWarning, match="1 readings at frequency zero were left out"):
+    with warns(UserWarning):
         found = read_text(coherent("0.9", "0.9", "0.8", start=0.0))
     assert len(found) == 2
 
 
 @pytest.mark.parametrize(
-    ("table", "message"),
+    "table",
     [
-        ("acceleration_g,velocity_mm_s,phase_deg\na,0,9,j,1,0,j,x,1,1,0\n", "given twice"),
-        ("acceleration_furlong,phase_deg\na,0,9,j,1,0,j,x,1,0\n", "missing columns: amplitude_um"),
-        ("acceleration_g\na,0,9,j,1,0,j,x,1\n", "missing columns: phase_deg"),
-        ("acceleration_g,phase_deg\na,0,9,j,1,0,j,rx,1,0\n", "amplitude_urad"),
+        "acceleration_g,velocity_mm_s,phase_deg\na,0,9,j,1,0,j,x,1,1,0\n",
+        "acceleration_furlong,phase_deg\na,0,9,j,1,0,j,x,1,0\n",
+        "acceleration_g\na,0,9,j,1,0,j,x,1\n",
+        "acceleration_g,phase_deg\na,0,9,j,1,0,j,rx,1,0\n",
     ],
 )
-def test_accelerations_in_doubt_are_refused(table: str, message: str) -> None:
+def test_accelerations_in_doubt_are_refused(table: str) -> None:
     head = "run,speed_rpm,frequency_rpm,force_plane,force_N,force_phase_deg,plane,direction,"
-    with pytest.raises(ValueError, match=message):
+    with refuses(ValueError):
         read_text(head + table)

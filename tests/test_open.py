@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from browser import Browser, Tab
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit import datasets
@@ -191,5 +192,5 @@ def test_the_address_is_this_machines_alone_and_a_secret(address: str) -> None:
     assert parts.hostname == "127.0.0.1"
     assert len(parts.path) > 20
     for path in ("/", "/index", f"{parts.path[:-1]}", "/static/"):
-        with pytest.raises(urllib.error.HTTPError, match=r"40[34]"):
+        with refuses(urllib.error.HTTPError):
             urllib.request.urlopen(f"http://{parts.netloc}{path}")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from nonlinear_rigs import rig
 from numpy.typing import NDArray
+from sentences import refuses
 from slow_cases import slow_but
 
 from rotorfit.estimators.blocks.nonlinear import OrbitBranch, OrbitResponses
@@ -147,7 +148,7 @@ def test_roots_do_not_exist_beyond_the_clearance() -> None:
     equation = orbit_equation(model, theta, SPEED, np.array([70.0]), forces(model, 0, np.array([50.0])))
     assert all_roots(journal(model), equation)[0] == pytest.approx([1.0], abs=1e-8)
     motion = Motion(model=model, theta=theta[None], speed=np.array([SPEED]))
-    with pytest.raises(IntegrationError, match="touches the wall"):
+    with refuses(IntegrationError):
         steady_state(motion, np.array([70.0]), forces(model, 0, np.array([50.0])), np.array([30.0]), tolerance=1e-6)
 
 

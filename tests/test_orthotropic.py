@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from fe_rigs import DISK, JOURNAL, RPM, TYPICAL, Rig
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.cli.main import main
@@ -229,21 +230,18 @@ def test_saved_and_loaded_it_is_the_same(refined: rf.FitResult) -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "words"),
+    "make",
     [
-        (lambda: rf.models.Orthotropic(rf.models.WhirlWhip(), at="jornal"), "did you mean 'journal'"),
-        (lambda: rf.models.Orthotropic(rf.models.Anisotropic(("a",))), "keeps x and y apart already"),
-        (lambda: rf.models.Orthotropic(rf.models.Overhung()), "tilts"),
-        (
-            lambda: rf.models.Orthotropic(rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=100.0)),
-            "law of eccentricity",
-        ),
-        (lambda: rf.models.Orthotropic(rf.models.WhirlWhip(), at=("journal", "journal")), "twice"),
-        (lambda: rf.models.Orthotropic(rf.models.WhirlWhip()).variant(colour="red"), "no option colour"),
+        lambda: rf.models.Orthotropic(rf.models.WhirlWhip(), at="jornal"),
+        lambda: rf.models.Orthotropic(rf.models.Anisotropic(("a",))),
+        lambda: rf.models.Orthotropic(rf.models.Overhung()),
+        lambda: rf.models.Orthotropic(rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=100.0)),
+        lambda: rf.models.Orthotropic(rf.models.WhirlWhip(), at=("journal", "journal")),
+        lambda: rf.models.Orthotropic(rf.models.WhirlWhip()).variant(colour="red"),
     ],
 )
-def test_what_cannot_be_is_refused(make, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
+def test_what_cannot_be_is_refused(make) -> None:
+    with refuses(ValueError):
         make()
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from sentences import refuses
 
 import rotorfit as rf
 
@@ -100,9 +101,9 @@ def test_readings_z_at_signed_frequency_go_with_force_angle(orbits: Orbits) -> N
     given |= {"direction": "z", "response": z, "sigma": 1e-8}
     test = rf.perturbation_test(**given, force=FORCE, force_angle=np.radians(ANGLE))
     assert_true(rf.fit(rf.models.OneMode(), test, known=KNOWN))
-    with pytest.raises(ValueError, match="force is complex and has an angle already"):
+    with refuses(ValueError):
         rf.perturbation_test(**given, force=FORCE + 0j, force_angle=0.3)
-    with pytest.raises(ValueError, match="along an axis give the phasor"):
+    with refuses(ValueError):
         rf.perturbation_test(**given, force=FORCE, force_angle=0.3, force_direction="x")
 
 

@@ -13,6 +13,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from scipy import optimize, stats
+from sentences import refuses
 from slow_cases import slow_but
 from synthetic import TYPICAL, circular_test, covering_frequencies, known_of
 from test_known_structure import FITTED, known_rig
@@ -161,56 +162,54 @@ def test_what_stays_open_is_said() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change",
     [
-        ({"speed_rpm": 9000}, "unstable at 9000 rpm.*below the threshold of"),
-        ({"force_planes": "disk"}, "unknown force plane of one-mode 'disk'"),
-        ({"probes": "coupling"}, "unknown probe of one-mode 'coupling'"),
-        ({"force_N": -1.0}, "force_N is -1.0; it must be a positive number"),
-        ({"force_N": None}, "needs a limit of the force"),
-        ({"clearance_share": 1.5, "clearance_um": 100}, "moves within its clearance: below 1"),
-        ({"clearance_share": 0.1}, "needs clearance_um"),
-        ({"speed_count": 2}, "speed_count is 2 of 1 possible speeds"),
-        ({"directions": "sideways"}, "unknown direction 'sideways'"),
-        ({"frequency_rpm": [-100.0, 100.0]}, "must be positive"),
-        ({"frequency_rpm": []}, "at least one"),
+        {"speed_rpm": 9000},
+        {"force_planes": "disk"},
+        {"probes": "coupling"},
+        {"force_N": -1.0},
+        {"force_N": None},
+        {"clearance_share": 1.5, "clearance_um": 100},
+        {"clearance_share": 0.1},
+        {"speed_count": 2},
+        {"directions": "sideways"},
+        {"frequency_rpm": [-100.0, 100.0]},
+        {"frequency_rpm": []},
     ],
 )
-def test_impossible_designs_are_refused_in_one_sentence(change: dict[str, object], message: str) -> None:
+def test_impossible_designs_are_refused_in_one_sentence(change: dict[str, object]) -> None:
     options: dict[str, object] = {"speed_rpm": 1000, "frequency_rpm": [400.0, 800.0, 1200.0], "force_N": 5.0, **change}
-    with pytest.raises(ValueError, match=message) as refused:
+    with refuses(ValueError) as refused:
         rf.plan(ONE, FREE, rf.Design(**options), noise_um=0.1, known=KNOWN, quantity="lam")
     assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize(
-    ("change", "error", "message"),
+    ("change", "error"),
     [
-        ({"noise_um": None}, ValueError, "give noise_um= or noise_share="),
-        ({"noise_um": -1.0}, ValueError, "positive number of micrometres"),
-        ({"noise_um": {"disk": 0.1}}, ValueError, "noise_um has no value for journal"),
-        ({"quantity": "lamb"}, KeyError, "did you mean 'lam'"),
-        ({"quantity": "K"}, ValueError, "K is known here"),
-        ({"values": {**FREE, "D": (2.0, 1.0)}}, ValueError, "low below high"),
-        ({"values": {**FREE, "M": -5.0}}, ValueError, "outside the physical limits"),
-        ({"values": {"lam": 0.4}}, ValueError, "no value for"),
-        ({"values": {**FREE, "Q": 0.4}}, KeyError, "unknown parameter of one-mode 'Q'"),
-        ({"values": 3.0}, TypeError, "values are a mapping"),
-        ({"even": 0.0}, ValueError, "even is 0.0"),
-        ({"wanted": -1.0}, ValueError, "wanted is -1.0"),
-        ({"draws": 0}, ValueError, "draws is 0"),
-        ({"noise_share": 2.0}, ValueError, "noise_share is 2.0"),
-        ({"memory": (0.5, 1.5)}, ValueError, "memory is 1.5"),
-        ({"runs": {"K0": 0.0}}, ValueError, "K0 is 0.0"),
-        ({"runs": {"torque": 0.1}}, ValueError, "unknown difference of runs 'torque'"),
+        ({"noise_um": None}, ValueError),
+        ({"noise_um": -1.0}, ValueError),
+        ({"noise_um": {"disk": 0.1}}, ValueError),
+        ({"quantity": "lamb"}, KeyError),
+        ({"quantity": "K"}, ValueError),
+        ({"values": {**FREE, "D": (2.0, 1.0)}}, ValueError),
+        ({"values": {**FREE, "M": -5.0}}, ValueError),
+        ({"values": {"lam": 0.4}}, ValueError),
+        ({"values": {**FREE, "Q": 0.4}}, KeyError),
+        ({"values": 3.0}, TypeError),
+        ({"even": 0.0}, ValueError),
+        ({"wanted": -1.0}, ValueError),
+        ({"draws": 0}, ValueError),
+        ({"noise_share": 2.0}, ValueError),
+        ({"memory": (0.5, 1.5)}, ValueError),
+        ({"runs": {"K0": 0.0}}, ValueError),
+        ({"runs": {"torque": 0.1}}, ValueError),
     ],
 )
-def test_impossible_wishes_are_refused_in_one_sentence(
-    change: dict[str, object], error: type[Exception], message: str
-) -> None:
+def test_impossible_wishes_are_refused_in_one_sentence(change: dict[str, object], error: type[Exception]) -> None:
     design = rf.Design(speed_rpm=1000, frequency_rpm=[400.0, 800.0, 1200.0, 1600.0], force_N=5.0)
     options: dict[str, object] = {"values": FREE, "noise_um": 0.1, "quantity": "lam", **change}
-    with pytest.raises(error, match=message):
+    with refuses(error):
         rf.plan(ONE, tests=design, known=KNOWN, **options)
 
 
@@ -286,7 +285,7 @@ def test_terms_that_hold_in_the_band_leave_a_rotor_that_can_be_planned_for() -> 
     plan = rf.plan(model, fit, design, noise_um=0.5, quantity="threshold_speed", draws=2)
     assert plan.expected["threshold_speed"].value == pytest.approx(fit.threshold_speed().value, rel=1e-9)
     assert math.isfinite(plan.expected["threshold_speed"].stderr)
-    with pytest.raises(ValueError, match=r"unstable at 3000 rpm .* below the threshold of 265"):
+    with refuses(ValueError):
         rf.plan(model, fit, replace(design, speed_rpm=3000), noise_um=0.5)
 
 
@@ -323,7 +322,7 @@ def test_lines_of_a_shaft_that_is_not_round_are_patterns_and_no_design() -> None
     direct = rf.plan(shaft, values, lines.select(lines.line == "w"), known=known, quantity="dK_cos")
     assert both.expected["dK_cos"].stderr < 0.5 * direct.expected["dK_cos"].stderr
     design = rf.Design(speed_rpm=900, frequency_rpm=[500, 1500], force_N=1.0)
-    with pytest.raises(ValueError, match=r"images and twist.*give LineTests"):
+    with refuses(ValueError):
         rf.plan(shaft, values, design, known=known, noise_um=1.0)
 
 
@@ -339,7 +338,7 @@ def test_noise_of_motion_is_none_of_eigenvalues() -> None:
     values = {name: TRUTH[name] for name in ("K0", "D", "lam")}
     plain, shared = (rf.plan(model, values, hit, known=known, noise_share=s) for s in (0.0, 0.05))
     assert plain.expected["D"].stderr == shared.expected["D"].stderr
-    with pytest.raises(ValueError, match="responses to forces"):
+    with refuses(ValueError):
         rf.plan(model, values, hit, known=known, runs={"force": 0.01})
 
 

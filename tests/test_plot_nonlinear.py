@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from nonlinear_rigs import CLEARANCE_UM, ONE_MODE, POWER, WHIRL_WHIP, rig
+from sentences import refuses
 from slow_cases import slow_but
 
 import rotorfit as rf
@@ -216,17 +217,17 @@ def test_figures_without_their_data_say_what_is_missing() -> None:
     full = fitted(1)
     known = {name: full.params[name].value for name in ("Ds", "K", "M", "Mf")}
     static = rf.fit(full.model, full.experiments[1], known=known, start={"D": 150.0})
-    with pytest.raises(ValueError, match="no circular orbits"):
+    with refuses(ValueError):
         plot_nonlinear_stiffness(static)
-    with pytest.raises(ValueError, match="no impulse tests"):
+    with refuses(ValueError):
         plot_velocity_ratio(static)
     sweep = rf.fit(full.model, full.experiments[0], known={"Ds": ONE_MODE["Ds"]})
     for plot in (plot_static_locus, plot_static_stiffness):
-        with pytest.raises(ValueError, match="no static loads"):
+        with refuses(ValueError):
             plot(sweep)
     linear = rf.fit(rf.models.OneMode(), full.experiments[0], known={"Ds": ONE_MODE["Ds"], "K": ONE_MODE["K"]})
     for plot in NONLINEAR:
-        with pytest.raises(ValueError, match="give it a law"):
+        with refuses(ValueError):
             plot(linear)
 
 

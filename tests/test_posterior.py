@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from posteriors import KNOWN, SIGNIFICANT, TRUTH, imposed_orbit, one_mode_test, quick, whitened_design
 from scipy import integrate, stats
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.estimators.inference.ensemble_sampler import sample as run_emcee
@@ -243,7 +244,7 @@ def test_robust_loss_keeps_outliers_out():
         low, high = post.interval(name, 0.99)
         assert low < TRUTH[name] < high
         assert high - low < 0.5 * np.diff(quick(plain).interval(name, 0.99))[0]
-    with pytest.raises(ValueError, match="fixed scale: noise must be 'fixed', not 'marginal'"):
+    with refuses(ValueError):
         robust.sample(noise="marginal")
 
 
@@ -259,7 +260,7 @@ def test_a_parameter_for_each_speed():
     )
     onset = post.threshold_speed(slow)
     assert abs(onset.value - fit.threshold_speed(slow).value) < fit.threshold_speed(slow).stderr
-    with pytest.raises(ValueError, match="say which with at="):
+    with refuses(ValueError):
         post.threshold_speed()
 
 
@@ -278,20 +279,20 @@ def test_phase_offsets_are_sampled():
 
 def test_what_cannot_be_sampled_is_refused():
     test = one_mode_test()
-    with pytest.raises(ValueError, match="this is a closed form"):
+    with refuses(ValueError):
         rf.closed_form(OneMode(), test, known=KNOWN).sample()
     fit = rf.fit(OneMode(), test, known=KNOWN)
-    with pytest.raises(ValueError, match="noise is 'flat'; allowed: marginal, fixed, sampled"):
+    with refuses(ValueError):
         fit.sample(noise="flat")
-    with pytest.raises(ValueError, match="5 entries need an even number of at least 10"):
+    with refuses(ValueError):
         fit.sample(walkers=8)
     failed = replace(fit, success=False, message="stopped")
-    with pytest.raises(ValueError, match=r"did not converge \(stopped\)"):
+    with refuses(ValueError):
         failed.sample()
-    with pytest.raises(ValueError, match="flat along"):
+    with refuses(ValueError):
         rf.fit(OneMode(), test, known={"Ds": TRUTH["Ds"]}).sample()
     # Mixtures of two flat directions may meet bounds although one of them meets none.
-    with pytest.raises(ValueError, match="flat along K, K0, without bounds"):
+    with refuses(ValueError):
         rf.fit(OneMode(), one_mode_test(speeds=(100.0,))).sample()
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import emcee
 import numpy as np
-import pytest
 from posteriors import KNOWN, one_mode_test, quick
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.models import OneMode
@@ -89,16 +89,16 @@ def test_checkpoints_of_something_else_are_refused(tmp_path):
     path = tmp_path / "run.h5"
     options = {"walkers": 16, "checkpoint": path, "max_steps": 50}
     fit.sample(seed=1, **options)
-    with pytest.raises(ValueError, match="begun with seed 1, not 2"):
+    with refuses(ValueError):
         fit.sample(seed=2, **options)
-    with pytest.raises(ValueError, match="holds 16 walkers of 5 entries, here are 18 of 5"):
+    with refuses(ValueError):
         fit.sample(**{**options, "walkers": 18})
-    with pytest.raises(ValueError, match="another posterior"):
+    with refuses(ValueError):
         rf.fit(OneMode(), one_mode_test(seed=3), known=KNOWN).sample(**options)
-    with pytest.raises(ValueError, match="another posterior"):
+    with refuses(ValueError):
         fit.sample(**options, noise="fixed")
     path.write_bytes(b"not HDF5")
-    with pytest.raises(ValueError, match="not a readable checkpoint"):
+    with refuses(ValueError):
         fit.sample(**options)
 
 

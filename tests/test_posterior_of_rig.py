@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from posteriors import KNOWN, TRUTH, one_mode_test, quick
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.estimators.inference.log_posterior import LogPosterior
@@ -130,7 +131,7 @@ def test_draws_without_a_threshold():
     ratio = Derived(name="whirl ratio", unit="1", samples=whirl)
     assert np.isfinite([ratio.value, *ratio.interval()]).all()
     assert np.isnan(Derived(name="none", unit="1", samples=np.full(3, np.nan)).value)
-    with pytest.raises(ValueError, match="lies between 0 and 1"):
+    with refuses(ValueError):
         onset.interval(95)
 
 
@@ -148,7 +149,7 @@ def test_derived_quantities_follow_the_draws(rig):
         assert abs(damping.value - zeta.value) < 3 * zeta.stderr
     low, high = rig.lam_speed(200.0).interval()
     assert (low, high) == pytest.approx([200 * v for v in rig.interval("lam")])
-    with pytest.raises(KeyError, match="lam_D"):
+    with refuses(KeyError):
         rig.lam_speed(200.0, name="lam_D")
     w = np.array([-150.0, 60.0])
     bands = rig.dynamic_stiffness(w, 200.0)
@@ -228,16 +229,16 @@ def test_files_of_something_else_are_refused(tmp_path, rig, rig_fit):
     path = tmp_path / "p.nc"
     fit = rf.fit(OneMode(), one_mode_test(), known=KNOWN)
     quick(fit, max_steps=40).save(path)
-    with pytest.raises(ValueError, match="but this fit is of"):
+    with refuses(ValueError):
         rf.load_posterior(path, rig_fit)
     other = rf.fit(OneMode(), one_mode_test(seed=9), known=KNOWN)
-    with pytest.raises(ValueError, match="posterior of another fit"):
+    with refuses(ValueError):
         rf.load_posterior(path, other)
     rf.write(one_mode_test(), tmp_path / "test.nc")
-    with pytest.raises(ValueError, match="holds no posterior"):
+    with refuses(ValueError):
         rf.load_posterior(tmp_path / "test.nc", fit)
     (tmp_path / "text.nc").write_text("not netCDF")
-    with pytest.raises(ValueError, match=r"text\.nc is not a readable netCDF file|holds no posterior"):
+    with refuses(ValueError):
         rf.load_posterior(tmp_path / "text.nc", fit)
     with pytest.raises(FileNotFoundError):
         rf.load_posterior(tmp_path / "missing.nc", fit)

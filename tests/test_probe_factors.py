@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy import optimize, stats
+from sentences import refuses
 from slow_cases import slow_but
 
 import rotorfit as rf
@@ -187,16 +188,16 @@ def test_measured_stiffness_is_drawn_without_the_factors() -> None:
 
 
 def test_what_probes_refuse() -> None:
-    with pytest.raises(ValueError, match="plane of the probe 'quarter'"):
+    with refuses(ValueError):
         rf.models.WhirlWhip(probes={"quarter": {"dsik": 1.0}})
-    with pytest.raises(ValueError, match="a plane 'disk' of its own"):
+    with refuses(ValueError):
         rf.models.WhirlWhip(probes={"disk": {"journal": 1.0}})
-    with pytest.raises(ValueError, match="needs shares"):
+    with refuses(ValueError):
         rf.models.Chain(3, probes={"quarter": {}})
-    with pytest.raises(KeyError, match="quarter is a probe between the planes"):
+    with refuses(KeyError):
         model().force_vector("quarter", 1.0, 1.0)
     rig = rf.datasets.rig_lumped()
-    with pytest.raises(KeyError, match="beta3"):
+    with refuses(KeyError):
         rf.fit(rf.models.WhirlWhip(), rig, known={"beta3": None})
 
 

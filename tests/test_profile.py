@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
+from sentences import refuses
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
@@ -234,13 +235,13 @@ def test_the_figure_shows_curve_level_and_ends(tmp_path):
 def test_what_cannot_be_profiled_is_refused():
     test = one_mode_test()
     fit = rf.fit(OneMode(), test, known={"K": 8000.0, "Ds": 8.0})
-    with pytest.raises(KeyError, match="lamda"):
+    with refuses(KeyError):
         fit.profile("lamda")
-    with pytest.raises(ValueError, match="K is known here"):
+    with refuses(ValueError):
         fit.profile("K")
-    with pytest.raises(ValueError, match="level is 95"):
+    with refuses(ValueError):
         fit.profile("lam", level=95)
-    with pytest.raises(ValueError, match="closed form is not a minimum"):
+    with refuses(ValueError):
         rf.closed_form(OneMode(), test, known={"K": 8000.0, "Ds": 8.0}).profile("lam")
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sentences import refuses
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
@@ -220,46 +221,44 @@ def test_everything_at_once_in_the_order_of_the_options(rig: PerturbationTest, t
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    "options",
     [
-        ({"gains": {("disc", "x"): 1.0}}, r"gains: t\.nc has no channel \('disc', 'x'\); it has \('disk', 'x'\), "),
-        ({"gains": {("disk", "x"): 0.0}}, "a gain must be finite and not zero"),
-        ({"gains": {("disk", "x"): np.nan}}, "a gain must be finite and not zero"),
-        ({"gains": {"disk": 2.0}}, r"gains: t\.nc has no channel 'disk'"),
-        ({"delays": {("disk", "q"): 1e-4}}, r"delays: t\.nc has no channel \('disk', 'q'\)"),
-        ({"delays": {("disk", "x"): np.inf}}, "delays: a delay must be a finite number of seconds"),
-        ({"slow_roll": {("seal", "x"): 1e-6}}, r"slow_roll: t\.nc has no channel \('seal', 'x'\)"),
-        ({"slow_roll": {("disk", "x"): np.nan}}, "slow_roll: a run-out vector must be finite"),
-        ({"slow_roll": {("disk", "x"): 1e-6}, "slow_roll_below_rpm": 300.0}, "both given; choose one"),
-        ({"slow_roll_below_rpm": 300.0}, "only be taken from the readings of a synchronous test"),
-        ({"probe_angles": {"jornal": (45, 135)}}, "probe_angles: unknown plane 'jornal', did you mean 'journal'"),
-        ({"probe_angles": {"disk": (45, 225)}}, "probes at 45 and 225 degrees of disk see the same direction"),
-        ({"probe_angles": {"disk": (45, np.nan)}}, "disk needs two angles"),
-        ({"probe_angles": {"disk": 45}}, "two angles"),
-        ({"speed": 100.0}, r"speed is an option of universal files, which t\.nc is not"),
-        ({"speed_tolerance": -0.1}, "speed_tolerance"),
+        {"gains": {("disc", "x"): 1.0}},
+        {"gains": {("disk", "x"): 0.0}},
+        {"gains": {("disk", "x"): np.nan}},
+        {"gains": {"disk": 2.0}},
+        {"delays": {("disk", "q"): 1e-4}},
+        {"delays": {("disk", "x"): np.inf}},
+        {"slow_roll": {("seal", "x"): 1e-6}},
+        {"slow_roll": {("disk", "x"): np.nan}},
+        {"slow_roll": {("disk", "x"): 1e-6}, "slow_roll_below_rpm": 300.0},
+        {"slow_roll_below_rpm": 300.0},
+        {"probe_angles": {"jornal": (45, 135)}},
+        {"probe_angles": {"disk": (45, 225)}},
+        {"probe_angles": {"disk": (45, np.nan)}},
+        {"probe_angles": {"disk": 45}},
+        {"speed": 100.0},
+        {"speed_tolerance": -0.1},
     ],
 )
-def test_options_that_cannot_be_meant(
-    rig: PerturbationTest, tmp_path: Path, options: dict[str, Any], message: str
-) -> None:
-    with pytest.raises(ValueError, match=message):
+def test_options_that_cannot_be_meant(rig: PerturbationTest, tmp_path: Path, options: dict[str, Any]) -> None:
+    with refuses(ValueError):
         rf.read(write(rig, tmp_path), **options)
 
 
 def test_readings_without_a_partner_cannot_be_resolved(rig: PerturbationTest, tmp_path: Path) -> None:
     rows = np.arange(len(rig))
     path = write(rig.select(rows != np.flatnonzero(rig.plane == "disk")[0]), tmp_path)
-    with pytest.raises(ValueError, match="1 readings of disk have no partner"):
+    with refuses(ValueError):
         rf.read(path, probe_angles={"disk": (45, 135)})
     path = write(rig.select(rig.direction == "x"), tmp_path)
-    with pytest.raises(ValueError, match="no partner"):
+    with refuses(ValueError):
         rf.read(path, probe_angles={"disk": (45, 135)})
 
 
 def test_start_ups_without_slow_readings(tmp_path: Path) -> None:
     path = write(start_up(0.0), tmp_path)
-    with pytest.raises(ValueError, match="run a has no reading of disk x below 50 rpm; its slowest is at 100 rpm"):
+    with refuses(ValueError):
         rf.read(path, slow_roll_below_rpm=50.0)
 
 
@@ -269,5 +268,5 @@ def test_corrections_of_probes_are_not_for_imposed_orbits(tmp_path: Path) -> Non
         "force_y_N,force_y_phase_deg"
     )
     (tmp_path / "t.csv").write_text(f"{columns}\na,1000,300,seal,12,0,5,10,6,-80\n", encoding="utf-8")
-    with pytest.raises(ValueError, match=r"gains correct probe readings; t\.csv is a DisplacementTest"):
+    with refuses(ValueError):
         rf.read(tmp_path / "t.csv", gains={("seal", "x"): 2.0})

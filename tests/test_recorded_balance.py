@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from sentences import refuses
 from synthetic import TYPICAL
 
 import rotorfit as rf
@@ -59,9 +60,9 @@ def test_balance_runs_at_steady_speeds_are_solved_for_the_influence_of_their_wei
     words = ["fit", *(str(record.path) for record in records), "--model", "two-disk", "--phase-offsets", "common"]
     assert main([*words, "--quiet"]) == 0
     assert capsys.readouterr().err == ""
-    with pytest.raises(ValueError, match=r"inboard-0-900: the shaft keeps its speed, 900 rpm, so this is no start-up"):
+    with refuses(ValueError):
         rf.responses(records[len(rpm)])
-    with pytest.raises(ValueError, match="no run has a weight"):
+    with refuses(ValueError):
         rf.responses(records[: len(rpm)])
 
 
@@ -72,5 +73,5 @@ def test_a_perturbator_without_unbalance_is_refused(tmp_path: Path) -> None:
     )  # fmt: skip
     rig = tmp_path / "rig.toml"
     rig.write_text('rotation = "ccw"\nmr_kg_m = 0.0\n', encoding="utf-8")
-    with pytest.raises(ValueError, match="drives nothing"):
+    with refuses(ValueError):
         rf.responses(rf.read_recording(files[0], rig))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from sentences import refuses
 from synthetic import TYPICAL, circular_test, covering_frequencies, overhung_without_slopes
 
 import rotorfit as rf
@@ -73,7 +74,7 @@ def test_words_that_do_not_go_together_are_refused(
 def test_a_start_up_through_the_onset_of_instability_is_refused(tmp_path: Path) -> None:
     model = rf.models.OneMode()
     values = {"M": 1.2, "K": 8e3, "Ds": 8.0, "K0": 9e3, "D": 450.0, "lam": 0.46, "Mf": 0.4}
-    with pytest.raises(ValueError, match="unstable"):
+    with refuses(ValueError):
         rf.simulate_recordings(model, values, tmp_path, "synchronous", speed_rpm=(250.0, 9000.0))
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from recorded import ATTRIBUTES, RATE, perturbator_angle, shaft_angle, volts, write_hdf5
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.cli.main import main
@@ -60,7 +61,7 @@ def test_vectors_over_the_recording_are_those_of_the_motion(record: rf.Recording
     expected = 30e-6 * np.exp(0.5j)
     assert np.abs(found.forward["disk"][good] - expected).max() < 2e-6  # the sweep leaks into windows of eight turns
     assert np.abs(found.backward["disk"][good]).max() < 1e-6
-    with pytest.raises(ValueError, match="unknown reference 'gear'"):
+    with refuses(ValueError):
         vectors_over_time(record, marks_of(record), "gear")
 
 
@@ -85,7 +86,7 @@ def test_centreline_follows_the_gap_voltage(tmp_path: Path) -> None:
     for name in ("disk_X", "disk_Y"):
         channels[name] = channels[name] - channels[name].mean()
     coupled = rf.read_recording(write_hdf5(tmp_path / "ac.h5", channels))
-    with pytest.raises(ValueError, match="no gap voltages"):
+    with refuses(ValueError):
         coupled.plot_centreline()
 
 
@@ -113,7 +114,7 @@ def test_the_clearance_stands_about_the_centre_that_the_gap_voltages_give(tmp_pa
         circles = [line for axis in figure.axes for line in axis.lines if line.get_label() == "clearance"]
         assert len(circles) == 1
     toml.write_text(text.replace("disk = 150", "dsk = 150"), encoding="utf-8")
-    with pytest.raises(ValueError, match="unknown plane 'dsk', did you mean 'disk'"):
+    with refuses(ValueError):
         rf.read_recording(path, toml)
 
 
@@ -144,7 +145,7 @@ def test_cascade_follows_the_perturbation(record: rf.Recording) -> None:
             assert abs(peak - w) < 2 * step + 1.0
     by_time = cascade(record, marks_of(record), "disk", over="time", spectra=5)
     assert by_time.position[0] < by_time.position[-1] <= record.duration
-    with pytest.raises(ValueError, match="unknown axis of a cascade"):
+    with refuses(ValueError):
         cascade(record, marks_of(record), "disk", over="load")
 
 
@@ -162,7 +163,7 @@ def test_a_cascade_of_one_direction_is_what_its_probe_shows(record: rf.Recording
     assert axis.get_xlim()[0] == 0
     tops = [record.plot_timebase(unit=u).axes[0].get_lines()[0].get_ydata().max() for u in ("mil_pp", "mil")]
     assert tops[0] == pytest.approx(tops[1])  # positions are not counted peak to peak
-    with pytest.raises(ValueError, match=r"direction 'z'.*x, y"):
+    with refuses(ValueError):
         record.plot_cascade(direction="z")
 
 
@@ -190,7 +191,7 @@ def test_figures_of_less_are_drawn_or_refused_in_words(tmp_path: Path) -> None:
     ):  # fmt: skip
         with pytest.raises(ValueError, match=words):
             getattr(alone, f"plot_{name}")()
-    with pytest.raises(ValueError, match="unknown plane 'jornal'"):
+    with refuses(ValueError):
         alone.plot_timebase("jornal")
 
 

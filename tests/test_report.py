@@ -12,6 +12,7 @@ import law_data
 import numpy as np
 import pytest
 from report_pages import Page, made_profile, normal_draws, report_of
+from sentences import refuses
 from slow_cases import slow_but
 from synthetic import (
     KNOWN,
@@ -398,7 +399,7 @@ def test_an_interactive_report_without_plotly_is_refused_before_the_fit(
     monkeypatch.setattr(interactive, "find_spec", lambda name: None)
     assert cli.main([*words, "--out", str(tmp_path / "results")]) == 2
     assert 'pip install "rotorfit[interactive]"' in capsys.readouterr().err
-    with pytest.raises(ValueError, match="need plotly"):
+    with refuses(ValueError):
         rf.write_report(rig_fit, tmp_path / "report.html", interactive=True)
     assert list(tmp_path.iterdir()) == []
 
@@ -417,7 +418,7 @@ def test_an_old_report_survives_a_failure(rig_fit: FitResult, tmp_path: Path, mo
         raise OSError(28, "No space left on device", str(self))
 
     monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(OSError, match="No space left"):
+    with refuses(OSError):
         rf.write_report(rig_fit, path)
     monkeypatch.undo()
     assert path.read_text(encoding="utf-8") == "old"
@@ -449,9 +450,7 @@ def test_material_that_does_not_go_together(
 
 
 def test_a_posterior_of_something_else(rig_fit: FitResult, rig_refinement: rf.Refinement, tmp_path: Path) -> None:
-    with pytest.raises(
-        ValueError, match=rf"posterior of Md, .*, {rig_refinement.best.var_names[-1]}, but the fit is of Md"
-    ):
+    with refuses(ValueError):
         rf.write_report(rig_fit, tmp_path / "report.html", posterior=normal_draws(rig_refinement.best))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from command_words import FROM_VOLTS
 from scipy.integrate import solve_ivp
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.cli.main import main
@@ -137,9 +138,9 @@ def test_what_is_missing_or_mixed_is_refused(sweeps: list[Path], tmp_path: Path)
     started = rf.simulate_recordings(
         ROTOR, PAPER, tmp_path, "synchronous", duration=5.0, planes="inboard", instruments=SLOW
     )
-    with pytest.raises(ValueError, match="two kinds of tests"):
+    with refuses(ValueError):
         rf.responses([rf.read_recording(sweeps[0]), rf.read_recording(started[0])])
-    with pytest.raises(ValueError, match="no recordings given"):
+    with refuses(ValueError):
         rf.responses([])
 
 

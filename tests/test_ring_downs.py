@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
+from sentences import refuses
 from unreliable import Unreliable
 
 import rotorfit as rf
@@ -43,7 +43,7 @@ def test_blows_give_the_eigenvalue_of_the_forward_mode(tmp_path: Path) -> None:
 def test_what_is_no_blow_is_refused(tmp_path: Path) -> None:
     paths = rf.simulate_recordings(MODEL, VALUES, tmp_path, "impulse", impulse=1e-9, blows=2, instruments=SLOW)
     record = rf.read_recording(paths[0])
-    with pytest.raises(ValueError, match="no blow stands out"):
+    with refuses(ValueError):
         rf.ring_downs(record)
-    with pytest.raises(ValueError, match="plane"):
+    with refuses(ValueError):
         rf.ring_downs(record, plane="disk")

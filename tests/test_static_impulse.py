@@ -24,6 +24,7 @@ from law_data import (
 )
 from scipy.signal import lfilter
 from scipy.stats import chi2
+from sentences import refuses, warns
 from slow_cases import slow_but
 
 import rotorfit as rf
@@ -100,7 +101,7 @@ def test_imposed_orbits_alone(model: OneMode) -> None:
 
 def test_imposed_orbit_has_to_be_at_the_journal() -> None:
     test = replace(squeeze(LIGHT), plane=np.full(80, "disk"))
-    with pytest.raises(ValueError, match="changes with the eccentricity at journal"):
+    with refuses(ValueError):
         rf.fit(WhirlWhip(law=Muszynska(), clearance_um=CLEARANCE_UM), test)
 
 
@@ -229,7 +230,7 @@ def test_unbalance_alone_is_refused_as_a_mode() -> None:
     record = ring_down(LIGHT, eccentricities=(0.3,))
     wave = 1e-5 * np.exp(180.0j * record.time)
     noise = np.random.default_rng(3).normal(size=(2, record.time.size)) * 1e-8
-    with pytest.raises(ValueError, match=r"is unbalance within its error, not a mode|noise only"):
+    with refuses(ValueError):
         rf.ring_down_modes(replace(record, x=wave.real + noise[0], y=wave.imag + noise[1]))
 
 
@@ -290,21 +291,18 @@ def test_records_are_fitted_as_they_are(model: OneMode) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change",
     [
-        (lambda t: t.select(np.arange(10)), "10 samples; at least 16"),
-        (lambda t: replace(t, time=t.time**1.1), "equal steps are needed"),
-        (lambda t: replace(t, speed=t.time * 10), "the speed changes within the record"),
-        (lambda t: replace(t, x=0.0 * t.x, y=0.0 * t.y), "x and y do not move"),
+        lambda t: t.select(np.arange(10)),
+        lambda t: replace(t, time=t.time**1.1),
+        lambda t: replace(t, speed=t.time * 10),
+        lambda t: replace(t, x=0.0 * t.x, y=0.0 * t.y),
         # Nothing vibrates: round-off decides whether no mode is left, or one that is lost in its error.
-        (
-            lambda t: replace(t, x=t.time, y=np.exp(-9 * t.time)),
-            r"fewer than 1 vibrating mode|within its error, not a mode",
-        ),
+        lambda t: replace(t, x=t.time, y=np.exp(-9 * t.time)),
     ],
 )
-def test_records_that_cannot_be_analysed(change: Any, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+def test_records_that_cannot_be_analysed(change: Any) -> None:
+    with refuses(ValueError):
         rf.ring_down_modes(change(ring_down(LIGHT, eccentricities=(0.3,))))
 
 
@@ -326,16 +324,16 @@ def test_noise_of_static_loads_from_repeats_and_from_smoothness(model: OneMode) 
 
 def test_unknown_noise_is_asked_for(model: OneMode) -> None:
     few = replace(static(LIGHT, speeds=(100.0,), loads=(2.0, 9.0, 20.0)), sigma=np.full(3, np.nan))
-    with pytest.raises(ValueError, match="run 100 rad/s: a sweep with 3 of the 6 points"):
+    with refuses(ValueError):
         rf.fit(model, few)
     hit = replace(impulse(LIGHT), sigma=np.full(10, np.nan))
-    with pytest.raises(ValueError, match="give a sigma_rpm column, or repeat impulses"):
+    with refuses(ValueError):
         rf.fit(model, hit)
     twice = impulse(LIGHT, eccentricities=tuple(np.repeat((0.0, 0.3, 0.5), 4)))
     fit = rf.fit(model, replace(twice, sigma=np.full(24, np.nan)), known=KNOWN | {"M": 1.2, "Mf": 0.4})
     assert fit.problem.blocks[0].sigma[0] == pytest.approx(0.3, rel=0.5)
     table = replace(rf.datasets.seal_muszynska_tum(), sigma=np.full(70, np.nan))
-    with pytest.raises(ValueError, match="give a sigma_ratio column"):
+    with refuses(ValueError):
         rf.fit_law(Muszynska(), table)
 
 
@@ -343,18 +341,18 @@ def test_bad_readings_are_named(model: OneMode) -> None:
     test = static(LIGHT)
     load = test.load.copy()
     load[3] = np.nan
-    with pytest.raises(ValueError, match=r"static: 1 rows are not finite \(4\)"):
+    with refuses(ValueError):
         rf.fit(model, replace(test, load=load))
-    with pytest.raises(ValueError, match=r"static positions reach .* the clearance is 100 um"):
+    with refuses(ValueError):
         rf.fit(OneMode(law=Muszynska(), clearance_um=100.0), test)
-    with pytest.raises(ValueError, match="load planes journal, the model one-mode has seal"):
+    with refuses(ValueError):
         rf.fit(OneMode(planes=("seal",), law=Muszynska(), clearance_um=200.0), test)
     centred = replace(impulse(LIGHT), eccentricity=np.full(10, np.nan))
-    with pytest.raises(ValueError, match="row 1 gives neither eccentricity nor position"):
+    with refuses(ValueError):
         rf.fit(model, centred)
-    with pytest.raises(ValueError, match=r"damping_ratio 1\.2 in row 1"):
+    with refuses(ValueError):
         replace(impulse(LIGHT), damping_ratio=np.full(10, 1.2))
-    with pytest.raises(ValueError, match="needs both static_x_um and static_y_um"):
+    with refuses(ValueError):
         rf.fit(model, replace(off_centre(LIGHT), attributes={"static_x_um": np.full(96, 10.0)}))
 
 
@@ -466,7 +464,7 @@ def test_minimal_files_and_units(tmp_path: Path) -> None:
     assert hits.position[0] == pytest.approx(30e-6 + 40e-6j)
     assert hits.eigenvalue[0] == pytest.approx(16 * np.pi * (1j - 0.1 / np.sqrt(0.99)))
     assert hits.attributes["oil_C"].tolist() == [45.0]
-    with pytest.warns(rf.DataWarning, match="2 samples"):
+    with warns(rf.DataWarning):
         records = rf.read(written(tmp_path, "run,speed_rpm,time_ms,x_um,y_um\na,1000,0,1,2\na,1000,0.5,3,4\n"))
     assert isinstance(records, rf.RingDownTest)
     assert records.time.tolist() == [0.0, 0.0005]
@@ -483,19 +481,19 @@ def test_attributes_do_not_change_the_kind(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    "text",
     [
-        ("speed_rpm,load_N,load_deg,x_um\n1000,1,0,2\n", "missing columns: y_um.*Known: speed_rpm, load_N"),
-        ("load_N,load_deg,x_um,y_um\n1,0,2,3\n", "missing columns: speed_rpm"),
-        ("speed_rpm,load_N,load_deg,x_um,y_um\n1000,1,zero,2,3\n", "column 'load_deg': 'zero' is not a number"),
-        ("speed_rpm,load_N,load_deg,x_um,y_um,sigma_um\n1000,1,0,2,3,-1\n", "line 2, column 'sigma_um': must be pos"),
-        ("speed_rpm,frequency_rpm,damping_ratio\n1000,400,0.1\n", "missing columns: x_um, y_um"),
-        ("speed_rpm,frequency_rpm,damping_ratio,eccentricity_ratio\n1000,400,1.5,0\n", "between -1 and 1"),
-        ("speed_rpm,frequency_rpm,damping_ratio,eccentricity_ratio\n1000,400,0.1,1.2\n", "from 0 to below 1"),
-        ("speed_rpm,time_s,x_um\n1000,0,1\n", "missing columns: y_um"),
-        ("speed_rpm,eccentricity_ratio,kxx_N_m\n1000,0,1\n", "missing columns: kxy_N_m, cxx_N_s_m"),
+        "speed_rpm,load_N,load_deg,x_um\n1000,1,0,2\n",
+        "load_N,load_deg,x_um,y_um\n1,0,2,3\n",
+        "speed_rpm,load_N,load_deg,x_um,y_um\n1000,1,zero,2,3\n",
+        "speed_rpm,load_N,load_deg,x_um,y_um,sigma_um\n1000,1,0,2,3,-1\n",
+        "speed_rpm,frequency_rpm,damping_ratio\n1000,400,0.1\n",
+        "speed_rpm,frequency_rpm,damping_ratio,eccentricity_ratio\n1000,400,1.5,0\n",
+        "speed_rpm,frequency_rpm,damping_ratio,eccentricity_ratio\n1000,400,0.1,1.2\n",
+        "speed_rpm,time_s,x_um\n1000,0,1\n",
+        "speed_rpm,eccentricity_ratio,kxx_N_m\n1000,0,1\n",
     ],
 )
-def test_files_with_faults(tmp_path: Path, text: str, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+def test_files_with_faults(tmp_path: Path, text: str) -> None:
+    with refuses(ValueError):
         rf.read(written(tmp_path, text))

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sentences import refuses, warns
 from stored import STUDY, day, days
 from unreliable import Unreliable
 
@@ -74,7 +75,7 @@ def test_settings_are_the_same_in_any_order(store: rf.Store, tmp_path: Path) -> 
     store.add([file], STUDY)
     assert not store.add([file], tmp_path / "study.toml")[0].new_fit
     assert store.add([file], {**STUDY, "known": {"Ds": 8.1, "K": 8000.0}})[0].new_fit
-    with pytest.raises(ValueError, match="holds fits by 2 settings, say which"):
+    with refuses(ValueError):
         store.trend()
     assert len(store.history(study=STUDY)) == 1
 
@@ -116,7 +117,7 @@ def test_data_that_cannot_be_fitted_are_said_once(store: rf.Store, tmp_path: Pat
     assert not store.add([file], study)[0].new_fit
     assert "journal" in store.fits[0].message
     assert not store.fits[0].good
-    with pytest.raises(ValueError, match="no fit to follow"):
+    with refuses(ValueError):
         store.trend()
 
 
@@ -192,7 +193,7 @@ def test_fits_that_are_made_elsewhere_are_those_made_here(run: Run, tmp_path: Pa
         added = there.add([*files, tmp_path / "again.csv"], STUDY, executor=pool)
     assert [one.test for one in added] == [1, 2, 3, 1]
     assert sum(one.new_fit for one in added) == 3
-    with pytest.warns(UserWarning, match="pieces of work are done here: worker lost"):
+    with warns(UserWarning):
         lost.add(files, STUDY, executor=Unreliable(1000))
     expected = {fit.test: (fit.params, fit.errors, fit.warnings) for fit in here.fits}
     assert {fit.test: (fit.params, fit.errors, fit.warnings) for fit in there.fits} == expected
@@ -218,7 +219,7 @@ def test_what_a_study_asks_of_the_uncertainty_is_kept(run: Run, tmp_path: Path) 
     }
     assert rf.load_posterior(tmp_path / "out" / "posterior.nc", store.result(1)).names == fit.var_names
     store.add([file], STUDY)
-    with pytest.raises(KeyError, match="has no posterior: sample = true"):
+    with refuses(KeyError):
         store.posterior(2)
 
 

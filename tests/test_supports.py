@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sentences import refuses
 from supported_shaft import FLUID, SUPPORTS, along_axes, at_rest, matrices, model, rotating
 
 import rotorfit as rf
@@ -35,7 +36,7 @@ def test_a_test_at_rest_along_x_alone_gives_the_supports_along_x():
     for name, (_, truth) in SUPPORTS.items():
         assert fit.params[f"Ks_{name}"].value == pytest.approx(truth["kx"], rel=0.01)
         assert fit.params[f"Ds_{name}"].value == pytest.approx(truth["cx"], rel=0.05)
-    with pytest.raises(ValueError, match="none of the 8 values of orthotropic can be determined"):
+    with refuses(ValueError):
         rf.fit(orthotropic, test, known=FLUID)
 
 
@@ -54,5 +55,5 @@ def test_supports_that_are_the_same_in_x_and_y():
     whole = rf.models.KnownStructure(M, C, G, stiffened, planes=planes, fluid="seal")
     # Between a shaft on the ground and one that is free stands a condensed inverse with 1e-9 of round-off.
     np.testing.assert_allclose(known.receptance(theta, w, 200.0), whole.receptance(theta[4:], w, 200.0), rtol=1e-7)
-    with pytest.raises(ValueError, match="leave left out of damping"):
+    with refuses(ValueError):
         rf.models.KnownStructure(M, None, G, K, planes=planes, supports="left", damping="left")

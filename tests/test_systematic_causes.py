@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sentences import refuses
 from slow_cases import slow_but
 
 import rotorfit as rf
@@ -161,9 +162,9 @@ def test_a_law_of_speed_extrapolates_to_the_threshold_with_its_error(speeds: str
 
 
 def test_a_law_of_speed_refuses_what_it_does_not_know() -> None:
-    with pytest.raises(ValueError, match="K0, D and lam"):
+    with refuses(ValueError):
         rf.models.LinearInSpeed(("Mf",))
-    with pytest.raises(ValueError, match="speed_rpm must be positive"):
+    with refuses(ValueError):
         rf.models.LinearInSpeed(speed_rpm=0.0)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from seal_campaigns import KNOWN, seal_campaign
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.fitting.habits import ELSEWHERE
@@ -20,7 +21,7 @@ def test_a_table_in_memory_is_read_as_its_file_is(tmp_path) -> None:
     back = rf.read(rf.to_dataframe(expected))
     np.testing.assert_allclose(back.response, expected.response, rtol=1e-12)
     np.testing.assert_allclose(back.force, expected.force, rtol=1e-12)
-    with pytest.raises(ValueError, match="DataFrame"):
+    with refuses(ValueError):
         rf.read(file.drop(columns="amplitude_um"))
 
 
@@ -43,21 +44,21 @@ def test_fits_side_by_side(rig_fit: rf.FitResult) -> None:
     assert both.to_dataframe().loc[0, "m12"] == larger.params["m12"].value
     assert len(both.plot().axes) >= len(both.parameters)
     other = rig_fit.experiments[0].select(np.arange(len(rig_fit.experiments[0]))[:-8])
-    with pytest.raises(ValueError, match="other data"):
+    with refuses(ValueError):
         rf.compare([rig_fit, rf.fit(rf.models.WhirlWhip(), other, known={"K3": 6000.0})])
-    with pytest.raises(ValueError, match="no fits"):
+    with refuses(ValueError):
         rf.compare([])
     robust = rf.fit(rf.models.WhirlWhip(), rig_fit.experiments, known={"K3": 6000.0}, loss="soft_l1")
-    with pytest.raises(ValueError, match="loss soft_l1, whirl-whip 1 with linear"):
+    with refuses(ValueError):
         rf.compare([rig_fit, robust])
-    with pytest.raises(TypeError, match=r"rf\.load_fit\(path\), not str"):
+    with refuses(TypeError):
         rf.compare(["fit.json"])
     assert list(rf.compare(rig_fit).fits) == ["whirl-whip"]
 
 
 @pytest.mark.parametrize("name", ["best_values", "conf_int", "residual", "fit_report"])
 def test_habits_are_answered_in_a_sentence(rig_fit: rf.FitResult, name: str) -> None:
-    with pytest.raises(AttributeError, match=f"no {name}; "):
+    with refuses(AttributeError):
         getattr(rig_fit, name)
 
 
@@ -68,7 +69,7 @@ def test_what_the_sentences_name_is_there(rig_fit: rf.FitResult) -> None:
         assert not hasattr(type(rig_fit), name)
         for attribute in re.findall(r"fit\.(\w+)", sentence):
             assert hasattr(rig_fit, attribute), sentence
-    with pytest.raises(AttributeError, match=r"a fit has no nonsense$"):
+    with refuses(AttributeError):
         rig_fit.nonsense  # noqa: B018
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sentences import refuses
 from swept import Rotor, Sweep
 
 from rotorfit.estimators.signals.tracking import track_windows
@@ -57,5 +58,5 @@ def test_windows_lag_behind_a_sweep_as_the_second_derivative_says() -> None:
 
 
 def test_less_than_a_window_is_refused() -> None:
-    with pytest.raises(ValueError, match="less than 24 turns"):
+    with refuses(ValueError):
         track_windows(np.zeros((1, 100), complex), np.linspace(0, 30, 100), None, turns=24)

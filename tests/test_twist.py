@@ -3,6 +3,7 @@
 import h5py
 import numpy as np
 import pytest
+from sentences import refuses
 
 import rotorfit as rf
 
@@ -72,21 +73,21 @@ def test_the_twist_is_drawn_over_time_where_nothing_is_swept(record):
 
 
 @pytest.mark.parametrize(
-    ("more", "sentence"),
+    "more",
     [
-        ('[twist]\nwheel = "wheel"\nteeth = 36\n', "needs channel and sensitivity_V_per_rad, or even_wheel"),
-        ('[twist]\nchannel = "wheel"\n', "needs its sensitivity_V_per_rad"),
-        ('[twist]\nchannel = "wheel"\nsensitivity_V_per_rad = 1.0\nteeth = 36\n', "not both"),
-        (WHEELS.replace("36", "4"), "4 teeth a turn are too few"),
-        (WHEELS.replace('"motor"', '"mtor"'), "did you mean 'motor'"),
-        ('[twist]\ntooth = 3\n', "tooth"),
+        '[twist]\nwheel = "wheel"\nteeth = 36\n',
+        '[twist]\nchannel = "wheel"\n',
+        '[twist]\nchannel = "wheel"\nsensitivity_V_per_rad = 1.0\nteeth = 36\n',
+        WHEELS.replace("36", "4"),
+        WHEELS.replace('"motor"', '"mtor"'),
+        '[twist]\ntooth = 3\n',
     ],
 )  # fmt: skip
-def test_setups_that_make_no_twist_are_refused_in_words(record, more, sentence):
-    with pytest.raises(ValueError, match=sentence):
+def test_setups_that_make_no_twist_are_refused_in_words(record, more):
+    with refuses(ValueError):
         opened(record[0], more)
 
 
 def test_a_recording_without_twist_says_so(record):
-    with pytest.raises(ValueError, match="has no twist: name its channel, or two tooth wheels"):
+    with refuses(ValueError):
         opened(record[0], "").plot_twist()

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from seal_rig import FLUID, STATOR_MASS, dry_stiffness, floating_stator, matrices
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.data.experiments import PerturbationTest
@@ -150,35 +151,32 @@ ROW = "a,3000,20,stator,x,5,0"
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    "text",
     [
-        (f"{HEAD},force_x_N\n{ROW},100\n", "missing columns: force_x_phase_deg"),
-        (f"{HEAD},force_x_N,force_x_phase_deg,force_N\n{ROW},100,0,5\n", "force_N and force_x_N are both given"),
-        (
-            f"{HEAD},force_x_N,force_x_phase_deg,force_y_N,force_y_phase_deg\n{ROW},100,0,,0\n",
-            "force_y_N.*a blank cell",
-        ),
-        (f"{HEAD},force_x_N,force_x_kN,force_x_phase_deg\n{ROW},100,1,0\n", "force_x is given twice"),
-        (f"{HEAD},force_x_N,force_x_phase_deg,force_sigma_N\n{ROW},100,0,-1\n", "must not be negative"),
-        (f"{HEAD},force_x_N,force_x_phase_deg\n{ROW.replace('20', '-20')},100,0\n", "frequency has to be positive"),
-        (f"{HEAD},force_x_N,force_x_phase_deg,force_direction\n{ROW},100,0,x\n", "leave force_direction out"),
+        f"{HEAD},force_x_N\n{ROW},100\n",
+        f"{HEAD},force_x_N,force_x_phase_deg,force_N\n{ROW},100,0,5\n",
+        f"{HEAD},force_x_N,force_x_phase_deg,force_y_N,force_y_phase_deg\n{ROW},100,0,,0\n",
+        f"{HEAD},force_x_N,force_x_kN,force_x_phase_deg\n{ROW},100,1,0\n",
+        f"{HEAD},force_x_N,force_x_phase_deg,force_sigma_N\n{ROW},100,0,-1\n",
+        f"{HEAD},force_x_N,force_x_phase_deg\n{ROW.replace('20', '-20')},100,0\n",
+        f"{HEAD},force_x_N,force_x_phase_deg,force_direction\n{ROW},100,0,x\n",
     ],
 )
-def test_columns_in_doubt_are_refused(text: str, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+def test_columns_in_doubt_are_refused(text: str) -> None:
+    with refuses(ValueError):
         rf.read(pd.read_csv(StringIO(text), dtype=str, keep_default_na=False))
 
 
 def test_circular_forces_and_forces_along_axes_do_not_mix() -> None:
     columns = {"run": "a", "speed": 100.0, "frequency": 50.0, "plane": "s", "direction": "x", "response": 1e-6 + 1e-7j}
-    with pytest.raises(ValueError, match="all circular or all along axes"):
+    with refuses(ValueError):
         rf.perturbation_test(
             **columns,
             force_plane=["s", "s"],
             force=[1.0, 2.0],
             force_direction=["x", "circular"],  # type: ignore[arg-type]
         )
-    with pytest.raises(ValueError, match="the second force at s along x"):
+    with refuses(ValueError):
         rf.perturbation_test(
             **columns,
             force_plane=["s"] * 3,

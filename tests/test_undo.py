@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.diagnosis.trials.undone import undone
@@ -66,5 +67,5 @@ def test_an_error_that_leaves_the_scale_open_is_not_undone(table: pd.DataFrame) 
     """Forces of an unbalance given as constant: how large the unbalance is they do not say."""
     fit = rf.fit(rf.models.WhirlWhip(), rf.read(constant_forces(table)), known=KNOWN)
     assert [(found.code, found.correction) for found in fit.findings] == [("unbalance-as-constant", None)]
-    with pytest.raises(ValueError, match="undo: unknown error of these data 'unbalance-as-constant'"):
+    with refuses(ValueError):
         undone(fit.experiments, ["unbalance-as-constant"])

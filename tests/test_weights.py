@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from campaigns_of_weights import RPM, TRUTH, WEIGHTS, campaign, influences
 from scipy.stats import binom
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.estimators.noise.mounting import solve
@@ -82,7 +83,7 @@ def test_runs_are_mountings_by_name_by_column_or_each_its_own() -> None:
     told = dataclasses.replace(plain, attributes={"mounting": np.array([r.partition("/")[0] for r in plain.run])})
     assert sorted(set(mountings(told))) == ["M00", "M01", "M02"]
     moved = dataclasses.replace(plain, attributes={"mounting": np.full(len(plain), "one")})
-    with pytest.raises(ValueError, match="mounting one has different weights"):
+    with refuses(ValueError):
         mountings(moved)
 
 
@@ -100,12 +101,12 @@ def test_one_reference_and_one_trial_weight_say_that_scatter_between_mountings_i
 
 
 def test_repeats_without_another_weight_are_refused_in_words() -> None:
-    with pytest.raises(ValueError, match="a second angle, another weight, or a run without one"):
+    with refuses(ValueError):
         rf.influence(exact((("disk1", 0.0),)))
 
 
 def test_start_ups_are_sent_to_differencing() -> None:
-    with pytest.raises(ValueError, match="start-ups"):
+    with refuses(ValueError):
         rf.influence(rf.datasets.rk4_runup())  # type: ignore[arg-type]
 
 
@@ -185,7 +186,7 @@ def _readings(known: rf.Influences, seen: rf.PerturbationTest) -> tuple[ComplexA
 
 
 def test_two_disks_are_refused_and_the_modal_model_offered(rk4: rf.PerturbationTest) -> None:
-    with pytest.raises(ValueError, match=r"two-disk has 2 modes, but these data see 1 mode .* a modal model, modes=1"):
+    with refuses(ValueError):
         rf.fit(rf.models.TwoDisk(("disk1", "disk2")), rk4, phase_offsets="common")
 
 
@@ -211,7 +212,7 @@ def test_other_intervals_agree_with_those_of_the_mountings(rk4_fit: rf.FitResult
     drawn = rk4_fit.bootstrap(n=200, seed=1)
     # spread of 200 draws: within 5 %, three of them; errors of the weights, which bootstrap leaves out, are 6 % here
     assert drawn.stderr["wn"] == pytest.approx(rk4_fit.params["wn"].stderr, rel=0.25)
-    with pytest.raises(ValueError, match="known from few mountings of weights"):
+    with refuses(ValueError):
         rk4_fit.sample(seed=1)
 
 
@@ -288,7 +289,7 @@ def test_the_error_of_the_measured_frequency_is_what_its_probes_disagree_by() ->
 
 
 def test_what_phase_offsets_can_be_is_said() -> None:
-    with pytest.raises(ValueError, match="'common'"):
+    with refuses(ValueError):
         rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), phase_offsets="all")  # type: ignore[arg-type]
 
 
@@ -302,16 +303,14 @@ def test_one_speed_leaves_damping_and_datum_in_combination_and_says_so() -> None
 
 
 @pytest.mark.parametrize(
-    ("weights", "repeats", "message"),
+    ("weights", "repeats"),
     [
-        ((("none", 0.0), ("disk1", 0.0)), 1, "give a column sigma_um, repeat the runs"),
-        ((("disk1", 0.0),), 3, "a second angle, another weight, or a run without one"),
+        ((("none", 0.0), ("disk1", 0.0)), 1),
+        ((("disk1", 0.0),), 3),
     ],
     ids=["nothing tells the noise", "repeats alone"],
 )
-def test_campaigns_that_tell_nothing_are_refused_in_words(
-    weights: tuple[tuple[str, float], ...], repeats: int, message: str
-) -> None:
+def test_campaigns_that_tell_nothing_are_refused_in_words(weights: tuple[tuple[str, float], ...], repeats: int) -> None:
     test = campaign(np.random.default_rng(2), weights=weights, repeats=repeats)
-    with pytest.raises(ValueError, match=message):
+    with refuses(ValueError):
         rf.fit(rf.models.Modal(("disk1", "disk2")), test, phase_offsets="common")

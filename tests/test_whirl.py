@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from law_data import CLEARANCE, CLEARANCE_UM, ONE_MODE, WHIRL_WHIP, fluid, static, sweep
 from scipy.integrate import solve_ivp
+from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.cli.main import main
@@ -97,9 +98,9 @@ def test_a_start_up_runs_through_the_onset(tmp_path: Path) -> None:
     soft = OneMode(law=EvenPolynomial(terms=1), clearance_um=CLEARANCE_UM)
     values = {name: value for name, value in v.items() if name not in ("n_K", "n_D", "b")}
     values |= {"K0_2": 0.0, "D_2": 0.0, "lam_2": 0.0}
-    with pytest.raises(IntegrationError, match="touches the wall"):
+    with refuses(IntegrationError):
         rf.simulate_recordings(soft, values, tmp_path, "synchronous", unbalance=1e-2, **quick)
-    with pytest.raises(ValueError, match="let go is simulated of linear rotors"):
+    with refuses(ValueError):
         rf.simulate_recordings(rotor, v, tmp_path, "release", speed_rpm=1000)
 
 
@@ -166,8 +167,8 @@ def test_figures_and_what_they_refuse() -> None:
     assert line[0, 0] == pytest.approx(fit.threshold_speed().value / (2 * np.pi), rel=1e-6)
     _, load = fit.plot_side_load().axes
     assert "N" in load.get_xlabel()
-    with pytest.raises(ValueError, match="give max_speed_rpm"):
+    with refuses(ValueError):
         fit.plot_whirl(max_speed_rpm=1000)
     linear = rf.fit(OneMode(), sweep(ONE_MODE, levels=(0.3,), lines=20), known={"K": 8e3, "Ds": 8.0})
-    with pytest.raises(ValueError, match="give it a law"):
+    with refuses(ValueError):
         linear.plot_whirl()

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from linear_tests import linear_test
+from sentences import warns
 from slips import (
     exchanged,
     exchanged_runs,
@@ -122,7 +123,7 @@ def test_reading_warns_of_errors_that_the_data_show_and_the_command_line_says_th
     rig: PerturbationTest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rf.write(lag_as_lead(rig), tmp_path / "t.csv")
-    with pytest.warns(rf.DataWarning, match="The rotor answers mostly against") as caught:
+    with warns(rf.DataWarning) as caught:
         test = rf.read(tmp_path / "t.csv")
     assert [warning.filename for warning in caught] == [__file__]
     rf.fit(rf.models.WhirlWhip(), test, known={"K3": 6000.0})  # without a warning, which would be an error here
