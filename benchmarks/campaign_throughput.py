@@ -64,10 +64,10 @@ def truth_at(pressure: float) -> dict[str, float]:
     return KNOWN | {"K0": 2000 + 150 * pressure, "D": 300 + 4 * pressure, "lam": 0.45 - 0.002 * pressure, "Mf": 0.4}
 
 
-def campaign_data(runs: int, seed: int) -> tuple[PerturbationTest, dict[str, list[float]]]:
+def campaign_data(runs: int, seed: int, lines: int = LINES) -> tuple[PerturbationTest, dict[str, list[float]]]:
     """One table of runs, and the true values of each."""
     rng, model = np.random.default_rng(seed), rf.models.OneMode()
-    half = np.linspace(2.0, 300.0, LINES // 2)
+    half = np.linspace(2.0, 300.0, lines // 2)
     w = np.concatenate([-half[::-1], half])
     force, columns = 5.0 * np.exp(0.4j), {name: [] for name in ("run", "speed", "direction", "response", "pressure")}
     truths: dict[str, list[float]] = {name: [] for name in FITTED}

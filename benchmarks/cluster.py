@@ -71,13 +71,13 @@ class Memory(threading.Thread):
     def run(self) -> None:
         """Look once a second."""
         while not self.ended.wait(1.0):
-            self.own = max(self.own, _resident(os.getpid()))
-            self.other = max([self.other, *map(_resident, _children())])
+            self.own = max(self.own, resident(os.getpid()))
+            self.other = max([self.other, *map(resident, descendants(os.getpid()))])
             self.seconds = time.thread_time()
 
 
-def _children() -> list[int]:
-    """All processes that come from this one."""
+def descendants(of: int) -> list[int]:
+    """All processes that come from one."""
     parents: dict[int, int] = {}
     for entry in Path("/proc").iterdir():
         if entry.name.isdecimal():
@@ -85,14 +85,14 @@ def _children() -> list[int]:
                 parents[int(entry.name)] = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
             except (FileNotFoundError, ProcessLookupError):
                 continue
-    found, new = [], {os.getpid()}
+    found, new = [], {of}
     while new:
         new = {number for number, parent in parents.items() if parent in new}
         found += list(new)
     return found
 
 
-def _resident(number: int) -> float:
+def resident(number: int) -> float:
     """Resident size in MB, 0 of a process that has ended."""
     try:
         text = Path(f"/proc/{number}/status").read_text(encoding="utf-8")
@@ -102,7 +102,7 @@ def _resident(number: int) -> float:
 
 
 @contextmanager
-def killing(executor: Any, every: float | None) -> Iterator[list[int]]:
+def killing(executor: Any, every: float | None, note: Callable[[int], None] = lambda pid: None) -> Iterator[list[int]]:
     """Kill one worker of a local cluster every so many seconds; gives the processes killed."""
     killed: list[int] = []
     ended = threading.Event()
@@ -113,6 +113,7 @@ def killing(executor: Any, every: float | None) -> Iterator[list[int]]:
             if pids:
                 killed.append(pids[len(killed) % len(pids)])
                 os.kill(killed[-1], signal.SIGKILL)
+                note(killed[-1])
 
     if every is not None:
         threading.Thread(target=work, daemon=True).start()
@@ -138,11 +139,11 @@ def measured(name: str, work: Callable[[], Any], reference: str | None = None) -
     return row, text
 
 
-def parts_of(folder: Path, runs: int) -> list[Path]:
+def parts_of(folder: Path, runs: int, lines: int) -> list[Path]:
     """Files of the runs."""
     files = []
     for number in range(runs // RUNS_OF_A_PART):
-        data, _ = campaign_throughput.campaign_data(RUNS_OF_A_PART, number)
+        data, _ = campaign_throughput.campaign_data(RUNS_OF_A_PART, number, lines)
         files.append(folder / f"part-{number:03d}.nc")
         rf.write(data, files[-1])
     return files
@@ -160,7 +161,7 @@ def replay(found: Any, folder: Path, executor: Executor) -> tuple[Row, float]:
     batches = [runs[begin : begin + BATCH] for begin in range(0, REPLAYED, BATCH)]
     file = folder / "results.pickle"
     file.write_bytes(pickle.dumps(found.runs))
-    before = _resident(os.getpid())
+    before = resident(os.getpid())
     kept: list[Any] = []
 
     def work() -> Any:
@@ -168,7 +169,7 @@ def replay(found: Any, folder: Path, executor: Executor) -> tuple[Row, float]:
         return found
 
     row, _ = measured(f"results of {REPLAYED} runs, without fits", work)
-    return row, 1e3 * (_resident(os.getpid()) - before) / REPLAYED
+    return row, 1e3 * (resident(os.getpid()) - before) / REPLAYED
 
 
 def simulated(workers: int, runs: int, fit: float, overhead: float) -> float:
@@ -190,11 +191,10 @@ def main() -> None:
     parser.add_argument("--lines", type=int, default=400)
     parser.add_argument("--kill-every", type=float, default=10.0)
     options = parser.parse_args()
-    campaign_throughput.LINES = options.lines
     model = rf.models.OneMode()
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with TemporaryDirectory() as folder:
-        parts = parts_of(Path(folder), options.runs)
+        parts = parts_of(Path(folder), options.runs, options.lines)
         size = sum(part.stat().st_size for part in parts) / 1e6
 
         def fitted(executor: Executor | None = None, store: rf.Store | None = None) -> Any:

@@ -200,6 +200,62 @@ def test_netcdf_files_are_written_beside_a_dask_client(tmp_path):
     assert len(rf.read(tmp_path / "a.nc")) == len(table)
 
 
+KILLED = """
+import os, signal, sys
+sys.path.insert(0, sys.argv[1])
+import rotorfit as rf
+from seal_campaigns import KNOWN, seal_campaign
+from rotorfit.executors import cluster
+
+def kill(done, total):
+    workers = [worker.pid for worker in pool._client.cluster.workers.values()]
+    print(done, *workers, flush=True)
+    os.kill(os.getpid() if done > 16 else workers[0], signal.SIGKILL)
+
+if __name__ == "__main__":
+    with cluster("local:2") as pool:
+        table, store = seal_campaign(40, lines=40)[0], rf.Store(sys.argv[2])
+        rf.campaign(rf.models.OneMode(), table, known=KNOWN, executor=pool, store=store, progress=kill)
+"""
+
+
+def test_killed_workers_and_a_killed_sender_change_no_digit(tmp_path):
+    """A worker dies after the first batches, the sender after the third; begun again, the table is that of a loop."""
+    pytest.importorskip("distributed")
+    store, tests = tmp_path / "runs.db", Path(__file__).parent
+    (tmp_path / "killed.py").write_text(KILLED, encoding="utf-8")
+    ended = subprocess.run(
+        [sys.executable, tmp_path / "killed.py", tests, store],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=100,
+    )
+    assert ended.returncode == -signal.SIGKILL, ended.stderr
+    first, *_, last = [[int(word) for word in line.split()] for line in ended.stdout.splitlines()]
+    assert (first[0], last[0]) == (8, 24)
+    table, _ = seal_campaign(40, lines=40)
+    counts: list[int] = []
+    again = rf.campaign(
+        OneMode(), table, known=KNOWN, store=rf.Store(store), progress=lambda done, _: counts.append(done)
+    )
+    assert counts[0] == 24 + 8  # the next batch after the three that were kept
+    assert again.to_csv() == rf.campaign(OneMode(), table, known=KNOWN).to_csv()
+    assert all(map(_has_ended, last[1:]))
+
+
+def _has_ended(pid):
+    """True once a process is gone, which may take a while."""
+    end = time.monotonic() + 20.0
+    while time.monotonic() < end:
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.1)
+    return False
+
+
 @pytest.mark.slow
 def test_a_dask_cluster_and_one_scaled_to_zero():
     """A real cluster of one process: it works, and when it is taken away the rest is done here."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import pickle
+import tracemalloc
 import weakref
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -71,6 +72,22 @@ def test_what_a_run_of_a_part_gives_holds_no_readings(parts, whole):
     assert (one.value, one.unit) == (other.value, other.unit)
     assert one.stderr == pytest.approx(other.stderr, rel=1e-12)
     assert own.params["D"].stderr == full.params["D"].stderr
+
+
+def test_ten_thousand_kept_results_are_ten_megabytes(tmp_path):
+    """As they come back from a worker, 64 at once: the process that sends keeps the results of all runs."""
+    table, _ = seal_campaign(64, lines=20)
+    runs = rf.campaign(OneMode(), table, known=KNOWN, store=rf.Store(tmp_path / "runs.db")).runs
+    batch = pickle.dumps(runs)
+    tracemalloc.start()
+    try:
+        kept = [pickle.loads(batch) for _ in range(20)]
+        size = tracemalloc.get_traced_memory()[0]
+    finally:
+        tracemalloc.stop()
+    assert [run.params for run in kept[-1]] == [run.params for run in runs]
+    assert kept[-1][3].params["lam"].fit is kept[-1][3]
+    assert size < 1600 * 64 * 20  # of it numbers 0.5 kB, names of conditions and texts the rest
 
 
 ALIVE: list[weakref.ref[object]] = []

@@ -20,7 +20,7 @@ Reader = Callable[[], Experiment]
 """Reads a part of the data: ``functools.partial(rf.read, "part-1.nc")``."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class ReadingsOfPart:
     """Readings that are read when they are asked for; a process holds one part of the data at a time."""
 

@@ -6,7 +6,7 @@ import pickle
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache, partial
 from itertools import groupby
 from typing import Any, Protocol, TypeVar
@@ -14,6 +14,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.campaigns.held_parameters import HeldParameters
 from rotorfit.campaigns.kept import from_bytes, key_of, run_key, to_bytes
 from rotorfit.data.content import content_hash
 from rotorfit.data.experiments import Experiment
@@ -82,7 +83,7 @@ class HeldReadings:
         return (float(values.min()), float(values.max())) if values.size else None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class Run:
     """One run of a campaign: its readings and what is known of its conditions."""
 
@@ -97,7 +98,7 @@ class Run:
         return self.readings.experiment
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, slots=True)
 class RunFit:
     """Result of the fit of one run; small, so that it travels well.
 
@@ -131,11 +132,8 @@ class RunFit:
     noise: FoundNoise | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        own = {name: p if p.fit is not None else replace(p) for name, p in self.params.items()}
-        for p in own.values():
-            if p.fit is None:  # of a result that was left behind: how they vary together is known here
-                object.__setattr__(p, "fit", self)
-        object.__setattr__(self, "params", own)
+        if any(p.fit is None for p in self.params.values()):  # how they vary together is known here alone
+            object.__setattr__(self, "params", HeldParameters(self.params, self))
 
     def quantity(self, value: float, slopes: Mapping[str, float], unit: str) -> Quantity:
         """A quantity made of parameters of the run, with its statistical error.
@@ -266,6 +264,16 @@ def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mappin
     )
 
 
+def _fit_alone(model: RotorModel, run: Run, **option: Any) -> RunFit:
+    """The fit of one run without the whole result, which holds the readings."""
+    found = fit_run(model, run, **option)
+    return replace(found, params={name: replace(p) for name, p in found.params.items()})
+
+
+def _entries(found: RunFit) -> dict[str, Any]:
+    return {entry.name: getattr(found, entry.name) for entry in fields(found)}
+
+
 def _explains_nothing(found: FitResult) -> bool:
     """True if no motion at all would explain the readings as well as the fit does."""
     measured = np.concatenate([block.measured / block.sigma for block in found.problem.blocks])
@@ -295,6 +303,7 @@ class Workers:
         whose worker was lost is not repeated for ever: see :func:`~rotorfit.executors.carry_out`."""
         pairs = list(zip(runs, options, strict=True))
         keys = self._keys(pairs) if work is fit_run and self.kept is not None else []
+        work = _fit_alone if keys else work  # type: ignore[assignment]
         found = self._found(keys)
         left = [number for number in range(len(pairs)) if not keys or keys[number] not in found]
         numbers = self._batches(left, runs, 1 if self.executor is None and not keys else RUNS_OF_A_BATCH)
@@ -304,7 +313,7 @@ class Workers:
             nonlocal count
             count += len(batch)
             if keys and self.kept is not None:
-                self.kept.keep({keys[n]: to_bytes(vars(result)) for n, result in zip(batch, results, strict=True)})
+                self.kept.keep({keys[n]: to_bytes(_entries(result)) for n, result in zip(batch, results, strict=True)})
             self._report(count, len(pairs))
 
         made = self._carried_out(work, [[pairs[number] for number in batch] for batch in numbers], numbers, done)
@@ -347,7 +356,9 @@ class Workers:
         """Fits that are kept."""
         if self.kept is None or not keys:
             return {}
-        return {key: RunFit(**from_bytes(data)) for key, data in self.kept.find(keys).items()}
+        some = 1000  # looked for at a time, so that few are in memory as they are stored
+        found = (self.kept.find(keys[begin : begin + some]) for begin in range(0, len(keys), some))
+        return {key: RunFit(**from_bytes(data)) for pieces in found for key, data in pieces.items()}
 
     def _report(self, done: int, total: int) -> None:
         if self.progress is not None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
+from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.models.array_types import Index
 
 _STEPS = 2.0**30
@@ -55,11 +56,12 @@ def _numbered(values: NDArray[Any]) -> list[tuple[Index, list[str]]]:
     if values.dtype.kind in "fiub":
         real = values.astype(float)
         return [(_steps(real, float(np.abs(real[np.isfinite(real)]).max(initial=0.0))), [])]
-    words = values.astype(str) if values.dtype.kind == "U" else np.array([_text(item) for item in values.tolist()])
-    if not words.size:
+    if not values.size:
         return [(np.zeros(0, dtype=np.int64), [])]
-    distinct, number = np.unique(words, return_inverse=True)
-    return [(np.asarray(number, dtype=np.int64), distinct.tolist())]
+    entries, entry = words(values)
+    texts = entries if values.dtype.kind == "U" else list(map(_text, entries))
+    distinct, number = np.unique(np.array(texts, dtype=str), return_inverse=True)
+    return [(np.asarray(number[entry], dtype=np.int64), distinct.tolist())]
 
 
 def _steps(values: NDArray[np.floating[Any]], size: float) -> Index:
