@@ -60,6 +60,12 @@ def file_name(text: str, taken: Collection[str] = ()) -> str:
     )
 
 
+def end_of_name(name: str) -> str:
+    """As much of the end of a file's name as leaves room for the beginning of a draft's in what file systems allow."""
+    most = 180  # bytes of 255
+    return os.fsencode(name)[-most:].decode(errors="ignore")
+
+
 def sweep(folder: Path, drafts: str) -> None:
     """Remove the drafts, of names that match an expression, that a kill left in a folder a day ago or earlier."""
     for name in [entry.name for entry in os.scandir(folder) if re.fullmatch(drafts, entry.name)]:
@@ -93,8 +99,9 @@ def whole_file(path: Path) -> Iterator[Path]:
     target = Path(os.path.realpath(path))
     if not target.parent.is_dir():
         raise FileNotFoundError(f"cannot write {path}: there is no folder {path.parent}")
-    sweep(target.parent, rf"\.\d+-\d+-{re.escape(target.name)}")
-    draft = target.with_name(f".{os.getpid()}-{threading.get_ident()}-{target.name}")
+    name = end_of_name(target.name)
+    sweep(target.parent, rf"\.\d+-\d+-{re.escape(name)}")
+    draft = target.with_name(f".{os.getpid()}-{threading.get_ident()}-{name}")
     try:
         with writing(path, draft):
             yield draft

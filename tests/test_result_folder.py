@@ -101,6 +101,25 @@ def test_different_names_give_different_files() -> None:
     assert names == ["a-b", "a-b-2", "a-b-3", "p" * 100, "p" * 100 + "-2", "", "-2", "rec", "REC-2"]
 
 
+@pytest.mark.parametrize("letter", ["x", "\u00f8"])
+def test_names_as_long_as_the_file_system_takes_are_written(tmp_path: Path, letter: str) -> None:
+    """The draft beside a file has a longer beginning, and no longer name."""
+    longest = letter * ((255 - len(".previous")) // len(letter.encode()))
+    with whole_file(tmp_path / f"{longest[:-4]}.csv") as draft:
+        draft.write_text("content")
+    for content in ("old", "new"):
+        with complete_folder(tmp_path / longest) as folder:
+            (folder / "a.txt").write_text(content)
+    with (
+        pytest.raises(OSError, match=rf"File name too long: '{tmp_path}/x{{300}}\.csv'"),
+        whole_file(tmp_path / f"{'x' * 300}.csv") as draft,
+    ):
+        draft.write_text("content")
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {f"{longest[:-4]}.csv", longest, f"{longest}.previous"}
+    assert (tmp_path / longest / "a.txt").read_text() == "new"
+
+
 class Killed(BaseException):
     """The end of a process, of which nothing is cleaned up."""
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from rotorfit.estimators.atomic_file import refuse_input, sweep, writing
+from rotorfit.estimators.atomic_file import end_of_name, refuse_input, sweep, writing
 
 CHECKPOINT = "posterior.checkpoint.h5"
 """File in the folder for the results from which a sampling that was stopped goes on."""
@@ -32,8 +32,9 @@ def complete_folder(out: Path) -> Iterator[Path]:
     if earlier:
         _check_switch(out, target, previous)
     place = target.parent if earlier else next(folder for folder in (target, *target.parents) if folder.is_dir())
-    sweep(place, rf"\.rotorfit-\d+-{re.escape(target.name)}")
-    draft = place / f".rotorfit-{os.getpid()}-{target.name}"
+    name = end_of_name(target.name)
+    sweep(place, rf"\.rotorfit-\d+-{re.escape(name)}")
+    draft = place / f".rotorfit-{os.getpid()}-{name}"
     try:  # on the file system of the folder itself, so that moving is renaming
         draft.mkdir()
     except OSError as reason:
