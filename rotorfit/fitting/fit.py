@@ -127,13 +127,15 @@ def _numbers(pair: Any) -> Any:
     return (-np.inf if low is None else low, np.inf if high is None else high)
 
 
-def fitted(model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings) -> FitResult:
-    """The fit of a model with given settings."""
+def fitted(
+    model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings, *, ask_causes: bool = True
+) -> FitResult:
+    """The fit of a model with given settings; ``ask_causes``: fixed causes of what it misses are asked for."""
     options = _options(settings)
     problem = build_problem(model, experiments, settings)
     start = find_start(problem, settings.start)
     solution = solve(problem, start.x, options)
-    return judged(problem, experiments, settings, start, solution)
+    return judged(problem, experiments, settings, start, solution, ask_causes=ask_causes)
 
 
 def _options(settings: FitSettings) -> Options:
@@ -146,13 +148,15 @@ def judged(
     settings: FitSettings,
     start: Start,
     solution: Solution,
+    *,
+    ask_causes: bool = True,
 ) -> FitResult:
     """The result of a solved problem, solved again with the noise that its residuals show."""
     left_out = (sentence for test in experiments for sentence in usable(problem.space.model, test)[1])
     notes = (*left_out, *start.notes)
     # A minimum along a whole line is one.
     studied = settings.loss == "linear" and (solution.success or solution.status is Status.SINGULAR)
-    study = study_residuals(problem, solution.x) if studied else None
+    study = study_residuals(problem, solution.x, ask_causes=ask_causes) if studied else None
     if study is not None and study.found is not None:
         offsets, settings = settings.phase_offsets, replace(settings, noise=study.found)
         before = dict(zip((*problem.space.names, *problem.space.nuisance), solution.x.tolist(), strict=True))

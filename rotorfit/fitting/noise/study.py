@@ -63,12 +63,12 @@ _MISS_LINES = 5
 """Lines over which residuals are averaged to see where the model misses, and places that are named."""
 
 
-def study_residuals(problem: Problem, x: Float) -> ResidualStudy | None:
+def study_residuals(problem: Problem, x: Float, *, ask_causes: bool = True) -> ResidualStudy | None:
     """Tell noise, differences of runs and misfit apart at the optimum of a linear loss; nothing for other data."""
     data = linearise(problem, x)
     if data is None:
         return None
-    causes, beside = fixed_causes(problem, x, data)
+    causes, beside = fixed_causes(problem, x, data) if ask_causes else ((), data)
     study = _study(problem, x, beside, causes)
     if causes and study.verdict is NoiseVerdict.MISFIT and not _explain_most(data, beside):
         return _study(problem, x, data, ())
