@@ -17,13 +17,13 @@ ELEMENTS, DISK, JOURNAL, K3 = 14, 7, 14, 6000.0
 
 
 class Rig:
-    """Shaft of 0.56 m: rigid bearing at one end, disk at mid-span, journal with fluid and spring K3 at the other."""
+    """Shaft of 0.56 m: rigid bearing at one end, disk at a node, journal with fluid and spring K3 at the other."""
 
-    def __init__(self, diameter, K0, D, lam, Mf, m_disk, Ds, noise):
+    def __init__(self, diameter, K0, D, lam, Mf, m_disk, Ds, noise, disk=DISK):
         self.fluid, self.noise = (K0, D, lam, Mf), noise
         self.K, self.M, self.G = shaft(0.56, ELEMENTS, diameter, **STEEL)
         self.C = np.zeros_like(self.K)
-        i, b = 2 * DISK, 2 * JOURNAL
+        i, b = self.disk, self.journal = 2 * disk, 2 * JOURNAL
         self.K[0, 0] += 5e7
         self.K[b, b] += K3
         self.C[i, i] += Ds
@@ -57,7 +57,7 @@ class Rig:
         """Forward and backward sweeps of an unbalance force at disk and journal, x and y probes at both."""
         rng = np.random.default_rng(seed)
         magnitude = np.linspace(6.0, top, lines)
-        nodes = {"disk": 2 * DISK, "journal": 2 * JOURNAL}
+        nodes = {"disk": self.disk, "journal": self.journal}
         rows = []
         for force_plane, driven in nodes.items():
             for speed in speeds:
