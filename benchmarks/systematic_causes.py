@@ -421,9 +421,9 @@ CAUSES: dict[str, tuple[Kind, Draw]] = {
     ),
     "known stiffness, 1 %, one mode": (one_mode, _known),
     "known stiffness, 1 %, chain": (chain, _known),
-    "gyroscopic effect, 3 % of M, one speed": (
+    "gyroscopic effect, 6 % of M, one speed": (
         one_mode,
-        lambda rig, rng: (replace(rig, gyroscopic=(abs(rng.normal(0, 0.03)) * rig.M[0],)), Campaign(speeds=(180.0,))),
+        lambda rig, rng: (replace(rig, gyroscopic=(abs(rng.normal(0, 0.06)) * rig.M[0],)), Campaign(speeds=(180.0,))),
     ),
     "gyroscopic effect, 0.3 kg, one mode": (one_mode, partial(_gyroscopic, effect=(0.3,))),
     "gyroscopic effect, 0.1 kg, one mode": (one_mode, partial(_gyroscopic, effect=(0.1,))),
@@ -549,7 +549,7 @@ def study(cause: str, rigs: int, seed: int) -> list[Row]:
     rng = np.random.default_rng(seed)
     kind, draw = CAUSES[cause]
     expected = [name for start, name in NAMES.items() if cause.startswith(start)]
-    held, widths, named, limited, stable = [], [], [], [], []
+    held, widths, stands, named, limited, stable = [], [], [], [], [], []
     names: list[str] = []
     for _ in range(rigs):
         rig, test = draw(kind(rng), rng)
@@ -568,13 +568,14 @@ def study(cause: str, rigs: int, seed: int) -> list[Row]:
             ]
         )  # printed, of found causes alone or statistical; quantity, end
         values = np.array(list(truth.values()))
+        stands.append([not fit.moved_by(name) for name in names] & np.isfinite(ends[0]).all(axis=-1))
         held.append((ends[..., 0] <= values) & (values <= ends[..., 1]))
         widths.append(np.diff(ends, axis=-1)[..., 0] / np.abs(values))
         limited.append(fit.model_limited)
         named.append(said[0].startswith(expected[0]) if said and expected else bool(said) and not expected)
         stable.append(_called_stable(fit, truth["threshold_speed"] * rng.uniform(1.02, 1.2)))
     holds, wide = np.array(held, dtype=float), np.array(widths)
-    given = np.isfinite(wide[:, 0])
+    given = np.array(stands)
     with np.errstate(invalid="ignore"):
         printed = np.sum(holds[:, 0] * given, axis=0) / given.sum(axis=0)
         wider = np.median(wide[:, 0] / wide[:, 2], axis=0)

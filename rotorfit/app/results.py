@@ -12,7 +12,7 @@ from rotorfit.app.fit_figures import bode, colours_of_conditions, fit_figures, p
 from rotorfit.app.parts import WIDE, button, colour_key, figures_beside, finding_words, heading, markup, message
 from rotorfit.diagnosis.trials.data_errors import PHASE_ZEROS
 from rotorfit.fitting.digits import interval, with_error
-from rotorfit.fitting.quantities import FittedParameter
+from rotorfit.fitting.quantities import THRESHOLD, FittedParameter
 from rotorfit.report.html import Html, join, table
 from rotorfit.studies.results import status
 from rotorfit.units import RPM_PER_RAD_S
@@ -58,7 +58,7 @@ def parameter_table(fit: FitResult) -> Html:
 
 def _row(p: FittedParameter) -> Sequence[str]:
     unit = "" if p.unit == "1" else p.unit
-    if not p.vary or not p.resolved:
+    if not p.vary or not p.resolved or p.moved_by:
         shown = f"{p.value:.10g}" if not p.vary else ""
         return [p.name, shown, "", "", unit, status(p), p.meaning]
     value, error = with_error(p.value, math.hypot(p.stderr, p.systematic))
@@ -69,7 +69,9 @@ def _notes(fit: FitResult) -> list[Html]:
     words = [f"{fit.ndata} real data, {fit.nvarys} fitted values, redchi {fit.redchi:.4g}."]
     if fit.success and fit.model.speed_dependent and len(fit.thetas) == 1:
         onset = fit.threshold_speed()
-        if math.isfinite(onset.value) and math.isfinite(onset.stderr):
+        if fit.moved_by(THRESHOLD):
+            words.append(f"Threshold speed not determined: {fit.moved_by(THRESHOLD)}.")
+        elif math.isfinite(onset.value) and math.isfinite(onset.stderr):
             low, high = (end * RPM_PER_RAD_S for end in onset.interval())
             words.append(f"Threshold speed {onset.value * RPM_PER_RAD_S:.5g} rpm, 95 % interval {interval(low, high)}.")
     return [Html(f"<p>{join([' '.join(words)])}</p>")]

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol, Self
 
-from rotorfit.fitting.digits import plus_minus, two_digits
+from rotorfit.fitting.digits import is_left_open, plus_minus, two_digits
 
 if TYPE_CHECKING:
     from rotorfit.fitting.quantities import Quantity
@@ -95,6 +95,9 @@ class Number:
         stderr, systematic = self.alone
         if not math.isfinite(stderr):
             return "not determined by these data"
+        if is_left_open(self.value, stderr, systematic):
+            size = f"{two_digits(systematic)} {shown_unit(self.unit)}".rstrip()
+            return f"not determined: what these data do not show moves it by {size}"
         shown = f"{plus_minus(self.value, math.hypot(stderr, systematic))} {shown_unit(self.unit)}".rstrip()
         shares = f" ({two_digits(stderr)} statistical, {two_digits(systematic)} systematic)"
         return shown + (shares if systematic else "")

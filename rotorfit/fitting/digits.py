@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from rotorfit.estimators.significance import CHANCE_ERRORS
+
 _LARGEST_END_RATIO = 100.0  # ratio of an interval's ends
 
 
@@ -30,6 +32,12 @@ def two_digits(value: float, sign: str = "-") -> str:
     if not (math.isfinite(value) and value):
         return f"{value:{sign}g}"
     return f"{'-' if value < 0 else sign.strip('-')}{with_error(0.0, abs(value))[1]}"
+
+
+def is_left_open(value: float, error: float, systematic: float) -> bool:
+    """True if what the data do not show may well move a number by more than itself: two such shares of it, beyond what
+    its error does. Then it is no number."""
+    return CHANCE_ERRORS * systematic > abs(value) and systematic > error
 
 
 def plus_minus(value: float, error: float) -> str:

@@ -27,7 +27,7 @@ EXACT_REDCHI = 1e-4  # redchi below which the data are exact, and their noise th
 
 _FILTERED = (
     "Noise that is correlated along the lines, as behind overlapping filters, looks the same where sigma is not "
-    "given: standard errors include that too. Give sigma_um, or repeated sweeps, to separate them"
+    "known: standard errors include that too. Give sigma_um as repeated sweeps show it, to separate them"
 )
 
 

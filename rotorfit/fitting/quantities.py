@@ -21,6 +21,9 @@ class Assuming(Source, Protocol):
     def systematic(self, name: str) -> float:
         """Standard uncertainty of a parameter by what the model leaves out or takes as known."""
 
+    def moved_by(self, name: str) -> str:
+        """What of it leaves the number open, in words; empty where the number stands."""
+
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class FittedParameter(Number):
@@ -79,6 +82,11 @@ class FittedParameter(Number):
         """Standard uncertainty by what the model leaves out or takes as known; see :meth:`FitResult.systematic`."""
         return 0.0 if self.fit is None else self.fit.systematic(self.name)
 
+    @property
+    def moved_by(self) -> str:
+        """What leaves the number open, in words; empty where the number stands; see :meth:`FitResult.moved_by`."""
+        return "" if self.fit is None or not self.vary else self.fit.moved_by(self.name)
+
     def interval(self, level: float = 0.95, *, statistical: bool = False) -> tuple[float, float]:
         """Confidence interval by ``stderr`` and ``systematic``, Student's t with the degrees of freedom of ``stderr``.
 
@@ -90,6 +98,8 @@ class FittedParameter(Number):
         return _interval(self.value, self.stderr, more, self.freedom, level)
 
     def __str__(self) -> str:
+        if self.moved_by:
+            return f"not determined: {self.moved_by}"
         return super().__str__() if self.vary else f"{self.value:.6g} {shown_unit(self.unit)}".rstrip() + ", known"
 
     def __repr__(self) -> str:

@@ -243,6 +243,24 @@ class FitResult(FitFigures):
         """
         return self.assumed.systematic(THRESHOLD_COLUMN if name == THRESHOLD else name)
 
+    def moved_by(self, name: str) -> str:
+        """The entry of :meth:`assumptions` that leaves a number open, in words; empty where the number stands.
+
+        A number whose interval holds zero by its systematic share is not printed as one: summary, report and stability
+        report say "not determined" and this in its place. Its interval remains.
+
+        Args:
+            name: a fitted or known parameter, or "threshold_speed".
+
+        Example:
+            >>> fit.moved_by("lam")
+            ''
+        """
+        if name != THRESHOLD:
+            return self.assumed.moves(name, self.params[name].value, self.params[name].unit)
+        onset = self.threshold_of(0).value if self.assumed.entries else math.nan
+        return "" if math.isnan(onset) else self.assumed.moves(THRESHOLD_COLUMN, onset, "rad/s")
+
     @property
     def foundations(self) -> tuple[str, ...]:
         """The weightiest effects that the data do not show although they move a result by more than its error.

@@ -18,6 +18,7 @@ from rotorfit.fitting.assumptions.anisotropy import lines_cut_off
 from rotorfit.fitting.digits import plus_minus, two_digits, with_error
 from rotorfit.fitting.noise.record import NoiseVerdict, is_run_effect
 from rotorfit.fitting.noise.words import VERDICTS
+from rotorfit.fitting.quantities import THRESHOLD
 from rotorfit.fitting.structure.structure_error import caveats_of
 from rotorfit.models import RotorModel, TurningOnSupports, eigenvalues, unstable_bands
 from rotorfit.models.motion.stability import growing_bands
@@ -29,7 +30,7 @@ from rotorfit.units import RPM_PER_RAD_S
 if TYPE_CHECKING:
     from rotorfit.estimators.inference.identifiability import Combination
     from rotorfit.fitting.noise.residual_study import ResidualStudy
-    from rotorfit.fitting.quantities import FittedParameter
+    from rotorfit.fitting.quantities import FittedParameter, Quantity
     from rotorfit.fitting.result import FitResult
 
 
@@ -212,6 +213,8 @@ def _row(p: FittedParameter, both: bool, more: bool) -> list[str | Wide]:
         return [p.name, f"{p.value:.7g}", "known", *([""] * (both + more)), "", p.unit]
     if not p.resolved:
         return [p.name, Wide("not determined by the data", 2 + both + more), f"{p.init_value:.6g}", p.unit]
+    if p.moved_by:
+        return [p.name, Wide("not determined", 2 + both + more), f"{p.init_value:.6g}", p.unit, p.moved_by]
     whole = math.hypot(p.stderr, p.systematic)
     value, start = with_error(p.value, whole)[0], with_error(p.init_value, whole)[0]
     shares = [p.stderr, *([p.stderr_noise] * both), *([p.systematic] * more)]
@@ -281,13 +284,22 @@ def _stability_lines(fit: FitResult) -> list[str]:
         return ["threshold speed: none found, stable at every speed searched"]
     if onset.value == 0:
         return ["threshold speed: 0, the fitted rotor is unstable from standstill on"]
+    if fit.moved_by(THRESHOLD):
+        line = f"threshold speed: not determined: {fit.moved_by(THRESHOLD)}"
+    else:
+        line = _threshold_line(fit, onset)
+    return [line] + [f"  {note}"] * bool(note)
+
+
+def _threshold_line(fit: FitResult, onset: Quantity) -> str:
+    """The threshold speed with its error, and how far beyond the tests it lies."""
     line = f"threshold speed: {onset.to('rpm')}, whirl ratio at onset {fit.whirl_ratio():.3f}"
     highest = float(fit.speeds.max(initial=0.0))
     if highest > 0:
         percent = 100 * (onset.value / highest - 1)
         line += f"; {abs(percent):.3g} % {'above' if percent >= 0 else 'below'} the highest tested speed"
         line += f" ({highest * RPM_PER_RAD_S:.0f} rpm)" + (": extrapolated" if percent > 0 else "")
-    return [line] + [f"  {note}"] * bool(note)
+    return line
 
 
 _HEAD = ("parameter", "value", "standard error", "unit", "meaning")
@@ -306,7 +318,7 @@ def fit_html(fit: FitResult) -> str:
 def _html_row(p: FittedParameter) -> str:
     if not p.vary:
         value, error = f"{p.value:.7g}", "known"
-    elif not p.resolved:
+    elif not p.resolved or p.moved_by:
         value, error = "not determined", ""
     else:
         value, error = with_error(p.value, p.stderr)

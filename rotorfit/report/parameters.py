@@ -86,8 +86,8 @@ def _row(p: FittedParameter, model: RotorModel, start: str) -> list[str]:
     name, unit = symbol(p.name, model), unit_shown(p.unit)
     if not p.vary:
         return [name, plain(p.value), "known", "", unit, "", p.meaning, ""]
-    if not p.resolved:
-        return [name, "not determined", "", "", unit, start, p.meaning, ""]
+    if not p.resolved or p.moved_by:
+        return [name, "not determined", "", "", unit, start, p.meaning, p.moved_by]
     value = with_error(p.value, math.hypot(p.stderr, p.systematic))[0]
     error, noise = (with_error(p.value, size)[1] for size in (p.stderr, p.stderr_noise))
     bound = "at its bound: no symmetric interval" if p.at_bound else ""
@@ -140,7 +140,7 @@ def interval_section(material: ReportInput) -> Html:
 
 
 def _shown(p: FittedParameter) -> bool:
-    return p.vary and p.resolved
+    return p.vary and p.resolved and not p.moved_by
 
 
 def _interval_row(material: ReportInput, p: FittedParameter, profile: Profile | None) -> list[str]:
@@ -160,7 +160,7 @@ def _interval_row(material: ReportInput, p: FittedParameter, profile: Profile | 
 
 def _threshold_rows(material: ReportInput, profile: Profile | None) -> Iterator[list[str]]:
     fit = material.fit
-    if not fit.model.speed_dependent:
+    if not fit.model.speed_dependent or fit.moved_by(THRESHOLD):
         return
     for label, group in groups_of(fit):
         onset = fit.threshold_of(group)

@@ -149,6 +149,9 @@ def _stability_words(material: ReportInput) -> Iterator[str]:
     if lowest.value == 0:
         yield f"It is unstable from standstill on{where}."
         return
+    if fit.moved_by(THRESHOLD):
+        yield f"The speed at which it becomes unstable is not determined{where}: {fit.moved_by(THRESHOLD)}."
+        return
     if not math.isfinite(lowest.stderr):
         yield f"These data do not determine the speed at which it becomes unstable{where}."
         return
@@ -226,8 +229,8 @@ def _stability_cards(material: ReportInput) -> Iterator[Html]:
     for label, group in groups_of(fit):
         name = "Threshold of instability" + (f", {label}" if label else "")
         onset = fit.threshold_of(group)
-        if math.isinf(onset.stderr):
-            why = fit.onset_note(group) or "these data leave the threshold speed open"
+        if math.isinf(onset.stderr) or fit.moved_by(THRESHOLD):
+            why = fit.moved_by(THRESHOLD) or fit.onset_note(group) or "these data leave the threshold speed open"
             yield _card(name, "not determined", why, bad=True)
         elif math.isnan(onset.value):
             yield _card(name, "none found", "the fitted rotor is stable at every speed searched")
@@ -279,8 +282,8 @@ def _fluid_cards(fit: FitResult) -> Iterator[Html]:
     wanted = [p for p in fitted if bare_name(p.name) in _FLUID]
     for p in (wanted or fitted)[:_CARDS]:
         name = f"{p.name}, {p.meaning}"
-        if not p.resolved:
-            yield _card(name, "not determined", "see identifiability", bad=True)
+        if not p.resolved or p.moved_by:
+            yield _card(name, "not determined", p.moved_by or "see identifiability", bad=True)
         else:
             more = p.systematic
             shown = [_shares(p.stderr, more)] if more else []

@@ -114,7 +114,7 @@ def status(p: FittedParameter) -> str:
     """How a parameter came to its value, in a word or two for tables."""
     if not p.vary:
         return "known"
-    if not p.resolved:
+    if not p.resolved or p.moved_by:
         return "not determined"
     return "at its bound" if p.at_bound else "fitted"
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from rotorfit.estimators.inference.left_out_columns import Term
 from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
-from rotorfit.fitting.digits import two_digits
+from rotorfit.fitting.digits import is_left_open, two_digits
 from rotorfit.models.text_table import Printed, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -159,6 +159,21 @@ class Assumptions(Printed):
             return entry.left * sum(slope * own.get(name, 0.0) for name, slope in slopes.items())
 
         return math.hypot(*map(moved, self.entries))
+
+    def moves(self, result: str, value: float, unit: str) -> str:
+        """The weightiest entry, where all together may well move a result by more than its value; else empty.
+
+        Args:
+            result: see :meth:`systematic`.
+            value: of the result, SI.
+            unit: SI unit, "1" for none.
+        """
+        error = self.entries[0].errors.get(result, 0.0) if self.entries else 0.0
+        if not is_left_open(value, error, self.systematic(result)):
+            return ""
+        entry = max(self.entries, key=lambda e: abs(e.shifts.get(result, 0.0) * e.left))
+        factor, unit = (RPM_PER_RAD_S, "rpm") if result == THRESHOLD_COLUMN else (1.0, "" if unit == "1" else unit)
+        return f"{entry.name} moves it by {two_digits(factor * entry.shifts[result] * entry.left, '+')} {unit}".rstrip()
 
     def combined(self, result: str) -> float:
         """Standard error of a result by the fit and :meth:`systematic` together.

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from rotorfit.estimators.inference.left_out_columns import (
     is_linear,
     whitened_columns,
 )
-from rotorfit.estimators.inference.score_tests import score_tests
+from rotorfit.estimators.inference.score_tests import Scores, score_tests
 from rotorfit.estimators.inference.smooth_causes import (
     MEANINGS,
     UNITS,
@@ -38,7 +39,7 @@ from rotorfit.fitting.assumptions.onset import onset_with
 from rotorfit.fitting.assumptions.supports import uneven_supports
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import Threshold
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.models.laws import Muszynska
 from rotorfit.models.motion.neglected_terms import LeftOut, fluid_coordinates, onset_shift, terms_left_out
 from rotorfit.models.structure import block_parameters
@@ -46,7 +47,7 @@ from rotorfit.models.structure import block_parameters
 _RESULTS = ("K0", "D", "lam", "lam_D", "lam_M", "Mf", "n_K", "n_D", "b")
 _PLAUSIBLE = {
     "term": 0.01,  # of what is there already, that nobody thought of
-    "gyroscopic": 0.03,  # of the inertia: a full disk at a third of the span has that, its radius 0.14 of the span
+    "gyroscopic": 0.06,  # of the inertia: a full disk at a third of the span has that, its radius a fifth of the span
     "offset": 0.02,  # of the way to the next plane, by which a probe or a force is off
     "clearance": 0.02,  # of the clearance, which heat and wear change
     "rest": 0.05,  # eccentricity at which a journal rests that is taken as centred
@@ -54,6 +55,9 @@ _PLAUSIBLE = {
     "damper": 0.03,  # of the fluid's damping, by which a support or the surroundings damp the journal too
 }
 """Sizes that what a model leaves out may well have, which the user may replace. Chosen."""
+_LARGEST_RIVAL = 5.0
+"""Times its plausible size up to which a gyroscopic effect may be in the place of a cause that was found: that of
+a full disk at a third of the span has the share 0.3 where its radius is 0.44 of the span. Chosen."""
 _LARGEST_SHIFT = 0.5
 """Shift over the standard error up to which intervals of 95 % hold the truth in 92 % and more."""
 _WITH_SPEED = {"K0": 0.3, "D": 0.1, "lam": 0.05}
@@ -88,7 +92,8 @@ def assuming(fit: FitResult, given: Mapping[str, float], *, also_fitted: bool = 
 def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
     """Entries of the table for some terms; of found causes with the size that the study of residuals gave them. Effects
     of runs, which the fit may have since, take up a part of a cause. Other terms have the size that residuals ask for
-    beside those causes: what explains the same is no second reason to doubt the results."""
+    beside those causes: what explains the same is no second reason to doubt the results, but for gyroscopic effects,
+    which rotors have as large as it takes in the place of the cause."""
     if not terms:
         return []
     problem = fit.problem
@@ -98,10 +103,14 @@ def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
     residuals, jacobian, columns = residuals * root[:, 0], jacobian * root, columns * root
     prior = prior_curvature(problem, fit.x)
     scores = beside = score_tests(residuals, jacobian, columns, prior)
-    found = [isinstance(term, Cause) and bool(term.sizes) for term in terms]
-    if any(found):
-        wider = np.hstack([jacobian, columns[:, found]])
-        beside = score_tests(residuals, wider, columns, np.concatenate([prior, np.zeros(sum(found))]))
+    found = np.array([isinstance(term, Cause) and bool(term.sizes) for term in terms])
+    described = [_described(fit, term) for term in terms]
+    rivals: dict[int, _Rival] = {}
+    if found.any():
+        asked = partial(_beside, residuals, jacobian, columns, prior)
+        beside = asked(found)
+        largest = [_LARGEST_RIVAL * plausible if name.startswith("g[") else 0.0 for name, *_, plausible in described]
+        rivals = _rivals(asked, found, np.array(largest))
     onset = fit.onset(0) if fit.model.speed_dependent else None
     errors = {name: fit.params[name].stderr for name in _RESULTS if name in fit.var_names}
     if not errors:
@@ -111,15 +120,20 @@ def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
     results = [*fit.problem.space.names, *([THRESHOLD_COLUMN] if THRESHOLD_COLUMN in errors else [])]
     entries = []
     for number, term in enumerate(terms):
-        name, meaning, unit, plausible = _described(fit, term)
+        name, meaning, unit, plausible = described[number]
         tested = scores if found[number] else beside
+        estimate, stderr = float(tested.estimate[number]), float(tested.stderr[number])
+        if number in rivals:
+            estimate, stderr = rivals[number].estimate, rivals[number].stderr
+            plausible = max(plausible, abs(estimate))
+            meaning += f", which explains the misfit as well as {described[rivals[number].cause][0]}"
         entries.append(
             Assumption(
                 name=name,
                 meaning=meaning,
                 unit=unit,
-                estimate=term.size if isinstance(term, Cause) and term.sizes else float(tested.estimate[number]),
-                stderr=float(tested.stderr[number]) * math.sqrt(fit.widening),
+                estimate=term.size if isinstance(term, Cause) and term.sizes else estimate,
+                stderr=stderr * math.sqrt(fit.widening),
                 plausible=plausible,
                 shifts={
                     result: float(scores.shift[number, fit.var_names.index(result)])
@@ -134,6 +148,34 @@ def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
             )
         )
     return entries
+
+
+def _beside(residuals: ComplexArray, jacobian: ComplexArray, columns: ComplexArray, prior: Float, some: Bool) -> Scores:
+    """Score tests of terms beside some of them."""
+    wider = np.hstack([jacobian, columns[:, some]])
+    return score_tests(residuals, wider, columns, np.concatenate([prior, np.zeros(int(some.sum()))]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Rival:
+    """A term in the place of a cause that was found."""
+
+    cause: int  # its place among the terms
+    estimate: float
+    stderr: float
+
+
+def _rivals(asked: Callable[[Bool], Scores], found: Bool, largest: Float) -> dict[int, _Rival]:
+    """Terms up to a size that explain the residuals as well as a cause that was found, in its place."""
+    rivals = {}
+    for cause in np.flatnonzero(found).tolist():
+        scores = asked(found & (np.arange(found.size) != cause))
+        gain = (scores.estimate / scores.stderr) ** 2
+        alike = (gain > gain[cause] - SIGNIFICANT_ERRORS**2) & (np.abs(scores.estimate) < largest)
+        for term in np.flatnonzero(alike & ~found).tolist():
+            estimate, stderr = float(scores.estimate[term]), float(scores.stderr[term])
+            rivals[term] = _Rival(cause=cause, estimate=estimate, stderr=stderr)
+    return rivals
 
 
 def _acts(term: Term) -> bool:

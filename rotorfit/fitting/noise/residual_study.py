@@ -31,8 +31,8 @@ class ResidualStudy:
         correlation: of residuals at neighbouring lines of a sweep: near zero for noise, whatever its shape.
         lags: the same at distances 1, 2, ... as far as it is more than chance.
         response_noise: noise of the responses by restricted likelihood, where it replaced that of the data alone.
-        noise_ratio: for each block, size of the residuals over the noise found in the data alone, where a misfit may as
-            well be noise behind overlapping filters.
+        noise_ratio: for each block, size of the residuals over the noise given, or found in the data alone, where a
+            misfit may as well be noise behind overlapping filters.
         found: what the fit was repeated with: other noise, differences from run to run; ``None`` for neither.
         possible_effects: differences of runs that chance explains as well: the errors allow for them, the estimate does
             without.
@@ -82,7 +82,7 @@ class ResidualStudy:
 
     @property
     def perhaps_filtered(self) -> bool:
-        """True if what a fit misses looks like noise behind overlapping filters: no given sigma excludes it."""
+        """True if what a fit misses looks like noise behind overlapping filters."""
         return bool(self.noise_ratio)
 
     @property

@@ -88,7 +88,7 @@ def _study(problem: Problem, x: Float, data: LinearisedFit, causes: tuple[Cause,
     shapes, sigma = sigma_of_residuals(fit, (RESPONSE, SPEED))
     remembered = fit.memory(fit.sigma)
     verdict = _verdict(fit, remembered, as_found=data.sigma_given or explains(fit, shapes))
-    own_shape = sigma / data.sigma
+    own_shape = np.full(sigma.size, np.sqrt(max(1.0, fit.redchi))) if data.sigma_given else sigma / data.sigma
     if verdict is not NoiseVerdict.SHAPED:
         # Readings that effects of runs share are weighed by redchi, which no longer widens the covariance.
         sigma = data.sigma * (np.sqrt(max(1.0, fit.redchi)) if variance.any() else 1.0)
@@ -106,7 +106,7 @@ def _study(problem: Problem, x: Float, data: LinearisedFit, causes: tuple[Cause,
         lags=remembered.lags,
         response_noise=_response_noise(problem, shapes) if verdict is NoiseVerdict.SHAPED else (),
         found=found,
-        noise_ratio=tuple(problem.by_block(own_shape)) if _perhaps_filtered(data, verdict, remembered) else (),
+        noise_ratio=tuple(problem.by_block(own_shape)) if _perhaps_filtered(verdict, remembered) else (),
         possible_effects=tuple(e for e in effects if not e.values),
         run_count=len(data.runs),
         misses=_misses(problem, data) if verdict is NoiseVerdict.MISFIT else (),
@@ -130,10 +130,10 @@ def _follows(remembered: Memory) -> bool:
     return remembered.first > _MEMORY_CORRELATION and remembered.z > SIGNIFICANT_ERRORS
 
 
-def _perhaps_filtered(data: LinearisedFit, verdict: NoiseVerdict, remembered: Memory) -> bool:
+def _perhaps_filtered(verdict: NoiseVerdict, remembered: Memory) -> bool:
     """True if a misfit may be noise of overlapping filters or averages, which smoothness takes for signal: its memory
     fades along a sweep, that of smooth misfits does not."""
-    return verdict is NoiseVerdict.MISFIT and not data.sigma_given and remembered.fades
+    return verdict is NoiseVerdict.MISFIT and remembered.fades
 
 
 # ---- differences from run to run ---------------------------------------------------------------------------------
@@ -197,7 +197,7 @@ def _scatter_freedom(fit: NoiseFit, verdict: NoiseVerdict, shapes: Sequence[Shap
     if verdict is NoiseVerdict.SHAPED:
         return min(2 * float(fit.weight[shape.rows].sum()) for shape in shapes)
     freedom = 2 * float(fit.weight.sum())
-    if verdict is NoiseVerdict.CORRELATED or _perhaps_filtered(fit.data, verdict, remembered):
+    if verdict is NoiseVerdict.CORRELATED or _perhaps_filtered(verdict, remembered):
         return freedom / (1 + 2 * sum(lag**2 for lag in remembered.lags))
     return float("inf") if fit.data.sigma_given or verdict is NoiseVerdict.MISFIT else freedom
 

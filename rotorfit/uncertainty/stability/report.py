@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.estimators.inference.identifiability import UNSEEN_CHANGE
+from rotorfit.fitting.quantities import THRESHOLD
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
@@ -48,6 +49,7 @@ class _Question:
     source: str
     ask: Callable[[Rotors], tuple[Float, Float | float]]
     at_least: bool = True
+    left_open: bool = False  # what the data do not show moves it by more than itself
 
 
 def stability_report(
@@ -98,6 +100,7 @@ def stability_report(
                     unit="",
                     source="",
                     ask=lambda rotors: (_thresholds(fit, group, rotors) / running[1], min_threshold_ratio),
+                    left_open=bool(fit.moved_by(THRESHOLD)),
                 )
             )
         if coupling:
@@ -210,6 +213,8 @@ def _answer(question: _Question, case: str, one: Rotors, many: Rotors, unseen: R
     drawn, asked = question.ask(many)
     met = drawn >= asked if question.at_least else drawn <= asked
     probability, ends = float(np.mean(met)), _quantiles(drawn, level)
+    if question.left_open:
+        probability, ends = math.nan, np.full(2, math.nan)
     if unseen.theta.size:
         other = question.ask(unseen)[0]
         moved = ~np.isclose(other, value, rtol=UNSEEN_CHANGE, atol=0.0)
@@ -503,6 +508,8 @@ def _notes(fit: FitResult, one: Rotors, running: tuple[float, float]) -> tuple[s
         found.append(f"{len(least)} of the modes lie above the tested frequencies: they are extrapolated.")
     if fit.model.eccentricity_dependent:
         found.append("The rotor is judged for small motion about the centre of its bearings.")
+    if fit.moved_by(THRESHOLD):
+        found.append(f"The threshold speed is not determined: {fit.moved_by(THRESHOLD)}.")
     if len(fit.thetas) > 1:
         found.append("Intervals hold the statistical errors only: parameters were fitted per attribute.")
     elif fit.assumed.entries:
