@@ -167,11 +167,11 @@ class _Rival:
 
 def _rivals(asked: Callable[[Bool], Scores], found: Bool, largest: Float) -> dict[int, _Rival]:
     """Terms up to a size that explain the residuals as well as a cause that was found, in its place."""
-    rivals = {}
+    rivals, some = {}, SIGNIFICANT_ERRORS**2
     for cause in np.flatnonzero(found).tolist():
         scores = asked(found & (np.arange(found.size) != cause))
         gain = (scores.estimate / scores.stderr) ** 2
-        alike = (gain > gain[cause] - SIGNIFICANT_ERRORS**2) & (np.abs(scores.estimate) < largest)
+        alike = (gain > max(gain[cause], 2 * some) - some) & (np.abs(scores.estimate) < largest)
         for term in np.flatnonzero(alike & ~found).tolist():
             estimate, stderr = float(scores.estimate[term]), float(scores.stderr[term])
             rivals[term] = _Rival(cause=cause, estimate=estimate, stderr=stderr)
