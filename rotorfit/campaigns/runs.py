@@ -155,6 +155,14 @@ class RunFit:
         """
         return 0.0
 
+    def moved_by(self, name: str) -> str:
+        """Nothing, as there is no systematic share.
+
+        Args:
+            name: of a parameter.
+        """
+        return ""
+
     @property
     def remark(self) -> str:
         """Objections to the run, empty where it is good."""
