@@ -84,7 +84,8 @@ def nearest_orbits(journal: Journal, equation: OrbitEquation, target: Float) -> 
     if not certain.all():
         rest = np.nonzero(~certain)
         part, aim = equation.select(rest), np.broadcast_to(target, found.shape)[rest]
-        found[rest] = _nearest_one_by_one(journal, part, aim)
+        roots = zip(all_roots(journal, part), aim, strict=True)
+        found[rest] = [each[np.argmin(np.abs(each - near))] for each, near in roots]
         change[rest] = part.change(journal, found[rest])
     return found, change
 
@@ -111,42 +112,6 @@ def _strides(journal: Journal, equation: OrbitEquation, target: Float) -> tuple[
         change = np.empty(eps.shape, dtype=complex)
         change.real, change.imag = here[2] - here[4] * step, here[3] - here[5] * step
     return eps, change, settled & alone
-
-
-def _nearest_one_by_one(journal: Journal, equation: OrbitEquation, target: Float) -> Float:
-    """Nearest roots of lines that may have several, shape ``(L,)``."""
-    found, settled = _newton(journal, equation, target)
-    close = settled & (np.abs(found - target) <= _NEAR_TARGET) & _only_root_near(journal, equation, target, found)
-    rest = np.flatnonzero(~close)
-    if rest.size:
-        for line, roots in zip(rest.tolist(), all_roots(journal, equation.select(rest)), strict=True):
-            found[line] = roots[np.argmin(np.abs(roots - target[line]))]
-    return found
-
-
-def _newton(journal: Journal, equation: OrbitEquation, start: Float) -> tuple[Float, Bool]:
-    eps = np.clip(start, 0.0, LARGEST_ECCENTRICITY)
-    step = np.full_like(eps, np.inf)
-    for _ in range(12):  # Newton steps of a line that needs more; if these do not do, its roots are searched for
-        value, slope = equation.excess(journal, eps)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            moved = np.clip(eps - value / slope, 0.0, LARGEST_ECCENTRICITY)
-        moved = np.where(np.isfinite(moved), moved, eps)
-        step = np.abs(moved - eps)
-        eps = moved
-        if step.max(initial=0.0) < 1e-14:
-            break
-    # Quadratic convergence: a last step of 1e-9 leaves round-off.
-    return eps, (step < 1e-9) & (eps < LARGEST_ECCENTRICITY)
-
-
-def _only_root_near(journal: Journal, equation: OrbitEquation, target: Float, found: Float) -> Bool:
-    """True if no other root is as near to the target: no sign change between it and the two points as far off."""
-    far = np.abs(found - target)
-    beyond = np.where(found >= target, target - far, target + far)
-    ends = np.clip(np.stack([target, beyond], axis=1), 0.0, LARGEST_ECCENTRICITY)
-    value, _ = equation.excess(journal, ends)
-    return np.asarray((far < 1e-12) | (value[:, 0] * value[:, 1] > 0))
 
 
 def all_roots(journal: Journal, equation: OrbitEquation) -> list[Float]:
