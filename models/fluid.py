@@ -39,8 +39,7 @@ def fluid_force(K0: Any, D: Any, Mf: Any, lam_D: Any, lam_M: Any, speed: Any) ->
 
 
 def fluid_parameters(two_lam: bool) -> tuple[Parameter, ...]:
-    """Parameters K0, D, lam (or lam_D and lam_M) and Mf. K0 has no lower limit: machines near stall show negative
-    radial stiffness."""
+    """K0, D, lam (or lam_D and lam_M) and Mf; K0 has no lower limit, as near stall the radial stiffness is negative."""
     ratio = "circumferential average velocity ratio"
     lams = (
         (

@@ -351,11 +351,8 @@ class RotorModel(ABC):
 
     @cached_property
     def _told_by(self) -> Hashable:
-        """Key of this model: what was compiled of one model serves every model with the same key.
-
-        Class and attributes of a model of this package. The equation of any other may draw on more than that, and
-        arrays cannot be compared quickly: such a model is the same as itself only.
-        """
+        """Key of this model, for what was compiled: class and attributes of a model of this package. The equation of
+        any other may draw on more: it is the same as itself only."""
         whole = type(self), *self.__getstate__().items()
         try:
             hash(whole)

@@ -26,13 +26,8 @@ class Wide(NamedTuple):
 
 
 def text_table(rows: Iterable[Sequence[str | Wide]], columns: str) -> list[str]:
-    """Rows as lines of equal columns.
-
-    Args:
-        rows: cells of each row, the head first; rows may end early.
-        columns: alignment and least width of each column, ``"<22 >14 >12 <1"``. A column grows with its longest cell;
-            two spaces stand before a column that is aligned to the left.
-    """
+    """Rows, the head first, as lines; ``columns`` as in ``"<22 >14 <1"``: alignment and least width, grown by its
+    longest cell."""
     specs = [(spec[0], int(spec[1:])) for spec in columns.split()]
     table = [[cell if isinstance(cell, Wide) else Wide(cell, 1) for cell in row] for row in rows]
     widths = [width for _, width in specs]

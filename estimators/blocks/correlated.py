@@ -47,8 +47,7 @@ class CorrelatedResponses(OnResponses):
 
     @cached_property
     def channel_correlation(self) -> Float:
-        """Correlation in size of errors of two channels at the same line, less what chance adds to its square, ``(C,
-        C)``."""
+        """Correlation in size of two channels' errors at one line, less what chance adds to its square, ``(C, C)``."""
         numbers = np.unique(self.base.coordinate)
         found = np.eye(numbers.size)
         chance = min(2.0 / self.freedom, 1.0)  # of |r|^2 between complex errors that have nothing in common

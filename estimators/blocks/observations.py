@@ -22,8 +22,7 @@ from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Text
 
 
 class Block(Protocol):
-    """Complex observations whose predictions depend on the parameter vectors of some groups. A group is a set of
-    readings that share one parameter vector; ``theta`` below has shape ``(..., G, P)``."""
+    """Complex observations that depend on the parameter vectors of some groups; ``theta`` has shape ``(..., G, P)``."""
 
     @property
     def measured(self) -> ComplexArray:

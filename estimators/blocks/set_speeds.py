@@ -17,12 +17,9 @@ _WANDER_TOLERANCES = 10
 
 
 def set_speeds(speed: Float, frequency: Float, run: Index, tolerance: float = SPEED_TOLERANCE) -> Float:
-    """The constant speed that each logged one belongs to, a mean, rad/s like all speeds and frequencies.
-
-    Sorted speeds of a run without a gap of more than twice ``tolerance`` (relative) are one speed, unless they span ten
-    tolerances: then the speed was swept, and stays. So do runs at once-per-turn frequency. Constant speeds of several
-    runs that have no gap of a tolerance, and span no more than two, are one.
-    """
+    """The constant speed that each logged one belongs to, a mean, rad/s. Sorted speeds of a run without a gap of more
+    than twice ``tolerance`` (relative) are one, unless they span ten: then the speed was swept, and stays, as do runs
+    at once-per-turn frequency. Speeds of several runs without a gap of a tolerance, and within two, are one."""
     steady = ~_synchronous(speed, frequency, run)
     if not steady.any() or np.ptp(speed[steady]) == 0:
         return speed

@@ -17,10 +17,7 @@ from rotorfit.models.motion.off_centre import coupled_stiffness, off_centre_eige
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OffCentreResponses(Observed):
-    """Small responses to circular forces about an off-centre equilibrium; the fluid couples both directions.
-
-    They are phasors relative to ``exp(+j|w|t)``.
-    """
+    """Small responses to circular forces about an off-centre equilibrium, phasors relative to ``exp(+j|w|t)``."""
 
     speed: Float  # rad/s, shape ``(L,)``
     frequency: Float  # rad/s, signed by the sense of the force, shape ``(L,)``
@@ -42,8 +39,7 @@ class OffCentreResponses(Observed):
         return eccentricity_of_reading(self.model, theta, self.group, self.eccentricity)[0]
 
     def _solve(self, theta: Float, eps: Float) -> tuple[Float, ComplexArray, ComplexArray]:
-        """Vectors of the lines, receptance ``(2n, 2n, ..., L)`` of (A, conj(B)), and these amplitudes, ``(2n, ...,
-        L)``."""
+        """Vectors of the lines, receptance ``(2n, 2n, ..., L)`` of (A, conj(B)), and amplitudes, ``(2n, ..., L)``."""
         vectors = theta if theta.shape[-2] == 1 else theta[..., self.group, :]
         stiffness = coupled_stiffness(self.model, vectors, self.frequency, self.speed, eps, self.attitude)
         back = (self.frequency < 0)[:, None]

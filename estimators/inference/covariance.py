@@ -20,13 +20,9 @@ from rotorfit.models.array_types import ComplexArray, Float
 
 
 def widening(redchi: float, loss: Loss, *, rescaled: bool = False, nfree: int = 0, freedom: float = math.inf) -> float:
-    """Factor on a covariance for a model that does not fit to within the noise.
-
-    Squares take a model's misfit for noise, which the noise given was too small for. Robust losses have a covariance
-    that follows from the residuals' own scatter (the sandwich), and so have noise levels that the residuals set. Noise
-    that is known from few mountings makes redchi scatter by itself: what is within reach of chance (5 %, by the F
-    distribution) is then no misfit of the model.
-    """
+    """Factor on a covariance for a model that does not fit to within the noise. Robust losses and noise levels set by
+    residuals follow these already; of noise known from few mountings a redchi within reach of chance (F, 5 %) is no
+    misfit."""
     if loss != "linear" or rescaled:
         return 1.0
     if math.isfinite(freedom) and nfree > 0:
@@ -114,14 +110,10 @@ def score_scatter(problem: Problem, x: Float, r: ComplexArray, J: ComplexArray, 
 
 
 def weighing_error(problem: Problem, J: ComplexArray, covar: Float) -> Float:
-    """Contribution of errors of the weights to a covariance, shape ``(p, p)``, where few mountings show them.
-
-    A channel whose scatter came out small by chance is weighed too much: with ``d_c`` the error of the logarithm of its
-    variance the estimate moves by ``A sum_c d_c (s_c - I_c A s)``, ``s_c`` the score of the channel and ``I_c`` its
-    information (Kenward and Roger 1997; Meier 1953 for a weighted mean). Errors d of two channels correlate by the
-    square of the channels' correlation. Their second such term is left out: here the covariance comes from the scatter
-    itself (benchmarks/mounting_coverage.py).
-    """
+    """Contribution of errors of the weights, known from few mountings, to a covariance, ``(p, p)``: with ``d_c`` the
+    error of the logarithm of a channel's variance the estimate moves by ``A sum_c d_c (s_c - I_c A s)``, ``s_c`` its
+    score and ``I_c`` its information (Kenward and Roger 1997; Meier 1953); d correlate by the square of the channels'
+    correlation (benchmarks/mounting_coverage.py)."""
     total, stop = np.zeros_like(covar), 0
     for block in problem.blocks:
         start, stop = stop, stop + block.measured.size
@@ -152,8 +144,7 @@ def _common_scatter(problem: Problem, x: Float, J: ComplexArray) -> Float | None
 
 
 def _left_out(r: ComplexArray, J: ComplexArray, bend: float, covar: Float) -> ComplexArray:
-    """Residual of each reading from a fit without it, to first order (MacKinnon and White 1985, HC3). A fit follows the
-    readings that matter most, whose own residuals are therefore too small to tell the noise."""
+    """Residual of each reading from a fit without it, to first order (MacKinnon and White 1985, HC3)."""
     parts = np.stack([J.real, J.imag], axis=1)  # (R, 2, p)
     hat = bend * (parts @ covar @ parts.transpose(0, 2, 1))
     power, basis = np.linalg.eigh(hat)

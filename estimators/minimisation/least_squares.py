@@ -44,12 +44,9 @@ def minimise(
     options: Options = _DEFAULTS,
     graph: ca.Function | None = None,
 ) -> Solution:
-    """Minimise a least-squares objective from ``start``, inside bounds: the best point, with its cost and status.
-
-    ``graph`` is the cost as a CasADi function of ``x``: Ipopt as chosen method then descends on it, with the first and
-    second derivatives that CasADi makes of it; the objective judges where that ends. The function may be called from
-    several threads and from within an objective; the objective itself is called by one thread.
-    """
+    """Minimise a least-squares objective from ``start``, inside bounds. ``graph``, the cost as a CasADi function of
+    ``x``, is what Ipopt as chosen method descends on; the objective judges its end. May be called from several threads
+    and from within an objective, which itself is called by one thread."""
     x = np.array(start, dtype=float, ndmin=1)
     if x.ndim != 1 or x.size == 0 or not np.isfinite(x).all():
         raise ValueError(f"start is {start!r}; a non-empty vector of finite numbers is needed")
@@ -119,14 +116,9 @@ def _default_scale(objective: Objective, x: Vector) -> Vector:
 
 
 def _descend(run: Minimisation, graph: ca.Function | None) -> Status:
-    """By the method that was chosen.
-
-    Of "auto": Gauss-Newton, then the exact Hessian from the best point, last the exact Hessian from the start.
-
-    The last attempt is for a Gauss-Newton step that leapt to where the residuals no longer respond. Where they do not
-    respond at the start either nothing was leapt over, and a descent would wander along what the data do not see until
-    round-off is all that it finds.
-    """
+    """By the method chosen. "auto" is Gauss-Newton, then the exact Hessian from the best point, last from the start,
+    for a step that leapt to where residuals no longer respond; not where they do not respond at the start either: a
+    descent would wander until round-off is all that it finds."""
     first = run.evaluate(run.start)
     if first is None:
         return Status.INFEASIBLE_START

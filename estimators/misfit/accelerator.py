@@ -123,8 +123,7 @@ def _module_name(source: str) -> str:
 
 @cache
 def compile_kernels(source: str) -> dict[str, Kernel]:
-    """Compile the functions that a generated module decorates as ``outer``. The text compiled is the argument, never
-    what lies on disk; the file gives numba's own cache a name and a time stamp."""
+    """Compile functions decorated as ``outer``; the text is the argument, the file only names numba's own cache."""
     import numba
 
     directory = cache_directory()

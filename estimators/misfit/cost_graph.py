@@ -22,13 +22,8 @@ from rotorfit.models.array_types import ComplexArray
 
 
 def cost_graph(problem: Problem) -> ca.Function | None:
-    """Cost of the fitted vector, shape ``(p,)``, as a CasADi function; None where some part of it has no graph.
-
-    There is one for responses of a model whose equation of motion is a polynomial in s with known force, whatever the
-    loss, the bounds and the correlation of errors. There is none where a response is itself the root of an equation
-    (orbits of a law of eccentricity), for a structure given as matrices, other kinds of experiments, and priors that
-    are not normal.
-    """
+    """Cost of the fitted vector, ``(p,)``, as a CasADi function. None where a response is itself a root (orbits of a
+    law of eccentricity), for structures given as matrices, other experiments, and priors that are not normal."""
     blocks = [_linear(block) for block in problem.blocks]
     priors = [normal_moments(prior.distribution) for prior in problem.priors]
     if None in blocks or None in priors:

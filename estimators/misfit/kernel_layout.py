@@ -56,8 +56,7 @@ class KernelLayout:
 
 
 def _distinct(rows: Float | Index) -> tuple[Index, Index]:
-    """First place of each distinct row, ascending by row, and the number of that row for each one. Column by column:
-    rows as records, ``np.unique(axis=0)``, take several times as long to sort as numbers."""
+    """First place of each distinct row, ascending, and each row's number; column by column, as records sort slowly."""
     number = np.zeros(len(rows), dtype=np.intp)
     for column in rows.T:
         values, own = np.unique(column, return_inverse=True)

@@ -25,12 +25,9 @@ _READINGS_AT_ONCE = 32_768
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Problem:
-    """Weighted least squares on complex observations.
-
-    It is an :class:`~rotorfit.estimators.minimisation.least_squares.Objective`. What is evaluated of one vector is
-    evaluated of many in the same way: ``x`` has the shape ``(..., p)``, and readings in place of the measured ones, one
-    set a vector, ``(..., R)``.
-    """
+    """Weighted least squares on complex observations, an
+    :class:`~rotorfit.estimators.minimisation.least_squares.Objective`; of many vectors too: ``x`` of shape ``(...,
+    p)``, readings in place of the measured ones ``(..., R)``."""
 
     space: ParameterSpace  # the fitted vector
     blocks: tuple[Block, ...]  # the observations

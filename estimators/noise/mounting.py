@@ -16,8 +16,7 @@ from rotorfit.models.array_types import COLLINEAR, ComplexArray, Float, Index
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MountingFit:
-    """Linear coefficients of one kind of reading, ``y_m = X_m beta + b_m + e_m``, over the mountings m. Variances are
-    those of the real part and of the imaginary part."""
+    """Coefficients of ``y_m = X_m beta + b_m + e_m`` over mountings m; variances are of real and of imaginary parts."""
 
     beta: ComplexArray  # coefficients, shape ``(p,)``
     weights: ComplexArray  # ``beta = weights @ y``, shape ``(p, M)``, zero where a mounting has no such reading

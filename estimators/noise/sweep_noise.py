@@ -27,12 +27,9 @@ _REPEATS_OVER_SMOOTHNESS = 2.5
 
 
 def estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool, condition: Index | None = None) -> Float:
-    """Standard deviation of real and of imaginary part of each reading, shape ``(R,)``: from repeated sweeps, else from
-    the wrong direction, else from smoothness.
-
-    The forward and the backward sweep of one test share a noise level, unless Bartlett's test refuses that: probes and
-    cables do not know which way the force turns, and twice the samples halve the variance of the estimate.
-    """
+    """Standard deviation of either part of each reading, ``(R,)``: from repeated sweeps, else the wrong direction, else
+    smoothness. Forward and backward sweeps of a test share a level unless Bartlett's test refuses: probes do not know
+    which way the force turns."""
     w = block.frequency[block.line]
     speed = np.zeros_like(w) if synchronous else np.round(block.set_speed[block.line], 6)
     plane = force_plane(block)

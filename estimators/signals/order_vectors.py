@@ -14,10 +14,8 @@ from rotorfit.models.array_types import ComplexArray, Float
 
 
 def order_vectors(z: ComplexArray, angles: Sequence[Float], orders: int) -> ComplexArray:
-    """Least-squares coefficients of ``exp(j k angle)`` of several references in one window, shape ``(references, 2
-    orders + 1)``, ``C`` behind, ``k`` from ``-orders``. The mean (``k = 0``) stands with the first reference. NaN for a
-    reference that cannot be distinguished from another, or from the mean: their angles drift apart by less than a
-    turn."""
+    """Coefficients of ``exp(j k angle)`` of several references in one window, ``(references, 2 orders + 1)``, ``k``
+    from ``-orders``, the mean with the first; NaN where angles drift apart by less than a turn, or from the mean."""
     rows, columns = [np.ones(z.shape[-1], dtype=complex)], [(0, orders)]
     separate = [_told_apart(i, angles) for i in range(len(angles))]
     for i, angle in enumerate(angles):

@@ -85,8 +85,7 @@ def _within_turns(times: Float, kept: Index, begin: int, end: int) -> bool:
 
 
 def _between(times: Float, sides: Index, count: Float) -> tuple[Index, Index] | None:
-    """Pulses between those on either side, and the turns from the last on the left to the first on the right. None
-    where they are not smooth enough to tell."""
+    """Pulses between those on either side, and the turns across; None where these are not smooth enough to tell."""
     last, first = sides[_SIDE - 1], sides[_SIDE]
     edges = np.arange(last + 1, first)
     middle, half = (times[last] + times[first]) / 2, (times[sides[-1]] - times[sides[0]]) / 2

@@ -13,10 +13,8 @@ _LINE_POWER_OVER_MEDIAN = 25.0
 
 
 def turning_power(z: ComplexArray, angle: Float) -> tuple[float, float]:
-    """Square of what turns with an angle, and of what turns against it, in half of the record at least. The signal is
-    taken in blocks of six turns each, so that a response whose amplitude and phase change over the record, as in a
-    sweep, does not cancel itself. The median over the blocks counts: a sweep that passes the frequency of the angle the
-    other way is large there for a while."""
+    """Square of what turns with an angle, and against it, the median over blocks of six turns: responses of a sweep do
+    not cancel themselves, and a passing sweep is large for a while only."""
     block = np.floor((angle - angle[0]) / (2 * np.pi * 6)).astype(np.intp)
     count = int(block[-1])
     if count < 1:
@@ -76,10 +74,8 @@ def _standing_out(
 
 
 def full_spectrum(z: ComplexArray, rate: float, points: int = 1) -> tuple[Float, Float]:
-    """Amplitudes of a complex motion over signed frequency: a circle of radius A has A at its frequency, not 2 A. A
-    Hann window is laid over the motion, its mean taken out first; a line between two bins reads up to 15 % low, of
-    several points a bin less. Returns frequencies (Hz, ascending, negative is backward) and amplitudes in the unit of
-    z."""
+    """Amplitudes of a complex motion over signed frequency (Hz, ascending, negative backward), a circle of radius A
+    having A, by a Hann window, mean out; a line between two bins reads up to 15 % low."""
     window = np.hanning(z.size + 1)[:-1]
     spectrum = np.fft.fft((z - z.mean()) * window, points * z.size) / window.sum()
     return np.fft.fftshift(np.fft.fftfreq(points * z.size, 1 / rate)), np.fft.fftshift(np.abs(spectrum))

@@ -83,8 +83,7 @@ def best_of_many(problem: Problem, reason: str) -> Start:
 
 
 def _refuse_undetermined(problem: Problem, blocks: Sequence[Responses]) -> None:
-    """Refuse readings of which no value can be determined, whatever the rotor: a search would wander without an end.
-    Derivatives at a vector chosen at random have the rank that they have at almost every one."""
+    """Refuse readings that determine no value, by the rank of derivatives at a random vector: a search would wander."""
     x = next(random_starts(problem, 1))
     _, complex_columns = problem.jacobian(x)
     columns = np.concatenate([complex_columns.real, complex_columns.imag])

@@ -238,10 +238,8 @@ def _short_fit(problem: Problem, start: Float) -> Solution:
 
 
 def without_outliers(problem: Problem) -> tuple[Block, ...]:
-    """Blocks whose gross outliers carry a larger sigma, found by closed forms that discount what the last one missed.
-
-    The scale of the residuals is their own median, so that a start that is far off does not take all for outliers.
-    """
+    """Blocks whose gross outliers carry a larger sigma, by closed forms that discount what the last one missed, over
+    the residuals' median: a start that is far off does not take all for outliers."""
     blocks = problem.blocks
     before = np.zeros(0)
     tolerance = 0.05  # relative change of all values between rounds from which more of them make no better start

@@ -25,8 +25,7 @@ class Response(NamedTuple):
 
 
 def common_poles(responses: Sequence[Response], pairs: int) -> ComplexArray:
-    """Stable poles with positive imaginary part that all responses have in common, rad/s, ascending. Poles that become
-    real are left out of the answer."""
+    """Stable poles with positive imaginary part common to all responses, rad/s, ascending; none that become real."""
     top = max(float(np.abs(one.frequency).max()) for one in responses)
     low = min(float(np.abs(one.frequency).min()) for one in responses) / top
     damping = 0.01  # of the trial poles at the beginning: between lightly and well damped

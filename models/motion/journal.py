@@ -16,10 +16,8 @@ from rotorfit.models.motion.line_stiffness import arguments, at_frequency, compl
 
 
 class Journal:
-    """The one coordinate whose orbit changes the fluid, and the drive-point stiffness that changes there. Only the
-    entry (b, b) of the coefficient matrices depends on the eccentricity. A rotor of n planes therefore condenses to a
-    scalar equation: with ``Delta(eps)`` the change of that entry and ``H`` the receptance of the centred rotor, ``A_b =
-    (H F)_b / (1 + H_bb Delta)``."""
+    """The one coordinate whose orbit changes the fluid: only the entry (b, b) depends on the eccentricity, so that with
+    ``Delta(eps)`` its change and H the receptance of the centred rotor, ``A_b = (H F)_b / (1 + H_bb Delta)``."""
 
     def __init__(self, model: RotorModel) -> None:
         if model.frame != "z":
@@ -55,8 +53,7 @@ class Journal:
         receptance: ComplexArray,
         eccentricity: ArrayLike,
     ) -> Float:
-        """Excess of the eccentricity, its slope, change of the drive-point stiffness and that one's slope, ``(6,
-        ...)``."""
+        """Excess of the eccentricity, its slope, change of the drive-point stiffness and its slope, ``(6, ...)``."""
         return self._excess(arguments(theta, speed, eccentricity, w, drive, receptance.real, receptance.imag))
 
     def change_of(self, theta: ArrayLike, speed: ArrayLike) -> Callable[[Float], ComplexArray]:

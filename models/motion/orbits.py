@@ -25,8 +25,7 @@ _NEAR_TARGET = 0.05  # a root this close to its target, with no sign change betw
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OrbitEquation:
-    """The scalar equation of many lines, all arrays of shape ``(..., L)``, or smaller ones that broadcast to it. theta
-    has one more axis, ``(..., L or 1, P)``."""
+    """The scalar equation of many lines, arrays that broadcast to ``(..., L)``; theta is ``(..., L or 1, P)``."""
 
     theta: Float  # parameter vectors
     s: ComplexArray  # j w, rad/s
@@ -91,11 +90,8 @@ def nearest_orbits(journal: Journal, equation: OrbitEquation, target: Float) -> 
 
 
 def _strides(journal: Journal, equation: OrbitEquation, target: Float) -> tuple[Float, ComplexArray, Bool]:
-    """A few Newton steps of all lines together, and where they lead to the nearest root without doubt.
-
-    Between the target and the root the slope of the excess changes by some amount, and beyond the target, where
-    another root as near would be, by about as much again. There is none where the slope is twice that change.
-    """
+    """Newton steps of all lines, and where they lead to the nearest root without doubt: beyond the target, where
+    another as near would be, the slope changes by about as much again as up to it; twice that change leaves none."""
     eps = np.clip(target, 0.0, LARGEST_ECCENTRICITY)
     newton_steps = 3  # Newton steps from a measured eccentricity that all lines take together
     tolerance = 1e-7  # last step whose square is round-off: convergence is quadratic

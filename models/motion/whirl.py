@@ -100,10 +100,8 @@ def whirl_branch(model: RotorModel, theta: ArrayLike, *, max_speed: float | None
 
 
 class _Point:
-    """A frequency, speed and eccentricity ``x``, and the smallest singular value of the dynamic stiffness there.
-
-    With its singular vectors held, ``u kappa v`` has the derivatives of the condition that the stiffness is singular.
-    """
+    """Frequency, speed and eccentricity ``x``, and the smallest singular value there; with its vectors held, ``u kappa
+    v`` has the derivatives of the singularity."""
 
     def __init__(self, model: RotorModel, theta: Float, x: Float, scale: Float, at: int) -> None:
         self.model, self.theta, self.x, self.scale = model, theta, x, scale

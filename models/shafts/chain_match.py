@@ -149,11 +149,8 @@ def _check(w: Float, shapes: Float, modal_masses: ArrayLike | None, total_mass: 
 
 
 def _orthogonalised(lines: Float, inverse_mass: Float | None) -> tuple[Float, Float]:
-    """Square roots of the masses and the given shapes in mass-scaled coordinates, stations by modes, made orthogonal.
-
-    ``sum_v g_v phi_iv phi_jv`` over the modes, g the inverse modal masses, vanishes off the diagonal and is 1/M_i on
-    it.
-    """
+    """Square roots of masses and given shapes in mass-scaled coordinates, made orthogonal: ``sum_v g_v phi_iv phi_jv``,
+    g the inverse modal masses, vanishes off the diagonal and is 1/M_i on it."""
     n = lines.shape[0]
     if inverse_mass is None:
         rows, columns = np.triu_indices(n, 1)
@@ -165,11 +162,8 @@ def _orthogonalised(lines: Float, inverse_mass: Float | None) -> tuple[Float, Fl
 
 
 def _near_chain(w: Float, d: Float, modes: Float) -> tuple[Float, Float] | None:
-    """Masses and springs read off the given shapes, then moved as little as gives them the frequencies.
-
-    Newton's method on the logarithms: a frequency grows with each spring's share of the mode's potential energy and
-    falls with each mass's share of its kinetic energy. None where it does not settle.
-    """
+    """Masses and springs read off the shapes, then moved by Newton on logarithms as little as gives the frequencies:
+    these grow with a spring's share of potential energy and fall with a mass's of kinetic. None without settling."""
     T = (modes * w**2) @ modes.T
     ground = np.maximum((T @ d)[[0, -1]] * d[[0, -1]], 0.0)
     M, K = d**2, np.concatenate([ground[:1], np.abs(np.diag(T, 1)) * d[:-1] * d[1:], ground[1:]])
@@ -233,11 +227,8 @@ class _Search:
         return found
 
     def best(self, inverse_mass: Float | None) -> _Masses:
-        """Masses (up to a factor), springs and psi of the best match.
-
-        Three starts: a chain read off the shapes, their first row, and the chain that is its own mirror image, whose
-        first column is known in closed form.
-        """
+        """Masses (up to a factor), springs and psi of the best match from three starts: a chain read off the shapes,
+        their first row, and the chain that is its own mirror image, in closed form."""
         d, modes = _orthogonalised(self.lines, inverse_mass)
         gaps = np.abs(self.w[:, None] - self.w) * (self.w[:, None] + self.w) + np.eye(self.w.size)
         smallest = 1e-30  # deflection taken in place of zero at the first mass, where no mode of a chain vanishes

@@ -114,8 +114,7 @@ def solve_lines(
     lateral: Sequence[Order] = _LATERAL,
     twist: Sequence[Order] = _TWIST,
 ) -> tuple[Lines, Lines]:
-    """Lateral lines, of ``z exp(-j Om t)``, and lines of the twist by orders, after ``sweeps`` of the twist's back
-    action."""
+    """Lateral lines, of ``z exp(-j Om t)``, and of the twist by orders, after ``sweeps`` of the twist's back action."""
     sources = Jet.rows([Jet(v.force[None]), v.M * v.eps * v.speed**2, v.side])
 
     def driven(orders: Sequence[Order]) -> Jet:

@@ -23,11 +23,7 @@ _MISSING = np.iinfo(np.int64).min
 
 
 def content_hash(experiments: Iterable[Experiment]) -> str:
-    """Hash of tests by their kind, columns and attributes in SI units.
-
-    Neither names of files, formats and units count, nor the order of files, rows and columns: a test that was saved
-    again is the same test. A reading, condition or run that differs makes another.
-    """
+    """Hash of tests by kind, columns and attributes in SI units, whatever files, formats, units and order they came in."""
     return hashlib.sha256("".join(sorted(map(_hash, experiments))).encode("utf-8")).hexdigest()
 
 

@@ -29,8 +29,7 @@ def check_channels(test: PerturbationTest, given: Mapping[Channel, Any], option:
 def correct_channels(
     test: PerturbationTest, gains: Mapping[Channel, complex], delays: Mapping[Channel, float]
 ) -> PerturbationTest:
-    """Undo gain and delay of channels: ``response exp(j |w| tau) / gain``. Combined readings (z, rz) at negative w are
-    conjugated phasors and are corrected as such."""
+    """Undo gain and delay, ``response exp(j |w| tau) / gain``; z and rz at negative w are conjugated phasors."""
     check_channels(test, gains, "gains")
     check_channels(test, delays, "delays")
     if not all(np.isfinite(value) for value in delays.values()):

@@ -27,12 +27,8 @@ Where = Callable[[int], str]
 
 
 def gathered(test: PerturbationTest, where: Where | None = None) -> PerturbationTest:
-    """The test with the rows of each reading under several forces put together.
-
-    Only a run in which some reading stands under several planes of the force, along both axes, or under two weights of
-    one plane, is one with several forces; there all readings have to stand under the same ones. Rows of other runs stay
-    as they are.
-    """
+    """The test with rows of readings under several forces put together. A run has several where some reading stands
+    under several planes, both axes or two weights of one plane; all its readings have to stand under the same ones."""
     named = where or (lambda row: f"row {row + 1}")
     if not (np.diff(np.sort(test.response.real)) == 0).any():
         _refuse_two_readings(test, named)

@@ -204,12 +204,8 @@ def _between(knots: Float, w: Float) -> Float:
 
 
 def _truncation(lines: list[_Line], knots: Float) -> list[_Line]:
-    """Errors of interpolation in each gap, as lines of dynamic stiffness zero with errors of their own.
-
-    By the fourth derivative, a cubic through knots on either side of a knot that is left out misses it by
-    4 h^4 / 24, one through all knots misses the middle of a gap by (9/16) h^4 / 24, steps h being equal: 9/64 of it. So
-    large are the errors taken to be, less the noise.
-    """
+    """Errors of interpolation in each gap as lines of stiffness zero: a cubic beside a knot left out misses it by 4
+    h^4/24 of the fourth derivative, one through all misses the middle by 9/16 of h^4/24: 9/64 of it, less the noise."""
     n = lines[0].kappa.shape[0]
     power = np.zeros(knots.size)
     for i in range(1, knots.size - 1) if knots.size > _FEWEST_KNOTS else ():

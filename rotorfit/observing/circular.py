@@ -241,11 +241,8 @@ def _assemble(
 
 
 def _in_phase(force: ComplexArray, frequency: Float, speed: Float, run: Index) -> ComplexArray | None:
-    """Factors that give the forces of a sweep the phase of its first line, shape ``(L,)``; None where they have it.
-
-    A stepped sine that starts anew at each line has any phase there. A line's zero of time is free, and only readings
-    whose forces agree in phase follow one another, which noise and misfits are told apart by.
-    """
+    """Factors that give forces of a sweep the phase of its first line, ``(L,)``; None where they have it. A stepped
+    sine starts anew at each line, and only readings whose forces agree in phase tell noise and misfit apart."""
     plane, size = np.argmax(np.abs(force), axis=1), np.abs(force).max(axis=1, initial=0.0)
     drive = force[np.arange(size.size), plane]
     phasor = np.divide(drive, size, out=np.ones_like(drive), where=size > 0)

@@ -96,12 +96,8 @@ def usable(model: RotorModel, test: Experiment) -> tuple[Experiment, tuple[str, 
 
 
 def off_jumps(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
-    """A test without the last two lines before each jump of a sweep, and a sentence on them.
-
-    At the end of a branch the orbit's slope by every parameter is infinite, and a step further there is none: a search
-    stalls there, and what such lines say of the parameters is not what a slope says. Lines are taken to be in the order
-    in which they were swept.
-    """
+    """A test without the last two lines before each jump of a sweep, and a sentence: the orbit's slopes are infinite at
+    a branch's end, where a search stalls. Lines are taken to be in the order swept."""
     if model.clearance is None or not model.eccentricity_dependent or not isinstance(test, PerturbationTest):
         return test, ""
     moving = np.flatnonzero(test.plane == model.coordinates[journal(model).at].plane)

@@ -232,8 +232,7 @@ def _clearance(fit: FitResult) -> list[Clearance]:
 
 
 def _rest(fit: FitResult) -> list[Rest]:
-    """A journal that rests off centre, which responses to circular forces hardly show. Without a law of the model's own
-    a typical one says what fluid was seen there in place of that of the centre."""
+    """A journal that rests off centre, by the model's law or a typical one: circular forces hardly show it."""
     model = fit.model
     if not fluid_coordinates(model) or not any(
         isinstance(b, OrbitResponses) or is_linear(b) for b in fit.problem.blocks
@@ -345,8 +344,7 @@ def _coupled(fit: FitResult) -> float:
 
 
 def _levels(fit: FitResult) -> tuple[float, float, float]:
-    """Typical dynamic stiffness of the tests, highest frequency and speed: N/m, rad/s, rad/s. At rest the frequency
-    stands for the speed too: a shaft that turns as fast as it was shaken."""
+    """Typical stiffness, N/m, highest frequency and speed, rad/s; at rest a shaft turning as fast as it was shaken."""
     blocks = [base for base in map(responses_of, fit.problem.blocks) if base is not None]
     force = np.concatenate([np.abs(b.force).max(axis=1)[b.line] for b in blocks])
     size = np.concatenate([np.abs(b.measured) for b in blocks])

@@ -186,20 +186,16 @@ def _hidden_warnings(plain: FitResult, chosen: FitResult) -> list[str]:
 
 
 def _odd_run_warning(plain: FitResult, chosen: FitResult) -> list[str]:
-    """The run that did not go with the others before, where no candidate explains the data: blocks taken in to
-    follow that run hide it."""
+    """The odd run before, where no candidate explains the data: blocks taken in to follow it hide it."""
     odd = "" if plain.noise is None else plain.noise.odd_run
     said = chosen.noise is not None and bool(chosen.noise.odd_run) and chosen.redchi > MODEL_LIMITED_REDCHI
     return [f"before refinement, {odd}"] if odd and chosen.model_limited and not said else []
 
 
 def _model_uncertainty(best: FitResult, steps: Sequence[FitResult]) -> Float:
-    """Covariance of the choice among candidates, by weights of their AIC (Burnham & Anderson 2002), shape ``(n, n)``.
-
-    A block that was chosen because it came out large by chance moves what it correlates with, and one left out for a
-    hair makes them look surer than they are. Errors only grow: by the differences of the candidates, and by as much as
-    theirs are larger. A block that a candidate lacks is zero there.
-    """
+    """Covariance of the choice among candidates by AIC weights (Burnham & Anderson 2002), ``(n, n)``: chance chooses
+    blocks that came out large. Errors only grow, by differences of candidates and of their errors; a missing block is
+    zero."""
     names = best.problem.space.names
     sure = [i for i, name in enumerate(names) if best.params[name].resolved]
     candidates = [step for step in steps if step is best or (step.success and _tells(step, best))]
@@ -259,13 +255,9 @@ _SMALLEST_SCALE = 1e-3  # scale below which exact data, not noise, are in hand
 
 
 def rescale_noise(fit: FitResult) -> FitResult:
-    """The fit with the noise of each response rescaled to its residuals.
-
-    Robust fits are left as they are, and so are those that the model limits: what a model misses is no noise, and
-    weighing by it moves results that were right.
-
-    Alternates between scale and fit, which raises their joint likelihood. Responses of few readings keep their noise.
-    """
+    """The fit with the noise of each response rescaled to its residuals, in turns with the fit, which raises their
+    joint likelihood. Not robust fits, nor those that the model limits: what it misses is no noise. Responses of few
+    readings keep theirs."""
     if fit.settings.loss != "linear" or fit.model_limited or (fit.noise is None and fit.redchi > NOISE_LIKE_REDCHI):
         return fit
     plain = with_noise_scale(fit.problem, fit.settings.noise_scale, -1)
@@ -300,8 +292,7 @@ def refit(
     *,
     ask_causes: bool = True,
 ) -> FitResult:
-    """Fit another model to the data of a result with the same settings. New parameters start from zero influence, the
-    others from the result, so a richer nested model can only gain."""
+    """Another model fitted with the same settings, new parameters from zero influence: a nested one can only gain."""
     settings = fit.settings
     start = {name: p.value for name, p in fit.params.items() if p.vary and name in _names(model, fit)}
     block_start = {q.name: 0.0 for q in model.parameters if q.name not in {bare_name(b) for b in fit.params}}
