@@ -20,3 +20,6 @@ P_FALSE_ALARM = 6e-5
 times. Chosen."""
 SIGNIFICANT_ERRORS = NormalDist().inv_cdf(1 - P_FALSE_ALARM / 2)
 """Standard errors that chance alone exceeds so often: 4."""
+
+OPEN_ERRORS = 3.0
+"""Standard errors within which another value is not ruled out: chance alone exceeds them once in 370 times. Chosen."""

@@ -14,8 +14,6 @@ import numpy as np
 
 from rotorfit.models.array_types import RANK_TOLERANCE, ComplexArray, Float, Index
 
-_SMALLEST_REMAINDER = 1e-6  # length left of a column, over its own, at which parameters took up all of it
-
 
 @dataclass(frozen=True, kw_only=True)
 class Scores:
@@ -37,7 +35,7 @@ def score_tests(residuals: ComplexArray, jacobian: ComplexArray, columns: Comple
     taken = (right[kept].T / singular[kept]) @ within / size[:, None]
     rest = c - left[:, kept] @ within
     whole, free = np.linalg.norm(c, axis=0), np.linalg.norm(rest, axis=0)
-    seen = free > _SMALLEST_REMAINDER * whole
+    seen = free > np.sqrt(RANK_TOLERANCE) * whole
     power = np.where(seen, free, 1.0) ** 2
     return Scores(
         estimate=np.where(seen, -(rest.T @ r) / power, np.nan),
@@ -64,7 +62,7 @@ def joint_gains(
     left = _basis(J)
     rest, whole = c - left @ (left.T @ c), np.linalg.norm(c, axis=0)
     r = r - left @ (left.T @ r)
-    seen = np.linalg.norm(rest, axis=0) > _SMALLEST_REMAINDER * whole
+    seen = np.linalg.norm(rest, axis=0) > np.sqrt(RANK_TOLERANCE) * whole
     bases = [_basis(rest[:, own[seen[own]]]) for own in groups]
     return Gains(
         gain=np.array([float(np.sum((basis.T @ r) ** 2)) for basis in bases]),

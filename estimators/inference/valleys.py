@@ -17,9 +17,9 @@ from rotorfit.estimators.inference.constrained_minima import EntryConstraint
 from rotorfit.estimators.inference.identifiability import Combination, Identifiability
 from rotorfit.estimators.inference.log_posterior import box
 from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.significance import OPEN_ERRORS
 from rotorfit.models.array_types import Float
 
-_STANDARD_ERRORS = 3.0  # that are looked at: by chance one dent in some hundreds is deeper
 _TOLERATED_ERROR_RATIO = 2.0  # factor by which the error bar may be too short for that
 _LARGEST_CHANGE = 0.5  # change of a parameter, over its value, from which it has none of its own
 
@@ -47,7 +47,7 @@ def _along(
     numerators: Sequence[int],
 ) -> Identifiability:
     lower, upper = box(problem)
-    reach = _TOLERATED_ERROR_RATIO * _STANDARD_ERRORS * float(np.sqrt(max(variance, 0.0)))
+    reach = _TOLERATED_ERROR_RATIO * OPEN_ERRORS * float(np.sqrt(max(variance, 0.0)))
     cost, held = problem.cost(x), EntryConstraint(problem, np.where(x == 0, 1.0, np.abs(x)))
     for end in (float(x[entry]) + reach, float(x[entry]) - reach):
         if not max(0.0, lower[entry]) < end < upper[entry]:
@@ -56,7 +56,7 @@ def _along(
         start[[entry, *numerators]] *= end / x[entry]
         there, found, _ = held.alone(entry, end, np.clip(start, lower, upper))
         rise = 2 * (there - cost)
-        if rise < _STANDARD_ERRORS**2:
+        if rise < OPEN_ERRORS**2:
             chosen = [i for i in (entry, *numerators) if abs(found[i] - x[i]) > _LARGEST_CHANGE * abs(x[i])]
             return _with(
                 verdict, problem.space.names, chosen, (found - x) / scales, _message(problem, x, chosen, end, rise)
@@ -72,7 +72,7 @@ def _with(
     combination = Combination(
         names=tuple(names[i] for i in chosen),
         direction=tuple((moved[chosen] / length).tolist()),
-        stderr=length / _STANDARD_ERRORS,
+        stderr=length / OPEN_ERRORS,
         message=message,
     )
     unresolved = {*verdict.unresolved, *combination.names}

@@ -14,6 +14,9 @@ from rotorfit.models.array_types import ROUND_OFF, ComplexArray, Float, Index
 NOISE_FLOOR = 1e-9
 """Smallest noise, as a fraction of a channel's rms amplitude: exact data would otherwise weigh infinitely."""
 
+FEWEST_LINES = 6
+"""Lines from which a sweep shows its curve and what leaves it, jumps or noise: a parabola takes up three. Chosen."""
+
 LINES_OF_A_LEVEL = 8
 """Lines from which a sweep can have a noise of its own: 16 squares give its variance within a third."""
 
@@ -75,9 +78,10 @@ def noise_from_smoothness(frequency: Float, response: ComplexArray) -> Float:
     from the middle: a rational function follows a resonance that a polynomial of the same width cannot. The median over
     the windows of the residual variance is the estimate. Short sweeps drop a2, then a1."""
     count = frequency.size
-    if count < 6:
+    if count < FEWEST_LINES:
         raise ValueError(
-            f"a sweep with {count} of the 6 points needed has too few to estimate its noise: give a sigma_um column"
+            f"a sweep with {count} of the {FEWEST_LINES} points needed has too few to estimate its noise: "
+            "give a sigma_um column"
         )
     width, poles = (13, 2) if count >= 13 else (count, min(2, max(0, count - 7)))
     rank = np.argsort(frequency)

@@ -11,12 +11,12 @@ import numpy as np
 
 from rotorfit.models.array_types import Bool, Float, Index
 
-_SIDE = 5
-"""Pulses on either side: as many as tell a polynomial of the fifth degree, the turns in between and the scatter."""
 _MARGIN = 1
 """Pulses next to a stretch that are judged with it: one of them may be the edge too many."""
 _DEGREES = (3, 5)
 """Degrees of the polynomials that must agree: that of a smooth change of speed, and one with more freedom."""
+_SIDE = max(_DEGREES)
+"""Pulses on either side: as many as tell both polynomials, the turns in between and the scatter."""
 _LARGEST_DOUBT = 0.25
 """Doubt of a place, turns, up to which turns are counted: at half a turn two numbers are as likely."""
 _HARMLESS = 0.02

@@ -21,7 +21,7 @@ _TURNS = np.arange(1.0, 5.0)
 """Turns that an interval may be of, besides those that the speed before it gives."""
 _LARGEST_CHANGE_OF_INTERVAL = 0.15
 """Change of the logarithm of an interval from the last below which the two are of the same number of turns. Chosen."""
-_EVEN_INTERVALS = 6
+EVEN_INTERVALS = 6
 """Such intervals in a row at which the count is certain. Chosen."""
 
 
@@ -40,10 +40,10 @@ def steadier(times: Float, kept: Index, turns: Index) -> tuple[Index, Index]:
     """A count of pulses, or the one on which the speed changes less; ends at which the shaft starts or stops stay."""
     intervals = np.diff(times)
     alike = np.abs(np.log(intervals[1:] / intervals[:-1])) < _LARGEST_CHANGE_OF_INTERVAL
-    clean = np.flatnonzero(np.convolve(alike, np.ones(_EVEN_INTERVALS), mode="valid") == _EVEN_INTERVALS)
+    clean = np.flatnonzero(np.convolve(alike, np.ones(EVEN_INTERVALS), mode="valid") == EVEN_INTERVALS)
     if not clean.size:
         return kept, turns
-    first, last = int(clean[0]), int(clean[-1]) + _EVEN_INTERVALS + 1
+    first, last = int(clean[0]), int(clean[-1]) + EVEN_INTERVALS + 1
     ends = np.searchsorted(kept, [first, last])
     if ends[1] >= kept.size or kept[ends[0]] != first or kept[ends[1]] != last:
         return kept, turns

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import median_filter, percentile_filter
 
 from rotorfit.estimators.signals.pulse_bridges import CHATTER, bridged
-from rotorfit.estimators.signals.pulse_path import steadier
+from rotorfit.estimators.signals.pulse_path import EVEN_INTERVALS, steadier
 from rotorfit.models.array_types import Bool, Float, Index
 
 NOISE_STEP_OVER_SCATTER = 3.3
@@ -25,9 +25,9 @@ _SHORT_INTERVAL = 0.6
 _LARGEST_CHANGE_OF_TURN = 0.2
 """Change of a turn against its neighbours that neither a shaft's speed makes within two turns nor the spacing of teeth,
 but an edge too many or too few among three, which changes it by a third."""
-_EDGES_BESIDE = 16
-"""Edges on either side of an odd one among which the steadiest count is looked for: two stretches that are beyond doubt
-and a few edges more."""
+_EDGES_BESIDE = 2 * (EVEN_INTERVALS + 2)
+"""Edges on either side of an odd one among which the steadiest count is looked for: two stretches that are beyond
+doubt, and an edge more beside each."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
+from rotorfit.estimators.significance import OPEN_ERRORS, SIGNIFICANT_ERRORS
 from rotorfit.estimators.starting.closed_form import ClosedFormError, closed_form
 from rotorfit.estimators.starting.rational_fit import RationalFit, rational_fit
 from rotorfit.estimators.starting.start_points import (
@@ -36,7 +36,7 @@ from rotorfit.models.motion.stability import companion
 _LOCAL_MINIMUM = "perhaps a local minimum"
 """How a note begins that says so."""
 
-_STARTS_OF_DEEP_MINIMUM, _MOST_STARTS = 24, 72
+FEW_STARTS, _MOST_STARTS = 24, 72
 """Starts tried where the minimum found is deep, but perhaps not the deepest; and where it is not. Chosen."""
 _BESIDE = np.repeat([0.05, 0.2], 8)  # spread of the logarithm of starts beside an end
 _SAME_COST = 0.5  # cost to which short fits that end in one minimum agree
@@ -44,7 +44,7 @@ _DEVIATIONS_OF_TWO, _DEVIATIONS_OF_ONE = 1.0, 2.5
 """Standard deviations by which the misfit may exceed that of ratios of polynomials: where two of few starts lead to the
 minimum, and where no second one does but none deeper lies beside. Chosen; where many were tried it is a quantile."""
 
-_RIVAL_COST = 4.5  # cost above the least up to which another minimum is not to be ruled out: three standard deviations
+_RIVAL_COST = OPEN_ERRORS**2 / 2  # cost above the least up to which another minimum is not to be ruled out
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -137,7 +137,7 @@ def _search(problem: Problem, candidates: Iterator[Float], limits: tuple[float, 
     at_once = 4  # starts fitted before the ends are looked at
     while starts := list(islice(candidates, at_once)):
         ends = ends.joined(short_fits(problem, np.array(starts)), far=True)
-        if ends.together > 1 and ends.cost[0] <= limits[int(ends.cost.size >= _STARTS_OF_DEEP_MINIMUM)]:
+        if ends.together > 1 and ends.cost[0] <= limits[int(ends.cost.size >= FEW_STARTS)]:
             break
     return ends
 

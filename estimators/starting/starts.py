@@ -21,7 +21,7 @@ from rotorfit.estimators.starting.closed_form import (
     closed_form,
     closed_forms,
 )
-from rotorfit.estimators.starting.many_starts import best_beside, best_of_many
+from rotorfit.estimators.starting.many_starts import FEW_STARTS, best_beside, best_of_many
 from rotorfit.estimators.starting.modal_start import modal_start
 from rotorfit.estimators.starting.nonlinear_starts import (
     are_linear_responses,
@@ -48,7 +48,6 @@ from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
 
 _PASSES = (2, 4, 8, 16, 32)  # of the closed form; more than two only where these end far from the optimum
-_RANDOM_STARTS = 24
 _EXPLICIT_MISFIT = 4.0  # mean squared misfit that noise in measured eccentricities may leave
 _SHORT = Options(max_iterations=40, tolerance=1e-3, acceptable=1e-3)
 """Costs a millionth above their minimum rank starts; the fit that follows finds the last digits."""
@@ -204,7 +203,7 @@ def _nonlinear_guess(problem: Problem) -> Start:
     if found is not None and found.cost <= _cost(problem, random):
         return Start(x=found.x[:size], kind=SHORT_FIT)
     explained = 2 * _cost(problem, random) < _EXPLICIT_MISFIT * problem.n_data
-    note = f"no closed form explains these data; the best of {_RANDOM_STARTS} random starts was taken"
+    note = f"no closed form explains these data; the best of {FEW_STARTS} random starts was taken"
     return Start(x=random[:size], kind=RANDOM, notes=() if explained else (note,))
 
 
@@ -219,7 +218,7 @@ def _cost(problem: Problem, values: Float) -> float:
 
 def _explicit_multistart(problem: Problem) -> Float:
     """The same for explicit observations, many at once; the first that the data hardly contradict will do."""
-    starts = np.array(list(random_starts(problem, _RANDOM_STARTS)))
+    starts = np.array(list(random_starts(problem, FEW_STARTS)))
     best, least = starts[0], np.inf
     at_once = 8  # random starts fitted together
     for group in np.split(starts, range(at_once, len(starts), at_once)):

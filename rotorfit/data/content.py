@@ -23,7 +23,7 @@ _MISSING = np.iinfo(np.int64).min
 
 
 def content_hash(experiments: Iterable[Experiment]) -> str:
-    """Hash of tests by kind, columns and attributes in SI units, whatever files, formats, units and order they came in."""
+    """Hash of tests by kind, columns and attributes in SI units, whatever file, format, unit and order they came in."""
     return hashlib.sha256("".join(sorted(map(_hash, experiments))).encode("utf-8")).hexdigest()
 
 

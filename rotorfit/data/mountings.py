@@ -18,9 +18,6 @@ from rotorfit.models.array_types import Float, Index
 MOUNTING = "mounting"
 """Column, and attribute, that names the mounting of each row."""
 
-SHORTEST_SWEEP = 6
-"""Speeds of a run from which on its noise can be estimated from its smoothness."""
-
 MOST_DWELLS = 8
 """Speeds of a run up to which it dwelt at them; more are a start-up, which is differenced sample by sample."""
 

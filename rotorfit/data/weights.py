@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
-from rotorfit.data.mountings import MOUNTING, SHORTEST_SWEEP, dwell_number, dwells, mountings, tells_mountings
+from rotorfit.data.mountings import MOUNTING, dwell_number, dwells, mountings, tells_mountings
 from rotorfit.data.synchronous import DIFFERENCED, at_speeds, difference_synchronous
+from rotorfit.estimators.noise.reading_noise import FEWEST_LINES
 from rotorfit.estimators.starting.influence import Influence, Readings, UndeterminedError, solve_influence
 from rotorfit.estimators.starting.modes_seen import ModesSeen, modes_seen
 from rotorfit.models.array_types import ComplexArray, Float
@@ -212,7 +213,7 @@ def weighed(experiment: Experiment) -> Influences | None:
 
 def _noise_is_known(test: PerturbationTest) -> bool:
     """True if single runs can be fitted as they are: their noise is given, or they are long enough to tell it."""
-    return bool(np.isfinite(test.sigma).all()) or np.unique(dwell_number(test.speed)).size >= SHORTEST_SWEEP
+    return bool(np.isfinite(test.sigma).all()) or np.unique(dwell_number(test.speed)).size >= FEWEST_LINES
 
 
 def _unsolved(test: PerturbationTest) -> bool:

@@ -8,11 +8,15 @@ from typing import Literal
 
 import numpy as np
 
-from rotorfit.diagnosis.trials.channel_filters import CHANNEL_FILTERS, POWERS, ChannelFilter, values_to_try
+from rotorfit.diagnosis.trials.channel_filters import (
+    CHANNEL_FILTERS,
+    INSTRUMENT_SCATTER,
+    POWERS,
+    ChannelFilter,
+    values_to_try,
+)
 from rotorfit.models.array_types import ComplexArray, Float
 
-_LARGEST_LOG_FACTOR = 0.1
-"""Largest logarithm of the factor beside a filter: probes of a pair have much the same gain and no angle."""
 _PROBES: tuple[Literal["x", "y"], ...] = ("x", "y")
 
 
@@ -58,7 +62,7 @@ def _candidates(pair: Pair) -> Iterator[tuple[float, FilteredProbe]]:
             if power < 0:
                 continue  # the other one gives velocities, rather
             misfits, factors = _misfits(np.asarray((s / middle)[None] ** power), probe, pair)
-            if abs(np.angle(factors[0])) < _LARGEST_LOG_FACTOR:
+            if abs(np.angle(factors[0])) < INSTRUMENT_SCATTER:
                 value = middle / float(abs(factors[0])) ** (1 / power)
                 one = FilteredProbe(probe=probe, words=(words[0], words[1]), kind=power, value=value)
                 yield float(misfits[0]), one
@@ -75,7 +79,7 @@ def _candidates(pair: Pair) -> Iterator[tuple[float, FilteredProbe]]:
                 value, left, factor = float(tried[at]), float(misfits[at]), complex(factors[at])
                 tried = np.geomspace(tried[at - 1], tried[at + 1], 21)
             else:
-                if abs(np.log(factor)) < _LARGEST_LOG_FACTOR:
+                if abs(np.log(factor)) < INSTRUMENT_SCATTER:
                     yield left, FilteredProbe(probe=probe, words=kind.words(value), kind=kind, value=value)
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from rotorfit.data.findings import Finding, listed
 from rotorfit.diagnosis.orbits import FEWEST_READINGS, Orbits, enough, total_power
 from rotorfit.diagnosis.probe_filters import FilteredProbe, Pair, filtered_probe
+from rotorfit.diagnosis.trials.channel_filters import SAME_FACTOR
 from rotorfit.estimators.blocks.row_keys import combined, rows_by
 from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
 from rotorfit.models.array_types import ComplexArray, Float, Index
@@ -29,9 +30,6 @@ LARGEST_REDCHI = 1.5**2
 
 _SIGNIFICANT_ERRORS = 8.0
 """Departures from what is expected, over their standard error, that are no accident among many planes."""
-
-_SMALLEST_GAIN = 0.03
-"""Departure of the gains' ratio from one that is worth a warning: it moves parameters by half of it."""
 
 _OCTAVES_FROM_TWO = 0.12
 """Departure of the gains' ratio from two, octaves, up to which one of them gives peak-to-peak amplitudes."""
@@ -71,7 +69,7 @@ class _Relation:
     @property
     def same(self) -> bool:
         """True if one factor explains it that is hardly a gain."""
-        return self.constant and abs(self.ratio - 1) < _SMALLEST_GAIN
+        return self.constant and abs(self.ratio - 1) < SAME_FACTOR
 
 
 def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
@@ -149,7 +147,7 @@ def _relation(orbits: Orbits, at: Index) -> _Relation | None:
     if neither and not delay and filtered is None:  # some lines are less exact than their neighbours tell
         delay = _delay(part, min(1 + _DELAY_MISFIT_SHARE * (constant - 1), _LARGEST_DELAY_MISFIT))
     return _Relation(
-        even=even < LARGEST_REDCHI and not (certain and constant < LARGEST_REDCHI and abs(ratio - 1) >= _SMALLEST_GAIN),
+        even=even < LARGEST_REDCHI and not (certain and constant < LARGEST_REDCHI and abs(ratio - 1) >= SAME_FACTOR),
         constant=constant < LARGEST_REDCHI and certain,
         ratio=ratio,
         mirrored=mirrored,
@@ -170,7 +168,7 @@ def _differs_by_noise(orbits: Orbits, at: Index, expected: ComplexArray) -> bool
         jumps = np.abs(np.diff(rest - slope * u)) ** 2 / 2
         level = float(np.mean(jumps)) if sweep.size > 1 else 0.0
         certain = abs(slope) > _SIGNIFICANT_ERRORS * np.sqrt(level / np.vdot(u, u).real)
-        if total_power(rest) > LARGEST_REDCHI * level * sweep.size or (certain and abs(slope) >= _SMALLEST_GAIN):
+        if total_power(rest) > LARGEST_REDCHI * level * sweep.size or (certain and abs(slope) >= SAME_FACTOR):
             return False
     return True
 

@@ -13,6 +13,7 @@ from rotorfit.data.experiments import (
     StaticTest,
 )
 from rotorfit.estimators.blocks.row_keys import distinguished
+from rotorfit.estimators.noise.reading_noise import FEWEST_LINES
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
 from rotorfit.models.motion.journal import journal
@@ -83,7 +84,6 @@ _STEP_RATIO = 4.0  # times the steps on either side of it
 _LINES_BEFORE = 2  # lines left out before a jump
 _LARGEST_SWEEP_GAP = 3.0  # step of the frequency over the usual one, within one sweep
 _LARGEST_FORCE_CHANGE = 0.2  # relative change of the force from line to line, within one sweep
-_FEWEST_LINES = 6  # lines of a sweep in which a jump can be distinguished from a resonance
 
 
 def usable(model: RotorModel, test: Experiment) -> tuple[Experiment, tuple[str, ...]]:
@@ -108,7 +108,7 @@ def off_jumps(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
     jumps = 0
     for number in np.unique(sweep[moving]).tolist():
         rows = moving[sweep[moving] == number]
-        if rows.size < _FEWEST_LINES:
+        if rows.size < FEWEST_LINES:
             continue
         step = np.abs(np.diff(test.response[rows])) / model.clearance
         beside = np.maximum(np.append(step[1:], 0.0), np.append(0.0, step[:-1]))

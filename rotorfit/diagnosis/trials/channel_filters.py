@@ -49,7 +49,9 @@ _LIKE = {
     0.001: "mm read as um",
 }
 SAME_FACTOR = 0.03
-"""Relative difference of two factors that are the same."""
+"""Relative difference of factors that are the same, as gains of two probes: results move by half of it. Chosen."""
+INSTRUMENT_SCATTER = 0.1
+"""Logarithm of a factor, angles in rad, up to which forces and instruments scatter without an error. Chosen."""
 
 CHANNEL_FILTERS = (
     ChannelFilter(

@@ -26,15 +26,19 @@ from rotorfit.diagnosis.trials.data_errors import (
 )
 from rotorfit.diagnosis.trials.filters import filters
 from rotorfit.diagnosis.trials.groups import factors_of_groups
-from rotorfit.diagnosis.trials.trial_fits import EXPLAINED_MISFIT_SHARE, Explanation, Hint, Readings, readings_of, trial
+from rotorfit.diagnosis.trials.trial_fits import (
+    EXPLAINED_MISFIT_SHARE,
+    EXPLAINING_MISFIT_SHARE,
+    Explanation,
+    Hint,
+    Readings,
+    readings_of,
+    trial,
+)
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float
-
-_EXPLAINING_MISFIT_SHARE = 0.1
-"""Misfit that is left, of that of the data as given, if an error is the explanation: missing structure alone is up to a
-hundred times the noise, but does not vanish by what has nothing to do with it."""
 
 _LEAST_REDCHI, _UNEXPLAINED_SHARE = 10.0, 0.02
 """redchi from which errors are looked for, and share of the power of the responses from which all are tried; below it,
@@ -158,7 +162,7 @@ def _beside(span: Float, columns: Float) -> Float:
 def _findings(tried: Sequence[Explanation]) -> list[Finding]:
     """Those that leave least, of those that the data cannot tell apart the ones with the fewest values searched for."""
     least = min((one.left for one in tried), default=np.inf)
-    if not least < _EXPLAINING_MISFIT_SHARE:
+    if not least < EXPLAINING_MISFIT_SHARE:
         return []
     equal = sorted((one for one in tried if one.left < _SAME_MISFIT_RATIO * least), key=lambda one: one.left)
     fewest = min(one.free for one in equal)

@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rotorfit.diagnosis.trials.channel_filters import POWERS, SAME_FACTOR, likeness
+from rotorfit.diagnosis.trials.channel_filters import INSTRUMENT_SCATTER, POWERS, SAME_FACTOR, likeness
 from rotorfit.diagnosis.trials.trial_fits import (
     EXPLAINED_MISFIT_SHARE,
+    EXPLAINING_MISFIT_SHARE,
     PROMISING_MISFIT_SHARE,
     Explanation,
     Hint,
@@ -23,14 +24,8 @@ from rotorfit.diagnosis.trials.trial_fits import (
 from rotorfit.models.array_types import Bool, ComplexArray
 from rotorfit.units import RPM_PER_RAD_S
 
-_LEAST_LOG_FACTOR = 0.1
-"""Change of the logarithm of readings from which it is an error: less is how forces and instruments scatter."""
-
 _FEWEST_OTHER_RUNS, _LEAST_DIFFERENCE_RATIO = 2, 5.0
 """Other runs that show whether it is one run alone, and times by which it must differ more than any of them."""
-
-_LARGEST_UNLIKENESS = 0.1
-"""Share of the power of readings up to which they are those expected but for a factor."""
 
 _MOST_GROUPS, _MOST_SPEEDS = 40, 8  # groups looked at, and speeds that are few enough to be sessions
 _ZERO_ANGLE = 3.0  # departure of an angle from zero, degrees, that is none
@@ -74,7 +69,7 @@ def _of_group(readings: Readings, group: _Group, missed: float) -> Iterator[tupl
     if left > PROMISING_MISFIT_SHARE * missed:
         return
     power, factor, unlike = _factor(readings, group.rows, np.concatenate(readings.problem.predict(x)))
-    if unlike > _LARGEST_UNLIKENESS or (not power and abs(np.log(factor)) < _LEAST_LOG_FACTOR):
+    if unlike > EXPLAINING_MISFIT_SHARE or (not power and abs(np.log(factor)) < INSTRUMENT_SCATTER):
         return
     either = [(group, factor)]
     if group.other is not None and not power:

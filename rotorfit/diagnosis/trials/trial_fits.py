@@ -19,6 +19,9 @@ Hint = Callable[[ComplexArray], bool]
 
 EXPLAINED_MISFIT_SHARE = 0.01
 """Share of the misfit left from which nothing else has to be tried."""
+EXPLAINING_MISFIT_SHARE = 0.1
+"""Misfit that is left, of that of the data as given, if an error is the explanation, and share of the power of readings
+left by a factor of theirs: missing structure alone does not vanish by what has nothing to do with it. Chosen."""
 PROMISING_MISFIT_SHARE = 0.5
 """Share of the misfit that the right value leaves at most in a closed form, or without the wrong readings. Chosen."""
 MOST_PLANES = 4
