@@ -112,6 +112,16 @@ class Responses(Observed):
         w = np.abs(self.frequency[self.line])
         return np.ones(w.size) if self.derivative is None else w**self.derivative
 
+    @property
+    def conjugated(self) -> Bool:
+        """Where a reading is the conjugate of what probes gave: backward, with x and y as one complex coordinate."""
+        return (self.frequency[self.line] < 0) & (self.model.frame == "z")
+
+    @property
+    def by_phase(self) -> ComplexArray:
+        """Derivative of the logarithm of each reading by a lead of what probes gave."""
+        return np.where(self.conjugated, -1j, 1j)
+
     @cached_property
     def condition(self) -> tuple[Index, Index, Float]:
         """Distinct (group, speed) pairs: the pair of each line, then group and speed of each pair."""
@@ -170,12 +180,6 @@ class Responses(Observed):
         size = number.size // pairs
         return size if np.array_equal(number, np.repeat(np.arange(pairs), size)) else 0
 
-    @property
-    def _by_line(self) -> list[str]:
-        """Columns with a row for each line."""
-        optional = [name for name in ("beside", "force_noise") if getattr(self, name) is not None]
-        return ["speed", "frequency", "force", "group", *optional]
-
     def split(self, readings: int) -> list[Responses]:
         """The same observations in pieces of whole lines."""
         if self.measured.size <= readings:
@@ -185,21 +189,22 @@ class Responses(Observed):
         while begin < self.speed.size:
             fitting = int(np.searchsorted(first, first[begin] + readings, side="right")) - 1
             end = min(max(fitting, begin + 1), self.speed.size)
-            lines, part = slice(begin, end), slice(first[begin], first[end])
-            by_line = {name: getattr(self, name)[lines] for name in self._by_line}
-            names = ("coordinate", "measured", "sigma", "label", "run")
-            by_reading = {name: getattr(self, name)[part] for name in names}
-            pieces.append(replace(self, **by_line, **by_reading, line=self.line[part] - begin))
+            pieces.append(self._part(slice(begin, end), slice(first[begin], first[end])))
             begin = end
         return pieces
 
     def lines(self, keep: Bool) -> Responses:
         """The observations of some lines."""
-        readings = keep[self.line]
-        names = ("coordinate", "measured", "sigma", "label", "run")
-        by_reading = {name: getattr(self, name)[readings] for name in names}
-        by_line = {name: getattr(self, name)[keep] for name in self._by_line}
-        return replace(self, **by_line, **by_reading, line=(np.cumsum(keep) - 1)[self.line[readings]])
+        return self._part(keep, keep[self.line])
+
+    def _part(self, lines: Bool | slice, readings: Bool | slice) -> Responses:
+        """Some lines and all of their readings."""
+        of_lines = ("speed", "frequency", "force", "group", "beside", "force_noise")
+        of_readings = ("coordinate", "measured", "sigma", "label", "run", "derivative")
+        some = [*((name, lines) for name in of_lines), *((name, readings) for name in of_readings)]
+        columns = {name: values[part] for name, part in some if (values := getattr(self, name)) is not None}
+        line = np.searchsorted(np.arange(self.speed.size)[lines], self.line[readings])
+        return replace(self, **columns, line=line)
 
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`Block.predict`."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +21,8 @@ ROSS_4 = ("x", "y", "alpha", "beta")
 """Degrees of freedom of a node in ROSS up to version 1: displacements, then rotations about x and about y."""
 ROSS_6 = ("x", "y", "axial", "alpha", "beta", "torsion")
 """The same from version 2 on."""
+
+_Result = TypeVar("_Result")
 
 _ISOTROPY_TOLERANCE = 1e-8  # of the largest entry of its kind: round-off of an assembly
 _STRUCTURES_KEPT = 24  # condensed structures kept
@@ -160,6 +162,20 @@ class ShaftApart:
     has_mass: bool
 
 
+class _Latest(OrderedDict[bytes, _Result]):
+    """Results that were worked out last, by the arrays that they follow from."""
+
+    def of(self, work: Callable[..., _Result], *arrays: NDArray[Any]) -> _Result:
+        """The result that is kept, or worked out now."""
+        key = blake2b(b"".join(np.ascontiguousarray(part).tobytes() for part in arrays)).digest()
+        if key not in self:
+            self[key] = work(*arrays)
+        self.move_to_end(key)
+        if len(self) > _STRUCTURES_KEPT:
+            self.popitem(last=False)
+        return self[key]
+
+
 class Shaft:
     """Known structure, of which scale factors multiply ``parts``, seen at coordinates ``at``, shape ``(n,)``."""
 
@@ -174,8 +190,8 @@ class Shaft:
         if self.has_mass:
             unit = 1 / np.sqrt(inertia)
             self.has_mass = bool(np.linalg.cond(unit[:, None] * matrices.M * unit) < largest_condition)
-        self._kept: OrderedDict[bytes, tuple[ComplexArray, ComplexArray]] = OrderedDict()
-        self._reductions: OrderedDict[bytes, Reduction | None] = OrderedDict()
+        self._kept: _Latest[tuple[ComplexArray, ComplexArray]] = _Latest()
+        self._reductions: _Latest[Reduction | None] = _Latest()
 
     def coefficients(self, scales: Float, speed: ArrayLike) -> ComplexArray:
         """Coefficients of s^0, s^1, s^2 of all coordinates, shape ``(..., 3, N, N)``."""
@@ -189,14 +205,7 @@ class Shaft:
         no scale factors, or few coordinates, or where few lines are asked for; else of a reduced structure whose error
         is below :data:`~rotorfit.models.shafts.reduction.BASIS_TOLERANCE`. It is kept, because it does not change in a
         fit as long as the scale factors do not."""
-        key = blake2b(b"".join(np.ascontiguousarray(part).tobytes() for part in (s, speed, scales))).digest()
-        if key in self._kept:
-            self._kept.move_to_end(key)
-            return self._kept[key]
-        self._kept[key] = found = self._condense(s, speed, scales)
-        if len(self._kept) > _STRUCTURES_KEPT:
-            self._kept.popitem(last=False)
-        return found
+        return self._kept.of(self._condense, s, speed, scales)
 
     def _condense(self, s: ComplexArray, speed: Float, scales: Float) -> tuple[ComplexArray, ComplexArray]:
         large = 40  # coordinates from which a structure with scale factors is reduced
@@ -214,18 +223,14 @@ class Shaft:
 
     def _reduced(self, s: ComplexArray, speed: Float, steps: Index) -> Terms:
         """The structure reduced for these lines and a range of scale factors; itself where that would not be exact."""
-        key = blake2b(b"".join(np.ascontiguousarray(part).tobytes() for part in (s, speed, steps))).digest()
-        if key not in self._reductions:
-            try:
-                limits = np.exp((steps + np.array([[-0.5], [0.5]])) * _LOG_SCALE_RANGE)
-                self._reductions[key] = Reduction(self.terms, s, speed, limits)
-            except np.linalg.LinAlgError:  # no energy to measure by, or a resonance: then as it is
-                self._reductions[key] = None
-        self._reductions.move_to_end(key)
-        if len(self._reductions) > _STRUCTURES_KEPT:
-            self._reductions.popitem(last=False)
-        found = self._reductions[key]
+        found = self._reductions.of(self._reduction, s, speed, steps)
         return self.terms if found is None or found.error > REDUCTION_TOLERANCE else found.small
+
+    def _reduction(self, s: ComplexArray, speed: Float, steps: Index) -> Reduction | None:
+        try:
+            return Reduction(self.terms, s, speed, np.exp((steps + np.array([[-0.5], [0.5]])) * _LOG_SCALE_RANGE))
+        except np.linalg.LinAlgError:  # no energy to measure by, or a resonance: then as it is
+            return None
 
     @property
     def reductions(self) -> tuple[Reduction, ...]:
@@ -233,4 +238,4 @@ class Shaft:
         return tuple(r for r in self._reductions.values() if r is not None and r.error <= REDUCTION_TOLERANCE)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_kept": OrderedDict(), "_reductions": OrderedDict()}
+        return {**self.__dict__, "_kept": _Latest(), "_reductions": _Latest()}

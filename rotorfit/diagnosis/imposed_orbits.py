@@ -11,7 +11,7 @@ from rotorfit.data.findings import Finding, listed
 from rotorfit.data.linear_force import directional
 from rotorfit.diagnosis.orbits import orbits_of
 from rotorfit.diagnosis.signs import AGAINST_SHARE, signs, turned
-from rotorfit.models.array_types import ComplexArray
+from rotorfit.models.array_types import ComplexArray, Index
 
 
 def imposed_orbits(test: DisplacementTest) -> Iterator[Finding]:
@@ -24,7 +24,7 @@ def imposed_orbits(test: DisplacementTest) -> Iterator[Finding]:
     if not moved.size:
         return
     for finding in _turning(test.select(moved)):
-        yield Finding(finding.severity, finding.code, finding.message, tuple(moved[list(finding.rows)].tolist()))
+        yield finding.at_rows(moved)
 
 
 def _turning(test: DisplacementTest) -> Iterator[Finding]:
@@ -53,7 +53,7 @@ def _turning(test: DisplacementTest) -> Iterator[Finding]:
         return
     driven = np.flatnonzero(along)
     moved = np.where(backward, test.displacement.conj(), test.displacement)[driven] / along[driven]
-    yield from _signs(test.select(driven), moved, driven.tolist())
+    yield from _signs(test.select(driven), moved, driven)
 
 
 def _mostly_against(along: ComplexArray, against: ComplexArray) -> bool:
@@ -61,7 +61,7 @@ def _mostly_against(along: ComplexArray, against: ComplexArray) -> bool:
     return wrong > AGAINST_SHARE * both
 
 
-def _signs(test: DisplacementTest, response: ComplexArray, rows: list[int]) -> Iterator[Finding]:
+def _signs(test: DisplacementTest, response: ComplexArray, rows: Index) -> Iterator[Finding]:
     """Signs of the dynamic stiffness, as of a test with a force of 1 N at the plane of the orbit."""
     forced = perturbation_test(
         run=test.run,
@@ -73,14 +73,14 @@ def _signs(test: DisplacementTest, response: ComplexArray, rows: list[int]) -> I
         direction="z",
         response=response,
     )
-    for finding in signs(orbits_of(forced, np.arange(len(forced)))):
-        code, message = finding.code, finding.message
-        if code == "conjugated":
-            code = "negative-damping"
-            runs = tuple(dict.fromkeys(test.run[list(finding.rows)].tolist()))
-            message = (
+    for found in signs(orbits_of(forced, np.arange(len(forced)))):
+        if found.code == "conjugated":
+            runs = tuple(dict.fromkeys(test.run[list(found.rows)].tolist()))
+            text = (
                 "Damping would be negative (quadrature dynamic stiffness falls with frequency) in "
                 f"{listed(runs)}: the forces are those of the rotor on what surrounds it, with the other sign, or "
                 "phases of lag were read as lead."
             )
-        yield Finding(finding.severity, code, message, tuple(rows[row] for row in finding.rows))
+            yield Finding(found.severity, "negative-damping", text, found.rows).at_rows(rows)
+        else:
+            yield found.at_rows(rows)

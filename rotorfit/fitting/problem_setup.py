@@ -174,11 +174,9 @@ def _phase_factors(block: Block, runs: Sequence[str]) -> ComplexArray:
     """Sensitivity of the logarithm of each prediction to the phase reference of each run, shape ``(R, n_runs)``. In
     complex coordinates a backward run's amplitude is the conjugate of its phasors, and so is the effect of an
     offset."""
-    sense = np.full(block.measured.size, float(_has_phase(block)))
     circular = responses_of(block)
-    if circular is not None and circular.model.frame == "z":
-        sense = np.where(circular.frequency[circular.line] < 0, -sense, sense)
-    return np.asarray(1j * sense[:, None] * (block.run[:, None] == np.array(runs)[None, :]))
+    by_phase = np.full(block.measured.size, 1j) if circular is None else circular.by_phase
+    return np.asarray(by_phase[:, None] * (_has_phase(block) & (block.run[:, None] == np.array(runs))))
 
 
 def make_priors(space: ParameterSpace, priors: Mapping[str, Any]) -> tuple[Prior, ...]:

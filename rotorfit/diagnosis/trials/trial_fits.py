@@ -82,7 +82,7 @@ class Readings:
     force_plane: Text  # plane of its force
     speed: Float  # rad/s
     frequency: Float  # signed, rad/s
-    mirrored: Bool  # where a reading is the conjugate of what probes gave
+    conjugated: Bool  # where a reading is the conjugate of what probes gave
 
     @property
     def s(self) -> ComplexArray:
@@ -106,8 +106,8 @@ class Readings:
 
     def seen(self, factor: ComplexArray) -> ComplexArray:
         """Factors on phasors as factors on the readings as they stand."""
-        mirrored = self.mirrored if factor.ndim == 1 else self.mirrored[:, None]
-        return np.where(mirrored, factor.conj(), factor)
+        conjugated = self.conjugated if factor.ndim == 1 else self.conjugated[:, None]
+        return np.where(conjugated, factor.conj(), factor)
 
     def corrected(self, factor: ComplexArray) -> Problem:
         """The problem with readings that were given as so many times the truth."""
@@ -140,16 +140,14 @@ def readings_of(problem: Problem) -> Readings | None:
         blocks = [block for block in problem.blocks if isinstance(block, Responses)]
     names = np.array([c.plane for c in problem.space.model.coordinates])
     forced = [names[np.abs(block.force).argmax(axis=1)][block.line] for block in blocks]
-    frequency = [block.frequency[block.line] for block in blocks]
-    mirrored = [(w < 0) & (block.model.frame == "z") for block, w in zip(blocks, frequency, strict=True)]
     return Readings(
         problem=problem,
         run=np.concatenate([block.run for block in blocks]),
         plane=np.concatenate([names[block.coordinate] for block in blocks]),
         force_plane=np.concatenate(forced),
         speed=np.concatenate([block.set_speed[block.line] for block in blocks]),
-        frequency=np.concatenate(frequency),
-        mirrored=np.concatenate(mirrored),
+        frequency=np.concatenate([block.frequency[block.line] for block in blocks]),
+        conjugated=np.concatenate([block.conjugated for block in blocks]),
     )
 
 

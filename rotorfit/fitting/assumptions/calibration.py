@@ -105,7 +105,7 @@ def nuisance_entries(calibration: Calibration, experiments: Sequence[Experiment]
         *_force_columns(calibration.mr, pairs),
     ]
     if calibration.keyphasor_deg:
-        columns.append(("keyphasor", math.radians(calibration.keyphasor_deg), [_turn(block) for _, block in pairs]))
+        columns.append(("keyphasor", math.radians(calibration.keyphasor_deg), [block.by_phase for _, block in pairs]))
     return Nuisance(
         tuple(name for name, _, _ in columns),
         np.array([sd for _, sd, _ in columns]),
@@ -123,12 +123,6 @@ def _checked(experiment: Experiment, block: Block) -> tuple[PerturbationTest, Re
     if block.model.eccentricity_dependent:
         raise ValueError(f"{where}: a calibration can be given for linear models only, without a law of eccentricity")
     return experiment, block
-
-
-def _turn(block: Responses) -> ComplexArray:
-    """Sensitivity of the logarithm of each reading to a phase lead; a backward amplitude is a conjugate."""
-    backward = (block.frequency[block.line] < 0) & (block.model.frame == "z")
-    return np.asarray(np.where(backward, -1j, 1j))
 
 
 def _probe_columns(
@@ -157,7 +151,7 @@ def _probe_columns(
         parts = []
         for (_, block), groups in zip(pairs, where, strict=True):
             share = np.array([len(set(members) & set(group)) / len(group) if group else 0.0 for group in groups])
-            one = np.ones(block.measured.size, dtype=complex) if kind == "gain" else _turn(block)
+            one = np.ones(block.measured.size, dtype=complex) if kind == "gain" else block.by_phase
             parts.append(one * share[block.coordinate])
         place = plane if planes.count(plane) == 1 else f"{plane}.{'+'.join(direction for _, direction in members)}"
         columns.append((f"{kind}[{place}]", sd, parts))

@@ -109,11 +109,8 @@ def _runs_of(problem: Problem) -> tuple[tuple[str, ...], list[Index]]:
 
 def effects_of_runs(problem: Problem, x: Float, whitened: ComplexArray, J: ComplexArray) -> dict[str, ComplexArray]:
     """Change of whitened predictions by a unit of each kind of effect of runs."""
-    backward = []
-    for block in map(responses_of, problem.blocks):
-        assert block is not None
-        backward.append((block.frequency[block.line] < 0) & (block.model.frame == "z"))
-    columns = {"run_force": whitened, "run_phase": np.where(np.concatenate(backward), -1j, 1j) * whitened}
+    by_phase = [block.by_phase for block in map(responses_of, problem.blocks) if block is not None]
+    columns = {"run_force": whitened, "run_phase": np.concatenate(by_phase) * whitened}
     for base in _FLUID:
         entries = [i for i, name in enumerate(problem.space.base) if name == base]
         if entries:
