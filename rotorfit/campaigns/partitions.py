@@ -28,7 +28,7 @@ class ReadingsOfPart:
     split: str | None  # attribute that tells the runs apart
     number: int  # of the run in its part
     content: str  # hash of the readings
-    spans: Mapping[str, tuple[float, float]]  # least and largest value of the conditions that are numbers
+    spans: Mapping[str, tuple[float, float]]  # least and largest value of numbers that change
 
     @property
     def experiment(self) -> Experiment:
@@ -36,7 +36,7 @@ class ReadingsOfPart:
         return _runs_in(self.part, self.split)[self.number].experiment
 
     def span(self, condition: str) -> tuple[float, float] | None:
-        """Least and largest value of a condition within the run, none where it is no number."""
+        """Least and largest value of a condition that is a number and changes within the run."""
         return self.spans.get(condition)
 
 

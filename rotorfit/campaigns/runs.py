@@ -60,7 +60,7 @@ class Readings(Protocol):
         ...
 
     def span(self, condition: str) -> tuple[float, float] | None:
-        """Least and largest value of a condition within the run, none where it is no number."""
+        """Least and largest value of a condition that is a number and changes within the run."""
         ...
 
 
@@ -77,10 +77,10 @@ class HeldReadings:
         return content_hash([self.experiment])
 
     def span(self, condition: str) -> tuple[float, float] | None:
-        """Least and largest value of a condition within the run, none where it is no number."""
+        """Least and largest value of a condition that is a number and changes within the run."""
         values = np.asarray(self.experiment.attribute(condition))
         values = values[np.isfinite(values)] if values.dtype.kind in "fiu" else np.zeros(0)
-        return (float(values.min()), float(values.max())) if values.size else None
+        return (float(values.min()), float(values.max())) if values.size and np.ptp(values) else None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
