@@ -168,6 +168,37 @@ def test_truncated_duplicate_foreign_and_late_files(inbox: Path, tmp_path: Path)
     assert watch.states()[0].machine == ""
 
 
+def test_a_file_replaced_under_its_name_and_time_is_a_further_test(inbox: Path, tmp_path: Path) -> None:
+    """By an instrument whose clock stands still; the files have one size, too."""
+    watch = watch_of(inbox)
+    texts = [file.read_bytes() for file in days(tmp_path, 2)]
+    size = max(map(len, texts))
+    for text in texts:
+        (inbox / "latest.csv").write_bytes(text + b"\n" * (size - len(text)))
+        os.utime(inbox / "latest.csv", (1e9, 1e9))
+        looked(watch)
+    assert [test.date for test, _ in watch.store.history()] == ["2026-03-01", "2026-03-02"]
+
+
+def test_tests_stay_in_order_of_arrival_where_the_clock_is_set_back(
+    inbox: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watch = watch_of(inbox)
+    for number, file in enumerate(days(tmp_path, 3)):
+        monkeypatch.setattr("rotorfit.store.store.time.time_ns", lambda hours=number: 10**18 - hours * 36 * 10**11)
+        shutil.copy(file, inbox)
+        looked(watch)
+    assert [test.date for test, _ in watch.store.history()] == ["2026-03-01", "2026-03-02", "2026-03-03"]
+
+
+def test_pipes_and_links_in_a_circle_are_no_data(inbox: Path) -> None:
+    [file] = days(inbox, 1)
+    os.mkfifo(inbox / "pipe.csv")
+    (inbox / "circle.csv").symlink_to(inbox / "circle.csv")
+    (inbox / "gone.csv").symlink_to(inbox / "nowhere.csv")
+    assert [Path(one.source) for one in looked(watch_of(inbox))] == [file]
+
+
 def test_a_locked_file_is_taken_later(inbox: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     days(inbox, 1)
     events: list[dict[str, Any]] = []

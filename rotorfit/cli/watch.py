@@ -88,13 +88,17 @@ def _watched(watch: FolderWatch, options: argparse.Namespace) -> int:
         if not options.json and not options.quiet:
             print("\n".join(state.sentence(rule) for state in states for rule in state.rules) or "no test yet")
         return ExitCode.ALARM if any(state.alarms for state in states) else ExitCode.DONE
+    said = ""
     while True:
         try:
             _round(watch)
+            said = ""
         except BrokenPipeError:
             raise
-        except (OSError, ValueError) as problem:
-            _tell_problem(options, problem)  # a network that is down, a full disk: the next round may do
+        except (OSError, ValueError) as problem:  # a network that is down, a full disk: the next round may do
+            if str(problem) != said:
+                _tell_problem(options, problem)
+            said = str(problem)
         time.sleep(options.every)
 
 

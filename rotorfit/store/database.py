@@ -34,7 +34,7 @@ KIND = "store of tests"
 _TABLES = """
 CREATE TABLE tests (
     number INTEGER PRIMARY KEY AUTOINCREMENT,
-    batch INTEGER NOT NULL,                   -- time of adding; its tests are in order of date
+    batch INTEGER NOT NULL,                   -- rises with every adding; its tests are in order of date
     content TEXT NOT NULL UNIQUE,             -- hash of the readings
     kind TEXT NOT NULL,
     readings INTEGER NOT NULL,
@@ -52,7 +52,7 @@ CREATE TABLE sources (
     number INTEGER PRIMARY KEY,
     path TEXT NOT NULL,                       -- file or folder
     files TEXT NOT NULL,                      -- JSON: name, size and SHA-256 of each file
-    stamp TEXT NOT NULL,                      -- JSON: name, size and time of each file
+    stamp TEXT NOT NULL,                      -- JSON: name, size and times of each file
     test INTEGER REFERENCES tests (number),   -- none: refused
     refusal TEXT NOT NULL,
     version TEXT NOT NULL

@@ -45,8 +45,13 @@ class Source:
         return os.fsencode(self.path.absolute()).decode("utf-8", "backslashreplace")
 
     def stamp(self) -> str:
-        """Sizes and times of the files: equal where nothing has changed, without reading them."""
-        states = [(path.name, (status := path.stat()).st_size, status.st_mtime_ns) for path in self.paths]
+        """Sizes and times of the files: equal where nothing has changed, without reading them.
+
+        The time of the last change of the inode is one that no instrument and no copying program sets.
+        """
+        states = [
+            (path.name, (status := path.stat()).st_size, status.st_mtime_ns, status.st_ctime_ns) for path in self.paths
+        ]
         return json.dumps([*states, self._reading])
 
     def states(self) -> list[FileState]:

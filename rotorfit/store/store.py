@@ -143,7 +143,7 @@ class Store:
         """
         given = tuple(sources)
         with claimed(self.database, "tests"):  # two that find the same files would mix the order of what arrives
-            batch = time.time_ns()
+            batch = self._next_batch()
             added = [self._add(source, batch, machine, progress) for source in given]
         if executor is None:
             return tuple(self._with_fit(source, one, progress) for source, one in zip(given, added, strict=True))
@@ -157,6 +157,11 @@ class Store:
             return tuple(found)
         finally:
             threads.shutdown(cancel_futures=True)
+
+    def _next_batch(self) -> int:
+        """The time, or where a clock was set back the next number: batches are in order of arrival."""
+        with self.database.look() as ask:
+            return max(time.time_ns(), int(ask("SELECT coalesce(max(batch), 0) FROM tests")[0][0]) + 1)
 
     def _add(self, source: Source, batch: int, machine: str, progress: StudyProgress) -> Added:
         name = str(source.path)

@@ -128,7 +128,7 @@ def sources_in(folder: Path, study: Study | None = None, setup: Path | None = No
             continue
         if path.is_dir():
             found += _sources_of_folder(path, study, setup)
-        elif _is_data(path, study, setup):
+        elif path.is_file() and _is_data(path, study, setup):  # no pipe, and no link in a circle
             found.append(Source(path=path, paths=(path,), setup=setup, study=study))
     return found
 
