@@ -100,35 +100,24 @@ class Run:
 
 @dataclass(frozen=True, eq=False, kw_only=True, slots=True)
 class RunFit:
-    """Result of the fit of one run; small, so that it travels well.
+    """Result of the fit of one run; small, so that it travels well."""
 
-    Attributes:
-        name: name of the run.
-        attributes: conditions of the run: the mean of numbers, the text of texts.
-        params: parameters by name, empty where the fit was not possible.
-        var_names: fitted parameters in the order of ``covar``.
-        covar: covariance, SI units, shape ``(p, p)``.
-        chisqr, redchi, ndata, nfev: as in :class:`~rotorfit.fitting.result.FitResult`.
-        success: whether the fit converged.
-        message: how it ended, or why there is none.
-        warnings: what there is to say about it.
-        silent: whether no motion at all would explain the readings as well as the fit does: a dead probe or force.
-        noise: what the fit found of the noise and took the readings with, where that is not the noise of the data.
-    """
-
-    name: str
-    attributes: Mapping[str, float | str]
+    name: str  # name of the run
+    attributes: Mapping[str, float | str]  # conditions of the run: the mean of numbers, the text of texts
+    # parameters by name, empty where the fit was not possible
     params: Mapping[str, FittedParameter] = field(default_factory=dict)
-    var_names: tuple[str, ...] = ()
-    covar: Float = field(default_factory=lambda: np.empty((0, 0)))
-    chisqr: float = float("nan")
+    var_names: tuple[str, ...] = ()  # fitted parameters in the order of ``covar``
+    covar: Float = field(default_factory=lambda: np.empty((0, 0)))  # covariance, SI units, shape ``(p, p)``
+    chisqr: float = float("nan")  # chisqr, redchi, ndata, nfev: as in :class:`~rotorfit.fitting.result.FitResult`
     redchi: float = float("nan")
     ndata: int = 0
     nfev: int = 0
-    success: bool = False
-    message: str = ""
-    warnings: tuple[str, ...] = ()
+    success: bool = False  # whether the fit converged
+    message: str = ""  # how it ended, or why there is none
+    warnings: tuple[str, ...] = ()  # what there is to say about it
+    # whether no motion at all would explain the readings as well as the fit does: a dead probe or force
     silent: bool = False
+    # what the fit found of the noise and took the readings with, where that is not the noise of the data
     noise: FoundNoise | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -136,31 +125,17 @@ class RunFit:
             object.__setattr__(self, "params", HeldParameters(self.params, self))
 
     def quantity(self, value: float, slopes: Mapping[str, float], unit: str) -> Quantity:
-        """A quantity made of parameters of the run, with its statistical error.
-
-        Args:
-            value: the quantity.
-            slopes: its derivatives, by names in ``params``.
-            unit: its unit.
-        """
+        """A quantity made of parameters of the run, with its statistical error."""
         slope = np.array([slopes.get(name, 0.0) for name in self.var_names])
         error = float(standard_error(slope, self.covar))
         return Quantity(value=value, stderr=error, unit=unit, source=self, slopes=dict(slopes))
 
     def systematic(self, name: str) -> float:
-        """Zero: the systematic share is known of the full result, :meth:`Campaign.fit`.
-
-        Args:
-            name: of a parameter.
-        """
+        """Zero: the systematic share is known of the full result, :meth:`Campaign.fit`."""
         return 0.0
 
     def moved_by(self, name: str) -> str:
-        """Nothing, as there is no systematic share.
-
-        Args:
-            name: of a parameter.
-        """
+        """Nothing, as there is no systematic share."""
         return ""
 
     @property

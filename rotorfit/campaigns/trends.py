@@ -29,31 +29,22 @@ _OUTLYING_DISTANCE = 6.0
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Trend:
-    """One parameter of one group of runs against an attribute.
+    """One parameter of one group of runs against an attribute."""
 
-    Attributes:
-        parameter: name of the parameter.
-        unit: its unit.
-        against: attribute on the axis.
-        group: value of the attribute that makes the group, empty without groups.
-        x: attribute, shape ``(R,)``, ascending.
-        value, stderr: parameter and its standard error, shape ``(R,)``; of several attributes, less what the others do.
-        runs: names of the runs.
-        slope: change of the parameter per unit of the attribute, NaN with fewer than two conditions; of a curve that
-            at the mean of all runs.
-        scatter: chi-squared of the runs about the line over its degrees of freedom, NaN with no more runs than
-            coefficients; far above one, the parameter depends on more than this attribute, or in another curve.
-    """
-
-    parameter: str
-    unit: str
-    against: str
-    group: str
-    x: Float
+    parameter: str  # name of the parameter
+    unit: str  # its unit
+    against: str  # attribute on the axis
+    group: str  # value of the attribute that makes the group, empty without groups
+    x: Float  # attribute, shape ``(R,)``, ascending
+    # value, stderr: parameter and its standard error, shape ``(R,)``; of several attributes, less what the others do
     value: Float
     stderr: Float
-    runs: tuple[str, ...]
+    runs: tuple[str, ...]  # names of the runs
+    # change of the parameter per unit of the attribute, NaN with fewer than two conditions; of a curve that at the mean
+    # of all runs
     slope: Quantity
+    # chi-squared of the runs about the line over its degrees of freedom, NaN with no more runs than coefficients; far
+    # above one, the parameter depends on more than this attribute, or in another curve
     scatter: float
     _centre: float
     _coefficients: Float  # of the powers of the distance from the centre

@@ -23,43 +23,27 @@ _SCATTER_AT_FIRST = 3.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WatchedValues:
-    """One value of a machine, test after test in order of arrival.
+    """One value of a machine, test after test in order of arrival."""
 
-    Attributes:
-        name: of the value.
-        unit: its unit.
-        tests: numbers of the tests, shape ``(N,)`` like all that follow.
-        value: estimates.
-        stderr: their standard errors.
-        systematic: standard uncertainties by what the model leaves out or takes as known.
-    """
-
-    name: str
-    unit: str
-    tests: tuple[int, ...]
-    value: Float
-    stderr: Float
-    systematic: Float
+    name: str  # of the value
+    unit: str  # its unit
+    tests: tuple[int, ...]  # numbers of the tests, shape ``(N,)`` like all that follow
+    value: Float  # estimates
+    stderr: Float  # their standard errors
+    systematic: Float  # standard uncertainties by what the model leaves out or takes as known
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rule:
-    """One question asked after every test.
+    """One question asked after every test."""
 
-    Attributes:
-        name: the value whose level may change, or ``margin``.
-        watched: what it looks at.
-        evidence: after each test, 1 where nothing is known, shape ``(N,)``; where a change raises the alarm, that of
-            the tests but one, whichever is left out.
-        limit: evidence at which the alarm is raised: the number of rules over the false-alarm rate.
-        required: what the value has to exceed, its unit; NaN where its change is looked for.
-    """
-
-    name: str
-    watched: WatchedValues
+    name: str  # the value whose level may change, or ``margin``
+    watched: WatchedValues  # what it looks at
+    # after each test, 1 where nothing is known, shape ``(N,)``; where a change raises the alarm, that of the tests but
+    # one, whichever is left out
     evidence: Float
-    limit: float
-    required: float = float("nan")
+    limit: float  # evidence at which the alarm is raised: the number of rules over the false-alarm rate
+    required: float = float("nan")  # what the value has to exceed, its unit; NaN where its change is looked for
 
     @property
     def crossings(self) -> Bool:

@@ -66,28 +66,18 @@ class Cause:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlaceTrend:
-    """Values of one place over time.
+    """Values of one place over time."""
 
-    Attributes:
-        place: force plane and probe plane.
-        dates: of the tests in order of time, or their sources where no dates are known.
-        dated: whether they are dates.
-        names, units: of the values.
-        values, stderr: shape ``(N, P)``; the errors are those of each test for itself.
-        change: the most likely change of level; ``None`` with too few dates.
-        found: the change is significant.
-        causes: what may have changed, alone; most probable first; empty unless a change was found in K, M and D.
-    """
-
-    place: str
-    dates: tuple[str, ...]
-    dated: bool
-    names: tuple[str, ...]
+    place: str  # force plane and probe plane
+    dates: tuple[str, ...]  # of the tests in order of time, or their sources where no dates are known
+    dated: bool  # whether they are dates
+    names: tuple[str, ...]  # names, units: of the values
     units: tuple[str, ...]
-    values: Float
+    values: Float  # values, stderr: shape ``(N, P)``; the errors are those of each test for itself
     stderr: Float
-    change: Change | None
-    found: bool
+    change: Change | None  # the most likely change of level; ``None`` with too few dates
+    found: bool  # the change is significant
+    # what may have changed, alone; most probable first; empty unless a change was found in K, M and D
     causes: tuple[Cause, ...]
 
     def __str__(self) -> str:

@@ -29,13 +29,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class ExpectedError(Quantity):
-    """A quantity at the guessed values with the standard error that a test will give it.
+    """A quantity at the guessed values with the standard error that a test will give it."""
 
-    Attributes:
-        low, high: range of the standard error over the draws of what is not known.
-    """
-
-    low: float = math.nan
+    low: float = math.nan  # low, high: range of the standard error over the draws of what is not known
     high: float = math.nan
 
     @property

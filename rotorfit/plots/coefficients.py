@@ -20,11 +20,7 @@ _MARKERS = "os^Dv<>P"
 
 @looked
 def coefficients(table: CoefficientRows) -> Figure:
-    """Stiffness, damping and inertia in x and y against speed, error bars of 95 %; a marker a condition beside speed.
-
-    Args:
-        table: of :meth:`FitResult.coefficient_table`.
-    """
+    """Stiffness, damping and inertia in x and y against speed, error bars of 95 %; a marker a condition."""
     kinds = [kind for kind in "KCM" if any(_there(table, name) for name in COEFFICIENTS if name[0] == kind)]
     figure, axes = grid(len(kinds), 1, f"Coefficients at {table.rows[0].plane}", size=(6.5, 2.6))
     series: dict[str, list[Coefficients]] = {}
@@ -60,11 +56,7 @@ def _there(table: CoefficientRows, name: str) -> bool:
 
 @looked
 def frequency_coefficients(table: FrequencyRows) -> Figure:
-    """Stiffness and damping against frequency, a colour a condition: points as measured, bands of 95 % as fitted.
-
-    Args:
-        table: of :meth:`FitResult.frequency_coefficients`.
-    """
+    """Stiffness and damping against frequency, a colour a condition: points as measured, bands of 95 % as fitted."""
     # Quantile of the error bars that sets the axes: where both runs move alike, a bar is taller than the seal is stiff.
     shown = 0.1
     figure, axes = grid(len(ENTRIES), 2, "Stiffness and damping against frequency", size=(4.6, 2.0), one_abscissa=True)

@@ -32,33 +32,24 @@ CLIPPED_STRETCHES = 3
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelStatistics:
-    """One pass over a channel.
+    """One pass over a channel."""
 
-    Attributes:
-        mean, deviation, low, high: in the unit.
-        flat_low, flat_high: stretches of at least three equal samples at the lowest and at the highest voltage that the
-            signal enters with a jump.
-        step: smallest difference between samples, V: one count.
-        at_low, at_high: share of the samples at the extremes.
-        still: from when to when, s, the channel stays on one count though it carries noise elsewhere.
-        noise: deviation of its samples from their neighbours; that of white noise is the whole deviation.
-        idle: whether the probe looks across the force of a rotor at rest, which moves along the force alone.
-        unit: of the channel: V, or that in which it is scaled already.
-    """
-
-    mean: float
+    mean: float  # mean, deviation, low, high: in the unit
     deviation: float
     low: float
     high: float
+    # flat_low, flat_high: stretches of at least three equal samples at the lowest and at the highest voltage that the
+    # signal enters with a jump
     flat_low: int
     flat_high: int
-    step: float
-    at_low: float
+    step: float  # smallest difference between samples, V: one count
+    at_low: float  # at_low, at_high: share of the samples at the extremes
     at_high: float
+    # from when to when, s, the channel stays on one count though it carries noise elsewhere
     still: tuple[tuple[float, float], ...]
-    noise: float
-    idle: bool
-    unit: str
+    noise: float  # deviation of its samples from their neighbours; that of white noise is the whole deviation
+    idle: bool  # whether the probe looks across the force of a rotor at rest, which moves along the force alone
+    unit: str  # of the channel: V, or that in which it is scaled already
 
     @property
     def clipped(self) -> bool:

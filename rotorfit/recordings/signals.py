@@ -130,12 +130,8 @@ class Signals:
             yield self.channel(name, start, start + SAMPLES_OF_A_PIECE)
 
     def motion(self, plane: str, start: int = 0, stop: int | None = None) -> NDArray[Any]:
-        """Motion of the shaft about its mean position over the recording.
-
-        Returns:
-            ``z = x + jy`` in m, complex, y 90 degrees ahead of x as the shaft turns; for a plane with one probe the
-            motion along its angle, real.
-        """
+        """Motion about the mean position over the recording, m: complex ``z = x + jy``, y 90 degrees ahead of x as the
+        shaft turns, or real, along the angle of the only probe."""
         probes = self._probes_of(plane)
         along = np.stack([self.displacement(probe, start, stop) for probe in probes])
         if len(probes) == 1:

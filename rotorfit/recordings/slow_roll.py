@@ -27,29 +27,15 @@ _FEWEST_TURNS = 4  # turns from which run-out is distinguished from noise and fr
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunOut:
-    """Run-out as each probe sees it.
+    """Run-out as each probe sees it."""
 
-    Attributes:
-        amplitudes: by channel, V, of the harmonics ``exp(j n theta)``, n = 1, 2, ..., of the shaft's angle theta, shape
-            ``(N,)``.
-        turns: how many turns tell it.
-        highest: speed of the fastest of these, rad/s.
-    """
-
+    # by channel, V, of the harmonics ``exp(j n theta)``, n = 1, 2, ..., of the shaft's angle theta, shape ``(N,)``
     amplitudes: Mapping[str, ComplexArray]
-    turns: float
-    highest: float
+    turns: float  # how many turns tell it
+    highest: float  # speed of the fastest of these, rad/s
 
     def volts(self, channel: str, angle: Float) -> Float:
-        """Run-out in the signal of a channel.
-
-        Args:
-            channel: of a probe.
-            angle: of the shaft, rad, shape ``(T,)``.
-
-        Returns:
-            V, shape ``(T,)``.
-        """
+        """Run-out in the signal of a channel."""
         turn = np.exp(1j * angle)
         found = np.zeros(turn.shape, dtype=complex)
         for amplitude in self.amplitudes[channel][::-1]:

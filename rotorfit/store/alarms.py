@@ -22,40 +22,25 @@ History = Sequence[tuple[StoredTest, StoredFit]]
 
 @dataclass(frozen=True, kw_only=True)
 class Watching:
-    """Quantities that are watched, and the rule of an alarm.
+    """Quantities that are watched, and the rule of an alarm."""
 
-    Attributes:
-        names: values whose change raises an alarm; by default K0, lam, D and threshold speed, where fits have them.
-        false_alarm: probability that a machine which does not change ever raises one.
-        running_speed: rad/s; with it the threshold speed is watched.
-        margin: factor on the running speed that the threshold speed should exceed.
-        against: conditions that a level may depend on in a straight line: oil temperature, pressure.
-        since: date, ISO 8601, from which on tests count.
-    """
-
+    # values whose change raises an alarm; by default K0, lam, D and threshold speed, where fits have them
     names: tuple[str, ...] = ()
-    false_alarm: float = 0.01
-    running_speed: float | None = None
-    margin: float = 1.0
-    against: tuple[str, ...] = ()
-    since: str = ""
+    false_alarm: float = 0.01  # probability that a machine which does not change ever raises one
+    running_speed: float | None = None  # rad/s; with it the threshold speed is watched
+    margin: float = 1.0  # factor on the running speed that the threshold speed should exceed
+    against: tuple[str, ...] = ()  # conditions that a level may depend on in a straight line: oil temperature, pressure
+    since: str = ""  # date, ISO 8601, from which on tests count
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MachineState:
-    """The rules of one machine after its last test.
+    """The rules of one machine after its last test."""
 
-    Attributes:
-        machine: its name.
-        history: its tests and fits that are followed, in order.
-        left_out: those that are not: not converged, errors in the data, a condition not known.
-        rules: what is asked of them.
-    """
-
-    machine: str
-    history: History
-    left_out: History
-    rules: tuple[Rule, ...]
+    machine: str  # its name
+    history: History  # its tests and fits that are followed, in order
+    left_out: History  # those that are not: not converged, errors in the data, a condition not known
+    rules: tuple[Rule, ...]  # what is asked of them
 
     @property
     def alarms(self) -> tuple[Rule, ...]:

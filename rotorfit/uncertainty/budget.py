@@ -29,23 +29,16 @@ _NEGLIGIBLE_SHARE = 1e-4  # share of the combined uncertainty that a table shows
 
 @dataclass(frozen=True, kw_only=True)
 class Share:
-    """Standard uncertainty of one quantity, by origin.
+    """Standard uncertainty of one quantity, by origin."""
 
-    Attributes:
-        name, unit, value: the quantity.
-        random: from the noise of the readings (type A), widened as ``stderr`` is.
-        systematic: from calibration and other knowledge from before (type B).
-        combined: root of the sum of both squares; ``stderr`` of the fit.
-        sources: systematic part by source: each nuisance entry, "priors" for those of parameters, "structure" for the
-            choice among candidate models.
-    """
-
-    name: str
+    name: str  # name, unit, value: the quantity
     unit: str
     value: float
-    random: float
-    systematic: float
-    combined: float
+    random: float  # from the noise of the readings (type A), widened as ``stderr`` is
+    systematic: float  # from calibration and other knowledge from before (type B)
+    combined: float  # root of the sum of both squares; ``stderr`` of the fit
+    # systematic part by source: each nuisance entry, "priors" for those of parameters, "structure" for the choice among
+    # candidate models
     sources: Mapping[str, float]
 
     @property
@@ -56,12 +49,7 @@ class Share:
         }
 
     def times(self, factor: float, unit: str) -> Share:
-        """The same in another unit.
-
-        Args:
-            factor: this unit in the other one, 30 / pi from rad/s to rpm.
-            unit: name of the other one.
-        """
+        """The same in another unit."""
         sources = {source: factor * part for source, part in self.sources.items()}
         value, random, systematic, combined = (
             factor * number for number in (self.value, self.random, self.systematic, self.combined)

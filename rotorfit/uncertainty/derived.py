@@ -22,19 +22,12 @@ SHAFT_DRAWS = 100  # the same for models with the matrices of a whole shaft
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Derived(Printed):
-    """A quantity of the rotor, one value (or array of values) for each draw of a posterior.
+    """A quantity of the rotor, one value (or array of values) for each draw of a posterior."""
 
-    Attributes:
-        name: what it is.
-        unit: SI unit.
-        samples: shape ``(N, ...)``; infinite or NaN for draws that have no such value.
-        note: what limits it, in words; empty where there is nothing.
-    """
-
-    name: str
-    unit: str
-    samples: Float
-    note: str = ""
+    name: str  # what it is
+    unit: str  # SI unit
+    samples: Float  # shape ``(N, ...)``; infinite or NaN for draws that have no such value
+    note: str = ""  # what limits it, in words; empty where there is nothing
 
     @property
     def value(self) -> Any:
@@ -55,14 +48,7 @@ class Derived(Printed):
         return float(1 - np.isfinite(self.samples).mean())
 
     def interval(self, probability: float = 0.95) -> tuple[Any, Any]:
-        """Bounds between which the value lies with a probability, equal shares of the rest on both sides.
-
-        Args:
-            probability: share of the draws inside, between 0 and 1.
-
-        Raises:
-            ValueError: a probability outside 0 to 1.
-        """
+        """Bounds between which the value lies with a probability, equal shares of the rest on both sides."""
         if not 0 < probability < 1:
             raise ValueError(f"probability is {probability}; it lies between 0 and 1")
         low, high = self._quantiles([(1 - probability) / 2, (1 + probability) / 2])
@@ -108,34 +94,23 @@ class Draws(Printed, ABC):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Mode:
-    """One mode of free vibration at one rotative speed.
+    """One mode of free vibration at one rotative speed."""
 
-    Attributes:
-        frequency: damped natural frequency, rad/s, signed: negative is backward whirl.
-        damping_ratio: share of critical damping; negative is unstable.
-        decay_rate: ``-Re s``, 1/s.
-        amplitude, phase: of the mode shape at each coordinate relative to the one that moves most at the median,
-            samples of shape ``(N, n)``, phase in rad.
-    """
-
-    frequency: Derived
-    damping_ratio: Derived
-    decay_rate: Derived
+    frequency: Derived  # damped natural frequency, rad/s, signed: negative is backward whirl
+    damping_ratio: Derived  # share of critical damping; negative is unstable
+    decay_rate: Derived  # ``-Re s``, 1/s
+    # amplitude, phase: of the mode shape at each coordinate relative to the one that moves most at the median, samples
+    # of shape ``(N, n)``, phase in rad
     amplitude: Derived
     phase: Derived
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StiffnessBand:
-    """Dynamic stiffness at some frequencies.
+    """Dynamic stiffness at some frequencies."""
 
-    Attributes:
-        frequency: rad/s, shape ``(F,)``.
-        direct, quadrature: real and imaginary part, N/m, samples of shape ``(N, F, n, n)``.
-    """
-
-    frequency: Float
-    direct: Derived
+    frequency: Float  # rad/s, shape ``(F,)``
+    direct: Derived  # direct, quadrature: real and imaginary part, N/m, samples of shape ``(N, F, n, n)``
     quadrature: Derived
 
 

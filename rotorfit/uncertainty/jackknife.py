@@ -26,19 +26,12 @@ _LARGEST_GROWTH = 100.0  # times by which an error grows without a run that alon
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Jackknife(Printed):
-    """Estimates without each run in turn (Efron 1982), one Gauss-Newton step from those with all.
+    """Estimates without each run in turn (Efron 1982), one Gauss-Newton step from those with all."""
 
-    Attributes:
-        fit: the fit of all runs.
-        runs: those left out.
-        changes: of the fitted vector, one row a run, shape ``(G, p)``.
-        growth: error without a run over that with all, shape ``(G, p)``.
-    """
-
-    fit: FitResult
-    runs: tuple[str, ...]
-    changes: Float
-    growth: Float
+    fit: FitResult  # the fit of all runs
+    runs: tuple[str, ...]  # those left out
+    changes: Float  # of the fitted vector, one row a run, shape ``(G, p)``
+    growth: Float  # error without a run over that with all, shape ``(G, p)``
 
     @property
     def freedom(self) -> int:
@@ -46,14 +39,7 @@ class Jackknife(Printed):
         return len(self.runs) - 1
 
     def parameter(self, name: str) -> Quantity:
-        """A fitted parameter; infinitely uncertain where one run alone determines it.
-
-        Args:
-            name: of a fitted parameter, ``"lam"``.
-
-        Raises:
-            KeyError: no such parameter was fitted.
-        """
+        """A fitted parameter; infinitely uncertain where one run alone determines it."""
         if name not in self.fit.var_names:
             raise KeyError(unknown_name("fitted parameter", name, self.fit.problem.space.names))
         p, place = self.fit.params[name], self.fit.var_names.index(name)
@@ -62,11 +48,7 @@ class Jackknife(Printed):
         return self._spread(p.value, np.eye(self.fit.x.size)[place], p.unit)
 
     def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Quantity:
-        """Threshold speed, rad/s; NaN where the fitted rotor is stable at every speed searched.
-
-        Args:
-            at: group of parameters, where some were fitted per attribute.
-        """
+        """Threshold speed, rad/s; NaN where the fitted rotor is stable at every speed searched."""
         fit, group = self.fit, self.fit.group(at)
         onset = threshold_speed(fit.model, fit.thetas[group], band=fit.stability_band)
         if onset is None or not math.isfinite(fit.threshold_of(group).stderr):

@@ -36,15 +36,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Band:
-    """Limits of amplitude and phase.
+    """Limits of amplitude and phase."""
 
-    Attributes:
-        amplitude: lower and upper limit, m (rad for slopes), shape ``(N, 2)``.
-        phase: the same of the phase lead, rad, shape ``(N, 2)``; the whole circle where it is not determined.
-    """
-
-    amplitude: Float
-    phase: Float
+    amplitude: Float  # lower and upper limit, m (rad for slopes), shape ``(N, 2)``
+    phase: Float  # the same of the phase lead, rad, shape ``(N, 2)``; the whole circle where it is not determined
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

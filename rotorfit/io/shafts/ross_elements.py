@@ -29,27 +29,17 @@ _AXES = (("xx", 0, 0), ("yy", 1, 1), ("xy", 0, 1), ("yx", 1, 0))
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RossElement:
-    """A bearing or seal of ROSS with what was fitted at one plane.
+    """A bearing or seal of ROSS with what was fitted at one plane."""
 
-    Attributes:
-        kind: name of the class, ``BearingElement`` or ``SealElement``.
-        line: line of ROSS that the arguments are for, 2 or 3: the other reads them as something else.
-        arguments: of the class, by name: coefficients in N/m, N s/m and kg, speeds in rad/s, ``n`` and ``tag``.
-        between: largest error of ROSS's interpolation between the speeds of the table, over the largest coefficient of
-            its kind.
-    """
-
-    kind: str
-    line: int
+    kind: str  # name of the class, ``BearingElement`` or ``SealElement``
+    line: int  # line of ROSS that the arguments are for, 2 or 3: the other reads them as something else
+    # of the class, by name: coefficients in N/m, N s/m and kg, speeds in rad/s, ``n`` and ``tag``
     arguments: Mapping[str, Any]
+    # largest error of ROSS's interpolation between the speeds of the table, over the largest coefficient of its kind
     between: float
 
     def build(self) -> Any:
-        """The element, an object of the ROSS package.
-
-        Raises:
-            ValueError: ROSS is not installed, or not of the line that the element is for.
-        """
+        """The element, an object of the ROSS package."""
         here = installed_ross()
         if here is None or line_of(here) != self.line:
             there = "not installed here" if here is None else f"of version {here} here"
@@ -60,14 +50,7 @@ class RossElement:
         return getattr(imported_ross(), self.kind)(**self.arguments)
 
     def save(self, path: str | Path) -> None:
-        """Write the element as ROSS's own ``element.save`` does; ``ross.BearingElement.load(path)`` reads it.
-
-        Args:
-            path: file to write, ``.toml`` or ``.json``.
-
-        Raises:
-            ValueError: another suffix.
-        """
+        """Write the element as ROSS's own ``element.save`` does; ``ross.BearingElement.load(path)`` reads it."""
         path = Path(path)
         name = f"{self.kind}_{self.arguments['tag']}"
         if path.suffix.lower() == ".json":

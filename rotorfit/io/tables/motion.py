@@ -46,11 +46,7 @@ def with_amplitudes(table: Table) -> Table:
 
 
 def response(columns: Columns, direction: Text, frequency: Float) -> tuple[ComplexArray, Index]:
-    """Readings as displacements, m or rad, and how often the sensor differentiated them, shape ``(R,)`` each.
-
-    Raises:
-        ValueError: readings without a unit of their own, or of a motion that does not move.
-    """
+    """Readings as displacements, m or rad, and how often the sensor differentiated them, shape ``(R,)`` each."""
     parts = ("amplitude",) if "amplitude" in columns.found else ("real", "imag")
     (value, order), *imaginary = (motion(columns, name, direction) for name in parts)
     if imaginary:

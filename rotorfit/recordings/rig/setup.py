@@ -73,20 +73,14 @@ class ImpulseSetup:
 
 @dataclass(frozen=True, kw_only=True)
 class Twist:
-    """The disk's twist against the evenly turning end: a channel of torsion, or tooth wheels at two planes.
+    """The disk's twist against the evenly turning end: a channel of torsion, or tooth wheels at two planes."""
 
-    Attributes:
-        channel: of the recording.
-        sensitivity: V/rad.
-        even_wheel, wheel: channels of the tooth wheels at the evenly turning end and at the disk.
-        teeth: of each wheel.
-    """
-
-    channel: str | None = None
-    sensitivity: float | None = None
+    channel: str | None = None  # of the recording
+    sensitivity: float | None = None  # V/rad
+    # even_wheel, wheel: channels of the tooth wheels at the evenly turning end and at the disk
     even_wheel: str | None = None
     wheel: str | None = None
-    teeth: int | None = None
+    teeth: int | None = None  # of each wheel
 
 
 VECTOR_ORDERS, WAVEFORM_ORDERS = 2, 24

@@ -60,21 +60,13 @@ class Criterion:
 
 @dataclass(frozen=True, kw_only=True)
 class ModeDamping:
-    """One mode of free vibration at the highest running speed.
+    """One mode of free vibration at the highest running speed."""
 
-    Attributes:
-        frequency: rad/s, signed.
-        decrement: logarithmic decrement, with its interval.
-        interval: of the decrement.
-        damping_ratio: share of critical damping.
-        direction: ``forward`` or ``backward``.
-    """
-
-    frequency: float
-    decrement: float
-    interval: tuple[float, float]
-    damping_ratio: float
-    direction: str
+    frequency: float  # rad/s, signed
+    decrement: float  # logarithmic decrement, with its interval
+    interval: tuple[float, float]  # of the decrement
+    damping_ratio: float  # share of critical damping
+    direction: str  # ``forward`` or ``backward``
 
     @property
     def overdamped(self) -> bool:
@@ -84,19 +76,12 @@ class ModeDamping:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Curve:
-    """A quantity against another with its band.
+    """A quantity against another with its band."""
 
-    Attributes:
-        label: what it is.
-        x: shape ``(N,)``.
-        y: of the fitted rotor, shape ``(N,)``.
-        band: lower and upper limit, shape ``(N, 2)``.
-    """
-
-    label: str
-    x: Float
-    y: Float
-    band: Float
+    label: str  # what it is
+    x: Float  # shape ``(N,)``
+    y: Float  # of the fitted rotor, shape ``(N,)``
+    band: Float  # lower and upper limit, shape ``(N, 2)``
 
 
 def damping_ratio(decrement: Float) -> Float:
