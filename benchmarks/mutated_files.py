@@ -470,10 +470,18 @@ def study(names: list[str], mutations: int, seed: int) -> tuple[dict[str, Counte
     return counts, lines
 
 
-def report(counts: dict[str, Counter[str]], title: str) -> str:
-    """The table of outcomes."""
-    rows = [[name, *(str(found[ending] or "") for ending in OUTCOMES)] for name, found in counts.items()]
-    return "\n".join(["# Damaged files", "", title, "", *table(["format", *OUTCOMES], rows), ""])
+def report(counts: dict[str, Counter[str]], title: str, before: str = "") -> str:
+    """The table of outcomes; of formats that were not read, the rows of the table before."""
+    rows = {
+        name: [name, str(found.total()), *(str(found[ending] or "") for ending in OUTCOMES)]
+        for name, found in counts.items()
+    }
+    for line in before.splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if cells[0] in FORMATS:
+            rows.setdefault(cells[0], cells)
+    ordered = [rows[name] for name in FORMATS if name in rows]
+    return "\n".join(["# Damaged files", "", title, "", *table(["format", "mutations", *OUTCOMES], ordered), ""])
 
 
 def main() -> None:
@@ -482,7 +490,7 @@ def main() -> None:
     parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--mutations", type=int, default=2000, help="of each format")
     parser.add_argument("--seed", type=int, default=23)
-    parser.add_argument("--formats", nargs="*", default=list(FORMATS))
+    parser.add_argument("--formats", nargs="*", default=list(FORMATS), help="others keep their rows in the table")
     parser.add_argument("--out", type=Path, default=RESULTS / "mutated_files.md")
     given = parser.parse_args()
     if given.serve:
@@ -493,8 +501,9 @@ def main() -> None:
         f"`benchmarks/mutated_files.py --mutations {given.mutations} --seed {given.seed}`: "
         f"{environment('numpy', 'scipy', 'h5py', 'pyuff', 'openpyxl', 'nptdms', 'pyarrow')}."
     )
-    given.out.write_text(report(counts, title), encoding="utf-8")
-    print(report(counts, title), *lines, sep="\n")
+    text = report(counts, title, given.out.read_text(encoding="utf-8") if given.out.exists() else "")
+    given.out.write_text(text, encoding="utf-8")
+    print(text, *lines, sep="\n")
 
 
 if __name__ == "__main__":

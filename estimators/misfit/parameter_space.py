@@ -15,6 +15,9 @@ from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Bool, Float, Index
 from rotorfit.models.parameters import bare_name
 
+LARGEST = 1e30
+"""Size up to which a number is one of a rotor, in any unit: determinants of ten planes remain finite. Chosen."""
+
 DATUM = "datum"
 """Nuisance entry of the common datum angle: by how much responses lead forces beyond what the rotor does."""
 
@@ -177,8 +180,8 @@ def _check_known(
 ) -> None:
     for name, given in fixed.items():
         parameter = model.parameter(bare_name(name))
-        if not (isinstance(given, Real) and np.isfinite(value := float(given))):
-            raise ValueError(f"known {name} = {given!r} is not a finite number")
+        if not (isinstance(given, Real) and abs(value := float(given)) <= LARGEST):
+            raise ValueError(f"known {name} = {given!r} is not a finite number of at most {LARGEST:g}")
         unit = f" {parameter.unit}" if parameter.unit != "1" else ""
         if not parameter.lower <= value <= parameter.upper:
             raise ValueError(

@@ -180,7 +180,7 @@ def _work(
 
     keep = kept_checkpoint(study.out) if study.out and study.sample else nullcontext()
     with keep as checkpoint, complete_folder(study.out) if study.out else nullcontext() as folder:
-        outcome = checked(lambda: run_study(study, progress, checkpoint, executor))
+        outcome = checked(lambda: run_study(study, progress, checkpoint, executor), getattr(options, "study", None))
         if folder is not None:
             write_outcome(outcome, folder, progress, rig, options.figure_format, options.interactive)
             for path in [path for file in study.files for path in file.paths] if rig else ():

@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> int:
     study = checked(lambda: read_plan(options.study))
     if options.out is None:
         options.out = study.out
-    found = checked(lambda: run_plan(replace(study, out=options.out)))
+    found = checked(lambda: run_plan(replace(study, out=options.out)), options.study)
 
     def write(folder: Path) -> None:
         from rotorfit.io.tables.result_tables import frame_csv

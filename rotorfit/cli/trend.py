@@ -12,7 +12,7 @@ from rotorfit.cli.arguments import add_files, add_output, data_files
 from rotorfit.options.kinds import positive_word, two_numbers
 
 if TYPE_CHECKING:
-    from rotorfit.monitoring.trend import MachineTrend, PlaceTrend
+    from rotorfit.monitoring.trend import DatedValues, MachineTrend, PlaceTrend
 
 DESCRIPTION = (
     "follow the observed stiffness, mass and damping of dated tests of one machine, or dK/K of saved fits (.json) of "
@@ -68,11 +68,18 @@ def _trend(options: argparse.Namespace) -> MachineTrend:
 
 def _crack_monitor(options: argparse.Namespace) -> MachineTrend:
     """Follow dK/K of saved fits."""
-    from rotorfit.fitting.fit_file import load_fit
-    from rotorfit.monitoring.crack import dated_anisotropy
+    from rotorfit.cli.errors import checked
     from rotorfit.monitoring.trend import trend
 
-    return trend([dated_anisotropy(load_fit(file)) for file in options.files], false_alarm=options.false_alarm)
+    dated = [checked(partial(_dated_anisotropy, file), file) for file in options.files]
+    return trend(dated, false_alarm=options.false_alarm)
+
+
+def _dated_anisotropy(file: Path) -> DatedValues:
+    from rotorfit.fitting.fit_file import load_fit
+    from rotorfit.monitoring.crack import dated_anisotropy
+
+    return dated_anisotropy(load_fit(file))
 
 
 def _rows(found: MachineTrend) -> list[list[Any]]:

@@ -18,7 +18,7 @@ import numpy as np
 from rotorfit.estimators.atomic_file import note_input, whole_file
 from rotorfit.estimators.file_reading import reading
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.fitting.json_values import UserDefinedError, decode, encode
+from rotorfit.fitting.json_values import UserDefinedError, check_types, decode, encode
 from rotorfit.fitting.noise.error_bars import estimate_before, without_noise
 from rotorfit.fitting.noise.record import is_run_effect
 from rotorfit.fitting.problem_setup import build_problem, with_noise_scale
@@ -121,6 +121,7 @@ def _read_fit(text: str, model: RotorModel | None, source: str) -> FitResult:
     try:
         own = _read_model(content["model"], model)
         entries = {name: decode(content[name]) for name in names if name in content}
+        check_types(FitResult, entries)
         if entries.get("noise") is not None:
             entries["noise"] = replace(entries["noise"], found=entries["settings"].noise)
         problem = build_problem(own, entries["experiments"], entries["settings"])
@@ -164,6 +165,8 @@ def _check(fit: FitResult, problem: Problem, what: str) -> None:
     fitted = tuple(name for name, p in fit.params.items() if p.vary)
     if fit.x.shape != (len(names),) or set(fitted) != {name for name in names if not is_run_effect(name)}:
         raise ValueError(f"{what} has fitted {', '.join(fitted)}, but its settings make {', '.join(names)}")
+    if not np.isfinite(fit.x).all():
+        raise ValueError(f"{what} has fitted values that are no finite numbers")
     given = problem if fit.settings.noise is None else without_noise(problem, fit.settings.noise)
     given = with_noise_scale(given, fit.settings.noise_scale, -1)
     before = estimate_before(fit.settings.noise, fit.x, given.space.size)

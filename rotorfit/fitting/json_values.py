@@ -183,7 +183,30 @@ def _decode_record(value: Mapping[str, Any]) -> Any:
         what = [f"unknown entries {', '.join(unknown)}"] * bool(unknown) + [f"no {', '.join(missing)}"] * bool(missing)
         raise ValueError(f"record {value['record']} has {' and '.join(what)}")
     record: Any = kind
-    return record(**{name: decode(item) for name, item in given.items()})
+    entries = {name: decode(item) for name, item in given.items()}
+    check_types(kind, entries, f"record {value['record']}: ")
+    return record(**entries)
+
+
+def check_types(kind: Any, entries: Mapping[str, Any], where: str = "") -> None:
+    """Refuse values for the fields of a record that are not what these are annotated with."""
+    for field in fields(kind):
+        if field.name in entries and not _is_of(entries[field.name], str(field.type)):
+            raise ValueError(f"{where}{field.name} must be of type {field.type}, got {entries[field.name]!r}")
+
+
+_PLAIN = {"float": (int, float), "int": (int,), "bool": (bool,), "str": (str,), "None": (type(None),)}
+"""Classes of the values of fields that are annotated so."""
+
+
+def _is_of(value: Any, annotation: str) -> bool:
+    """True if a value is what a field is annotated with, as far as that is a plain type or a tuple of one."""
+    if annotation.startswith("tuple[") and annotation.endswith(", ...]"):
+        return isinstance(value, tuple) and all(_is_of(item, annotation[6:-6]) for item in value)
+    classes = [_PLAIN.get(word) for word in annotation.split(" | ")]
+    if None in classes:
+        return True
+    return any(isinstance(value, own) and (bool in own or not isinstance(value, bool)) for own in classes if own)
 
 
 def _encode_model(model: RotorModel) -> Any:

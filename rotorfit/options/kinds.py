@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+from rotorfit.estimators.misfit.parameter_space import LARGEST
+
 Planes: TypeAlias = tuple[str, ...] | Mapping[str, int | str]
 """Names of planes; on a shaft from a file with the node of each, or the tag of an element that stands there."""
 
@@ -36,6 +38,8 @@ def number(key: str, value: Any) -> float:
     """A number."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"{key} must be a number, got {value!r}")
+    if not abs(value) <= LARGEST:
+        raise ValueError(f"{key} must be a finite number, at most {LARGEST:g} either way; got {value!r}")
     return float(value)
 
 
@@ -71,7 +75,12 @@ def pair(key: str, value: Any) -> tuple[float, float]:
     """Two numbers."""
     if not isinstance(value, list) or len(value) != 2:
         raise ValueError(f"{key} must be two numbers in brackets, got {value!r}")
-    return number(key, value[0]), number(key, value[1])
+    return _end(key, value[0]), _end(key, value[1])
+
+
+def _end(key: str, value: Any) -> float:
+    """A number, or infinity where a range is open."""
+    return float(value) if isinstance(value, float) and math.isinf(value) else number(key, value)
 
 
 def _texts(key: str, value: Any) -> tuple[str, ...]:
