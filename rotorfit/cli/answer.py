@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
@@ -13,6 +12,7 @@ from typing import Any
 from rotorfit.cli.errors import BadInputError
 from rotorfit.data.findings import Finding, attributed, errors_in, warnings_in
 from rotorfit.estimators.file_reading import shown
+from rotorfit.studies.json_text import json_text
 from rotorfit.studies.wording import sentence
 
 
@@ -33,7 +33,7 @@ def give(
         except OSError as problem:
             raise BadInputError(sentence(problem)) from problem
     if options.json:
-        print(json.dumps(plain(), indent=1, allow_nan=False))
+        print(json_text(plain()))
     elif not options.quiet:
         print(text + (f"\n\nwritten to {options.out}" if options.out else ""))
     if options.quiet:
@@ -41,8 +41,19 @@ def give(
             say(warning)
 
 
+def write_results(found: Any, folder: Path, text: str, options: argparse.Namespace, *, table: str, figure: str) -> None:
+    """Table, summary and figure of a result in a folder."""
+    from rotorfit.io.tables.result_tables import frame_csv
+    from rotorfit.plots.style import picture_of
+
+    (folder / f"{table}.csv").write_text(frame_csv(found.to_dataframe()), encoding="utf-8")
+    (folder / "summary.txt").write_text(f"{text}\n", encoding="utf-8")
+    drawn = picture_of(found.plot(), options.figure_format)
+    (folder / f"{figure}.{options.figure_format}").write_bytes(drawn)
+
+
 def finite(value: float) -> float | None:
-    """A number as JSON has it, which knows no infinities."""
+    """A number as a table has it, in which a blank cell stands for what is not finite."""
     return value if math.isfinite(value) else None
 
 

@@ -159,6 +159,6 @@ def _plain(found: Balance) -> dict[str, Any]:
         "weights": _weights(found),
         "holes": holes,
         "readings": _readings(found),
-        "freedom": finite(found.freedom),
-        "remarks": list(found.remarks),
+        "freedom": found.freedom,
+        "remarks": found.remarks,
     }

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli.answer import finite, give, say
+from rotorfit.cli.answer import give, say
 from rotorfit.cli.arguments import add_figure_format, add_files, add_jobs, add_model, add_output, fit_study, workers_of
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.options.kinds import count_word, words
@@ -145,11 +145,11 @@ def _write(found: Campaign, text: str, options: argparse.Namespace, folder: Path
 
 
 def _estimate(parameter: FittedParameter | Quantity) -> dict[str, Any]:
-    return {"value": parameter.value, "stderr": finite(parameter.stderr), "unit": parameter.unit}
+    return {"value": parameter.value, "stderr": parameter.stderr, "unit": parameter.unit}
 
 
 def _plain(found: Campaign, options: argparse.Namespace) -> dict[str, Any]:
-    """The campaign as JSON, numbers in SI units, no infinities."""
+    """The campaign for JSON, numbers in SI units."""
     result: dict[str, Any] = {
         "model": found.model.name,
         "success": found.success,
@@ -157,12 +157,9 @@ def _plain(found: Campaign, options: argparse.Namespace) -> dict[str, Any]:
         "runs": [
             {
                 "run": one.name,
-                **{name: value if isinstance(value, str) else finite(value) for name, value in one.attributes.items()},
+                **one.attributes,
                 "params": {name: _estimate(p) for name, p in one.params.items() if p.vary},
-                "redchi": finite(one.redchi),
-                "success": one.success,
-                "silent": one.silent,
-                "message": one.message,
+                **{name: getattr(one, name) for name in ("redchi", "success", "silent", "message")},
             }
             for one in found.runs
         ],
@@ -174,10 +171,10 @@ def _plain(found: Campaign, options: argparse.Namespace) -> dict[str, Any]:
                 "group": t.group,
                 "against": t.against,
                 "runs": len(t.runs),
-                "slope": finite(t.slope.value),
-                "slope_stderr": finite(t.slope.stderr),
+                "slope": t.slope.value,
+                "slope_stderr": t.slope.stderr,
                 "coefficients": [_estimate(c) for c in t.coefficients],
-                "scatter": finite(t.scatter),
+                "scatter": t.scatter,
             }
             for t in found.trends(options.follow, against=options.against, by=options.by, degree=options.degree)
         ]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli.answer import finite, give, say
+from rotorfit.cli.answer import give, say, write_results
 from rotorfit.cli.arguments import add_figure_format, add_group, add_output, group
 from rotorfit.options.kinds import number_word, pairs, positive_word
 
@@ -80,13 +80,7 @@ def run(options: argparse.Namespace) -> int:
     text = "\n".join([*(f"ERROR in the data, nothing below can be relied on: {words}" for words in errors), str(found)])
 
     def write(folder: Path) -> None:
-        from rotorfit.io.tables.result_tables import frame_csv
-        from rotorfit.plots.style import picture_of
-
-        (folder / "stability.csv").write_text(frame_csv(found.to_dataframe()), encoding="utf-8")
-        (folder / "summary.txt").write_text(f"{text}\n", encoding="utf-8")
-        figure = folder / f"stability.{options.figure_format}"
-        figure.write_bytes(picture_of(found.plot(), options.figure_format))
+        write_results(found, folder, text, options, table="stability", figure="stability")
 
     warned = (*([found.caution] if found.caution else []), *found.notes)
     give(options, write, lambda: {"errors": list(errors), **_plain(found)}, text, warned)
@@ -109,13 +103,5 @@ def _cases(words: Sequence[str]) -> dict[str, dict[str, float]]:
 
 
 def _plain(found: StabilityReport) -> dict[str, Any]:
-    """The report as JSON, no infinities."""
-    rows = found.to_dataframe().to_dict("records")
-    plain = [{k: finite(v) if isinstance(v, float) else v for k, v in row.items()} for row in rows]
-    return {
-        "criteria": plain,
-        "met": found.met,
-        "level": found.level,
-        "caution": found.caution,
-        "notes": list(found.notes),
-    }
+    criteria = found.to_dataframe().to_dict("records")
+    return {"criteria": criteria, **{name: getattr(found, name) for name in ("met", "level", "caution", "notes")}}

@@ -115,18 +115,17 @@ def _row(entry: LawFit) -> dict[str, Any]:
 
 
 def _plain(found: LawComparison) -> dict[str, Any]:
-    """The ranking as JSON, no infinities."""
     best = found.best
     return {
         "model": best.model.name,
         "laws": [_row(entry) for entry in found.laws],
         "best": repr(found.laws[0].law),
         "parameters": {
-            p.name: {"value": finite(p.value), "stderr": finite(p.stderr), "unit": p.unit, "fitted": p.vary}
+            p.name: {"value": p.value, "stderr": p.stderr, "unit": p.unit, "fitted": p.vary}
             for p in best.params.values()
         },
         "nonlinear": found.nonlinear,
         "nonlinear_stiffness": found.nonlinear_stiffness,
-        "stiffness_aic": finite(found.stiffness),
+        "stiffness_aic": found.stiffness,
         "verdict": found.verdict,
     }

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli.answer import finite, give
+from rotorfit.cli.answer import give, write_results
 from rotorfit.cli.arguments import add_figure_format, add_output
 
 if TYPE_CHECKING:
@@ -38,44 +38,32 @@ def run(options: argparse.Namespace) -> int:
     found = checked(lambda: run_plan(replace(study, out=options.out)), options.study)
 
     def write(folder: Path) -> None:
-        from rotorfit.io.tables.result_tables import frame_csv
-        from rotorfit.plots.style import picture_of
-
         if found.test is not None:
             found.to_csv(folder / "plan.csv")
-        (folder / "lines.csv").write_text(frame_csv(found.to_dataframe()), encoding="utf-8")
-        (folder / "summary.txt").write_text(f"{found}\n", encoding="utf-8")
-        figure = folder / f"plan.{options.figure_format}"
-        figure.write_bytes(picture_of(found.plot(), options.figure_format))
+        write_results(found, folder, str(found), options, table="lines", figure="plan")
 
     give(options, write, lambda: _plain(found), str(found), found.notes)
     return ExitCode.DONE
 
 
 def _plain(found: Plan) -> dict[str, Any]:
-    """The plan as JSON, no infinities."""
-    lines = found.to_dataframe().astype(object)
     return {
         "model": found.model.name,
-        "quantity": list(found.quantity),
+        "quantity": found.quantity,
         "expected": {
             name: {
-                "value": finite(one.value),
-                "stderr": finite(one.stderr),
-                "stderr_low": finite(one.low),
-                "stderr_high": finite(one.high),
-                "stderr_all_lines_alike": finite(found.even[name].stderr),
+                "value": one.value,
+                "stderr": one.stderr,
+                "stderr_low": one.low,
+                "stderr_high": one.high,
+                "stderr_all_lines_alike": found.even[name].stderr,
                 "unit": one.unit,
             }
             for name, one in found.expected.items()
         },
-        "certificate": {
-            "optimal": found.certificate.optimal,
-            "gap": found.certificate.gap,
-            "efficiency": found.certificate.efficiency,
-        },
-        "time_s": finite(found.time_s),
-        "suggestions": list(found.suggestions),
-        "notes": list(found.notes),
-        "lines": lines.where(lines.notna(), None).to_dict("records"),
+        "certificate": {name: getattr(found.certificate, name) for name in ("optimal", "gap", "efficiency")},
+        "time_s": found.time_s,
+        "suggestions": found.suggestions,
+        "notes": found.notes,
+        "lines": found.to_dataframe().to_dict("records"),
     }

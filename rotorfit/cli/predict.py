@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli.answer import give, say
+from rotorfit.cli.answer import give, say, write_results
 from rotorfit.cli.arguments import add_figure_format, add_group, add_output, group, numbers
 from rotorfit.options.kinds import positive_word
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
@@ -55,13 +55,7 @@ def run(options: argparse.Namespace) -> int:
     found = checked(lambda: _prediction(fit, options))
 
     def write(folder: Path) -> None:
-        from rotorfit.io.tables.result_tables import frame_csv
-        from rotorfit.plots.style import picture_of
-
-        (folder / "prediction.csv").write_text(frame_csv(found.to_dataframe()), encoding="utf-8")
-        (folder / "summary.txt").write_text(f"{found}\n", encoding="utf-8")
-        figure = folder / f"prediction.{options.figure_format}"
-        figure.write_bytes(picture_of(found.plot(), options.figure_format))
+        write_results(found, folder, str(found), options, table="prediction", figure="prediction")
 
     give(options, write, lambda: _plain(found), str(found), found.notes)
     if fit.success:
@@ -113,13 +107,10 @@ def _tested(fit: FitResult) -> Any:
 
 
 def _plain(found: Prediction) -> dict[str, Any]:
-    """The prediction as JSON, no infinities."""
-    table = found.to_dataframe().astype(object)
-    finite = table.where(table.map(lambda cell: isinstance(cell, str) or abs(cell) < float("inf")), None)
     return {
         "speed_rpm": sorted(set((found.speed * RPM_PER_RAD_S).round(6).tolist())),
         "level": found.level,
         "whole": found.whole,
-        "notes": list(found.notes),
-        "points": finite.to_dict("records"),
+        "notes": found.notes,
+        "points": found.to_dataframe().to_dict("records"),
     }

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli.answer import finite, say
+from rotorfit.cli.answer import say
 from rotorfit.cli.arguments import add_jobs, add_output, workers_of
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.models.text_table import Wide, text_table
 from rotorfit.options.kinds import positive_word, words
+from rotorfit.studies.json_text import json_text
 
 if TYPE_CHECKING:
     from rotorfit.store.records import Added, StoredFit, StoredTest
@@ -96,7 +96,7 @@ def _add(options: argparse.Namespace) -> int:
         line.close()
     fits = {fit.number: fit for fit in checked(lambda: store.fits)}
     if options.json:
-        print(json.dumps([added_json(one, fits) for one in added], indent=1, allow_nan=False))
+        print(json_text([added_json(one, fits) for one in added]))
     elif not options.quiet:
         print("\n".join(added_words(one, fits) for one in added))
     for one in added:
@@ -140,55 +140,14 @@ def _fit_words(fit: StoredFit) -> str:
 
 
 def added_json(added: Added, fits: dict[int, StoredFit]) -> dict[str, Any]:
-    """The outcome for a file, as JSON."""
+    """The outcome for a file, for JSON."""
     found: dict[str, Any] = {
         "source": added.source,
         "test": added.test,
         "new_test": added.new_test,
         "refusal": added.refusal or None,
     }
-    return found if added.fit is None else {**found, "new_fit": added.new_fit, "fit": fit_json(fits[added.fit])}
-
-
-def fit_json(fit: StoredFit) -> dict[str, Any]:
-    """A stored fit as JSON, no infinities."""
-    return {
-        "number": fit.number,
-        "test": fit.test,
-        "model": fit.model,
-        "settings": fit.settings,
-        "success": fit.success,
-        "message": fit.message,
-        "redchi": finite(fit.redchi),
-        "errors": list(fit.errors),
-        "warnings": list(fit.warnings),
-        "version": fit.version,
-        "params": {
-            name: {
-                "value": finite(p.value),
-                "stderr": finite(p.stderr),
-                "systematic": finite(p.systematic),
-                "unit": p.unit,
-            }
-            for name, p in fit.params.items()
-        },
-    }
-
-
-def _test_json(test: StoredTest) -> dict[str, Any]:
-    return {
-        "number": test.number,
-        "content": test.content,
-        "kind": test.kind,
-        "readings": test.readings,
-        "machine": test.machine,
-        "date": test.date,
-        "date_given": test.date_given,
-        "conditions": dict(test.conditions),
-        "sources": list(test.sources),
-        "findings": list(test.findings),
-        "superseded": test.superseded,
-    }
+    return found if added.fit is None else {**found, "new_fit": added.new_fit, "fit": fits[added.fit]}
 
 
 def _list(options: argparse.Namespace) -> int:
@@ -197,8 +156,7 @@ def _list(options: argparse.Namespace) -> int:
     store = checked(lambda: _opened(options))
     tests, fits = checked(lambda: (store.tests, store.fits))
     if options.json:
-        found = {"tests": [_test_json(test) for test in tests], "fits": [fit_json(fit) for fit in fits]}
-        print(json.dumps(found, indent=1, allow_nan=False))
+        print(json_text({"tests": tests, "fits": fits}))
     elif not options.quiet:
         print("\n".join([repr(store)[1:-1], *_table(tests, fits)]))
     return ExitCode.DONE
@@ -227,7 +185,7 @@ def _trend(options: argparse.Namespace) -> int:
         )
     )
     if options.json:
-        print(json.dumps([place_json(place) for place in found.places], indent=1, allow_nan=False))
+        print(json_text([place_json(place) for place in found.places]))
     elif not options.quiet:
         print(found)
     return ExitCode.DONE
@@ -262,7 +220,7 @@ def _check(options: argparse.Namespace) -> int:
 
     problems = checked(lambda: _opened(options).problems())
     if options.json:
-        print(json.dumps(list(problems), indent=1))
+        print(json_text(problems))
     elif not options.quiet:
         print("\n".join(problems) or f"{options.store}: nothing found")
     return ExitCode.BAD_INPUT if problems else ExitCode.DONE

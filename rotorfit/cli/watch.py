@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import shlex
 import shutil
@@ -20,6 +19,7 @@ from rotorfit.cli.arguments import add_jobs, workers_of
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.cli.store import add_followed, add_study, added_json, added_words
 from rotorfit.options.kinds import positive_word, words
+from rotorfit.studies.json_text import json_text
 from rotorfit.units import RAD_S_PER_RPM
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def _tell_problem(options: argparse.Namespace, problem: BaseException) -> None:
 
     said = sentence(problem)
     if options.json:
-        print(json.dumps({"event": "problem", "said": said}), flush=True)
+        print(json_text({"event": "problem", "said": said}, indent=None), flush=True)
     else:
         say(said)
 
@@ -192,11 +192,11 @@ def _tell(options: argparse.Namespace, event: dict[str, Any]) -> None:
     if event["event"] == "test":
         added, fits = event["added"], {event["fit"].number: event["fit"]}
         if options.json:
-            print(json.dumps({"event": "test", **added_json(added, fits)}, allow_nan=False), flush=True)
+            print(json_text({"event": "test", **added_json(added, fits)}, indent=None), flush=True)
         elif not options.quiet:
             print(added_words(added, fits), flush=True)
     elif options.json:
-        print(json.dumps(event, allow_nan=False), flush=True)
+        print(json_text(event, indent=None), flush=True)
     elif event["event"] == "alarm":
         print(event["said"], flush=True)
     elif event["event"] == "refused":

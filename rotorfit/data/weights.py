@@ -153,7 +153,7 @@ def influence(test: PerturbationTest, speeds: ArrayLike | None = None) -> Influe
         test = at_speeds(test, np.atleast_1d(np.asarray(speeds, dtype=float)))
     if not dwells(test):
         raise ValueError(
-            f"{name} has runs over many speeds (start-ups): choose some (speeds=, --speeds), or fit the "
+            f"{name} has runs over many speeds (start-ups): choose some (speeds=, --speeds RPM,RPM), or fit the "
             "differences of two runs at a speed"
         )
     readings, channels, planes, mountings = _readings(test)

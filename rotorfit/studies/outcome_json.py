@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 from typing import TYPE_CHECKING, Any
 
 from rotorfit.fitting.result import FitResult
+from rotorfit.studies.json_text import json_text
 from rotorfit.studies.results import closed_value, status
 from rotorfit.studies.study import Outcome
 from rotorfit.units import RPM_PER_RAD_S
@@ -20,22 +20,18 @@ def outcome_json(outcome: Outcome) -> str:
     """The numbers of a study as one JSON object; what the data do not determine is null."""
     best = outcome.best
     onset = _threshold(best)
-    return json.dumps(
+    return json_text(
         {
             "model": best.model.name,
             "files": [str(path) for file in outcome.study.files for path in getattr(file, "paths", (file.path,))],
             "out": None if outcome.study.out is None else str(outcome.study.out),
-            "success": best.success,
-            "message": best.message,
-            "redchi": _finite(best.redchi),
-            "aic": _finite(best.aic),
-            "bic": _finite(best.bic),
+            **{name: getattr(best, name) for name in ("success", "message", "redchi", "aic", "bic")},
             "blocks": list(getattr(best.model, "blocks", ())),
             "parameters": {
                 p.name: {
-                    "value": _finite(p.value) if p.resolved else None,
-                    "stderr": _finite(p.stderr) if p.resolved else None,
-                    "stderr_noise": _finite(p.stderr_noise) if p.resolved else None,
+                    "value": p.value if p.resolved else None,
+                    "stderr": p.stderr if p.resolved else None,
+                    "stderr_noise": p.stderr_noise if p.resolved else None,
                     "systematic": p.systematic,
                     "unit": p.unit,
                     "status": status(p),
@@ -45,7 +41,7 @@ def outcome_json(outcome: Outcome) -> str:
             },
             "threshold_rpm": onset,
             "profiles": {
-                p.name: {"lower": _finite(p.lower), "upper": _finite(p.upper), "level": p.level, "message": p.message}
+                p.name: {"lower": p.lower, "upper": p.upper, "level": p.level, "message": p.message}
                 for p in outcome.profiles
             },
             "bootstrap": _bootstrap_json(outcome.bootstrap),
@@ -53,20 +49,14 @@ def outcome_json(outcome: Outcome) -> str:
             "unresolved": list(best.identifiability.unresolved),
             "findings": [[str(f) for f in found] for found in outcome.findings],
             "warnings": list(best.warnings),
-        },
-        indent=1,
-        allow_nan=False,
+        }
     )
 
 
 def _bootstrap_json(bootstrap: Bootstrap | None) -> dict[str, Any] | None:
     if bootstrap is None:
         return None
-    return {
-        "seed": bootstrap.seed,
-        "failures": bootstrap.failures,
-        "stderr": {name: _finite(error) for name, error in bootstrap.stderr.items()},
-    }
+    return {"seed": bootstrap.seed, "failures": bootstrap.failures, "stderr": bootstrap.stderr}
 
 
 def _posterior_json(posterior: Posterior | None) -> dict[str, Any] | None:
@@ -79,10 +69,6 @@ def _posterior_json(posterior: Posterior | None) -> dict[str, Any] | None:
         "seed": posterior.seed,
         "interval_95": {name: posterior.interval(name) for name in posterior.names},
     }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _threshold(fit: FitResult) -> dict[str, float | None] | None:
