@@ -266,7 +266,7 @@ def test_awkward_recordings_are_mended_and_give_the_same_rig(tmp_path: Path) -> 
         said = {finding.code: finding.message for finding in record.findings}
         assert {"hum", "pulses-missing", "pulses-double", "channel-clipped"} <= set(said), record.name
         assert "3 pulses missing" in said["pulses-missing"]
-        assert "4 edges too close" in said["pulses-double"]
+        assert "4 edges that are no pulses" in said["pulses-double"]
         assert "disk_X" in said["channel-clipped"]
     assert not ((test.plane == "disk") & (test.direction == "y")).any()  # one probe stands for a circular orbit
     fit = rf.fit(RIG, test, known={"K3": 6e3})

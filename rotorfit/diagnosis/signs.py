@@ -121,8 +121,8 @@ def _negative_damping(drives: Orbits, kappa: ComplexArray, hit: Index) -> Findin
     both = bool(drives.paired[hit].all())
     if np.median(kappa.real[slow]) <= 0:
         cause = (
-            ", and so would stiffness: phases are half a turn off. Check the angle of the force or of the weight, and "
-            "whether the probes are inverted."
+            ", and so would stiffness: phases are half a turn off. Check the angle of the force or of the weight, "
+            "whether the probes are inverted, and whether the readings are accelerations."
         )
     elif both:
         cause = (
