@@ -16,6 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
+from rotorfit.models.digits import significant
+
 _ALWAYS = 1 << 26
 """Bytes that any file may unpack to."""
 _RATIO = 100
@@ -50,7 +52,8 @@ def check_unpacked(name: str, declared: float, size: int) -> None:
     """Refuse a file of ``size`` bytes that declares more content than it may."""
     if declared > allowed_bytes(size):
         raise ValueError(
-            f"{name} has {size} bytes and declares content of {declared:.2g}, more than the {allowed_bytes(size):.2g} "
+            f"{name} has {size} bytes and declares content of {significant(declared, 2)}, more than the "
+            f"{significant(allowed_bytes(size), 2)} "
             "that are allowed; if the file is right, set the environment variable ROTORFIT_FILE_LIMITS to 10"
         )
 

@@ -15,6 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 
+from rotorfit.models.digits import significant
 from rotorfit.models.parameters import Parameter
 
 
@@ -208,7 +209,7 @@ class MonotoneSpline(Law):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """See :attr:`Law.parameters`."""
-        at = [f"{node:.3g}" for node in self._nodes]
+        at = [significant(node, 3) for node in self._nodes]
         return (
             *(
                 Parameter(f"K0_s{i}", "N/m", f"rise of the fluid radial stiffness around eps = {at[i]}", 1e4, 0.0)

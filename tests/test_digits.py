@@ -10,7 +10,7 @@ import pytest
 from synthetic import SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
-from rotorfit.fitting.digits import interval, plus_minus, with_error
+from rotorfit.models.digits import interval, plus_minus, significant, with_error, with_errors
 
 
 @pytest.mark.parametrize(
@@ -37,9 +37,27 @@ def test_what_is_not_determined_says_so():
     assert plus_minus(math.nan, 1.0) == "not determined"
     assert interval(1.0, math.inf) == "[1, inf]"
     assert interval(0.473147, 0.473737) == "[0.47315, 0.47374]"
-    assert interval(5.13e-7, 4.49e-4) == "[5.1e-07, 0.00045]"
-    assert interval(-200.0, -1.23) == "[-2e+02, -1.2]"
+    assert interval(5.13e-7, 4.49e-4) == "[5.1e-7, 0.00045]"
+    assert interval(-200.0, -1.23) == "[-200, -1.2]"
     assert interval(-1.0, 200.0) == "[-1, 200]"
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "shown"),
+    [
+        (0.0, 3, "0"), (1.0004, 3, "1"), (2104.0, 2, "2100"), (212345.0, 3, "212000"), (9.9996, 3, "10"),
+        (0.00012345, 3, "0.000123"), (6.9e-5, 2, "6.9e-5"), (-3.25e-12, 3, "-3.25e-12"), (1.5e8, 2, "1.5e8"),
+        (99999999.0, 3, "1e8"), (math.inf, 3, "inf"),
+    ],
+)  # fmt: skip
+def test_a_number_without_error_is_decimal_or_has_a_short_exponent(value, digits, shown):
+    assert significant(value, digits) == shown
+
+
+def test_a_value_and_all_its_errors_have_one_exponent():
+    assert with_errors(-4e-9, 4.3e-9, 4.2e-9, 1e-9, 0.0) == ["-4.0e-9", "4.2e-9", "1.0e-9", "-"]
+    assert with_errors(-4e-9, 4.3e-8, 4.2e-9) == ["-0.4e-8", "0.42e-8"]
+    assert with_errors(0.47235, 0.018, 6.9e-5) == ["0.472", "0.000069"]
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ import numpy as np
 
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import RANK_TOLERANCE, Bool, Float
+from rotorfit.models.digits import significant
 
 UNRESOLVED_ERROR = 1.0
 """A direction is unresolved when its standard error exceeds this multiple of the parameters' own size."""
@@ -58,7 +59,10 @@ class Identifiability:
         return np.asarray(leak.reshape(len(slopes), -1).max(axis=1) > UNSEEN_CHANGE * sizes)
 
     def __str__(self) -> str:
-        head = f"{self.rank} of {self.size} parameter combinations determined, condition number {self.condition:.2g}"
+        head = (
+            f"{self.rank} of {self.size} parameter combinations determined, condition number "
+            f"{significant(self.condition, 2)}"
+        )
         return "\n".join([head, *("  " + c.message for c in self.combinations)])
 
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from rotorfit.estimators.noise.run_effects import inverse_of_determined
 from rotorfit.models.array_types import RANK_TOLERANCE, Bool, Float, Index
+from rotorfit.models.digits import significant
 
 GAP = 0.01
 """Excess of the largest phi over the mean of measured lines at which a search ends: variances are the least to 1 %."""
@@ -105,7 +106,8 @@ class Shares:
             return "the time is spread evenly over all lines"
         verdict = "optimal" if self.optimal else "not optimal"
         return (
-            f"shares {verdict} by the equivalence theorem (gap {self.gap:.2g} after {self.steps} steps); with "
+            f"shares {verdict} by the equivalence theorem (gap {significant(self.gap, 2)} after {self.steps} "
+            "steps); with "
             f"{self.even:.0%} of the time spread evenly they have at least {self.efficiency:.0%} of the information of "
             "the best shares"
         )

@@ -19,6 +19,7 @@ from rotorfit.estimators.inference.log_posterior import box
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.significance import OPEN_ERRORS
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant
 
 _TOLERATED_ERROR_RATIO = 2.0  # factor by which the error bar may be too short for that
 _LARGEST_CHANGE = 0.5  # change of a parameter, over its value, from which it has none of its own
@@ -91,6 +92,6 @@ def _message(problem: Problem, x: Float, chosen: Sequence[int], end: float, rise
     unit = problem.space.model.parameter(problem.space.base[entry]).unit
     together = f"{', '.join(names[i] for i in chosen)} only as ratios" if len(chosen) > 1 else f"{names[entry]} is open"
     return (
-        f"{together}: at {names[entry]} = {end:.2g} {unit} chi-squared is {abs(rise):.2g} "
-        f"{'higher' if rise > 0 else 'lower'} than at {x[entry]:.2g}. Fix one or give a prior."
+        f"{together}: at {names[entry]} = {significant(end, 2)} {unit} chi-squared is {significant(abs(rise), 2)} "
+        f"{'higher' if rise > 0 else 'lower'} than at {significant(x[entry], 2)}. Fix one or give a prior."
     )

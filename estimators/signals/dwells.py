@@ -13,6 +13,7 @@ import numpy as np
 
 from rotorfit.estimators.signals.local_response import INPUT_AMPLITUDE_SHARE, RecordSpectra
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.digits import significant
 
 LINES_BESIDE = 14
 """Lines of the spectrum to each side of the force. Chosen."""
@@ -67,7 +68,7 @@ def dwell_response(spectra: RecordSpectra, at: float) -> DwellResponse:
     degree = 2  # degree of the polynomial for the transient
     unknowns = degree + 2
     if 2 * half + 1 < 2 * unknowns:
-        raise ValueError(f"{at * 2 * np.pi / step:.3g} turns are too few for a dwell")
+        raise ValueError(f"{significant(at * 2 * np.pi / step, 3)} turns are too few for a dwell")
     smooth = np.polynomial.legendre.legvander(np.linspace(-1, 1, 2 * half + 1), degree).astype(complex)
     matrix = np.column_stack([spectra.forces[0, lines], smooth, _orders(spectra.others, lines, smooth, unknowns)])
     scale = np.linalg.norm(matrix, axis=0)

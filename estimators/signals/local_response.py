@@ -28,6 +28,7 @@ import numpy as np
 from rotorfit.estimators.signals.band_tiling import pooled_noise, tile
 from rotorfit.estimators.signals.local_poles import SMOOTH_DEGREE, nearest_pole
 from rotorfit.models.array_types import Bool, ComplexArray, Float
+from rotorfit.models.digits import significant
 
 INPUT_AMPLITUDE_SHARE = 3e-3
 """An input counts in a band where what is not smooth of its spectrum exceeds this fraction of its greatest line."""
@@ -105,7 +106,8 @@ def local_response(
     needed = smooth + spare + (_usually_seen(records, inside) if transient else 0)
     if fewest < needed:
         raise ValueError(
-            f"{fewest} spectral lines lie in the tested band, {low:.4g} to {high:.4g} rad/s, {needed} are needed: the "
+            f"{fewest} spectral lines lie in the tested band, {significant(low, 4)} to {significant(high, 4)} "
+            f"rad/s, {needed} are needed: the "
             "record is too short for the band it sweeps"
         )
     most = 512  # narrowest bands of a record; longer records have wider ones

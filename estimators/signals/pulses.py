@@ -15,6 +15,7 @@ from scipy.ndimage import median_filter, percentile_filter
 from rotorfit.estimators.signals.pulse_bridges import CHATTER, bridged
 from rotorfit.estimators.signals.pulse_path import EVEN_INTERVALS, steadier
 from rotorfit.models.array_types import Bool, Float, Index
+from rotorfit.models.digits import significant
 
 NOISE_STEP_OVER_SCATTER = 3.3
 """Distance of the two voltages over their scatter: Gaussian noise cut in two has 2.7, a sine 4.1, a pulse more."""
@@ -61,7 +62,7 @@ def find_levels(voltage: Float, *, edge: str = "", level: float | None = None) -
     timed: falling for a notch, rising for a projection."""
     bottom, top = float(voltage.min()), float(voltage.max())
     if not top > bottom:
-        raise ValueError(f"no pulses: the voltage is constant at {bottom:.4g} V")
+        raise ValueError(f"no pulses: the voltage is constant at {significant(bottom, 4)} V")
     counts, at = np.histogram(voltage, _HISTOGRAM_BINS, (bottom, top))
     centres = (at[1:] + at[:-1]) / 2
     below = np.cumsum(counts)[:-1]
@@ -75,12 +76,14 @@ def find_levels(voltage: Float, *, edge: str = "", level: float | None = None) -
     scatter = float(np.hypot(lower.std(), upper.std()) / np.sqrt(2))
     if high - low < NOISE_STEP_OVER_SCATTER * scatter:
         raise ValueError(
-            f"no pulses: the voltage, {bottom:.4g} to {top:.4g} V, does not jump between two levels; is it the channel "
+            f"no pulses: the voltage, {significant(bottom, 4)} to {significant(top, 4)} V, does not jump "
+            "between two levels; is it the channel "
             "of the Keyphasor?"
         )
     if level is not None and not low < level < high:
         raise ValueError(
-            f"the level {level:g} V is not between the two voltages of the pulses, {low:.4g}, {high:.4g} V"
+            f"the level {level:g} V is not between the two voltages of the pulses, {significant(low, 4)}, "
+            f"{significant(high, 4)} V"
         )
     duty = min(lower.size, upper.size) / voltage.size
     falling = lower.size <= upper.size if not edge else edge == "falling"

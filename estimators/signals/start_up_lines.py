@@ -19,6 +19,7 @@ import numpy as np
 
 from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra, local_response
 from rotorfit.models.array_types import Bool, ComplexArray, Float
+from rotorfit.models.digits import significant
 
 _MOTION_TOLERANCE = 1e-9
 """Change of the computed motion over its size at which it is found: far below the noise of any record."""
@@ -143,7 +144,10 @@ def shaft_of_lines(
         k, d, delta = float(x[0]), float(x[1]), complex(x[2], x[3])
         weight = 1 / (sigma * np.hypot(np.abs(k + 1j * w * d - w**2), abs(delta)))
     if not (k > 0 and d > 0):
-        raise ValueError(f"the motion gives a stiffness over mass of {k:.4g} 1/s^2 and a damping of {d:.4g} 1/s")
+        raise ValueError(
+            f"the motion gives a stiffness over mass of {significant(k, 4)} 1/s^2 and a damping of "
+            f"{significant(d, 4)} 1/s"
+        )
     constants = dict(zip(smooth, (x[4::2] + 1j * x[5::2]).tolist(), strict=True))
     right = -constants.get((1, 0), 0j)  # k R1 + delta conj(R1)
     R1 = (k * right - delta * right.conjugate()) / (k**2 - abs(delta) ** 2)

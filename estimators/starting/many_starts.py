@@ -31,6 +31,7 @@ from rotorfit.estimators.starting.start_points import (
     short_fits,
 )
 from rotorfit.models.array_types import RANK_TOLERANCE, ComplexArray, Float, Index
+from rotorfit.models.digits import significant
 from rotorfit.models.motion.stability import companion
 
 _LOCAL_MINIMUM = "perhaps a local minimum"
@@ -167,20 +168,23 @@ def _doubt(problem: Problem, ends: _Ends, limits: tuple[float, float], ratios: R
     led = f"{ends.together} of {tried} starts lead here"
     if least > limits[1] and ratios is not None:
         return (
-            f"{_LOCAL_MINIMUM}, or not this rotor: chi-squared is {2 * least:.4g}, where ratios of polynomials "
-            f"with as many poles leave {2 * ratios.cost:.4g}; {led}. Give start values for what is known",
+            f"{_LOCAL_MINIMUM}, or not this rotor: chi-squared is {significant(2 * least, 4)}, where ratios of "
+            "polynomials "
+            f"with as many poles leave {significant(2 * ratios.cost, 4)}; {led}. Give start values for what is known",
         )
     alone = limits[0] if ratios is None else ratios.limit(len(problem.space.names), _DEVIATIONS_OF_ONE)
     if ends.together < 2 and least > alone:
         return (
-            f"{_LOCAL_MINIMUM}: {led}, and chi-squared is {2 * least:.4g} for {problem.n_data} data. Give start "
+            f"{_LOCAL_MINIMUM}: {led}, and chi-squared is {significant(2 * least, 4)} for {problem.n_data} "
+            "data. Give start "
             "values for what is known",
         )
     other = _another(problem, ends)
     if other is None:
         return ()
     return (
-        f"{_LOCAL_MINIMUM}: another one has chi-squared {2 * other:.4g} where this one has {2 * least:.4g}. "
+        f"{_LOCAL_MINIMUM}: another one has chi-squared {significant(2 * other, 4)} where this one has "
+        f"{significant(2 * least, 4)}. "
         "More readings separate them, or values known beforehand",
     )
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import Float
 from rotorfit.models.chain import MOST_MASSES, Chain
+from rotorfit.models.digits import significant
 from rotorfit.models.shafts.lanczos import bidiagonal, chain_modes, chain_of
 from rotorfit.models.text_table import text_table
 
@@ -66,7 +67,10 @@ class ChainFromModes:
 
     def __str__(self) -> str:
         modes = zip(self.frequencies, self.modal_mass, self.match, self.deviation, strict=True)
-        rows = [[f"{v}", f"{w:.6g}", f"{m:.5g}", f"{c:.6f}", f"{e:.2g}"] for v, (w, m, c, e) in enumerate(modes, 1)]
+        rows = [
+            [f"{v}", f"{w:.6g}", significant(m, 5), f"{c:.6f}", significant(e, 2)]
+            for v, (w, m, c, e) in enumerate(modes, 1)
+        ]
         return "\n".join(
             [
                 "M " + ", ".join(f"{m:.6g}" for m in self.M) + " kg",

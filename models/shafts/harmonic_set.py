@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.complexes import Complex
+from rotorfit.models.digits import significant
 from rotorfit.models.model import RotorModel
 from rotorfit.models.shafts.angular_rates import angular_rate
 
@@ -114,8 +115,10 @@ def harmonic_set(
         if change <= tolerance:
             return HarmonicSet(frequency=frequency, speed=speed, ahead=now[0], behind=now[1], error=change)
     raise ValueError(
-        f"{2 * most + 1} pairs of lines leave a change of {change:.2g} of the largest, more than the tolerance "
-        f"{tolerance:.2g}: the anisotropies are too large for lines that fall off, or the motion is unstable"
+        f"{2 * most + 1} pairs of lines leave a change of {significant(change, 2)} of the largest, more than "
+        "the tolerance "
+        f"{significant(tolerance, 2)}: the anisotropies are too large for lines that fall off, or the motion is "
+        "unstable"
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.digits import significant
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.shafts.reduction import REDUCTION_TOLERANCE, Reduction, Terms
 
@@ -122,7 +123,8 @@ def _check_isotropic(kind: str, difference: Float, level: Float, per_node: int, 
                 node, other = np.unravel_index(int(np.argmax(gap)), gap.shape)
                 raise ValueError(
                     f"{kind} is not isotropic: its {what} entries between nodes {node} and {other} differ by "
-                    f"{gap.max():.3g}, the largest being {size:.3g}. A known structure must be the same in x and in y"
+                    f"{significant(gap.max(), 3)}, the largest being {significant(size, 3)}. A known structure "
+                    "must be the same in x and in y"
                 )
 
 

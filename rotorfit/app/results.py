@@ -11,8 +11,8 @@ import panel as pn
 from rotorfit.app.fit_figures import bode, colours_of_conditions, fit_figures, polar, residuals
 from rotorfit.app.parts import WIDE, button, colour_key, figures_beside, finding_words, heading, markup, message
 from rotorfit.diagnosis.trials.data_errors import PHASE_ZEROS
-from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.quantities import THRESHOLD, FittedParameter
+from rotorfit.models.digits import interval, significant, with_error
 from rotorfit.report.html import Html, join, table
 from rotorfit.studies.results import status
 from rotorfit.units import RPM_PER_RAD_S
@@ -66,14 +66,17 @@ def _row(p: FittedParameter) -> Sequence[str]:
 
 
 def _notes(fit: FitResult) -> list[Html]:
-    words = [f"{fit.ndata} real data, {fit.nvarys} fitted values, redchi {fit.redchi:.4g}."]
+    words = [f"{fit.ndata} real data, {fit.nvarys} fitted values, redchi {significant(fit.redchi, 4)}."]
     if fit.success and fit.model.speed_dependent and len(fit.thetas) == 1:
         onset = fit.threshold_speed()
         if fit.moved_by(THRESHOLD):
             words.append(f"Threshold speed not determined: {fit.moved_by(THRESHOLD)}.")
         elif math.isfinite(onset.value) and math.isfinite(onset.stderr):
             low, high = (end * RPM_PER_RAD_S for end in onset.interval())
-            words.append(f"Threshold speed {onset.value * RPM_PER_RAD_S:.5g} rpm, 95 % interval {interval(low, high)}.")
+            words.append(
+                f"Threshold speed {significant(onset.value * RPM_PER_RAD_S, 5)} rpm, 95 % interval "
+                f"{interval(low, high)}."
+            )
     return [Html(f"<p>{join([' '.join(words)])}</p>")]
 
 

@@ -11,6 +11,7 @@ import panel as pn
 
 from rotorfit.app.frames import framed, small_legend
 from rotorfit.app.parts import WIDE, figures_beside, message
+from rotorfit.models.digits import significant
 from rotorfit.plots.recordings import vectors_shown
 from rotorfit.plots.style import COLOURS
 from rotorfit.recordings.envelope import envelope
@@ -171,7 +172,7 @@ class _OrbitFigure:
         times = np.concatenate([np.zeros(0), *part.dots.values()])
         z = np.asarray(part.z, dtype=complex) * 1e6
         self._dots.data = {"x": np.interp(times, part.t, z.real), "y": np.interp(times, part.t, z.imag)}
-        self.figure.title.text = f"orbit at {at:.4g} s"
+        self.figure.title.text = f"orbit at {significant(at, 4)} s"
 
 
 class _SpectrumFigure:
@@ -199,7 +200,7 @@ class _SpectrumFigure:
         begin = float(np.clip(at - self._half, 0.0, self._record.duration - 2 * self._half))
         frequency, amplitude = spectrum(self._record, self._plane, begin, begin + 2 * self._half)
         self._source.data = {"f": frequency, "a": amplitude * 1e6}
-        self.figure.title.text = f"full spectrum, {begin:.4g} to {begin + 2 * self._half:.4g} s"
+        self.figure.title.text = f"full spectrum, {significant(begin, 4)} to {significant(begin + 2 * self._half, 4)} s"
 
 
 class _VectorFigure:

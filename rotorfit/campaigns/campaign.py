@@ -22,7 +22,6 @@ from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.estimators.misfit.losses import LOSSES, Loss
 from rotorfit.estimators.misfit.parameter_space import parameter_space
 from rotorfit.executors import Kept, executor_of
-from rotorfit.fitting.digits import plus_minus, with_error
 from rotorfit.fitting.fit import fit as fit_model
 from rotorfit.fitting.noise.residual_study import MODEL_LIMITED_REDCHI
 from rotorfit.fitting.quantities import FittedParameter
@@ -32,6 +31,7 @@ from rotorfit.fitting.summary import natural
 from rotorfit.io.tables.result_tables import rows_csv
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import plus_minus, significant, with_error
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.text_table import Printed, Wide, text_table
 
@@ -66,7 +66,7 @@ def _misfits(runs: Sequence[RunFit]) -> list[str]:
             f"redchi is above {MODEL_LIMITED_REDCHI:g} in {len(missed)} of {len(runs)} runs: more than noise, in most "
             "of them"
         ]
-    named = listed([f"{run.name} ({run.redchi:.3g})" for run in missed])
+    named = listed([f"{run.name} ({significant(run.redchi, 3)})" for run in missed])
     return [
         f"redchi is above {MODEL_LIMITED_REDCHI:g}, more than noise: {named}; look at their units, speeds and "
         "directions"
@@ -236,7 +236,7 @@ class Campaign(Printed):
             for name in self.fitted:
                 p = run.params[name]
                 rows[-1] += [*with_error(p.value, p.stderr)] if p.resolved else [Wide("not determined", 2)]
-            rows[-1] += [f"{run.redchi:.3g}", run.remark]
+            rows[-1] += [significant(run.redchi, 3), run.remark]
         columns = ["<4", *[">14"] * len(shown), *[">12", ">10"] * len(self.fitted), ">9", "<1"]
         return "\n".join(text_table(rows, " ".join(columns)))
 
@@ -260,7 +260,12 @@ class Campaign(Printed):
         redchi = [run.redchi for run in done]
         lines = [
             f"{self.model.name}: {len(done)} of {len(self.runs)} runs fitted"
-            + (f", redchi {min(redchi):.3g} to {max(redchi):.3g}, median {np.median(redchi):.3g}" if redchi else "")
+            + (
+                f", redchi {significant(min(redchi), 3)} to {significant(max(redchi), 3)}, median "
+                f"{significant(np.median(redchi), 3)}"
+                if redchi
+                else ""
+            )
         ]
         lines += [f"shared {p.name} = {plus_minus(p.value, p.stderr)} {p.unit}" for p in self.shared.values()]
         lines += [
@@ -292,7 +297,7 @@ class Campaign(Printed):
             for data in self._data:
                 span = data.readings.span(axis) if data.name in numbers else None
                 if span is not None and span[1] - span[0] > _LARGEST_CHANGE * (np.ptp(known) or np.abs(span).max()):
-                    ends = f"{span[0]:.4g} to {span[1]:.4g}"
+                    ends = f"{significant(span[0], 4)} to {significant(span[1], 4)}"
                     sentences.append(f"{axis} changed within {data.name}, {ends}: its mean stands for the run")
         return sentences
 

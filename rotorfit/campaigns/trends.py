@@ -11,9 +11,9 @@ from numpy.polynomial import Polynomial
 
 from rotorfit.data.findings import listed
 from rotorfit.estimators.inference.covariance import standard_error, widening
-from rotorfit.fitting.digits import plus_minus
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.models.array_types import COLLINEAR, Float, Index
+from rotorfit.models.digits import plus_minus, significant
 from rotorfit.models.text_table import Wide, text_table
 
 if TYPE_CHECKING:
@@ -240,7 +240,7 @@ def _comparisons(trends: Sequence[Trend], middle: float) -> list[str]:
             error = float(np.hypot(a.stderr, b.stderr))
             unit = "" if first.unit == "1" else f" {first.unit}"
             sentences.append(
-                f"{second.group} - {first.group} at {first.against} = {middle:.4g}: "
+                f"{second.group} - {first.group} at {first.against} = {significant(middle, 4)}: "
                 f"{plus_minus(b.value - a.value, error)}{unit} ({abs(b.value - a.value) / error:.1f} s.e.)"
             )
     return sentences

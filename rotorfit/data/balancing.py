@@ -14,6 +14,7 @@ from rotorfit.estimators.blocks.correlated import quantile
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.inference.correction_weights import Correction, confounded, correct, own_shares
 from rotorfit.models.array_types import ROUND_OFF, ComplexArray, Float, Index
+from rotorfit.models.digits import significant
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.text_table import Printed, text_table
 from rotorfit.units import RPM_PER_RAD_S
@@ -105,14 +106,16 @@ class Balance(Printed):
             (_, high), (_, late) = self.interval(plane)
             reach, turn = high * 1e6 - size, float(np.degrees(late)) - angle
             reached = "" if plane in self.at_limit else _reach(reach)
-            row = [plane, f"{size:.4g}", reached, f"{angle % 360:.1f}", _angle(turn), f"{-angle % 360:.1f}"]
+            row = [plane, significant(size, 4), reached, f"{angle % 360:.1f}", _angle(turn), f"{-angle % 360:.1f}"]
             rows.append([*row, "at its limit" if plane in self.at_limit else ""])
         return rows
 
     def _hole_lines(self) -> list[str]:
         lines = []
         for plane, pair in self.holes.items():
-            put = " and ".join(f"{mr * 1e6:.4g} g mm at {np.degrees(at) % 360:.5g} deg" for at, mr in pair)
+            put = " and ".join(
+                f"{significant(mr * 1e6, 4)} g mm at {significant(np.degrees(at) % 360, 5)} deg" for at, mr in pair
+            )
             lines.append(f"in holes of {plane}: {put}")
         return lines
 
@@ -120,19 +123,22 @@ class Balance(Printed):
         rows = [["probe", "rpm", "before, um 0-pk", "expected", ""]]
         for k, (plane, direction) in enumerate(self.readings):
             reach = quantile(0.95, self.freedom) * self.stderr[k] * 1e6
-            values = (f"{abs(v) * 1e6:.3g} @ {np.degrees(np.angle(v)):.0f}" for v in (self.before[k], self.expected[k]))
+            values = (
+                f"{significant(abs(v) * 1e6, 3)} @ {np.degrees(np.angle(v)):.0f}"
+                for v in (self.before[k], self.expected[k])
+            )
             rows.append([f"{plane} {direction}", f"{self.speed[k] * RPM_PER_RAD_S:.0f}", *values, _reach(reach)])
         return rows
 
 
 def _reach(value: float) -> str:
-    return f"+- {value:.2g}" if np.isfinite(value) else "+- ?"
+    return f"+- {significant(value, 2)}" if np.isfinite(value) else "+- ?"
 
 
 def _angle(degrees: float) -> str:
     if not np.isfinite(degrees):
         return "+- ?"
-    return f"+- {degrees:.2g}" if degrees < 180 else "any"
+    return f"+- {significant(degrees, 2)}" if degrees < 180 else "any"
 
 
 def balance(
@@ -229,7 +235,7 @@ def _state(
     if reference is not None:
         weights = _weights_in(influences, reference)
         stay = [
-            f"{abs(u) * 1e6:.4g} g mm at {np.degrees(np.angle(u)):.1f} deg in {plane}"
+            f"{significant(abs(u) * 1e6, 4)} g mm at {np.degrees(np.angle(u)):.1f} deg in {plane}"
             for u, plane in zip(weights.tolist(), influences.planes, strict=True)
             if u
         ]
@@ -369,7 +375,7 @@ def _angles(plane: str, holes: int | Sequence[float]) -> Float:
     if angles.size < 3 or (gaps >= np.pi).any():
         raise ValueError(
             f"holes at {plane}: three or more are needed, less than 180 degrees from one to the next; got "
-            f"{', '.join(f'{a:.4g}' for a in np.degrees(angles)) or 'none'}"
+            f"{', '.join(f'{significant(a, 4)}' for a in np.degrees(angles)) or 'none'}"
         )
     return np.asarray(angles)
 
@@ -382,4 +388,4 @@ def _over_holes(plane: str, weight: complex, angles: Float) -> tuple[tuple[float
             if low <= at <= high:
                 gap = np.sin(high - low)
                 return (low, abs(weight) * np.sin(high - at) / gap), (high, abs(weight) * np.sin(at - low) / gap)
-    raise ValueError(f"no holes at {plane} on either side of {np.degrees(turn):.4g} degrees")
+    raise ValueError(f"no holes at {plane} on either side of {significant(np.degrees(turn), 4)} degrees")

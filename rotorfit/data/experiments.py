@@ -16,6 +16,7 @@ from rotorfit.data.lines import Lines, lines_of
 from rotorfit.estimators.blocks.row_keys import distinguished, numbers, words
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE, SYNCHRONOUS_TOLERANCE, set_speeds
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Records, Text
+from rotorfit.models.digits import significant
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ def _range(rates: Float) -> str:
     rates = rates[np.isfinite(rates)] * RPM_PER_RAD_S
     if not rates.size:
         return ""
-    ends = [f"{end:.5g}" for end in (rates.min(), rates.max())]
+    ends = [significant(end, 5) for end in (rates.min(), rates.max())]
     return ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}"
 
 

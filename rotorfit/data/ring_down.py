@@ -7,6 +7,7 @@ import numpy as np
 from rotorfit.data.experiments import ImpulseTest, RingDownTest
 from rotorfit.estimators.signals.ring_down import Decay, decay_of
 from rotorfit.models.array_types import Index
+from rotorfit.models.digits import significant
 
 _FEWEST_TURNS = 2.0  # of the shaft in a record that can tell vibration at its speed from a mode's
 _SMALLEST_DECAY = 1e-4  # of the speed: decay and distance from it that count as none
@@ -68,7 +69,10 @@ def _analyse(test: RingDownTest, rows: Index, run: str, modes: int) -> Decay:
         raise ValueError(f"{where}: {time.size} samples; at least {8 * (modes + 1)} finite ones are needed")
     steps = np.diff(time)
     if np.ptp(steps) > 1e-3 * steps.mean() or steps.mean() <= 0:
-        raise ValueError(f"{where}: samples are {steps.min():.4g} to {steps.max():.4g} s apart; equal steps are needed")
+        raise ValueError(
+            f"{where}: samples are {significant(steps.min(), 4)} to {significant(steps.max(), 4)} s apart; "
+            "equal steps are needed"
+        )
     if not np.ptp(signals, axis=1).any():
         raise ValueError(f"{where}: x and y do not move")
     if np.ptp(test.speed[rows]) > 1e-3 * abs(float(test.speed[rows[0]])):
@@ -83,8 +87,9 @@ def _analyse(test: RingDownTest, rows: Index, run: str, modes: int) -> Decay:
         s, sigma = found.s[k], max(float(found.sigma[k]), _SMALLEST_DECAY * speed)
         if speed > 0 and any(abs(s.imag - order) < 4 * sigma and abs(s.real) < 4 * sigma for order in orders):
             raise ValueError(
-                f"{where}: the vibration found at {s.imag / speed:.4g} times the speed, damping ratio "
-                f"{-s.real / abs(s):.1g}, is unbalance within its error, not a mode. Take the 1x out, or give longer "
+                f"{where}: the vibration found at {significant(s.imag / speed, 4)} times the speed, damping ratio "
+                f"{significant(-s.real / abs(s), 1)}, is unbalance within its error, not a mode. Take the 1x "
+                "out, or give longer "
                 "records"
             )
     return found

@@ -15,6 +15,7 @@ from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE, set_speeds
 from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
 from rotorfit.estimators.signals.ratios import ratio_through
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Text
+from rotorfit.models.digits import significant
 from rotorfit.units import RPM_PER_RAD_S
 
 OPPOSITE_TOLERANCE = np.radians(5.0)
@@ -137,7 +138,9 @@ def uneven_weights(test: PerturbationTest) -> list[str]:
     for pair in _pairs(test, np.asarray(test.attributes.get(DIFFERENCED, np.zeros(len(test))) != 1)):
         sizes = [float(np.median(np.abs(test.force[rows]) / test.speed[rows] ** 2)) * 1e6 for rows in pair]
         if abs(sizes[0] - sizes[1]) > _LARGEST_UNEVENNESS * max(sizes):
-            runs = [f"{test.run[rows[0]]} ({size:.4g} g mm)" for rows, size in zip(pair, sizes, strict=True)]
+            runs = [
+                f"{test.run[rows[0]]} ({significant(size, 4)} g mm)" for rows, size in zip(pair, sizes, strict=True)
+            ]
             sentences.append(" and ".join(runs))
     return sentences
 

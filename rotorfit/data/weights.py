@@ -16,6 +16,7 @@ from rotorfit.estimators.noise.reading_noise import FEWEST_LINES
 from rotorfit.estimators.starting.influence import Influence, Readings, UndeterminedError, solve_influence
 from rotorfit.estimators.starting.modes_seen import ModesSeen, modes_seen
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.digits import significant
 from rotorfit.models.text_table import Printed, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -55,8 +56,10 @@ class Influences(Printed):
         seen = self.modes
         if seen is None:
             return ""
-        values = ", ".join(f"{value:.3g}" for value in seen.singular)
-        modes = ", ".join(f"{w * RPM_PER_RAD_S:.0f} +- {e * RPM_PER_RAD_S:.2g} rpm" for w, e in seen.frequencies)
+        values = ", ".join(significant(value, 3) for value in seen.singular)
+        modes = ", ".join(
+            f"{w * RPM_PER_RAD_S:.0f} +- {significant(e * RPM_PER_RAD_S, 2)} rpm" for w, e in seen.frequencies
+        )
         text = f"these data see {seen.count} mode{'s' * (seen.count != 1)}"
         text += f" ({modes}; " if modes else " ("
         text += f"singular values over the largest of noise: {values})"
@@ -72,12 +75,13 @@ class Influences(Printed):
         between, repeat = (values[np.isfinite(values)] * 1e6 for values in (self.solved.mounting, self.solved.repeat))
         if between.size:
             sentence = (
-                f"mounting the weight again moves vectors by {np.sqrt(np.mean(between**2)):.2g} um "
-                f"({between.min():.2g} to {between.max():.2g} by channel and speed; {len(self.mountings)} mountings, "
+                f"mounting the weight again moves vectors by {significant(np.sqrt(np.mean(between**2)), 2)} um "
+                f"({significant(between.min(), 2)} to {significant(between.max(), 2)} by channel and speed; "
+                f"{len(self.mountings)} mountings, "
                 f"{self.solved.freedom:.0f} degrees of freedom)"
             )
             if repeat.size:
-                sentence += f", repeats by {np.sqrt(np.mean(repeat**2)):.2g} um"
+                sentence += f", repeats by {significant(np.sqrt(np.mean(repeat**2)), 2)} um"
             found.append(sentence)
         elif np.isnan(self.test.sigma).any():
             found.append(
@@ -112,7 +116,7 @@ class Influences(Printed):
             speed = self.solved.speed[dwell] * RPM_PER_RAD_S
             row = [" ".join(self.channels[channel]), f"{speed:.0f}", _polar(self.solved.residual[cell] * 1e6)]
             for value, error in zip(self.solved.influence[cell], errors[cell], strict=True):
-                row += [_polar(value), f"+- {error:.1g}" if np.isfinite(error) else "+- ?"]
+                row += [_polar(value), f"+- {significant(error, 1)}" if np.isfinite(error) else "+- ?"]
             rows.append(row)
         lines = text_table(rows, "<14 >8 >18" + " >18 <8" * size)
         seen = [self.modes_told] if self.modes_told else []
@@ -123,7 +127,7 @@ class Influences(Printed):
 
 
 def _polar(value: complex) -> str:
-    return f"{abs(value):.4g} @ {np.degrees(np.angle(value)):.1f}"
+    return f"{significant(abs(value), 4)} @ {np.degrees(np.angle(value)):.1f}"
 
 
 def influence(test: PerturbationTest, speeds: ArrayLike | None = None) -> Influences:

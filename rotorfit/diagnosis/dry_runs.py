@@ -13,6 +13,7 @@ from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.digits import significant
 
 _LARGEST_LOSS = 0.1
 """Share of the dry rig's mass that a fluid's negative direct inertia may take at most, or that may be missing."""
@@ -29,19 +30,23 @@ def other_rig(fit: FitResult) -> Iterator[Finding]:
         added, error = _added(block)
         least = max(_LARGEST_LOSS * abs(dry), SIGNIFICANT_ERRORS * error)
         if baseline is None:
-            given, undo = f"stator_mass_kg is {dry:.3g}", "the mass of this stator in kg"
+            given, undo = f"stator_mass_kg is {significant(dry, 3)}", "the mass of this stator in kg"
             question = "Is it that of this stator, in kg?"
         else:
-            given, undo = f"{dry:.3g} kg in the dry run {baseline.source}".rstrip(), "the dry run of this rig"
+            given, undo = (
+                f"{significant(dry, 3)} kg in the dry run {baseline.source}".rstrip(),
+                "the dry run of this rig",
+            )
             question = "Is the dry run of another rig, or of this one with other parts on its stator?"
-        seen = f"In the test with fluid {dry + added:.3g} +- {error:.1g} kg move; {given}"
+        seen = f"In the test with fluid {significant(dry + added, 3)} +- {significant(error, 1)} kg move; {given}"
         if added < -least:
             yield Finding("error", "other-rig", f"{seen}. A fluid adds mass. {question}", undo=undo)
             continue
         missing = added - _modelled(fit, block)
         if missing > least and fit.redchi > fit.largest_redchi:
             text = (
-                f"{seen}, and the model lacks {missing:.3g} kg. {question} If it is right, leave the fluid's mass free."
+                f"{seen}, and the model lacks {significant(missing, 3)} kg. {question} If it is right, leave "
+                "the fluid's mass free."
             )
             yield Finding("error", "missing-mass", text, undo=undo)
 

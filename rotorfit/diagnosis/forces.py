@@ -22,6 +22,7 @@ from rotorfit.diagnosis.readings import rows_of
 from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
 from rotorfit.estimators.signals.ratios import best_ratio
 from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.digits import significant
 
 _LINES_A_COEFFICIENT = 4.0
 """Values for each coefficient of a rational function that a verdict needs; fewer might follow anything."""
@@ -75,7 +76,8 @@ def exchanged_axes(test: PerturbationTest) -> Iterator[Finding]:
         across = abs(mass[2])
         what = "x and y are exchanged" if across > 0.5 * mass[1] else "one of x and y is inverted"
         text = (
-            f"Under the forces at {plane} {mass[1]:.3g} kg move in one direction and {mass[0]:.3g} kg across it, as no "
+            f"Under the forces at {plane} {significant(mass[1], 3)} kg move in one direction and "
+            f"{significant(mass[0], 3)} kg across it, as no "
             f"body's do: {what}, either of the forces or of the probes. Check channels and cables of both."
         )
         yield Finding("error", "axes", text, rows_of(np.isin(np.arange(len(test)), own[pairs])))

@@ -14,6 +14,7 @@ import numpy as np
 from rotorfit.data.findings import Finding, listed
 from rotorfit.diagnosis.orbits import Orbits
 from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.digits import significant
 from rotorfit.units import RPM_PER_RAD_S
 
 _LINES_BESIDE = 3  # lines on either side that have to be smooth
@@ -36,8 +37,8 @@ def half_turns(orbits: Orbits) -> Iterator[Finding]:
     for (plane, low, high), sweeps in found.items():
         hit = np.concatenate(sweeps)
         text = (
-            f"At {plane} the readings turn by half a turn between {low * RPM_PER_RAD_S:.4g} and "
-            f"{high * RPM_PER_RAD_S:.4g} rpm, and are smooth on both sides, as no rotor's are, in "
+            f"At {plane} the readings turn by half a turn between {significant(low * RPM_PER_RAD_S, 4)} and "
+            f"{significant(high * RPM_PER_RAD_S, 4)} rpm, and are smooth on both sides, as no rotor's are, in "
             f"{listed(list(dict.fromkeys(orbits.run[hit].tolist())))}. Either side may be the inverted one: check "
             "range, polarity and filters of the probes there, and the angle of the force."
         )

@@ -14,6 +14,7 @@ from rotorfit.diagnosis.orbits import SYNCHRONOUS_DISTANCE
 from rotorfit.diagnosis.readings import rows_of
 from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.estimators.signals.ramp import fit_ramp
+from rotorfit.models.digits import significant
 from rotorfit.units import RPM_PER_RAD_S
 
 _LEAST_FREQUENCY_RATIO = 0.1
@@ -71,8 +72,9 @@ def _units(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     highest, fastest = float(np.abs(test.frequency).max()), float(np.abs(test.speed).max())
     if 0 < highest < _LEAST_FREQUENCY_RATIO * fastest:
         text = (
-            f"The frequencies are low: {highest * RPM_PER_RAD_S:.4g} rpm at the most, at speeds up to "
-            f"{fastest * RPM_PER_RAD_S:.4g} rpm. If one of the two is in Hz or rad/s, name its unit (frequency_hz, "
+            f"The frequencies are low: {significant(highest * RPM_PER_RAD_S, 4)} rpm at the most, at speeds up to "
+            f"{significant(fastest * RPM_PER_RAD_S, 4)} rpm. If one of the two is in Hz or rad/s, name its unit "
+            "(frequency_hz, "
             "speed_hz): wrong, it falsifies every parameter, lam first of all, and a fit may not notice."
         )
         yield Finding("warning", "frequency-unit", text, undo="frequency_hz, speed_hz")
@@ -162,7 +164,8 @@ def _ramps(test: PerturbationTest) -> Iterator[Finding]:
                 f"{plane} {direction} of run {run} beats beyond its resonance, from {found.beats_from * rpm:.0f} rpm "
                 f"on: the speed changed by about {abs(found.rate) * rpm:.0f} rpm/s, too fast for the vibration to "
                 f"settle. Taken as settled the resonance comes out at {found.steady_wn * rpm:.0f} rpm, with the ramp "
-                f"fitted too at {found.wn * rpm:.0f} +- {found.wn_error * rpm:.1g} rpm. Leave out what beats, and run "
+                f"fitted too at {found.wn * rpm:.0f} +- {significant(found.wn_error * rpm, 1)} rpm. Leave out "
+                "what beats, and run "
                 "through the resonance more slowly."
             )
             late = rows[test.speed[rows] >= found.beats_from]

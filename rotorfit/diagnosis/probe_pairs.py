@@ -21,6 +21,7 @@ from rotorfit.diagnosis.trials.channel_filters import SAME_FACTOR
 from rotorfit.estimators.blocks.row_keys import combined, rows_by
 from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
 from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.digits import significant
 
 UNEVEN = "anisotropy"
 """Code of the finding that x and y differ as on an anisotropic rotor."""
@@ -99,7 +100,8 @@ def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
             else ""
         )
         text = (
-            f"At {listed(uneven)} the motion against the direction of the force has up to {part:.2g} % of the "
+            f"At {listed(uneven)} the motion against the direction of the force has up to "
+            f"{significant(part, 2)} % of the "
             "amplitude of that along it, and is no noise: anisotropy, probes that differ, or a force that does not "
             f"turn (force_direction).{unclear} Compare with the model Anisotropic before trusting an isotropic one."
         )
@@ -245,13 +247,17 @@ def _late(plane: str, one: _Relation) -> Finding:
     late, early = ("y", "x") if one.delay > 0 else ("x", "y")
     lag = np.degrees(one.highest * abs(one.delay))
     text = (
-        f"The {late} probe at {plane} is {abs(one.delay):.3g} s late against the {early} probe: it lags in proportion "
-        f"to the frequency, by {lag:.2g} degrees at the highest, as no rotor does. Half of that is in every response "
+        f"The {late} probe at {plane} is {significant(abs(one.delay), 3)} s late against the {early} probe: it "
+        "lags in proportion "
+        f"to the frequency, by {significant(lag, 2)} degrees at the highest, as no rotor does. Half of that is "
+        "in every response "
         f"there, and in the damping and lam that follow from it. Find out which probe is wrong: if {early} is right, "
-        f"delays, {plane}.{late} = {abs(one.delay):.3g} s; if {late} is right, {plane}.{early} = "
-        f"-{abs(one.delay):.3g} s (of recordings delay_s of the probe in rig.toml)."
+        f"delays, {plane}.{late} = {significant(abs(one.delay), 3)} s; if {late} is right, {plane}.{early} = "
+        f"-{significant(abs(one.delay), 3)} s (of recordings delay_s of the probe in rig.toml)."
     )
-    return Finding("warning", "probe-delay", text, one.rows, undo=f"delays, {plane}.{late} = {abs(one.delay):.3g} s")
+    return Finding(
+        "warning", "probe-delay", text, one.rows, undo=f"delays, {plane}.{late} = {significant(abs(one.delay), 3)} s"
+    )
 
 
 def _filtered(plane: str, one: FilteredProbe, rows: tuple[int, ...]) -> Finding:
@@ -274,8 +280,11 @@ def _gain(plane: str, one: _Relation) -> Finding:
         what = f"The y probe at {plane} is {phase:+.1f} degrees off in phase against the x probe, at every frequency"
         undo = "correct it with a complex gain or a delay (gains, delays)"
     else:
-        what = f"The y probe at {plane} reads {g:.3g} times what the x probe does, at every frequency"
-        undo = f"if x is right, divide y by it: gains, {plane}.y = {g:.3g}; if y is right, {plane}.x = {1 / g:.3g}"
+        what = f"The y probe at {plane} reads {significant(g, 3)} times what the x probe does, at every frequency"
+        undo = (
+            f"if x is right, divide y by it: gains, {plane}.y = {significant(g, 3)}; if y is right, "
+            f"{plane}.x = {significant(1 / g, 3)}"
+        )
     effect = (
         "Every stiffness, damping and mass that is seen there (K, D, M, Mf) comes out some "
         f"{_bias(if_x)} if the y probe is wrong, {_bias(if_y)} if the x probe is; lam, a ratio, hardly changes"
@@ -288,4 +297,4 @@ def _gain(plane: str, one: _Relation) -> Finding:
 
 
 def _bias(share: float) -> str:
-    return f"{100 * abs(share):.2g} % too {'small' if share > 0 else 'large'}"
+    return f"{significant(100 * abs(share), 2)} % too {'small' if share > 0 else 'large'}"

@@ -12,6 +12,7 @@ from rotorfit.data.experiments import DisplacementTest, Experiment, Perturbation
 from rotorfit.data.findings import NO_COPIES, Finding, listed
 from rotorfit.estimators.blocks.row_keys import combined, rows_by, words
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
+from rotorfit.models.digits import significant
 
 _IMPOSSIBLE_DISPLACEMENT, _SUSPECT_DISPLACEMENT, _SMALLEST_DISPLACEMENT = 0.025, 5e-3, 1e-6
 """Displacements, m: beyond what shakers and machines do, though small rigs come to it in mil instead of um; larger than
@@ -35,7 +36,8 @@ def amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     largest = float(size.max())
     if largest > _SUSPECT_DISPLACEMENT:
         text = (
-            f"Amplitudes reach {largest:.3g} m 0-peak; no rotor in a bearing or seal moves that far. Check the unit "
+            f"Amplitudes reach {significant(largest, 3)} m 0-peak; no rotor in a bearing or seal moves that "
+            "far. Check the unit "
             "of the amplitude column (um, mil, m)."
         )
         yield Finding(
@@ -46,7 +48,8 @@ def amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
         )
     elif 0 < largest < _SMALLEST_DISPLACEMENT and not _over_unit_force(test):
         text = (
-            f"The largest amplitude is {largest:.3g} m 0-peak, little for a rotor and hardly more than probes resolve. "
+            f"The largest amplitude is {significant(largest, 3)} m 0-peak, little for a rotor and hardly more "
+            "than probes resolve. "
             "Check the unit of the amplitude column (amplitude_um, amplitude_mm): wrong, it goes into every mass, "
             "damping and stiffness, and no fit can notice."
         )
@@ -168,7 +171,8 @@ def clipped(test: PerturbationTest) -> Iterator[Finding]:
     if cut.size:
         text = (
             f"Cut off: {cut.size} readings of {_probes(test, cut)} have the largest amplitude of their probe to the "
-            f"last digit, {size[cut].max():.4g} m, line after line, as where a probe or an amplifier is at the end of "
+            f"last digit, {significant(size[cut].max(), 4)} m, line after line, as where a probe or an "
+            "amplifier is at the end of "
             "its range. Remove these rows."
         )
         yield Finding("error", "clipped", text, tuple(cut.tolist()), undo="remove these rows")

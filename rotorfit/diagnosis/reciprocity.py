@@ -11,6 +11,7 @@ from rotorfit.diagnosis.orbits import Orbits
 from rotorfit.diagnosis.trials.channel_filters import likeness
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers
 from rotorfit.models.array_types import Float, Index
+from rotorfit.models.digits import significant
 
 _LARGEST_MEDIAN = 0.4
 """Departure of the median ratio of planes from one, octaves, that stations of probes do not explain."""
@@ -49,8 +50,10 @@ def _ratios(orbits: Orbits, a: str, b: str) -> Float:
 def _finding(a: str, b: str, factor: float, rows: tuple[int, ...]) -> Finding:
     """Of planes of which the first answers the second so many times as much as the other way round."""
     text = (
-        f"Plane {a} answers forces at {b} {factor:.3g} times as much as {b} answers forces at {a}, at every frequency; "
-        f"on a rotor the two are alike. Either the readings at {a} are {factor:.3g} times too large{likeness(factor)}, "
+        f"Plane {a} answers forces at {b} {significant(factor, 3)} times as much as {b} answers forces at {a}, "
+        "at every frequency; "
+        f"on a rotor the two are alike. Either the readings at {a} are {significant(factor, 3)} times too "
+        f"large{likeness(factor)}, "
         f"or those at {b} as many times too small{likeness(1 / factor)}, or so are the forces at {b}, or those at {a} "
         "are too large. No fit can tell which: it goes into sigma, or into every mass and stiffness of one plane."
     )

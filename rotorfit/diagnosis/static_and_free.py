@@ -10,6 +10,7 @@ from rotorfit.data.experiments import ImpulseTest, RingDownTest, StaticTest
 from rotorfit.data.findings import Finding, listed
 from rotorfit.data.ring_down import ring_down_modes
 from rotorfit.models.array_types import Bool, Float
+from rotorfit.models.digits import significant
 from rotorfit.units import RPM_PER_RAD_S
 
 _FEWEST_LOADS = 3  # loads of a run from which their positions say a direction
@@ -78,8 +79,9 @@ def free_vibration(test: ImpulseTest | RingDownTest) -> Iterator[Finding]:
     if odd.size:
         first, runs = int(odd[0]), list(dict.fromkeys(test.run[odd].tolist()))
         text = (
-            f"Free vibration at {abs(test.frequency[first]) * RPM_PER_RAD_S:.4g} cycles a minute, at a speed of "
-            f"{abs(test.speed[first]) * RPM_PER_RAD_S:.4g} rpm, in {listed(runs)}. "
+            f"Free vibration at {significant(abs(test.frequency[first]) * RPM_PER_RAD_S, 4)} cycles a minute, "
+            "at a speed of "
+            f"{significant(abs(test.speed[first]) * RPM_PER_RAD_S, 4)} rpm, in {listed(runs)}. "
             f"Check the unit of {unit}, or of the speed."
         )
         yield Finding("warning", "frequency-unit", text)

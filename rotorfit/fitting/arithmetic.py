@@ -7,7 +7,8 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol, Self
 
-from rotorfit.fitting.digits import is_left_open, plus_minus, two_digits
+from rotorfit.estimators.significance import CHANCE_ERRORS
+from rotorfit.models.digits import plus_minus, two_digits
 
 if TYPE_CHECKING:
     from rotorfit.fitting.quantities import Quantity
@@ -15,6 +16,12 @@ if TYPE_CHECKING:
 _NEWTON = {"kg": 1, "m": 1, "s": -2}
 _SHOWN = ({"N": 1, "m": -1}, {"N": 1}, {"N": 1, "s": 1, "m": -1}, {"N": 1, "m": 1})
 """Units with a newton that are written as such: stiffness, force, damping, moment."""
+
+
+def is_left_open(value: float, error: float, systematic: float) -> bool:
+    """True if what the data do not show may well move a number by more than itself: two such shares of it, beyond what
+    its error does. Then it is no number."""
+    return CHANCE_ERRORS * systematic > abs(value) and systematic > error
 
 
 class Source(Protocol):

@@ -18,6 +18,7 @@ from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.structure.refinable import why_not_refined
 from rotorfit.models import BLOCKS, Modal, RotorModel
 from rotorfit.models.array_types import Bool, Float
+from rotorfit.models.digits import significant
 from rotorfit.models.motion.stability import growth_rate, stability_band
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -47,25 +48,28 @@ def fit_warnings(
     misfit = covariance.widening(redchi, problem.loss, nfree=nfree, freedom=freedom_of(problem.blocks))
     if is_misfit(noise, misfit) and not (noise is not None and noise.explained):
         where = f". It misses most: {', '.join(noise.places)}" if noise is not None and noise.places else ""
-        wider = "the residuals of each response" if rescaled else f"{np.sqrt(redchi):.2g}"
+        wider = "the residuals of each response" if rescaled else significant(np.sqrt(redchi), 2)
         other = f". {_FILTERED}" if noise is not None and noise.perhaps_filtered else ""
         found.append(
-            f"redchi is {redchi:.3g}: the model, not the noise, limits this fit. Standard errors are widened by "
+            f"redchi is {significant(redchi, 3)}: the model, not the noise, limits this fit. Standard errors "
+            "are widened by "
             f"{wider}, but parameters may be biased beyond them; {advice}{where}{other}"
         )
     if noise is not None and noise.odd_run and redchi > MODEL_LIMITED_REDCHI:
         found.append(noise.odd_run)
     if too_quiet(redchi, nfree):
         found.append(
-            f"redchi is {redchi:.2g}: the noise is overestimated, and standard errors are about "
-            f"{1 / np.sqrt(redchi):.2g} times too wide. Give the noise of the readings (sigma_um), or more lines"
+            f"redchi is {significant(redchi, 2)}: the noise is overestimated, and standard errors are about "
+            f"{significant(1 / np.sqrt(redchi), 2)} times too wide. Give the noise of the readings (sigma_um), "
+            "or more lines"
         )
     if problem.loss != "linear":
         # the median of |r|^2 is 2 ln 2 for noise alone, and hardly moves for a few outliers
         typical = float(np.median(np.abs(problem.residuals(x)) ** 2)) / (2 * np.log(2))
         if typical > MODEL_LIMITED_REDCHI:
             found.append(
-                f"the squared residuals of most readings are {typical:.2g} times those of the noise: not outliers but "
+                f"the squared residuals of most readings are {significant(typical, 2)} times those of the "
+                "noise: not outliers but "
                 f"the model limits this fit, and parameters may be biased; {advice}"
             )
     found += [
@@ -129,7 +133,8 @@ def _instability(problem: Problem, x: Float, unresolved: Sequence[str]) -> list[
             if some and len(set(found)) < 3:
                 where = f"the tested speed of {v * RPM_PER_RAD_S:.0f} rpm" if model.speed_dependent else "any speed"
                 found.append(
-                    f"the fitted rotor is unstable at {where} (growth rate {rate:.3g} 1/s): a rig could not have been "
+                    f"the fitted rotor is unstable at {where} (growth rate {significant(rate, 3)} 1/s): a rig "
+                    "could not have been "
                     f"measured there. {_remedy(unresolved)}"
                 )
     return list(dict.fromkeys(found))

@@ -34,6 +34,7 @@ from rotorfit.fitting.result_figures import FitFigures
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel, Threshold, threshold_speed
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant
 from rotorfit.models.motion.stability import stability_band
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.shafts.angular_rates import real_number
@@ -134,7 +135,10 @@ class FitResult(FitFigures):
     def __repr__(self) -> str:
         """Model, data and goodness of fit, on one line; ``print(fit)`` shows the table of :meth:`summary`."""
         size = f"{self.nvarys} values from {self.ndata} data"
-        return f"<FitResult {self.model.name}, {self.method}: {size}, redchi {self.redchi:.4g}, {self.message}>"
+        return (
+            f"<FitResult {self.model.name}, {self.method}: {size}, redchi {significant(self.redchi, 4)}, "
+            f"{self.message}>"
+        )
 
     # ---- what is wrong with the data, imported when asked for -----------------------------------------------------
 

@@ -15,12 +15,12 @@ from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.starting.start_points import EARLIER_FIT, GIVEN
 from rotorfit.fitting.assumptions.anisotropy import lines_cut_off
-from rotorfit.fitting.digits import plus_minus, two_digits, with_error
 from rotorfit.fitting.noise.record import NoiseVerdict, is_run_effect
 from rotorfit.fitting.noise.words import VERDICTS
 from rotorfit.fitting.quantities import THRESHOLD
 from rotorfit.fitting.structure.structure_error import caveats_of
 from rotorfit.models import RotorModel, TurningOnSupports, eigenvalues, unstable_bands
+from rotorfit.models.digits import plus_minus, significant, two_digits, with_error, with_errors
 from rotorfit.models.motion.stability import growing_bands
 from rotorfit.models.parameters import bare_name
 from rotorfit.models.structure import block_parameters, block_symbols
@@ -72,7 +72,7 @@ def fit_table(fit: FitResult) -> str:
     """Parameters, goodness of fit, identifiability, correlations worth knowing, stability and warnings."""
     lines = [
         f"{fit.model.name}, {fit.method}: {fit.message}" + (f"; start: {start_words(fit)}" if fit.nfev else ""),
-        f"{fit.ndata} real data, {fit.nvarys} fitted values, redchi {fit.redchi:.4g}, "
+        f"{fit.ndata} real data, {fit.nvarys} fitted values, redchi {significant(fit.redchi, 4)}, "
         f"AIC {fit.aic:.6g}, BIC {fit.bic:.6g}",
         *_noise_lines(fit),
         "",
@@ -120,7 +120,7 @@ def _noise_lines(fit: FitResult) -> list[str]:
     few = [p for p in fit.params.values() if p.vary and p.resolved and p.freedom < _FEW]
     for p in few:
         low, high = p.interval(0.95, statistical=True)
-        how = f"(Student's t, {p.freedom:.2g} degrees of freedom)"
+        how = f"(Student's t, {significant(p.freedom, 2)} degrees of freedom)"
         lines.append(f"  {p.name}: 95 % interval {low:.6g} to {high:.6g} {p.unit} {how}")
     return lines
 
@@ -140,7 +140,7 @@ def _levels(noise: ResidualStudy) -> list[str]:
     for level in noise.response_noise:
         more = f" and {len(level.responses) - 3} more" if level.responses[3:] else ""
         where = ", ".join(level.responses[:3]) + more
-        share = f", and {100 * level.share:.2g} % {level.along}" if level.share else ""
+        share = f", and {significant(100 * level.share, 2)} % {level.along}" if level.share else ""
         lines.append(f"  {where}: {_small(level.constant, level.unit)} (rms){share}")
     return lines
 
@@ -210,15 +210,15 @@ def natural(text: str) -> tuple[tuple[int, float, str], ...]:
 
 def _row(p: FittedParameter, both: bool, more: bool) -> list[str | Wide]:
     if not p.vary:
-        return [p.name, f"{p.value:.7g}", "known", *([""] * (both + more)), "", p.unit]
+        return [p.name, significant(p.value, 7), "known", *([""] * (both + more)), "", p.unit]
     if not p.resolved:
-        return [p.name, Wide("not determined by the data", 2 + both + more), f"{p.init_value:.6g}", p.unit]
+        return [p.name, Wide("not determined by the data", 2 + both + more), significant(p.init_value, 6), p.unit]
     if p.moved_by:
-        return [p.name, Wide("not determined", 2 + both + more), f"{p.init_value:.6g}", p.unit, p.moved_by]
+        return [p.name, Wide("not determined", 2 + both + more), significant(p.init_value, 6), p.unit, p.moved_by]
     whole = math.hypot(p.stderr, p.systematic)
-    value, start = with_error(p.value, whole)[0], with_error(p.init_value, whole)[0]
     shares = [p.stderr, *([p.stderr_noise] * both), *([p.systematic] * more)]
-    errors = [with_error(0.0, error)[1] if 0 < error < math.inf else "-" for error in shares]
+    value, *errors = with_errors(p.value, whole, *shares)
+    start = with_error(p.init_value, whole)[0]
     return [p.name, value, *errors, start, p.unit, "at its bound" if p.at_bound else ""]
 
 
@@ -235,7 +235,10 @@ def interval_lines(fit: FitResult) -> list[str]:
             lines.append(f"{words}: not determined by these data")
             continue
         low, high = (scale * end for end in fit.interval(name))
-        lines.append(f"{words}: {scale * p.value:.5g} {unit}, 95 % interval {low:.5g} to {high:.5g} {unit}{tail}")
+        lines.append(
+            f"{words}: {significant(scale * p.value, 5)} {unit}, 95 % interval {significant(low, 5)} to "
+            f"{significant(high, 5)} {unit}{tail}"
+        )
     return lines
 
 
@@ -265,7 +268,8 @@ def _turning_lines(fit: FitResult) -> list[str]:
     if isinstance(fit.model, TurningOnSupports):
         size, share = lines_cut_off(fit)
         found.append(
-            f"lines left out change those fitted by {size:.1g} of the largest at most, {share:.1g} of a standard "
+            f"lines left out change those fitted by {significant(size, 1)} of the largest at most, "
+            f"{significant(share, 1)} of a standard "
             f"deviation (terms={fit.model.terms})"
         )
     return [*found, "unstable by turning anisotropy: " + (", ".join(shown) or "at no speed, it is damped")]
@@ -297,7 +301,7 @@ def _threshold_line(fit: FitResult, onset: Quantity) -> str:
     highest = float(fit.speeds.max(initial=0.0))
     if highest > 0:
         percent = 100 * (onset.value / highest - 1)
-        line += f"; {abs(percent):.3g} % {'above' if percent >= 0 else 'below'} the highest tested speed"
+        line += f"; {significant(abs(percent), 3)} % {'above' if percent >= 0 else 'below'} the highest tested speed"
         line += f" ({highest * RPM_PER_RAD_S:.0f} rpm)" + (": extrapolated" if percent > 0 else "")
     return line
 
@@ -317,7 +321,7 @@ def fit_html(fit: FitResult) -> str:
 
 def _html_row(p: FittedParameter) -> str:
     if not p.vary:
-        value, error = f"{p.value:.7g}", "known"
+        value, error = significant(p.value, 7), "known"
     elif not p.resolved or p.moved_by:
         value, error = "not determined", ""
     else:

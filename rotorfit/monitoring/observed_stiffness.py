@@ -17,6 +17,7 @@ from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.several_forces import refuse_several
 from rotorfit.estimators.inference.covariance import widening
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.digits import significant
 from rotorfit.models.parameters import MATRIX_UNITS
 from rotorfit.models.text_table import Printed, Wide, text_table
 from rotorfit.observing.circular import observe
@@ -56,11 +57,16 @@ class ObservedStiffness(Printed):
     def __str__(self) -> str:
         head = f"{self.date or self.source or 'test'}: force at {self.force_plane}, motion at {self.plane}"
         rows: list[list[str | Wide]] = [
-            [f"{speed * RPM_PER_RAD_S:.5g}", f"{kappa.real:.5g}", f"{kappa.imag:.5g}", f"{sigma:.2g}"]
+            [
+                significant(speed * RPM_PER_RAD_S, 5),
+                significant(kappa.real, 5),
+                significant(kappa.imag, 5),
+                significant(sigma, 2),
+            ]
             for speed, kappa, sigma in zip(self.speed, self.stiffness, self.sigma, strict=True)
         ]
         lines = [
-            f"  {name} {value:.5g} +- {error:.2g} {MATRIX_UNITS[name]}"
+            f"  {name} {significant(value, 5)} +- {significant(error, 2)} {MATRIX_UNITS[name]}"
             for name, (value, error) in self.observed.items()
         ]
         more: list[str | Wide] = [Wide(f"       ... {len(rows) - 12} speeds more", 4, remark=True)]

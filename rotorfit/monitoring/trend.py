@@ -13,6 +13,7 @@ from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.estimators.change_point import Change, along, fewest_dates, find_change
 from rotorfit.estimators.significance import P_CHANCE
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant
 from rotorfit.models.parameters import MATRIX_UNITS
 from rotorfit.models.text_table import Printed
 from rotorfit.monitoring.observed_stiffness import ObservedStiffness
@@ -96,14 +97,14 @@ class PlaceTrend:
             f"{', '.join(f'{_percent(s)} %' for s in own)})"
         ]
         if not self.found:
-            return [*words, f"no change of level in {n} tests (p = {self.change.p_value:.2g})"]
+            return [*words, f"no change of level in {n} tests (p = {significant(self.change.p_value, 2)})"]
         error = np.sqrt(np.diag(self.change.covariance))
         sizes = ", ".join(
             f"{name} {_percent(shift / abs(level), sign='+')} +- {_percent(e / abs(level))} %"
             for name, shift, level, e in zip(self.names, self.change.shift, self.change.before, error, strict=True)
         )
         since = f"a change between {self.dates[self.change.index - 1]} and {self.dates[self.change.index]}"
-        sentence = f"{since} (p = {self.change.p_value:.2g}): {sizes}"
+        sentence = f"{since} (p = {significant(self.change.p_value, 2)}): {sizes}"
         if self.names[0] in ("dK/K", "dK") and self.change.shift[0] > 0:
             return [*words, sentence, "a turning anisotropy that grows is what a propagating crack makes"]
         return [*words, sentence, *self._cause_sentences()]

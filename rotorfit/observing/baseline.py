@@ -24,6 +24,7 @@ from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.digits import significant
 from rotorfit.observing.circular import observe
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -111,7 +112,8 @@ def _beside(model: RotorModel, block: Responses, test: PerturbationTest, baselin
             if speeds.size > 1:
                 _refuse_speed(test, baseline, speed, speeds)
             remarks = (
-                f"the dry run {baseline.source} was made at {nearest * RPM_PER_RAD_S:.4g} rpm alone and stands for all "
+                f"the dry run {baseline.source} was made at {significant(nearest * RPM_PER_RAD_S, 4)} rpm alone "
+                "and stands for all "
                 "speeds",
             )
         for sign in (1.0, -1.0):
@@ -178,8 +180,10 @@ def _refuse_outside(knots: Float, w: Float, test: PerturbationTest, baseline: Pe
         low, high = np.sort(np.abs(knots[[0, -1]])) / (2 * np.pi)
         off = float(np.abs(w[outside][0])) / (2 * np.pi)
         raise ValueError(
-            f"{baseline.source or 'the dry run'} goes from {low:.4g} to {high:.4g} Hz, {test.source or 'the test'} "
-            f"has {off:.4g} Hz: a baseline is not extrapolated; leave these readings out, or repeat the dry run"
+            f"{baseline.source or 'the dry run'} goes from {significant(low, 4)} to {significant(high, 4)} Hz, "
+            f"{test.source or 'the test'} "
+            f"has {significant(off, 4)} Hz: a baseline is not extrapolated; leave these readings out, or repeat "
+            "the dry run"
         )
 
 
@@ -245,10 +249,11 @@ def _refuse_other_rig(test: PerturbationTest, baseline: PerturbationTest) -> Non
 
 
 def _refuse_speed(test: PerturbationTest, baseline: PerturbationTest, speed: float, speeds: Float) -> None:
-    there = ", ".join(f"{value * RPM_PER_RAD_S:.5g}" for value in speeds.tolist())
+    there = ", ".join(significant(value * RPM_PER_RAD_S, 5) for value in speeds.tolist())
     raise ValueError(
         f"{baseline.source or 'the dry run'} was made at {there} rpm, {test.source or 'the test'} has "
-        f"{speed * RPM_PER_RAD_S:.5g} rpm: dry runs at several speeds are matched with those of the test; add the run, "
+        f"{significant(speed * RPM_PER_RAD_S, 5)} rpm: dry runs at several speeds are matched with those of the "
+        "test; add the run, "
         "or give a dry run at one speed for all"
     )
 
@@ -318,7 +323,7 @@ def _measured_receptance(block: Responses, test: PerturbationTest, *, whole: boo
         A, F = amplitude[at].T, block.force[at].T
         if whole and (np.linalg.matrix_rank(F) < n or not np.isfinite(A).all()):
             raise ValueError(
-                f"{test.source or 'the test'}: at {abs(w[at[0]]) / (2 * np.pi):.5g} Hz not all of "
+                f"{test.source or 'the test'}: at {significant(abs(w[at[0]]) / (2 * np.pi), 5)} Hz not all of "
                 f"{', '.join(map(str, block.model.coordinates))} were forced in turn and read; beside a dry run a test "
                 "has forces along both axes at the same frequencies"
             )

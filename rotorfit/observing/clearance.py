@@ -16,6 +16,7 @@ from rotorfit.estimators.blocks.row_keys import distinguished
 from rotorfit.estimators.noise.reading_noise import FEWEST_LINES
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant
 from rotorfit.models.motion.journal import journal
 from rotorfit.observing.refusals import LARGEST_MEASURED_ECCENTRICITY
 
@@ -38,7 +39,8 @@ def within_clearance(model: RotorModel, test: Experiment) -> tuple[Experiment, s
     named = "; ".join(places[:3]) + (f" and {len(places) - 3} more" if places[3:] else "")
     return test.select(~out), (
         f"{test.source or test.title}: {np.count_nonzero(beyond)} of {np.isfinite(size).sum()} readings of the journal "
-        f"lie beyond the clearance of {model.clearance * 1e6:.4g} um, up to {np.nanmax(size) * 1e6:.4g} um, and are "
+        f"lie beyond the clearance of {significant(model.clearance * 1e6, 4)} um, up to "
+        f"{significant(np.nanmax(size) * 1e6, 4)} um, and are "
         f"left out ({named})"
     )
 
@@ -75,7 +77,7 @@ def same_line(test: Experiment) -> NDArray[np.intp]:
 
 def _where(test: Experiment, row: int) -> str:
     if isinstance(test, PerturbationTest | DisplacementTest):
-        return f"{test.frequency[row]:.4g} rad/s"
+        return f"{significant(test.frequency[row], 4)} rad/s"
     return f"row {row + 1}"
 
 

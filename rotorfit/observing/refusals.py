@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rotorfit.data.experiments import Experiment
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant
 
 LARGEST_MEASURED_ECCENTRICITY = 1.0 - 1e-6
 """Eccentricity above which a measured position is out of the clearance."""
@@ -20,7 +21,8 @@ def check_clearance(eps: Float, model: RotorModel, what: str) -> None:
     largest = float(np.nanmax(eps, initial=0.0))
     if largest > LARGEST_MEASURED_ECCENTRICITY and model.clearance is not None:
         raise ValueError(
-            f"{what} reach {largest * model.clearance * 1e6:.4g} um, the clearance is {model.clearance * 1e6:.4g} um; "
+            f"{what} reach {significant(largest * model.clearance * 1e6, 4)} um, the clearance is "
+            f"{significant(model.clearance * 1e6, 4)} um; "
             "check the clearance (clearance_um=, --clearance-um) and the units of the data"
         )
 

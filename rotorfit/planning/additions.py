@@ -10,6 +10,7 @@ import numpy as np
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant
 from rotorfit.models.motion.stability import decay_rate
 from rotorfit.observing.circular import first_rows
 from rotorfit.planning.candidates import candidate_test, line_times
@@ -150,7 +151,7 @@ def _sentence(one: Addition, before: dict[str, ExpectedError], names: Sequence[s
 
 def percent(error: ExpectedError) -> str:
     """A relative error in words."""
-    return f"{100 * error.relative:.2g} %" if math.isfinite(error.relative) else "open"
+    return f"{significant(100 * error.relative, 2)} %" if math.isfinite(error.relative) else "open"
 
 
 def _settled(plan: Plan, tried: Sequence[Addition], asked: bool) -> list[str]:

@@ -11,6 +11,7 @@ import numpy as np
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.models import AnisotropicShaft, RotorModel, Turning
 from rotorfit.models.array_types import Float, Index
+from rotorfit.models.digits import significant
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.stability import decay_rate
 from rotorfit.models.parameters import unknown_name
@@ -116,6 +117,6 @@ def too_fast(design: Design, model: RotorModel, theta: Float, band: float) -> st
     if design.sweep_rpm_per_s <= limit:
         return ""
     return (
-        f"Sweep more slowly: at {design.sweep_rpm_per_s:.3g} rpm/s the vibration lags by more than {_TRANSIENT:.0%}; "
-        f"up to {limit:.2g} rpm/s it follows."
+        f"Sweep more slowly: at {significant(design.sweep_rpm_per_s, 3)} rpm/s the vibration lags by more "
+        f"than {_TRANSIENT:.0%}; up to {significant(limit, 2)} rpm/s it follows."
     )

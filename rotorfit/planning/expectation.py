@@ -23,6 +23,7 @@ from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel, threshold_speed
 from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.digits import significant
 from rotorfit.models.motion.stability import decay_rate
 from rotorfit.planning.guesses import Guess, Values, guess
 from rotorfit.planning.noise import PlannedNoise, with_differences
@@ -226,7 +227,12 @@ def _refuse_unstable(problem: Problem, x: Float, band: float) -> None:
 def refuse_speed(model: RotorModel, theta: Float, speed: float, band: float) -> None:
     """Refuse a speed at which the guessed rotor whirls by itself."""
     onset = threshold_speed(model, theta, band=band)
-    limit = f"; speeds are allowed below the threshold of {onset.speed * RPM_PER_RAD_S:.5g} rpm" if onset else ""
+    limit = (
+        f"; speeds are allowed below the threshold of {significant(onset.speed * RPM_PER_RAD_S, 5)} rpm"
+        if onset
+        else ""
+    )
     raise ValueError(
-        f"the guessed rotor is unstable at {speed * RPM_PER_RAD_S:.5g} rpm and has no steady response there{limit}"
+        f"the guessed rotor is unstable at {significant(speed * RPM_PER_RAD_S, 5)} rpm and has no steady "
+        f"response there{limit}"
     )

@@ -13,10 +13,10 @@ from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.inference.optimal_shares import Shares
-from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant, with_error
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.text_table import Printed, text_table
 from rotorfit.planning.expectation import Expectation
@@ -181,8 +181,8 @@ class Plan(Printed):
         for name, one in self.expected.items():
             value, error = with_error(one.value, one.stderr)
             found = math.isfinite(one.stderr)
-            shares = [f"{100 * which.relative:.2g} %" if found else "-" for which in (one, self.even[name])]
-            ends = [f"{100 * abs(end / one.value):.2g}" if one.value else "-" for end in (one.low, one.high)]
+            shares = [f"{significant(100 * which.relative, 2)} %" if found else "-" for which in (one, self.even[name])]
+            ends = [significant(100 * abs(end / one.value), 2) if one.value else "-" for end in (one.low, one.high)]
             span = f"{ends[0]} to {ends[1]} %" if found and one.low < one.high else "-"
             rows.append([name, value, error if found else "open", shares[0], span, shares[1], one.unit])
         aim = " and ".join(self.quantity) if self.quantity else "all parameters together"

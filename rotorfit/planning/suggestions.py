@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from rotorfit.models.digits import significant
 from rotorfit.planning.additions import NAMED, additions, percent
 from rotorfit.planning.candidates import too_fast
 from rotorfit.planning.design import Design
@@ -42,12 +43,13 @@ def _speeds(plan: Plan, alternatives: Alternatives) -> str:
     worst = _listed(alternatives.speeds[-1])
     return (
         f"Run at {best} rpm: of {len(alternatives.speeds)} choices of {len(alternatives.speeds[0])} speeds these leave "
-        f"the smallest errors of {_aim(plan)}; with {worst} rpm they are {alternatives.ratio[-1]:.2g} times as large."
+        f"the smallest errors of {_aim(plan)}; with {worst} rpm they are "
+        f"{significant(alternatives.ratio[-1], 2)} times as large."
     )
 
 
 def _listed(speeds: tuple[float, ...]) -> str:
-    words = [f"{speed * RPM_PER_RAD_S:.5g}" for speed in speeds]
+    words = [significant(speed * RPM_PER_RAD_S, 5) for speed in speeds]
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
@@ -69,7 +71,8 @@ def _runs(plan: Plan) -> list[str]:
         if all(math.isfinite(gain) for gain in gains):
             factor = math.exp(sum(map(math.log, gains)) / len(gains))
             sentences.append(
-                f"With as much time for every line the errors of {_aim(plan)} would be {factor:.2g} times as large."
+                f"With as much time for every line the errors of {_aim(plan)} would be {significant(factor, 2)} "
+                "times as large."
             )
     return sentences
 
@@ -92,15 +95,20 @@ def _for_wanted(plan: Plan, wanted: float | None) -> list[str]:
     for name in plan.quantity or tuple(plan.expected):
         one = plan.expected[name]
         if not math.isfinite(one.stderr):
-            sentences.append(f"No averaging brings {name} to {100 * wanted:.2g} %: this test leaves it open.")
+            sentences.append(
+                f"No averaging brings {name} to {significant(100 * wanted, 2)} %: this test leaves it open."
+            )
             continue
         factor = (one.relative / wanted) ** 2
         if factor <= 1:
-            sentences.append(f"{name} comes to {percent(one)}, within the {100 * wanted:.2g} % that are wanted.")
+            sentences.append(
+                f"{name} comes to {percent(one)}, within the {significant(100 * wanted, 2)} % that are wanted."
+            )
             continue
         average = float(plan.lines.average.sum())
         more = "" if math.isnan(average) else f", {duration(average * (factor - 1))} more"
         sentences.append(
-            f"{name} comes to {percent(one)}; {100 * wanted:.2g} % take {factor:.3g} times the averaging{more}."
+            f"{name} comes to {percent(one)}; {significant(100 * wanted, 2)} % take {significant(factor, 3)} "
+            f"times the averaging{more}."
         )
     return sentences

@@ -19,6 +19,7 @@ from rotorfit.estimators.misfit.parameter_space import parameter_space
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float, Index
+from rotorfit.models.digits import significant
 from rotorfit.observing.circular import first_rows
 from rotorfit.planning.candidates import candidate_test, line_times
 from rotorfit.planning.design import Design
@@ -242,7 +243,7 @@ def _largest_motion(found: Expectation, first: int, design: Design) -> str:
 def _of_design(found: Expectation, first: int, design: Design) -> list[str]:
     """Cautions for a test by a design."""
     speeds = [v for v in design.speeds.tolist() if (np.abs(design.frequencies - v) <= SYNCHRONOUS_DISTANCE * v).any()]
-    near = ", ".join(f"{v * RPM_PER_RAD_S:.5g}" for v in speeds if v)
+    near = ", ".join(significant(v * RPM_PER_RAD_S, 5) for v in speeds if v)
     both = [f"Lines at once-per-turn frequency ({near} rpm) hold the residual unbalance too: leave them out."]
     return [*(both if near else []), _largest_motion(found, first, design)]
 

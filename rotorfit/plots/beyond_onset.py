@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.patches import Polygon
 
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.whirl import whirl_branch
 from rotorfit.plots.journal import half_width, reach
@@ -35,7 +36,9 @@ def plot_whirl(fit: FitResult, *, group: int = 0, max_speed_rpm: float | None = 
     top = 2.5 * onset if max_speed_rpm is None else max_speed_rpm * RAD_S_PER_RPM
     branch = whirl_branch(fit.model, theta, max_speed=top)
     if branch is None:
-        raise ValueError(f"the threshold speed is beyond {top * per_rad_s():.5g} {rate_unit()}: give max_speed_rpm")
+        raise ValueError(
+            f"the threshold speed is beyond {significant(top * per_rad_s(), 5)} {rate_unit()}: give max_speed_rpm"
+        )
     figure, axes = grid(2, 1, f"Whirl beyond the onset, {fit.model.name}", size=(5.8, 2.5), one_abscissa=True)
     radius, frequency = axes[:, 0]
     factor, unit = position_unit()

@@ -10,6 +10,7 @@ import numpy as np
 
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.digits import significant
 from rotorfit.models.parameters import unknown_name
 from rotorfit.plots.dynamic_stiffness import draw_drive_point
 from rotorfit.plots.style import (
@@ -159,7 +160,7 @@ def plot_bode(fit: FitResult, *, against: str = "frequency", mr: float | None = 
 
 def _weight(mr: float | None) -> str:
     """The unbalance that amplitudes are drawn for, in words of a title."""
-    return "" if mr is None else f" for {mr * 1e6:.4g} g mm"
+    return "" if mr is None else f" for {significant(mr * 1e6, 4)} g mm"
 
 
 def direction_marks(found: Sequence[SweepCurve], against: str) -> Sequence[tuple[str, str, str]]:

@@ -17,6 +17,7 @@ from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.digits import significant
 from rotorfit.models.parameters import unknown_name
 from rotorfit.plots.journal import half_width
 from rotorfit.plots.style import (
@@ -403,7 +404,7 @@ def _mark_whirl(fit: FitResult, shown: Sequence[_Shown], axis: Any, row: int, co
         whirl = theta[condition.group][names.index("lam")] * condition.speed
         if np.isfinite(whirl) and some.low < whirl < some.high:
             at = float(_places(np.array(whirl), condition, against, squared=False))
-            text = f"λΩ = {rate_words(whirl)}" if against != "ratio" else f"λ = {at:.4g}"
+            text = f"λΩ = {rate_words(whirl)}" if against != "ratio" else f"λ = {significant(at, 4)}"
             marked.setdefault(round(at, 9), (text, condition.colour))
     for at, (_, colour) in marked.items():
         axis.axvline(at, color=colour, lw=0.9, ls=":", zorder=1)

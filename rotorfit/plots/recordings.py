@@ -12,6 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant
 from rotorfit.plots.style import (
     COLOURS,
     GREY,
@@ -262,7 +263,7 @@ def _round_speeds(vectors: OrderVectors, values: NDArray[Any]) -> list[tuple[str
     for at in steps[(steps >= speed.min()) & (steps <= speed.max())].tolist():
         value = complex(np.interp(at, speed[order], values[good][order]))
         if abs(value) > apart and all(abs(value - other) > apart for _, other in chosen):
-            chosen.append((f"{at:.5g}", value))
+            chosen.append((significant(at, 5), value))
     return chosen
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.digits import significant
 from rotorfit.plots.bode import (
     cell_title,
     condition_legend,
@@ -120,7 +121,7 @@ def _mark_frequencies(axis: Any, found: Sequence[SweepCurve], factor: float) -> 
             if all(abs(z - other) > apart * reach for other in placed):
                 placed.append(z)
                 axis.plot(z.real, z.imag, "x", ms=4.5, mew=1.1, color="black", zorder=5)
-                words = f"{rpm:.4g}".replace("-", "−")
+                words = significant(rpm, 4).replace("-", "−")
                 right, up, drawn = _clear_corner(axis, z, len(words), drawn)
                 axis.annotate(
                     words,
@@ -167,7 +168,7 @@ def _square(axis: Any, values: ComplexArray) -> None:
 def plot_residuals(fit: FitResult) -> Figure:
     """Residuals over their noise against frequency, with the band of two standard deviations, and their histogram."""
     conditions, found = curves(fit)
-    title = f"Residuals over noise, {fit.model.name}: redchi {fit.redchi:.3g}"
+    title = f"Residuals over noise, {fit.model.name}: redchi {significant(fit.redchi, 3)}"
     figure, panels = panels_of(found, title, rows=2, size=(5.2, 1.6))
     for curve in joined(found):
         axis, _ = panels.axes[curve.coordinate, curve.force_plane]

@@ -9,11 +9,11 @@ import numpy as np
 
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.matching import cheapest_rows
-from rotorfit.fitting.digits import interval as interval_words
-from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.quantities import THRESHOLD
 from rotorfit.models import AnisotropicShaft, Turning, eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.digits import interval as interval_words
+from rotorfit.models.digits import with_error
 from rotorfit.plots.journal import group_label
 from rotorfit.plots.shaft_lines import plot_turning_stability
 from rotorfit.plots.style import COLOURS, GREY, grid, legend_below, literal, looked, per_rad_s, rate_unit, rate_words

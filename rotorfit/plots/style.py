@@ -16,6 +16,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import Locator, LogFormatter, LogLocator, MaxNLocator
 
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import UNITS
 
@@ -88,7 +89,7 @@ def rate_unit() -> str:
 
 def rate_words(value: float) -> str:
     """A frequency or speed given in rad/s, in the figure's unit."""
-    return f"{value * per_rad_s():.4g} {rate_unit()}"
+    return f"{significant(value * per_rad_s(), 4)} {rate_unit()}"
 
 
 def length() -> tuple[float, str]:

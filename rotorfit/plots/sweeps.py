@@ -18,6 +18,7 @@ from rotorfit.estimators.blocks.set_speeds import SYNCHRONOUS_TOLERANCE
 from rotorfit.fitting.summary import natural
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.digits import significant
 from rotorfit.plots.journal import group_label, half_width
 from rotorfit.plots.style import colour_of, literal, rate_unit, rate_words
 
@@ -125,8 +126,8 @@ def levels(force: Float, frequency: Float) -> list[str]:
     by_force = _rounded(force, same_level)
     by_unbalance = _rounded(force / np.maximum(frequency**2, 1e-12), same_level)
     if np.unique(by_unbalance).size < np.unique(by_force).size:
-        return [f"{value * 1e6:.3g} g mm" for value in by_unbalance]
-    return [f"{value:.3g} N" for value in by_force]
+        return [f"{significant(value * 1e6, 3)} g mm" for value in by_unbalance]
+    return [f"{significant(value, 3)} N" for value in by_force]
 
 
 def _rounded(values: Float, tolerance: float) -> Float:

@@ -8,6 +8,7 @@ import numpy as np
 
 from rotorfit.data.findings import NO_COPIES, Finding, listed
 from rotorfit.estimators.signals.spectral_lines import folded_orders, mains_hum, turning_power
+from rotorfit.models.digits import significant
 from rotorfit.recordings.angle_track import AngleTrack
 from rotorfit.recordings.channel_statistics import ChannelStatistics
 from rotorfit.recordings.rig.setup import Probe
@@ -56,8 +57,10 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
             yield Finding(
                 "error",
                 "channel-dead",
-                f"{where} is dead: it stays at {each.mean:.3f} {each.unit} and moves by {each.deviation:.2g} "
-                f"{each.unit} rms, the others by up to {largest:.3g}. Leave its plane out or repair the probe.",
+                f"{where} is dead: it stays at {each.mean:.3f} {each.unit} and moves by "
+                f"{significant(each.deviation, 2)} "
+                f"{each.unit} rms, the others by up to {significant(largest, 3)}. Leave its plane out or repair "
+                "the probe.",
             )
             continue
         if each.still:
@@ -121,8 +124,10 @@ def _sensitivity(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[
         yield Finding(
             "warning",
             "probe-sensitivity",
-            f"{where}: {said / 1e3:.3g} V/mm is no usual sensitivity of a probe, {low / 1e3:g} to {high / 1e3:g} V/mm; "
-            f"the shaft would move by {(each.high - each.low) / max(said, 1e-9) * 1e6:.3g} µm. Is its unit right?",
+            f"{where}: {significant(said / 1e3, 3)} V/mm is no usual sensitivity of a probe, {low / 1e3:g} to "
+            f"{high / 1e3:g} V/mm; "
+            f"the shaft would move by {significant((each.high - each.low) / max(said, 1e-9) * 1e6, 3)} µm. Is "
+            "its unit right?",
         )
 
 
@@ -133,7 +138,7 @@ def _far(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[Finding]
         yield Finding(
             "warning",
             "probe-sensitivity",
-            f"{where}: the shaft would move by {moves * 1e3:.3g} mm in {probe.unit}. Is its unit right?",
+            f"{where}: the shaft would move by {significant(moves * 1e3, 3)} mm in {probe.unit}. Is its unit right?",
         )
 
 
@@ -287,7 +292,7 @@ def hum_findings(record: Signals, shaft: AngleTrack | None) -> Iterator[Finding]
             "warning",
             "hum",
             f"{record.name}: mains hum at {frequency:g} Hz, seen in {listed([name for name, _ in seen])} with up to "
-            f"{abs(worst) * 1e6:.3g} µm: lines of the response at that frequency are spoiled.",
+            f"{significant(abs(worst) * 1e6, 3)} µm: lines of the response at that frequency are spoiled.",
         )
 
 
@@ -325,7 +330,8 @@ def speed_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
         yield Finding(
             "warning",
             "speed-disagrees",
-            f"{record.name}: the marks say {marks:.4g} rpm, file or setup {given:.4g} rpm: is pulses_per_turn right "
+            f"{record.name}: the marks say {significant(marks, 4)} rpm, file or setup {significant(given, 4)} "
+            "rpm: is pulses_per_turn right "
             f"({record.rig.shaft.pulses_per_turn if record.rig.shaft else 1}), and the sampling rate "
             f"({record.sample_rate:g} Hz)?",
         )
@@ -337,7 +343,8 @@ def setting_findings(record: Signals) -> Iterator[Finding]:
         yield Finding(
             "error",
             "sampling-slow",
-            f"{record.name}: {record.sample_rate:.4g} Hz is no sampling rate for a turning shaft: are the times in ms?",
+            f"{record.name}: {significant(record.sample_rate, 4)} Hz is no sampling rate for a turning shaft: "
+            "are the times in ms?",
         )
     force = record.force
     if force is not None and force.mr > _LARGEST_UNBALANCE:

@@ -18,6 +18,7 @@ import numpy as np
 from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.data.findings import Finding
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant
 from rotorfit.recordings.angle_track import AngleTrack, steady_track, track
 from rotorfit.recordings.channel_statistics import ChannelStatistics, statistics
 from rotorfit.recordings.formats.files import open_raw
@@ -51,7 +52,7 @@ class Recording(Signals):
     def __repr__(self) -> str:
         """Name, length and channels, on one line."""
         channels = ", ".join(self.channels)
-        return f"<Recording {self.name}: {self.duration:.4g} s at {self.sample_rate:.6g} Hz, {channels}>"
+        return f"<Recording {self.name}: {significant(self.duration, 4)} s at {self.sample_rate:.6g} Hz, {channels}>"
 
     def _repr_html_(self) -> str:
         """Channels and what they are, as a table for a notebook."""

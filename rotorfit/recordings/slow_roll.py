@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.digits import significant
 from rotorfit.recordings.angle_track import AngleTrack
 from rotorfit.recordings.rig.setup import VECTOR_ORDERS, SlowRollSetup
 from rotorfit.recordings.signals import SAMPLES_OF_A_PIECE
@@ -84,7 +85,8 @@ def find_run_out(record: Signals, shaft: AngleTrack, how: SlowRollSetup) -> RunO
 def in_words(record: Signals, found: RunOut) -> str:
     """Run-out that was subtracted from the signals of a recording."""
     sizes = ", ".join(
-        f"{probe.channel} {abs(found.amplitudes[probe.channel][0] / float(probe.sensitivity or 1.0)) * 1e6:.3g} µm"
+        f"{probe.channel} "
+        f"{significant(abs(found.amplitudes[probe.channel][0] / float(probe.sensitivity or 1.0)) * 1e6, 3)} µm"
         for probe in record.probes
     )
     orders = len(next(iter(found.amplitudes.values())))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from rotorfit.models.digits import significant
 from rotorfit.recordings.angle_track import AngleTrack
 from rotorfit.recordings.recording import Recording
 from rotorfit.units import RAD_S_PER_RPM
@@ -45,4 +46,7 @@ def _force(record: Recording) -> list[str]:
         return [f"  force        measured at {force.plane}, {', '.join(name for name in force.channels if name)}"]
     angle = f"{np.degrees(force.angle):.1f} deg ahead of the mark" if force.datum_known else "at an angle not known"
     turns = "forward" if force.whirl > 0 else "backward"
-    return [f"  force        m r = {force.mr:.3g} kg m at {force.plane}, {turns} with the {force.reference}, {angle}"]
+    return [
+        f"  force        m r = {significant(force.mr, 3)} kg m at {force.plane}, {turns} with the "
+        f"{force.reference}, {angle}"
+    ]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.fitting.digits import plus_minus
+from rotorfit.models.digits import plus_minus
 from rotorfit.report.html import Html, bullets, paragraph, picture, table
 from rotorfit.report.numbers import plain, with_error
 from rotorfit.report.page import page, write_whole

@@ -21,6 +21,7 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.structure.modes import own_modes
 from rotorfit.models import Modal
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant
 from rotorfit.models.parameters import bare_name
 from rotorfit.report.html import Html, element, join, paragraph, picture, table
 from rotorfit.report.numbers import plain, with_error
@@ -244,7 +245,7 @@ def _criteria(material: ReportInput) -> Iterator[Html]:
     found = draws.stability_report(max_speed_rpm=top * RPM_PER_RAD_S)
     head, *rows = found.rows()
     where = "running speed" if speed is not None else "highest tested speed"
-    yield element("h3", f"Criteria at the {where}, {top * RPM_PER_RAD_S:.5g} rpm")
+    yield element("h3", f"Criteria at the {where}, {significant(top * RPM_PER_RAD_S, 5)} rpm")
     yield table(head, rows, numeric=(1, 5))
     yield note(*map(sentence, (*([found.caution] if found.caution else []), *found.remarks)))
 

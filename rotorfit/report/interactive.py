@@ -14,6 +14,7 @@ from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.fitting.result import FitResult
 from rotorfit.io.tables.tidy_csv import columns_without_attributes
+from rotorfit.models.digits import significant
 from rotorfit.report.html import Html, element
 from rotorfit.report.parts import note, section
 from rotorfit.units import RPM_PER_RAD_S
@@ -122,7 +123,7 @@ def _traces(
             "y": measured,
             "text": hover,
             "customdata": np.arange(first_row, first_row + len(hover)),
-            "hovertemplate": "%{y:.4g}<br>%{text}<extra></extra>",
+            "hovertemplate": "%{significant(y, 4)}<br>%{text}<extra></extra>",
         }
         x = curve.fine * RPM_PER_RAD_S
         yield common | {"mode": "lines", "line": {"color": colour}, "x": x, "y": fitted, "hoverinfo": "skip"}
@@ -144,7 +145,12 @@ def _readings(experiment: Experiment, base: Responses) -> list[tuple[str, str]]:
     for at, place, run in zip(base.line.tolist(), base.coordinate.tolist(), base.run.tolist(), strict=True):
         w, speed = (values[at] * RPM_PER_RAD_S for values in (base.frequency, base.speed))
         own = of_line.get((at, base.model.coordinates[place].plane), [])
-        found.append((f"{w:.5g} rpm, rotor at {speed:.5g} rpm<br>run {escape(run, quote=False)}", "\n".join(own)))
+        found.append(
+            (
+                f"{significant(w, 5)} rpm, rotor at {significant(speed, 5)} rpm<br>run {escape(run, quote=False)}",
+                "\n".join(own),
+            )
+        )
     return found
 
 

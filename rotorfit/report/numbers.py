@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from rotorfit.fitting import digits
+from rotorfit.models import digits
 from rotorfit.units import RPM_PER_RAD_S
 
 
@@ -14,7 +14,9 @@ def plain(value: float, places: int = 5) -> str:
     """A number with a few significant digits and a real minus sign; a dash where there is none."""
     if not math.isfinite(value):
         return "–"
-    if value and not 1e-4 <= abs(value) < 1e7:
+    if not value:
+        return "0"
+    if not 1e-4 <= abs(value) < 1e7:
         mantissa, exponent = f"{value:.{places - 1}e}".split("e")
         return f"{mantissa}·10{superscript(int(exponent))}".replace("-", "−")
     shown = f"{value:#.{places}g}" if abs(value) < 10 ** (places - 1) else f"{value:.0f}"
@@ -22,11 +24,16 @@ def plain(value: float, places: int = 5) -> str:
 
 
 def with_error(value: float, error: float) -> tuple[str, str]:
-    """Value and error, both to the second significant digit of the error; see :mod:`rotorfit.fitting.digits`."""
+    """Value and error, both to the second significant digit of the error; see :mod:`rotorfit.models.digits`."""
     if not (math.isfinite(value) and math.isfinite(error) and error > 0):
         return plain(value), "–"
     shown, spread = digits.with_error(value, error)
     return _typeset(shown), _typeset(spread)
+
+
+def with_errors(value: float, error: float, *shares: float) -> list[str]:
+    """A value to the second digit of its error, and shares of that; a dash for one that is zero."""
+    return ["–" if number == "-" else _typeset(number) for number in digits.with_errors(value, error, *shares)]
 
 
 def _typeset(number: str) -> str:
@@ -36,15 +43,10 @@ def _typeset(number: str) -> str:
 
 def interval(low: float, high: float) -> str:
     """An interval, to the second digit of a quarter of its width, about the standard error."""
-    width = (high - low) / 4
-    if not (math.isfinite(low) and math.isfinite(high) and width > 0):
+    if not (math.isfinite(low) and math.isfinite(high) and high > low):
         return "–"
-    size = max(abs(low), abs(high))
-    if size >= 1e7 or size < 1e-4:
-        exponent = math.floor(math.log10(size))
-        inner = interval(low / 10**exponent, high / 10**exponent)
-        return f"{inner}·10{superscript(exponent)}"
-    return f"[{with_error(low, width)[0]}, {with_error(high, width)[0]}]"
+    ends = digits.interval(low, high)[1:-1].split(", ")
+    return f"[{', '.join(map(_typeset, ends))}]"
 
 
 def superscript(exponent: int) -> str:

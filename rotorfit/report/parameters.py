@@ -19,9 +19,10 @@ from rotorfit.fitting.summary import (
     start_words,
 )
 from rotorfit.models import RotorModel
+from rotorfit.models.digits import significant
 from rotorfit.models.parameters import bare_name
 from rotorfit.report.html import Html, bullets, element, paragraph, table
-from rotorfit.report.numbers import interval, plain, with_error
+from rotorfit.report.numbers import interval, plain, with_errors
 from rotorfit.report.parts import (
     at_of,
     groups_of,
@@ -66,7 +67,7 @@ def parameter_section(material: ReportInput) -> Html:
     if fit.settings.calibration is not None:
         notes.append("They include the uncertainty of the calibration; see the budget.")
     if any(p.systematic for p in fit.params.values() if p.vary):
-        given = ", ".join(f"{name} {size:g}" for name, size in fit.settings.assumptions.items())
+        given = ", ".join(f"{name} {plain(size, 3)}" for name, size in fit.settings.assumptions.items())
         words = "They are statistical; the intervals below include the systematic share"
         notes.append(sentence(f"{words}, with the sizes given ({given})" if given else words))
     notes += [sentence(line) for line in (*interval_lines(fit), *fit.remarks)]
@@ -88,8 +89,7 @@ def _row(p: FittedParameter, model: RotorModel, start: str) -> list[str]:
         return [name, plain(p.value), "known", "", unit, "", p.meaning, ""]
     if not p.resolved or p.moved_by:
         return [name, "not determined", "", "", unit, start, p.meaning, p.moved_by]
-    value = with_error(p.value, math.hypot(p.stderr, p.systematic))[0]
-    error, noise = (with_error(p.value, size)[1] for size in (p.stderr, p.stderr_noise))
+    value, error, noise = with_errors(p.value, math.hypot(p.stderr, p.systematic), p.stderr, p.stderr_noise)
     bound = "at its bound: no symmetric interval" if p.at_bound else ""
     return [name, value, error, noise if noise != error else "", unit, start, p.meaning, bound]
 
@@ -114,7 +114,8 @@ def interval_section(material: ReportInput) -> Html:
     ]
     if math.isfinite(degrees):
         words = [
-            f"Laplace: estimate ± {quantile(0.95, degrees):.3g} standard errors, Student's t with {degrees:.0f} "
+            f"Laplace: estimate ± {significant(quantile(0.95, degrees), 3)} standard errors, Student's t with "
+            f"{degrees:.0f} "
             "degrees of freedom, because the noise is estimated from few mountings."
         ]
     if material.profiles:

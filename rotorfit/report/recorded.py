@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.data.experiments import LineTest
+from rotorfit.models.digits import significant
 from rotorfit.report.figures import embedded
 from rotorfit.report.html import Html, bullets, element, paragraph, table
 from rotorfit.report.numbers import plain
@@ -81,7 +82,7 @@ def _row(record: Recording) -> list[str]:
     perturbator = record.perturbator_angle()
     return [
         record.name,
-        f"{record.duration:.4g}",
+        significant(record.duration, 4),
         f"{record.sample_rate:g}",
         _speeds(record.shaft_angle()) if record.rig.shaft is not None else "",
         _speeds(perturbator) if perturbator is not None else "",
@@ -129,8 +130,8 @@ def _probe_rows(records: Sequence[Recording]) -> list[list[str]]:
             [
                 channel,
                 plane,
-                f"{np.degrees(probe.angle or 0.0):.4g}",
-                f"in {probe.unit}" if probe.unit else f"{1e-3 * abs(float(probe.sensitivity or np.nan)):.4g}",
+                significant(np.degrees(probe.angle or 0.0), 4),
+                f"in {probe.unit}" if probe.unit else significant(1e-3 * abs(float(probe.sensitivity or np.nan)), 4),
                 f"{low:.3f} to {high:.3f} {each[0].unit}".replace("-", "−"),
             ]
         )

@@ -19,6 +19,7 @@ from rotorfit.data.experiments import (
 )
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index, Records, Text
+from rotorfit.models.digits import significant
 from rotorfit.simulation.rig import VirtualRig, positive, rates_rpm, some_planes
 from rotorfit.simulation.steady_state import Steady, steady_state
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
@@ -71,7 +72,7 @@ def perturbation(
     for number, (plane, speed, level) in enumerate(cases):
         phasor = np.full(w.size, level) if unbalance is None else level * w**2
         unit = "N" if unbalance is None else "kg m"
-        name = f"{plane}, {speed * RPM_PER_RAD_S:.6g} rpm, {abs(level):.4g} {unit}"
+        name = f"{plane}, {speed * RPM_PER_RAD_S:.6g} rpm, {significant(abs(level), 4)} {unit}"
         parts.append(
             {
                 "run": np.where(w > 0, f"{name}, forward", f"{name}, backward"),
@@ -201,7 +202,7 @@ def displacement(
     x = np.where(w < 0, force.conj(), force)
     y = np.where(w < 0, 1j * x, -1j * x)
     sigma = rig.sigma(x, np.column_stack([speed, radius]))
-    names = [f"{v * RPM_PER_RAD_S:.6g} rpm, {a * 1e6:.4g} um" for v, a in zip(speed, radius, strict=True)]
+    names = [f"{v * RPM_PER_RAD_S:.6g} rpm, {significant(a * 1e6, 4)} um" for v, a in zip(speed, radius, strict=True)]
     return DisplacementTest(
         run=np.array(names),
         speed=speed,

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.digits import significant
 from rotorfit.models.motion.journal import Journal, journal
 
 Force = Callable[[float], ComplexArray]
@@ -200,7 +201,7 @@ def integrate(
     path = Path(result.t, states[:, 0], states[:, 1])
     if not result.success or not np.isfinite(states).all():
         raise IntegrationError(
-            f"{motion.model.name}: the motion cannot be followed past {result.t[-1]:.4g} s: the "
+            f"{motion.model.name}: the motion cannot be followed past {significant(result.t[-1], 4)} s: the "
             f"journal touches the wall or the motion grows without limit"
         )
     eccentricity = motion.eccentricity(path.z)

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.data.experiments import RingDownTest, StaticTest
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.digits import significant
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues
 from rotorfit.simulation.integration import integrate
 from rotorfit.simulation.rig import VirtualRig, positive, rates_rpm
@@ -75,7 +76,7 @@ def impulse(
         time, z = _record(rig, speed, rig.load(turned, plane), rest, blow, duration, sampling_hz)
         size = rig.noise * float(np.sqrt(np.mean(np.abs(z - rest[rig.seat]) ** 2)))
         z = factor * rig.noisy(z, np.full(z.size, size))
-        runs += [f"{speed * RPM_PER_RAD_S:.6g} rpm, {newton:.4g} N"] * time.size
+        runs += [f"{speed * RPM_PER_RAD_S:.6g} rpm, {significant(newton, 4)} N"] * time.size
         for name, values in zip(columns, (np.full(time.size, speed), time, z.real, z.imag), strict=True):
             columns[name].append(values)
     speed_of, instant, x, y = (np.concatenate(parts) for parts in columns.values())

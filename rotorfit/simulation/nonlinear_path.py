@@ -8,6 +8,7 @@ import numpy as np
 
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.digits import significant
 from rotorfit.models.motion.journal import journal
 from rotorfit.simulation.integration import IntegrationError
 
@@ -54,6 +55,6 @@ def nonlinear_path(
         )
     path = np.asarray(found.y[:n].T, dtype=complex)
     if not found.success or np.abs(path[:, seat.at]).max() >= seat.clearance:
-        where = f"{model.name}: the journal touches the wall after {found.t[-1]:.3g} s"
+        where = f"{model.name}: the journal touches the wall after {significant(found.t[-1], 3)} s"
         raise IntegrationError(f"{where}; take a smaller force or a lower speed")
     return path

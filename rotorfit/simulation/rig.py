@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.models import RotorModel, threshold_speed
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.digits import significant
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues, static_equilibria
 from rotorfit.models.motion.stability import growth_rate
@@ -43,17 +44,18 @@ class VirtualRig:
 
     def decay(self, speed: float, load: ComplexArray | None = None) -> float:
         """Rate at which the slowest transient about the resting rotor dies out, 1/s."""
-        where = f"at {speed * RPM_PER_RAD_S:.4g} rpm"
+        where = f"at {significant(speed * RPM_PER_RAD_S, 4)} rpm"
         if load is None or not load.any() or not self.model.eccentricity_dependent:
             rate = float(growth_rate(self.model, self.theta, speed))
         else:
             rate = self._loaded_rate(speed, load)
-            where += f" under a load of {np.abs(load).max():.4g} N"
+            where += f" under a load of {significant(np.abs(load).max(), 4)} N"
         if rate >= 0:
             onset = threshold_speed(self.model, self.theta)
-            limit = f"; centred it is stable below {onset.speed * RPM_PER_RAD_S:.4g} rpm" if onset else ""
+            limit = f"; centred it is stable below {significant(onset.speed * RPM_PER_RAD_S, 4)} rpm" if onset else ""
             raise ValueError(
-                f"{self.model.name} with these parameters is unstable {where} (vibration grows at {rate:.3g} 1/s), so "
+                f"{self.model.name} with these parameters is unstable {where} (vibration grows at "
+                f"{significant(rate, 3)} 1/s), so "
                 f"that nothing can be measured there{limit}"
             )
         return -rate
@@ -63,7 +65,9 @@ class VirtualRig:
         rest = static_equilibria(self.model, self.theta, speed, load)[0][seat.at]
         eccentricity = float(np.abs(rest)) / seat.clearance
         if eccentricity >= 1 - 1e-6:
-            raise ValueError(f"a load of {np.abs(load).max():.4g} N presses the journal against the wall; reduce it")
+            raise ValueError(
+                f"a load of {significant(np.abs(load).max(), 4)} N presses the journal against the wall; reduce it"
+            )
         return float(off_centre_eigenvalues(self.model, self.theta, speed, eccentricity).real.max())
 
     def load(self, newton: complex, plane: str | None) -> ComplexArray:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.digits import significant
 from rotorfit.models.shafts.anisotropic_shaft import AnisotropicShaft
 
 
@@ -119,7 +120,7 @@ def shaft_motion(
     )
     if not found.success or not np.isfinite(found.y).all():
         raise RuntimeError(
-            f"{model.name}: the motion cannot be followed past {found.t[-1]:.4g} s; it grows without limit"
+            f"{model.name}: the motion cannot be followed past {significant(found.t[-1], 4)} s; it grows without limit"
         )
     x, y, vx, vy, twist, twist_rate = found.y
     return ShaftMotion(time=found.t, z=x + 1j * y, velocity=vx + 1j * vy, twist=twist, twist_rate=twist_rate)

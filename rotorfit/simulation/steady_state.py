@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.digits import significant
 from rotorfit.simulation.integration import STEP_TOLERANCE, IntegrationError, Motion, Path, integrate
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -78,7 +79,8 @@ def rest_position(
         if (moved <= 10 * tolerance * np.abs(z).max(axis=1, keepdims=True)).all():
             return np.asarray(z)
     raise IntegrationError(
-        f"{motion.model.name}: the rotor has not come to rest after {_MOST_WINDOWS * window:.3g} s; it may be unstable "
+        f"{motion.model.name}: the rotor has not come to rest after {significant(_MOST_WINDOWS * window, 3)} s; "
+        "it may be unstable "
         f"under this load"
     )
 
@@ -125,8 +127,10 @@ def _settle(
         if not left.size:
             return Steady(**result)
     raise IntegrationError(
-        f"{motion.model.name}: the motion has not settled after {time:.3g} s in {left.size} of {w.size} cases, the "
-        f"first at {w[left[0]] * RPM_PER_RAD_S:.4g} rpm; the rotor may be unstable or vibrate with more than one period"
+        f"{motion.model.name}: the motion has not settled after {significant(time, 3)} s in {left.size} of "
+        f"{w.size} cases, the "
+        f"first at {significant(w[left[0]] * RPM_PER_RAD_S, 4)} rpm; the rotor may be unstable or vibrate with "
+        "more than one period"
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from rotorfit.fitting.quantities import THRESHOLD
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant
 from rotorfit.monitoring.alarms import MARGIN, Rule, WatchedValues, watch_rules
 from rotorfit.store.records import StoredFit, StoredTest
 from rotorfit.store.store import Store, followed
@@ -59,7 +60,9 @@ class MachineState:
         """The state of a rule in words."""
         who = f"{self.machine}: " if self.machine else ""
         what = _margin_words(rule) if rule.name == MARGIN else f"a change of {rule.name}"
-        said = f"{rule.evidence[-1]:.2g} of {rule.limit:.4g}" if len(rule.evidence) else "no test"
+        said = (
+            f"{significant(rule.evidence[-1], 2)} of {significant(rule.limit, 4)}" if len(rule.evidence) else "no test"
+        )
         if rule.alarm is None:
             return f"{who}no alarm, {what}: evidence {said} after {len(rule.evidence)} tests"
         test = self.test(rule.alarm)
@@ -68,7 +71,7 @@ class MachineState:
 
 def _margin_words(rule: Rule) -> str:
     required = rule.required * RPM_PER_RAD_S
-    held = f", held with probability {rule.probability:.2g} by the last test" if len(rule.evidence) else ""
+    held = f", held with probability {significant(rule.probability, 2)} by the last test" if len(rule.evidence) else ""
     return f"threshold speed below {required:.6g} rpm{held}"
 
 

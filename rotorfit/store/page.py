@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from rotorfit.fitting.digits import plus_minus
+from rotorfit.models.digits import plus_minus
 from rotorfit.monitoring.watch_figure import plot_rules
 from rotorfit.plots.style import picture_of
 from rotorfit.report.html import Html, bullets, paragraph, picture, table

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from rotorfit.fitting.arithmetic import shown_unit
-from rotorfit.fitting.digits import plus_minus
+from rotorfit.models.digits import plus_minus
 
 
 @dataclass(frozen=True, kw_only=True)

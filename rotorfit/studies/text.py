@@ -10,10 +10,10 @@ import numpy as np
 
 from rotorfit import datasets
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, StaticTest
-from rotorfit.fitting.digits import interval, plus_minus, with_error
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.summary import fit_table
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import interval, plus_minus, significant, with_error
 from rotorfit.models.text_table import text_table
 from rotorfit.studies.study import Outcome
 from rotorfit.uncertainty.budget import Budget
@@ -75,7 +75,7 @@ def describe_test(test: Experiment, findings: Sequence[Finding]) -> str:
     ]
     if w.size:
         turning = "" if (w > 0).all() or (w < 0).all() else " (negative: backward whirl)"
-        lines.append(f"  frequency    {w.min():.5g} to {w.max():.5g} rpm{turning}")
+        lines.append(f"  frequency    {significant(w.min(), 5)} to {significant(w.max(), 5)} rpm{turning}")
     lines += _sizes(test)
     if test.attributes:
         lines.append(f"  attributes   {', '.join(test.attributes)}")
@@ -109,7 +109,7 @@ def _range(name: str, values: Float, unit: str) -> str:
     known = values[np.isfinite(values)]
     if not known.size:
         return f"  {name:<12} not known"
-    low, high = f"{known.min():.3g}", f"{known.max():.3g}"
+    low, high = significant(known.min(), 3), significant(known.max(), 3)
     return f"  {name:<12} {low} {unit}" if low == high else f"  {name:<12} {low} to {high} {unit}"
 
 

@@ -16,10 +16,10 @@ from rotorfit.estimators.minimisation.batch import batch_fit
 from rotorfit.estimators.minimisation.least_squares import Options
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.executors import carry_out
-from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.fit_file import fit_from_json, fit_to_json
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Bool, ComplexArray, Float
+from rotorfit.models.digits import interval, significant, with_error
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.text_table import Wide, text_table
 from rotorfit.uncertainty.derived import Derived, Draws
@@ -127,7 +127,17 @@ class Bootstrap(Draws):
             low, high = self.interval(name)
             bias = math.nan if self._few else float(self.samples[:, self.names.index(name)].mean()) - p.value
             value, error = with_error(p.value, p.stderr)
-            rows.append([name, value, error, f"{spread:.2g}", f"{bias:.2g}", interval(low, high), p.unit])
+            rows.append(
+                [
+                    name,
+                    value,
+                    error,
+                    significant(spread, 2),
+                    significant(bias, 2),
+                    interval(low, high),
+                    p.unit,
+                ]
+            )
         head = f"parametric bootstrap: {len(self.samples)} simulated data sets, {self.failures} fits failed"
         return "\n".join([head, *text_table(rows, "<22 >14 >12 >12 >12 >28 <1"), self.message])
 
@@ -161,7 +171,11 @@ def bootstrap(
         samples.append(fit.x + x - part)
         good.append(found)
     converged = np.concatenate(good)
-    message = f"noise of the data times {math.sqrt(fit.widening):.3g}" if fit.widening > 1 else "noise of the data"
+    message = (
+        f"noise of the data times {significant(math.sqrt(fit.widening), 3)}"
+        if fit.widening > 1
+        else "noise of the data"
+    )
     if not converged.all():
         message += f"; {n - converged.sum()} of {n} fits did not converge and are left out"
     if converged.sum() < 2:

@@ -12,13 +12,13 @@ import numpy as np
 
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.fitting.assumptions.calibration import NUISANCE_KINDS, Calibration
-from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.fit import solve_again
 from rotorfit.fitting.judge import inverse_curvature
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant, with_error
 from rotorfit.models.parameters import bare_name
 from rotorfit.models.text_table import Printed, Wide, text_table
 from rotorfit.units import RPM_PER_RAD_S
@@ -197,7 +197,7 @@ class Budget(Printed):
                 table.append([row.name, Wide("not determined by the data", 2)])
                 continue
             parts = (row.combined, row.random, row.systematic, *row.notable.values())
-            errors = [f"{part:.2g}" for part in parts]
+            errors = [significant(part, 2) for part in parts]
             table.append([row.name, with_error(row.value, row.combined)[0], *errors, row.unit])
         return "\n".join(text_table(table, " ".join(["<22 >14 >10 >10 >10", *[">10"] * len(sources), "<1"])))
 
@@ -215,8 +215,11 @@ class Budget(Printed):
                 continue
             p = self.fit.params[name]
             unit, factor = ("deg", 180 / math.pi) if p.unit == "rad" else ("%", 100.0)
-            found = f"found {p.value * factor:+.3g} +- {p.stderr * factor:.2g} {unit}, {NUISANCE_KINDS[kind][1]}"
-            rows.append(["", name, f"0 +- {sd[i] * factor:.3g} {unit}", found])
+            found = (
+                f"found {significant(p.value * factor, 3, sign=True)} +- "
+                f"{significant(p.stderr * factor, 2)} {unit}, {NUISANCE_KINDS[kind][1]}"
+            )
+            rows.append(["", name, f"0 +- {significant(sd[i] * factor, 3)} {unit}", found])
         return "\n".join([*lines, *text_table(rows, "<0 <19 <12 <1")])
 
     def __str__(self) -> str:

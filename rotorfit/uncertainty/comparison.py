@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Unpack
 import numpy as np
 
 from rotorfit.data.figure_keywords import PlotKeywords
-from rotorfit.fitting.digits import plus_minus
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import plus_minus, significant
 from rotorfit.models.text_table import Printed, text_table
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class Comparison(Printed):
     def __str__(self) -> str:
         best = min(fit.aic for fit in self.fits.values())
         rows = [["", *self.fits], ["fitted values", *(str(fit.nvarys) for fit in self.fits.values())]]
-        rows.append(["redchi", *(f"{fit.redchi:.4g}" for fit in self.fits.values())])
+        rows.append(["redchi", *(significant(fit.redchi, 4) for fit in self.fits.values())])
         rows.append(["AIC - smallest", *(f"{fit.aic - best:.1f}" for fit in self.fits.values())])
         rows.append(["Akaike weight", *(f"{self.weights[name]:.3f}" for name in self.fits)])
         for parameter in self.parameters:

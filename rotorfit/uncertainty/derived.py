@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from rotorfit.estimators.matching import matched
-from rotorfit.fitting.digits import interval, with_error
 from rotorfit.models import RotorModel, eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.digits import interval, with_error
 from rotorfit.models.text_table import Printed
 
 DERIVED_DRAWS = 2000

@@ -13,11 +13,11 @@ from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.inference.covariance import prior_curvature
 from rotorfit.estimators.misfit.losses import robust_weights
 from rotorfit.estimators.noise.odd_run import FEWEST_RUNS
-from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import ROUND_OFF, Float
+from rotorfit.models.digits import interval, significant, with_error
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.text_table import Printed, text_table
 
@@ -71,7 +71,7 @@ class Jackknife(Printed):
             found, p = self.parameter(name), self.fit.params[name]
             known = math.isfinite(found.stderr)
             shown = interval(*found.interval()) if known else "rests on one run" if p.resolved else "not determined"
-            rows.append([name, *with_error(found.value, found.stderr), f"{p.stderr:.2g}", shown, p.unit])
+            rows.append([name, *with_error(found.value, found.stderr), significant(p.stderr, 2), shown, p.unit])
         return "\n".join(text_table(rows, "<22 >14 >12 >12 >28 <1"))
 
     def __str__(self) -> str:

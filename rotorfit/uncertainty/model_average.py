@@ -9,9 +9,9 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.keywords import SamplerKeywords, check_keywords
 from rotorfit.fitting.result import FitResult
+from rotorfit.models.digits import significant, with_error
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.text_table import text_table
 from rotorfit.uncertainty.derived import Derived, Draws, StiffnessBand
@@ -133,7 +133,7 @@ class ModelAverage(Draws):
             d = self.parameter(name)
             low, high = d.interval(0.95)
             middle, *ends = (with_error(float(v), d.stderr)[0] for v in (d.value, low, high))
-            rows.append([name, middle, f"{d.stderr:.2g}", *ends, d.unit])
+            rows.append([name, middle, significant(d.stderr, 2), *ends, d.unit])
         return "\n".join([*text_table(models, "<58 >12 >9 <1"), "", *text_table(rows, "<22 >13 >10 >13 >13 <1")])
 
 

@@ -14,10 +14,10 @@ import numpy as np
 
 from rotorfit.estimators.atomic_file import note_input, whole_file
 from rotorfit.estimators.file_reading import reading, seal
-from rotorfit.fitting.digits import with_error
 from rotorfit.fitting.noise.error_bars import effect_entries
 from rotorfit.fitting.result import FitResult
 from rotorfit.io.netcdf import load_dataset, write_dataset
+from rotorfit.models.digits import significant, with_error
 from rotorfit.models.text_table import text_table
 from rotorfit.uncertainty.posterior import Posterior, SampleSettings
 
@@ -68,7 +68,7 @@ def summary(posterior: Posterior) -> str:
         spread = float(draws.std(ddof=1))
         mean, *cells = (with_error(float(v), spread)[0] for v in (draws.mean(), low, middle, high))
         state_of = [f"{chains.rhat:.3f}", f"{chains.bulk:.0f}", f"{chains.tail:.0f}"]
-        rows.append([chains.name, mean, f"{spread:.2g}", *cells, *state_of, posterior.unit(chains.name)])
+        rows.append([chains.name, mean, significant(spread, 2), *cells, *state_of, posterior.unit(chains.name)])
     return "\n".join([*lines, *text_table(rows, "<22 >13 >10 >13 >13 >13 >8 >10 >10 <1")])
 
 

@@ -22,6 +22,7 @@ from rotorfit.estimators.inference.left_out_columns import term_change
 from rotorfit.fitting.assumptions.assumption_table import Assumption
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.digits import significant
 from rotorfit.models.motion.stability import growth_rate
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.text_table import Printed, text_table
@@ -184,9 +185,16 @@ class Prediction(Printed):
         rows.append(["rpm", "rpm", "um", "um", "um", "deg"])
         for i in chosen:
             ends = [band.amplitude[i] * 1e6 for band in (self.band, self.band_new)]
-            cells = [f"{low:.4g} to {high:.4g}" if math.isfinite(high) else "not known" for low, high in ends]
+            cells = [
+                f"{significant(low, 4)} to {significant(high, 4)}" if math.isfinite(high) else "not known"
+                for low, high in ends
+            ]
             at = (self.speed[i] * RPM_PER_RAD_S, self.frequency[i] * RPM_PER_RAD_S)
-            numbers = [f"{at[0]:.5g}", f"{at[1]:.5g}", f"{abs(self.response[i]) * 1e6:.4g}"]
+            numbers = [
+                significant(at[0], 5),
+                significant(at[1], 5),
+                significant(abs(self.response[i]) * 1e6, 4),
+            ]
             rows.append([*numbers, *cells, f"{np.rad2deg(np.angle(self.seen[i])):.1f}"])
         what = "of whole curves" if self.whole else "at each frequency"
         by = "statistical errors and what the model leaves out" if self.systematic.any() else "statistical errors"
@@ -194,7 +202,7 @@ class Prediction(Printed):
         points = f"{count} points; first, largest and last" if count > 1 else "one point"
         head = (
             f"response at {self.plane} to a force at {self.force_plane}, {points}; "
-            f"{100 * self.level:.4g} % bands {what}, by {by}"
+            f"{significant(100 * self.level, 4)} % bands {what}, by {by}"
         )
         return "\n".join([head, *text_table(rows, ">8 >10 >10 >20 >20 >11"), *self.notes])
 
@@ -410,9 +418,14 @@ def _refuse_unstable(fit: FitResult, group: int, speeds: Float) -> None:
     for value in speeds.tolist():
         if growth_rate(fit.model, fit.thetas[group], value, fit.stability_band) > 0:
             onset = fit.threshold_of(group).value
-            limit = f"; speeds are allowed below its threshold of {onset * RPM_PER_RAD_S:.5g} rpm" if onset > 0 else ""
+            limit = (
+                f"; speeds are allowed below its threshold of {significant(onset * RPM_PER_RAD_S, 5)} rpm"
+                if onset > 0
+                else ""
+            )
             raise ValueError(
-                f"the fitted rotor is unstable at {value * RPM_PER_RAD_S:.5g} rpm ({value:.5g} rad/s): it whirls by "
+                f"the fitted rotor is unstable at {significant(value * RPM_PER_RAD_S, 5)} rpm "
+                f"({significant(value, 5)} rad/s): it whirls by "
                 f"itself, and has no steady response to a force{limit}"
             )
 
@@ -509,5 +522,5 @@ def extrapolation(what: str, values: Float, tested: Sequence[Float]) -> list[str
 
 
 def _span(low: float, high: float) -> str:
-    ends = f"{low:.5g}", f"{high:.5g}"
+    ends = significant(low, 5), significant(high, 5)
     return ends[0] if ends[0] == ends[1] else " to ".join(ends)

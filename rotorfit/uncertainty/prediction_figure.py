@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotorfit.models.digits import significant
 from rotorfit.plots.style import (
     PHASE_LABEL,
     amplitude_unit,
@@ -48,7 +49,7 @@ def plot_prediction(prediction: Prediction) -> Figure:
     ):
         if not np.isfinite(band.amplitude).all():
             continue
-        words = f"{100 * prediction.level:.4g} % band of {label}, {what}"
+        words = f"{significant(100 * prediction.level, 4)} % band of {label}, {what}"
         low, high = band.amplitude[order].T * scale
         amplitude.fill_between(x, np.maximum(low, floor), high, color="C0", alpha=shade, lw=0, label=words)
         half = np.diff(band.phase[order], axis=1)[:, 0] / 2

@@ -26,12 +26,12 @@ from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.misfit.ratios import LogRatioProblem, Ratios, ratios_of
 from rotorfit.executors import carry_out
-from rotorfit.fitting.digits import interval, with_error
 from rotorfit.fitting.fit_file import fit_from_json, fit_to_json
 from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import interval, significant, with_error
 from rotorfit.models.motion.stability import Threshold, least_stable, threshold_speed_near
 from rotorfit.models.parameters import bare_name, unknown_name
 from rotorfit.models.text_table import Printed
@@ -430,7 +430,7 @@ def _beyond_tests(fit: FitResult, at: Mapping[str, Any] | None) -> str:
     difference = fit.settings.onsets[group].difference * RPM_PER_RAD_S
     return (
         f"the onset lies beyond the tests, and the interval is that of this model alone: the candidates beside it "
-        f"differ by {difference:.2g} rpm, which the standard error includes"
+        f"differ by {significant(difference, 2)} rpm, which the standard error includes"
     )
 
 
@@ -440,14 +440,16 @@ def _message(curve: Curve, ends: list[End], scale: float, unit: str, goal: float
     for word, end in zip(("below", "above"), ends, strict=True):
         if math.isinf(end.value) and not end.exact:
             parts.append(
-                f"open {word}: beyond {end.limit:.6g}{unit}, where chi-squared has risen by {end.rise / scale:.3g}, no "
-                f"minimum was found; {goal / scale:.3g} would end the interval"
+                f"open {word}: beyond {end.limit:.6g}{unit}, where chi-squared has risen by "
+                f"{significant(end.rise / scale, 3)}, no "
+                f"minimum was found; {significant(goal / scale, 3)} would end the interval"
             )
         elif math.isinf(end.value):
             where = "its bound" if end.at_bound else "far beyond any sensible value,"
             parts.append(
-                f"open {word}: up to {where} {end.limit:.6g}{unit} chi-squared rises by {end.rise / scale:.3g} only, "
-                f"{goal / scale:.3g} would end the interval"
+                f"open {word}: up to {where} {end.limit:.6g}{unit} chi-squared rises by "
+                f"{significant(end.rise / scale, 3)} only, "
+                f"{significant(goal / scale, 3)} would end the interval"
             )
         elif not end.exact:
             parts.append(f"the end {word} was not found to full precision")
@@ -455,7 +457,8 @@ def _message(curve: Curve, ends: list[End], scale: float, unit: str, goal: float
         parts.append(f"{curve.unsettled} points of the curve are not at a minimum to full precision")
     if curve.lowest / scale < -_ROUND_OFF_FALL:
         parts.append(
-            f"chi-squared falls {-curve.lowest / scale:.3g} below that of the fit on the way: the fit did not end in "
+            f"chi-squared falls {significant(-curve.lowest / scale, 3)} below that of the fit on the way: the "
+            "fit did not end in "
             "the lowest minimum, fit again from other start values"
         )
     return "; ".join([*parts, *([beyond] if beyond else [])])

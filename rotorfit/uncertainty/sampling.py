@@ -20,6 +20,7 @@ from rotorfit.fitting.structure.refinable import why_not_refined
 from rotorfit.fitting.structure.refine import refine as refine_fit
 from rotorfit.fitting.structure.refine import structure_name
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant
 from rotorfit.uncertainty.posterior import Posterior, SampleSettings
 
 WALKERS = 128
@@ -182,7 +183,8 @@ def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
     else:
         advice = "a richer model is needed"
     return (
-        f"{_noise_words(fit, target, centre)}. redchi is {fit.redchi:.3g}: the model, not the noise, limits the fit. "
+        f"{_noise_words(fit, target, centre)}. redchi is {significant(fit.redchi, 3)}: the model, not the "
+        "noise, limits the fit. "
         f"That widens the intervals, but parameters may be biased beyond them: {advice}"
     )
 
@@ -205,18 +207,21 @@ def _noise_words(fit: FitResult, target: LogPosterior, centre: Float) -> str:
             return f"noise as given with the data, {fit.settings.loss} loss"
         if target.inflation == 1.0:
             return "noise as given with the data"
-        return f"noise as given with the data, standard deviations widened by {np.sqrt(target.inflation):.3g}"
+        return (
+            f"noise as given with the data, standard deviations widened by {significant(np.sqrt(target.inflation), 3)}"
+        )
     parameters = centre[None, : target.problem.space.size]
     level = np.sqrt((target.channel_sums(parameters)[0] + 1.0) / target.counts)
     level *= [fit.settings.noise_scale.get(name, 1.0) for name in fit.problem.channel_names]
     how = "integrated out" if target.noise == "marginal" else "sampled"
     few = (
-        f"; variances are {target.inflation:.2g} times as large, as readings are correlated"
+        f"; variances are {significant(target.inflation, 2)} times as large, as readings are correlated"
         if target.inflation != 1.0
         else ""
     )
     return (
-        f"noise level of each channel unknown and {how}; at the optimum {level.min():.3g} to {level.max():.3g} "
+        f"noise level of each channel unknown and {how}; at the optimum {significant(level.min(), 3)} to "
+        f"{significant(level.max(), 3)} "
         f"times the noise given with the data{few}"
     )
 
@@ -227,7 +232,8 @@ def _better_optimum(target: LogPosterior, centre: Float, log_density: Float) -> 
     if not lead > _LARGEST_EXCESS:
         return ""
     return (
-        f". The log density of the best draw is {lead:.3g} above that of the optimum found from the fit: the fit did "
+        f". The log density of the best draw is {significant(lead, 3)} above that of the optimum found from the "
+        "fit: the fit did "
         "not end in the lowest minimum, fit again with start at the medians of these draws"
     )
 

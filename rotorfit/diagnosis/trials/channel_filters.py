@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.digits import significant
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +24,7 @@ class ChannelFilter:
 
     def words(self, value: float) -> tuple[str, str]:
         """Words for readings behind it, and how it is undone."""
-        said = f"{value / (2 * np.pi):.3g} Hz" if self.corner else f"{value:.3g} s"
+        said = f"{significant(value / (2 * np.pi), 3)} Hz" if self.corner else f"{significant(value, 3)} s"
         return self.message.format(value=said), self.undo.format(value=said)
 
 

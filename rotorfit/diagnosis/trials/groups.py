@@ -22,6 +22,7 @@ from rotorfit.diagnosis.trials.trial_fits import (
     trial,
 )
 from rotorfit.models.array_types import Bool, ComplexArray
+from rotorfit.models.digits import significant
 from rotorfit.units import RPM_PER_RAD_S
 
 _FEWEST_OTHER_RUNS, _LEAST_DIFFERENCE_RATIO = 2, 5.0
@@ -146,22 +147,24 @@ def _explanation(group: _Group, power: int, factor: complex, left: float) -> Exp
     parts, causes, codes = [], [], []
     if abs(np.log(size)) > SAME_FACTOR:
         codes.append("readings-scaled")
-        parts.append(f"are {size:.3g} times as large as the rest makes one expect{likeness(size)}")
-        causes.append(f"are given {1 / size:.3g} times as large as they are")
+        parts.append(f"are {significant(size, 3)} times as large as the rest makes one expect{likeness(size)}")
+        causes.append(f"are given {significant(1 / size, 3)} times as large as they are")
     if 180 - abs(angle) < _ZERO_ANGLE:
         codes.append("readings-inverted")
         parts.append("are upside down against what the rest makes one expect")
         causes.append("have the wrong sign (weights on the opposite side)")
     elif abs(angle) > _ZERO_ANGLE:
         codes.append("readings-turned")
-        lead = f"{'lead' if angle > 0 else 'lag'} by {abs(angle):.3g} degrees"
+        lead = f"{'lead' if angle > 0 else 'lag'} by {significant(abs(angle), 3)} degrees"
         parts.append(f"{lead} against what the rest makes one expect, as where the phase reference is another")
-        causes.append(f"act {angle:+.3g} degrees from where they are given (weights in other holes)")
+        causes.append(
+            f"act {significant(angle, 3, sign=True)} degrees from where they are given (weights in other holes)"
+        )
     cause = f", or the forces {group.forces} {' and '.join(causes)}" if group.forces else ""
     return Explanation(
         left=left,
         code=codes[0],
         message=f"the readings {group.who} {' and '.join(parts)}{cause}{group.unless}",
-        undo=f"divide the readings {group.who} by {size:.3g} at {angle:.3g} degrees",
+        undo=f"divide the readings {group.who} by {significant(size, 3)} at {significant(angle, 3)} degrees",
         free=free,
     )

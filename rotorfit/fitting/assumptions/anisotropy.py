@@ -20,6 +20,7 @@ import numpy as np
 from rotorfit.estimators.blocks.shaft_lines import PairResponses
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant
 
 if TYPE_CHECKING:
     from rotorfit.fitting.quantities import Quantity
@@ -62,16 +63,25 @@ class TurningAnisotropy:
             return "not determined by these data"
         if not math.isfinite(self.ratio.value):
             low, high = self.interval
-            return self._with_angle(f"dK = {self.dK} ({100 * self.level:.4g} % interval {low:.5g} to {high:.5g} N/m)")
+            return self._with_angle(
+                f"dK = {self.dK} ({significant(100 * self.level, 4)} % interval {significant(low, 5)} to "
+                f"{significant(high, 5)} N/m)"
+            )
         low, high = (100 * value for value in self.ratio_interval)
-        share = f"dK/K = {100 * self.ratio.value:.4g} % ({100 * self.level:.4g} % interval {low:.4g} to {high:.4g} %)"
+        share = (
+            f"dK/K = {significant(100 * self.ratio.value, 4)} % ({significant(100 * self.level, 4)} % "
+            f"interval {significant(low, 4)} to {significant(high, 4)} %)"
+        )
         return self._with_angle(f"dK = {self.dK}, {share}")
 
     def _with_angle(self, size: str) -> str:
         if not self.significant:
             return f"{size}: a round shaft is not ruled out"
         degrees = math.degrees(self.angle.value), math.degrees(self.angle.stderr)
-        return f"{size}, stiff direction {degrees[0]:.4g} +- {degrees[1]:.2g} deg ahead of the mark"
+        return (
+            f"{size}, stiff direction {significant(degrees[0], 4)} +- {significant(degrees[1], 2)} deg ahead "
+            "of the mark"
+        )
 
 
 def turning_anisotropy(

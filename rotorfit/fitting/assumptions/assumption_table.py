@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 from rotorfit.estimators.inference.left_out_columns import Term
 from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
-from rotorfit.fitting.digits import is_left_open, two_digits
+from rotorfit.fitting.arithmetic import is_left_open
+from rotorfit.models.digits import two_digits
 from rotorfit.models.text_table import Printed, text_table
 from rotorfit.units import RPM_PER_RAD_S
 

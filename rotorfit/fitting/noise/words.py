@@ -10,6 +10,7 @@ import numpy as np
 from rotorfit.estimators.inference.smooth_causes import Cause, Kind
 from rotorfit.estimators.noise.odd_run import FEWEST_RUNS
 from rotorfit.fitting.noise.record import Miss, NoiseVerdict, RunEffect
+from rotorfit.models.digits import significant
 from rotorfit.units import RPM_PER_RAD_S
 
 VERDICTS = {
@@ -93,35 +94,55 @@ def _cause(cause: Cause) -> str:
     where = f" at {part.plane}" if part.plane else ""
     match cause.kind:
         case Kind.PROBE:
-            words = f"a probe{where} that is not linear, reading {100 * size:+.2g} % at the largest amplitude"
+            words = (
+                f"a probe{where} that is not linear, reading {significant(100 * size, 2, sign=True)} % at "
+                "the largest amplitude"
+            )
         case Kind.FLUID:
             K, D, cross = cause.sizes
-            change = f"K0 {K:+.2g} N/m, D {D:+.2g} N s/m, D lam {cross:+.2g} N s/m"
+            change = (
+                f"K0 {significant(K, 2, sign=True)} N/m, D {significant(D, 2, sign=True)} N s/m, D lam "
+                f"{significant(cross, 2, sign=True)} N s/m"
+            )
             words = f"a fluid{where} that changes with amplitude, {change} at the largest"
         case Kind.DELAY:
             who = f"the channels{where}" if where else "all channels"
-            words = f"a delay, filter or drifting phase reference of {who}, {1e3 * size:+.2g} ms"
+            words = f"a delay, filter or drifting phase reference of {who}, {significant(1e3 * size, 2, sign=True)} ms"
         case Kind.CLOCK:
             words = (
-                f"a delay of all channels that grows along the sweep, by {2e3 * size:+.2g} ms from end to end, as "
+                "a delay of all channels that grows along the sweep, by "
+                f"{significant(2e3 * size, 2, sign=True)} ms from end to end, as "
                 "where the marks are sampled by a clock of their own"
             )
         case Kind.DRIFT:
-            words = f"a drift along the sweep, D by {100 * size:+.2g} % from its middle to its end"
+            words = (
+                f"a drift along the sweep, D by {significant(100 * size, 2, sign=True)} % from its middle to its end"
+            )
         case Kind.HYSTERESIS:
-            words = f"damping that does not grow with frequency (hysteresis){where}, {size:+.2g} N/m"
+            words = (
+                f"damping that does not grow with frequency (hysteresis){where}, {significant(size, 2, sign=True)} N/m"
+            )
         case Kind.SUPPORT | Kind.PAIR:
             dK = math.hypot(*cause.sizes) if cause.kind is Kind.SUPPORT else math.sqrt(abs(size))
-            words = f"stiffness unequal in x and y{where}, by {2 * dK:.2g} N/m"
+            words = f"stiffness unequal in x and y{where}, by {significant(2 * dK, 2)} N/m"
         case Kind.LOAD:
-            words = f"a static load{where} of about {math.sqrt(abs(size)):.2g} N, which moves the orbits off the centre"
+            words = (
+                f"a static load{where} of about {significant(math.sqrt(abs(size)), 2)} N, which moves the "
+                "orbits off the centre"
+            )
         case Kind.RESIDUAL:
-            words = f"residual unbalance{where} of {size:.2g} kg m, which these start-ups hold beside their weight"
+            words = (
+                f"residual unbalance{where} of {significant(size, 2)} kg m, which these start-ups hold "
+                "beside their weight"
+            )
         case Kind.ELSEWHERE:
-            words = f"a fluid{where} too, D lam {size:.2g} N s/m"
+            words = f"a fluid{where} too, D lam {significant(size, 2)} N s/m"
         case _:
             how = "changes with speed" if cause.kind is Kind.SPEED else "does not change in proportion to the speed"
-            words = f"{part.value} that {how}, by {100 * size:+.2g} % when the mean tested speed doubles"
+            words = (
+                f"{part.value} that {how}, by {significant(100 * size, 2, sign=True)} % when the mean "
+                "tested speed doubles"
+            )
     return words
 
 
@@ -151,7 +172,7 @@ def _kind(effect: RunEffect) -> str:
 def _difference(effect: RunEffect) -> str:
     phase = "the phase reference, that of the first run included, differs from run to run"
     who = phase if effect.kind == "phase" else f"runs differ in {_kind(effect)}"
-    between = f"standard deviation between {len(effect.runs)} runs, {effect.freedom:.2g} degrees of freedom"
+    between = f"standard deviation between {len(effect.runs)} runs, {significant(effect.freedom, 2)} degrees of freedom"
     return f"{who} by {_amount(effect, effect.sd)} ({between})"
 
 
@@ -175,7 +196,9 @@ def _possible_differences(effects: Sequence[RunEffect]) -> tuple[str, ...]:
 
 
 def _amount(effect: RunEffect, value: float) -> str:
-    return f"{np.degrees(value):.2g} degrees" if "phase" in effect.kind else f"{100 * value:.2g} %"
+    return (
+        f"{significant(np.degrees(value), 2)} degrees" if "phase" in effect.kind else f"{significant(100 * value, 2)} %"
+    )
 
 
 def place(miss: Miss) -> str:
@@ -186,7 +209,7 @@ def place(miss: Miss) -> str:
 def odd_run(name: str, redchi_without: float) -> str:
     """The one run that does not agree with the others."""
     return (
-        f"run {name} disagrees with the others: without it redchi would be about {redchi_without:.2g}. "
+        f"run {name} disagrees with the others: without it redchi would be about {significant(redchi_without, 2)}. "
         f"Check its speed, direction, force and probes first"
     )
 
@@ -195,13 +218,15 @@ def verdict_warning(verdict: NoiseVerdict, redchi: float, correlation: float, *,
     """The verdict as a warning, where it changes standard errors; ``large``: redchi is."""
     if verdict is NoiseVerdict.SHAPED and large:
         return [
-            f"redchi is {redchi:.3g}, yet neighbouring residuals are not correlated: readings scatter more than was "
+            f"redchi is {significant(redchi, 3)}, yet neighbouring residuals are not correlated: readings "
+            "scatter more than was "
             "estimated from the data alone, as where a force or a speed jitters. Weights and errors follow the scatter "
             "of the residuals"
         ]
     if verdict is NoiseVerdict.LARGER:
         return [
-            f"redchi is {redchi:.3g}, yet neighbouring residuals are not correlated: the noise is larger than given, "
+            f"redchi is {significant(redchi, 3)}, yet neighbouring residuals are not correlated: the noise is "
+            "larger than given, "
             "and standard errors are widened accordingly. Without sigma_um or coherence the noise is estimated"
         ]
     if verdict is NoiseVerdict.CORRELATED:

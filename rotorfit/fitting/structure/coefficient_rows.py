@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.estimators.atomic_file import whole_file
-from rotorfit.fitting.digits import plus_minus
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.io.tables.result_tables import frame_csv
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import plus_minus, significant
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.shafts.plane_forces import COEFFICIENTS
 from rotorfit.models.text_table import Printed, text_table
@@ -131,7 +131,7 @@ class Coefficients:
         return self.propagated(value, slopes, unit)
 
     def __repr__(self) -> str:
-        return f"<Coefficients at {self.plane}, {self.speed * RPM_PER_RAD_S:.4g} rpm>"
+        return f"<Coefficients at {self.plane}, {significant(self.speed * RPM_PER_RAD_S, 4)} rpm>"
 
     def __str__(self) -> str:
         return "\n".join(table_of([self]))

@@ -13,6 +13,7 @@ from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.structure.coefficient_rows import UNITS, CoefficientRows, Coefficients
 from rotorfit.models import Anisotropic
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant
 from rotorfit.models.shafts.angular_rates import angular_rate
 from rotorfit.models.shafts.plane_forces import COEFFICIENTS, force_planes, plane_force
 from rotorfit.units import RPM_PER_RAD_S
@@ -66,15 +67,17 @@ def _at_speed(fit: FitResult, speed: float) -> Mapping[str, Any] | None:
     tested = fit.speeds * RPM_PER_RAD_S
     nearest = float(tested[np.argmin(np.abs(tested - rpm))])
     if abs(nearest - rpm) > 1e-3 * max(abs(nearest), 1.0):
-        there = ", ".join(f"{value:.5g}" for value in tested.tolist())
-        raise ValueError(f"parameters were fitted speed by speed, at {there} rpm; {rpm:.5g} rpm is none of them")
+        there = ", ".join(significant(value, 5) for value in tested.tolist())
+        raise ValueError(
+            f"parameters were fitted speed by speed, at {there} rpm; {significant(rpm, 5)} rpm is none of them"
+        )
     return {"speed_rpm": float(np.round(nearest, 6))}
 
 
 def _condition(fit: FitResult, group: int, speed: float) -> str:
     """Name of a condition: the speed, after what else parameters were fitted per."""
     others = filter(None, map(_without_speed, fit.problem.space.labels[group]))
-    return ", ".join([*dict.fromkeys(others), f"{speed * RPM_PER_RAD_S:.5g} rpm"])
+    return ", ".join([*dict.fromkeys(others), f"{significant(speed * RPM_PER_RAD_S, 5)} rpm"])
 
 
 def _without_speed(label: str) -> str:

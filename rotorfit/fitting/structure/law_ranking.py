@@ -18,6 +18,7 @@ from rotorfit.fitting.problem_setup import as_tuple, build_problem
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import Constant, EvenPolynomial, Law, MonotoneSpline, Muszynska, OneMode, RotorModel
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant
 from rotorfit.models.parameters import bare_name, unknown_name
 from rotorfit.models.text_table import Printed, Wide, text_table
 from rotorfit.observing.observations import observe_any
@@ -111,7 +112,10 @@ class LawComparison(Printed):
                     f"they {asks} a nonlinear stiffness: held constant it would change AIC by {self.stiffness:+.1f}"
                 )
         if _fit_of(best).model_limited:
-            words.append(f"even the best law leaves redchi {_fit_of(best).redchi:.3g}: none of these explains the data")
+            words.append(
+                f"even the best law leaves redchi {significant(_fit_of(best).redchi, 3)}: none of these "
+                "explains the data"
+            )
         return "; ".join(words)
 
     def __str__(self) -> str:
@@ -128,7 +132,13 @@ def _row(entry: LawFit, aic: float, bic: float) -> list[str | Wide]:
     if entry.reason or entry.fit is None:
         return [repr(entry.law), Wide("not ranked", 2)]
     differences = f"{entry.aic:.1f}", f"{entry.aic - aic:.1f}", f"{entry.bic - bic:.1f}"
-    return [repr(entry.law), str(entry.count), f"{entry.fit.redchi:.4g}", *differences, f"{entry.weight:.3f}"]
+    return [
+        repr(entry.law),
+        str(entry.count),
+        significant(entry.fit.redchi, 4),
+        *differences,
+        f"{entry.weight:.3f}",
+    ]
 
 
 def _fit_of(entry: LawFit) -> FitResult:

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.fitting.digits import plus_minus
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.digits import plus_minus, significant
 from rotorfit.models.motion.modes import modal_assurance
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.text_table import Printed, text_table
@@ -106,7 +106,7 @@ class Modes(Printed, Sequence[Mode]):
         rows = [[*head, *(f"at {plane}" for plane in planes)]]
         for number, mode in enumerate(self.modes, 1):
             row = [str(number), _said(mode.frequency, RPM_PER_RAD_S), _said(mode.damping_ratio)]
-            row.append(f"{mode.half_power:.3g}" if np.isfinite(mode.half_power) else "-")
+            row.append(significant(mode.half_power, 3) if np.isfinite(mode.half_power) else "-")
             row += [_said(q) for q in (mode.mass, mode.stiffness, mode.damping) if q is not None]
             row += [_deflection(mode, plane) for plane in planes]
             rows.append(row)
@@ -145,4 +145,4 @@ def _said(q: Quantity, factor: float = 1.0) -> str:
 def _deflection(mode: Mode, plane: str) -> str:
     shape, phase = mode.shape[plane], mode.phase[plane]
     turned = f" at {round(np.degrees(phase.value))} deg" if abs(phase.value) > 1e-9 else ""
-    return (f"{shape.value:.4g}" if shape.stderr == 0 else _said(shape)) + turned
+    return (significant(shape.value, 4) if shape.stderr == 0 else _said(shape)) + turned

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.estimators.atomic_file import whole_file
-from rotorfit.fitting.digits import plus_minus
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.structure.coefficient_rows import UNITS, Coefficients
 from rotorfit.io.tables.result_tables import frame_csv
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import plus_minus, significant
 from rotorfit.models.shafts.plane_forces import COEFFICIENTS
 from rotorfit.models.text_table import text_table
 
@@ -112,7 +112,7 @@ class Mountings:
         for condition, by_name in self.rows:
             for name, found in by_name.items():
                 low, high = found.scatter_interval
-                scatter = f"{found.scatter:.3g}, {low:.3g} to {high:.3g}"
+                scatter = f"{significant(found.scatter, 3)}, {significant(low, 3)} to {significant(high, 3)}"
                 mean = plus_minus(found.mean.value, found.mean.stderr)
                 lines.append([condition, name, mean, scatter, found.mean.unit])
         return "\n".join([*text_table(lines, "<16 <4 >22 >34  <6"), f"{self.count} mountings"])

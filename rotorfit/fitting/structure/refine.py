@@ -22,6 +22,7 @@ from rotorfit.fitting.settings import Onset
 from rotorfit.fitting.structure.refinable import why_not_refined
 from rotorfit.models import BLOCKS, RotorModel, threshold_speed
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant
 from rotorfit.models.parameters import bare_name
 from rotorfit.models.structure import block_parameters, block_symbols, check_blocks
 from rotorfit.models.text_table import Printed, text_table
@@ -61,7 +62,7 @@ class Refinement(Printed):
             *before, tried = new or ["all blocks" if blocks else "as printed"]
             seen |= set(blocks)
             mark = "<- chosen" if step is self.best else ""
-            numbers = str(step.nvarys), f"{step.redchi:.4g}", f"{step.aic:.1f}"
+            numbers = str(step.nvarys), significant(step.redchi, 4), f"{step.aic:.1f}"
             rows += [*([words] for words in before), [tried, block_symbols(blocks), *numbers, mark]]
         return "\n".join(text_table(rows, "<30 <18 >7 >10 >12 <1"))
 
@@ -181,7 +182,7 @@ def _hidden_warnings(plain: FitResult, chosen: FitResult) -> list[str]:
         data, more = "these data, as those at one speed,", "tests at another speed would"
     return [
         f"{data} cannot separate {', '.join(names)} from the fluid's inertia: taken to be 0 +- "
-        f"{size:.2g} kg, which the errors of K0, Mf and the threshold speed include; {more} separate them"
+        f"{significant(size, 2)} kg, which the errors of K0, Mf and the threshold speed include; {more} separate them"
     ]
 
 
@@ -364,14 +365,16 @@ def one_lam_test(fit: FitResult, *, level: float = 0.01) -> OneLamTest:
     p = float(chi2.sf(statistic, 1))
     rejected = p < level
     verdict = (
-        f"one lam is refused (p = {p:.2g}): lam_D = {d.value:.4f} +- {d.stderr:.2g} from the damping force, "
-        f"lam_M = {m.value:.4f} +- {m.stderr:.2g} from the inertia force; use two_lam=True"
+        f"one lam is refused (p = {significant(p, 2)}): lam_D = {d.value:.4f} +- {significant(d.stderr, 2)} "
+        "from the damping force, "
+        f"lam_M = {m.value:.4f} +- {significant(m.stderr, 2)} from the inertia force; use two_lam=True"
         if rejected
-        else f"one lam agrees with the data (p = {p:.2g})"
+        else f"one lam agrees with the data (p = {significant(p, 2)})"
     )
     if wide.model_limited:
         verdict += (
-            f"; but with both ratios the model still misses the data (redchi {wide.redchi:.3g}), and what it leaves "
+            f"; but with both ratios the model still misses the data (redchi {significant(wide.redchi, 3)}), "
+            "and what it leaves "
             f"out can look like a second ratio: ask again of the structure that rf.refine finds"
         )
     return OneLamTest(

@@ -15,6 +15,7 @@ from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.io.shafts.ross_rotor import SPEED_FROM, imported_ross, installed_ross, line_of
 from rotorfit.models import KnownStructure, Orthotropic, RotorModel
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant
 from rotorfit.models.shafts.plane_forces import force_planes, plane_force
 
 ElementKind: TypeAlias = Literal["bearing", "seal"]
@@ -70,7 +71,7 @@ class RossElement:
             "the same at all speeds"
             if speeds is None
             else f"{len(speeds)} speeds from {speeds[0]:g} to {speeds[-1]:g} rad/s; between them ROSS interpolates to "
-            f"{self.between:.1g}. Not for ROSS {other}, which reads the table as something else"
+            f"{significant(self.between, 1)}. Not for ROSS {other}, which reads the table as something else"
         )
         return f"{self.kind} {self.arguments['tag']} at node {self.arguments['n']}, for ROSS {self.line}.x: {table}"
 

@@ -19,6 +19,7 @@ from rotorfit.estimators.atomic_file import note_input
 from rotorfit.estimators.file_reading import read_toml, reading
 from rotorfit.io.shafts.structure_files import SAVED_ROTORS, Structure, read_structure
 from rotorfit.models.array_types import ROUND_OFF
+from rotorfit.models.digits import significant
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.shafts.shaft import ROSS_4, ROSS_6
 
@@ -105,7 +106,8 @@ def _refuse_fluid_in_file(structure: Structure, plane: str, node: int | str) -> 
         damping = 0.0 if elsewhere.any() else float(np.abs(structure.C[np.ix_(own, own)]).max())
     if damping or cross > ROUND_OFF * np.abs(structure.K).max():
         raise ValueError(
-            f"{structure.source} has damping of {damping:.4g} N s/m and cross-coupling of {cross:.4g} N/m at node "
+            f"{structure.source} has damping of {significant(damping, 4)} N s/m and cross-coupling of "
+            f"{significant(cross, 4)} N/m at node "
             f"{node}, where the fluid that is fitted acts (plane {plane}): take the bearing or seal out of the rotor "
             "before it is saved (rotor.save_mat)"
         )

@@ -11,6 +11,7 @@ import numpy as np
 
 from rotorfit.data.findings import Finding, listed
 from rotorfit.models.array_types import Bool, ComplexArray, Float
+from rotorfit.models.digits import significant
 from rotorfit.recordings.channel_statistics import ChannelStatistics
 from rotorfit.recordings.reduction.reduced_record import HIGHEST_ORDER, ReducedRecord
 from rotorfit.recordings.signals import SAMPLES_OF_A_PIECE
@@ -149,12 +150,15 @@ def blow_findings(record: Recording, found: list[Blow]) -> Iterator[Finding]:
             "error",
             "force-clipped",
             f"{record.name}: the force of the blow at {listed([f'{b.begin:.3f} s' for b in cut])} is cut off at "
-            f"{listed([f'{b.peak:.4g} N' for b in cut])}: its channel was overloaded, and responses come out too "
+            f"{listed([f'{significant(b.peak, 4)} N' for b in cut])}: its channel was overloaded, and responses "
+            "come out too "
             "large. Leave the blow out, or strike again with a wider input range.",
         )
     again = [(first, second) for first, second in pairwise(found) if second.begin - first.end < _BOUNCE_TIME]
     if again:
-        when = listed([f"{a.begin:.3f} s and again {(b.begin - a.begin) * 1e3:.3g} ms later" for a, b in again])
+        when = listed(
+            [f"{a.begin:.3f} s and again {significant((b.begin - a.begin) * 1e3, 3)} ms later" for a, b in again]
+        )
         yield Finding(
             "warning",
             "double-hit",
@@ -166,7 +170,8 @@ def blow_findings(record: Recording, found: list[Blow]) -> Iterator[Finding]:
             yield Finding(
                 "error",
                 "channel-clipped",
-                f"{record.name}, channel {channel} is clipped after a blow, at {each.low:.4g} or {each.high:.4g} "
+                f"{record.name}, channel {channel} is clipped after a blow, at {significant(each.low, 4)} or "
+                f"{significant(each.high, 4)} "
                 f"{each.unit}: amplitudes there are too small. Set the input range wider, or leave the probe out.",
             )
 

@@ -10,6 +10,7 @@ import numpy as np
 from rotorfit.data.findings import Finding
 from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.models.array_types import Bool, ComplexArray, Float
+from rotorfit.models.digits import significant
 from rotorfit.recordings.reduction.reduced_record import ReducedRecord, motion_at, reduced_times
 
 if TYPE_CHECKING:
@@ -209,7 +210,11 @@ def coherence(test: PerturbationTest, found: LocalResponse, reduced: ReducedReco
 def coherence_note(test: PerturbationTest, coherent: Float) -> Finding:
     """The coherence in a sentence."""
     poor = np.abs(test.frequency[coherent < _LEAST_COHERENCE]) / (2 * np.pi)
-    where = f", below {_LEAST_COHERENCE:g} in {poor.size}, {poor.min():.3g} to {poor.max():.3g} Hz" if poor.size else ""
+    where = (
+        f", below {_LEAST_COHERENCE:g} in {poor.size}, {significant(poor.min(), 3)} to {significant(poor.max(), 3)} Hz"
+        if poor.size
+        else ""
+    )
     return Finding(
         "note",
         "coherence",

@@ -19,6 +19,7 @@ from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.signals.local_poles import SMOOTH_DEGREE
 from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra
 from rotorfit.models.array_types import Bool, ComplexArray, Float
+from rotorfit.models.digits import significant
 from rotorfit.recordings.reduction.blows import QUIET_SHARE, Blow, blow_findings, blows, rest_of
 from rotorfit.recordings.reduction.measured_force import (
     ReducedForce,
@@ -230,7 +231,8 @@ def _forced(driven: ReducedForce, struck: Sequence[Blow], report: Report) -> tup
         return estimated([record], [noisy(spectra)], *reduced.band), 0.0
     if rest.quiet.mean() < QUIET_SHARE and reduced.shaft_angle is not None:
         raise ValueError(
-            f"{record.name}: the rotor is quiet in {rest.quiet.mean():.0%} of the {np.ptp(reduced.time):.3g} s between "
+            f"{record.name}: the rotor is quiet in {rest.quiet.mean():.0%} of the "
+            f"{significant(np.ptp(reduced.time), 3)} s between "
             "the first mark of the shaft and the last, too little to tell the shaft's own orders from the blow: record "
             "some turns before it, and until the rotor rests"
         )
@@ -241,7 +243,8 @@ def _forced(driven: ReducedForce, struck: Sequence[Blow], report: Report) -> tup
             Finding(
                 "warning",
                 "moving-at-ends",
-                f"{record.name}: the rotor moves when the recording begins or ends, by {rest.left_out:.2g} of its "
+                f"{record.name}: the rotor moves when the recording begins or ends, by "
+                f"{significant(rest.left_out, 2)} of its "
                 "motion after the blow; errors are wider by that share of each response. Record some turns before the "
                 "blow, and until the rotor rests.",
             )

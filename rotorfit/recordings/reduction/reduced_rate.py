@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.digits import significant
 
 Signal = Float | ComplexArray
 
@@ -33,7 +34,7 @@ class ReducedRate:
         """The lowest rate that keeps a band."""
         if 2 * top >= full_rate:
             raise ValueError(
-                f"the band goes up to {top:.4g} Hz, the sampling rate {full_rate:g} Hz shows what is below "
+                f"the band goes up to {significant(top, 4)} Hz, the sampling rate {full_rate:g} Hz shows what is below "
                 f"{full_rate / 2:g} Hz"
             )
         return cls(full_rate=full_rate, size=size, factor=max(int(full_rate / (RATE_OVER_TOP * top)), 1))

@@ -10,6 +10,7 @@ import numpy as np
 
 from rotorfit.estimators.signals.local_response import RecordSpectra
 from rotorfit.models.array_types import Bool, ComplexArray, Float
+from rotorfit.models.digits import significant
 from rotorfit.recordings.reduction.reduced_rate import ReducedRate
 
 if TYPE_CHECKING:
@@ -163,7 +164,9 @@ def reduced_times(
         raise ValueError(f"{record.name}: {problem}") from problem
     inside = np.flatnonzero((reduced.time >= begin) & (reduced.time <= end))
     if inside.size < 32:
-        raise ValueError(f"{record.name}: the pulses leave {max(end - begin, 0):.3g} s of the recording, too little")
+        raise ValueError(
+            f"{record.name}: the pulses leave {significant(max(end - begin, 0), 3)} s of the recording, too little"
+        )
     return reduced, slice(int(inside[0]), int(inside[0]) + int(prev_fast_len(inside.size)))
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from rotorfit.data.findings import Finding
 from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra, local_response
 from rotorfit.models.array_types import Bool, Float
+from rotorfit.models.digits import significant
 
 if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording
@@ -49,7 +50,7 @@ def say_lost(record: Recording, lost: int, count: int, seconds: float, report: R
                 "note",
                 "lines-at-orders",
                 f"{record.name}: {lost} of {count} lines left out: closer to "
-                f"an order of the shaft than {seconds:.3g} s can separate.",
+                f"an order of the shaft than {significant(seconds, 3)} s can separate.",
             )
         )
 

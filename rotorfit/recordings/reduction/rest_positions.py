@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.digits import significant
 from rotorfit.recordings.reduction.reduced_rate import ReducedRate
 from rotorfit.recordings.reduction.reduced_record import HIGHEST_ORDER, is_pair
 
@@ -84,7 +85,7 @@ def _rest(record: Recording, plane: str, probes: Sequence[Probe]) -> RestPositio
             inside = (reduced.time >= begin) & (reduced.time <= end)
             if inside.sum() < 4 * _PARTS_OF_RECORD:
                 raise ValueError(
-                    f"{record.name}: {end - begin:.3g} s are too short to tell a mean voltage and its error"
+                    f"{record.name}: {significant(end - begin, 3)} s are too short to tell a mean voltage and its error"
                 )
             level, error = _mean(volts[inside], reduced.time[inside], shaft)
             mean[p, s], variance[p, s] = (level - (probe.centre or 0.0)) / scale, (error + rounding) / scale**2

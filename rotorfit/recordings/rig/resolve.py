@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotorfit.data.findings import Finding
+from rotorfit.models.digits import significant
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
 from rotorfit.recordings.rig.channel_units import ALLOWED, ChannelUnit, channel_unit, name_and_unit
@@ -158,7 +159,7 @@ def _check_delays(raw: RawFile, probes: Sequence[Probe], duration: float, source
         if abs(probe.delay or 0.0) > duration / _LENGTH_OVER_DELAY:
             raise ValueError(
                 f"{raw.name}, as {source} describes it: the probe {probe.channel} would be {probe.delay:g} s late; "
-                f"at most {duration / _LENGTH_OVER_DELAY:.3g} s are allowed, a hundredth of the recording"
+                f"at most {significant(duration / _LENGTH_OVER_DELAY, 3)} s are allowed, a hundredth of the recording"
             )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant
 from rotorfit.plots.style import (
     amplitude_unit,
     colour_of,
@@ -35,7 +36,9 @@ def plot_stability_report(report: StabilityReport) -> Figure:
     """One panel for each kind of curve that the report has."""
     more = ((_unbalance, report.unbalance), (_coupling, report.cross_coupling), (_sensitivity, report.sensitivity))
     panels = [_decrements, *(panel for panel, curves in more if curves)]
-    figure, axes = grid(len(panels), 1, f"Stability, with {100 * report.level:.4g} % bands", size=(6.6, 2.4))
+    figure, axes = grid(
+        len(panels), 1, f"Stability, with {significant(100 * report.level, 4)} % bands", size=(6.6, 2.4)
+    )
     for panel, axis in zip(panels, axes[:, 0], strict=True):
         panel(report, axis)
     found = [axis.get_legend_handles_labels() for axis in axes[:, 0]]

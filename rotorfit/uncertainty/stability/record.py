@@ -12,6 +12,7 @@ import numpy as np
 
 from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.models.array_types import Float
+from rotorfit.models.digits import significant
 from rotorfit.models.text_table import Printed, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -198,7 +199,14 @@ class StabilityReport(Printed):
             >>> fit.stability_report(max_speed_rpm=2000).rows()[1][4]
             'met'
         """
-        head = [case or "as identified", "value", f"{100 * self.level:.4g} % interval", "limit", "", "probability"]
+        head = [
+            case or "as identified",
+            "value",
+            f"{significant(100 * self.level, 4)} % interval",
+            "limit",
+            "",
+            "probability",
+        ]
         return [head, *(self._row(c) for c in self.criteria if c.case == case)]
 
     @property
@@ -210,7 +218,7 @@ class StabilityReport(Printed):
 
     def __str__(self) -> str:
         low, high = (RPM_PER_RAD_S * speed for speed in self.running)
-        where = f"{high:.5g} rpm" if low == high else f"{low:.5g} to {high:.5g} rpm"
+        where = f"{significant(high, 5)} rpm" if low == high else f"{significant(low, 5)} to {significant(high, 5)} rpm"
         lines = [f"stability at {where}", *([self.caution] if self.caution else [])]
         layout = f"<{max(len(c.name) for c in self.criteria)} >9 >18 >11 <8 >11"
         for case in dict.fromkeys(c.case for c in self.criteria):
@@ -219,10 +227,16 @@ class StabilityReport(Printed):
 
     def _row(self, c: Criterion) -> list[str]:
         low, high = c.interval
-        ends = "" if math.isinf(low) else f"{low:.4g} or more" if math.isinf(high) else f"{low:.4g} to {high:.4g}"
+        ends = (
+            ""
+            if math.isinf(low)
+            else f"{significant(low, 4)} or more"
+            if math.isinf(high)
+            else f"{significant(low, 4)} to {significant(high, 4)}"
+        )
         ends = "not determined" if math.isnan(c.probability) else ends
-        limit = f"{'>=' if c.at_least else '<='} {c.limit:.4g} {c.unit}".rstrip()
-        value = "none" if math.isinf(c.value) else f"{c.value:.4g}"
+        limit = f"{'>=' if c.at_least else '<='} {significant(c.limit, 4)} {c.unit}".rstrip()
+        value = "none" if math.isinf(c.value) else significant(c.value, 4)
         return [c.name, value, ends, limit, "met" if c.met else "NOT MET", self._chance(c)]
 
     def _chance(self, criterion: Criterion) -> str:
@@ -237,11 +251,18 @@ class StabilityReport(Printed):
         return f"{100 * criterion.probability:.1f} %"
 
     def _mode_lines(self) -> list[str]:
-        rows = [["mode, rpm", "", "damping ratio", "log. decrement", f"{100 * self.level:.4g} % interval", ""]]
+        rows = [
+            ["mode, rpm", "", "damping ratio", "log. decrement", f"{significant(100 * self.level, 4)} % interval", ""]
+        ]
         for mode in self.modes:
-            ends = "" if mode.overdamped else f"{mode.interval[0]:.3g} to {mode.interval[1]:.3g}"
+            ends = (
+                "" if mode.overdamped else f"{significant(mode.interval[0], 3)} to {significant(mode.interval[1], 3)}"
+            )
             words = "overdamped, no resonance" if mode.overdamped else "unstable" if mode.decrement < 0 else ""
-            frequency = f"{abs(mode.frequency) * RPM_PER_RAD_S:.5g}"
-            ratio, decrement = f"{mode.damping_ratio:.3g}", "" if mode.overdamped else f"{mode.decrement:.3g}"
+            frequency = significant(abs(mode.frequency) * RPM_PER_RAD_S, 5)
+            ratio, decrement = (
+                significant(mode.damping_ratio, 3),
+                "" if mode.overdamped else significant(mode.decrement, 3),
+            )
             rows.append([frequency, mode.direction, ratio, decrement, ends, words])
         return text_table(rows, ">10 <9 >13 >14 >20 <1")

@@ -16,6 +16,7 @@ from rotorfit.fitting.quantities import THRESHOLD
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.digits import significant
 from rotorfit.models.motion.stability import counted, threshold_speeds
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.shafts.plane_forces import loop_stiffness
@@ -451,7 +452,7 @@ def _unbalance_questions(
     questions = [
         _Question(
             name=f"margin of critical speed {float(peak.speed[0]) * RPM_PER_RAD_S:.0f} rpm at {seen}, "
-            + (f"AF {float(peak.amplification[0]):.3g}" if peak.amplification[0] else "AF not defined"),
+            + (f"AF {significant(float(peak.amplification[0]), 3)}" if peak.amplification[0] else "AF not defined"),
             unit="%",
             source="separation margin",
             ask=partial(separation, number=number),
@@ -486,7 +487,7 @@ def _unbalance_curves(
         return ()
     speeds = _speeds_of_curves(fit, group, one, top)
     band = _quantiles(few.response(speeds, seen, unbalance), level).T
-    weights = ", ".join(f"{mr * 1e6:.3g} g mm at {where}" for where, mr in unbalance.items())
+    weights = ", ".join(f"{significant(mr * 1e6, 3)} g mm at {where}" for where, mr in unbalance.items())
     return (Curve(label=f"{seen}, {weights}", x=speeds, y=one.response(speeds, seen, unbalance)[0], band=band),)
 
 
@@ -495,7 +496,8 @@ def _caution(fit: FitResult) -> str:
     if not fit.model_limited:
         return ""
     return (
-        f"CAUTION: the model misses the data beyond their noise (redchi {fit.redchi:.3g}). The rotor judged here may "
+        f"CAUTION: the model misses the data beyond their noise (redchi {significant(fit.redchi, 3)}). The "
+        "rotor judged here may "
         "be another one, intervals too narrow and probabilities too sure."
     )
 
