@@ -62,7 +62,7 @@ def test_report_of_the_rig_says_what_the_fit_says(rig_fit: FitResult, tmp_path: 
         in page.shown
     )
     assert "only roughly (redchi 10.6" in page.shown
-    assert "try rf.refine(fit)" in page.shown
+    assert "try a refined model" in page.shown
     for title in (
         "Verdict", "Parameters", "95 % intervals", "Identifiability", "Test and data", "Model", "Dynamic stiffness",
         "Bode plots", "Polar plots", "Residuals", "Quality of fit", "Stability", "To reproduce",

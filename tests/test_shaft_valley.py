@@ -51,7 +51,7 @@ def test_a_valley_longer_than_its_curvature_tells_is_named_with_how_far_it_goes(
     # Seed 3: half a unit of chi-squared deep, where the curvature gives 1.7e-6 +- 2.1e-6.
     (told,) = fits[3].identifiability.combinations
     assert told.names == ("J", *OVER_INERTIA)
-    shape = r"J, ec, es, Px, Py only as ratios: at J = 1.4e-05 kg m\^2 chi-squared is 0.\d+ higher than at 1.7e-06"
+    shape = r"J, ec, es, Px, Py only as ratios: at J = 1.4e-5 kg m\^2 chi-squared is 0.\d+ higher than at 1.7e-6"
     assert re.match(shape, told.message)
     assert told.message in fits[3].summary()
     assert fits[3].identifiability.rank == 11

@@ -88,7 +88,7 @@ def _row(p: FittedParameter, model: RotorModel, start: str) -> list[str]:
     if not p.vary:
         return [name, plain(p.value), "known", "", unit, "", p.meaning, ""]
     if not p.resolved or p.moved_by:
-        return [name, "not determined", "", "", unit, start, p.meaning, p.moved_by]
+        return [name, "not determined", "", "", unit, start, p.meaning, unit_shown(p.moved_by)]
     value, error, noise = with_errors(p.value, math.hypot(p.stderr, p.systematic), p.stderr, p.stderr_noise)
     bound = "at its bound: no symmetric interval" if p.at_bound else ""
     return [name, value, error, noise if noise != error else "", unit, start, p.meaning, bound]

@@ -283,7 +283,7 @@ def _fluid_cards(fit: FitResult) -> Iterator[Html]:
     for p in (wanted or fitted)[:_CARDS]:
         name = f"{p.name}, {p.meaning}"
         if not p.resolved or p.moved_by:
-            yield _card(name, "not determined", p.moved_by or "see identifiability", bad=True)
+            yield _card(name, "not determined", unit_shown(p.moved_by) or "see identifiability", bad=True)
         else:
             more = p.systematic
             shown = [_shares(p.stderr, more)] if more else []
