@@ -222,6 +222,14 @@ def test_one_plane_peak_to_peak(rig: PerturbationTest) -> None:
     assert found(doubled(rig, rig.force_plane == "disk"), "reciprocity").rows == tuple(range(len(rig)))
 
 
+def test_several_machines_in_one_test(rig: PerturbationTest) -> None:
+    """A store and a fit would take them for one machine."""
+    names = np.where(np.arange(len(rig)) % 3 == 0, "pump B", "pump A")
+    finding = found(replace(rig, attributes={"machine": names}), "several-machines")
+    assert finding.message.startswith("The readings are of 2 machines, pump A, pump B")
+    assert rf.check(replace(rig, attributes={"machine": np.full(len(rig), "pump A")})) == rf.check(rig)
+
+
 @pytest.mark.parametrize(
     ("factor", "code", "severity"),
     [

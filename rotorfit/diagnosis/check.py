@@ -15,7 +15,7 @@ from rotorfit.data.experiments import (
     RingDownTest,
     StaticTest,
 )
-from rotorfit.data.findings import Finding, errors_first
+from rotorfit.data.findings import Finding, errors_first, listed
 from rotorfit.data.mountings import dwells
 from rotorfit.diagnosis.forces import exchanged_axes, force_along_axis, turning_force
 from rotorfit.diagnosis.imposed_orbits import imposed_orbits
@@ -27,6 +27,7 @@ from rotorfit.diagnosis.readings import amplitudes, clipped, copied_readings, ro
 from rotorfit.diagnosis.reciprocity import reciprocity
 from rotorfit.diagnosis.signs import signs, wrong_direction
 from rotorfit.diagnosis.static_and_free import free_vibration, static_positions
+from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.models.array_types import Bool
 
 
@@ -39,8 +40,9 @@ def check(test: Experiment) -> list[Finding]:
     as circular and the reverse, axes of forces exchanged or inverted, readings inverted from some frequency on, a
     reversed sense of rotation, gains, delays and filters of one probe of a pair, planes that answer each other
     unequally, start-ups without partner, positions against their load, records without a mode, free vibration in
-    another unit than the speed, run-ups too fast to settle. Notes give the scatter between mountings of weights and the
-    number of modes that weights at dwell speeds show. What only a fit gives away is in :attr:`FitResult.findings`.
+    another unit than the speed, run-ups too fast to settle, several machines in one test. Notes give the scatter
+    between mountings of weights and the number of modes that weights at dwell speeds show. What only a fit gives away
+    is in :attr:`FitResult.findings`.
 
     Args:
         test: what was measured, SI units.
@@ -51,6 +53,7 @@ def check(test: Experiment) -> list[Finding]:
     """
     numeric = _finite(test)
     findings = list(_numbers(test, numeric))
+    findings += _machines(test)
     finite = np.flatnonzero(numeric)
     if finite.size:
         rest = test if finite.size == len(test) else test.select(finite)
@@ -92,6 +95,17 @@ def _physics(test: PerturbationTest) -> Iterator[Finding]:
     if not any(finding.severity == "warning" for finding in uneven):
         yield from reciprocity(orbits)
     yield from signs(orbits)
+
+
+def _machines(test: Experiment) -> Iterator[Finding]:
+    names = words(np.asarray(test.attributes["machine"]))[0] if "machine" in test.attributes else []
+    if len(names) > 1:
+        text = (
+            f"The readings are of {len(names)} machines, {listed(sorted(map(str, names)))}: a fit takes them for one. "
+            f"Fit each by itself (`--where machine={names[0]}`), or give parameters a value for each "
+            "(`--per K0=machine`)."
+        )
+        yield Finding("warning", "several-machines", text)
 
 
 _MAY_BE_NAN = ("sigma", "eccentricity", "position")
