@@ -164,7 +164,7 @@ def test_constants_of_a_file_that_is_not_given_are_refused(
 @pytest.mark.filterwarnings("ignore:.*holds no weight")
 def test_start_ups_are_balanced_at_chosen_speeds(exports: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["balance", *exports]) == 2
-    assert "choose some, --speeds RPM,RPM" in capsys.readouterr().err
+    assert "choose some (speeds=, --speeds RPM,RPM)" in capsys.readouterr().err
     assert main(["balance", *exports, "--speeds", "1500,9000"]) == 2
     assert "not sampled about 9000 rpm" in capsys.readouterr().err
     assert main(["balance", *exports, "--speeds", "1500,3200", "--json"]) == 0
