@@ -436,7 +436,7 @@ def test_joint_fit_from_the_command_line(
     ("words", "message"),
     [
         ("--law muszinska --clearance-um 200", "did you mean 'muszynska'"),
-        ("--law muszynska", "give --clearance-um"),
+        ("--law muszynska", "--clearance-um)"),
     ],
 )
 def test_laws_that_the_command_line_refuses(

@@ -12,9 +12,6 @@ from rotorfit.io.files import SUFFIXES
 from rotorfit.io.tables.cells import EXCEL
 from rotorfit.recordings.formats.files import FORMATS
 
-_MOST_FILES = 500
-"""Files that a list shows. Chosen: more are no list to choose from."""
-
 
 @dataclass(frozen=True)
 class Folder:
@@ -61,7 +58,8 @@ class Folder:
         return [name for name in self._named((".html",)) if (self.root / name).with_suffix(".db").is_file()]
 
     def _named(self, suffixes: Sequence[str]) -> list[str]:
-        return sorted(name for name, _ in zip(self._walk(suffixes), range(_MOST_FILES), strict=False))
+        most_files = 500  # files that a list shows. Chosen: more are no list to choose from
+        return sorted(name for name, _ in zip(self._walk(suffixes), range(most_files), strict=False))
 
     def _walk(self, suffixes: Sequence[str]) -> Iterator[str]:
         for place, folders, files in os.walk(self.root):

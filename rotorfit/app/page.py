@@ -28,8 +28,6 @@ _TEMPLATE = """{% extends base %}
 <style>body { margin: 0 auto !important; padding: 12px 0 40px; max-width: 1180px; background: white; }</style>
 {% endblock %}
 {% block contents %}{{ embed(roots.page) }}{% endblock %}"""
-_POLL_MS = 200
-"""Milliseconds after which work is asked for news."""
 _DONE = "The fit is done: its result stands below."
 
 
@@ -177,7 +175,8 @@ class Page:
             self._result.objects = []
             self._work = Work(task, self.session.study)
             self._stage("starting")
-            self._poll = pn.state.add_periodic_callback(self._look, _POLL_MS)
+            poll_ms = 200  # milliseconds after which work is asked for news
+            self._poll = pn.state.add_periodic_callback(self._look, poll_ms)
 
     def _look(self) -> None:
         with self._lock:

@@ -16,12 +16,8 @@ from rotorfit.report.html import Html, element, join
 
 STYLE = files("rotorfit.app").joinpath("page.css").read_text(encoding="utf-8")
 """Look of all markup."""
-_ENTRY_S = 0.3
-"""Seconds that a click waits for what was entered just before it: Panel takes entries in 0.05 s late."""
 LONG_LABEL = "label { white-space: normal; } :host { align-self: end !important; }"
 """Style of fields beside each other: a label may take two lines, the boxes stand in one."""
-_MOST_COLOURS = 16
-"""Names that a line explains. Chosen."""
 WIDE = {"sizing_mode": "stretch_width"}
 """A part that takes the width of the page."""
 
@@ -38,7 +34,8 @@ def heading(text: str) -> Any:
 
 def colour_key(words: str, colours: Mapping[str, str]) -> Any:
     """What the colours of figures mean, by name; of many, pointing at a reading says whose it is."""
-    shown = colours if 1 < len(colours) <= _MOST_COLOURS else {}
+    most_colours = 16  # names that a line explains. Chosen
+    shown = colours if 1 < len(colours) <= most_colours else {}
     dots = [join([element("span", "●", style=f"color: {colour}"), f" {name}"]) for name, colour in shown.items()]
     said = join(filter(None, [words, *dots]), "  ")
     return markup(element("p", said, class_="faint")) if said else pn.Column()
@@ -60,7 +57,9 @@ def button(label: str, act: Callable[[], object], *, main: bool = False, **optio
     """A button and what a click on it does."""
 
     def clicked(_: Any) -> None:
-        sleep(_ENTRY_S)
+        # Seconds that a click waits for what was entered just before it: Panel takes entries in 0.05 s late
+        entry_s = 0.3
+        sleep(entry_s)
         act()
 
     made = pn.widgets.Button(name=label, button_type="primary" if main else "default", **options)

@@ -13,7 +13,6 @@ from rotorfit.campaigns.trends import Trend
 from rotorfit.plots.style import GREY, colour_of, grid, labelled, legend_below, literal, looked, prefix
 
 _MARKERS = ("o", "s", "^", "D", "v", "P")
-_LARGEST_ERROR_RATIO = 8.0  # standard errors over their median beyond which a run does not set the limits of a panel
 
 
 @looked
@@ -53,7 +52,8 @@ def _panel(axis: Any, trends: Sequence[Trend], groups: Sequence[str], handles: d
     """One parameter against one attribute; returns its unit and the number of runs out of the frame."""
     values = np.concatenate([t.value for t in trends])
     errors = np.concatenate([t.stderr for t in trends])
-    sure = errors <= _LARGEST_ERROR_RATIO * np.median(errors)
+    largest_error_ratio = 8.0  # standard errors over their median beyond which a run does not set the limits of a panel
+    sure = errors <= largest_error_ratio * np.median(errors)
     factor, unit = prefix(values[sure], trends[0].unit)
     for trend in trends:
         number = groups.index(trend.group)

@@ -19,13 +19,6 @@ from rotorfit.models.text_table import Wide, text_table
 if TYPE_CHECKING:
     from rotorfit.campaigns.runs import RunFit
 
-_LARGEST_SCATTER = 4.0
-"""Scatter about the line from which single runs are looked at."""
-_USUAL_SHARE = 0.75
-"""Share of the runs whose distances from the line count as usual."""
-_OUTLYING_DISTANCE = 6.0
-"""Distance from the line over the usual one and the run's own error, from which a run is named."""
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Trend:
@@ -78,14 +71,18 @@ class Trend:
     @property
     def far(self) -> tuple[str, ...]:
         """Runs far from where most lie, by the repeated medians of Siegel 1982, which they do not pull along."""
-        if not self.scatter > _LARGEST_SCATTER:
+        largest_scatter = 4.0  # scatter about the line from which single runs are looked at
+        if not self.scatter > largest_scatter:
             return ()
         from scipy.stats import siegelslopes  # late: loading it takes longer than a trend
 
         slope, level = siegelslopes(self.value, self.x) if np.ptp(self.x) > 0 else (0.0, np.median(self.value))
         off = np.abs(self.value - level - slope * self.x)
-        usual = np.quantile(off, _USUAL_SHARE)  # of a bent trend too, whose ends are further off than most
-        return tuple(np.array(self.runs)[off > _OUTLYING_DISTANCE * np.hypot(usual, self.stderr)].tolist())
+        usual_share = 0.75  # share of the runs whose distances from the line count as usual
+        usual = np.quantile(off, usual_share)  # of a bent trend too, whose ends are further off than most
+        # Distance from the line over the usual one and the run's own error, from which a run is named
+        outlying_distance = 6.0
+        return tuple(np.array(self.runs)[off > outlying_distance * np.hypot(usual, self.stderr)].tolist())
 
     def at(self, x: float) -> Quantity:
         """Parameter at a value of the attribute, its error widened where the runs scatter more than their errors

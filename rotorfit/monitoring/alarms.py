@@ -17,8 +17,6 @@ from rotorfit.models.array_types import Bool, Float
 
 MARGIN = "margin"
 """Name of the rule about the threshold speed."""
-_SCATTER_AT_FIRST = 3.0
-"""Scatter from test to test, in errors of the first, before tests show it. Chosen by the rows of the benchmark."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,7 +75,9 @@ def margin_rule(watched: WatchedValues, required: float, false_alarm: float) -> 
     """
     shift = NormalDist().inv_cdf(1 - false_alarm / 2) * watched.systematic
     steps = np.diff(watched.value) ** 2 / 2  # of successive tests: a slow fall of the level is no scatter
-    squares = np.concatenate([(_SCATTER_AT_FIRST * watched.stderr[:1]) ** 2, steps])
+    # Scatter from test to test, in errors of the first, before tests show it. Chosen by the rows of the benchmark
+    scatter_at_first = 3.0
+    squares = np.concatenate([(scatter_at_first * watched.stderr[:1]) ** 2, steps])
     scatter = np.sqrt(np.cumsum(squares) / np.arange(1, len(squares) + 1))
     error = np.maximum(watched.stderr, scatter)
     scores = (required - watched.value - shift) / error

@@ -24,9 +24,6 @@ from rotorfit.observing.circular import observe
 from rotorfit.observing.measured_stiffness import isotropic_planes
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
-_LEAST_SPEED_RATIO = 1.05
-"""Ratio of the largest to the smallest speed from which stiffness and mass can be separated."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ObservedStiffness(Printed):
@@ -144,7 +141,9 @@ def _observed(test: PerturbationTest, date: str, force_plane: str, plane: str) -
 def straight_lines(speed: Float, stiffness: ComplexArray, sigma: Float) -> tuple[dict[str, tuple[float, float]], float]:
     """K and M from the direct part against the squared speed, D from the quadrature part against speed. Returns the
     value and standard error by name, widened by ``sqrt(redchi)`` where that exceeds one; and redchi."""
-    if np.unique(speed).size < 2 or speed.max() < _LEAST_SPEED_RATIO * speed.min():
+    # Ratio of the largest to the smallest speed from which stiffness and mass can be separated
+    least_speed_ratio = 1.05
+    if np.unique(speed).size < 2 or speed.max() < least_speed_ratio * speed.min():
         return {}, float("nan")
     scale = speed.max()
     design = np.zeros((2 * speed.size, 3))

@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_SAME_SPEED = 0.02
-"""Speeds of different dates within this fraction are compared with each other."""
-
 _MEANING = {
     "K": "the support or the shaft became {way} (a crack or a loose support softens, a rub or misalignment stiffens)",
     "M": "the mass that moves became {way} (deposits, water in a hollow shaft, a part that came off)",
@@ -255,7 +252,8 @@ def _matching(name: str, values: Mapping[str, tuple[float, float]]) -> str | Non
     near = [
         (abs(float(n.partition(" at ")[2].partition(" ")[0]) / rpm - 1), n) for n in values if n.startswith(part + at)
     ]
-    return min(near)[1] if near and min(near)[0] <= _SAME_SPEED else None
+    same_speed = 0.02  # speeds of different dates within this fraction are compared with each other
+    return min(near)[1] if near and min(near)[0] <= same_speed else None
 
 
 def _place(place: str, entries: list[DatedValues], level: float, orders: int, seed: int) -> PlaceTrend:

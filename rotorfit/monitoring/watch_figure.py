@@ -12,9 +12,6 @@ from rotorfit.monitoring.alarms import MARGIN, Rule
 from rotorfit.plots.style import COLOURS, GREY, SMALL_TYPE, date_ticks, grid, labelled, legend_below, prefix
 from rotorfit.units import RPM_PER_RAD_S
 
-_LEAST_EVIDENCE = 0.1
-"""Where the axis of the evidence ends; below 1 nothing speaks for a change."""
-
 
 def plot_rules(rules: Sequence[Rule], dates: Mapping[int, str]) -> Figure:
     """One row a rule: values with their standard errors by date, and the evidence against its limit."""
@@ -33,7 +30,8 @@ def plot_rules(rules: Sequence[Rule], dates: Mapping[int, str]) -> Figure:
             handles["required"] = required
         name = "threshold speed" if rule.name == MARGIN else rule.name
         axes[row, 0].set_ylabel(labelled(name, unit), fontsize=SMALL_TYPE)
-        shown = np.clip(rule.evidence, _LEAST_EVIDENCE, 10 * rule.limit)
+        least_evidence = 0.1  # where the axis of the evidence ends; below 1 nothing speaks for a change
+        shown = np.clip(rule.evidence, least_evidence, 10 * rule.limit)
         axes[row, 1].plot(
             np.arange(1, len(shown) + 1), shown, marker="o", markersize=2.5, color=COLOURS[2], linewidth=1
         )

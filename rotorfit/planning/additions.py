@@ -24,8 +24,6 @@ from rotorfit.units import RPM_PER_RAD_S
 _STEP = 1.3
 """Ratio of a speed that is tried to the lowest and highest of the tests, and room below the threshold speed."""
 NAMED = 3  # runs, lines and quantities that a sentence names
-_LEAST_GAIN = 1.05
-"""Ratio of an error to that with a run added from which the run is suggested."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -61,7 +59,8 @@ def additions(task: Task, plan: Plan, design: Design | None, wanted: float | Non
         if not tried or (wanted is not None and _worst(errors, names) <= wanted):
             break
         order = sorted(tried, key=lambda one: _size(one.errors, names))
-        worth = [one for one in order if _size(errors, names) - _size(one.errors, names) > math.log(_LEAST_GAIN)]
+        least_gain = 1.05  # ratio of an error to that with a run added from which the run is suggested
+        worth = [one for one in order if _size(errors, names) - _size(one.errors, names) > math.log(least_gain)]
         for one in worth[: 1 if wanted is not None else NAMED]:
             sentences.append(_sentence(one, errors, names))
         if not worth:

@@ -18,8 +18,6 @@ from rotorfit.fitting.noise.record import RUN_KINDS, FoundNoise, RunEffect
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
 
-_NO_NOISE = 1e-30
-"""Noise of readings, m, whose noise is a share of the response alone: far below it."""
 _RUN_SHARES = {kind.removeprefix("run_"): kind for kind in RUN_KINDS}
 
 
@@ -60,7 +58,8 @@ class PlannedNoise:
         if np.isfinite(given).all():
             return given
         if isinstance(test, PerturbationTest | StaticTest | DisplacementTest) and (self.share or self.common):
-            return np.where(np.isfinite(given), given, _NO_NOISE)
+            no_noise = 1e-30  # noise of readings, m, whose noise is a share of the response alone: far below it
+            return np.where(np.isfinite(given), given, no_noise)
         way_out = "noise_um= or noise_share=" if isinstance(test, PerturbationTest | StaticTest) else "its sigma"
         raise ValueError(f"{test.source or test.title}: the noise of its readings is not known; give {way_out}")
 

@@ -16,11 +16,6 @@ from rotorfit.planning.targets import all_targets
 from rotorfit.planning.task import Task, errors_of
 from rotorfit.units import RPM_PER_RAD_S
 
-_TRACE = 1e-9
-"""Weight of lines at other speeds, so that a quantity that the chosen ones do not determine has a huge variance."""
-_MOST_CHOICES = 2000
-"""Choices of speeds that are all compared; of more, speeds are exchanged one by one."""
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Alternatives:
@@ -57,10 +52,13 @@ def _compared(lines: Lines, speed: Float, speeds: Float, count: int) -> dict[tup
     """Criterion of an even test at each choice of speeds."""
 
     def criterion(chosen: tuple[float, ...]) -> float:
-        return lines.criterion(np.where(np.isin(speed, chosen), 1.0, _TRACE))
+        # Weight of lines at other speeds, so that a quantity that the chosen ones do not determine has a huge variance
+        trace = 1e-9
+        return lines.criterion(np.where(np.isin(speed, chosen), 1.0, trace))
 
     possible = speeds.tolist()
-    if comb(len(possible), count) <= _MOST_CHOICES:
+    most_choices = 2000  # choices of speeds that are all compared; of more, speeds are exchanged one by one
+    if comb(len(possible), count) <= most_choices:
         return {chosen: criterion(chosen) for chosen in combinations(possible, count)}
     spread = np.unique(np.round(np.linspace(0, len(possible) - 1, count)).astype(int))
     best = tuple(possible[i] for i in spread.tolist())

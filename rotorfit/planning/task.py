@@ -30,9 +30,6 @@ from rotorfit.planning.record import ExpectedError, Plan, PlannedLines
 from rotorfit.planning.targets import Target, Wanted, all_targets
 from rotorfit.units import RPM_PER_RAD_S
 
-_PROBE_RANGE = 1e-3
-"""Motion, m, beyond the linear range of usual eddy-current probes, 80 mil or 2 mm from end to end."""
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Task:
@@ -235,7 +232,9 @@ def _largest_motion(found: Expectation, first: int, design: Design) -> str:
     where = "" if block is None else f" at {block.model.coordinates[int(block.coordinate[top])].plane}"
     motion = float(f"{size[top] * 1e6:.3g}")
     said = f"The largest motion is {motion:g} um 0-peak{where}, in {found.problem.blocks[-1].run[top]}"
-    if size[top] > _PROBE_RANGE:
+    # Motion, m, beyond the linear range of usual eddy-current probes, 80 mil or 2 mm from end to end
+    probe_range = 1e-3
+    if size[top] > probe_range:
         return f"{said}, beyond what probes read: reduce the force, or set clearance_share=."
     return f"{said}." if design.clearance_share is not None else f"{said}; clearance_share= limits it."
 

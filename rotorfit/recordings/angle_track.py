@@ -23,9 +23,6 @@ from rotorfit.models.array_types import Float, Index
 from rotorfit.recordings.rig.setup import Reference
 from rotorfit.recordings.signals import Signals
 
-_LARGEST_OUTLYING_SHARE = 0.05
-"""Share of the pulses far off the smooth angle from which turns may have been lost."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AngleTrack:
@@ -132,7 +129,9 @@ def _mended(where: str, pulses: NumberedPulses, smooth: SmoothAngle) -> Iterator
         )
     if smooth.outlying.size:
         text = f"{smooth.outlying.size} pulses far off their place left out, at {_times(smooth.outlying)}."
-        if smooth.outlying.size <= _LARGEST_OUTLYING_SHARE * pulses.times.size:
+        # Share of the pulses far off the smooth angle from which turns may have been lost
+        largest_outlying_share = 0.05
+        if smooth.outlying.size <= largest_outlying_share * pulses.times.size:
             yield _warning("pulses-noisy", f"{where}: {text}")
         else:
             text += (

@@ -20,12 +20,6 @@ quiet to tell."""
 _JUMP_COUNTS = 4.0
 """Counts by which a channel jumps where it was held or clipped; the crest of a quiet signal is left count by count."""
 
-_STILL_WINDOWS = 4
-"""Windows in a row that a channel stands still for, from which no chance is left."""
-
-_NOISE_COUNTS = 3.0
-"""Deviation within the windows beside such a stretch, counts, from which no motion that dies down led there."""
-
 CLIPPED_STRETCHES = 3
 """Stretches at an extreme from which a channel is clipped, not interrupted there."""
 
@@ -150,7 +144,10 @@ class _Windows:
         for low, high in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
             # The window that holds the end of the stretch is passed over.
             beside = [*moves[max(low - 2, 0) : max(low - 1, 0)].tolist(), *moves[high + 1 : high + 2].tolist()]
-            if high - low >= _STILL_WINDOWS and beside and min(beside) >= _NOISE_COUNTS * self.step:
+            still_windows = 4  # windows in a row that a channel stands still for, from which no chance is left
+            # Deviation within the windows beside such a stretch, counts, from which no motion that dies down led there
+            noise_counts = 3.0
+            if high - low >= still_windows and beside and min(beside) >= noise_counts * self.step:
                 found.append((int(begin[low]), int(begin[high - 1]) + self.length))
         return found
 

@@ -19,21 +19,8 @@ _SAMPLES_CHECKED = 1 << 19
 """Samples of a long recording that the slower checks look at, spread over it in pieces."""
 _USUAL_RANGE = (-18.0, -2.0)
 """Linear range of an eddy-current probe on -24 V, V, taken where the setup gives none."""
-_HIGHEST_VOLTAGE = 50.0
-"""No probe or input card gives so many volts."""
-_SMALLEST_DEVIATION = 1e-5
-"""No probe is so quiet, V rms."""
-_WHITE_SHARE = 0.5
-"""Share of a deviation that is between neighbours from which a channel carries noise: white noise has 1, motion sampled
-ten times a period 0.3."""
-_LARGEST_MOTION = 0.01
-"""No shaft moves so far within its bearings, m, peak to peak."""
 _EDDY_CURRENT_SENSITIVITIES, _SENSITIVITIES = (2e3, 4e4), (1e2, 2e6)
 """Sensitivities, V/m, of eddy-current probes on -24 V and of any displacement probes."""
-_LARGEST_UNBALANCE = 1.0
-"""Unbalance, kg m, beyond that of any trial weight: a rotor of 50 t, balanced to G 2.5 at 3000 rpm, has 0.4."""
-_LOWEST_RATE = 100.0
-"""Sampling rate, Hz, at which no turning shaft is recorded."""
 _SWEPT_RANGE, _STEADY_RANGE = 0.2, 0.02
 """Range of a speed over its mean beyond which it sweeps, and below which it is steady."""
 _ONE_SIDED_POWER_RATIO = 4.0
@@ -71,7 +58,8 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
             yield from _far(probe, each, where)
             coupled += [probe.channel] if each.without_gap else []
             continue
-        if max(abs(each.low), abs(each.high)) > _HIGHEST_VOLTAGE:
+        highest_voltage = 50.0  # no probe or input card gives so many volts
+        if max(abs(each.low), abs(each.high)) > highest_voltage:
             yield Finding(
                 "error",
                 "channel-scale",
@@ -134,7 +122,8 @@ def _sensitivity(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[
 def _far(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[Finding]:
     """Motion in another unit than was said."""
     moves = (each.high - each.low) / abs(float(probe.sensitivity or 1.0))
-    if moves > _LARGEST_MOTION:
+    largest_motion = 0.01  # no shaft moves so far within its bearings, m, peak to peak
+    if moves > largest_motion:
         yield Finding(
             "warning",
             "probe-sensitivity",
@@ -149,8 +138,12 @@ def _largest(found: Mapping[str, ChannelStatistics], unit: str) -> float:
 
 def _dead(each: ChannelStatistics, largest: float) -> bool:
     """Whether a channel stands still, or carries noise alone where others move."""
-    noise_alone = each.noise > _WHITE_SHARE * each.deviation and not each.idle
-    return each.deviation <= max(each.step, _SMALLEST_DEVIATION if each.unit == "V" else 0.0) or (
+    # Share of a deviation that is between neighbours from which a channel carries noise: white noise has 1, motion
+    # sampled ten times a period 0.3
+    white_share = 0.5
+    noise_alone = each.noise > white_share * each.deviation and not each.idle
+    smallest_deviation = 1e-5  # no probe is so quiet, V rms
+    return each.deviation <= max(each.step, smallest_deviation if each.unit == "V" else 0.0) or (
         noise_alone and each.deviation < 0.01 * largest
     )
 
@@ -339,7 +332,8 @@ def speed_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
 
 def setting_findings(record: Signals) -> Iterator[Finding]:
     """A sampling rate and an unbalance that were written in another unit."""
-    if record.sample_rate < _LOWEST_RATE:
+    lowest_rate = 100.0  # sampling rate, Hz, at which no turning shaft is recorded
+    if record.sample_rate < lowest_rate:
         yield Finding(
             "error",
             "sampling-slow",
@@ -347,7 +341,9 @@ def setting_findings(record: Signals) -> Iterator[Finding]:
             "are the times in ms?",
         )
     force = record.force
-    if force is not None and force.mr > _LARGEST_UNBALANCE:
+    # Unbalance, kg m, beyond that of any trial weight: a rotor of 50 t, balanced to G 2.5 at 3000 rpm, has 0.4
+    largest_unbalance = 1.0
+    if force is not None and force.mr > largest_unbalance:
         yield Finding(
             "error",
             "unbalance-large",

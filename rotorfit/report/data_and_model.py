@@ -19,9 +19,6 @@ from rotorfit.units import RPM_PER_RAD_S
 if TYPE_CHECKING:
     from rotorfit.report.material import ReportInput
 
-_WRITTEN_OUT = 4
-"""Coordinates up to which the dynamic stiffness matrix is written out."""
-
 
 _FROM_READINGS = (
     "The noise was taken from the sigma given with the data, else estimated without a model from repeated sweeps, from "
@@ -120,7 +117,8 @@ def model_section(material: ReportInput) -> Html:
             )
         )
         model = model.variant(law=Constant(), clearance_um=None)
-    if len(model.coordinates) > _WRITTEN_OUT:
+    written_out = 4  # coordinates up to which the dynamic stiffness matrix is written out
+    if len(model.coordinates) > written_out:
         content.append(paragraph("The matrix is too large to be written out here."))
     else:
         content += [

@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from rotorfit.uncertainty.bootstrap import Bootstrap
     from rotorfit.uncertainty.posterior import Posterior
 
-_MANY = 50
-"""Distinct speeds beyond which a test is a sweep of the speed."""
-
 
 def section(title: str, *content: str, figure: bool = False, folded: bool = False) -> Html:
     """A section with its heading, which a click unfolds where it is folded."""
@@ -65,7 +62,8 @@ def groups_of(fit: FitResult) -> list[tuple[str, int]]:
 def tested_speeds(fit: FitResult) -> Float:
     """Rotative speeds of all tests, rad/s, empty for speeds that sweep."""
     found = np.unique(np.concatenate([np.asarray(e.set_speed, dtype=float) for e in fit.experiments]))
-    return fit.speeds if found.size > _MANY else np.asarray(found)
+    many = 50  # distinct speeds beyond which a test is a sweep of the speed
+    return fit.speeds if found.size > many else np.asarray(found)
 
 
 def at_of(fit: FitResult, group: int) -> dict[str, str] | None:

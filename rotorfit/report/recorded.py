@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording
     from rotorfit.report.material import ReportInput
 
-_DRAWN = 4
-"""Recordings whose cascade is shown; a page of more says nothing new."""
-
 _BY_BLOWS = (
     "Each free vibration after a blow or a release became a ring-down, with the shaft's own 1x and 2x beside its modes."
 )
@@ -59,9 +56,10 @@ def recordings_section(material: ReportInput) -> Iterator[Html]:
         bullets(sentence(words) for words in found) if found else note("Nothing odd was found in the signals."),
     )
     if material.figure_format != "none":
+        drawn = 4  # recordings whose cascade is shown; a page of more says nothing new
         cascades = [
             embedded(material, f"cascade_{i + 1}", record.plot_cascade, f"Full spectra of {record.name}.")
-            for i, record in enumerate(records[:_DRAWN])
+            for i, record in enumerate(records[:drawn])
         ]
         yield section("Cascades of the recordings", element("div", *cascades, class_="side"))
 

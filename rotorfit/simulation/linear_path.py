@@ -16,8 +16,6 @@ from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(4)
-_SPEED_CHANGE = 1e-4
-"""Share of the speed by which it may change within a block, whose coefficients are those of its middle."""
 
 
 def linear_path(
@@ -36,7 +34,9 @@ def linear_path(
     inside = (_POINTS + 1) * h / 2
     speeds = speed(np.arange(count, dtype=float) * h)
     change = np.abs(np.diff(speeds)).max(initial=0.0) if model.speed_dependent else 0.0
-    block = int(np.clip(_SPEED_CHANGE * np.abs(speeds).max() / change, 64, 1 << 15)) if change else 1 << 15
+    # Share of the speed by which it may change within a block, whose coefficients are those of its middle
+    speed_change = 1e-4
+    block = int(np.clip(speed_change * np.abs(speeds).max() / change, 64, 1 << 15)) if change else 1 << 15
     path = np.zeros((count, n), dtype=complex)
     state = np.zeros(2 * n, dtype=complex)
     for first in range(0, count - 1, block):

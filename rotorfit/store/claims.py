@@ -13,8 +13,6 @@ from rotorfit.store.database import Database
 
 LEASE = 60.0
 """Seconds after which the claim of an owner that does not renew it is void: of a machine that is gone. Chosen."""
-_POLL = 0.2
-"""Seconds between looks at the claim of another. Chosen."""
 
 
 @contextmanager
@@ -22,7 +20,8 @@ def claimed(database: Database, key: str) -> Iterator[None]:
     """Hold the claim on a piece of work; waits while another process that is alive holds it."""
     owner = f"{socket.gethostname()} {os.getpid()} {threading.get_ident()}"
     while not _take(database, key, owner):
-        time.sleep(_POLL)
+        poll = 0.2  # seconds between looks at the claim of another. Chosen
+        time.sleep(poll)
     ended = threading.Event()
     renewing = threading.Thread(target=_renew, args=(database, key, owner, ended), daemon=True)
     renewing.start()

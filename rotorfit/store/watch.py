@@ -24,8 +24,6 @@ from rotorfit.store.store import Store
 from rotorfit.studies.data_files import StudyProgress, no_progress
 from rotorfit.studies.study import Study
 
-_COMMAND_LIMIT = 60.0
-"""Seconds that the command of an alarm may take. Chosen."""
 _OWN = (".rotorfit-", "~$", ".")
 """First characters of names that are no data: drafts, locks of office programs, hidden files."""
 
@@ -91,7 +89,8 @@ class FolderWatch:
             return True
         words = shlex.split(self.on_alarm, posix=os.name == "posix")
         try:
-            done = subprocess.run(words, input=json.dumps(alarm) + "\n", text=True, check=False, timeout=_COMMAND_LIMIT)
+            command_limit = 60.0  # seconds that the command of an alarm may take. Chosen
+            done = subprocess.run(words, input=json.dumps(alarm) + "\n", text=True, check=False, timeout=command_limit)
         except (OSError, subprocess.TimeoutExpired) as problem:
             self.tell({"event": "problem", "said": f"the command of --on-alarm did not run: {problem}"})
             return False

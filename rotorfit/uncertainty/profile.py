@@ -42,8 +42,6 @@ if TYPE_CHECKING:
 
 
 _INERTIA_DECADES = 4  # that an inertia is followed to either side
-_LARGEST_RATIO_ERROR = 0.2  # error of a ratio, over its value, up to which zero is five standard errors away
-_ROUND_OFF_FALL = 1e-4  # fall of the scaled curve below its minimum that is more than round-off
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -337,7 +335,8 @@ def _leading(ratios: Ratios | None, i: int, x: Float, known: FittedParameter, co
     # Not determined, it goes with the others as far as that may be, if its ratio is known not to be zero.
     relative = covar / np.outer(x, x)
     error = math.sqrt(max(relative[i, i] - 2 * relative[i, ratios.entry] + relative[ratios.entry, ratios.entry], 0.0))
-    return ratios.led_by(i, x) if error < _LARGEST_RATIO_ERROR else None
+    largest_ratio_error = 0.2  # error of a ratio, over its value, up to which zero is five standard errors away
+    return ratios.led_by(i, x) if error < largest_ratio_error else None
 
 
 def _along_ratios(
@@ -455,7 +454,8 @@ def _message(curve: Curve, ends: list[End], scale: float, unit: str, goal: float
             parts.append(f"the end {word} was not found to full precision")
     if curve.unsettled:
         parts.append(f"{curve.unsettled} points of the curve are not at a minimum to full precision")
-    if curve.lowest / scale < -_ROUND_OFF_FALL:
+    round_off_fall = 1e-4  # fall of the scaled curve below its minimum that is more than round-off
+    if curve.lowest / scale < -round_off_fall:
         parts.append(
             f"chi-squared falls {significant(-curve.lowest / scale, 3)} below that of the fit on the way: the "
             "fit did not end in "

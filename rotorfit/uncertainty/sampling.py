@@ -27,7 +27,6 @@ WALKERS = 128
 """Walkers by default, enough to keep vectorised likelihoods busy; more where there are many parameters."""
 FEW_WALKERS = 32
 """The same with the matrices of a whole shaft, where many vectors at once save nothing."""
-_LARGEST_EXCESS = 0.5  # excess of the log density over that at the optimum that is more than an optimum's inaccuracy
 
 
 def sample(
@@ -229,7 +228,8 @@ def _noise_words(fit: FitResult, target: LogPosterior, centre: Float) -> str:
 def _better_optimum(target: LogPosterior, centre: Float, log_density: Float) -> str:
     """Warning where draws are denser than the optimum that the walkers started from can be."""
     lead = float(log_density.max() - target(centre[None])[0])
-    if not lead > _LARGEST_EXCESS:
+    largest_excess = 0.5  # excess of the log density over that at the optimum that is more than an optimum's inaccuracy
+    if not lead > largest_excess:
         return ""
     return (
         f". The log density of the best draw is {significant(lead, 3)} above that of the optimum found from the "

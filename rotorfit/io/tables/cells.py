@@ -39,8 +39,6 @@ _FORMULA = ("=", "+", "-", "@")
 """First characters of a text that a spreadsheet takes for a formula; an apostrophe before them keeps it text."""
 _TITLE_ROWS = 40
 """Rows up to which a header is looked for below titles: exports of analysers have ten to twenty."""
-_CELL_BYTES = 8
-"""Memory that an empty cell takes; a sheet with one cell in its last row and column has 1.7e10 of them."""
 _ARCHIVE, _OLD_EXCEL = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"
 
 
@@ -405,7 +403,9 @@ def _sheet(path: Path, sheet: str | None) -> Iterator[_Row]:
         rows = book[sheet or book.sheetnames[0]].iter_rows(values_only=True)
         size, taken = path.stat().st_size, 0
         for line, row in enumerate(rows, 1):
-            taken += _CELL_BYTES * len(row)
+            # Memory that an empty cell takes; a sheet with one cell in its last row and column has 1.7e10 of them
+            cell_bytes = 8
+            taken += cell_bytes * len(row)
             check_unpacked(path.name, taken, size)
             cells = [_cell_text(value) for value in row]
             if any(cells) and not cells[0].startswith("#"):

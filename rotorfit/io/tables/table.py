@@ -95,15 +95,12 @@ def kept(table: Table, rows: Index) -> Table:
     return replace(table, cells=cells, lines=table.lines[rows])
 
 
-_LONGEST_NUMBER = 64
-"""Characters of a number; what is longer is none."""
-
-
 def floats(cells: Sequence[str]) -> Float | None:
     """Cells as numbers, blank ones as NaN; None if one of them is not a number."""
     if isinstance(cells, Numbers):
         return cells.values
-    if max(map(len, cells), default=0) > _LONGEST_NUMBER:
+    longest_number = 64  # characters of a number; what is longer is none
+    if max(map(len, cells), default=0) > longest_number:
         return None
     try:
         return np.array([cell or "nan" for cell in cells]).astype(float)

@@ -31,8 +31,6 @@ _ROWS = 1 << 17
 
 _LOOKED_AT = 400
 """Lines in which the first row of numbers is looked for."""
-_IN_A_ROW = 3
-"""Rows of numbers of the same length that are data, not part of a heading."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,7 +137,8 @@ def _first_numbers(path: Path, lines: list[_Line]) -> int:
     if not lines:
         raise ValueError(f"{path.name} is empty")
     for first in range(len(lines)):
-        rows = lines[first : first + _IN_A_ROW]
+        in_a_row = 3  # rows of numbers of the same length that are data, not part of a heading
+        rows = lines[first : first + in_a_row]
         alike = len({len(row.cells) for row in rows}) == 1
         if alike and all(row.numeric and all(row.numeric) for row in rows):
             return first

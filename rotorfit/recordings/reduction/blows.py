@@ -26,12 +26,6 @@ QUIET_TURNS = 2.0
 QUIET_SHARE = 0.1
 """Share of a recording of blows that tells them: their error two lines beside then is as large as the noise."""
 
-_LARGEST_STRUCK_SHARE = 0.1
-"""Share of a recording in which the force acts, below which it is one of blows."""
-_ACTING_FORCE_SHARE = 0.1
-"""Share of the greatest force of a recording from which it acts."""
-_BOUNCE_TIME = 0.1
-"""Time after a blow within which no one strikes on purpose, s: the hammer bounced."""
 _TOP_SHARE, _LARGEST_TOP_SHARE = 5e-3, 0.2
 """Share of its peak within which a blow is at its top, and the share of its length at half the peak that the top of no
 blow lasts: half sines and their squares have 0.1."""
@@ -119,10 +113,12 @@ def blows(record: Recording) -> list[Blow]:
     level = complex(np.median(first.real), np.median(first.imag))
     pieces = [(start, start + SAMPLES_OF_A_PIECE) for start in range(0, record.size, SAMPLES_OF_A_PIECE)]
     greatest = max(float(np.abs(record.force_signal(*piece) - level).max()) for piece in pieces)
+    acting_force_share = 0.1  # share of the greatest force of a recording from which it acts
     acts = np.concatenate(
-        [np.abs(record.force_signal(*piece) - level) > _ACTING_FORCE_SHARE * greatest for piece in pieces]
+        [np.abs(record.force_signal(*piece) - level) > acting_force_share * greatest for piece in pieces]
     )
-    if not acts.any() or acts.mean() > _LARGEST_STRUCK_SHARE:
+    largest_struck_share = 0.1  # share of a recording in which the force acts, below which it is one of blows
+    if not acts.any() or acts.mean() > largest_struck_share:
         return []
     at = np.flatnonzero(acts)
     longest_break = 1e-3  # time for which noise may interrupt a blow, s: none bounces so soon
@@ -154,7 +150,8 @@ def blow_findings(record: Recording, found: list[Blow]) -> Iterator[Finding]:
             "come out too "
             "large. Leave the blow out, or strike again with a wider input range.",
         )
-    again = [(first, second) for first, second in pairwise(found) if second.begin - first.end < _BOUNCE_TIME]
+    bounce_time = 0.1  # time after a blow within which no one strikes on purpose, s: the hammer bounced
+    again = [(first, second) for first, second in pairwise(found) if second.begin - first.end < bounce_time]
     if again:
         when = listed(
             [f"{a.begin:.3f} s and again {significant((b.begin - a.begin) * 1e3, 3)} ms later" for a, b in again]

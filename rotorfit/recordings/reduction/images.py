@@ -10,11 +10,6 @@ from rotorfit.estimators.signals.local_response import LocalResponse
 from rotorfit.models.array_types import ComplexArray
 from rotorfit.recordings.reduction.reduced_record import ReducedRecord, is_pair
 
-_DRIVE_POWER_SHARE = 0.1
-"""Power of the drive over that of its median band from which it counts."""
-_IMAGE_SHARE = 0.4
-"""Share of what the responses leave over that is the image, from which it stands out of the noise."""
-
 
 def image_seen(reduced: ReducedRecord, found: LocalResponse) -> bool:
     """True if what responses to a forward sweep leave over follows ``conj(f) exp(2j theta)`` where two probes are.
@@ -28,7 +23,9 @@ def image_seen(reduced: ReducedRecord, found: LocalResponse) -> bool:
     row = 0
     for plane in reduced.record.planes:
         pair = is_pair(reduced.record, plane)
-        if pair and _share(found, row, drives) > _IMAGE_SHARE:
+        # Share of what the responses leave over that is the image, from which it stands out of the noise
+        image_share = 0.4
+        if pair and _share(found, row, drives) > image_share:
             return True
         row += 4 if pair else 1
     return False
@@ -46,7 +43,8 @@ def _share(found: LocalResponse, row: int, drives: Sequence[ComplexArray]) -> fl
             continue
         r, d = (values[inside[:count]].reshape(-1, lines) for values in (rest, drive))
         power = np.sum(np.abs(d) ** 2, axis=1)
-        counts = power > _DRIVE_POWER_SHARE * np.median(power[power > 1e-3 * power.max()])
+        drive_power_share = 0.1  # power of the drive over that of its median band from which it counts
+        counts = power > drive_power_share * np.median(power[power > 1e-3 * power.max()])
         explained += float(np.sum((np.abs(np.sum(d.conj() * r, axis=1)) ** 2 / np.maximum(power, 1e-300))[counts]))
         left += float(np.sum(np.abs(r[counts]) ** 2))
     return explained / left if left else 0.0

@@ -24,14 +24,8 @@ _POWER_BEYOND_BAND = 1e-3
 _ONE_SIDED_POWER_RATIO = 0.02
 """Power in one direction over that in the other below which a measured force is taken for one of one direction."""
 
-_NOISE_ERROR = 0.2
-"""How well the power of the noise is known, a share of it."""
-
 _LEAST_COHERENCE = 0.9
 """Coherence below which readings are named."""
-
-_LARGEST_NOISE_SHARE = 0.1
-"""Noise of the force over the force, in power, beyond which a line says nothing that could be trusted."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -155,7 +149,8 @@ def _how_it_acts(force: ComplexArray, rate: float, seen: MeasuredForce) -> tuple
     inside = (np.abs(w) >= seen.low) & (np.abs(w) <= seen.high)
     noise = np.array([seen.noise_x, seen.noise_y]) * rate * force.size * int(inside.sum())
     ways = [float(np.sum(np.abs(spectra[0, inside & (sign * w > 0)]) ** 2)) - noise.sum() / 2 for sign in (1, -1)]
-    if min(ways) < _ONE_SIDED_POWER_RATIO * max(ways) + _NOISE_ERROR * noise.sum():
+    noise_error = 0.2  # how well the power of the noise is known, a share of it
+    if min(ways) < _ONE_SIDED_POWER_RATIO * max(ways) + noise_error * noise.sum():
         return "circular", 1 if ways[0] > ways[1] else -1
     along_x, along_y = np.sum(np.abs(spectra[1:, inside]) ** 2, axis=1) - noise
     return ("x", 1) if along_x > along_y else ("y", 1)
@@ -189,7 +184,9 @@ def force_across(reduced: ReducedForce, found: LocalResponse) -> tuple[ComplexAr
 
 def clear_of_noise(found: LocalResponse, reduced: ReducedRecord, noise: float) -> Bool:
     """Lines at which a measured force stands out of its noise, shape ``(L,)``."""
-    return np.asarray(noise < _LARGEST_NOISE_SHARE * _power(found, reduced))
+    # Noise of the force over the force, in power, beyond which a line says nothing that could be trusted
+    largest_noise_share = 0.1
+    return np.asarray(noise < largest_noise_share * _power(found, reduced))
 
 
 def _power(found: LocalResponse, reduced: ReducedRecord) -> Float:

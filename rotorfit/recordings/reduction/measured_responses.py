@@ -36,9 +36,6 @@ if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording
     from rotorfit.recordings.reduction.reduced_record import ReducedRecord
 
-_MANY_BLOWS = 3
-"""Blows whose spectrum is not smooth, so that it is distinguished from a transient."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Driven:
@@ -226,7 +223,8 @@ def _forced(driven: ReducedForce, struck: Sequence[Blow], report: Report) -> tup
         return replace(spectra, force_noise=noise, outputs=np.array([*spectra.outputs, *more]))
 
     rest = rest_of(reduced, struck) if struck else None
-    if rest is None or (rest.quiet.mean() < QUIET_SHARE and len(struck) >= _MANY_BLOWS):
+    many_blows = 3  # blows whose spectrum is not smooth, so that it is distinguished from a transient
+    if rest is None or (rest.quiet.mean() < QUIET_SHARE and len(struck) >= many_blows):
         spectra = reduced.without_orders().spectra(unit, reduced.orders())
         return estimated([record], [noisy(spectra)], *reduced.band), 0.0
     if rest.quiet.mean() < QUIET_SHARE and reduced.shaft_angle is not None:

@@ -30,12 +30,8 @@ _OF_SUPPORTS: dict[str, Order] = {"-w": (-1, -2), "w-2Om": (1, -2)}
 """Lines that supports which differ in two directions make, with their orders (m, n) in turning coordinates."""
 _ORDERS = range(-4, 5)
 """Orders of the shaft taken out of every signal: run-out, unbalance, sag."""
-_MARGIN_SHARE = 0.02
-"""Share of the swept band at each end in which the force is not yet fully there."""
 _LARGEST_ERROR_RATIO = 10.0
 """Times the median error beyond which a reading is left out, in bands that the drive hardly reached."""
-_START_UP_SPEED_RATIO = 1.2
-"""Highest speed over the lowest from which a recording without a perturbator is a start-up."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,7 +124,9 @@ def _is_start_up(record: Recording) -> bool:
         return False
     shaft = record.shaft_angle()
     speed = shaft.speed(np.linspace(shaft.begin, shaft.end, 1001))
-    return bool(speed.max() > _START_UP_SPEED_RATIO * speed.min())
+    # Highest speed over the lowest from which a recording without a perturbator is a start-up
+    start_up_speed_ratio = 1.2
+    return bool(speed.max() > start_up_speed_ratio * speed.min())
 
 
 def _same_weight(records: Sequence[Recording]) -> None:
@@ -202,7 +200,8 @@ def _swept(record: Recording) -> _Swept:
     theta = shaft.angle(time)
     turn = np.exp(1j * d * (perturbator.angle(time) + force.angle))
     low, high = float(rate.min()), float(rate.max())
-    margin = _MARGIN_SHARE * (high - low)
+    margin_share = 0.02  # share of the swept band at each end in which the force is not yet fully there
+    margin = margin_share * (high - low)
     ends = sorted((d * (low + margin), d * (high - margin)))
     return _Swept(
         name=record.name,

@@ -13,9 +13,6 @@ from rotorfit.recordings.views import OrderVectors
 if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording
 
-_GAP = 2.5
-"""Steps between lines, over the usual step, from which a curve is interrupted: one line is left out, or more."""
-
 
 def swept_vectors(record: Recording) -> OrderVectors | None:
     """Vectors of a perturbator's known weight, relative to its mark, orders of the shaft left out; None of others."""
@@ -47,6 +44,8 @@ def swept_vectors(record: Recording) -> OrderVectors | None:
 def _interrupted(frequency: Float, phasors: ComplexArray) -> tuple[Float, ComplexArray]:
     """The same with nothing where lines are left out."""
     steps = np.diff(frequency)
-    gaps = np.flatnonzero(steps > _GAP * np.median(steps)) if steps.size else np.zeros(0, dtype=np.intp)
+    # Steps between lines, over the usual step, from which a curve is interrupted: one line is left out, or more
+    gap = 2.5
+    gaps = np.flatnonzero(steps > gap * np.median(steps)) if steps.size else np.zeros(0, dtype=np.intp)
     middle = (frequency[gaps] + frequency[gaps + 1]) / 2
     return np.insert(frequency, gaps + 1, middle), np.insert(phasors, gaps + 1, np.nan, axis=1)

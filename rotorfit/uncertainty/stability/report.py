@@ -35,11 +35,6 @@ from rotorfit.uncertainty.stability.rotors import (
 from rotorfit.uncertainty.stability.unbalance import Peaks, margin, margin_asked, peaks_near, peaks_of
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
-_CURVE_DRAWS = 300
-"""Rotors from which bands of curves are read: a limit of 95 % is known to a tenth of a standard deviation."""
-_DOUBLINGS = 12  # of the expected cross-coupling, up to which an onset is searched
-_MARGIN_OF_CURVES = 1.25  # highest speed of curves, over the highest running or tested speed
-
 
 @dataclass(frozen=True, kw_only=True)
 class _Question:
@@ -140,7 +135,9 @@ def stability_report(
             raise ValueError(f"case {case!r} leaves a rotor without stiffness, which cannot be judged") from None
 
     criteria = [one for case, factors in {"": {}, **(cases or {})}.items() for one in answers(case, factors)]
-    few = many.part(slice(_CURVE_DRAWS))
+    # Rotors from which bands of curves are read: a limit of 95 % is known to a tenth of a standard deviation
+    curve_draws = 300
+    few = many.part(slice(curve_draws))
     return StabilityReport(
         criteria=tuple(criteria),
         modes=_modes(fit, one, many, running[1], level),
@@ -304,7 +301,8 @@ def _ratio_to_onset(fit: FitResult, rotors: Rotors, speed: float, coupling: Mapp
     number = np.arange(len(rotors.theta), dtype=float)
     start = np.zeros(number.size)
     stable = growth(start, number) < 0
-    bracket = bracket_root(growth, start, start + 1.0, xmin=start, args=(number,), maxiter=_DOUBLINGS)
+    doublings = 12  # of the expected cross-coupling, up to which an onset is searched
+    bracket = bracket_root(growth, start, start + 1.0, xmin=start, args=(number,), maxiter=doublings)
     root = find_root(growth, bracket.bracket, args=(number,), tolerances={"xrtol": 1e-6})
     return np.where(stable, np.where(bracket.success & root.success, root.x, np.inf), 0.0)
 
@@ -333,7 +331,8 @@ def _direction(ahead: bool) -> str:
 def _decrement_curves(fit: FitResult, one: Rotors, few: Rotors, top: float, level: float) -> tuple[Curve, ...]:
     """Decrement of the modes against speed, those that the highest running speed has."""
     tested = float(fit.speeds.max(initial=0.0))
-    speeds = np.linspace(0.1, 1.0, 28) * _MARGIN_OF_CURVES * max(top, tested)
+    margin_of_curves = 1.25  # highest speed of curves, over the highest running or tested speed
+    speeds = np.linspace(0.1, 1.0, 28) * margin_of_curves * max(top, tested)
     start = _reference(fit, one, top)
     forward = is_forward(fit.model, one.theta[0], top, start)
     values, bands = np.zeros((speeds.size, start.size)), np.zeros((speeds.size, start.size, 2))

@@ -22,7 +22,6 @@ from rotorfit.models.shafts.plane_forces import loop_stiffness
 
 _BLOCK = 200
 """Rotors whose responses at all speeds are computed together, some tens of megabytes."""
-_LEAST_STABLE = 4  # modes that may become the least stable one: two, in x and y each with its conjugate
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -69,7 +68,8 @@ class Rotors:
         s = spectrum(self.model, motion)
         inside = counted(self.model, s, band)
         rate = np.where(inside, s.real, -np.inf)
-        count = int(np.clip(inside.sum(axis=1).min(), 1, _LEAST_STABLE))
+        least_stable = 4  # modes that may become the least stable one: two, in x and y each with its conjugate
+        count = int(np.clip(inside.sum(axis=1).min(), 1, least_stable))
         least = np.take_along_axis(s, np.argsort(-rate, axis=1)[:, :count], axis=1)
         moved = self._with_terms(motion, speed, least).real.max(axis=1)
         return np.where(inside.any(axis=1), moved, -np.inf)
