@@ -8,7 +8,7 @@ import numpy as np
 
 from rotorfit.models.array_types import ROUND_OFF, ComplexArray, Float
 from rotorfit.models.model import RotorModel
-from rotorfit.models.motion.stability import eigenvalues, is_image, mode_vectors, seats
+from rotorfit.models.motion.stability import eigenvalues, is_image, mode_vectors, seats, whirls_forward
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -22,11 +22,12 @@ class VibrationMode:
     mass: float
     stiffness: float
     damping: float
+    turn: float = 1.0  # -1 of a mode in x and y that whirls backward
 
     @property
     def frequency(self) -> float:
         """Natural frequency, rad/s: undamped of a passive rotor, else damped, and negative for backward whirl."""
-        return abs(self.s) if np.isfinite(self.mass) else self.s.imag
+        return abs(self.s) if np.isfinite(self.mass) else self.turn * self.s.imag
 
     @property
     def damping_ratio(self) -> float:
@@ -43,8 +44,16 @@ def vibration_modes(model: RotorModel, theta: Float, speed: float, *, normalised
     for s in eigenvalues(model, theta, speed).tolist():
         if np.isfinite(s) and not is_image(model, theta, speed, s):
             shape = mode_vectors(coefficients, np.asarray(s))[1][seats(model)]
+            backward = model.frame == "xy" and not whirls_forward(model, theta, speed, np.array([s]))[0]
             found.append(
-                VibrationMode(s=s, shape=shape / shape[normalised_at], mass=np.nan, stiffness=np.nan, damping=np.nan)
+                VibrationMode(
+                    s=s,
+                    shape=shape / shape[normalised_at],
+                    mass=np.nan,
+                    stiffness=np.nan,
+                    damping=np.nan,
+                    turn=-1.0 if backward else 1.0,
+                )
             )
     return found
 

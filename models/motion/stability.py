@@ -112,13 +112,26 @@ def seats(model: RotorModel) -> Index:
 
 
 def is_image(model: RotorModel, theta: ArrayLike, speed: float, s: complex) -> bool:
-    """True if an eigenvalue in turning coordinates is that of another line, such as the image, of a motion. Where
-    motion and image grow together, between the edges of an unstable band, neither is."""
+    """True if an eigenvalue is no mode of its own: in x and y one of a conjugate pair, in turning coordinates that of
+    another line, such as the image, of a motion. Where motion and image grow together, between the edges of an unstable
+    band, neither is."""
     if not model.turns:
-        return False
+        return model.frame == "xy" and s.imag < 0
     _, shape, _ = mode_vectors(model.motion(theta, speed), np.asarray(s))
     lines = np.linalg.norm(shape.reshape(model.line_count, -1), axis=1)
     return bool(lines[0] < (1 - 1e-6) * lines[1:].max())
+
+
+def whirls_forward(model: RotorModel, theta: ArrayLike, speed: float, s: ComplexArray) -> Bool:
+    """True for modes ``(modes,)`` that whirl with the rotation. In x and y a mode and its conjugate have one orbit; its
+    sense, from x to y or back, says it."""
+    if model.frame == "z":
+        return np.asarray(s.imag > 0)
+    _, shape, _ = mode_vectors(np.asarray(model.motion(theta, speed)), s)
+    half = shape.shape[-1] // 2
+    x, y = shape[:, :half], shape[:, half:]
+    turn = np.sum(np.abs(x + 1j * y) ** 2 - np.abs(x - 1j * y) ** 2, axis=1)
+    return np.asarray(turn * s.imag > 0)
 
 
 def growth_rate(model: RotorModel, theta: ArrayLike, speed: ArrayLike, band: float = math.inf) -> Float:

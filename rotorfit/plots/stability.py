@@ -14,6 +14,7 @@ from rotorfit.models import AnisotropicShaft, Turning, eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.digits import interval as interval_words
 from rotorfit.models.digits import with_error
+from rotorfit.models.motion.stability import whirls_forward
 from rotorfit.plots.journal import group_label
 from rotorfit.plots.shaft_lines import plot_turning_stability
 from rotorfit.plots.style import COLOURS, GREY, grid, legend_below, literal, looked, per_rad_s, rate_unit, rate_words
@@ -48,7 +49,7 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
     speeds = np.union1d(np.linspace(0.0, top, 400), tested[-1:])  # at which the legend and tables name frequencies
     s = _tracked(eigenvalues(fit.model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds))
     s = np.where(np.abs(s) <= fit.stability_band, s, complex(np.nan, np.nan))
-    s = s[:, np.isfinite(s).any(axis=0)]
+    s = _by_whirl(fit, theta, s[:, np.isfinite(s).any(axis=0)], speeds, float(tested.max(initial=0.0)))
     label = group_label(fit, group)
     title = f"Stability, {fit.model.name}" + (f", {literal(label)}" if label else "")
     figure, axes = grid(2, 2, title, size=(5.4, 2.6))
@@ -150,6 +151,16 @@ def _unstable_half(axis: Any, values: Float, *, above: bool) -> None:
     else:
         axis.set_ylim(low, 1.1 * high)
         axis.axhspan(low, 0, color=_THRESHOLD, alpha=0.1, lw=0)
+
+
+def _by_whirl(fit: FitResult, theta: Float, s: ComplexArray, speeds: Float, at: float) -> ComplexArray:
+    """Modes with the sign of their whirl at a speed: in x and y one of each conjugate pair."""
+    if fit.model.frame != "xy":
+        return s
+    k = int(np.argmin(np.abs(speeds - at)))
+    s = s[:, s[k].imag >= 0]
+    forward = whirls_forward(fit.model, theta, float(speeds[k]), s[k])
+    return np.asarray(s.real + 1j * np.where(forward, 1.0, -1.0) * np.abs(s.imag))
 
 
 def _mode_names(s: ComplexArray, speeds: Float, at: float) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from rotorfit.fitting.structure.mode_table import Mode, Modes
 from rotorfit.models import eigenvalues
 from rotorfit.models.array_types import Float
 from rotorfit.models.motion.modes import VibrationMode, vibration_modes
-from rotorfit.models.motion.stability import eigenvalue_gradient, is_image
+from rotorfit.models.motion.stability import eigenvalue_gradient, is_image, whirls_forward
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.shafts.angular_rates import angular_rate
 
@@ -35,7 +36,8 @@ def natural_frequencies(fit: FitResult, speed: float, at: Mapping[str, Any] | No
         size = abs(s)
         # zeta = -Re s / |s|
         slope = -by_theta.real / size + s.real * (s.real * by_theta.real + s.imag * by_theta.imag) / size**3
-        frequency = fit.propagate(s.imag, by_theta.imag, "rad/s", at)
+        turn = -1.0 if model.frame == "xy" and not whirls_forward(model, theta, speed, np.array([found]))[0] else 1.0
+        frequency = fit.propagate(turn * s.imag, turn * by_theta.imag, "rad/s", at)
         modes.append((frequency, fit.propagate(-s.real / size, slope, "1", at)))
     return modes
 
@@ -105,7 +107,8 @@ def _slopes(fit: FitResult, theta: Float, speed: float, place: int, modes: list[
         step[i] = relative * (abs(theta[i]) or fit.model.parameters[i].scale)
         sides = [vibration_modes(fit.model, theta + sign * step, speed, normalised_at=place) for sign in (1, -1)]
         for mode, slope in zip(modes, found, strict=True):
-            ahead, behind = (_numbers(min(side, key=lambda m: abs(m.s - mode.s))) for side in sides)
+            near = (min(side, key=lambda m: abs(m.s - mode.s)) for side in sides)
+            ahead, behind = (_numbers(replace(m, turn=mode.turn)) for m in near)
             change = ahead - behind
             turns = slice(5 + mode.shape.size, None)
             change[turns] = (change[turns] + np.pi) % (2 * np.pi) - np.pi

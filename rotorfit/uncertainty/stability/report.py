@@ -17,7 +17,7 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.models import eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.digits import significant
-from rotorfit.models.motion.stability import counted, threshold_speeds
+from rotorfit.models.motion.stability import counted, threshold_speeds, whirls_forward
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.shafts.plane_forces import loop_stiffness
 from rotorfit.uncertainty.derived import DERIVED_DRAWS, SHAFT_DRAWS
@@ -29,7 +29,6 @@ from rotorfit.uncertainty.stability.rotors import (
     drawn_rotors,
     fitted_rotor,
     has_planes,
-    is_forward,
     unseen_rotors,
 )
 from rotorfit.uncertainty.stability.unbalance import Peaks, margin, margin_asked, peaks_near, peaks_of
@@ -259,7 +258,9 @@ def _reference(fit: FitResult, rotor: Rotors, speed: float) -> ComplexArray:
 def _least_decrement(fit: FitResult, rotors: Rotors, speed: float) -> Float:
     """Logarithmic decrement of the least stable forward mode of each rotor, shape ``(W,)``."""
     reference = _reference(fit, rotors.part(slice(1)), speed)
-    forward = is_forward(fit.model, rotors.theta[0], speed, reference)
+    forward = whirls_forward(fit.model, rotors.theta[0], speed, reference)
+    if not fit.model.speed_dependent:  # the sense of rotation is not known
+        forward = np.full(reference.size, True)
     if not forward.any():
         return np.full(len(rotors.theta), np.inf)
     return np.asarray(_decrement(rotors.eigenvalues(speed, reference)[:, forward]).min(axis=1))
@@ -310,7 +311,7 @@ def _ratio_to_onset(fit: FitResult, rotors: Rotors, speed: float, coupling: Mapp
 def _modes(fit: FitResult, one: Rotors, many: Rotors, speed: float, level: float) -> tuple[ModeDamping, ...]:
     reference = _reference(fit, one, speed)
     bands = _quantiles(_decrement(many.eigenvalues(speed, reference)), level).T
-    forward = is_forward(fit.model, one.theta[0], speed, reference)
+    forward = whirls_forward(fit.model, one.theta[0], speed, reference)
     found = [
         ModeDamping(
             frequency=float(s.imag),
@@ -334,7 +335,7 @@ def _decrement_curves(fit: FitResult, one: Rotors, few: Rotors, top: float, leve
     margin_of_curves = 1.25  # highest speed of curves, over the highest running or tested speed
     speeds = np.linspace(0.1, 1.0, 28) * margin_of_curves * max(top, tested)
     start = _reference(fit, one, top)
-    forward = is_forward(fit.model, one.theta[0], top, start)
+    forward = whirls_forward(fit.model, one.theta[0], top, start)
     values, bands = np.zeros((speeds.size, start.size)), np.zeros((speeds.size, start.size, 2))
     first = int(np.argmin(np.abs(speeds - top)))
     for order in (range(first, speeds.size), range(first - 1, -1, -1)):

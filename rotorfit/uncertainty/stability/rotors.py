@@ -14,7 +14,7 @@ from rotorfit.estimators.matching import matched
 from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN, Assumption
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import RotorModel, Threshold
-from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.motion.neglected_terms import LeftOut, eigenvalues_with
 from rotorfit.models.motion.stability import counted, spectrum
 from rotorfit.models.parameters import unknown_name
@@ -253,15 +253,3 @@ def _scattered(fit: FitResult, group: int, draws: int, rng: np.random.Generator)
     if math.isfinite(freedom):
         errors *= np.sqrt(freedom / rng.chisquare(freedom, size=(draws, 1)))
     return np.asarray(fit.problem.space.theta(fit.x + errors)[:, group])
-
-
-def is_forward(model: RotorModel, theta: Float, speed: float, s: ComplexArray) -> Bool:
-    """True for modes ``(modes,)`` that whirl with the rotation, or for all where speed does not matter."""
-    if model.frame == "z" or not model.speed_dependent:
-        return np.asarray(s.imag > 0)
-    coefficients = model.motion(theta, speed)
-    kappa = np.einsum("mk,kij->mij", s[:, None] ** np.arange(len(coefficients)), coefficients)
-    shape, half = np.linalg.svd(kappa)[2][:, -1].conj(), kappa.shape[-1] // 2
-    x, y = shape[:, :half], shape[:, half:]
-    turn = np.sum(np.abs(x + 1j * y) ** 2 - np.abs(x - 1j * y) ** 2, axis=1)
-    return np.asarray((turn > 0) & (s.imag > 0))
