@@ -196,7 +196,11 @@ def test_pipes_and_links_in_a_circle_are_no_data(inbox: Path) -> None:
     os.mkfifo(inbox / "pipe.csv")
     (inbox / "circle.csv").symlink_to(inbox / "circle.csv")
     (inbox / "gone.csv").symlink_to(inbox / "nowhere.csv")
-    assert [Path(one.source) for one in looked(watch_of(inbox))] == [file]
+    watch = watch_of(inbox)
+    assert [Path(one.source) for one in looked(watch)] == [file]
+    [pipe, circle] = watch.store.add([inbox / "pipe.csv", inbox / "circle.csv"])
+    assert pipe.refusal == f"{inbox / 'pipe.csv'}: is no regular file"
+    assert "symbolic links" in str(circle.refusal)
 
 
 def test_a_locked_file_is_taken_later(inbox: Path, monkeypatch: pytest.MonkeyPatch) -> None:

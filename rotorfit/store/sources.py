@@ -8,9 +8,11 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from errno import EINVAL
 from fnmatch import fnmatch
 from functools import cached_property
 from pathlib import Path
+from stat import S_ISREG
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import Finding
@@ -49,9 +51,12 @@ class Source:
 
         The time of the last change of the inode is one that no instrument and no copying program sets.
         """
-        states = [
-            (path.name, (status := path.stat()).st_size, status.st_mtime_ns, status.st_ctime_ns) for path in self.paths
-        ]
+        states = []
+        for path in self.paths:
+            status = path.stat()
+            if not S_ISREG(status.st_mode):  # a pipe would be waited for, while other processes wait for this one
+                raise OSError(EINVAL, "is no regular file", str(path))
+            states.append((path.name, status.st_size, status.st_mtime_ns, status.st_ctime_ns))
         return json.dumps([*states, self._reading])
 
     def states(self) -> list[FileState]:
