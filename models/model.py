@@ -167,16 +167,16 @@ class RotorModel(ABC):
     @cached_property
     def speed_dependent(self) -> bool:
         """True if the coefficients depend on the rotative speed."""
-        _, speed, _, matrices, _ = self.symbolic
-        flat = ca.vertcat(*[ca.vec(part) for m in matrices for part in (m.re, m.im)])
-        return bool(ca.depends_on(flat, speed))
+        return self._depends_on(self.symbolic[1])
 
     @cached_property
     def eccentricity_dependent(self) -> bool:
         """True if the coefficients depend on the orbit's eccentricity (a nonlinear model)."""
-        _, _, eccentricity, matrices, _ = self.symbolic
-        flat = ca.vertcat(*[ca.vec(part) for m in matrices for part in (m.re, m.im)])
-        return bool(ca.depends_on(flat, eccentricity))
+        return self._depends_on(self.symbolic[2])
+
+    def _depends_on(self, symbol: ca.SX) -> bool:
+        flat = ca.vertcat(*[ca.vec(part) for m in self.symbolic[3] for part in (m.re, m.im)])
+        return bool(ca.depends_on(flat, symbol))
 
     @cached_property
     def functions(self) -> CompiledModel:

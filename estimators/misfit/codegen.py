@@ -18,6 +18,7 @@ import casadi as ca
 from rotorfit.estimators.misfit.losses import LOSS_SCALE, Loss
 from rotorfit.models import RotorModel
 from rotorfit.models.compiled import statements
+from rotorfit.models.motion.line_stiffness import at_frequency
 
 LARGEST_UNROLLED = 2
 """Models with more coordinates are not unrolled: their kernels factorise numerically."""
@@ -45,22 +46,14 @@ def _coefficient_graph(model: RotorModel) -> tuple[ca.SX, ca.SX, ca.SX, list[int
 
 def _kappa(model: RotorModel, c: ca.SX, places: Sequence[int], w: ca.SX) -> list[list[tuple[ca.SX, ca.SX]]]:
     """Dynamic stiffness from its coefficients by Horner's rule, ``s = j w``."""
-    size, order = len(model.coordinates), model.order
-    given = {place: c[i] for i, place in enumerate(places)}
-    zero = ca.SX(0)
-    rows = []
-    for i in range(size):
-        row = []
-        for j in range(size):
-            re, im = zero, zero
-            for power in range(order, -1, -1):
-                at = power * 2 * size * size + i * size + j
-                cr, ci = given.get(at, zero), given.get(at + size * size, zero)
-                turned = ((cr, ci), (-ci, cr), (-cr, -ci), (ci, -cr))[power % 4]
-                re, im = re * w + turned[0], im * w + turned[1]
-            row.append((re, im))
-        rows.append(row)
-    return rows
+    size, given = len(model.coordinates), {place: c[i] for i, place in enumerate(places)}
+    block = size**2  # places of the real parts, and of the imaginary parts, of one power of s
+
+    def entry(place: int) -> tuple[ca.SX, ca.SX]:
+        powers = range(place, place + 2 * block * (model.order + 1), 2 * block)
+        return at_frequency([(given.get(at, ca.SX(0)), given.get(at + block, ca.SX(0))) for at in powers], w)
+
+    return [[entry(i * size + j) for j in range(size)] for i in range(size)]
 
 
 def _times(a: tuple[ca.SX, ca.SX], b: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:

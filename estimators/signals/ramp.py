@@ -26,7 +26,6 @@ class Ramp:
     rate_error: float  # its standard error, rad/s^2
     wn: float  # natural frequency, rad/s
     wn_error: float  # its standard error, rad/s
-    zeta: float  # damping ratio
     steady_wn: float  # natural frequency that a quasi-steady fit up to the beating gives, rad/s
     beats_from: float  # speed from which the amplitude beats, rad/s
 
@@ -95,7 +94,6 @@ def fit_ramp(speed: Float, response: ComplexArray) -> Ramp | None:
         rate_error=float(errors[2]),
         wn=float(values[0]),
         wn_error=float(errors[0]),
-        zeta=float(values[1]),
         steady_wn=float(steady[0][0]),
         beats_from=first,
     )

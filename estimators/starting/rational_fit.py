@@ -14,7 +14,7 @@ import numpy as np
 
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.signals.ratios import best_ratio
-from rotorfit.models.array_types import ComplexArray, Index
+from rotorfit.models.array_types import Index
 
 _DATA_AN_UNKNOWN = 2.0  # real data an unknown from which on the residuals of the ratios show the noise
 _SAME_FREQUENCY = 0.02  # relative difference of frequencies that are one
@@ -28,7 +28,6 @@ class RationalFit:
     unknowns: int  # real unknowns
     data: int  # real numbers of the data
     zeros: tuple[float, ...]  # their frequencies, rad/s, ascending
-    poles: tuple[float, ...]  # their frequencies, rad/s, ascending
 
     def limit(self, unknowns: int, deviations: float) -> float:
         """Cost that a rotor with so many poles leaves, to so many standard deviations of chi-squared."""
@@ -55,7 +54,6 @@ def rational_fit(blocks: Sequence[Responses]) -> RationalFit | None:
         unknowns=sum(fit.unknowns for fit in fits),
         data=sum(fit.data for fit in fits),
         zeros=_distinct([w for fit in fits for w in fit.zeros]),
-        poles=_distinct([w for fit in fits for w in fit.poles]),
     )
 
 
@@ -74,21 +72,15 @@ def _fit(block: Responses, readings: Index) -> RationalFit | None:
     numerators = np.zeros((readings.size, pairs.size, zeros + 1))
     numerators[np.arange(readings.size), pair.reshape(-1)] = powers[:, : zeros + 1]
     response, sigma = block.measured[readings] / force, block.sigma[readings] / np.abs(force)
-    denominator, numerator, cost = best_ratio(response, sigma, powers, numerators.reshape(readings.size, -1))
+    _, numerator, cost = best_ratio(response, sigma, powers, numerators.reshape(readings.size, -1))
     seen = numerator.reshape(pairs.size, zeros + 1)[pairs // size == pairs % size]
-    roots = np.polynomial.chebyshev.chebroots
+    zeros_seen = [float(abs(w)) for own in seen for w in np.polynomial.chebyshev.chebroots(own)]
     return RationalFit(
         cost=cost,
         unknowns=unknowns,
         data=2 * readings.size,
-        zeros=_within([w for own in seen for w in roots(own)], top),
-        poles=_within(roots(denominator), top),
+        zeros=tuple(w * top for w in zeros_seen if 0 < w < 1),  # in the band
     )
-
-
-def _within(roots: Sequence[complex] | ComplexArray, top: float) -> tuple[float, ...]:
-    """Sizes of roots in units of the highest frequency that lie in the band, rad/s."""
-    return tuple(float(abs(w)) * top for w in roots if 0 < abs(w) < 1)
 
 
 def _distinct(frequencies: Sequence[float]) -> tuple[float, ...]:

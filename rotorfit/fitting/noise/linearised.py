@@ -11,6 +11,7 @@ from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.row_keys import rows_by, words
 from rotorfit.estimators.blocks.set_speeds import SYNCHRONOUS_TOLERANCE
 from rotorfit.estimators.blocks.sweeps import force_plane, sweeps_of
+from rotorfit.estimators.inference.covariance import prior_curvature
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
@@ -70,9 +71,6 @@ def linearise(problem: Problem, x: Float) -> LinearisedFit | None:
     r, J = problem.jacobian(x)
     sigma = np.concatenate([block.sigma for block in problem.blocks])
     predicted = np.concatenate([block.measured for block in problem.blocks]) + r * sigma
-    prior = np.zeros(x.size)
-    for one in problem.priors:
-        prior[one.entry] += one.terms(float(x[one.entry]))[2]
     runs, rows = _runs_of(problem)
     columns = effects_of_runs(problem, x, predicted / sigma, J) if runs else {}
     offsets = _offset_entries(problem) if runs else {}
@@ -84,7 +82,7 @@ def linearise(problem: Problem, x: Float) -> LinearisedFit | None:
     return LinearisedFit(
         r=r,
         J=J[:, kept],
-        prior=prior[kept],
+        prior=prior_curvature(problem, x)[kept],
         predicted=predicted,
         sigma=sigma,
         rate=np.concatenate([block.rate for block in blocks if block is not None]),
