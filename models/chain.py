@@ -88,19 +88,6 @@ class Chain(RotorModel):
             *(probe_parameters(self.planes, self.probes) if betas or probes else ()),
         )
 
-    def options(self) -> dict[str, Any]:
-        """See :meth:`RotorModel.options`."""
-        return {
-            "planes": self.planes,
-            "fluid": self.fluid,
-            "blocks": self.blocks,
-            "two_lam": self.two_lam,
-            "law": self.law,
-            "clearance_um": self.clearance_um,
-            "betas": self.betas,
-            "probes": {name: dict(shares) for name, shares in self.probes},
-        }
-
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """See :meth:`RotorModel.equation`."""
         n = len(self.planes)

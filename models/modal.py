@@ -127,14 +127,8 @@ class Modal(RotorModel):
 
     def options(self) -> dict[str, Any]:
         """See :meth:`RotorModel.options`."""
-        return {
-            "planes": self.planes,
-            "modes": self.modes,
-            "gains": self.gains,
-            "apart": self.apart,
-            "force_planes": None if self.force_planes == self.planes else self.force_planes,
-            "probe_planes": None if self.probe_planes == self.planes else self.probe_planes,
-        }
+        usual = [name for name in ("force_planes", "probe_planes") if getattr(self, name) == self.planes]
+        return super().options() | dict.fromkeys(usual)
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """The modes as equations between readings A, modal coordinates q and forces f.

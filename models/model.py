@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from inspect import signature
 from types import MappingProxyType, SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
@@ -327,8 +328,9 @@ class RotorModel(ABC):
         )
 
     def options(self) -> dict[str, Any]:
-        """Arguments that make this model again, by name; models with more than ``planes`` add theirs."""
-        return {"planes": self.planes}
+        """Arguments that make this model again, by name: its attributes that are called like arguments of its class."""
+        found = {name: getattr(self, name) for name in signature(type(self)).parameters if hasattr(self, name)}
+        return found | ({"probes": {name: dict(shares) for name, shares in self.probes}} if "probes" in found else {})
 
     def variant(self, **changes: Any) -> Self:
         """The same model with other options, for instance ``blocks`` or ``two_lam``.

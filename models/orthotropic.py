@@ -95,10 +95,6 @@ class Orthotropic(RotorModel):
         found: tuple[str, ...] = self.base.blocks  # type: ignore[attr-defined]
         return found
 
-    def options(self) -> dict[str, Any]:
-        """See :meth:`RotorModel.options`."""
-        return {"base": self.base, "at": self.at}
-
     def variant(self, **changes: Any) -> Self:
         """The same model with other options, its own or those of the rotor.
 

@@ -51,10 +51,6 @@ class Overhung(RotorModel):
             *(probe_parameters(self.planes, ()) if betas else ()),
         )
 
-    def options(self) -> dict[str, Any]:
-        """See :meth:`RotorModel.options`."""
-        return {"planes": self.planes, "coupling_mass": self.coupling_mass, "betas": self.betas}
-
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
         """Displacement and tilt of the disk."""

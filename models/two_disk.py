@@ -50,14 +50,6 @@ class TwoDisk(RotorModel):
             *block_parameters(self.blocks, 2),
         )
 
-    def options(self) -> dict[str, Any]:
-        """See :meth:`RotorModel.options`."""
-        return {
-            "planes": self.planes,
-            "blocks": self.blocks,
-            "probes": {name: dict(shares) for name, shares in self.probes},
-        }
-
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """See :meth:`RotorModel.equation`."""
         stiffness = [[p.K1 + p.K2, -p.K2], [-p.K2, p.K2 + p.K3]]

@@ -68,18 +68,6 @@ class WhirlWhip(RotorModel):
             *(probe_parameters(self.planes, self.probes) if betas or probes else ()),
         )
 
-    def options(self) -> dict[str, Any]:
-        """See :meth:`RotorModel.options`."""
-        return {
-            "planes": self.planes,
-            "blocks": self.blocks,
-            "two_lam": self.two_lam,
-            "law": self.law,
-            "clearance_um": self.clearance_um,
-            "betas": self.betas,
-            "probes": {name: dict(shares) for name, shares in self.probes},
-        }
-
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """See :meth:`RotorModel.equation`."""
         fluid = fluid_at(self.law, p, self.two_lam, speed, eccentricity)

@@ -89,10 +89,6 @@ class AnisotropicShaft(RotorModel):
         over_inertia = ("ec", "es", "Px", "Py", *(("kt", "ct") if torsion == "stiffness" else ()))
         self.ratios = {"J": over_inertia} if torsion else {}
 
-    def options(self) -> dict[str, Any]:
-        """See :meth:`RotorModel.options`."""
-        return {"planes": self.planes, "torsion": self.torsion, "runout": self.runout}
-
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """The round part of the shaft; what turns is in :meth:`turning_stiffness`."""
         return [[p.K]], [[p.D]], [[p.M]]

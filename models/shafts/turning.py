@@ -46,10 +46,6 @@ class TurningFrame(RotorModel):
         self.planes = (*base.planes, *(plane + IMAGE for plane in base.planes))
         self.parameters = base.parameters
 
-    def options(self) -> dict[str, Any]:
-        """See :meth:`RotorModel.options`."""
-        return {"base": self.base}
-
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
         """Those of the model, then their images."""

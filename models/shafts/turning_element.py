@@ -63,10 +63,6 @@ class Turning(RotorModel):
             Parameter("dK_sin", "N/m", f"turning anisotropy, dK sin 2g, at {' to '.join(ends)}", scale=1e3),
         )
 
-    def options(self) -> dict[str, Any]:
-        """See :meth:`RotorModel.options`."""
-        return {"base": self.base, "element": self.element}
-
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
         """Those of the model."""
