@@ -89,10 +89,6 @@ class Constant(Law):
         """See :meth:`Law.at`."""
         return Fluid(p.K0, p.D, 1.0)
 
-    def start(self, K0: float, D: float) -> dict[str, float]:
-        """See :meth:`Law.start`."""
-        return {}
-
 
 @dataclass(frozen=True)
 class Muszynska(Law):
