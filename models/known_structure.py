@@ -113,23 +113,7 @@ class KnownStructure(RotorModel):
         self.clearance = clearance_of(self.law, clearance_um, self.name)
         if self.law.parameters and len(self.fluid) != 1:
             raise ValueError(f"a law of eccentricity needs exactly one fluid, got {len(self.fluid)}")
-        self._given = {
-            "M": M,
-            "C": C,
-            "G": G,
-            "K": K,
-            "planes": dict(planes),
-            "fluid": self.fluid,
-            "damping": self.damping,
-            "supports": self.supports,
-            "magnetic": self.magnetic,
-            "scales": scales,
-            "tilts": self.tilts,
-            "dofs": tuple(dofs),
-            "two_lam": two_lam,
-            "law": self.law,
-            "clearance_um": clearance_um,
-        }
+        self._given = {"M": M, "C": C, "G": G, "K": K, "planes": dict(planes), "scales": scales, "dofs": tuple(dofs)}
         self.shaft: Shaft = Shaft(matrices, parts, _places(planes, self.tilts, place))
         self.parameters = self._all_parameters(scales or {})
         if len({q.name for q in self.parameters}) != len(self.parameters):
@@ -183,7 +167,7 @@ class KnownStructure(RotorModel):
 
     def options(self) -> dict[str, Any]:
         """See :meth:`RotorModel.options`."""
-        return dict(self._given)
+        return {**super().options(), **self._given}
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """Forces on the shaft at its planes: fluid, supports, magnetic bearings and external dampers."""
