@@ -14,8 +14,8 @@ from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequenci
 
 import rotorfit as rf
 from rotorfit.models import OneMode, WhirlWhip
-from rotorfit.plots.responses import plot_corner, plot_traces
 from rotorfit.plots.style import decade_ticks, picture_of
+from rotorfit.plots.uncertainty import plot_corner, plot_traces
 
 RPM = 30 / np.pi
 FIGURES = ("dynamic_stiffness", "bode", "polar", "residuals", "stability")

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.app.frames import framed
-from rotorfit.plots.sweeps import SweepCurve, curves, forced_planes, joined
+from rotorfit.plots.bode import broken_phase, panel_name
+from rotorfit.plots.sweeps import SweepCurve, curves, joined
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -27,10 +28,8 @@ def fit_figures(fit: FitResult, draw: Draw) -> list[Any]:
     figures = []
     for probe, force in sorted(pairs):
         own = [curve for curve in joined(found) if (curve.coordinate, curve.force_plane) == (probe, force)]
-        place = fit.model.coordinates[probe]
-        reading = {"r": "tilt at ", "x": "x at ", "y": "y at "}.get(place.axis, "")
-        title = f"{reading}{place.plane}, {forced_planes(fit.model, force)}"
-        figures.append(draw(own, title, "µrad/N" if place.axis == "r" else "µm/N"))
+        unit = "µrad/N" if fit.model.coordinates[probe].axis == "r" else "µm/N"
+        figures.append(draw(own, panel_name(fit, probe, force), unit))
     return figures
 
 
@@ -52,7 +51,7 @@ def bode(found: Sequence[SweepCurve], title: str, unit: str) -> Any:
     for curve in found:
         x, fine = curve.frequency * RPM_PER_RAD_S, curve.fine * RPM_PER_RAD_S
         size, (relative, turn) = 1e6 * np.abs(curve.fitted), curve.band
-        reach, angle = np.exp(np.minimum(relative, 5.0)), _unwrapped(curve.fitted)
+        reach, angle = np.exp(np.minimum(relative, 5.0)), broken_phase(curve.fitted)
         _band(top, fine, size / reach, size * reach, curve.condition.colour)
         _band(bottom, fine, angle - np.degrees(turn), angle + np.degrees(turn), curve.condition.colour)
         points = _measured(curve, x)
@@ -123,9 +122,3 @@ def _point_at(plot: Any, drawn: Any, unit: str) -> None:
 
 def _band(plot: Any, x: Any, low: Any, high: Any, colour: str) -> None:
     plot.varea(x, low, high, color=colour, alpha=0.2)
-
-
-def _unwrapped(values: Any) -> Any:
-    """Phase in degrees, broken where it jumps over the cut so that no line crosses the plot."""
-    phase = np.degrees(np.angle(values))
-    return np.where(np.abs(np.diff(phase, prepend=phase[:1])) > 180, np.nan, phase)

@@ -55,7 +55,7 @@ class FitFigures:
         Example:
             >>> fit.plot_bode(against="size", unit="hz").savefig(folder / "bode.png")
         """
-        from rotorfit.plots.responses import plot_bode
+        from rotorfit.plots.bode import plot_bode
 
         return plot_bode(self._fit, **options)
 
@@ -73,7 +73,7 @@ class FitFigures:
             >>> len(fit.plot_drive_point(plane="journal").axes)
             4
         """
-        from rotorfit.plots.responses import plot_drive_point
+        from rotorfit.plots.bode import plot_drive_point
 
         return plot_drive_point(self._fit, **options)
 
@@ -113,7 +113,7 @@ class FitFigures:
         Args:
             **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
         """
-        from rotorfit.plots.responses import plot_stability
+        from rotorfit.plots.stability import plot_stability
 
         return plot_stability(self._fit, **look)
 
@@ -150,7 +150,7 @@ class FitFigures:
         Args:
             **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
         """
-        from rotorfit.plots.responses import plot_law
+        from rotorfit.plots.eccentricity import plot_law
 
         return plot_law(self._fit, **look)
 
@@ -160,7 +160,7 @@ class FitFigures:
         Args:
             **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
         """
-        from rotorfit.plots.responses import plot_nonlinear_stiffness
+        from rotorfit.plots.eccentricity import plot_nonlinear_stiffness
 
         return plot_nonlinear_stiffness(self._fit, **look)
 
@@ -170,7 +170,7 @@ class FitFigures:
         Args:
             **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
         """
-        from rotorfit.plots.responses import plot_static_locus
+        from rotorfit.plots.static_and_impulse import plot_static_locus
 
         return plot_static_locus(self._fit, **look)
 
@@ -180,7 +180,7 @@ class FitFigures:
         Args:
             **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
         """
-        from rotorfit.plots.responses import plot_static_stiffness
+        from rotorfit.plots.static_and_impulse import plot_static_stiffness
 
         return plot_static_stiffness(self._fit, **look)
 
@@ -190,7 +190,7 @@ class FitFigures:
         Args:
             **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
         """
-        from rotorfit.plots.responses import plot_velocity_ratio
+        from rotorfit.plots.static_and_impulse import plot_velocity_ratio
 
         return plot_velocity_ratio(self._fit, **look)
 

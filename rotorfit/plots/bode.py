@@ -82,10 +82,15 @@ def response_unit(fit: FitResult, coordinate: int) -> tuple[float, str]:
 
 
 def cell_title(fit: FitResult, coordinate: int, force_plane: int) -> str:
-    """Title of the panel of a probe and a force."""
+    """Title of the panel of a probe and a force, for matplotlib."""
+    return literal(panel_name(fit, coordinate, force_plane))
+
+
+def panel_name(fit: FitResult, coordinate: int, force_plane: int) -> str:
+    """Words for a probe and a force."""
     probe = fit.model.coordinates[coordinate]
     reading = {"r": "tilt at ", "x": "x at ", "y": "y at "}.get(probe.axis, "")
-    return literal(f"{reading}{probe.plane}, {forced_planes(fit.model, force_plane)}")
+    return f"{reading}{probe.plane}, {forced_planes(fit.model, force_plane)}"
 
 
 AGAINST = ("frequency", "ratio", "size")

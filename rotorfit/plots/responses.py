@@ -1,4 +1,4 @@
-"""Figures of a fit: dynamic stiffness, Bode, polar, residuals; those of nonlinear fluids have modules of their own."""
+"""Figures of a fit: dynamic stiffness, polar, residuals."""
 
 from __future__ import annotations
 
@@ -14,14 +14,9 @@ from rotorfit.plots.bode import (
     condition_legend,
     frequency_label,
     panels_of,
-    plot_bode,
-    plot_drive_point,
     response_unit,
 )
 from rotorfit.plots.dynamic_stiffness import draw_dynamic_stiffness
-from rotorfit.plots.eccentricity import plot_law, plot_nonlinear_stiffness
-from rotorfit.plots.stability import plot_stability
-from rotorfit.plots.static_and_impulse import plot_static_locus, plot_static_stiffness, plot_velocity_ratio
 from rotorfit.plots.style import (
     GREY,
     SMALL_TYPE,
@@ -30,28 +25,11 @@ from rotorfit.plots.style import (
     rate_unit,
 )
 from rotorfit.plots.sweeps import SweepCurve, curves, joined
-from rotorfit.plots.uncertainty import plot_corner, plot_traces
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rotorfit.fitting.result import FitResult
-
-__all__ = [
-    "plot_bode",
-    "plot_corner",
-    "plot_drive_point",
-    "plot_dynamic_stiffness",
-    "plot_law",
-    "plot_nonlinear_stiffness",
-    "plot_polar",
-    "plot_residuals",
-    "plot_stability",
-    "plot_static_locus",
-    "plot_static_stiffness",
-    "plot_traces",
-    "plot_velocity_ratio",
-]
 
 
 @looked

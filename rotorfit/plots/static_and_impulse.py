@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult
 
 
+_POINTS = {"fmt": "o", "ms": 3.5, "elinewidth": 0.7}  # look of readings with their errors
+
+
 def _static(fit: FitResult) -> list[JournalLines]:
     law_of(fit.model)
     found = list(journal_lines(fit, static=True))
@@ -65,10 +68,8 @@ def plot_static_locus(fit: FitResult) -> Figure:
                 turned[here].imag,
                 xerr=lines.sigma[here] / clearance,
                 yerr=lines.sigma[here] / clearance,
-                fmt="o",
-                ms=3.5,
                 color=colour,
-                elinewidth=0.7,
+                **_POINTS,
             )
             eps = np.linspace(0.0, largest, CURVE_POINTS)
             kappa, _ = drive_stiffness(fit.model, theta[group], 0j, speed, eps)
@@ -115,15 +116,8 @@ def plot_static_stiffness(fit: FitResult) -> Figure:
             for axis, (factor, points, curve, by) in zip(axes[:, 0], parts, strict=True):
                 if not np.isfinite(factor):
                     continue
-                axis.errorbar(
-                    lines.eccentricity[here],
-                    factor * points,
-                    yerr=np.abs(factor) * sigma,
-                    fmt="o",
-                    ms=3.5,
-                    color=colour,
-                    elinewidth=0.7,
-                )
+                error = np.abs(factor) * sigma
+                axis.errorbar(lines.eccentricity[here], factor * points, error, color=colour, **_POINTS)
                 band = np.abs(factor) * half_width(fit, group, by)
                 axis.plot(eps, factor * curve, "-", color=colour, lw=1.3)
                 axis.fill_between(eps, factor * curve - band, factor * curve + band, color=colour, alpha=0.25, lw=0)
@@ -174,16 +168,8 @@ def _draw_vibrations(fit: FitResult, axis: Any, block: FreeVibrations, speeds: l
     for group, speed in np.unique(np.column_stack([block.reading_group, block.speed]), axis=0):
         here = np.flatnonzero((block.reading_group == group) & (block.speed == speed))
         colour = colour_of(speeds.index(round(float(speed), 6)))
-        axis.errorbar(
-            rest[here],
-            block.measured[here].imag / speed,
-            yerr=block.sigma[here] / speed,
-            fmt="o",
-            ms=4,
-            color=colour,
-            elinewidth=0.8,
-            zorder=3,
-        )
+        ratio, error = block.measured[here].imag / speed, block.sigma[here] / speed
+        axis.errorbar(rest[here], ratio, error, color=colour, zorder=3, **_POINTS)
         for branch in _branches(fit, theta[int(group)], float(speed), eps, rest[here], fitted[here]):
             axis.plot(eps, branch / speed, "-", color=colour, lw=1.3)
 

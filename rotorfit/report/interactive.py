@@ -61,7 +61,7 @@ def interactive_section(fit: FitResult) -> Html:
 
 def _figure(fit: FitResult, found: Sequence[SweepCurve]) -> dict[str, Any]:
     """Two panels for each probe and force, all above one another on one axis of frequency."""
-    from rotorfit.plots.bode import cell_title, frequency_label, response_unit
+    from rotorfit.plots.bode import frequency_label, panel_name, response_unit
     from rotorfit.plots.style import PHASE_LABEL
 
     pairs = sorted({(c.coordinate, c.force_plane) for c in found})
@@ -89,7 +89,7 @@ def _figure(fit: FitResult, found: Sequence[SweepCurve]) -> dict[str, Any]:
             low, left = top - 0.75 / count, column / columns
             layout[f"yaxis{axis}"] = {"domain": [low, top], "anchor": f"x{axis}", **kind}
             layout[f"xaxis{axis}"] = {"domain": [left, left + 0.9 / columns], "anchor": f"y{axis}", "matches": "x"}
-        layout[f"xaxis{2 * place + 1}"]["title"] = {"text": _plain(cell_title(fit, *pair)), "standoff": 0}
+        layout[f"xaxis{2 * place + 1}"]["title"] = {"text": escape(panel_name(fit, *pair), quote=False), "standoff": 0}
         layout[f"xaxis{2 * place + 2}"]["title"] = {"text": frequency_label(found), "standoff": 0}
         for curve in found:
             if (curve.coordinate, curve.force_plane) == pair:

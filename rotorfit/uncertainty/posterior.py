@@ -263,7 +263,7 @@ class Posterior(Draws):
         Args:
             **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
         """
-        from rotorfit.plots.responses import plot_corner
+        from rotorfit.plots.uncertainty import plot_corner
 
         units = {name: self.unit(name) for name in self.names}
         labels = {name: name if unit == "1" else f"{name}, {unit}" for name, unit in units.items()}
@@ -276,7 +276,7 @@ class Posterior(Draws):
         Args:
             **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
         """
-        from rotorfit.plots.responses import plot_traces
+        from rotorfit.plots.uncertainty import plot_traces
 
         return plot_traces(self.chain, self.names, **look)
 

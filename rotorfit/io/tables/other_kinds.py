@@ -58,21 +58,15 @@ def _groups(columns: Columns, run: Text, tolerance: float) -> Float:
 def _positive(columns: Columns, name: str) -> Float:
     """Noise column, NaN where it is blank or missing."""
     values = columns.number(name, blank=True)
-    if (values <= 0).any():
-        row = int(np.flatnonzero(values <= 0)[0])
-        raise ValueError(f"{columns.where(row, name)}: must be positive, or blank where the noise is not known")
+    columns.refuse(values <= 0, name, "must be positive, or blank where the noise is not known")
     return values
 
 
 def _eccentricity(columns: Columns, *, blank: bool = False) -> Float:
     values = columns.number("eccentricity", blank=blank)
-    bad = (values < 0) | (values >= 1)
-    if bad.any():
-        row = int(np.flatnonzero(bad)[0])
-        raise ValueError(
-            f"{columns.where(row, 'eccentricity')}: {values[row]:g}; an eccentricity is |displacement| / clearance, "
-            f"from 0 to below 1"
-        )
+    columns.refuse(
+        (values < 0) | (values >= 1), "eccentricity", "is |displacement| / clearance, which is from 0 to below 1"
+    )
     return values
 
 
@@ -125,12 +119,7 @@ def _impulse_test(table: Table, speed_tolerance: float) -> ImpulseTest:
         IMPULSE_COLUMNS,
     )
     run, damping_ratio = columns.words("run", "impulse"), columns.number("damping")
-    if (np.abs(damping_ratio) >= 1).any():
-        row = int(np.flatnonzero(np.abs(damping_ratio) >= 1)[0])
-        raise ValueError(
-            f"{columns.where(row, 'damping')}: {damping_ratio[row]:g}; a mode that vibrates has a damping "
-            f"ratio between -1 and 1"
-        )
+    columns.refuse(np.abs(damping_ratio) >= 1, "damping", "is of no mode that vibrates: its ratio is between -1 and 1")
     nowhere = np.full(run.size, complex(np.nan))
     return ImpulseTest(
         run=run,
