@@ -24,14 +24,20 @@ def protected_inputs(paths: Iterable[Path]) -> Iterator[None]:
     token = _inputs.set(set())
     try:
         for path in paths:
-            note_input(path)
+            _protect(path)
         yield
     finally:
         _inputs.reset(token)
 
 
 def note_input(path: Path) -> None:
-    """Protect a file that is being read."""
+    """Protect a file that is being read; refuse a device, and a pipe, which would be waited for."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise ValueError(f"{path} is a pipe or a device; give a file")
+    _protect(path)
+
+
+def _protect(path: Path) -> None:
     inputs = _inputs.get()
     if inputs is not None and path.exists():
         inputs.add(_identity(path))

@@ -6,7 +6,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import h5py
@@ -162,3 +162,29 @@ def test_dimensions_of_mat_files_are_checked_whatever_their_type(tmp_path: Path,
         path.write_bytes(head + np.array([14, len(content)], "<i4").tobytes() + content)
         with pytest.raises(ValueError, match=words):
             check_mat(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes with names")
+@pytest.mark.parametrize(
+    ("command", "suffix"),
+    [
+        *[("info", suffix) for suffix in (".csv", ".xlsx", ".nc", ".mat", ".uff")],
+        *[("look", suffix) for suffix in (".h5", ".tdms", ".wav", ".npz", ".parquet")],
+        ("run", ".toml"),
+        ("plan", ".toml"),
+        ("judge", ".json"),
+    ],
+)
+def test_pipes_devices_and_folders_are_no_files(
+    run: Callable[..., tuple[int, str, str]], tmp_path: Path, command: str, suffix: str
+) -> None:
+    """A pipe was waited for without end, and a device that has no end was read until the memory was full."""
+    pipe, device, folder = (tmp_path / f"{name}{suffix}" for name in ("pipe", "device", "folder"))
+    os.mkfifo(pipe)
+    device.symlink_to("/dev/zero")
+    folder.mkdir()
+    for path, words in ((pipe, "a pipe or a device"), (device, "a pipe or a device"), (folder, "Is a directory")):
+        code, _, said = run(command, path)
+        assert (code, said.count("\n")) == (2, 1)
+        assert path.name in said
+        assert words in said

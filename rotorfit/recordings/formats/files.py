@@ -57,9 +57,10 @@ def open_raw(path: str | Path) -> RawFile:
     suffix = file.suffix.lower()
     if suffix not in FORMATS:
         raise ValueError(f"{file.name}: {unknown_name('suffix of a recording', suffix, FORMATS)}")
-    if not file.is_file():
+    if not file.exists():
         raise FileNotFoundError(2, "there is no such file", str(file))
     note_input(file)
+    file.open("rb").close()  # a folder is reported by its own exception
     kind = FORMATS[suffix]
     with reading(file.name, KINDS[kind]):
         raw: RawFile = import_module(f"rotorfit.recordings.formats.{kind}").open_file(file)

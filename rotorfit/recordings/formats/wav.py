@@ -53,7 +53,8 @@ def _any(path: Path, problem: Exception) -> RawFile:
     try:
         rate, data = wavfile.read(path, mmap=True)
     except ValueError:
-        raise ValueError(f"{path.name} is not a readable WAV file: {problem}") from problem
+        why = f": {problem}" if str(problem) else ""
+        raise ValueError(f"{path.name} is not a readable WAV file{why}") from problem
     if data.dtype.kind != "f":
         raise ValueError(f"{path.name} has samples of type {data.dtype}; export 16 or 24 bits")
     table = data.reshape(data.shape[0], -1)
