@@ -498,7 +498,7 @@ def main() -> None:
         return
     counts, lines = study(given.formats, given.mutations, given.seed)
     title = (
-        f"`benchmarks/mutated_files.py --mutations {given.mutations} --seed {given.seed}`: "
+        f"`benchmarks/mutated_files.py --seed {given.seed}`, with `--mutations` as the rows say: "
         f"{environment('numpy', 'scipy', 'h5py', 'pyuff', 'openpyxl', 'nptdms', 'pyarrow')}."
     )
     text = report(counts, title, given.out.read_text(encoding="utf-8") if given.out.exists() else "")

@@ -188,3 +188,14 @@ def test_pipes_devices_and_folders_are_no_files(
         assert (code, said.count("\n")) == (2, 1)
         assert path.name in said
         assert words in said
+
+
+@pytest.mark.parametrize(("column", "cell"), [(1, "1e308"), (4, "1e200"), (8, "1e299")])
+def test_numbers_that_have_no_squares_are_refused(tmp_path: Path, column: int, cell: str) -> None:
+    """A fit of them did not come to an end."""
+    lines = rf.datasets.path("rig_lumped.csv").read_text(encoding="utf-8").splitlines()
+    cells = lines[100].split(",")
+    cells[column] = cell
+    (tmp_path / "a.csv").write_text("\n".join([*lines[:100], ",".join(cells), *lines[101:]]), encoding="utf-8")
+    with pytest.raises(ValueError, match=r"a\.csv: reading \d+: \w+ is -?[\d.e+]+ in SI units; numbers may be up to"):
+        rf.read(tmp_path / "a.csv", on_finding=None)

@@ -25,6 +25,7 @@ from unreliable import Unreliable
 
 import rotorfit as rf
 from rotorfit.executors import process_pool
+from rotorfit.store.database import Database
 
 FORK = multiprocessing.get_context("fork")
 """Processes that need not import everything again."""
@@ -311,3 +312,19 @@ def test_a_store_in_a_read_only_folder_is_read(run: Run, tmp_path: Path) -> None
         assert (code, "read-only" in err) == (2, True)
     finally:
         folder.chmod(0o755)
+
+
+def test_a_test_that_is_too_long_for_a_store_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """SQLite holds a billion bytes in one place; here it is made to hold ten thousand."""
+    opened = Database._open
+
+    def short(self: Database) -> sqlite3.Connection:
+        connection = opened(self)
+        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, 10_000)
+        return connection
+
+    store = rf.Store(tmp_path / "a.db")
+    monkeypatch.setattr(Database, "_open", short)
+    [added] = store.add([rf.datasets.path("rig_lumped.csv")])
+    assert "a.db: a test is too long for a store" in added.refusal
+    assert not store.tests

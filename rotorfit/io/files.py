@@ -25,6 +25,7 @@ from rotorfit.data.weights import differenced
 from rotorfit.estimators.atomic_file import note_input, refuse_input, whole_file
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.file_reading import reading
+from rotorfit.estimators.misfit.parameter_space import LARGEST
 from rotorfit.io.tables.cells import EXCEL
 from rotorfit.models.array_types import Index
 from rotorfit.models.parameters import unknown_name
@@ -118,6 +119,7 @@ def read(
     table = {"sheet": sheet, "columns": columns, "constants": constants}
     callbacks = {"on_finding": on_finding, "on_lines": on_lines, "progress": progress}
     test = _read_raw(path, {"speed": speed, "axes": axes}, table, callbacks, speed_tolerance)
+    _check_sizes(test)
     test = selected(test, where=where, exclude=exclude, drop_near_1x=drop_near_1x)
     options: dict[str, Any] = {
         "gains": gains,
@@ -128,6 +130,19 @@ def read(
     }
     given = {name: value for name, value in options.items() if value is not None}
     return without(_as_measured(test, given, difference, on_finding), skip)
+
+
+def _check_sizes(test: Experiment) -> None:
+    """Refuse numbers whose products are none any more; those that are only implausible are found by a check."""
+    for name in test._columns():
+        column = getattr(test, name)
+        for part in (column.real, column.imag) if column.dtype.kind in "fc" else ():
+            if max(np.fmax.reduce(part, initial=0.0), -np.fmin.reduce(part, initial=0.0)) > LARGEST:
+                row = int(np.flatnonzero(np.abs(part) > LARGEST)[0])
+                raise ValueError(
+                    f"{test.source or 'the table'}: reading {row + 1}: {name} is {part[row]:.3g} in SI units; numbers "
+                    f"may be up to {LARGEST:g} in size"
+                )
 
 
 def _as_measured(

@@ -168,6 +168,10 @@ class Database:
                     f"lock files ({words}); a store lies on a file system that does, see docs/howto/watch.md"
                 ) from problem
             raise OSError(f"the store {self.path} cannot be used: {words}") from problem
+        except sqlite3.DataError as problem:
+            raise ValueError(
+                f"{self.path}: a test is too long for a store, which holds at most 1e9 packed bytes of each; split it"
+            ) from problem
         except (sqlite3.DatabaseError, UnicodeDecodeError) as problem:
             if type(problem) not in (sqlite3.DatabaseError, UnicodeDecodeError):  # a mistake in a statement, no damage
                 raise
