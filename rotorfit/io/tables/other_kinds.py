@@ -58,14 +58,16 @@ def _groups(columns: Columns, run: Text, tolerance: float) -> Float:
 def _positive(columns: Columns, name: str) -> Float:
     """Noise column, NaN where it is blank or missing."""
     values = columns.number(name, blank=True)
-    columns.refuse(values <= 0, name, "must be positive, or blank where the noise is not known")
+    columns.refuse(values <= 0, name, "is no noise: positive, or blank where it is not known")
     return values
 
 
 def _eccentricity(columns: Columns, *, blank: bool = False) -> Float:
     values = columns.number("eccentricity", blank=blank)
     columns.refuse(
-        (values < 0) | (values >= 1), "eccentricity", "is |displacement| / clearance, which is from 0 to below 1"
+        (values < 0) | (values >= 1),
+        "eccentricity",
+        "is no eccentricity: |displacement| / clearance, from 0 to below 1",
     )
     return values
 
@@ -119,7 +121,9 @@ def _impulse_test(table: Table, speed_tolerance: float) -> ImpulseTest:
         IMPULSE_COLUMNS,
     )
     run, damping_ratio = columns.words("run", "impulse"), columns.number("damping")
-    columns.refuse(np.abs(damping_ratio) >= 1, "damping", "is of no mode that vibrates: its ratio is between -1 and 1")
+    columns.refuse(
+        np.abs(damping_ratio) >= 1, "damping", "is no damping ratio of a mode that vibrates, between -1 and 1"
+    )
     nowhere = np.full(run.size, complex(np.nan))
     return ImpulseTest(
         run=run,

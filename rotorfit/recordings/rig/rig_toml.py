@@ -59,12 +59,6 @@ def _positive(where: str, value: Any) -> float:
     return float(value)
 
 
-def _not_negative(where: str, value: Any) -> float:
-    if _number(where, value) < 0:
-        raise ValueError(f"{where} must not be negative, got {value!r}")
-    return float(value)
-
-
 def _sensitivity(where: str, value: Any) -> float:
     if _number(where, value) == 0:
         raise ValueError(f"{where} must not be zero")
@@ -128,7 +122,7 @@ def _truth(where: str, value: Any) -> bool:
 
 def _size(where: str, value: Any) -> float:
     if _number(where, value) < 0:
-        raise ValueError(f"{where} must not be negative, got {value!r}; its direction is another key")
+        raise ValueError(f"{where} must not be negative, got {value!r}; a direction is another key")
     return float(value)
 
 
@@ -153,7 +147,7 @@ _REFERENCE: dict[str, tuple[str, Reader]] = {
 _PERTURBATOR: dict[str, tuple[str, Reader]] = {**_REFERENCE, "steady": ("steady", _truth)}
 _FORCE: dict[str, tuple[str, Reader]] = {
     "plane": ("plane", _word),
-    **_in_units("mr", "mr", UNITS["unbalance"], _not_negative),
+    **_in_units("mr", "mr", UNITS["unbalance"], _size),
     "angle_deg": ("angle", _scaled(_number, _DEGREE)),
     "hole_angle_deg": ("hole_angle", _scaled(_number, _DEGREE)),
     "whirl": ("whirl", _choice(_WHIRL)),
@@ -193,7 +187,7 @@ _TOP: dict[str, tuple[str, Reader]] = {
 _FLAT_FORCE: dict[str, tuple[str, Reader]] = {
     "force_plane": ("plane", _word),
     "weight_plane": ("plane", _word),
-    **_in_units("mr", "mr", UNITS["unbalance"], _not_negative),
+    **_in_units("mr", "mr", UNITS["unbalance"], _size),
     "heavy_spot_deg_ahead_of_mark": ("angle", _scaled(_number, _DEGREE)),
     "weight_angle_deg": ("hole_angle", _scaled(_number, _DEGREE)),
     "whirl": ("whirl", _choice(_WHIRL)),
