@@ -36,8 +36,7 @@ class CorrelatedResponses(OnResponses):
 
     @cached_property
     def mixing(self) -> ComplexArray:
-        """Inverse of the correlation's root: residuals over sigma times it are independent, shape ``(R, R)``. The
-        symmetric root, which leaves each whitened residual as near to its own reading as can be."""
+        """Symmetric inverse root of the correlation, ``(R, R)``: residuals stay as near to their readings as can be."""
         return _by_component(self.correlation, lambda values: 1 / np.sqrt(values))
 
     @cached_property

@@ -228,8 +228,7 @@ class OrbitResponses(OnResponses):
 
 
 def eccentricity_of_reading(model: RotorModel, theta: Float, group: Index, reading: Float) -> tuple[Float, Float]:
-    """Eccentricities of the journal by its probe, ``(..., L)``, and slopes by the parameters, ``(..., L, P)`` or
-    ``(1,)``."""
+    """Eccentricities by the journal's probe, ``(..., L)``, and slopes by parameters, ``(..., L, P)`` or ``(1,)``."""
     functions = model.functions
     if not (functions.has_probe_factors and model.eccentricity_dependent):
         return reading, np.zeros(1)

@@ -22,8 +22,7 @@ def acts_alone(block: Responses) -> Bool:
 
 
 def sweeps_of(block: Responses, *, synchronous: bool = False) -> list[Index]:
-    """Readings of each sweep, ordered by frequency. Frequencies that one run holds again, at another level of force,
-    are another sweep."""
+    """Readings of each sweep by frequency; another level of force at the same frequencies is another sweep."""
     w = block.frequency[block.line]
     place = block.speed[block.line] if synchronous else w
     speed = np.zeros_like(block.speed) if synchronous else np.round(block.set_speed, 6)

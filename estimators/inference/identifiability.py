@@ -51,8 +51,7 @@ class Identifiability:
     null_space: Float
 
     def leaves_open(self, sizes: Float, slopes: Float) -> Bool:
-        """True for results, of slopes ``(N, ..., n)``, that a change of parameters moves which no datum notices,
-        ``(N,)``."""
+        """True for results, of slopes ``(N, ..., n)``, that a change which no datum notices moves, ``(N,)``."""
         if not self.null_space.size:
             return np.zeros(len(slopes), dtype=bool)
         leak = np.abs(slopes[..., : self.null_space.shape[0]] @ self.null_space)

@@ -65,8 +65,7 @@ def _share(function: Any, arguments: dict[str, Vector]) -> tuple[Any, Callable[[
 
 
 class Engine:
-    """One Ipopt instance for n variables, serving one :class:`Minimisation` at a time. Building an instance costs
-    several milliseconds, a solve about one, so instances are kept and reused."""
+    """An Ipopt instance for n variables, for one :class:`Minimisation` at a time; kept, as building takes long."""
 
     def __init__(self, n: int, options: Options) -> None:
         self.run: Minimisation | None = None

@@ -251,8 +251,7 @@ def _calls(count: int, kind: str, results: str) -> str:
 
 @lru_cache(maxsize=16)
 def source(model: RotorModel, patterns: tuple[Pattern, ...]) -> str:
-    """Source of a module that defines ``sums`` and ``slopes`` for a model read in the given ways. The source expects
-    ``np`` and the decorators ``inner`` and ``outer`` in its namespace."""
+    """Source of ``sums`` and ``slopes`` for a model read in given ways; ``np``, ``inner``, ``outer`` are around it."""
     if len(model.coordinates) > LARGEST_UNROLLED:
         raise ValueError(
             f"{model.name} has {len(model.coordinates)} coordinates; up to {LARGEST_UNROLLED} are unrolled"

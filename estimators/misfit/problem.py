@@ -155,8 +155,7 @@ class Problem:
         return float(cost[0]), gradient[0], matrix[0]
 
     def hessian(self, x: Float) -> Float:
-        """Second derivatives of the cost, by differences of the exact gradient. Needed only where Gauss-Newton stalls;
-        a relative step of 1.5e-8 leaves errors near 1e-8 of its size."""
+        """Second derivatives of the cost by differences of the exact gradient, to 1e-8, where Gauss-Newton stalls."""
         step = np.sqrt(np.finfo(float).eps) * np.maximum(np.abs(x), 1e-8)
         beyond = x + np.diag(step)
         gradient = self.evaluate(np.concatenate([x[None], beyond]), matrix=False)[1]

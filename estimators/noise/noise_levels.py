@@ -49,8 +49,7 @@ def likelihood(power: Float, weight: Float, variance: Float) -> float:
 def fit_probes(
     probes: Sequence[Sequence[Index]], power: Float, weight: Float, size2: Float, *, along: str = ""
 ) -> list[list[Shape]]:
-    """Constant and proportional noise of each of several probes by restricted likelihood. The sweeps of a probe share
-    both parts, or have them each where the data refuse to pool them."""
+    """Noise of several probes by restricted likelihood; sweeps share both parts, unless the data refuse it."""
     from scipy.special import gammaincc  # late: loading it takes longer than a fit
 
     found = [[shape] for shape in _fit_groups([np.concatenate(s) for s in probes], power, weight, size2, along)]

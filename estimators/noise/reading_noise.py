@@ -128,8 +128,7 @@ def _solved(design: ComplexArray, target: ComplexArray) -> ComplexArray:
 
 
 def deviations_of_repeats(sweeps: ComplexArray) -> ComplexArray:
-    """Samples of the noise from repeated sweeps, of its own size, shape ``(n_repeats, L)``. Each sweep's gain and phase
-    against the mean are taken out: a force or a mark that is set anew is no noise."""
+    """Noise of repeated sweeps, ``(n_repeats, L)``, without each one's gain and phase, which are no noise."""
     mean = sweeps.mean(axis=0)
     count, lines = sweeps.shape
     if lines < 3:  # nothing would be left

@@ -95,8 +95,7 @@ class MixedModel:
         return -0.5 * float(np.linalg.slogdet(spread)[1].sum() + solved.square)
 
     def score_p_values(self) -> Float:
-        """Probability, kind by kind, of scores at least as large where runs do not differ, shape ``(k,)``. The sum of
-        squared scores is a mixture of chi-squared, matched in mean and variance."""
+        """Probability of scores at least as large where runs agree, ``(k,)``: chi-squared by mean and variance."""
         from scipy.special import gammaincc  # late: loading it takes longer than a fit
 
         outer = inverse_of_determined(self.information)

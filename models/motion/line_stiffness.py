@@ -32,8 +32,7 @@ def at_frequency(coefficients: list[tuple[Any, Any]], w: Any) -> tuple[Any, Any]
 
 
 def arguments(theta: ArrayLike, *others: ArrayLike) -> list[Any]:
-    """Inputs of a compiled graph: the parameters one by one, then what else it takes. A single vector is passed as
-    numbers, whose arithmetic costs a fraction of that of arrays of one element."""
+    """Inputs of a compiled graph, parameters first; a single vector goes in as numbers, cheaper than arrays of one."""
     theta = np.asarray(theta, dtype=float)
     single = theta.ndim < 3 and theta.size == theta.shape[-1]
     parameters = theta.ravel() if single else np.moveaxis(theta, -1, 0)

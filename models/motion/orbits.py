@@ -129,8 +129,7 @@ def all_roots(journal: Journal, equation: OrbitEquation) -> list[Float]:
 
 
 def followed_roots(journal: Journal, equation: OrbitEquation, sweep: Index) -> Float:
-    """Roots along sweeps, as a rig would run: from the lowest root, each line from that of the line before it. A branch
-    that ends is left for the nearest other one: the jump."""
+    """Roots along sweeps, as a rig would run, from the lowest on; where a branch ends the nearest other: the jump."""
     shape = equation.shape
     if len(shape) > 1:  # every vector's sweeps are its own
         flat = equation.select(tuple(place.ravel() for place in np.indices(shape)))

@@ -68,8 +68,7 @@ def _refuse_alone(test: PerturbationTest, rows: Index) -> None:
 
 
 def _in_plane(test: PerturbationTest, rows: Index) -> PerturbationTest:
-    """Readings along the axis of their force as those to a circular force of the same size. Of forces along both axes
-    those along the axis of the reading count."""
+    """Readings along their force's axis as of a circular force; of two forces that along the reading's axis counts."""
     part = test.select(rows)
     force, plane = part.force.copy(), part.force_plane.astype(object)
     along, further = part.force_direction.copy(), part.further_forces.copy()
@@ -100,8 +99,7 @@ def _in_plane(test: PerturbationTest, rows: Index) -> PerturbationTest:
 
 
 def probe_pairs(test: PerturbationTest, rows: Bool) -> tuple[Index, Index]:
-    """Rows of x and y (rx and ry) readings taken together, shape ``(N, 2)``, and rows without a partner. Repeats pair
-    in order of appearance."""
+    """Rows of x and y (rx and ry) taken together, ``(N, 2)``, repeats in their order, and rows without a partner."""
     found: dict[Any, tuple[list[int], list[int]]] = {}
     names = ("run", "set_speed", "frequency", "force_plane", "force", "force_direction", "further_forces", "plane")
     keys = zip(*[getattr(test, name).tolist() for name in names], strict=True)

@@ -65,8 +65,7 @@ def subtract_measured_slow_roll(test: PerturbationTest, below: float) -> Perturb
 
 
 def resolve_probe_angles(test: PerturbationTest, angles: Mapping[str, tuple[float, float]]) -> PerturbationTest:
-    """Resolve pairs of probes that do not sit at 0 and 90 degrees into x and y. A probe at angle a reads ``cos(a) X +
-    sin(a) Y``. Noise of the two probes is taken as independent."""
+    """Resolve pairs of probes at other angles, which read ``cos(a) X + sin(a) Y``, into independent x and y."""
     response, sigma = test.response.copy(), test.sigma.copy()
     for plane, pair in angles.items():
         if plane not in test.planes:

@@ -74,8 +74,7 @@ def _forced(model: RotorModel, test: PerturbationTest, group: Index) -> Block:
 
 
 def _orbits(model: RotorModel, base: Responses) -> OrbitResponses:
-    """Responses with the measured eccentricity of each line, which chooses the branch. Where the journal was not
-    measured the branch is that which a sweep from its first line on would reach."""
+    """Responses with their measured eccentricity, which chooses the branch, or that of a sweep from the first line."""
     seat = journal(model)
     amplitude, _ = base.amplitudes()
     eps = np.abs(amplitude[:, seat.at]) / seat.clearance

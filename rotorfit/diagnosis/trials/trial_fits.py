@@ -129,8 +129,7 @@ class Readings:
 
 
 def readings_of(problem: Problem) -> Readings | None:
-    """Readings of a problem, every so many lines of each run where they are many; None where it has others than
-    responses of a linear rotor to forces that turn."""
+    """Readings of a problem, thinned where many; None with others than a linear rotor's to turning forces."""
     blocks = [block for block in problem.blocks if isinstance(block, Responses)]
     if len(blocks) < len(problem.blocks) or any(block.imposed or not block.frequency.all() for block in blocks):
         return None

@@ -190,8 +190,7 @@ def _critical_table(level: float) -> tuple[Float, Float]:
 
 
 def lines_cut_off(fit: FitResult) -> tuple[float, float]:
-    """Change of the fitted lines by those that a :class:`~rotorfit.models.TurningOnSupports` leaves out.
-    Returns the greatest change over the greatest reading, and over the noise of its own reading."""
+    """Greatest change of the fitted lines by those left out, over the greatest reading, and over its noise."""
     size = share = 0.0
     for block in fit.problem.blocks:
         if isinstance(block, PairResponses):

@@ -131,8 +131,7 @@ def _follows(remembered: Memory) -> bool:
 
 
 def _perhaps_filtered(verdict: NoiseVerdict, remembered: Memory) -> bool:
-    """True if a misfit may be noise of overlapping filters or averages, which smoothness takes for signal: its memory
-    fades along a sweep, that of smooth misfits does not."""
+    """True if a misfit may be noise of overlapping filters: its memory fades, that of smooth misfits does not."""
     return verdict is NoiseVerdict.MISFIT and remembered.fades
 
 
