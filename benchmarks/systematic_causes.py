@@ -36,6 +36,7 @@ from reporting import RESULTS, environment, table, write_csv  # noqa: E402
 
 import rotorfit as rf  # noqa: E402
 from rotorfit.fitting.assumptions.shifts import assuming  # noqa: E402
+from rotorfit.models.digits import significant  # noqa: E402
 
 Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -644,7 +645,7 @@ def _table(rows: list[Row]) -> list[str]:
         some = own["D"]
         least = [min((own[n].printed for n in names if n in own), default=math.nan) for names in COLUMNS.values()]
         least += [min(row.found for row in own.values()), min(row.statistical for row in own.values())]
-        half = [f"{100 * own[name].half:.2g} %" for name in ("D", "lam", "threshold_speed")]
+        half = [f"{significant(100 * own[name].half, 2)} %" for name in ("D", "lam", "threshold_speed")]
         last = [min(row.given for row in own.values()), some.named, some.limited, some.stable]
         shares = ["-" if math.isnan(share) else f"{share:.0%}" for share in (*least, *last)]
         cells.append([cause, *shares[:8], *half, *shares[8:]])
