@@ -67,8 +67,9 @@ def _standing_out(
             found.append(None)
             continue
         peak = at - wide + int(np.argmax(spectrum[at - wide : at + wide + 1]))
-        around = np.concatenate([spectrum[at - wide - beside : at - wide], spectrum[at + wide + 1 :][:beside]])
-        out = spectrum[peak] ** 2 > _LINE_POWER_OVER_MEDIAN * np.median(around**2)
+        sides = spectrum[at - wide - beside : at - wide], spectrum[at + wide + 1 :][:beside]
+        out = spectrum[peak] ** 2 > _LINE_POWER_OVER_MEDIAN * np.median(np.concatenate(sides) ** 2)
+        out = out and not all(side.max() > spectrum[peak] / 2 for side in sides)  # blows at equal times make a comb
         found.append((peak * step, float(spectrum[peak])) if out else None)
     return found
 

@@ -47,7 +47,10 @@ def _remaining(space: ParameterSpace, lumped: Lumped, values: Float, x: Float) -
 
     solved = least_squares(residual, np.ones(missing.size), x_scale="jac", max_nfev=50)
     start[missing] = np.where(silent, 1.0, solved.x) * typical
-    return start, (f"{', '.join(names)}: no coefficient gives them singly; solved jointly from typical values",)
+    open_ones = [name for name, unseen in zip(names, silent.tolist(), strict=True) if unseen]
+    return start, (
+        (f"{', '.join(open_ones)}: no coefficient depends on it; a typical value is taken",) if open_ones else ()
+    )
 
 
 def typical_values(space: ParameterSpace) -> Float:

@@ -76,8 +76,9 @@ def _check_finite(experiment: PerturbationTest) -> None:
         runs = ", ".join(dict.fromkeys(experiment.run[still].tolist()))
         raise ValueError(
             f"{name}: the force is zero in {still.sum()} readings of {runs}. A reference run without a weight is "
-            "subtracted where runs dwell at a few speeds; from start-ups subtract it first and give the differences, "
-            "or repeat each weight at 180 degrees (eq. 20). Any other reading without a force is to be removed"
+            "subtracted where runs dwell at a few speeds, and from start-ups that are one test with it and pass the "
+            "same speeds (rf.join_runs, `rotorfit join REFERENCE TRIAL --out BOTH.csv`); or repeat each weight at 180 "
+            "degrees (eq. 20). Any other reading without a force is to be removed"
         )
     if experiment.response.all():
         return

@@ -286,6 +286,10 @@ def _check_known(model: RotorModel, laws: Sequence[Law], gap: float, known: Mapp
             raise KeyError(unknown_name(f"parameter of {model.name} with these laws", name, sorted(names)))
 
 
+_SMALLEST_REACH = 0.01
+"""Eccentricity below which laws are not told apart: usual ones change K0 by a few parts in ten thousand there."""
+
+
 def _default_laws(model: RotorModel, experiments: tuple[Experiment, ...]) -> tuple[Law, ...]:
     """Common laws; the spline's knots lie where the data are."""
     laws: tuple[Law, ...] = (Constant(), Muszynska(), EvenPolynomial(1), EvenPolynomial(2))
@@ -295,6 +299,12 @@ def _default_laws(model: RotorModel, experiments: tuple[Experiment, ...]) -> tup
     reach = float(np.nanmax(eps, initial=0.0))
     if reach <= 0:
         return laws
+    if reach < _SMALLEST_REACH:
+        raise ValueError(
+            f"the journal moves by at most {significant(100 * reach, 2)} % of the clearance of "
+            f"{significant(1e6 * (model.clearance or 0.0), 4)} um: so small orbits tell no law from another. Check "
+            "clearance_um and the units of the motion, or test with more force"
+        )
     return (
         *laws,
         MonotoneSpline(knots=(round(0.5 * reach, 3), round(0.8 * reach, 3)), reach=min(1.0, round(1.02 * reach, 3))),

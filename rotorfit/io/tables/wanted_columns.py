@@ -195,7 +195,8 @@ def _refuse_missing(table: Table, used: set[str], missing: Sequence[str], known:
         )
     unknown = ", ".join(_suggest(table.names[name]) for name in table.cells if name not in used) or "none"
     raise ValueError(
-        f"{table.source}: missing columns: {', '.join(missing)}. Columns not recognised: {unknown}. Known: {known}"
+        f"{table.source}: missing columns: {', '.join(missing)}. Columns not recognised: {unknown}. Known: {known}. A "
+        "column of another name is said with it (columns=, --column NAME=THEIRS)"
     )
 
 

@@ -266,14 +266,23 @@ def _unit_in_file(raw: RawFile, channel: str) -> ChannelUnit | None:
 
 
 _MEANT = {"length": "a probe reads motion", "force": "[force] takes forces"}
+_VECTORS = {"velocity": "velocity_mm_s", "acceleration": "acceleration_g"}
+"""Columns of tables for vectors of sensors that read no motion."""
 
 
 def _scaled(raw: RawFile, channel: str, unit: ChannelUnit, quantity: str, sensitivity: float | None) -> float:
     """Sensitivity, of unit for a metre or a newton, of a channel that is scaled already."""
     if unit.quantity != quantity:
+        column = _VECTORS.get(unit.quantity) if quantity == "length" else None
+        way = (
+            f" Vectors of such a sensor, by an analyser, are read from a table (column {column}), where their "
+            "frequency makes displacements of them."
+            if column
+            else ""
+        )
         raise ValueError(
             f"{raw.name}: the channel {channel} is in {unit.name}, {unit.quantity}; {_MEANT[quantity]}, in "
-            f"{', '.join(UNITS[quantity])}, or in V or mV with a sensitivity. If the file is wrong, say unit = "
+            f"{', '.join(UNITS[quantity])}, or in V or mV with a sensitivity.{way} If the file is wrong, say unit = "
             f'"..." of [[channel]] name = "{channel}"'
         )
     if sensitivity is not None and np.isclose(abs(sensitivity) * unit.factor, 1):
