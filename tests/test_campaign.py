@@ -437,3 +437,21 @@ def test_too_few_conditions_for_a_curve(small, fitted):
     assert (
         "polynomial of degree 2" in fitted.plot_trends(against="pressure_psi", degree=2).legends[0].texts[0].get_text()
     )
+
+
+def test_the_table_of_many_runs_looks_at_each_a_few_times(small):
+    """A hundred thousand runs took an hour where each row looked at all runs."""
+
+    class Counted(dict):
+        looks = 0
+
+        def __iter__(self):
+            Counted.looks += 1
+            return super().__iter__()
+
+    found = rf.campaign(OneMode(), small[0], known=KNOWN)
+    runs = [replace(run, attributes=Counted(run.attributes)) for run in found.runs]
+    many = replace(found, runs=tuple(runs * 20))
+    assert len(many.to_csv().splitlines()) == 1 + len(many.runs)
+    many.table()
+    assert Counted.looks <= 2 * len(many.runs)

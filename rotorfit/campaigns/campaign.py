@@ -6,6 +6,7 @@ import io
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -94,12 +95,12 @@ class Campaign(Printed):
     success: bool
     _data: tuple[Run, ...] = field(repr=False)
 
-    @property
+    @cached_property
     def fitted(self) -> tuple[str, ...]:
         """Parameters that every run has a value of its own for."""
         return tuple(dict.fromkeys(name for run in self.runs for name in run.var_names))
 
-    @property
+    @cached_property
     def attributes(self) -> tuple[str, ...]:
         """Conditions that the runs may be followed against or grouped by."""
         return tuple(dict.fromkeys(name for run in self.runs for name in run.attributes))
@@ -294,9 +295,10 @@ class Campaign(Printed):
             if without:
                 sentences.append(f"{axis} is not known in {listed(without)}; left out of its trends")
             known = [value for value in numbers.values() if np.isfinite(value)]
+            spread = float(np.ptp(known)) if known else 0.0
             for data in self._data:
                 span = data.readings.span(axis) if data.name in numbers else None
-                if span is not None and span[1] - span[0] > _LARGEST_CHANGE * (np.ptp(known) or np.abs(span).max()):
+                if span is not None and span[1] - span[0] > _LARGEST_CHANGE * (spread or np.abs(span).max()):
                     ends = f"{significant(span[0], 4)} to {significant(span[1], 4)}"
                     sentences.append(f"{axis} changed within {data.name}, {ends}: its mean stands for the run")
         return sentences
