@@ -9,7 +9,7 @@ from rotorfit.models.array_types import Bool, Float, Index
 SPEED_TOLERANCE = 0.005
 """Speeds closer than this fraction are one constant speed that jitters; see :func:`set_speeds`."""
 
-SYNCHRONOUS_TOLERANCE = 1e-4
+_SYNCHRONOUS_TOLERANCE = 1e-4
 """A reading is 1x when its frequency equals its speed to this fraction of the speed."""
 
 _WANDER_TOLERANCES = 10
@@ -34,10 +34,14 @@ def set_speeds(speed: Float, frequency: Float, run: Index, tolerance: float = SP
     return found
 
 
+def once_per_turn(frequency: Float, speed: Float) -> Bool:
+    """Readings at once-per-turn frequency."""
+    return np.abs(frequency - speed) <= _SYNCHRONOUS_TOLERANCE * np.abs(speed)
+
+
 def _synchronous(speed: Float, frequency: Float, run: Index) -> Bool:
     """Rows of runs at once-per-turn frequency."""
-    at_1x = np.abs(frequency - speed) <= SYNCHRONOUS_TOLERANCE * np.abs(speed)
-    return np.asarray(np.bincount(run, ~at_1x)[run] == 0)
+    return np.asarray(np.bincount(run, ~once_per_turn(frequency, speed))[run] == 0)
 
 
 def _of_runs(speed: Float, run: Index, tolerance: float) -> Float:

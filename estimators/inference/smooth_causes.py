@@ -19,7 +19,7 @@ from rotorfit.estimators.blocks.correlated import whiten
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse
-from rotorfit.estimators.blocks.set_speeds import SYNCHRONOUS_TOLERANCE
+from rotorfit.estimators.blocks.set_speeds import once_per_turn
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.model import RotorModel
@@ -147,7 +147,7 @@ def causes_of(problem: Problem, x: Float) -> list[Cause]:
     middle, half = float(w.max() + w.min()) / 2, float(w.max() - w.min()) / 2
     planes = [c.plane for c in model.coordinates]
     asked: list[tuple[Kind, int | None, int]] = [(Kind.DELAY, None, 1)]
-    start_ups = all(np.allclose(base.frequency, base.speed, rtol=SYNCHRONOUS_TOLERANCE) for base in blocks)
+    start_ups = all(once_per_turn(base.frequency, base.speed).all() for base in blocks)
     for at in range(len(planes)):
         asked += [(Kind.RESIDUAL, at, 2)] * start_ups
         asked += [(kind, at, columns) for kind, columns in _AT_PROBES if at in read]

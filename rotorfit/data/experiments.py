@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.data.lines import Lines, lines_of
 from rotorfit.estimators.blocks.row_keys import distinguished, numbers, words
-from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE, SYNCHRONOUS_TOLERANCE, set_speeds
+from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE, once_per_turn, set_speeds
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Records, Text
 from rotorfit.models.digits import significant
 from rotorfit.units import RPM_PER_RAD_S
@@ -335,9 +335,7 @@ class PerturbationTest(_Rows):
     @property
     def synchronous(self) -> bool:
         """True if every reading is at once-per-turn frequency."""
-        return bool(
-            len(self) and np.all(np.abs(self.frequency - self.speed) <= SYNCHRONOUS_TOLERANCE * np.abs(self.speed))
-        )
+        return bool(len(self) and once_per_turn(self.frequency, self.speed).all())
 
     @property
     def static_position(self) -> ComplexArray | None:
@@ -389,8 +387,7 @@ class PerturbationTest(_Rows):
         )
         # run-out turns with the rotor: a single probe sees it at |w| = Omega whichever way the force turns
         seen = np.where(np.char.endswith(self.direction, "z"), self.frequency, np.abs(self.frequency))
-        at_1x = np.abs(seen - self.speed) <= SYNCHRONOUS_TOLERANCE * np.abs(self.speed)
-        return replace(self, response=self.response - np.where(at_1x, vector, 0.0))
+        return replace(self, response=self.response - np.where(once_per_turn(seen, self.speed), vector, 0.0))
 
 
 def records(values: Iterable[Any]) -> Records:

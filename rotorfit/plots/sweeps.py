@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Responses
-from rotorfit.estimators.blocks.set_speeds import SYNCHRONOUS_TOLERANCE
+from rotorfit.estimators.blocks.set_speeds import once_per_turn
 from rotorfit.fitting.summary import natural
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
@@ -97,7 +97,7 @@ def sweeps(fit: FitResult) -> tuple[list[SweepCondition], list[Sweeps]]:
 
 def _at_1x(base: Responses) -> bool:
     """True if all lines are at once-per-turn frequency, so that few dwell speeds are one curve as a start-up is."""
-    return bool(np.allclose(base.frequency, base.speed, rtol=SYNCHRONOUS_TOLERANCE, atol=0.0))
+    return bool(once_per_turn(base.frequency, base.speed).all())
 
 
 def _keys(blocks: Sequence[Responses], *, nonlinear: bool) -> list[list[_Key]]:

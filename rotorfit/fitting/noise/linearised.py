@@ -9,7 +9,7 @@ import numpy as np
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.row_keys import rows_by, words
-from rotorfit.estimators.blocks.set_speeds import SYNCHRONOUS_TOLERANCE
+from rotorfit.estimators.blocks.set_speeds import once_per_turn
 from rotorfit.estimators.blocks.sweeps import force_plane, sweeps_of
 from rotorfit.estimators.inference.covariance import prior_curvature
 from rotorfit.estimators.misfit.problem import Problem
@@ -135,9 +135,8 @@ def channels_of(problem: Problem) -> tuple[list[Index], ...]:
         if block is not None:
             groups: dict[tuple[int, int], list[Index]] = {}
             plane = force_plane(block)
-            away = np.abs(np.abs(block.frequency) - block.speed)
-            synchronous = bool(np.all(away <= SYNCHRONOUS_TOLERANCE * np.abs(block.speed)))
-            for sweep in sweeps_of(block, synchronous=synchronous):
+            synchronous = once_per_turn(np.abs(block.frequency), block.speed).all()
+            for sweep in sweeps_of(block, synchronous=bool(synchronous)):
                 key = (int(block.coordinate[sweep[0]]), int(plane[sweep[0]]))
                 groups.setdefault(key, []).append(start + sweep)
             channels += list(groups.values())
