@@ -16,6 +16,33 @@ _SCIPY = "scipy.stats._continuous_distns"
 """Where SciPy's own distributions are; a user's may hold more than their arguments."""
 
 
+@dataclass(frozen=True)
+class CentredNormal:
+    """The normal distribution about zero, with what is asked of SciPy's, whose import takes longer than a fit."""
+
+    sd: float
+
+    def mean(self) -> float:
+        """Zero."""
+        return 0.0
+
+    def std(self) -> float:
+        """Standard deviation."""
+        return self.sd
+
+    def var(self) -> float:
+        """Variance."""
+        return self.sd**2
+
+    def support(self) -> tuple[float, float]:
+        """Everything."""
+        return -np.inf, np.inf
+
+    def rvs(self, *, size: int, random_state: np.random.Generator) -> Float:
+        """Draws."""
+        return self.sd * random_state.standard_normal(size)
+
+
 @lru_cache(maxsize=256)
 def _moments(distribution: Any) -> tuple[float, float]:
     """Mean and standard deviation; SciPy's checks cost far more than the arithmetic."""
@@ -23,7 +50,9 @@ def _moments(distribution: Any) -> tuple[float, float]:
 
 
 def _is_normal(distribution: Any) -> bool:
-    """True if it is SciPy's own normal one, which takes little arithmetic."""
+    """True if it is SciPy's own normal one, or that about zero, which take little arithmetic."""
+    if isinstance(distribution, CentredNormal):
+        return True
     return type(distribution.dist).__module__ == _SCIPY and distribution.dist.name == "norm"
 
 
@@ -37,7 +66,7 @@ class Prior:
     """Logarithm of a prior density of one entry and its two derivatives."""
 
     entry: int  # number of the entry in the fitted vector
-    distribution: Any  # a frozen scipy.stats distribution
+    distribution: Any  # a frozen scipy.stats distribution, or a :class:`CentredNormal`
 
     def terms(self, value: Float | float) -> tuple[Float, Float, Float]:
         """Minus log of the density over its largest, at values, its slope and its curvature (none below zero)."""
@@ -91,8 +120,11 @@ class LogPriors:
         families: dict[Any, list[Prior]] = {}
         for number, prior in enumerate(priors):
             frozen = prior.distribution
-            of_scipy = type(frozen.dist).__module__ == _SCIPY
-            key = (type(frozen.dist), len(frozen.args), *sorted(frozen.kwds)) if of_scipy else number
+            key: tuple[Any, ...] = (number,)
+            if _is_normal(frozen):
+                key = ("norm",)
+            elif type(frozen.dist).__module__ == _SCIPY:
+                key = (type(frozen.dist), len(frozen.args), *sorted(frozen.kwds))
             families.setdefault(key, []).append(prior)
         self._families: list[tuple[Index, Callable[[Float], Float]]] = []
         for members in families.values():

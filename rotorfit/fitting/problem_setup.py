@@ -17,10 +17,10 @@ from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
 from rotorfit.estimators.misfit.losses import LOSSES
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace, parameter_space
-from rotorfit.estimators.misfit.priors import Prior, within_support
+from rotorfit.estimators.misfit.priors import CentredNormal, Prior, within_support
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.assumptions.calibration import nuisance_entries
-from rotorfit.fitting.noise.error_bars import normal, with_noise
+from rotorfit.fitting.noise.error_bars import with_noise
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets, check_phase_offsets
 from rotorfit.models import Modal, RotorModel
 from rotorfit.models.array_types import ComplexArray, Index
@@ -81,7 +81,7 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
     space = within_support(space, priors)
     if errors is not None:
         first = space.size - errors.sd.size
-        priors += tuple(Prior(first + i, normal(sd)) for i, sd in enumerate(errors.sd.tolist()))
+        priors += tuple(Prior(first + i, CentredNormal(sd)) for i, sd in enumerate(errors.sd.tolist()))
     problem = with_noise_scale(
         Problem(space=space, blocks=blocks, loss=settings.loss, priors=priors, factors=factors), settings.noise_scale
     )

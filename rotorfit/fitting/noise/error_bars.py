@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
-from rotorfit.estimators.misfit.priors import Prior
+from rotorfit.estimators.misfit.priors import CentredNormal, Prior
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.correlation import line_scatter, scatter
 from rotorfit.fitting.noise.linearised import channels_of, lines_in
@@ -43,7 +41,7 @@ def with_noise(problem: Problem, noise: FoundNoise) -> Problem:
         factors = tuple(
             column if own is None else np.hstack([own, column]) for own, column in zip(factors, columns, strict=True)
         )
-        spread = normal(effect.sd)
+        spread = CentredNormal(effect.sd)
         priors += tuple(Prior(first + i, spread) for i in range(len(effect.runs)))
     return replace(problem, space=space, blocks=blocks, priors=priors, factors=factors)
 
@@ -53,14 +51,6 @@ def effect_entries(problem: Problem, noise: FoundNoise | None) -> list[tuple[Ind
     names = (*problem.space.names, *problem.space.nuisance)
     effects = () if noise is None else noise.effects
     return [(np.array([names.index(n) for n in e.names]), e.sd) for e in effects]
-
-
-@lru_cache(maxsize=64)
-def normal(sd: float) -> Any:
-    """The normal distribution about zero with a standard deviation; SciPy takes a millisecond to make one."""
-    from scipy.stats import norm
-
-    return norm(0.0, sd)
 
 
 def without_noise(problem: Problem, noise: FoundNoise) -> Problem:

@@ -164,7 +164,7 @@ def _hidden(step: FitResult) -> dict[str, Any]:
         return {}
     own = [step.params[q.name] for q in block_parameters(("gyroscopic",), len(step.model.planes))]
     sizes = [math.hypot(p.value, p.stderr) for p in own if p.resolved]
-    if not sizes or not step.success:
+    if len(sizes) in (0, len(own)) or not step.success:
         return {}
     from scipy.stats import norm  # late: loading it takes longer than a fit
 
