@@ -151,11 +151,11 @@ def _content(path: Path) -> Any:
         store = rf.Store(path)
         return (*store.problems(), *sorted(test.content for test in store.tests))
     if path.suffix in (".h5", ".nc"):
-        found: dict[str, Any] = {}
+        found: dict[str, str] = {}
 
         def note(name: str, item: h5py.Group | h5py.Dataset) -> None:
             if isinstance(item, h5py.Dataset):
-                found[name] = np.asarray(item[()]).tolist()
+                found[name] = repr(np.asarray(item[()]).tolist())  # NaN is no equal of NaN
 
         with h5py.File(path) as file:
             file.visititems(note)

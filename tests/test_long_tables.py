@@ -114,7 +114,7 @@ def test_what_is_wrong_far_down_is_refused_with_its_line(tmp_path: Path, column:
 
 
 def test_memory_of_a_table_is_that_of_its_numbers(tmp_path: Path) -> None:
-    """Cells as text took 1500 bytes a row; what is read takes some 150, its making as much again, a block 2 MB."""
+    """Cells as text took 1500 bytes a row; what is read takes up to 150, its making as much again, a block 2 MB."""
     path = written(tmp_path / "a.csv", rows(12_000))
     read(written(tmp_path / "small.csv", rows(10)))  # imports take their memory once
     tracemalloc.start()
@@ -123,7 +123,7 @@ def test_memory_of_a_table_is_that_of_its_numbers(tmp_path: Path) -> None:
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert (peak - 2e6) / len(test) < 600
+    assert (peak - 2e6) / len(test) < 300
 
 
 def of_two_planes(cells: list[list[str]]) -> list[list[str]]:
@@ -139,7 +139,8 @@ def of_two_planes(cells: list[list[str]]) -> list[list[str]]:
 @pytest.mark.filterwarnings("ignore::rotorfit.data.findings.DataWarning")
 def test_memory_of_a_check_is_some_hundred_bytes_a_reading(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Lines of a test take 60 bytes a reading, its orbits 90, the windows of a sweep up to 200, and the check makes one
-    more array at a time. Filters that were tried at every reading took 1500."""
+    more array at a time. In all 472 with NumPy 2.4; others may take a tenth more. Filters that were tried at every
+    reading took 1500."""
     monkeypatch.setattr("rotorfit.diagnosis.orbits._ENOUGH_READINGS", 500)
     test = read(written(tmp_path / "a.csv", of_two_planes(rows(24_000))))
     rf.check(test.select(np.arange(2400)))
@@ -149,4 +150,4 @@ def test_memory_of_a_check_is_some_hundred_bytes_a_reading(tmp_path: Path, monke
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert peak / len(test) < 600
+    assert peak / len(test) < 520
