@@ -173,7 +173,10 @@ def test_speeds_that_jitter_are_one_speed_and_others_are_left_alone(tmp_path):
             f"{HEADER.replace('frequency_rpm', 'freqency_rpm')}\n{ROW}\n",
             r"missing columns: frequency_rpm\. Columns not recognised: 'freqency_rpm' \(did you mean 'freq",
         ),
-        (f"{HEADER}\n{ROW.replace('300', '1e300').replace(',12,', ',1e308,')}\n{ROW}", None),
+        (
+            f"{HEADER}\n{ROW.replace('300', '1e300').replace(',12,', ',1e308,')}\n{ROW}",
+            r"numbers may be up to 1e\+30 in size",
+        ),
         (f"{HEADER.replace('force_N', 'mr_kg_m')}\n{ROW.replace('300', '1e300')}\n", "force overflows"),
         (f"{HEADER}\n{ROW}\n{ROW.replace('disk', 'inboard').replace('inboard,x', 'outboard,x')}\n", "two rigs"),
         (f'{HEADER}\n"{ROW}\n', "not a readable CSV"),
@@ -182,9 +185,6 @@ def test_speeds_that_jitter_are_one_speed_and_others_are_left_alone(tmp_path):
 def test_bad_input_is_refused_with_what_and_where(tmp_path, text, message):
     path = tmp_path / "bad.csv"
     path.write_text(text, encoding="utf-8")
-    if message is None:
-        assert np.isfinite(read(path).response).all()
-        return
     with pytest.raises(ValueError, match=message):
         read(path)
 
