@@ -14,7 +14,7 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 from seal_campaigns import KNOWN, same_fits, seal_campaign
-from sentences import refuses, warns
+from sentences import refuses
 from synthetic import KNOWN as KNOWN_VALUES
 from synthetic import SPEEDS, TYPICAL, circular_test
 
@@ -91,7 +91,7 @@ def test_a_killed_process_loses_no_run(small, monkeypatch):
             for process in list((pool._processes or {}).values()):
                 process.kill()
 
-        with warns(UserWarning):
+        with pytest.warns(UserWarning, match="of 20 pieces of work are done here"):
             found = rf.campaign(OneMode(), thin, known=KNOWN, executor=pool, progress=kill_once)
     same_fits(found, rf.campaign(OneMode(), thin, known=KNOWN))
 

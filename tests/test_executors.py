@@ -208,9 +208,10 @@ from seal_campaigns import KNOWN, seal_campaign
 from rotorfit.executors import cluster
 
 def kill(done, total):
-    workers = [worker.pid for worker in pool._client.cluster.workers.values()]
+    workers = [worker.pid for worker in pool._client.cluster.workers.values() if worker.pid]  # None while one starts
     print(done, *workers, flush=True)
-    os.kill(os.getpid() if done > 16 else workers[0], signal.SIGKILL)
+    for victim in [os.getpid()] if done > 16 else workers[:1]:
+        os.kill(victim, signal.SIGKILL)
 
 if __name__ == "__main__":
     with cluster("local:2") as pool:

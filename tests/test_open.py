@@ -18,7 +18,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from browser import Browser, Tab
-from sentences import refuses
 
 import rotorfit as rf
 from rotorfit import datasets
@@ -192,5 +191,6 @@ def test_the_address_is_this_machines_alone_and_a_secret(address: str) -> None:
     assert parts.hostname == "127.0.0.1"
     assert len(parts.path) > 20
     for path in ("/", "/index", f"{parts.path[:-1]}", "/static/"):
-        with refuses(urllib.error.HTTPError):
+        with pytest.raises(urllib.error.HTTPError, match=r"40[34]") as refused:
             urllib.request.urlopen(f"http://{parts.netloc}{path}")
+        refused.value.close()

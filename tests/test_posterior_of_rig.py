@@ -52,7 +52,7 @@ def test_channels_of_the_same_name_keep_levels_of_their_own(tmp_path):
     tests = [one_mode_test(seed=s, speeds=(v,), sigma_known=True) for s, v in ((1, 100.0), (2, 180.0))]
     fit = rf.fit(OneMode(), [replace(t, run=np.full(len(t), "sweep")) for t in tests], known=KNOWN)
     post = quick(fit, noise="sampled", max_steps=100)
-    assert post.names[-2:] == ("log_s[sweep / journal]", "log_s[sweep / journal #2]")
+    assert post.names[-2:] == ("log_s[sweep (synthetic #1) / journal]", "log_s[sweep (synthetic #2) / journal]")
     post.save(tmp_path / "posterior.nc")
     np.testing.assert_array_equal(rf.load_posterior(tmp_path / "posterior.nc", fit).chain, post.chain)
 
