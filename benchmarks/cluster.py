@@ -229,8 +229,7 @@ def write(options: argparse.Namespace, rows: list[Row], killed: int, size: float
         f"Made by `python benchmarks/cluster.py --runs {options.runs} --lines {options.lines} --kill-every "
         f"{options.kill_every:g}` on {environment('numpy', 'scipy', 'distributed')}: {options.runs} runs of "
         f"{options.lines} lines, {2 * options.lines} readings each, in files of {RUNS_OF_A_PART} runs ({size:.0f} MB). "
-        "Two cores do not show what four workers give, and other work ran on them at the same time: times in seconds "
-        "say little, processor times more.",
+        "Times hold the start of the cluster, and the process that sends needs a processor too.",
         "",
         *table(
             [
