@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from report_pages import report_of
 from scipy import optimize, stats
 from scipy.integrate import solve_ivp
 from sentences import refuses
@@ -387,3 +388,22 @@ def test_a_rotor_that_is_unstable_from_standstill_on_is_judged_in_words() -> Non
     report = fit.stability_report(max_speed_rpm=1500)
     (ratio,) = [found for found in report.criteria if found.name.startswith("threshold speed")]
     assert not ratio.met
+
+
+@pytest.mark.usefixtures("sketched")
+def test_a_report_says_why_a_rotor_cannot_be_judged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where draws about a fit to wrong data have no stiffness."""
+    fit = simulated_fit(1, 0.03)
+    monkeypatch.setattr(judging, "_thresholds", lambda *_: np.linalg.solve(np.zeros((1, 1)), np.ones((1, 1))))
+    with refuses(ValueError):
+        fit.stability_report(max_speed_rpm=RUNNING * RPM)
+    assert "cannot be judged" in report_of(fit, tmp_path / "report.html").shown
+
+
+def test_a_rotor_known_to_have_no_stiffness_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    theta, w = MODEL.vector(TRUE | {"K": 0.0, "K0": 0.0}), np.linspace(40.0, 320.0, 30)
+    test = circular_test(MODEL, theta, speeds=SPEEDS, frequency=np.r_[-w, w], noise=0.01, seed=1, sigma_known=True)
+    rf.write(test, tmp_path / "free.csv")
+    known = [word for name in ("K", "K0") for word in ("--known", f"{name}=0")]
+    assert main(["fit", str(tmp_path / "free.csv"), "--model", "one-mode", "--planes", "disk", *known]) == 2
+    assert "without static stiffness" in capsys.readouterr().err

@@ -48,9 +48,11 @@ def companion(coefficients: ComplexArray) -> tuple[ComplexArray, float]:
     scale = float(min(ratios)) if ratios else 1.0
     powers = scale ** np.arange(order + 1)
     scaled = coefficients * powers[:, None, None]
-    top = -np.linalg.solve(
-        scaled[..., 0, :, :], np.concatenate([scaled[..., k, :, :] for k in range(1, order + 1)], axis=-1)
-    )
+    others = np.concatenate([scaled[..., k, :, :] for k in range(1, order + 1)], axis=-1)
+    try:
+        top = -np.linalg.solve(scaled[..., 0, :, :], others)
+    except np.linalg.LinAlgError:
+        raise np.linalg.LinAlgError("a rotor without static stiffness has no modes to be judged") from None
     matrix = np.zeros((*coefficients.shape[:-3], order * n, order * n), dtype=complex)
     matrix[..., :n, :] = top
     for k in range(order - 1):

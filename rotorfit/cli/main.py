@@ -99,6 +99,13 @@ def _carry_out(arguments: Sequence[str] | None) -> int:
     except BadInputError as problem:
         print(f"rotorfit: {shown(str(problem))}", file=sys.stderr)
         return ExitCode.BAD_INPUT
+    except ValueError as problem:
+        from numpy.linalg import LinAlgError  # late: help and completion do without NumPy
+
+        if not isinstance(problem, LinAlgError):
+            raise
+        print(f"rotorfit: {problem}", file=sys.stderr)  # equations of motion that cannot be solved, as known values are
+        return ExitCode.BAD_INPUT
     except KeyboardInterrupt as stop:
         print(f"rotorfit: interrupted, {stop.args[0] if stop.args else 'nothing was written'}", file=sys.stderr)
         return ExitCode.INTERRUPTED

@@ -236,16 +236,20 @@ def _own_modes(fit: FitResult) -> Iterator[Html]:
 
 
 def _criteria(material: ReportInput) -> Iterator[Html]:
-    """The rotor judged at its running speed; nothing where it has none or cannot be judged."""
+    """The rotor judged at its running speed, or why it cannot be; nothing where it has no such speed."""
     fit, speed = material.fit, material.operating_speed
     top = float(fit.speeds.max(initial=0.0)) if speed is None else speed
     if not top or fit.model.turns or not fit.success or len(fit.thetas) > 1:
         return
     draws = fit if material.posterior is None else material.posterior
-    found = draws.stability_report(max_speed_rpm=top * RPM_PER_RAD_S)
-    head, *rows = found.rows()
     where = "running speed" if speed is not None else "highest tested speed"
     yield element("h3", f"Criteria at the {where}, {significant(top * RPM_PER_RAD_S, 5)} rpm")
+    try:
+        found = draws.stability_report(max_speed_rpm=top * RPM_PER_RAD_S)
+    except ValueError as refusal:  # such as of a fit to wrong data, whose stiffness vanishes
+        yield note(sentence(str(refusal)))
+        return
+    head, *rows = found.rows()
     yield table(head, rows, numeric=(1, 5))
     yield note(*map(sentence, (*([found.caution] if found.caution else []), *found.remarks)))
 

@@ -131,7 +131,8 @@ def stability_report(
         try:
             return [_answer(question, case, *rotors, level) for question in questions(rotors[0])]
         except np.linalg.LinAlgError:
-            raise ValueError(f"case {case!r} leaves a rotor without stiffness, which cannot be judged") from None
+            who = f"case {case!r} leaves a rotor" if case else "the fit is a rotor"
+            raise ValueError(f"{who} without stiffness, which cannot be judged") from None
 
     criteria = [one for case, factors in {"": {}, **(cases or {})}.items() for one in answers(case, factors)]
     # Rotors from which bands of curves are read: a limit of 95 % is known to a tenth of a standard deviation
