@@ -462,3 +462,14 @@ def test_document_is_deterministic_but_for_its_date(rig_fit: FitResult) -> None:
     first, second = (re.sub(r"\d{4}-\d\d-\d\d \d\d:\d\d", "", document(material, "title")) for _ in range(2))
     assert first == second
     assert io.StringIO(first).readline().strip() == "<!DOCTYPE html>"
+
+
+@pytest.mark.usefixtures("sketched")
+def test_warnings_of_the_data_stand_in_the_verdict(tmp_path: Path) -> None:
+    """A probe that reads a quarter too much leaves the misfit as it is, and makes every stiffness wrong."""
+    rig = rf.datasets.rig_lumped()
+    wrong = (rig.plane == "disk") & (rig.direction == "y")
+    test = replace(rig, response=np.where(wrong, 1.25, 1.0) * rig.response)
+    fit = rf.fit(rf.models.WhirlWhip(), test, known={"K3": 6000.0})
+    page = report_of(fit, tmp_path / "report.html")
+    assert "reads 1.25 times" in page.text.partition("<h2>Dynamic stiffness")[0]

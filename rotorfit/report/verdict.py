@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.data.findings import attributed, errors_in
+from rotorfit.data.findings import Finding, attributed, errors_in
 from rotorfit.fitting.noise.record import NoiseVerdict
 from rotorfit.fitting.noise.residual_study import MODEL_LIMITED_REDCHI
 from rotorfit.fitting.noise.words import VERDICTS
@@ -47,7 +47,10 @@ def verdict_section(material: ReportInput) -> Html:
         element("div", *cards, class_="cards"),
     ]
     errors = data_errors(material)
-    warnings = [*(f"error in the data: {words}" for words in errors), *fit.warnings]
+    warnings = [f"error in the data: {words}" for words in errors]
+    of_data = [found.words for found in _of_data(material) if found.severity == "warning"]
+    warnings += dict.fromkeys(f"warning of the data: {words}" for words in of_data)
+    warnings += fit.warnings
     warnings += fit.assumed.words[1:]
     if fit.identifiability.unresolved:
         warnings.append("not determined by these data: " + ", ".join(fit.identifiability.unresolved))
@@ -65,8 +68,12 @@ def verdict_section(material: ReportInput) -> Html:
 def data_errors(material: ReportInput) -> tuple[str, ...]:
     """Errors of the data, those that explain the misfit first; of a refined model those of the fit before."""
     first = material.fit if material.refinement is None else material.refinement.candidates[0]
-    sources = [test.source or test.title for test in material.fit.experiments]
-    return errors_in((*first.findings, *attributed(material.findings, sources)))
+    return errors_in((*first.findings, *_of_data(material)))
+
+
+def _of_data(material: ReportInput) -> list[Finding]:
+    """What the check of the data found, errors first."""
+    return attributed(material.findings, [test.source or test.title for test in material.fit.experiments])
 
 
 def _headline(material: ReportInput) -> Iterator[str]:

@@ -228,7 +228,7 @@ def _words(found: Assumptions) -> list[str]:
         "do not determine it. The last column is the largest of these changes in standard errors."
     ]
     if found.missing:
-        names = ", ".join(f"{entry.meaning} {entry.name} (z {entry.z:+.1f})" for entry in found.missing[:3])
+        names = ", ".join(f"{entry.name} ({entry.meaning}; z {entry.z:+.1f})" for entry in found.missing[:3])
         words.append(f"The data ask for structure that the model lacks: {names}, or something like it.")
     words += [
         f"There is coupling damping, so a damper acts somewhere, perhaps at the journal too and as strongly. These "
