@@ -331,7 +331,7 @@ def test_every_kind_of_experiment_has_a_report(kind: str, tmp_path: Path) -> Non
         (-9.8e-9, 5.1e-9, ("−9.8·10⁻⁹", "5.1·10⁻⁹")),
         (2.5e8, 3.1e6, ("2.500·10⁸", "0.031·10⁸")),
         (0.0, 1.5e-6, ("0.0·10⁻⁶", "1.5·10⁻⁶")),
-        (3.25, np.inf, ("3.2500", "–")),
+        (3.25, np.inf, ("3.25", "–")),
     ],
 )
 def test_numbers_end_with_the_second_digit_of_their_error(value: float, error: float, shown: tuple[str, str]) -> None:

@@ -11,16 +11,8 @@ from rotorfit.units import RPM_PER_RAD_S
 
 
 def plain(value: float, places: int = 5) -> str:
-    """A number with a few significant digits and a real minus sign; a dash where there is none."""
-    if not math.isfinite(value):
-        return "–"
-    if not value:
-        return "0"
-    if not 1e-4 <= abs(value) < 1e7:
-        mantissa, exponent = f"{value:.{places - 1}e}".split("e")
-        return f"{mantissa}·10{superscript(int(exponent))}".replace("-", "−")
-    shown = f"{value:#.{places}g}" if abs(value) < 10 ** (places - 1) else f"{value:.0f}"
-    return shown.rstrip(".").replace("-", "−")
+    """A number to a few significant digits with a real minus sign; a dash where there is none."""
+    return _typeset(digits.significant(value, places)) if math.isfinite(value) else "–"
 
 
 def with_error(value: float, error: float) -> tuple[str, str]:
