@@ -55,6 +55,15 @@ for name, value in fluid.items():
     print(f"{name:<4} truth {value:6g}   fitted {parameter.value:8.4g} +- {parameter.stderr:.2g} {parameter.unit}")
 
 # %%
+# What Figs 29 (b) and (c) show, as numbers: the ratio of each tap, and the lam of the law at the same eccentricity.
+
+print("rpm   eccentricity   frequency over speed   lam of the law")
+for block in fit.problem.blocks:
+    rest = block.measured_eccentricity(fit.thetas)
+    for rpm, eps, ratio in zip(block.speed * RPM, rest, block.measured.imag / block.speed, strict=True):
+        print(f"{rpm:4.0f}{eps:14.2f}{abs(ratio):23.3f}{fluid['lam'] * (1 - eps) ** fluid['b']:17.3f}")
+
+# %%
 # The points are frequencies of the ring-downs over the speed, and the curves are those of the fitted rotor. The law
 # itself is smooth: over these eccentricities its lam (dashed) falls steadily.
 
