@@ -29,9 +29,8 @@ from reporting import RESULTS, environment, table, write_csv
 from rigs import FORCE, RIGS, Rig, true_vector, with_noise
 
 from rotorfit.estimators.blocks.observations import Responses
-from rotorfit.estimators.inference.ensemble_sampler import sample
+from rotorfit.estimators.inference.ensemble_sampler import IndependenceMove, sample
 from rotorfit.estimators.inference.log_posterior import LogPosterior
-from rotorfit.estimators.inference.proposals import IndependenceMove
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.estimators.misfit.problem import Problem

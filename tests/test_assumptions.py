@@ -12,8 +12,7 @@ from fe_rigs import JOURNAL, K3, TYPICAL, Rig
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.estimators.inference.left_out_columns import whitened_columns
-from rotorfit.estimators.inference.score_tests import score_tests
+from rotorfit.estimators.inference.score_tests import score_tests, whitened_columns
 from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN
 from rotorfit.fitting.structure.refine import refit
 from rotorfit.models import WhirlWhip, threshold_speed

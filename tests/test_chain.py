@@ -10,7 +10,7 @@ from synthetic import circular_test, covering_frequencies
 
 import rotorfit as rf
 from rotorfit.models import MODELS, Chain, TwoDisk, chain_from_modes, chain_modes, eigenvalues, threshold_speed
-from rotorfit.models.shafts.lanczos import bidiagonal
+from rotorfit.models.shafts.chain_match import bidiagonal
 
 PUBLISHED = {"M1": 0.73, "M2": 0.79, "K1": 18900.0, "K2": 63700.0, "K3": 22600.0}
 

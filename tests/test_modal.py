@@ -230,7 +230,7 @@ def test_fewer_modes_than_the_responses_have() -> None:
 
 def test_poles_by_vector_fitting() -> None:
     """Those of exact responses; and noise as large as the responses leaves them in sight."""
-    from rotorfit.estimators.starting.vector_fitting import Response, common_poles
+    from rotorfit.estimators.starting.modal_start import Response, common_poles
 
     rng = np.random.default_rng(0)
     w = np.linspace(60.0, 1250.0, 1500)

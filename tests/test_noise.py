@@ -10,13 +10,13 @@ from scipy.stats import bartlett
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
-from rotorfit.estimators.noise.reading_noise import (
+from rotorfit.estimators.noise.sweep_noise import (
     NOISE_FLOOR,
+    _agree,
     deviations_of_repeats,
     noise_from_samples,
     noise_from_smoothness,
 )
-from rotorfit.estimators.noise.sweep_noise import _agree
 from rotorfit.fitting.problem_setup import group_rows
 from rotorfit.models import OneMode
 from rotorfit.observing.circular import observe

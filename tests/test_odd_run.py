@@ -12,7 +12,7 @@ from slips import thinned
 
 import rotorfit as rf
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.estimators.noise.odd_run import misfit_without
+from rotorfit.estimators.noise.run_effects import misfit_without
 
 ODD = "journal-bwd-2000"
 Slip = Callable[[PerturbationTest], PerturbationTest]

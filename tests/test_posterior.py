@@ -12,9 +12,9 @@ from scipy import integrate, stats
 from sentences import refuses
 
 import rotorfit as rf
+from rotorfit.estimators.inference.ensemble_sampler import IndependenceMove
 from rotorfit.estimators.inference.ensemble_sampler import sample as run_emcee
 from rotorfit.estimators.inference.log_posterior import LogPosterior
-from rotorfit.estimators.inference.proposals import IndependenceMove
 from rotorfit.models import OneMode
 
 

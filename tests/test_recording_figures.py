@@ -11,8 +11,8 @@ from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.cli.main import main
-from rotorfit.estimators.signals.order_vectors import order_vectors
 from rotorfit.estimators.signals.spectral_lines import full_spectrum
+from rotorfit.estimators.signals.tracking import order_vectors
 from rotorfit.recordings.marks import Marks, speeds
 from rotorfit.recordings.reduction.swept_vectors import swept_vectors
 from rotorfit.recordings.spectra import cascade, spectrum

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rotorfit.estimators.inference.ensemble_sampler import sample
+from rotorfit.estimators.inference.ensemble_sampler import IndependenceMove, best_proposal, sample
 from rotorfit.estimators.inference.log_posterior import LogPosterior
-from rotorfit.estimators.inference.proposals import IndependenceMove, best_proposal
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.priors import LogPriors, Prior
 

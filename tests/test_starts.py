@@ -18,7 +18,7 @@ from synthetic import (
 )
 
 import rotorfit as rf
-from rotorfit.estimators.starting.rational_fit import rational_fit
+from rotorfit.estimators.starting.many_starts import rational_fit
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import WhirlWhip

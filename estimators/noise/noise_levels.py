@@ -1,6 +1,6 @@
 """Noise levels from the residuals of a fit by restricted likelihood, for residuals that are white along each sweep.
 
-Noise found in the data alone (:mod:`rotorfit.estimators.noise.reading_noise`) does not see what both probes share, such
+Noise found in the data alone (:mod:`rotorfit.estimators.noise.sweep_noise`) does not see what both probes share, such
 as a force that jitters. Residuals see it, and where they do not follow one another along the sweep it is noise and no
 misfit.
 """
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.estimators.noise.reading_noise import LINES_OF_A_LEVEL, NOISE_FLOOR
+from rotorfit.estimators.noise.sweep_noise import LINES_OF_A_LEVEL, NOISE_FLOOR
 from rotorfit.estimators.significance import P_UNLIKELY
 from rotorfit.models.array_types import Float, Index
 

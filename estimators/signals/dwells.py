@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rotorfit.estimators.signals.local_response import INPUT_AMPLITUDE_SHARE, RecordSpectra
+from rotorfit.estimators.signals.local_response import RecordSpectra, seen
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.digits import significant
 
@@ -70,7 +70,10 @@ def dwell_response(spectra: RecordSpectra, at: float) -> DwellResponse:
     if 2 * half + 1 < 2 * unknowns:
         raise ValueError(f"{significant(at * 2 * np.pi / step, 3)} turns are too few for a dwell")
     smooth = np.polynomial.legendre.legvander(np.linspace(-1, 1, 2 * half + 1), degree).astype(complex)
-    matrix = np.column_stack([spectra.forces[0, lines], smooth, _orders(spectra.others, lines, smooth, unknowns)])
+    # The shaft's orders beside it; half the lines stay free.
+    greatest, most = np.abs(spectra.others).max(axis=1, initial=0.0), (2 * half + 1) // 2 - unknowns
+    orders = seen(spectra.others[:, lines].T, smooth, greatest, most)
+    matrix = np.column_stack([spectra.forces[0, lines], smooth, orders])
     scale = np.linalg.norm(matrix, axis=0)
     q, r = np.linalg.qr(matrix / scale)
     inverse = np.linalg.inv(r)[0] / scale[0]
@@ -79,13 +82,3 @@ def dwell_response(spectra: RecordSpectra, at: float) -> DwellResponse:
     left = measured - q @ projected
     noise = np.sqrt(np.sum(np.abs(left) ** 2, axis=0) / (matrix.shape[0] - matrix.shape[1]))
     return DwellResponse(inverse @ projected, noise * float(np.sqrt(np.sum(np.abs(inverse) ** 2) / 2)), noise)
-
-
-def _orders(others: ComplexArray, lines: slice, smooth: ComplexArray, unknowns: int) -> ComplexArray:
-    """Spectra of the shaft's orders that a smooth transient cannot stand for; half the lines stay free."""
-    columns = others[:, lines].T
-    greatest = np.abs(others).max(axis=1, initial=0.0)
-    rest = np.linalg.norm(columns - smooth @ np.linalg.lstsq(smooth, columns, rcond=None)[0], axis=0)
-    most = max(columns.shape[0] // 2 - unknowns, 0)
-    strongest = np.argsort(-rest / np.maximum(greatest, 1e-300))[:most]
-    return columns[:, [k for k in sorted(strongest.tolist()) if rest[k] > INPUT_AMPLITUDE_SHARE * greatest[k]]]

@@ -10,11 +10,10 @@ with the weight at opposite places are differenced.
 
 Two choices of ours:
 
-- Bands do not slide but tile the axis (:mod:`rotorfit.estimators.signals.band_tiling`), and H is reported at the
-  zeros of the polynomial of degree R + 1 that is orthogonal with the weight ``|F|^2`` on the lines of the band (Gauss
-  nodes). By the Christoffel-Darboux identity the R + 1 estimates of a band are uncorrelated there, so that a fit may
-  take them for independent; they hold all that the band knows; and the leading term that the polynomial leaves out
-  vanishes there.
+- Bands do not slide but tile the axis (:func:`tile`), and H is reported at the zeros of the polynomial of degree R + 1
+  that is orthogonal with the weight ``|F|^2`` on the lines of the band (Gauss nodes). By the Christoffel-Darboux
+  identity the R + 1 estimates of a band are uncorrelated there, so that a fit may take them for independent; they hold
+  all that the band knows; and the leading term that the polynomial leaves out vanishes there.
 - The noise level of a band is pooled with its neighbours' unless it is clearly above them.
 """
 
@@ -25,14 +24,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rotorfit.estimators.signals.band_tiling import pooled_noise, tile
-from rotorfit.estimators.signals.local_poles import SMOOTH_DEGREE, nearest_pole
+from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.models.digits import significant
 
+SMOOTH_DEGREE = 2
+"""Degree of the polynomials that a response and a transient are in a band: its numerator, where it has a pole there."""
+
+POOLED_FREEDOM = 60
+"""Complex degrees of freedom that a noise level is pooled from, so that it is known to 1/(2 sqrt(60)) = 6 %."""
+
 INPUT_AMPLITUDE_SHARE = 3e-3
 """An input counts in a band where what is not smooth of its spectrum exceeds this fraction of its greatest line."""
-
 
 POLE_PASSES = 4
 """Times that poles are looked for in a record without transients, whose bands are narrow: those of rough responses, and
@@ -181,6 +184,8 @@ def _solver(
     records: Sequence[RecordSpectra], edges: Float, poles: ComplexArray, transient: bool
 ) -> Callable[[int, int], LocalFit]:
     """A function that fits a band from one of the edges to another, with the pole nearest to its middle."""
+    from scipy.linalg import block_diag
+
     greatest = [np.abs(record.others).max(axis=1, initial=0.0) for record in records]
     borders = [np.searchsorted(record.frequency, edges) for record in records]
     known = (SMOOTH_DEGREE + 1) * records[0].forces.shape[0]
@@ -192,14 +197,12 @@ def _solver(
         position = [(r.frequency[part] - middle) / half for r, part in zip(records, lines, strict=True)]
         pole = (poles[(first + last) // 2] - middle) / half
         powers = [_basis(at, pole) for at in position]
-        drive = np.vstack([_drive(r.forces[:, part], p) for r, part, p in zip(records, lines, powers, strict=True)])
-        own = [
-            np.hstack([p, _seen(r.others[:, part].T, p, INPUT_AMPLITUDE_SHARE * top, p.shape[0] - smooth - 1)])
-            if transient
-            else p[:, :0]
-            for r, part, p, top in zip(records, lines, powers, greatest, strict=True)
-        ]
-        matrix = np.hstack([drive, _block_diagonal(own)])
+        drive, own = [], []  # polynomials of all responses, one force after the other; what each record has of its own
+        for record, part, p, top in zip(records, lines, powers, greatest, strict=True):
+            drive.append((record.forces[:, part, None] * p).transpose(1, 0, 2).reshape(len(p), -1))
+            some = seen(record.others[:, part].T, p, top, len(p) - smooth - 1) if transient else p[:, :0]
+            own.append(np.hstack([p, some]) if transient else some)
+        matrix: ComplexArray = np.hstack([np.vstack(drive), block_diag(*own)])
         measured = np.hstack([r.outputs[:, part] for r, part in zip(records, lines, strict=True)]).T
         scale = np.linalg.norm(matrix, axis=0)
         q, r = np.linalg.qr(matrix / scale)
@@ -246,11 +249,6 @@ def _basis(position: Float, pole: complex) -> ComplexArray:
     return np.asarray(powers / (1 - position / pole)[:, None])
 
 
-def _drive(forces: ComplexArray, powers: ComplexArray) -> ComplexArray:
-    """Columns of the polynomials of all responses, one force after the other."""
-    return np.asarray((forces[:, :, None] * powers).transpose(1, 0, 2).reshape(powers.shape[0], -1))
-
-
 def _usually_seen(records: Sequence[RecordSpectra], inside: Sequence[Bool]) -> int:
     """How many of the other inputs nine in ten pieces of the band have: few of a steady shaft, all of a start-up."""
     counts = [0]
@@ -259,22 +257,89 @@ def _usually_seen(records: Sequence[RecordSpectra], inside: Sequence[Bool]) -> i
         parts = np.array_split(np.flatnonzero(lines), max(int(lines.sum()) // (4 * (SMOOTH_DEGREE + 1)), 1))
         for part in parts:
             powers = _basis(np.linspace(-1, 1, part.size), complex(np.nan))
-            counts.append(_seen(record.others[:, part].T, powers, INPUT_AMPLITUDE_SHARE * greatest, part.size).shape[1])
+            counts.append(seen(record.others[:, part].T, powers, greatest, part.size).shape[1])
     return int(np.quantile(counts, 0.9))
 
 
-def _seen(columns: ComplexArray, powers: ComplexArray, least: Float, most: int) -> ComplexArray:
-    """The columns that a smooth transient cannot stand for, at most so many of them."""
+def seen(columns: ComplexArray, powers: ComplexArray, greatest: Float, most: int) -> ComplexArray:
+    """Spectra of inputs that a smooth transient cannot stand for, at most so many of them; their greatest lines say
+    what counts."""
     rest = np.linalg.norm(columns - powers @ np.linalg.lstsq(powers, columns, rcond=None)[0], axis=0)
-    strongest = np.argsort(-rest / np.maximum(least, 1e-300))[: max(most, 0)]
-    return columns[:, [k for k in sorted(strongest.tolist()) if rest[k] > least[k]]]
+    strongest = np.argsort(-rest / np.maximum(greatest, 1e-300))[: max(most, 0)]
+    return columns[:, [k for k in sorted(strongest.tolist()) if rest[k] > INPUT_AMPLITUDE_SHARE * greatest[k]]]
 
 
-def _block_diagonal(blocks: Sequence[ComplexArray]) -> ComplexArray:
-    rows, columns = np.sum([block.shape for block in blocks], axis=0)
-    whole = np.zeros((rows, columns), complex)
-    row = column = 0
-    for block in blocks:
-        whole[row : row + block.shape[0], column : column + block.shape[1]] = block
-        row, column = row + block.shape[0], column + block.shape[1]
-    return whole
+def nearest_pole(frequency: Float, response: ComplexArray, sigma: Float) -> complex:
+    """Pole in the upper half-plane of w (a mode that decays), NaN where the responses show none. Around a resonance
+    every response is ``(smooth)/(w - p)`` with one pole p for all of them. From rough responses, ``w H = p H + q(w)``
+    with a quadratic q for each is linear in p and q (Levy's linearisation), weighted by ``1/(sigma |w - p|)`` with the
+    p of the step before (Sanathanan and Koerner 1963). A pole that is a little off costs little: a smooth function over
+    ``w - p`` stands for the responses as well as a polynomial does, and better."""
+    middle = float(frequency.mean())
+    half = float(np.ptp(frequency)) / 2
+    x = (frequency - middle) / half
+    powers = np.vander(x, SMOOTH_DEGREE + 1)
+    pole = complex(np.inf)
+    for _ in range(4):
+        weight = 1 / (sigma * (1.0 if np.isinf(pole) else np.abs(x - pole)))
+        q = np.linalg.qr(powers * weight[:, :, None])[0]
+        # what is left of H and of x H beside the quadratics
+        both = np.stack([response * weight, response * weight * x], axis=2)
+        both -= q @ (q.swapaxes(1, 2) @ both)
+        top, bottom = np.vdot(both[:, :, 0], both[:, :, 1]), np.vdot(both[:, :, 0], both[:, :, 0])
+        if abs(bottom) < response.size:  # what is not smooth of the responses is their noise
+            return complex(np.nan, np.nan)
+        pole = complex(top / bottom)
+    return middle + half * pole if pole.imag > 0 else complex(np.nan, np.nan)
+
+
+def tile(count: int, solve: Callable[[int, int], LocalFit]) -> list[LocalFit]:
+    """Bands that cover all lines, each fitted. A wide band needs fewer unknowns for the same lines, a narrow one
+    follows a resonance. Neighbours are joined two by two where Akaike's criterion prefers one fit of both, from the
+    narrowest bands up; then every joined band is halved again, because a bias too small to be seen in one band may yet
+    be seen by a fit of all of them."""
+    narrow = [solve(first, first + 1) for first in range(count)]
+    noise = pooled_noise(narrow)
+    chosen = {first: [(first, 1)] for first in range(count)}
+    cost = {first: _criterion(narrow[first], noise[:, first]) for first in range(count)}
+    doublings = 5  # times that bands may be doubled; chosen
+    for length in (2**level for level in range(1, doublings + 1)):
+        half = length // 2
+        for first in range(0, count - length + 1, length):
+            level = np.sqrt(np.mean(noise[:, first : first + length] ** 2, axis=1))
+            together = _criterion(solve(first, first + length), level)
+            apart, others = cost[first] + cost.pop(first + half), chosen.pop(first + half)
+            cost[first] = min(together, apart)
+            chosen[first] = [(first, length)] if together <= apart else chosen[first] + others
+    found = []
+    for first, length in (band for start in sorted(chosen) for band in chosen[start]):
+        half = max(length // 2, 1)
+        parts = range(first, first + length, half)
+        found += [narrow[part] if half == 1 else solve(part, part + half) for part in parts]
+    return found
+
+
+def _criterion(fit: LocalFit, noise: Float) -> float:
+    """Akaike's criterion over 2 with a known noise level, of all outputs together."""
+    return float(np.sum(fit.misfit / noise**2) + 2 * fit.unknowns * noise.size)
+
+
+def pooled_noise(fits: Sequence[LocalFit]) -> Float:
+    """Noise ``sqrt(E |N|^2)`` of each output in each band, shape ``(P, bands)``. The nearest bands that together have
+    :data:`POOLED_FREEDOM` degrees of freedom are pooled, but for those above their median (hum, an order of the shaft).
+    A band that is clearly above its pool keeps its own level."""
+    misfit = np.array([fit.misfit for fit in fits]).T
+    dof = np.array([fit.dof for fit in fits], dtype=float)
+    own = misfit / dof
+    limit = 1 + SIGNIFICANT_ERRORS / np.sqrt(dof)
+    total = np.concatenate([[0.0], np.cumsum(dof)])
+    centre = (total[:-1] + total[1:]) / 2
+    begin = np.clip(centre - POOLED_FREEDOM / 2, 0, max(total[-1] - POOLED_FREEDOM, 0))
+    first = np.searchsorted(total, begin, side="right") - 1
+    last = np.clip(np.searchsorted(total, begin + POOLED_FREEDOM), first + 1, dof.size)
+    level = np.empty_like(own)
+    for band, (start, stop) in enumerate(zip(first.tolist(), last.tolist(), strict=True)):
+        near = slice(start, stop)
+        kept = own[:, near] <= np.median(own[:, near], axis=1, keepdims=True) * limit[near]
+        level[:, band] = np.sum(np.where(kept, misfit[:, near], 0.0), axis=1) / (kept @ dof[near])
+    return np.asarray(np.sqrt(np.where(own > level * limit, own, level)))

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.estimators.signals.decaying_sum import LARGEST_GROWTH, DecayingSum, columns_of_sum
 from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.models.array_types import ComplexArray, Float
 
+LARGEST_GROWTH = 1e6
+"""Growth over the record beyond which an exponential is no motion of a rotor. Chosen."""
 _LEAST_DECAY_RATIO = 0.05  # ratio of successive samples of a decay that is seen at all
 _STEADY_DISTANCE = 0.05  # of a frequency: distance from it, decay included, at which a mode may be steady vibration
 
@@ -38,8 +39,10 @@ class Decay:
 def decay_of(time: Float, signals: Float, modes: int, steady: Float | None = None) -> Decay | None:
     """The sum of decaying vibrations whose order BIC prefers; None where the record shows none of so many modes."""
     found = list(_decays(time, signals, modes, np.zeros(0)))
-    if steady is not None and any(_is_steady(decay, steady) for decay in found):
-        found += _decays(time, signals, modes, steady)
+    if steady is not None:  # one of the modes may be steady vibration
+        apart = [np.abs(decay.s[:, None] - 1j * steady) for decay in found]
+        if any((distance < _STEADY_DISTANCE * steady).any() for distance in apart):
+            found += _decays(time, signals, modes, steady)
     # Forward and backward whirl of a nearly centred rotor lie so close that the pencil, in noise, sees one mode.
     shift = 0.1  # relative shift in frequency of the two modes that are looked for in the place of one
     doubled = [(d.s[:, None] + 1j * d.s.imag[:, None] * np.array([-shift, shift])).ravel() for d in found]
@@ -52,11 +55,6 @@ def decay_of(time: Float, signals: Float, modes: int, steady: Float | None = Non
     return min(candidates, key=lambda decay: decay.bic) if candidates else None
 
 
-def _is_steady(decay: Decay, steady: Float) -> bool:
-    """True if a sum has steady vibration among its modes."""
-    return bool((np.abs(decay.s[:, None] - 1j * steady) < _STEADY_DISTANCE * steady).any())
-
-
 def _decays(time: Float, signals: Float, modes: int, steady: Float) -> Iterator[Decay]:
     """Fits of several orders; poles of the pencil decide how many of them vibrate."""
     step = float(time[-1] / (time.size - 1))
@@ -66,7 +64,9 @@ def _decays(time: Float, signals: Float, modes: int, steady: Float) -> Iterator[
     moving = signals - (waves @ np.linalg.lstsq(waves, signals.T, rcond=None)[0]).T if steady.size else signals
     directions = _directions(moving)
     for count in range(2 * modes, top + 1):
-        ratio = _pencil(directions[:count])
+        # Ratios of successive samples of as many exponentials as directions, the strongest that x and y share.
+        V = directions[:count].T
+        ratio = np.linalg.eigvals(np.linalg.lstsq(V[:-1], V[1:], rcond=None)[0]).astype(complex)
         size = np.abs(ratio) ** (time.size - 1)
         if (np.abs(ratio) < _LEAST_DECAY_RATIO).any() or (size > LARGEST_GROWTH).any():
             continue  # more exponentials than the record holds: the rest of them are noise
@@ -88,12 +88,6 @@ def _directions(signals: Float) -> Float:
     stride = max(1, (n - width) // most_windows)
     windows = np.lib.stride_tricks.sliding_window_view(signals, width + 1, axis=1)[:, ::stride].reshape(-1, width + 1)
     return np.asarray(np.linalg.svd(windows, full_matrices=False)[2])
-
-
-def _pencil(strongest: Float) -> ComplexArray:
-    """Ratios of successive samples of as many exponentials as directions, the strongest that x and y share."""
-    V = strongest.T
-    return np.asarray(np.linalg.eigvals(np.linalg.lstsq(V[:-1], V[1:], rcond=None)[0]).astype(complex))
 
 
 def _refine(time: Float, signals: Float, s: ComplexArray, real: Float, steady: Float) -> Decay:
@@ -139,7 +133,14 @@ def _variances(rest: Float, jacobian: Float, q: Float) -> Float:
     gain = jacobian @ root @ root.T  # of the noise into the eigenvalues
     own = np.column_stack([np.linalg.qr(jacobian)[0], np.kron(np.eye(2), q)])  # what the sum takes up of the noise
     power, lags = _noise(rest, own.reshape(2, len(rest), -1))
-    return _scatter(gain.reshape(2, len(rest), -1), lags) * power
+    gain = gain.reshape(2, len(rest), -1)
+    white = np.sum(gain**2, axis=(0, 1))
+    total = white
+    for lag, value in enumerate(lags[1:].tolist(), start=1):
+        total = total + 2 * value * np.sum(gain[:, lag:] * gain[:, :-lag], axis=(0, 1))
+    # Correlations that are cut off need not be those of any noise.
+    floor = 0.01  # of the variance in white noise, to which a filter may bring that of an eigenvalue down
+    return np.asarray(np.maximum(total, floor * white) * power)
 
 
 def _noise(rest: Float, own: Float) -> tuple[float, Float]:
@@ -147,7 +148,10 @@ def _noise(rest: Float, own: Float) -> tuple[float, Float]:
     left of noise lacks what the sum took up, which is the more the longer its memory: repeated a few times."""
     lags, variance = np.ones(1), 0.0
     for _ in range(4):  # in which correlations and what the sum takes up of the noise settle
-        follows = own + sum(v * (_later(own, k) + _earlier(own, k)) for k, v in enumerate(lags[1:].tolist(), start=1))
+        follows = own.copy()
+        for lag, value in enumerate(lags[1:].tolist(), start=1):
+            follows[:, lag:] += value * own[:, :-lag]
+            follows[:, :-lag] += value * own[:, lag:]
         other = follows - own @ np.einsum("atp,atq->pq", own, follows) / 2
         taken = 2 * float(np.sum(own * other))
         variance = float(np.sum(rest**2)) / max(rest.size - taken, 1.0)
@@ -162,20 +166,71 @@ def _noise(rest: Float, own: Float) -> tuple[float, Float]:
     return variance, lags
 
 
-def _later(columns: Float, lag: int) -> Float:
-    return np.concatenate([np.zeros_like(columns[:, :lag]), columns[:, :-lag]], axis=1)
+def columns_of_sum(time: Float, s: ComplexArray, real: Float, steady: Float) -> Float:
+    """Columns of the sum: cosine and sine of each mode, the real decays, the steady vibration, the constant."""
+    largest = 2 * np.log(LARGEST_GROWTH) / time[-1]  # keeps trial points of the search finite
+    wave = np.exp(np.outer(time, np.minimum(s.real, largest) + 1j * s.imag))
+    decays, turning = np.exp(np.outer(time, np.minimum(real, largest))), np.outer(time, steady)
+    return np.column_stack([wave.real, wave.imag, decays, np.cos(turning), np.sin(turning), np.ones(time.size)])
 
 
-def _earlier(columns: Float, lag: int) -> Float:
-    return np.concatenate([columns[:, lag:], np.zeros_like(columns[:, :lag])], axis=1)
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Projected:
+    """The best sum with given eigenvalues."""
+
+    basis: Float  # its columns, shape ``(n, p)``, see :func:`columns_of_sum`
+    q: Float  # an orthonormal basis of the same, same shape
+    amplitudes: Float  # of the columns in x and y, shape ``(p, 2)``
+    rest: Float  # what the sum leaves of x and y, shape ``(n, 2)``
 
 
-def _scatter(gain: Float, lags: Float) -> Float:
-    """Variance of ``gain.T @ noise``, entry by entry, for noise of unit variance with given correlations along time."""
-    white = np.sum(gain**2, axis=(0, 1))
-    total = white
-    for lag, value in enumerate(lags[1:].tolist(), start=1):
-        total = total + 2 * value * np.sum(gain[:, lag:] * gain[:, :-lag], axis=(0, 1))
-    # Correlations that are cut off need not be those of any noise.
-    floor = 0.01  # of the variance in white noise, to which a filter may bring that of an eigenvalue down
-    return np.asarray(np.maximum(total, floor * white))
+class DecayingSum:
+    """Residuals of a record and their derivatives by the eigenvalues of a sum of decaying vibrations, its amplitudes
+    projected out (Kaufman 1975). Eigenvalues are one vector ``u``: real and imaginary parts of the vibrating ones, then
+    the real ones, over a scale."""
+
+    def __init__(self, time: Float, signals: Float, s: ComplexArray, real: Float, steady: Float) -> None:
+        self.time, self.signals, self.steady = time, signals, steady
+        self.modes = s.size
+        self.scale = float(np.abs(np.concatenate([s, real])).max())
+        self.level = float(np.sqrt(np.mean(signals**2)))
+        self.start = np.concatenate([s.real, s.imag, real]) / self.scale
+        self._last: tuple[Float, Projected] | None = None
+
+    def eigenvalues(self, u: Float) -> tuple[ComplexArray, Float]:
+        """The vibrating and the real eigenvalues, 1/s."""
+        m = self.modes
+        return np.asarray((u[:m] + 1j * u[m : 2 * m]) * self.scale, dtype=complex), np.asarray(u[2 * m :] * self.scale)
+
+    def project(self, u: Float) -> Projected:
+        """The best sum; a search asks for residuals and derivatives at the same points, so the last is kept."""
+        if self._last is None or not np.array_equal(u, self._last[0]):
+            basis = columns_of_sum(self.time, *self.eigenvalues(u), self.steady)
+            q, r = np.linalg.qr(basis)
+            inner = q.T @ self.signals.T
+            amplitudes = np.linalg.lstsq(r, inner, rcond=None)[0]
+            found = Projected(basis=basis, q=q, amplitudes=amplitudes, rest=self.signals.T - q @ inner)
+            self._last = u.copy(), found
+        return self._last[1]
+
+    def residual(self, u: Float) -> Float:
+        """Residuals of the best sum, of x, then of y, over the level of the record, shape ``(2 n,)``."""
+        return np.asarray(self.project(u).rest.T.ravel() / self.level)
+
+    def slopes(self, u: Float) -> Float:
+        """Derivatives of the residuals, the change of the amplitudes left out where that is allowed."""
+        at, m = self.project(u), self.modes
+        cosine, sine, decay = at.basis[:, :m], at.basis[:, m : 2 * m], at.basis[:, 2 * m : u.size]
+        columns = []
+        for axis in range(2):
+            a, b, d = at.amplitudes[:m, axis], at.amplitudes[m : 2 * m, axis], at.amplitudes[2 * m : u.size, axis]
+            by = np.column_stack([a * cosine + b * sine, -a * sine + b * cosine, d * decay])
+            by *= self.time[:, None] * self.scale
+            columns.append(-(by - at.q @ (at.q.T @ by)) / self.level)
+        return np.concatenate(columns)
+
+    def energy(self, u: Float) -> Float:
+        """Mean square of each vibrating mode in the record, shape ``(m,)``."""
+        at, m = self.project(u), self.modes
+        power = (at.basis[:, : 2 * m] ** 2).mean(axis=0).reshape(2, m).sum(axis=0)
+        return np.asarray(power * np.sum(at.amplitudes[: 2 * m].reshape(2, m, 2) ** 2, axis=(0, 2)))

@@ -22,7 +22,7 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 
-from rotorfit.estimators.signals.band_tiling import POOLED_FREEDOM
+from rotorfit.estimators.signals.local_response import POOLED_FREEDOM
 from rotorfit.estimators.signals.pulses import NumberedPulses
 from rotorfit.models.array_types import Bool, Float, Index
 

@@ -8,6 +8,7 @@ its amplitude, windows are the right thing; otherwise :mod:`rotorfit.estimators.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -67,3 +68,25 @@ def _window(motion: ComplexArray, angle: Float, shaft: Float | None) -> tuple[Co
     variance = np.sum(np.abs(left) ** 2, axis=0) / max(turn.size - basis.shape[1], 1)
     sigma = np.sqrt(variance * np.sum(np.abs(inverse[0]) ** 2) / 2)
     return amplitude[0], amplitude[1], np.asarray(sigma), clear
+
+
+def order_vectors(z: ComplexArray, angles: Sequence[Float], orders: int) -> ComplexArray:
+    """Coefficients of ``exp(j k angle)`` of several references in one window, ``(references, 2 orders + 1)``, ``k``
+    from ``-orders``, the mean with the first; NaN where angles drift apart by less than a turn, or from the mean. Meant
+    for figures and nonlinear tests, as tracking filters are."""
+    rows, columns = [np.ones(z.shape[-1], dtype=complex)], [(0, orders)]
+    found = np.zeros((len(angles), 2 * orders + 1, *z.shape[:-1]), dtype=complex)
+    turned = [abs(angle[-1] - angle[0]) for angle in angles]
+    for i, angle in enumerate(angles):
+        if turned[i] <= 2 * np.pi or any(abs(turned[i] - other) <= 2 * np.pi for other in turned[:i]):
+            found[i] = np.nan
+            continue
+        for k in range(1, orders + 1):
+            rows += [np.exp(1j * k * angle), np.exp(-1j * k * angle)]
+            columns += [(i, orders + k), (i, orders - k)]
+    basis = np.stack(rows)
+    weighted = basis.conj() * np.hanning(z.shape[-1] + 2)[1:-1]
+    solution = np.linalg.lstsq(weighted @ basis.T, weighted @ z.T, rcond=None)[0]
+    for (i, column), value in zip(columns, solution, strict=True):
+        found[i, column] = value
+    return found

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.response import inverse, known_lines
-from rotorfit.estimators.starting.lumped import Lumped
-from rotorfit.estimators.starting.lumped_graph import Place
+from rotorfit.estimators.starting.lumped import Lumped, Place
 from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
 from rotorfit.models.array_types import ComplexArray, Float, Index
 

@@ -6,18 +6,19 @@ model's graph once for each model and kind of test, and kept: identifying again 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
-from rotorfit.estimators.starting.lumped_graph import LumpedGraph, lumped_graph
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import COLLINEAR, Bool, Float, Index
+from rotorfit.models.array_types import COLLINEAR, Bool, ComplexArray, Float, Index
+from rotorfit.models.compiled import array_function
 
 _NEITHER, _LINEAR, _RECIPROCAL = 0, 1, 2
 
@@ -68,7 +69,7 @@ class Lumped:
             self.spread, self.offset = np.eye(count), np.zeros(count)
         self.back = self.spread if self.basis.size == count else np.linalg.pinv(self.spread)
         self.determined: dict[int, bool] = {}  # whether tests give all of them, by a digest of their layout
-        self._singles: dict[bytes, list[_Single]] = {}
+        self._alone: dict[bytes, Index] = {}
 
     def _evaluate(self, x: Float) -> tuple[Float, Float]:
         """Coefficients and their nonzero derivatives, shape ``(E, ...)`` for vectors of shape ``(p, ...)``."""
@@ -109,52 +110,35 @@ class Lumped:
         the only unknown, first those that depend on it most. Returns parameters, NaN where no coefficient gives one
         singly, shape ``(p,)``."""
         point, unknown = typical.copy(), np.ones(self.size, dtype=bool)
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):
             while unknown.any() and np.isfinite(point).all():
                 now, slopes = self._evaluate(point)
-                own = [single for single in self._alone(unknown) if slopes[single.derivative]]
-                if not own:
+                alone = self._single(unknown)
+                alone = alone[slopes[alone] != 0]
+                if not alone.size:
                     break
-                solved, share = np.array([single.solve(now, slopes, values, point) for single in own]).T
+                row, column, reciprocal = self._rows[alone], self._columns[alone], self._kind[alone] == _RECIPROCAL
+                here, level = point[column], now[row]
+                # Each coefficient is rest + slope t, with t the parameter or its reciprocal.
+                slope = np.where(reciprocal, -slopes[alone] * here**2, slopes[alone])
+                rest = level - np.where(reciprocal, slope / here, slope * here)
+                rest *= np.abs(rest) >= 1e-13 * np.abs(level)
+                own = values[row] - rest
+                solved = np.where(reciprocal, slope / own, own / slope)
+                share = np.abs(own) / (np.abs(rest) + np.abs(own) + 1e-300)
                 # Backwards, so that of several equally good coefficients the first one counts.
                 for i in np.flatnonzero(share >= (1 - 1e-12) * np.nanmax(share))[::-1].tolist():
-                    point[own[i].column], unknown[own[i].column] = solved[i], False
+                    point[column[i]], unknown[column[i]] = solved[i], False
         return np.where(unknown, np.nan, point)
 
-    def _alone(self, unknown: Bool) -> list[_Single]:
+    def _single(self, unknown: Bool) -> Index:
         """Derivatives of coefficients by what is the only unknown in them, and can be solved for."""
         key = unknown.tobytes()
-        if key not in self._singles:
+        if key not in self._alone:
             count = np.bincount(self._rows[unknown[self._columns]], minlength=self.place.row.size)
             alone = unknown[self._columns] & (count[self._rows] == 1) & (self._kind != _NEITHER)
-            self._singles[key] = [
-                _Single(int(place), int(self._rows[place]), int(self._columns[place]), self._kind[place] == _RECIPROCAL)
-                for place in np.flatnonzero(alone)
-            ]
-        return self._singles[key]
-
-
-class _Single(NamedTuple):
-    """A coefficient in which one parameter is the only unknown."""
-
-    derivative: int  # number of the derivative of the one by the other
-    row: int  # number of the coefficient
-    column: int  # number of the parameter
-    reciprocal: bool  # linear in one over the parameter, not in the parameter
-
-    def solve(self, now: Float, slopes: Float, values: Float, point: Float) -> tuple[float, float]:
-        """The parameter by one coefficient, and the share of the coefficient that depends on it."""
-        here, level, slope = point[self.column], now[self.row], slopes[self.derivative]
-        # The coefficient is rest + slope t, with t the parameter or its reciprocal.
-        if self.reciprocal:
-            slope = -slope * here**2
-            rest = level - slope / here
-        else:
-            rest = level - slope * here
-        rest = rest * (abs(rest) >= 1e-13 * abs(level))
-        own = values[self.row] - rest
-        solved = slope / own if self.reciprocal else own / slope
-        return solved, abs(own) / (abs(rest) + abs(own) + 1e-300)
+            self._alone[key] = np.flatnonzero(alone)
+        return self._alone[key]
 
 
 @lru_cache(maxsize=32)
@@ -209,3 +193,105 @@ def _basis(columns: Float, moving: Index) -> Index:
     diagonal = np.abs(np.diag(r))
     rank = int(np.sum(diagonal > COLLINEAR * diagonal[0])) if diagonal.size else 0
     return np.asarray(np.sort(pivots[:rank]), dtype=np.intp)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Place:
+    """Where lumped coefficients enter the dynamic stiffness, one entry a coefficient, shape ``(E,)``."""
+
+    block: Index
+    group: Index
+    row: Index  # row of kappa of each entry
+    column: Index  # column of kappa of each entry
+    power: Index  # power of s
+    unit: ComplexArray  # 1 or j
+    speed_power: Index  # power of the rotative speed
+    speed: Float  # speed to which it is restricted, NaN for all
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LumpedGraph:
+    """Lumped coefficients with speeds and known values as variables: fits that differ in those share one."""
+
+    function: Callable[[Sequence[Any]], Float]
+    rows: Index  # coefficient of each derivative
+    columns: Index  # fitted value of each derivative
+    place: Place  # where they enter, ``speed`` being the running number of the speed, -1 for all
+
+
+@lru_cache(maxsize=32)
+def lumped_graph(
+    model: RotorModel,
+    template: tuple[tuple[float | None, ...], ...],
+    index: tuple[tuple[int, ...], ...],
+    kinds: tuple[tuple[tuple[int, int, bool], ...], ...],
+    size: int,
+) -> LumpedGraph:
+    """Expressions of the lumped coefficients of a model in some blocks of observations."""
+    x = ca.SX.sym("x", size)
+    speed = ca.SX.sym("speed")
+    speeds = ca.SX.sym("speeds", sum(count for groups in kinds for _, count, _ in groups))
+    known = ca.SX.sym("known", sum(value is None for row in template for value in row))
+    symbols = iter(range(known.numel()))
+    thetas = [[known[next(symbols)] if value is None else value for value in row] for row in template]
+    places: list[tuple[float | complex, ...]] = []
+    expressions: list[ca.SX] = []
+    first = 0
+    for block, groups in enumerate(kinds):
+        for group, count, turns in groups:
+            theta = [x[k] if k >= 0 else value for k, value in zip(index[group], thetas[group], strict=True)]
+            own = [(first + k, speeds[first + k]) for k in range(count)]
+            for *entry, expression in _entries(model, theta, speed):
+                for degree, at, part in _speed_parts(expression, speed, own, turns):
+                    places.append((block, group, *entry, degree, at))
+                    expressions.append(part)
+            first += count
+    numbers = [np.array(column) for column in zip(*places, strict=True)]  # in the order of the attributes
+    place = Place(**dict(zip((field.name for field in fields(Place)), numbers, strict=True)))
+    values = ca.vertcat(*expressions)
+    jacobian = ca.jacobian(values, x)
+    rows, columns = (np.asarray(part, dtype=np.intp) for part in jacobian.sparsity().get_triplet())
+    # As an array function: calls of CasADi's own spend most of their time on converting matrices.
+    function = array_function(ca.Function("lumped", [x, speeds, known], [ca.densify(values), jacobian]))
+    return LumpedGraph(function=function, rows=rows, columns=columns, place=place)
+
+
+def _entries(
+    model: RotorModel, theta: Sequence[ca.SX | float], speed: ca.SX
+) -> Iterator[tuple[int, int, int, complex, ca.SX]]:
+    """Row, column, power of s, unit and expression of what is not zero in a centred rotor, probes' factors left out."""
+    n = len(model.coordinates)
+    inputs = ca.vertcat(*theta, speed, 0.0)
+    flat = model.functions.graph(inputs)
+    factors = model.functions.factor_graph(inputs)
+    for number in range(flat.numel()):
+        power, rest = divmod(number, 2 * n * n)
+        imaginary, place = divmod(rest, n * n)
+        row, column = divmod(place, n)
+        if not flat[number].is_zero():
+            seen = ca.simplify(flat[number] / factors[2 * column])
+            yield row, column, power, 1j if imaginary else 1.0 + 0j, seen
+
+
+def _speed_parts(
+    expression: ca.SX, speed: ca.SX, speeds: Sequence[tuple[int, ca.SX]], turns: bool
+) -> list[tuple[int, int, ca.SX]]:
+    """Split a coefficient by powers of the speed, or by speed where too few speeds were tested for that. Returns the
+    power of the speed, running number of the speed or -1 for all, and expression of each part."""
+    if not turns:  # a rotor at rest: terms with the speed say nothing
+        expression = ca.simplify(ca.substitute(expression, speed, ca.SX(0.0)))
+    if not ca.depends_on(expression, speed):
+        return [] if expression.is_zero() else [(0, -1, expression)]
+    parts, derivative, factorial = [], expression, 1.0
+    speed_terms = 5  # powers of the speed looked for in a coefficient
+    for degree in range(speed_terms):
+        part = ca.simplify(ca.substitute(derivative, speed, ca.SX(0.0)) / factorial)
+        if not part.is_zero():
+            parts.append((degree, -1, part))
+        derivative = ca.simplify(ca.jacobian(derivative, speed))
+        factorial *= degree + 1
+        if derivative.is_zero() or not derivative.nnz():
+            if len(parts) <= len(speeds):
+                return parts
+            break
+    return [(0, number, ca.substitute(expression, speed, own)) for number, own in speeds]

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness
 from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.signals.ratios import best_ratio
 from rotorfit.estimators.significance import OPEN_ERRORS, SIGNIFICANT_ERRORS
 from rotorfit.estimators.starting.closed_form import ClosedFormError, closed_form
-from rotorfit.estimators.starting.rational_fit import RationalFit, rational_fit
 from rotorfit.estimators.starting.start_points import (
     RANDOM,
     ShortFits,
@@ -75,7 +75,16 @@ def best_of_many(problem: Problem, reason: str) -> Start:
     _refuse_undetermined(problem, blocks)
     ratios = rational_fit(blocks) if problem.loss == "linear" else None
     limits = _limits(problem, ratios)
-    ends = _search(problem, _candidates(problem, blocks, ratios), limits)
+    candidates = random_starts(problem, _MOST_STARTS)
+    if ratios is not None:
+        candidates = islice(chain(unread_starts(problem, blocks, ratios), candidates), _MOST_STARTS)
+    ends = _none(problem)
+    at_once = 4  # starts fitted before the ends are looked at
+    while starts := list(islice(candidates, at_once)):
+        ends = ends.joined(short_fits(problem, np.array(starts)), far=True)
+        # Two of few starts end in a minimum as deep as the first limit, or two of many as the second.
+        if ends.together > 1 and ends.cost[0] <= limits[int(ends.cost.size >= FEW_STARTS)]:
+            break
     ends = _beside(problem, ends, limits[0])
     note = f"no closed form ({reason}); the best of {ends.far.sum()} starts was taken"
     doubt = _doubt(problem, ends, limits, ratios)
@@ -121,26 +130,8 @@ def _limits(problem: Problem, ratios: RationalFit | None) -> tuple[float, float]
         # What stands round a known shaft is little: a minimum that leaves the noise alone is taken as of a closed form.
         explained = problem.space.model.shaft is not None and problem.loss == "linear"
         return noise_limit(problem) if explained else -np.inf, noise_limit(problem)
-    sure, likely = (
-        ratios.limit(len(problem.space.names), deviations) for deviations in (_DEVIATIONS_OF_TWO, SIGNIFICANT_ERRORS)
-    )
-    return sure, likely
-
-
-def _candidates(problem: Problem, blocks: list[Responses], ratios: RationalFit | None) -> Iterator[Float]:
-    every = random_starts(problem, _MOST_STARTS)
-    return every if ratios is None else islice(chain(unread_starts(problem, blocks, ratios), every), _MOST_STARTS)
-
-
-def _search(problem: Problem, candidates: Iterator[Float], limits: tuple[float, float]) -> _Ends:
-    """Short fits until two of few end in a minimum as deep as the first limit, or two of many as the second."""
-    ends = _none(problem)
-    at_once = 4  # starts fitted before the ends are looked at
-    while starts := list(islice(candidates, at_once)):
-        ends = ends.joined(short_fits(problem, np.array(starts)), far=True)
-        if ends.together > 1 and ends.cost[0] <= limits[int(ends.cost.size >= FEW_STARTS)]:
-            break
-    return ends
+    size = len(problem.space.names)
+    return ratios.limit(size, _DEVIATIONS_OF_TWO), ratios.limit(size, SIGNIFICANT_ERRORS)
 
 
 def _beside(problem: Problem, ends: _Ends, sure: float) -> _Ends:
@@ -164,44 +155,34 @@ def _beside(problem: Problem, ends: _Ends, sure: float) -> _Ends:
 
 def _doubt(problem: Problem, ends: _Ends, limits: tuple[float, float], ratios: RationalFit | None) -> tuple[str, ...]:
     """A sentence where the minimum may not be the deepest, or not the only one so deep."""
-    tried, least = int(ends.far.sum()), float(ends.cost[0])
-    led = f"{ends.together} of {tried} starts lead here"
+    least, chi2 = float(ends.cost[0]), significant(2 * float(ends.cost[0]), 4)
+    led = f"{ends.together} of {ends.far.sum()} starts lead here"
     if least > limits[1] and ratios is not None:
         return (
-            f"{_LOCAL_MINIMUM}, or not this rotor: chi-squared is {significant(2 * least, 4)}, where ratios of "
-            "polynomials "
-            f"with as many poles leave {significant(2 * ratios.cost, 4)}; {led}. Give start values for what is known",
+            f"{_LOCAL_MINIMUM}, or not this rotor: chi-squared is {chi2}, where ratios of polynomials with as many "
+            f"poles leave {significant(2 * ratios.cost, 4)}; {led}. Give start values for what is known",
         )
     alone = limits[0] if ratios is None else ratios.limit(len(problem.space.names), _DEVIATIONS_OF_ONE)
     if ends.together < 2 and least > alone:
         return (
-            f"{_LOCAL_MINIMUM}: {led}, and chi-squared is {significant(2 * least, 4)} for {problem.n_data} "
-            "data. Give start "
-            "values for what is known",
+            f"{_LOCAL_MINIMUM}: {led}, and chi-squared is {chi2} for {problem.n_data} data. Give start values for "
+            "what is known",
         )
-    other = _another(problem, ends)
-    if other is None:
-        return ()
-    return (
-        f"{_LOCAL_MINIMUM}: another one has chi-squared {significant(2 * other, 4)} where this one has "
-        f"{significant(2 * least, 4)}. "
-        "More readings separate them, or values known beforehand",
-    )
-
-
-def _another(problem: Problem, ends: _Ends) -> float | None:
-    """Cost of another minimum nearly as deep as the best: predictions differ by more than the costs tell."""
     best = problem.residuals(ends.x[0])
-    for x in ends.x[1:][ends.cost[1:] < ends.cost[0] + 2 * _RIVAL_COST]:
-        if _apart(problem, best, x, ends.cost[0]):
+    for x in ends.x[1:][ends.cost[1:] < least + 2 * _RIVAL_COST]:
+        if _apart(problem, best, x, least):
             end = short_fits(problem, x[None])
-            if end.cost[0] < ends.cost[0] + _RIVAL_COST and _apart(problem, best, end.x[0], ends.cost[0]):
-                return float(end.cost[0])
-    return None
+            if end.cost[0] < least + _RIVAL_COST and _apart(problem, best, end.x[0], least):
+                return (
+                    f"{_LOCAL_MINIMUM}: another one has chi-squared {significant(2 * end.cost[0], 4)} where this one "
+                    f"has {chi2}. More readings separate them, or values known beforehand",
+                )
+    return ()
 
 
 def _apart(problem: Problem, best: ComplexArray, x: Float, least: float) -> bool:
-    """True if a vector is in another valley: within one, half the squared distance is what the cost grows by."""
+    """True if a vector is in another valley, its predictions differing by more than the costs tell: within one, half
+    the squared distance is what the cost grows by."""
     other = problem.residuals(x)
     distance = 0.5 * float(np.sum(np.abs(other - best) ** 2))
     return distance > _RIVAL_COST + 4 * (0.5 * float(np.sum(np.abs(other) ** 2)) - least)
@@ -209,9 +190,10 @@ def _apart(problem: Problem, best: ComplexArray, x: Float, least: float) -> bool
 
 def unread_starts(problem: Problem, blocks: Sequence[Responses], fit: RationalFit) -> Iterator[Float]:
     """Starts, shape ``(p,)`` each, the likeliest first; none where force and probe are never at one coordinate."""
-    unread = _unread(blocks)
-    if unread is None:
+    read = np.concatenate([np.isfinite(block.amplitudes()[0]) for block in blocks])
+    if read[0].all() or (read != read[0]).any():  # nothing unread, or not the same in all lines
         return
+    unread = np.flatnonzero(~read[0])
     typical = full_vector(problem, problem.space.typical)
     draws = 6  # rotors drawn for each zero: mass and damping of the rest are not given
     for drawn in (typical, *random_starts(problem, draws - 1)):
@@ -223,15 +205,6 @@ def unread_starts(problem: Problem, blocks: Sequence[Responses], fit: RationalFi
             except ClosedFormError:
                 continue
             yield full_vector(problem, found.x)
-
-
-def _unread(blocks: Sequence[Responses]) -> Index | None:
-    """Coordinates that no line reads, where all lines read the same ones."""
-    read = [np.isfinite(block.amplitudes()[0]) for block in blocks]
-    first = read[0][0]
-    if first.all() or any((part != first).any() for part in read):
-        return None
-    return np.flatnonzero(~first)
 
 
 def _with_rest_at(problem: Problem, block: Responses, start: Float, unread: Index, frequency: float) -> Float:
@@ -264,4 +237,78 @@ def _completed(block: Responses, theta: Float, unread: Index) -> Responses:
         label=np.zeros(lines * size, dtype=np.intp),
         run=np.repeat(block.run[:1], lines * size),
         derivative=None,
+    )
+
+
+_DATA_AN_UNKNOWN = 2.0  # real data an unknown from which on the residuals of the ratios show the noise
+_SAME_FREQUENCY = 0.02  # relative difference of frequencies that are one
+
+
+@dataclass(frozen=True, kw_only=True)
+class RationalFit:
+    """Ratios of polynomials fitted to responses."""
+
+    cost: float  # half the sum of squares that they leave
+    unknowns: int  # real unknowns
+    data: int  # real numbers of the data
+    zeros: tuple[float, ...]  # their frequencies, rad/s, ascending
+
+    def limit(self, unknowns: int, deviations: float) -> float:
+        """Cost that a rotor with so many poles leaves, to so many standard deviations of chi-squared."""
+        level = max(1.0, 2 * self.cost / (self.data - self.unknowns))
+        spare = max(self.unknowns - unknowns, 1)
+        return float(self.cost + level * (spare + deviations * np.sqrt(2 * spare)) / 2)
+
+
+def rational_fit(blocks: Sequence[Responses]) -> RationalFit | None:
+    """Ratios of polynomials in frequency with as many poles as the model has; None of models and readings without such
+    ratios. At one speed every response is ``N(w)/d(w)`` with one denominator for all of them. With the last denominator
+    as weight the fit is linear (Sanathanan and Koerner 1963): no start, no local minimum. It holds every rotor with so
+    many poles, so that a fit of the rotor which misses the data by much more has not found them."""
+    fits: list[RationalFit] = []
+    for block in blocks:
+        if block.model.frame != "z" or block.model.shaft is not None or block.imposed:
+            return None
+        if (np.count_nonzero(block.force, axis=1) != 1).any() or not block.frequency.any():
+            return None
+        for readings in block.at_set_speed().condition_readings:
+            fit = _fit(block, readings)
+            if fit is None:
+                return None
+            fits.append(fit)
+    zeros: list[float] = []
+    for w in sorted(w for fit in fits for w in fit.zeros):
+        if not zeros or w > (1 + _SAME_FREQUENCY) * zeros[-1]:  # those that two speeds or directions share are one
+            zeros.append(w)
+    return RationalFit(
+        cost=sum(fit.cost for fit in fits),
+        unknowns=sum(fit.unknowns for fit in fits),
+        data=sum(fit.data for fit in fits),
+        zeros=tuple(zeros),
+    )
+
+
+def _fit(block: Responses, readings: Index) -> RationalFit | None:
+    order, size = block.model.order, len(block.model.coordinates)
+    poles, zeros = order * size, order * (size - 1)
+    line, probe = block.line[readings], block.coordinate[readings]
+    plane = np.argmax(np.abs(block.force[line]), axis=1)
+    force = block.force[line, plane]
+    pairs, pair = np.unique(probe * size + plane, return_inverse=True)
+    unknowns = 2 * (poles + pairs.size * (zeros + 1))
+    if 2 * readings.size < _DATA_AN_UNKNOWN * unknowns:
+        return None
+    top = float(np.abs(block.frequency[line]).max())
+    powers = np.asarray(np.polynomial.chebyshev.chebvander(block.frequency[line] / top, poles), dtype=float)
+    numerators = np.zeros((readings.size, pairs.size, zeros + 1))
+    numerators[np.arange(readings.size), pair.reshape(-1)] = powers[:, : zeros + 1]
+    response, sigma = block.measured[readings] / force, block.sigma[readings] / np.abs(force)
+    _, numerator, cost = best_ratio(response, sigma, powers, numerators.reshape(readings.size, -1))
+    seen = numerator.reshape(pairs.size, zeros + 1)[pairs // size == pairs % size]
+    zeros_seen = [float(abs(w)) for own in seen for w in np.polynomial.chebyshev.chebroots(own)]
+    return RationalFit(
+        cost=cost,
+        unknowns=unknowns,
+        data=2 * readings.size,
+        zeros=tuple(w * top for w in zeros_seen if 0 < w < 1),  # in the band
     )

@@ -1,6 +1,6 @@
 """Modes from responses in closed form: poles by a rational fit, shapes by singular values.
 
-Responses of many lines have their poles by vector fitting (``vector_fitting.py``), more of them than the model has
+Responses of many lines have their poles by vector fitting (:func:`common_poles`), more of them than the model has
 modes: those are taken that explain the responses best, so that modes beside those of the model spoil no start. Few
 lines, as of weights at some speeds, are fitted with as few numbers as a model of so many modes has: with the
 denominator ``d(s) = s^2n + a_(2n-1) s^(2n-1) + ... + a_0`` common to all responses and real coefficients,
@@ -20,7 +20,6 @@ import numpy as np
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.signals.ratios import best_ratio
 from rotorfit.estimators.significance import P_FALSE_ALARM
-from rotorfit.estimators.starting.vector_fitting import Response, common_poles
 from rotorfit.models import Modal
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 
@@ -55,9 +54,7 @@ def modal_start(
     lead of the responses over the forces at the first plane. Modal masses are as if the responses were turned back by
     that angle (``turned``), or as they are."""
     forced, probe = (model.planes.index(names[0]) for names in (model.force_planes, model.probe_planes))
-    axes = ("x", "y") if model.frame == "xy" else ("z",)
-    along = {axis: lines for axis in axes if (lines := _lines_along(model, blocks, axis)).value.size}
-    every = _joined(along, len(model.planes))
+    along, every = _lines_of(model, blocks)
     values: dict[str, float] = {}
     unit: ComplexArray | None = None  # exp(j datum) / M of each mode
     datum = 0.0
@@ -90,9 +87,7 @@ def modal_start(
 
 def stabilisation(model: Modal, blocks: Sequence[Responses], most: int) -> list[PolesOfOrder]:
     """Poles of rising order: those of modes stay where they are, those of noise do not."""
-    axes = ("x", "y") if model.frame == "xy" else ("z",)
-    along = {axis: lines for axis in axes if (lines := _lines_along(model, blocks, axis)).value.size}
-    responses = _responses(_joined(along, len(model.planes)))
+    responses = _responses(_lines_of(model, blocks)[1])
     same_frequency, same_damping = 0.01, 0.05  # changes from order to order of a stable pole, as usual
     found: list[PolesOfOrder] = []
     for order in range(1, most + 1):
@@ -109,10 +104,13 @@ def stabilisation(model: Modal, blocks: Sequence[Responses], most: int) -> list[
     return found
 
 
-def _joined(along: dict[str, Lines], planes: int) -> Lines:
-    """Readings of all axes together, the probes of each axis numbered after those of the last."""
-    parts = [replace(lines, probe=lines.probe + planes * i) for i, lines in enumerate(along.values())]
-    return Lines(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Lines)})
+def _lines_of(model: Modal, blocks: Sequence[Responses]) -> tuple[dict[str, Lines], Lines]:
+    """Readings of each axis that has any, and of all together, probes of an axis numbered after those of the last."""
+    axes = ("x", "y") if model.frame == "xy" else ("z",)
+    along = {axis: lines for axis in axes if (lines := _lines_along(model, blocks, axis)).value.size}
+    parts = [replace(lines, probe=lines.probe + len(model.planes) * i) for i, lines in enumerate(along.values())]
+    every = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Lines)}
+    return along, Lines(**every)
 
 
 def _name(name: str, axis: str) -> str:
@@ -142,9 +140,12 @@ def _lines_along(model: Modal, blocks: Sequence[Responses], axis: str) -> Lines:
 
 def _poles(lines: Lines, modes: int) -> tuple[Float, Float, int]:
     """Natural frequencies, rad/s, ascending, damping ratios, and how many modes explain more than noise would."""
+    from scipy.special import chdtri  # late: loading it takes longer than a fit
+
     responses = _responses(lines)
     enough = 1.2  # mean square of what is left over the noise, from which more poles would explain noise
-    most = _explained_by_chance(len(responses), lines.value.size)
+    # Sum of squares over the noise that a pole at any of so many lines explains of noise, but once in many tests.
+    most = float(chdtri(2 * len(responses) + 2, P_FALSE_ALARM / lines.value.size))
     tried = [(np.full(1, np.inf), np.zeros(0), np.zeros(0))]
     least = np.full(modes, np.inf)  # misfit of one pole, two, ..., whatever else was looked for
     shown = modes
@@ -166,13 +167,6 @@ def _poles(lines: Lines, modes: int) -> tuple[Float, Float, int]:
     return wn, np.clip(zeta, *_DAMPING), shown
 
 
-def _explained_by_chance(responses: int, lines: int) -> float:
-    """Sum of squares over the noise that a pole at any of so many lines explains of noise, but once in many tests."""
-    from scipy.special import chdtri  # late: loading it takes longer than a fit
-
-    return float(chdtri(2 * responses + 2, P_FALSE_ALARM / lines))
-
-
 def _responses(lines: Lines) -> list[Response]:
     """The response of each pair of a probe and a force plane."""
     pair = lines.probe * (lines.plane.max() + 1) + lines.plane
@@ -183,30 +177,25 @@ def _responses(lines: Lines) -> list[Response]:
 def _best_of(poles: ComplexArray, responses: Sequence[Response], modes: int) -> tuple[Float, Float, Float]:
     """Misfits of one pole, two, ..., frequencies and damping ratios of those that explain most, one by one."""
     wn, zeta = np.abs(poles), -poles.real / np.abs(poles)
-    basis = [
-        np.asarray(one.weight[:, None] / (wn**2 - w**2 + 2j * zeta * wn * w), dtype=complex)
-        for one in responses
-        for w in (one.frequency[:, None],)
-    ]
-    given = [one.value * one.weight for one in responses]
     chosen: list[int] = []
     misfit: list[float] = []
+
+    def left(one: int) -> float:
+        """Sum of squares that a linear combination of the poles chosen and one more leaves."""
+        total = 0.0
+        for response in responses:
+            w, given = response.frequency[:, None], response.value * response.weight
+            mine = [*chosen, one]
+            basis = response.weight[:, None] / (wn[mine] ** 2 - w**2 + 2j * zeta[mine] * wn[mine] * w)
+            along = np.linalg.qr(basis)[0].conj().T @ given
+            total += float(np.vdot(given, given).real - np.vdot(along, along).real)
+        return total
+
     for _ in range(min(modes, wn.size)):
-        left = {
-            one: sum(_left(B[:, [*chosen, one]], z) for B, z in zip(basis, given, strict=True))
-            for one in range(wn.size)
-            if one not in chosen
-        }
-        best = min(left, key=left.__getitem__)
+        least, best = min((left(one), one) for one in range(wn.size) if one not in chosen)
         chosen = sorted([*chosen, best])
-        misfit.append(left[best])
+        misfit.append(least)
     return np.array(misfit or [np.inf]), wn[chosen], zeta[chosen]
-
-
-def _left(basis: ComplexArray, given: ComplexArray) -> float:
-    """Sum of squares that a linear combination leaves."""
-    along = np.linalg.qr(basis)[0].conj().T @ given
-    return float(np.vdot(given, given).real - np.vdot(along, along).real)
 
 
 def _few_lines(lines: Lines, modes: int) -> tuple[Float, Float]:
@@ -242,3 +231,82 @@ def _residues(lines: Lines, wn: Float, zeta: Float, planes: int) -> ComplexArray
             if mine.any():
                 found[:, p, r] = np.linalg.lstsq(basis[mine], (lines.value * lines.weight)[mine], rcond=1e-10)[0]
     return found
+
+
+class Response(NamedTuple):
+    """Readings of one response."""
+
+    frequency: Float  # signed, rad/s, shape ``(L,)``
+    value: ComplexArray  # shape ``(L,)``
+    weight: Float  # one over the standard deviation of each, shape ``(L,)``
+
+
+def common_poles(responses: Sequence[Response], pairs: int) -> ComplexArray:
+    """Stable poles with positive imaginary part common to all responses, rad/s, ascending; none that become real. By
+    relaxed vector fitting (Gustavsen and Semlyen 1999, Gustavsen 2006): each response times a scalar function sigma(s)
+    is a sum over trial poles, and so is sigma, whose zeros are the next trial poles. Partial fractions stay well
+    conditioned where polynomials in s do not. (SciPy's AAA takes one response without noise.)"""
+    top = max(float(np.abs(one.frequency).max()) for one in responses)
+    low = min(float(np.abs(one.frequency).min()) for one in responses) / top
+    damping = 0.01  # of the trial poles at the beginning: between lightly and well damped
+    at = np.linspace(max(low, 0.5 / pairs), 1.0, pairs + 2)[1:-1] if pairs > 1 else np.array([np.sqrt(max(low, 0.1))])
+    poles = np.asarray(at * (1j - damping), dtype=complex)
+    real: Float = np.zeros(0)
+    for _ in range(12):
+        before = poles
+        poles, real = _relocated(responses, top, poles, real)
+        if poles.size == before.size and np.abs(poles - before).max(initial=0.0) < 1e-6:
+            break
+    return np.asarray(poles * top, dtype=complex)
+
+
+def _relocated(
+    responses: Sequence[Response], top: float, poles: ComplexArray, real: Float
+) -> tuple[ComplexArray, Float]:
+    """Zeros of sigma, turned to the stable side: those with positive imaginary part, and real ones. What belongs to one
+    response alone is eliminated by a QR factorisation of its own equations (Deschrijver et al. 2008)."""
+    every = np.concatenate([poles, poles.conj(), real])
+    rows: list[Float] = []
+    total: ComplexArray = np.zeros(2 * poles.size + real.size + 1, dtype=complex)
+    for one in responses:
+        s = np.asarray(1j * one.frequency / top)
+        sigma = _basis(s, poles, real)
+        own = np.hstack([1 / (s[:, None] - every), np.ones((s.size, 1))])
+        size = np.sqrt(np.mean(np.abs(one.value * one.weight) ** 2)) or 1.0
+        A = np.hstack([own, 1j * own, -one.value[:, None] * sigma]) * (one.weight / size)[:, None]
+        factor = np.asarray(np.linalg.qr(np.concatenate([A.real, A.imag]), mode="r"))
+        rows.append(factor[2 * own.shape[1] :, 2 * own.shape[1] :])
+        total = total + sigma.sum(axis=0)
+    strength = float(np.sqrt(sum(np.sum(row**2) for row in rows)))
+    mean = total.real / sum(one.frequency.size for one in responses)
+    relaxed = mean[None, :] * strength  # sigma is one on average, which keeps noise from pulling it to zero
+    A, b = np.concatenate([*rows, relaxed]), np.zeros(sum(map(len, rows)) + 1)
+    b[-1] = strength
+    columns = np.linalg.norm(A, axis=0)
+    columns = np.where(columns > 0, columns, 1.0)
+    c = np.linalg.lstsq(A / columns, b, rcond=1e-12)[0] / columns
+    least = 1e-8  # constant of sigma below which dividing by it says nothing
+    zeros = np.linalg.eigvals(_state_matrix(poles, real, c[:-1] / (c[-1] if abs(c[-1]) > least else least)))
+    zeros = np.where(zeros.real > 0, -zeros.conj(), zeros)
+    straight = np.abs(zeros.imag) <= 1e-9 * np.abs(zeros)
+    found = zeros[(zeros.imag > 0) & ~straight]
+    return found[np.argsort(np.abs(found))], zeros[straight].real
+
+
+def _basis(s: ComplexArray, poles: ComplexArray, real: Float) -> ComplexArray:
+    """Terms of sigma with real coefficients: two for a pair of poles, one for a real pole, and a constant."""
+    ahead, behind = 1 / (s[:, None] - poles), 1 / (s[:, None] - poles.conj())
+    single = 1 / (s[:, None] - real)
+    return np.hstack([ahead + behind, 1j * (ahead - behind), single, np.ones((s.size, 1))])
+
+
+def _state_matrix(poles: ComplexArray, real: Float, c: Float) -> Float:
+    """Matrix whose eigenvalues are the zeros of ``1 + sum c_i basis_i``."""
+    n, size = poles.size, 2 * poles.size + real.size
+    A, b = np.zeros((size, size)), np.zeros(size)
+    first, second = np.arange(n), np.arange(n, 2 * n)
+    A[first, first] = A[second, second] = poles.real
+    A[first, second], A[second, first] = poles.imag, -poles.imag
+    b[first] = 2.0
+    A[np.arange(2 * n, size), np.arange(2 * n, size)], b[2 * n :] = real, 1.0
+    return A - np.outer(b, c)

@@ -21,8 +21,7 @@ from rotorfit.models.complexes import Complex
 from rotorfit.models.model import CoefficientJacobian, Matrix, RotorModel
 from rotorfit.models.one_mode import one_per_coordinate
 from rotorfit.models.parameters import Parameter, unknown_name
-from rotorfit.models.shafts.combination_lines import LATERAL, TWIST, Order, ShaftValues, Torsion, solve_lines
-from rotorfit.models.shafts.jets import Jet
+from rotorfit.models.shafts.combination_lines import LATERAL, TWIST, Jet, Order, ShaftValues, Torsion, solve_lines
 from rotorfit.models.shafts.turning import TurningFrame
 
 Wording = Literal["modal", "stiffness"] | None
@@ -227,7 +226,7 @@ class AnisotropicShaft(RotorModel):
         wanted: tuple[list[Order], list[Order]] = ([], [])
         for direction, order in kinds:
             wanted[direction == "twist"].append(order)
-        lateral, twist = solve_lines(values, lateral=wanted[0], twist=wanted[1])
+        lateral, twist = solve_lines(values, *wanted)
         if self.runout:  # seen by the probes alone
             for place, name in (((0, 0), "R1"), ((0, 1), "R2")):
                 if place in lateral:

@@ -20,8 +20,7 @@ from rotorfit.models.complexes import Complex, J, Number
 from rotorfit.models.model import Coordinate, Matrix
 from rotorfit.models.orthotropic import support_parameters, support_symbol
 from rotorfit.models.parameters import unknown_name
-from rotorfit.models.shafts.turning import IMAGE, TurningFrame, shifted
-from rotorfit.models.shafts.turning_element import Turning
+from rotorfit.models.shafts.turning import IMAGE, Turning, TurningFrame, shifted
 
 Line = tuple[int, bool]
 """k, and whether the line is an image: frequency w + 2k Om, of an image -w + 2k Om."""

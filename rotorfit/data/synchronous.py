@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.estimators.blocks.row_keys import numbers
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE, set_speeds
-from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
+from rotorfit.estimators.noise.sweep_noise import noise_from_smoothness
 from rotorfit.estimators.signals.ratios import ratio_through
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Text
 from rotorfit.models.digits import significant

@@ -12,9 +12,15 @@ from numpy.typing import ArrayLike
 from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.data.mountings import MOUNTING, dwell_number, dwells, mountings, tells_mountings
 from rotorfit.data.synchronous import DIFFERENCED, at_speeds, difference_synchronous
-from rotorfit.estimators.noise.reading_noise import FEWEST_LINES
-from rotorfit.estimators.starting.influence import Influence, Readings, UndeterminedError, solve_influence
-from rotorfit.estimators.starting.modes_seen import ModesSeen, modes_seen
+from rotorfit.estimators.noise.sweep_noise import FEWEST_LINES
+from rotorfit.estimators.starting.influence import (
+    Influence,
+    ModesSeen,
+    Readings,
+    UndeterminedError,
+    modes_seen,
+    solve_influence,
+)
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.digits import significant
 from rotorfit.models.text_table import Printed, text_table

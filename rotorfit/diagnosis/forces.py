@@ -19,7 +19,7 @@ from rotorfit.data.linear_force import probe_pairs
 from rotorfit.diagnosis.orbits import FEWEST_READINGS, Orbits, enough, total_power
 from rotorfit.diagnosis.probe_pairs import LARGEST_REDCHI
 from rotorfit.diagnosis.readings import rows_of
-from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
+from rotorfit.estimators.noise.sweep_noise import noise_from_smoothness
 from rotorfit.estimators.signals.ratios import best_ratio
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.digits import significant

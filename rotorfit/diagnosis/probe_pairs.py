@@ -19,7 +19,7 @@ from rotorfit.diagnosis.orbits import FEWEST_READINGS, Orbits, enough, total_pow
 from rotorfit.diagnosis.probe_filters import FilteredProbe, Pair, filtered_probe
 from rotorfit.diagnosis.trials.channel_filters import SAME_FACTOR
 from rotorfit.estimators.blocks.row_keys import combined, rows_by
-from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
+from rotorfit.estimators.noise.sweep_noise import noise_from_smoothness
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.digits import significant
 

@@ -19,7 +19,7 @@ from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.inference.covariance import standard_error, widening
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.noise.reading_noise import READINGS_OF_NOISE
+from rotorfit.estimators.noise.sweep_noise import READINGS_OF_NOISE
 from rotorfit.executors import executor_of
 from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN
 from rotorfit.fitting.keywords import (

@@ -8,8 +8,7 @@ import numpy as np
 
 from rotorfit.estimators.blocks.correlated import freedom_of
 from rotorfit.estimators.inference import covariance
-from rotorfit.estimators.inference.identifiability import Identifiability, diagnose
-from rotorfit.estimators.inference.valleys import along_valley
+from rotorfit.estimators.inference.identifiability import Identifiability, along_valley, diagnose
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import ClosedForm
 from rotorfit.fitting.goodness import Goodness

@@ -13,7 +13,7 @@ from rotorfit.data.experiments import (
     StaticTest,
 )
 from rotorfit.estimators.blocks.row_keys import distinguished
-from rotorfit.estimators.noise.reading_noise import FEWEST_LINES
+from rotorfit.estimators.noise.sweep_noise import FEWEST_LINES
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
 from rotorfit.models.digits import significant

@@ -10,7 +10,7 @@ from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.row_keys import distinguished, words
 from rotorfit.estimators.blocks.small_motion import FreeVibrations
-from rotorfit.estimators.noise.reading_noise import noise_from_smoothness
+from rotorfit.estimators.noise.sweep_noise import noise_from_smoothness
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.motion.journal import journal

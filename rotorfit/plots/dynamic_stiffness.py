@@ -10,9 +10,8 @@ import casadi as ca
 import numpy as np
 
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
-from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.blocks.observations import Responses, acts_alone
 from rotorfit.estimators.blocks.response import probe_factors
-from rotorfit.estimators.blocks.sweeps import acts_alone
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.estimators.blocks.sweeps import acts_alone
+from rotorfit.estimators.blocks.observations import acts_alone
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.observing.circular import observe

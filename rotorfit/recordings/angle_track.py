@@ -18,7 +18,7 @@ from rotorfit.estimators.signals.pulses import (
     uneven_turns,
 )
 from rotorfit.estimators.signals.shaft_angle import SmoothAngle, smooth_angle
-from rotorfit.estimators.signals.steady_frequency import steady_angle
+from rotorfit.estimators.signals.spectral_lines import steady_angle
 from rotorfit.models.array_types import Float, Index
 from rotorfit.recordings.rig.setup import Reference
 from rotorfit.recordings.signals import Signals

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.signals.order_vectors import order_vectors
+from rotorfit.estimators.signals.tracking import order_vectors
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.recordings.marks import Marks
 from rotorfit.recordings.signals import Signals

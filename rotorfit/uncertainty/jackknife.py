@@ -12,7 +12,7 @@ import numpy as np
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.inference.covariance import prior_curvature
 from rotorfit.estimators.misfit.losses import robust_weights
-from rotorfit.estimators.noise.odd_run import FEWEST_RUNS
+from rotorfit.estimators.noise.run_effects import FEWEST_RUNS
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed

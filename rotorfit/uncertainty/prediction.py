@@ -18,7 +18,7 @@ from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
-from rotorfit.estimators.inference.left_out_columns import term_change
+from rotorfit.estimators.inference.score_tests import term_change
 from rotorfit.fitting.assumptions.assumption_table import Assumption
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from rotorfit.estimators.inference.left_out_columns import Term
+from rotorfit.estimators.inference.score_tests import Term
 from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.fitting.arithmetic import is_left_open
 from rotorfit.models.digits import two_digits

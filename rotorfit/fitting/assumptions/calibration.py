@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
-from rotorfit.estimators.blocks.observations import Block, Responses
-from rotorfit.estimators.blocks.sweeps import acts_alone
+from rotorfit.estimators.blocks.observations import Block, Responses, acts_alone
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
 

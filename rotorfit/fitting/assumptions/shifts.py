@@ -13,16 +13,17 @@ from rotorfit.data.experiments import PerturbationTest
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
 from rotorfit.estimators.inference.covariance import prior_curvature
-from rotorfit.estimators.inference.left_out_columns import (
+from rotorfit.estimators.inference.score_tests import (
     Clearance,
     Gain,
     Offset,
     Rest,
+    Scores,
     Term,
     is_linear,
+    score_tests,
     whitened_columns,
 )
-from rotorfit.estimators.inference.score_tests import Scores, score_tests
 from rotorfit.estimators.inference.smooth_causes import (
     MEANINGS,
     UNITS,

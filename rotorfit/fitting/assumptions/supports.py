@@ -15,7 +15,7 @@ import numpy as np
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.linear_force import directional
 from rotorfit.estimators.blocks.nonlinear import responses_of
-from rotorfit.estimators.inference.left_out_columns import is_linear
+from rotorfit.estimators.inference.score_tests import is_linear
 from rotorfit.estimators.inference.smooth_causes import Cause, Kind, Part, cause_change
 from rotorfit.observing.circular import Places
 

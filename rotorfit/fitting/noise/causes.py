@@ -10,8 +10,8 @@ import numpy as np
 from rotorfit.estimators.inference.score_tests import joint_gains
 from rotorfit.estimators.inference.smooth_causes import Cause, cause_columns, causes_of
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.noise.reading_noise import NOISE_FLOOR
 from rotorfit.estimators.noise.run_effects import MixedModel, select_effects
+from rotorfit.estimators.noise.sweep_noise import NOISE_FLOOR
 from rotorfit.estimators.significance import P_UNLIKELY, P_WARNING
 from rotorfit.fitting.noise.linearised import LinearisedFit, linearise
 from rotorfit.fitting.noise.noise_fit import RESPONSE, SPEED, NoiseFit, sigma_of_residuals, weighing_sigma

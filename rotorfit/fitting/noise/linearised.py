@@ -8,9 +8,9 @@ import numpy as np
 
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.estimators.blocks.observations import force_plane, sweeps_of
 from rotorfit.estimators.blocks.row_keys import rows_by, words
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
-from rotorfit.estimators.blocks.sweeps import force_plane, sweeps_of
 from rotorfit.estimators.inference.covariance import prior_curvature
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import ComplexArray, Float, Index

@@ -18,9 +18,9 @@ from rotorfit.estimators.inference.smooth_causes import Cause
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.correlation import Memory
 from rotorfit.estimators.noise.noise_levels import Shape
-from rotorfit.estimators.noise.odd_run import odd_run
 from rotorfit.estimators.noise.run_effects import (
     MixedModel,
+    odd_run,
     select_effects,
     shared_variances,
 )

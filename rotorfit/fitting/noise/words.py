@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rotorfit.estimators.inference.smooth_causes import Cause, Kind
-from rotorfit.estimators.noise.odd_run import FEWEST_RUNS
+from rotorfit.estimators.noise.run_effects import FEWEST_RUNS
 from rotorfit.fitting.noise.record import Miss, NoiseVerdict, RunEffect
 from rotorfit.models.digits import significant
 from rotorfit.units import RPM_PER_RAD_S

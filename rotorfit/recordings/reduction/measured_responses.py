@@ -16,8 +16,7 @@ from rotorfit.data.experiments import FORCE_SIGMA, PerturbationTest, records
 from rotorfit.data.findings import Finding
 from rotorfit.data.synchronous import join
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
-from rotorfit.estimators.signals.local_poles import SMOOTH_DEGREE
-from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra
+from rotorfit.estimators.signals.local_response import SMOOTH_DEGREE, LocalResponse, RecordSpectra
 from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.models.digits import significant
 from rotorfit.recordings.reduction.blows import QUIET_SHARE, Blow, blow_findings, blows, rest_of

@@ -11,7 +11,7 @@ import numpy as np
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding
 from rotorfit.data.synchronous import DIFFERENCED
-from rotorfit.estimators.signals.local_poles import SMOOTH_DEGREE
+from rotorfit.estimators.signals.local_response import SMOOTH_DEGREE
 from rotorfit.recordings.reduction.dwell_responses import dwell_responses, dwelling, dwells_of
 from rotorfit.recordings.reduction.images import image_seen
 from rotorfit.recordings.reduction.measured_responses import measured_responses

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import LineTest
-from rotorfit.estimators.signals.local_poles import SMOOTH_DEGREE
-from rotorfit.estimators.signals.local_response import RecordSpectra, local_response
+from rotorfit.estimators.signals.local_response import SMOOTH_DEGREE, RecordSpectra, local_response
 from rotorfit.estimators.signals.start_up_lines import StartUp, start_up_lines
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.shafts.combination_lines import LATERAL, TWIST, Order

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rotorfit.estimators.inference.left_out_columns import Term
+from rotorfit.estimators.inference.score_tests import Term
 from rotorfit.estimators.inference.smooth_causes import Cause, Kind, Part, beyond, changed_values, onset_terms
 from rotorfit.estimators.matching import matched
 from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN, Assumption
