@@ -62,14 +62,28 @@ def understood(table: Table) -> Table:
         name = known[key] or ("" if tidy or is_probe(key) else _probe(spelled))
         if name and name.lower() not in (*table.names, *(taken.lower() for taken in new.values())):
             new[key] = name
-    if not new:
-        return table
-    return replace(
-        table,
-        cells={new.get(key, key).lower(): cells for key, cells in table.cells.items()},
-        names={new.get(key, key).lower(): new.get(key, spelled) for key, spelled in table.names.items()},
-        written={new.get(key, key).lower(): spelled for key, spelled in table.names.items()},
-    )
+    return table.renamed(new) if new else table
+
+
+def with_given_names(table: Table, columns: Mapping[str, str]) -> Table:
+    """The table with columns under the names that are given for them, in messages too."""
+    spelled = {name.lower(): name for name in table.names.values()} | {name: name for name in table.names.values()}
+    by_key = {spelling: key for key, spelling in table.names.items()}
+    new = {}
+    for first, second in columns.items():
+        # Either way round: what the file has is its own name.
+        turned = first.lower() not in spelled and second.lower() in spelled
+        given, name = (second, first) if turned else (first, second)
+        if given not in by_key and given.lower() not in spelled:
+            raise ValueError(
+                f"{table.source} has no column {given!r} to call {name!r} (THEIRS=OURS); it has "
+                f"{', '.join(table.names.values())}"
+            )
+        new[by_key[spelled.get(given, spelled.get(given.lower(), given))]] = name
+    found = table.renamed(new)
+    if len(found.cells) < len(table.cells):
+        raise ValueError(f"{table.source}: two columns would have the same name after renaming: {', '.join(columns)}")
+    return replace(found, written={})
 
 
 def is_text(spelled: str, columns: Mapping[str, str]) -> bool:
@@ -89,8 +103,7 @@ def refuse_doubtful(table: Table) -> None:
     told_in_rows = {"plane", "direction"} & set(table.cells)
     if told_in_rows or not (is_wide(table) or table.find("frequency", PREFIXES["frequency"])):
         return
-    doubtful = [name for name in table.cells if _is_doubtful(table, name)]
-    if not doubtful:
+    if not (doubtful := [name for name in table.cells if _is_doubtful(table, name)]):
         return
     listed = ", ".join(repr(table.spelled(name)) for name in doubtful)
     first = table.spelled(doubtful[0])

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from rotorfit.data.findings import Finding
 from rotorfit.io.tables.cells import NOT_TAKEN, Numbers, lacking, taken
-from rotorfit.io.tables.table import READING, Table, floats, kept
+from rotorfit.io.tables.table import READING, Table, floats
 from rotorfit.models.array_types import Bool
 from rotorfit.units import RPM_PER_RAD_S, UNITS, units_of
 
@@ -40,7 +39,7 @@ def without_empty(table: Table) -> tuple[Table, list[Finding]]:
         f"{table.source}: {empty.sum()} of {empty.size} readings are empty and were skipped "
         f"(line{'s' * (len(distinct) > 1)} {where})"
     )
-    return kept(table, np.flatnonzero(~empty)), [Finding("note", "empty", words)]
+    return table.rows(np.flatnonzero(~empty)), [Finding("note", "empty", words)]
 
 
 def without_standstill(table: Table) -> tuple[Table, list[Finding]]:
@@ -55,7 +54,20 @@ def without_standstill(table: Table) -> tuple[Table, list[Finding]]:
     if not still.any() or still.all():
         return table, []
     words = f"{table.source}: {still.sum()} readings at frequency zero were left out: nothing accelerates there"
-    return kept(table, np.flatnonzero(~still)), [Finding("note", "standstill", words)]
+    return table.rows(np.flatnonzero(~still)), [Finding("note", "standstill", words)]
+
+
+def without_incoherent(table: Table) -> tuple[Table, list[Finding]]:
+    """The table without the rows of coherence zero, whose readings are noise alone, and how many these are."""
+    values = floats(table.cells["coherence"]) if "coherence" in table.cells else None
+    if values is None or not (values == 0).any() or (values == 0).all():
+        return table, []
+    rows = np.flatnonzero(values == 0)
+    words = (
+        f"{table.source}: {rows.size} of {values.size} readings have coherence zero, noise alone, and were left out "
+        f"(first in line {table.lines[int(rows[0])]})"
+    )
+    return table.rows(np.flatnonzero(values != 0)), [Finding("note", "incoherent", words)]
 
 
 _READING = ("run", "plane", "direction")
@@ -126,7 +138,7 @@ def with_reference_rows(table: Table) -> Table:
         name: [zero.get(name, "0") if blank else cell for cell, blank in zip(table.cells[name], without, strict=True)]
         for name in columns
     }
-    return replace(table, cells={**table.cells, **cells})
+    return table.with_columns(cells)
 
 
 def completed(table: Table, *, forced: bool) -> Table:
@@ -135,23 +147,19 @@ def completed(table: Table, *, forced: bool) -> Table:
     A plane left out is the journal; the force acts at the only plane that there is; without runs, each plane that is
     forced at each speed is one.
     """
-    cells, names = dict(table.cells), dict(table.names)
-    count = len(table.lines)
-
-    def add(name: str, values: Sequence[str]) -> None:
-        cells[name], names[name] = list(values), name
-
+    cells = table.cells
+    added: dict[str, Sequence[str]] = {}
     if "plane" not in cells:
-        add("plane", ["journal"] * count)
-    planes = set(cells["plane"])
-    if forced and "force_plane" not in cells and len(planes) == 1:
-        add("force_plane", cells["plane"])
+        added["plane"] = ["journal"] * len(table.lines)
+    planes = cells.get("plane", ("journal",))
+    if forced and "force_plane" not in cells and len(set(planes)) == 1:
+        added["force_plane"] = [planes[0]] * len(table.lines)
     by = "force_plane" if forced else "plane"
-    if "run" not in cells and by in cells:
+    if "run" not in cells and by in {*cells, *added}:
         if forced:
             _refuse_same_readings(table)
-        add("run", _runs(table, cells[by]))
-    return replace(table, cells=cells, names=names)
+        added["run"] = _runs(table, cells.get(by) or added[by])
+    return table.with_columns(added)
 
 
 def _refuse_same_readings(table: Table) -> None:

@@ -5,7 +5,7 @@ Which of them a test needs: :mod:`rotorfit.io.tables.wanted_columns`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,12 +36,33 @@ class Table:
     source: str  # name of the file, for messages
     cells: Mapping[str, Sequence[str]]  # column by lower-case name
     lines: Index  # line of the file of each row
-    names: Mapping[str, str]  # column names as the file spells them, by lower-case name
-    written: Mapping[str, str] = field(default_factory=dict)
+    names: Mapping[str, str]  # column names in their own case, by lower-case name
+    written: Mapping[str, str] = field(default_factory=dict)  # as the file has them, where that differs
 
     def spelled(self, name: str) -> str:
         """Name of a column as it stands in the file."""
         return self.written.get(name, self.names[name])
+
+    def rows(self, rows: Index, without: Container[str] = ()) -> Table:
+        """Some of the rows, any number of times each, without some of the columns."""
+        cells = {name: taken(values, rows) for name, values in self.cells.items() if name not in without}
+        return replace(self, cells=cells, names={key: self.names[key] for key in cells}, lines=self.lines[rows])
+
+    def with_columns(self, columns: Mapping[str, Sequence[str]]) -> Table:
+        """The table with further columns, or other cells in columns that it has."""
+        names = {name.lower(): name for name in columns}
+        cells = {name.lower(): values for name, values in columns.items()}
+        return replace(self, cells={**self.cells, **cells}, names={**names, **self.names})
+
+    def renamed(self, new: Mapping[str, str]) -> Table:
+        """The table with some columns under other names; messages go on to spell them as the file does."""
+        keys = {key: new.get(key, key).lower() for key in self.cells}
+        return replace(
+            self,
+            cells={keys[key]: values for key, values in self.cells.items()},
+            names={keys[key]: new.get(key, self.names[key]) for key in keys},
+            written={keys[key]: self.spelled(key) for key in keys},
+        )
 
     def find(self, prefix: str, units: Mapping[str, float]) -> dict[str, float]:
         """Columns ``prefix_unit`` with their factors to SI, by lower-case name."""
@@ -87,12 +108,6 @@ class Table:
         if bad.any():
             row = int(np.flatnonzero(bad)[0])
             raise ValueError(f"{self.where(row, name)}: {self.cells[name][row]} {why}")
-
-
-def kept(table: Table, rows: Index) -> Table:
-    """Some rows of a table."""
-    cells = {name: taken(values, rows) for name, values in table.cells.items()}
-    return replace(table, cells=cells, lines=table.lines[rows])
 
 
 def floats(cells: Sequence[str]) -> Float | None:

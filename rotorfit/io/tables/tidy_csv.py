@@ -15,8 +15,7 @@ condition-monitoring systems: :mod:`rotorfit.io.tables.machine_tables`.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,13 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import (
+    DERIVATIVES,
     DIRECTIONS,
     FORCE_DIRECTIONS,
     FORCE_SIGMA,
     MEASURED,
-    DisplacementTest,
     Experiment,
-    LineTest,
     PerturbationTest,
     plane_groups,
 )
@@ -40,29 +38,33 @@ from rotorfit.data.several_forces import gathered, written_per_force
 from rotorfit.estimators.blocks.row_keys import words as distinct
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.io.tables.cells import as_text
-from rotorfit.io.tables.coherence import noise_of_coherence, without_incoherent
-from rotorfit.io.tables.headers import is_text, is_unit, quantity_meant, refuse_doubtful, understood
-from rotorfit.io.tables.line_columns import line_columns, line_test
-from rotorfit.io.tables.machine_samples import is_sample_table, sample_table
-from rotorfit.io.tables.machine_tables import BODE_HEADER, bode_table, with_weight, without_weight_finding
-from rotorfit.io.tables.motion import measured_names, motion, over_frequency, response, with_amplitudes
-from rotorfit.io.tables.other_kinds import BUILDERS, columns_of
-from rotorfit.io.tables.skipped_rows import completed, with_reference_rows, without_empty, without_standstill
+from rotorfit.io.tables.headers import (
+    is_text,
+    is_unit,
+    quantity_meant,
+    refuse_doubtful,
+    understood,
+    with_given_names,
+)
+from rotorfit.io.tables.machine_tables import BODE_HEADER, bode_table, is_sample_table, sample_table, with_weight
+from rotorfit.io.tables.motion import noise, response, with_amplitudes
+from rotorfit.io.tables.other_kinds import BUILDERS, columns_of, displacement_test, line_test
+from rotorfit.io.tables.skipped_rows import (
+    completed,
+    with_reference_rows,
+    without_empty,
+    without_incoherent,
+    without_standstill,
+)
 from rotorfit.io.tables.table import PERTURBATION_COLUMNS, READING, Table, read_table
-from rotorfit.io.tables.two_axes import with_force_rows
 from rotorfit.io.tables.wanted_columns import Columns, columns_for, optional, phase_or_angle, quantity, words
-from rotorfit.io.tables.wide import is_wide, renamed, tidy, with_constants
-from rotorfit.models.array_types import ComplexArray, Float, Index, Text
+from rotorfit.io.tables.wide import is_wide, tidy, with_force_rows
+from rotorfit.models.array_types import Float, Index, Text
 from rotorfit.models.parameters import unknown_name
-from rotorfit.units import UNITS, si_factor
+from rotorfit.units import RAD_S_PER_RPM, UNITS
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-DISPLACEMENT_COLUMNS = (
-    "run, speed_rpm, frequency_rpm, plane, amplitude_um, phase_deg, force_x_N, force_x_phase_deg, force_y_N, "
-    "force_y_phase_deg, optional sigma_N; other units by suffix, further columns are attributes"
-)
 
 
 def read_csv(
@@ -78,8 +80,7 @@ def read_csv(
 ) -> Experiment:
     """Read a tidy or wide CSV, or a sheet of an Excel file; the columns tell which experiment it is."""
     table, found = _opened(path, sheet, columns or {}, constants or {}, progress or (lambda share: None))
-    for finding in found:
-        (on_finding or _warn)(finding)
+    _report(found, on_finding)
     return experiment_of(table, speed_tolerance, on_finding, on_lines)
 
 
@@ -95,18 +96,17 @@ def experiment_of(
         return line_test(table, speed_tolerance)
     if "direction" in table.cells:
         table = with_force_rows(table)
-    kinds = _KINDS if {"force_plane", "direction"} & set(table.cells) else (*_KINDS, *BUILDERS)
+    imposed = tuple((mark, displacement_test) for mark in ("force_x_", "force_y_"))
+    kinds = (*imposed, *(() if {"force_plane", "direction"} & set(table.cells) else BUILDERS))
     build = next((b for mark, b in kinds if any(name.startswith(mark) for name in table.cells)), _perturbation)
     if build is _perturbation:
         table, found = _start_up(with_reference_rows(with_amplitudes(table)))
-        for finding in found:
-            (on_finding or _warn)(finding)
-    if build in (_perturbation, _displacement):
+        _report(found, on_finding)
+    if build in (_perturbation, displacement_test):
         for without in (without_empty, without_incoherent, without_standstill):
             table, found = without(table)
-            for finding in found:
-                (on_finding or _warn)(finding)
-        if "direction" in table.cells or build is _displacement:
+            _report(found, on_finding)
+        if "direction" in table.cells or build is displacement_test:
             table = completed(table, forced=build is _perturbation)
     if on_lines is not None:
         on_lines(table.lines)
@@ -127,8 +127,8 @@ def _start_up(table: Table) -> tuple[Table, list[Finding]]:
     of_weights = [key for key in table.cells if key.startswith((*_OF_WEIGHTS, "mr_"))]
     if weighted and "run" not in table.cells:  # one for each weight
         runs = [" ".join(filter(None, row)) for row in zip(*(table.cells[key] for key in of_weights), strict=True)]
-        table = replace(table, cells={**table.cells, "run": runs}, names={**table.names, "run": "run"})
-    return with_weight(table), without_weight_finding(table)
+        table = table.with_columns({"run": runs})
+    return with_weight(table)
 
 
 _OF_WEIGHTS = ("force_plane", "force_phase", "force_angle")
@@ -150,26 +150,33 @@ def _opened(
 ) -> tuple[Table, list[Finding]]:
     """The tidy table of a file, whatever its layout, and what was left out of it."""
     found: list[Finding] = []
-    samples = sheet is None and isinstance(path, str | Path) and is_sample_table(Path(path))
-    bode = False
-    if samples and isinstance(path, str | Path):
+    if exported := sheet is None and isinstance(path, str | Path) and is_sample_table(Path(path)):
         table, found = sample_table(Path(path), columns)
     else:
         table = read_table(path, sheet, lambda spelled: is_text(spelled, columns), is_unit, progress)
-        bode = set(BODE_HEADER) <= set(table.cells)
-        table = renamed(table, columns) if columns else table
-    if bode:
-        table, found = bode_table(table, {"plane", "direction"} <= set(constants))
-    table = table if samples or bode else understood(table)
-    table = with_constants(table, constants) if constants else table
-    if samples or bode:
-        return with_weight(table), found + without_weight_finding(table)
+        exported = set(BODE_HEADER) <= set(table.cells)
+        table = with_given_names(table, columns) if columns else table
+        if exported:
+            table, found = bode_table(table, {"plane", "direction"} <= set(constants))
+        else:
+            table = understood(table)
+    if taken := [name for name in constants if name.lower() in table.cells]:
+        raise ValueError(f"{table.source} has a column {taken[0]!r} of its own; no constant may take its place")
+    table = table.with_columns({name: [str(value)] * len(table.lines) for name, value in constants.items()})
+    if exported:
+        table, without_weight = with_weight(table)
+        return table, found + without_weight
     refuse_doubtful(table)
     return (tidy(table) if is_wide(table) else table), found
 
 
-def _warn(finding: Finding) -> None:
-    warnings.warn(finding.message, stacklevel=4)
+def _report(found: Iterable[Finding], on_finding: Callable[[Finding], None] | None) -> None:
+    """Hand findings on, or warn of them."""
+    for finding in found:
+        if on_finding is None:
+            warnings.warn(finding.message, stacklevel=5)
+        else:
+            on_finding(finding)
 
 
 def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
@@ -180,12 +187,12 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
     force_direction = _force_directions(columns, w, direction)
     size = columns.number("mr") * w**2 if columns.has("mr") else columns.number("force")
     reading, order = response(columns, direction, w)
-    noise = _noise(columns, direction, w, reading)
+    sigma = noise(columns, direction, w, reading)
     force = size * np.exp(1j * columns.force_phase(w))
     if columns.has("force_angle"):
         still = force_direction != "circular"
         columns.refuse(still, "force_angle", "is the angle of a force along an axis; give its phase, force_phase_deg")
-    said: dict[str, NDArray[Any]] = {MEASURED: measured_names(order)} if order.any() else {}
+    said: dict[str, NDArray[Any]] = {MEASURED: np.array(list(DERIVATIVES))[order]} if order.any() else {}
     if columns.has("force_sigma"):
         said[FORCE_SIGMA] = columns.number("force_sigma")
         columns.refuse(said[FORCE_SIGMA] < 0, "force_sigma", "must not be negative; zero where the force is known")
@@ -201,7 +208,7 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
         force_plane=force_plane,
         plane=plane,
         direction=direction,
-        sigma=noise,
+        sigma=sigma,
         speed=omega,
         frequency=w,
         force=force,
@@ -221,17 +228,6 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
     return gathered(written, lambda row: f"{table.source}: line {table.lines[row]}")
 
 
-def _noise(columns: Columns, direction: Text, w: Float, reading: ComplexArray) -> Float:
-    """Noise of each reading, NaN where nothing is said of it."""
-    if columns.has("coherence") and (columns.has("averages") or not columns.has("sigma")):
-        return noise_of_coherence(columns, np.abs(reading))
-    if not columns.has("sigma"):
-        return np.broadcast_to(np.nan, w.shape)
-    noise, order = motion(columns, "sigma", direction, blank=True)
-    columns.refuse(noise <= 0, "sigma", "must be positive, or blank where the noise is not known")
-    return over_frequency(noise, order, w)
-
-
 def _perturbation_columns(table: Table) -> Columns:
     """The columns of a perturbation test: its force by force or unbalance, its motion by amplitude or real part."""
     unbalance = table.find("mr", UNITS["unbalance"])
@@ -241,7 +237,7 @@ def _perturbation_columns(table: Table) -> Columns:
         table,
         (
             *(words(name) for name in ("run", "force_plane", "plane", "direction")),
-            words("force_direction", needed=False),
+            *(words(name, needed=False) for name in ("force_direction", "coherence", "averages")),
             quantity("speed", "rpm", UNITS["frequency"]),
             quantity("frequency", "rpm", UNITS["frequency"]),
             optional("mr", UNITS["unbalance"]),
@@ -250,8 +246,6 @@ def _perturbation_columns(table: Table) -> Columns:
             *(quantity(p, "um", READING, several=True) for p in (("amplitude",) if polar else ("real", "imag"))),
             *((quantity("phase", "deg", UNITS["phase"]),) if polar else ()),
             optional("sigma", READING, several=True),
-            words("coherence", needed=False),
-            words("averages", needed=False),
             optional("force_sigma", UNITS["force"]),
             optional("probe_radius", UNITS["length"]),
         ),
@@ -261,52 +255,6 @@ def _perturbation_columns(table: Table) -> Columns:
         given = " and ".join(table.names[next(iter(found))] for found in (force, unbalance))
         raise ValueError(f"{table.source}: both {given} are given; keep one of them")
     return columns
-
-
-def _displacement(table: Table, speed_tolerance: float) -> DisplacementTest:
-    columns = columns_for(
-        table,
-        (
-            words("run"),
-            words("plane"),
-            quantity("speed", "rpm", UNITS["frequency"]),
-            quantity("frequency", "rpm", UNITS["frequency"]),
-            quantity("amplitude", "um", UNITS["displacement"]),
-            quantity("phase", "deg", UNITS["phase"]),
-            quantity("force_x", "N", UNITS["force"]),
-            quantity("force_x_phase", "deg", UNITS["phase"]),
-            quantity("force_y", "N", UNITS["force"]),
-            quantity("force_y_phase", "deg", UNITS["phase"]),
-            optional("sigma", UNITS["force"]),
-        ),
-        DISPLACEMENT_COLUMNS,
-    )
-    run, frequency = columns.words("run"), columns.number("frequency")
-    noise = columns.number("sigma", blank=True)
-    columns.refuse(noise <= 0, "sigma", "must be positive, or blank where the noise is not known")
-    test = DisplacementTest(
-        run=run,
-        plane=columns.words("plane"),
-        sigma=noise,
-        frequency=frequency,
-        speed=columns.number("speed"),
-        speed_tolerance=speed_tolerance,
-        displacement=columns.number("amplitude") * np.exp(1j * columns.number("phase")),
-        force_x=columns.number("force_x") * np.exp(1j * columns.number("force_x_phase")),
-        force_y=columns.number("force_y") * np.exp(1j * columns.number("force_y_phase")),
-        attributes=columns.attributes,
-        source=table.source,
-    )
-    finite = np.isfinite(test.displacement) & np.isfinite(test.force_x) & np.isfinite(test.force_y)
-    columns.refuse(~finite, "run", "is a row whose displacement or force overflows; check its units")
-    return test
-
-
-_KINDS: tuple[tuple[str, Callable[[Table, float], Experiment]], ...] = (
-    ("force_x_", _displacement),
-    ("force_y_", _displacement),
-)
-"""Beginning of a column name that tells an experiment, and what builds it; a perturbation test if none is there."""
 
 
 def _directions(columns: Columns) -> Text:
@@ -347,8 +295,8 @@ def _written_perturbation(test: PerturbationTest) -> dict[str, Any]:
     tilt = np.char.startswith(test.direction, "r")
     columns: dict[str, Any] = {
         "run": test.run,
-        "speed_rpm": test.speed / si_factor("frequency", "rpm"),
-        "frequency_rpm": test.frequency / si_factor("frequency", "rpm"),
+        "speed_rpm": test.speed / RAD_S_PER_RPM,
+        "frequency_rpm": test.frequency / RAD_S_PER_RPM,
         "force_plane": test.force_plane,
         "force_N": np.abs(test.force),
         "force_phase_deg": np.degrees(np.angle(test.force)),
@@ -369,28 +317,9 @@ def _written_perturbation(test: PerturbationTest) -> dict[str, Any]:
     return columns
 
 
-def _written_displacement(test: DisplacementTest) -> dict[str, Any]:
-    columns: dict[str, Any] = {
-        "run": test.run,
-        "speed_rpm": test.speed / si_factor("frequency", "rpm"),
-        "frequency_rpm": test.frequency / si_factor("frequency", "rpm"),
-        "plane": test.plane,
-        "amplitude_um": np.abs(test.displacement) * 1e6,
-        "phase_deg": np.degrees(np.angle(test.displacement)),
-    }
-    for axis, force in (("x", test.force_x), ("y", test.force_y)):
-        columns[f"force_{axis}_N"] = np.abs(force)
-        columns[f"force_{axis}_phase_deg"] = np.degrees(np.angle(force))
-    return columns | ({"sigma_N": test.sigma} if np.isfinite(test.sigma).any() else {})
-
-
 def columns_without_attributes(experiment: Experiment) -> dict[str, NDArray[Any]]:
     """Columns of a tidy CSV by name, in rpm, um (urad for slopes), N and degrees; of several forces the first."""
-    if isinstance(experiment, PerturbationTest):
-        return _written_perturbation(experiment)
-    if isinstance(experiment, DisplacementTest):
-        return _written_displacement(experiment)
-    return line_columns(experiment) if isinstance(experiment, LineTest) else columns_of(experiment)
+    return _written_perturbation(experiment) if isinstance(experiment, PerturbationTest) else columns_of(experiment)
 
 
 def written_columns(experiment: Experiment) -> dict[str, NDArray[Any]]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rotorfit.io.sampling import time_factor
 from rotorfit.io.tables.cells import NOT_TAKEN, lacking, taken
 from rotorfit.io.tables.table import READING, Table, floats
-from rotorfit.models.array_types import Bool, Float, Text
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Text
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import UNITS
 
@@ -147,6 +147,10 @@ class Columns:
             return np.broadcast_to(np.nan, self.rows)
         return self.table.number(next(iter(self.found[name].items())), blank=blank)
 
+    def phasor(self, size: str, angle: str) -> ComplexArray:
+        """Complex numbers of two columns, their size and their angle."""
+        return np.asarray(self.number(size) * np.exp(1j * self.number(angle)))
+
     def force_phase(self, frequency: Float) -> Float:
         """Phases of turning forces, the delta of eq. (2), rad.
 
@@ -173,11 +177,11 @@ def columns_for(table: Table, wanted: Iterable[Wanted], known: str) -> Columns:
     found = {one.name: one.columns(table) for one in wanted}
     missing = [one.missing for one in wanted if one.missing and not found[one.name]]
     used = _names(found)
+    others = [name for name in table.cells if name not in used]
     if missing:
-        _refuse_missing(table, used, missing, known)
-    for name in table.cells:
-        if name not in used:
-            _refuse_mistaken(table, name, known)
+        _refuse_missing(table, others, missing, known)
+    for name in others:
+        _refuse_mistaken(table, name, known)
     return Columns(table=table, found=found)
 
 
@@ -185,18 +189,25 @@ def _names(found: Mapping[str, Mapping[str, float]]) -> set[str]:
     return {name for columns in found.values() for name in columns}
 
 
-def _refuse_missing(table: Table, used: set[str], missing: Sequence[str], known: str) -> None:
-    if _looks_raw(table, used):
+def _refuse_missing(table: Table, others: Sequence[str], missing: Sequence[str], known: str) -> None:
+    """Refuse a table without columns that a test needs; ``others`` are those that it has and that are not used."""
+    times = {name for name in table.cells if time_factor(name) is not None}
+    if not set(table.cells) - {*others} - times and (times or len(table.lines) >= 1000):  # nothing of a test is in it
         columns = ", ".join(table.names.values())[:80]
         raise ValueError(
             f"{table.source} looks like raw signals ({len(table.lines)} samples of {columns}), not like vectors: "
             f"`rotorfit template {table.source} > rig.toml` makes a setup to fill in; then read it with that "
             "(rf.read_recording, --setup rig.toml)"
         )
-    unknown = ", ".join(_suggest(table.names[name]) for name in table.cells if name not in used) or "none"
+    names = ["run", "force_plane", "plane", "direction", *(f"{p}_{unit}" for p, us in PREFIXES.items() for unit in us)]
+    unknown = []
+    for name in map(table.names.__getitem__, others):
+        near = difflib.get_close_matches(name.lower(), names, n=1)
+        unknown.append(f"{name!r} (did you mean {near[0]!r}?)" if near else repr(name))
     raise ValueError(
-        f"{table.source}: missing columns: {', '.join(missing)}. Columns not recognised: {unknown}. Known: {known}. A "
-        "column of another name is said with it (columns=, --column NAME=THEIRS)"
+        f"{table.source}: missing columns: {', '.join(missing)}. Columns not recognised: "
+        f"{', '.join(unknown) or 'none'}. Known: {known}. A column of another name is said with it (columns=, "
+        "--column NAME=THEIRS)"
     )
 
 
@@ -217,17 +228,3 @@ def _refuse_mistaken(table: Table, name: str, known: str) -> None:
             f"{table.source}: unknown column {table.names[name]!r}; "
             f"{tail or f'did you mean {near[0]!r}?'} If it is an attribute of the test, give it another name"
         )
-
-
-def _looks_raw(table: Table, used: set[str]) -> bool:
-    """True if this holds samples over time: nothing of a test is in it, but times or very many rows."""
-    times = {name for name in table.cells if time_factor(name) is not None}
-    if used - times:
-        return False
-    return bool(times) or len(table.lines) >= 1000
-
-
-def _suggest(name: str) -> str:
-    columns = [f"{prefix}_{unit}" for prefix, units in PREFIXES.items() for unit in units]
-    near = difflib.get_close_matches(name.lower(), ["run", "force_plane", "plane", "direction", *columns], n=1)
-    return f"{name!r} (did you mean {near[0]!r}?)" if near else repr(name)
