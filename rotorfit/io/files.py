@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -129,7 +130,16 @@ def read(
         "probe_angles": probe_angles,
     }
     given = {name: value for name, value in options.items() if value is not None}
-    return without(_as_measured(test, given, difference, on_finding), skip)
+    if isinstance(test, PerturbationTest):
+        test = _corrected(test, **given)
+        if difference and test.synchronous:
+            apart = differenced(test)
+            if apart is not test:
+                _tell_uneven(test, on_finding)
+            test = apart
+    elif given:
+        raise ValueError(f"{', '.join(given)} correct probe readings; {test.source} is a {type(test).__name__}")
+    return without(test, skip)
 
 
 def _check_sizes(test: Experiment) -> None:
@@ -145,23 +155,6 @@ def _check_sizes(test: Experiment) -> None:
                 )
 
 
-def _as_measured(
-    test: Experiment, given: Mapping[str, Any], difference: bool, on_finding: Callable[[Finding], None] | None
-) -> Experiment:
-    """The test with its probes corrected, and its synchronous runs differenced."""
-    if isinstance(test, PerturbationTest):
-        test = _corrected(test, **given)
-        if not (difference and test.synchronous):
-            return test
-        apart = differenced(test)
-        if apart is not test:
-            _tell_uneven(test, on_finding)
-        return apart
-    if given:
-        raise ValueError(f"{', '.join(given)} correct probe readings; {test.source} is a {type(test).__name__}")
-    return test
-
-
 def _tell_uneven(test: PerturbationTest, on_finding: Callable[[Finding], None] | None) -> None:
     """Warn of opposite weights that are not one and the same."""
     pairs = uneven_weights(test)
@@ -172,7 +165,7 @@ def _tell_uneven(test: PerturbationTest, on_finding: Callable[[Finding], None] |
         "one of the two is wrong, and all masses, stiffnesses and dampings with it."
     )
     if on_finding is None:
-        warnings.warn(message, stacklevel=5)
+        warnings.warn(message, stacklevel=4)
     else:
         on_finding(Finding("warning", "uneven-weights", message))
 
@@ -201,8 +194,19 @@ def _corrected(
     return resolve_probe_angles(test, probe_angles) if probe_angles else test
 
 
-_KINDS = {"csv": "table", "uff": "universal file", "netcdf": "netCDF file", "mat": "MAT file of version 5"}
-_READERS = {"csv": "tables (CSV and Excel)", "uff": "universal files"}
+_FORMATS = {
+    "csv": ("table", "tables.tidy_csv"),
+    "uff": ("universal file", "universal"),
+    "netcdf": ("netCDF file", "netcdf"),
+    "mat": ("MAT file of version 5", "matlab"),
+}
+"""Name in messages and module by format; the module has ``read_<format>`` and ``write_<format>``."""
+
+
+def _of_format(kind: str, does: str) -> Callable[..., Any]:
+    """Reader or writer of a format, which is imported when it is needed."""
+    found: Callable[..., Any] = getattr(import_module(f"rotorfit.io.{_FORMATS[kind][1]}"), f"{does}_{kind}")
+    return found
 
 
 def _read_raw(
@@ -213,36 +217,20 @@ def _read_raw(
     speed_tolerance: float,
 ) -> Experiment:
     """Read a file with the options of its format; those of another format are refused."""
+    options = {**table, **callbacks, "speed_tolerance": speed_tolerance}
     if not isinstance(path, str | Path):
-        from rotorfit.io.tables.tidy_csv import read_csv
-
-        return read_csv(path, speed_tolerance=speed_tolerance, **table, **callbacks)
+        in_memory: Experiment = _of_format("csv", "read")(path, **options)
+        return in_memory
     kind = _format(path)
     note_input(Path(path))
-    with reading(Path(path).name, _KINDS[kind]):
-        for of, options in (("uff", {**universal, "axes": universal["axes"] != "xy"}), ("csv", table)):
-            name = next((name for name, value in options.items() if value), None)
+    with reading(Path(path).name, _FORMATS[kind][0]):
+        given = {**universal, "axes": universal["axes"] != "xy"}
+        for of, files, own in (("uff", "universal files", given), ("csv", "tables (CSV and Excel)", table)):
+            name = next((name for name, value in own.items() if value), None)
             if name and kind != of:
-                raise ValueError(f"{name} is an option of {_READERS[of]}, which {Path(path).name} is not")
-        if kind == "csv":
-            from rotorfit.io.tables.tidy_csv import read_csv
-
-            return read_csv(path, speed_tolerance=speed_tolerance, **table, **callbacks)
-        return replace(_read_kind(kind, path, universal), speed_tolerance=speed_tolerance)
-
-
-def _read_kind(kind: str, path: str | Path, universal: Mapping[str, Any]) -> Experiment:
-    if kind == "uff":
-        from rotorfit.io.universal import read_uff
-
-        return read_uff(path, **universal)
-    if kind == "netcdf":
-        from rotorfit.io.netcdf import read_netcdf
-
-        return read_netcdf(path)
-    from rotorfit.io.matlab import read_mat
-
-    return read_mat(path)
+                raise ValueError(f"{name} is an option of {files}, which {Path(path).name} is not")
+        test: Experiment = _of_format(kind, "read")(path, **{"csv": options, "uff": universal}.get(kind, {}))
+        return test if kind == "csv" else replace(test, speed_tolerance=speed_tolerance)
 
 
 def write(experiment: Experiment, path: str | Path) -> None:
@@ -262,7 +250,7 @@ def write(experiment: Experiment, path: str | Path) -> None:
         True
     """
     target = check_target(path)
-    writer = _writer(_format(target))
+    writer = _of_format(_format(target), "write")
     with whole_file(target) as draft:
         writer(experiment, draft)
 
@@ -294,24 +282,6 @@ def check_target(path: str | Path) -> Path:
         raise FileNotFoundError(f"cannot write {target}: there is no folder {target.parent}")
     refuse_input(target)
     return target
-
-
-def _writer(kind: str) -> Callable[[Any, Path], None]:
-    if kind == "csv":
-        from rotorfit.io.tables.tidy_csv import write_csv
-
-        return write_csv
-    if kind == "uff":
-        from rotorfit.io.universal import write_uff
-
-        return write_uff
-    if kind == "netcdf":
-        from rotorfit.io.netcdf import write_netcdf
-
-        return write_netcdf
-    from rotorfit.io.matlab import write_mat
-
-    return write_mat
 
 
 def _format(path: str | Path) -> str:

@@ -8,7 +8,7 @@ are rows or runs: their fields are put one after the other, single values standi
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
-from rotorfit.estimators.file_limits import check_mat
+from rotorfit.estimators.file_limits import check_mat, check_unpacked
 from rotorfit.estimators.file_reading import reading
 from rotorfit.io.columns import as_stored, build, column_types, shown_words
 from rotorfit.io.tables.table import Table
@@ -45,19 +45,29 @@ def write_mat(experiment: Experiment, path: str | Path) -> None:
     savemat(path, variables, appendmat=False, oned_as="column", do_compression=True)
 
 
-def read_mat(path: str | Path) -> Experiment:
-    """Read an experiment written by :func:`write_mat`, or by MATLAB with the variables that the module names."""
+def mat_content(path: Path) -> dict[str, Any]:
+    """Variables of a MAT file of version 5, sparse matrices whole."""
     from scipy.io import loadmat
 
-    Path(path).open("rb").close()  # a missing file or a folder is reported by its own exception
-    source = Path(path).name
-    with reading(source, "MAT file of version 5"):
-        check_mat(Path(path))
+    path.open("rb").close()  # a missing file or a folder is reported by its own exception
+    with reading(path.name, "MAT file of version 5"):
+        check_mat(path)
         try:
             content = loadmat(path, appendmat=False)
         except NotImplementedError as error:
-            raise ValueError(f"{source} is a MAT file of version 7.3; save it with save(name, ..., '-v7')") from error
-    columns = _columns({name: values for name, values in content.items() if not name.startswith("__")}, source)
+            advice = "save it with save(name, ..., '-v7')"
+            raise ValueError(f"{path.name} is a MAT file of version 7.3; {advice}") from error
+        variables = {name: values for name, values in content.items() if not name.startswith("__")}
+        sparse = [name for name, values in variables.items() if hasattr(values, "toarray")]
+        declared = sum(8.0 * variables[name].shape[0] * variables[name].shape[1] for name in sparse)
+        check_unpacked(path.name, declared, path.stat().st_size)
+        return variables | {name: variables[name].toarray() for name in sparse}
+
+
+def read_mat(path: str | Path) -> Experiment:
+    """Read an experiment written by :func:`write_mat`, or by MATLAB with the variables that the module names."""
+    source = Path(path).name
+    columns = _columns(mat_content(Path(path)), source)
     if "speed" not in columns and any(name.lower().startswith("speed_") for name in columns):
         return experiment_of(_table(columns, source), SPEED_TOLERANCE)
     names = columns.pop("attribute_names", np.array([], dtype=str)).tolist()
@@ -117,21 +127,18 @@ def _table(columns: Mapping[str, NDArray[Any]], source: str) -> Table:
     """Columns named as in a tidy CSV as its table, to the last bit."""
     kept = {name: values for name, values in columns.items() if name not in ("kind", "attribute_names")}
     rows = max(values.size for values in kept.values())
-    cells = {}
+    cells: dict[str, Sequence[str]] = {}
     for name, values in kept.items():
         if values.dtype.kind == "c":
             raise ValueError(f"{source}: {name} is complex; give real_um and imag_um, or amplitude and phase")
-        words = [_cell(value) for value in values.tolist()]
-        if len(words) not in (1, rows):
-            raise ValueError(f"{source}: {name} has {len(words)} values, other columns have {rows}")
-        cells[name.lower()] = words * rows if len(words) == 1 else words
+        if values.size not in (1, rows):
+            raise ValueError(f"{source}: {name} has {values.size} values, other columns have {rows}")
+        spread = np.repeat(values, rows) if values.size == 1 else values
+        if values.dtype.kind == "U":
+            cells[name.lower()] = spread.tolist()
+        else:
+            cells[name.lower()] = ["" if math.isnan(v) else repr(v) for v in spread.astype(float).tolist()]
     return Table(source=source, cells=cells, lines=np.arange(1, rows + 1), names={name.lower(): name for name in kept})
-
-
-def _cell(value: Any) -> str:
-    if isinstance(value, str):
-        return value
-    return "" if math.isnan(value) else repr(float(value))
 
 
 def _stored(values: NDArray[Any]) -> NDArray[Any]:

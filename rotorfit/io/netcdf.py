@@ -73,6 +73,7 @@ def write_dataset(dataset: xr.Dataset, content: BytesIO, **options: Any) -> None
 
 def load_dataset(path: Path, group: str | None = None) -> xr.Dataset:
     """A data set of a file, netCDF 4 (HDF5) or classic netCDF 3, as it was written."""
+    import h5py
     import xarray as xr
 
     with path.open("rb") as stream:
@@ -83,21 +84,13 @@ def load_dataset(path: Path, group: str | None = None) -> xr.Dataset:
             if not is_sealed(path):
                 refuse_deadly(path)
             check_hdf5(path)
-        if group is not None and not _has_group(path, group):
-            raise ValueError(f"{path.name} holds no {group}")
+        if group is not None:
+            with nullcontext({}) if classic else h5py.File(path) as file:
+                if group not in file:
+                    raise ValueError(f"{path.name} holds no {group}")
         engine = "scipy" if classic else "h5netcdf"
         with xr.open_dataset(path, group=group, engine=engine, decode_times=False) as stored:
             return stored.load()
-
-
-def _has_group(path: Path, group: str) -> bool:
-    """True if a file is netCDF 4 and has a group of that name."""
-    import h5py
-
-    if not h5py.is_hdf5(path):
-        return False
-    with h5py.File(path) as file:
-        return group in file
 
 
 def read_netcdf(path: str | Path) -> Experiment:

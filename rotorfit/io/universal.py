@@ -48,13 +48,19 @@ def write_uff(experiment: Experiment, path: str | Path) -> None:
         raise ValueError(f"a universal file holds perturbation tests only, not {type(experiment).__name__}; use netCDF")
     _refuse(experiment)
     planes = tuple(dict.fromkeys([*experiment.planes, *experiment.force_planes]))
-    file = pyuff.UFF(str(path))
+    # one channel, run, force plane, whirl direction and, unless it is swept, speed are one FRF
+    speed = [0.0] * len(experiment) if experiment.synchronous else experiment.set_speed.tolist()
+    names = ("run", "force_plane", "force_direction", "plane", "direction")
+    keys = zip(*[getattr(experiment, name).tolist() for name in names], experiment.frequency < 0, speed, strict=True)
+    series: dict[Any, list[int]] = {}
+    for row, key in enumerate(keys):
+        series.setdefault(key, []).append(row)
     records = [
         record
-        for number, rows in enumerate(_series(experiment), 1)
-        for record in _records(experiment, rows, planes, number)
+        for number, rows in enumerate(series.values(), 1)
+        for record in _records(experiment, np.array(rows), planes, number)
     ]
-    file.write_sets(records, mode="overwrite")
+    pyuff.UFF(str(path)).write_sets(records, mode="overwrite")
 
 
 def _refuse(test: PerturbationTest) -> None:
@@ -76,17 +82,6 @@ def _refuse(test: PerturbationTest) -> None:
                 f"cannot write the name {name!r} to a universal file: up to {_LINE} plain ASCII characters, without "
                 "blanks at the ends"
             )
-
-
-def _series(test: PerturbationTest) -> Iterator[Index]:
-    """Rows of each FRF: one channel, run, force plane, whirl direction and, unless it is swept, speed."""
-    speed = [0.0] * len(test) if test.synchronous else test.set_speed.tolist()
-    columns = (test.run, test.force_plane, test.force_direction, test.plane, test.direction, test.frequency < 0)
-    groups: dict[Any, list[int]] = {}
-    for row, key in enumerate(zip(*[column.tolist() for column in columns], speed, strict=True)):
-        groups.setdefault(key, []).append(row)
-    for rows in groups.values():
-        yield np.array(rows)
 
 
 def _records(test: PerturbationTest, rows: Index, planes: Sequence[str], number: int) -> Iterator[dict[str, Any]]:

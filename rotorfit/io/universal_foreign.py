@@ -7,7 +7,7 @@ references x and y are there at a node; where one is missing, the test is one wi
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
@@ -82,13 +82,24 @@ def read_foreign(
     """The test that FRFs of another program make."""
     frfs = [record for record in functions if record["func_type"] == FunctionType.FRF]
     if not frfs:
-        kinds = sorted({record["func_type"] for record in functions})
-        raise ValueError(f"{source} has functions of type {kinds} but no frequency response (type 4); nothing to read")
-    names = _plane_names(frfs)
+        types = sorted({record["func_type"] for record in functions})
+        raise ValueError(f"{source} has functions of type {types} but no frequency response (type 4); nothing to read")
+    # entity names are those of planes where they tell the nodes apart, else the node numbers
+    pairs = {(r[f"{end}_node"], r[f"{end}_ent_name"].strip()) for r in frfs for end in ("rsp", "ref")}
+    names = dict(pairs)
+    distinct = len(pairs) == len(names) == len(set(names.values()))
+    if not distinct or {"", "NONE"} & {name.upper() for name in names.values()}:
+        names = {node: str(node) for node in names}
     notes: list[str] = []
     found = [_receptance(record, names, scales, speed, source, notes) for record in frfs]
     receptances = [frf for frf in found if frf is not None]
-    _tell(source, notes)
+    kinds: dict[str, list[str]] = {}  # of notes, with the functions concerned
+    for note in notes:
+        what, _, where = note.rpartition(": ")
+        kinds.setdefault(what, []).append(where)
+    for what, places in kinds.items():
+        more = f" and {len(places) - 3} more" if len(places) > 3 else ""
+        warnings.warn(f"{source}: {what}: {', '.join(places[:3])}{more}", stacklevel=2)
     by_run = _by_channel(receptances)
     if _lonely(by_run):  # the second ID line may be a remark that differs between the two directions of force
         by_run = _by_channel([replace(frf, run="") for frf in receptances])
@@ -99,7 +110,10 @@ def read_foreign(
         )
     alone = _lonely(by_run)  # planes without one of the two references: their force does not turn
     parts = [pair for key, (x, y) in by_run.items() if key[2] not in alone for pair in zip(x, y, strict=True)]
-    rows = list(_circular(parts, source)) + list(_linear(frf for frf in receptances if frf.force_plane in alone))
+    rows = list(_circular(parts, source))
+    rows += [
+        _cells(f, f.force_axis, f.force_axis, f.frequency, f.values) for f in receptances if f.force_plane in alone
+    ]
     joined: dict[str, Any] = {
         name: np.concatenate(cells) for name, cells in zip(_COLUMNS, zip(*rows, strict=True), strict=True)
     }
@@ -122,26 +136,6 @@ def _by_channel(frfs: Sequence[_Receptance]) -> dict[tuple[Any, ...], tuple[list
 def _lonely(channels: dict[tuple[Any, ...], tuple[list[_Receptance], list[_Receptance]]]) -> set[str]:
     """Planes of forces whose partner along the other axis is missing."""
     return {key[2] for key, (x, y) in channels.items() if len(x) != len(y)}
-
-
-def _plane_names(records: Sequence[dict[str, Any]]) -> dict[int, str]:
-    """Entity names as names of planes where they tell the nodes apart, else the node numbers."""
-    pairs = {(r[f"{end}_node"], r[f"{end}_ent_name"].strip()) for r in records for end in ("rsp", "ref")}
-    names = dict(pairs)
-    distinct = len(pairs) == len(names) == len(set(names.values()))
-    usable = distinct and not {"", "NONE"} & {name.upper() for name in names.values()}
-    return names if usable else {node: str(node) for node in names}
-
-
-def _tell(source: str, notes: Sequence[str]) -> None:
-    """One warning for each kind of note, which names the first of the functions concerned."""
-    kinds: dict[str, list[str]] = {}
-    for note in notes:
-        what, _, where = note.rpartition(": ")
-        kinds.setdefault(what, []).append(where)
-    for what, places in kinds.items():
-        more = f" and {len(places) - 3} more" if len(places) > 3 else ""
-        warnings.warn(f"{source}: {what}: {', '.join(places[:3])}{more}", stacklevel=2)
 
 
 def _receptance(
@@ -240,12 +234,6 @@ def _circular(pairs: Sequence[tuple[_Receptance, _Receptance]], source: str) -> 
             )
         for sign, name in ((1.0, "fwd"), (-1.0, "bwd")):
             yield _cells(x, name, "circular", sign * x.frequency, x.values - sign * 1j * y.values)
-
-
-def _linear(frfs: Iterable[_Receptance]) -> Iterator[_Cells]:
-    """Responses to a force of 1 N along an axis."""
-    for frf in frfs:
-        yield _cells(frf, frf.force_axis, frf.force_axis, frf.frequency, frf.values)
 
 
 _COLUMNS = ("run", "speed", "frequency", "force_plane", "force_direction", "plane", "direction", "response", MEASURED)

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.atomic_file import note_input
-from rotorfit.estimators.file_limits import check_archive, check_mat, check_unpacked
+from rotorfit.estimators.file_limits import check_archive, check_unpacked
 from rotorfit.estimators.file_reading import reading
-from rotorfit.models.array_types import Float
+from rotorfit.io.matlab import mat_content
 from rotorfit.models.shafts.shaft import DOFS, MATRICES, ROSS_4, ROSS_6
 
 SAVED_ROTORS = (".toml", ".json")
@@ -56,13 +56,18 @@ def read_structure(path: Path, dofs: Sequence[str] = ()) -> Structure:
     elif path.suffix.lower() == ".npz":
         content = _from_npz(path)
     elif path.suffix.lower() == ".mat":
-        content = _from_mat(path)
+        content = mat_content(path)
     else:
         raise ValueError(
             f"{source}: matrices of a shaft come as .mat, .npz, a folder with M.csv, K.csv, C.csv and G.csv, or as a "
             f"rotor saved by ROSS ({', '.join(SAVED_ROTORS)})"
         )
-    matrices = {name: _number_matrix(content[name], name, source) for name in MATRICES if name in content}
+    matrices: dict[str, Any] = {}
+    for name in (name for name in MATRICES if name in content):
+        values = content[name]
+        if values.dtype.kind not in "iufc" or values.ndim != 2:
+            raise ValueError(f"{source}: {name} is not a matrix of numbers but {values.dtype} of shape {values.shape}")
+        matrices[name] = values.astype(complex if values.dtype.kind == "c" else float)
     missing = [name for name in ("M", "K") if name not in matrices]
     if missing:
         there = ", ".join(sorted(content)) or "nothing"
@@ -74,17 +79,9 @@ def read_structure(path: Path, dofs: Sequence[str] = ()) -> Structure:
     if len(shapes) > 1 or len({size for shape in shapes for size in shape}) > 1:
         sizes = ", ".join(f"{name} {matrix.shape[0]} x {matrix.shape[1]}" for name, matrix in matrices.items())
         raise ValueError(f"{source}: matrices of a shaft are square and of one size; here are {sizes}")
-    return Structure(
-        **{name: matrices.get(name) for name in MATRICES},  # type: ignore[arg-type]
-        dofs=tuple(dofs) or _dofs(content, len(matrices["K"]), source),
-        source=source,
-    )
-
-
-def _number_matrix(values: NDArray[Any], name: str, source: str) -> NDArray[Any]:
-    if values.dtype.kind not in "iufc" or values.ndim != 2:
-        raise ValueError(f"{source}: {name} is not a matrix of numbers but {values.dtype} of shape {values.shape}")
-    return values.astype(complex if values.dtype.kind == "c" else float)
+    coordinates = tuple(dofs) or _dofs(content, len(matrices["K"]), source)
+    found: dict[str, Any] = dict.fromkeys(MATRICES) | matrices
+    return Structure(**found, dofs=coordinates, source=source)
 
 
 def _dofs(content: Mapping[str, NDArray[Any]], size: int, source: str) -> tuple[str, ...]:
@@ -96,8 +93,16 @@ def _dofs(content: Mapping[str, NDArray[Any]], size: int, source: str) -> tuple[
             f"{source} does not say what the {size} coordinates are: give the positions of the nodes as nodes, or the "
             f"coordinates of a node as dofs, for instance {','.join(ROSS_4)} (of {', '.join(DOFS)})"
         )
-    nodes = content[name].size
-    _check_positions(content[name], source)
+    positions = content[name].reshape(-1)
+    nodes, longest = positions.size, 100.0  # m, a ship's shaft line
+    if positions.dtype.kind not in "iuf":
+        raise ValueError(f"{source}: the positions of the nodes are not numbers but {positions.dtype}")
+    # matrices in other units are wrong by powers of ten, and look like any
+    if not np.isfinite(positions).all() or np.ptp(positions.astype(float)) > longest:
+        raise ValueError(
+            f"{source}: the nodes stand from {positions.min():g} to {positions.max():g}, which are no metres; matrices "
+            "and positions must be in SI units: m, kg, N"
+        )
     count, rest = divmod(size, nodes)
     if rest or count not in _DOFS_BY_COUNT:
         supports, odd = divmod(size - 6 * nodes, 3)
@@ -111,40 +116,7 @@ def _dofs(content: Mapping[str, NDArray[Any]], size: int, source: str) -> tuple[
     return _DOFS_BY_COUNT[count]
 
 
-def _check_positions(positions: NDArray[Any], source: str) -> None:
-    """Refuse positions that are no metres: matrices in other units are wrong by powers of ten, and look like any."""
-    longest = 100.0  # m, a ship's shaft line
-    if positions.dtype.kind not in "iuf":
-        raise ValueError(f"{source}: the positions of the nodes are not numbers but {positions.dtype}")
-    values: Float = np.asarray(positions, dtype=float).reshape(-1)
-    if not np.isfinite(values).all() or np.ptp(values) > longest:
-        raise ValueError(
-            f"{source}: the nodes stand from {values.min():g} to {values.max():g}, which are no metres; matrices and "
-            "positions must be in SI units: m, kg, N"
-        )
-
-
 # ---- formats -----------------------------------------------------------------------------------
-
-
-def _from_mat(path: Path) -> dict[str, NDArray[Any]]:
-    from scipy.io import loadmat
-
-    path.open("rb").close()  # a missing file or a folder is reported by its own exception
-    with reading(path.name, "MAT file of version 5"):
-        check_mat(path)
-        try:
-            content = loadmat(path, appendmat=False)
-        except NotImplementedError as error:
-            raise ValueError(
-                f"{path.name} is a MAT file of version 7.3; save it with save(name, ..., '-v7')"
-            ) from error
-        matrices = {name: values for name, values in content.items() if not name.startswith("__")}
-        sparse = {name: values for name, values in matrices.items() if hasattr(values, "toarray")}
-        declared = sum(8.0 * values.shape[0] * values.shape[1] for values in sparse.values())
-        check_unpacked(path.name, declared, path.stat().st_size)
-        whole = {name: values.toarray() for name, values in sparse.items()}
-    return {name: np.asarray(values) for name, values in (matrices | whole).items()}
 
 
 def _from_npz(path: Path) -> dict[str, NDArray[Any]]:
