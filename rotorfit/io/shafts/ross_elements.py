@@ -89,48 +89,28 @@ def ross_elements(
     """Elements by plane, see :meth:`rotorfit.fitting.result.FitResult.to_ross`."""
     if element not in _CLASSES:
         raise ValueError(f"element is {element!r}; allowed: {', '.join(map(repr, _CLASSES))}")
-    line = _line(version)
-    at = _checked_speeds(speeds)
-    forces = _forces(model, theta, at, eccentricity)
-    where = _nodes(model, nodes, list(forces))
-    return {plane: _element(plane, where[plane], at, forces[plane], line, _CLASSES[element]) for plane in forces}
-
-
-def _line(version: str | int | None) -> int:
     given = installed_ross() if version is None else str(version)
     if given is None:
         raise ValueError("ROSS is not installed here: give the version that the element is for, version='2.3' or '3.1'")
-    return line_of(given)
-
-
-def _checked_speeds(speeds: ArrayLike) -> Float:
-    values = np.unique(np.asarray(speeds, dtype=float).reshape(-1))
-    if values.size < LEAST_SPEEDS or not np.isfinite(values).all() or values[0] < 0:
+    line = line_of(given)
+    at = np.unique(np.asarray(speeds, dtype=float).reshape(-1))
+    if at.size < LEAST_SPEEDS or not np.isfinite(at).all() or at[0] < 0:
         raise ValueError(
             f"speeds must be at least {LEAST_SPEEDS} different ones from zero, rad/s, so that ROSS's interpolation "
-            f"holds what is quadratic in speed; got {values.tolist()}"
+            f"holds what is quadratic in speed; got {at.tolist()}"
         )
-    return values
-
-
-def _forces(model: RotorModel, theta: Float, speeds: Float, eccentricity: float) -> dict[str, Float]:
-    """Forces at each plane, as real matrices of x and y by powers of s, shape ``(speeds, 3, 2, 2)``."""
-    forces = {
-        plane: np.array([plane_force(model, theta, speed, plane, eccentricity).values for speed in speeds.tolist()])
+    forces = {  # real matrices of x and y by powers of s, shape (speeds, 3, 2, 2)
+        plane: np.array([plane_force(model, theta, speed, plane, eccentricity).values for speed in at.tolist()])
         for plane in force_planes(model)
     }
-    return {plane: force for plane, force in forces.items() if force.any()}
-
-
-def _nodes(model: RotorModel, given: Mapping[str, int] | None, planes: list[str]) -> dict[str, int]:
+    forces = {plane: force for plane, force in forces.items() if force.any()}
     whole = model.base if isinstance(model, Orthotropic) else model
-    nodes = {**(whole.nodes if isinstance(whole, KnownStructure) else {}), **(given or {})}
-    missing = [plane for plane in planes if plane not in nodes]
-    if missing:
+    where = {**(whole.nodes if isinstance(whole, KnownStructure) else {}), **(nodes or {})}
+    if missing := [plane for plane in forces if plane not in where]:
         raise ValueError(
             f"nodes: say at which node of the ROSS rotor {', '.join(missing)} is, nodes={{{missing[0]!r}: 14}}"
         )
-    return nodes
+    return {plane: _element(plane, where[plane], at, force, line, _CLASSES[element]) for plane, force in forces.items()}
 
 
 def _element(plane: str, node: int, speeds: Float, force: Float, line: int, kind: str) -> RossElement:

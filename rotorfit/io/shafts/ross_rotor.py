@@ -54,8 +54,12 @@ def structure_options(
     for name in ("M", "C", "G", "K", "bearing_elements", "nodes"):
         if not hasattr(rotor, name):
             raise ValueError(f"from_ross takes a ross.Rotor or a file, not a {type(rotor).__name__}")
-    tags = _tagged(rotor)
-    nodes = {plane: _node(plane, at, tags) for plane, at in planes.items()}
+    tags = {str(e.tag): e for e in (*rotor.disk_elements, *rotor.bearing_elements)}
+    nodes: dict[str, int] = {}
+    for plane, at in planes.items():
+        if isinstance(at, str) and at not in tags:
+            raise ValueError(f"plane {plane}: {unknown_name('element of the rotor', at, tags)}")
+        nodes[plane] = int(tags[at].n) if isinstance(at, str) else at
     replaced: list[Any] = []
     options: dict[str, tuple[str, ...]] = {}
     for option, names in taken_out.items():
@@ -63,9 +67,15 @@ def structure_options(
     kept = copy.copy(rotor)
     kept.bearing_elements = [e for e in rotor.bearing_elements if not any(e is gone for gone in replaced)]
     _check_kept(kept, nodes, options["fluid"], speed)
-    at = 0.0 if speed is None else speed
-    matrices = {"M": kept.M(at), "C": kept.C(at), "G": kept.G(), "K": kept.K(at)}
-    return {**matrices, "planes": nodes, "dofs": _ross_dofs(rotor, len(matrices["K"])), **options}
+    rate = 0.0 if speed is None else speed
+    matrices = {"M": kept.M(rate), "C": kept.C(rate), "G": kept.G(), "K": kept.K(rate)}
+    size, per_node = len(rotor.nodes) * int(rotor.number_dof), int(rotor.number_dof)
+    if (beside := len(matrices["K"]) - size) != 0:
+        raise ValueError(
+            f"the rotor has {beside} coordinates beside those of its {len(rotor.nodes)} nodes, of support masses "
+            "(n_link), which a known structure does not have. Link the bearings to the ground, or take them out"
+        )
+    return {**matrices, "planes": nodes, "dofs": ROSS_4 if per_node == len(ROSS_4) else ROSS_6, **options}
 
 
 def _of_file(
@@ -203,19 +213,6 @@ def _in_line(content: Mapping[str, Any], saved: int, here: int) -> dict[str, Any
 # ---- elements --------------------------------------------------------------------------------------------------------
 
 
-def _tagged(rotor: Any) -> dict[str, Any]:
-    """Bearings and disks by tag."""
-    return {str(e.tag): e for e in (*rotor.disk_elements, *rotor.bearing_elements)}
-
-
-def _node(plane: str, at: int | str, tags: Mapping[str, Any]) -> int:
-    if not isinstance(at, str):
-        return at
-    if at not in tags:
-        raise ValueError(f"plane {plane}: {unknown_name('element of the rotor', at, tags)}")
-    return int(tags[at].n)
-
-
 def _plane_of(name: str, option: str, nodes: dict[str, int], tags: Mapping[str, Any], replaced: list[Any]) -> str:
     """The plane of a name; an element's is at its node, a new one where no plane stands there."""
     if name in nodes:
@@ -241,7 +238,8 @@ def _check_kept(rotor: Any, nodes: Mapping[str, int], fluid: Iterable[str], spee
     at_fluid = {nodes[plane] for plane in fluid}
     for element in rotor.bearing_elements:
         name = f"{element.tag} at node {element.n}"
-        if speed is None and _varies(element):
+        coefficients = (np.atleast_1d(np.asarray(getattr(element, each), dtype=float)) for each in _COEFFICIENTS)
+        if speed is None and any(np.ptp(values) > 0 for values in coefficients):
             raise ValueError(
                 f"{name} has coefficients that change with speed or frequency; take it out (fluid= or supports= name "
                 "it), or give the speed, rad/s, whose coefficients are to be taken at all speeds"
@@ -253,27 +251,9 @@ def _check_kept(rotor: Any, nodes: Mapping[str, int], fluid: Iterable[str], spee
                 f"{name} stands where the fluid that is fitted acts, and has damping or cross-coupling of its own; "
                 f"fluid={str(element.tag)!r} takes it out"
             )
-        if not _round(K) or not _round(C):
+        if not all(np.isclose(m[0, 0], m[1, 1]) and np.isclose(m[0, 1], -m[1, 0]) for m in (K, C)):
             raise ValueError(
                 f"{name} is not the same in x and y (kxx {K[0, 0]:g}, kyy {K[1, 1]:g}, cxx {C[0, 0]:g}, cyy "
                 f"{C[1, 1]:g}); a known structure is. supports={str(element.tag)!r} takes it out, and "
                 "rf.models.Orthotropic(model, at=...) has what is put in its place"
             )
-
-
-def _round(matrix: Any) -> bool:
-    return bool(np.isclose(matrix[0, 0], matrix[1, 1]) and np.isclose(matrix[0, 1], -matrix[1, 0]))
-
-
-def _varies(element: Any) -> bool:
-    return any(np.ptp(np.atleast_1d(np.asarray(getattr(element, name), dtype=float))) > 0 for name in _COEFFICIENTS)
-
-
-def _ross_dofs(rotor: Any, size: int) -> tuple[str, ...]:
-    nodes, per_node = len(rotor.nodes), int(rotor.number_dof)
-    if size != nodes * per_node:
-        raise ValueError(
-            f"the rotor has {size - nodes * per_node} coordinates beside those of its {nodes} nodes, of support masses "
-            "(n_link), which a known structure does not have. Link the bearings to the ground, or take them out"
-        )
-    return ROSS_4 if per_node == len(ROSS_4) else ROSS_6
