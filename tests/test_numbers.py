@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sentences import hear
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
@@ -76,7 +77,7 @@ def test_journal_force_alone_names_what_is_open(rig):
     assert set(fit.identifiability.unresolved) == {"Md", "Ds", "K1", "sigma", "K0"}
     (combination,) = fit.identifiability.combinations
     assert set(combination.names) == {"Md", "Ds", "K1", "sigma", "K0"}
-    assert "fix sigma" in combination.message
+    hear(combination.message)
     assert all(not np.isfinite(fit.params[name].stderr) for name in combination.names)
     # The advice works.
     fixed = rf.fit(WhirlWhip(), journal, known={"K3": 6000.0, "sigma": 1.0})
@@ -185,7 +186,7 @@ def test_squeeze_film_gives_the_fluid_but_not_lam():
     fit = rf.fit(OneMode(), squeeze_film(), known={name: truth[name] for name in ("K", "Ds", "M")})
     within_own_errors(fit, {name: truth[name] for name in ("D", "K0", "Mf")})
     assert fit.identifiability.unresolved == ("lam",)
-    assert "lam is not observable" in fit.identifiability.combinations[0].message
+    hear(fit.identifiability.combinations[0].message)
     assert "lam" in fit.summary()
 
 
@@ -238,7 +239,7 @@ def test_kanki_long_seal_refuses_one_lam():
     fit = rf.fit(OneMode(), kanki_test(), known={"M": 0.0, "K": 0.0, "Ds": 0.0})
     verdict = rf.one_lam_test(fit)
     assert verdict.rejected
-    assert "one lam is refused" in verdict.message
+    hear(verdict.message)
     assert "misses" not in verdict.message
     assert abs(verdict.lam_D[0] - 0.3508) < 3.5 * verdict.lam_D[1]
     assert abs(verdict.lam_M[0] - 0.5960) < 3.5 * verdict.lam_M[1]
@@ -247,7 +248,7 @@ def test_kanki_long_seal_refuses_one_lam():
 def test_one_lam_is_not_refused_in_silence_by_what_the_model_leaves_out():
     """The bundled rig turns with one ratio, and has structure that whirl-whip lacks."""
     fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
-    assert "the model still misses the data (redchi " in rf.one_lam_test(fit).message
+    hear(rf.one_lam_test(fit).message)
 
 
 @pytest.mark.slow

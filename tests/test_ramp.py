@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from sentences import hear
 
 import rotorfit as rf
 from rotorfit.estimators.signals.ramp import find_beat, fit_ramp, ramp_response, steady_response
@@ -65,7 +66,7 @@ def test_a_settled_run_up_does_not_beat() -> None:
 def test_the_measured_run_up_is_noticed_and_fitted_where_it_does_not_beat() -> None:
     test = rf.datasets.rk4_runup()
     (finding,) = [f for f in rf.check(test) if f.code == "ramp"]
-    assert "from 1738 rpm on" in finding.message
+    hear(finding.message)
     early = test.select(test.speed < 1700 * RPM)
     fit = rf.fit(rf.models.Modal(("disk2",), gains="plane"), early, phase_offsets="common")
     assert abs(fit.params["wn"].value / RPM - 1658) < 15

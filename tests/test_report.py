@@ -12,7 +12,7 @@ import law_data
 import numpy as np
 import pytest
 from report_pages import Page, made_profile, normal_draws, report_of
-from sentences import refuses
+from sentences import hear, refuses
 from slow_cases import slow_but
 from synthetic import (
     KNOWN,
@@ -395,7 +395,7 @@ def test_an_interactive_report_without_plotly_is_refused_before_the_fit(
 ) -> None:
     words = ["fit", str(datasets.path("rig_lumped.csv")), "--model", "whirl-whip", "--interactive"]
     assert cli.main(words) == 2
-    assert "--interactive is for the report; say by --out where to write it" in capsys.readouterr().err
+    hear(capsys.readouterr().err)
     monkeypatch.setattr(interactive, "find_spec", lambda name: None)
     assert cli.main([*words, "--out", str(tmp_path / "results")]) == 2
     assert 'pip install "rotorfit[interactive]"' in capsys.readouterr().err

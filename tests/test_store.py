@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sentences import refuses, warns
+from sentences import hear, refuses, warns
 from stored import STUDY, day, days
 from unreliable import Unreliable
 
@@ -116,7 +116,7 @@ def test_data_that_cannot_be_fitted_are_said_once(store: rf.Store, tmp_path: Pat
     study = {"model": "overhung"}
     assert store.add([file], study)[0].new_fit
     assert not store.add([file], study)[0].new_fit
-    assert "journal" in store.fits[0].message
+    hear(store.fits[0].message)
     assert not store.fits[0].good
     with refuses(ValueError):
         store.trend()
