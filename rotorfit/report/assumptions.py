@@ -16,10 +16,13 @@ def assumptions_section(material: ReportInput) -> Html:
     found = material.fit.assumed
     if not found.entries:
         return Html("")
-    head, *rows = found.rows()
+    least = 0.1  # of a standard error: less is seen in no digit that is printed
+    head, *rows = found.rows(least)
+    lighter = len(found.entries) - len(rows)
+    rest = f"{lighter} more of less than a tenth of a standard error: see fit.assumptions()."
     return section(
         "What these numbers rest on",
         table(head, rows, numeric=range(1, len(head))),
-        *map(note, found.words),
+        *map(note, (*([rest] if lighter else []), *found.words)),
         folded=True,
     )

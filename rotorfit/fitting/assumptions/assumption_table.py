@@ -15,9 +15,7 @@ from rotorfit.units import RPM_PER_RAD_S
 
 THRESHOLD_COLUMN = "threshold speed"
 _NOTHING = 1e-3  # of a standard error: a shift below it is shown as none
-_NARROWED_RATIO = (
-    3.0  # uncertainty over standard error from which data narrow it; less clear information is curvature's too
-)
+_NARROWED_RATIO = 3.0  # uncertainty over standard error from which data narrow it; curvature gives less as well
 _NOTABLE_FALL = 0.95  # of a combined error without one entry, above which that entry is not named by itself
 
 
@@ -184,11 +182,14 @@ class Assumptions(Printed):
         """
         return math.hypot(self.entries[0].errors[result], self.systematic(result))
 
-    def rows(self) -> list[list[str]]:
-        """The table, head first: term, score test, size, and the shift of each result by that size."""
+    def rows(self, least: float = 0.0) -> list[list[str]]:
+        """The table, head first: term, score test, size, and the shift of each result by that size; without entries
+        that the data do not ask for and that move no result by so many standard errors."""
         results = list(self.entries[0].errors) if self.entries else []
         rows = [["left out or taken as known", "z", "size", *(_titled(name) for name in results), "s.e."]]
         for entry in self.entries:
+            if entry.weight < least and not entry.missing:
+                continue
             shifts = [_shown(name, entry.shifts[name] * entry.size, entry.errors[name]) for name in results]
             test = f"{entry.z:+.1f}" if entry.tested else "not determined"
             unit = "" if entry.unit == "1" else f" {entry.unit}"
