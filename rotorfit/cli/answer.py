@@ -1,4 +1,4 @@
-"""Output of commands other than a fit: a folder, JSON or text; errors of the data first."""
+"""How a command answers and ends: a folder, JSON or text; what the user got wrong as one sentence; exit codes."""
 
 from __future__ import annotations
 
@@ -6,39 +6,88 @@ import argparse
 import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from rotorfit.cli.errors import BadInputError
 from rotorfit.data.findings import Finding, attributed, errors_in, warnings_in
 from rotorfit.estimators.file_reading import shown
 from rotorfit.studies.json_text import json_text
 from rotorfit.studies.wording import sentence
 
 
-def give(
-    options: argparse.Namespace,
-    write: Callable[[Path], None],
-    plain: Callable[[], Any],
-    text: str,
-    warned: Iterable[str] = (),
-) -> None:
-    """Fill the folder and print, as the options ask; warnings, which the text holds, are not silenced by --quiet."""
+class ExitCode(IntEnum):
+    """Exit codes of the commands."""
+
+    DONE = 0
+    NOT_CONVERGED = 1
+    BAD_INPUT = 2
+    ALARM = 3
+    INTERRUPTED = 130
+
+
+T = TypeVar("T")
+
+
+class BadInputError(Exception):
+    """Something in the user's hands is wrong; the message says what, where and what to do."""
+
+
+def checked(work: Callable[[], T], of: Path | None = None) -> T:
+    """Do work that depends on the user's files and settings; what they get wrong becomes a :class:`BadInputError`, with
+    the file that the settings are of."""
+    try:
+        return work()
+    except BrokenPipeError:  # of the output, whose reader has seen enough
+        raise
+    except (ValueError, KeyError, OSError) as problem:
+        words = sentence(problem)
+        raise BadInputError(words if of is None or str(of) in words else f"{of}: {words}") from problem
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """What a command found."""
+
+    text: str  # for the terminal
+    plain: Callable[[], Any] = dict  # for --json
+    write: Callable[[Path], None] | None = None  # fills the folder --out
+    warned: Iterable[str] = ()  # warnings that the text holds; --quiet does not silence them
+    said: Iterable[str] = ()  # sentences beside the answer: what is wrong, and what was left out
+    good: bool = True  # the data have no error, and everything converged
+    refused: bool = False  # some of the input
+
+
+def answered(work: Callable[[argparse.Namespace], Answer]) -> Callable[[argparse.Namespace], ExitCode]:
+    """The command that finds an answer, fills the folder, and prints what the options ask for."""
+
+    def command(options: argparse.Namespace) -> ExitCode:
+        return give(checked(lambda: work(options)), options)
+
+    return command
+
+
+def give(answer: Answer, options: argparse.Namespace) -> ExitCode:
+    """Fill the folder and print, as the options ask."""
     from rotorfit.studies.folder import complete_folder
 
-    if options.out is not None:
+    out, quiet = getattr(options, "out", None), getattr(options, "quiet", False)
+    if out is not None and answer.write is not None:
         try:
-            with complete_folder(options.out) as folder:
-                write(folder)
+            with complete_folder(out) as folder:
+                answer.write(folder)
         except OSError as problem:
             raise BadInputError(sentence(problem)) from problem
-    if options.json:
-        print(json_text(plain()))
-    elif not options.quiet:
-        print(text + (f"\n\nwritten to {options.out}" if options.out else ""))
-    if options.quiet:
-        for warning in warned:
-            say(warning)
+    if getattr(options, "json", False):
+        print(json_text(answer.plain()))
+    elif not quiet:
+        print(answer.text + (f"\n\nwritten to {out}" if out else ""))
+    for words in (*(answer.warned if quiet else ()), *answer.said):
+        say(words)
+    if answer.refused:
+        return ExitCode.BAD_INPUT
+    return ExitCode.DONE if answer.good else ExitCode.NOT_CONVERGED
 
 
 def write_results(found: Any, folder: Path, text: str, options: argparse.Namespace, *, table: str, figure: str) -> None:
@@ -62,8 +111,7 @@ def say(problem: str) -> None:
     print(f"rotorfit: {shown(problem)}", file=sys.stderr)
 
 
-def say_findings(findings: Sequence[Iterable[Finding]], sources: Sequence[str]) -> None:
+def sentences(findings: Sequence[Iterable[Finding]], sources: Sequence[str]) -> tuple[str, ...]:
     """Errors and warnings about data, for commands whose answer is not printed."""
     found = attributed(findings, sources)
-    for problem in (*errors_in(found), *warnings_in(found)):
-        say(problem)
+    return (*errors_in(found), *warnings_in(found))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.options.kinds import count_word, pairs, two_numbers
+from rotorfit.options.kinds import count_word, is_set, pairs, positive_word, two_numbers
 from rotorfit.options.table import FIT, MODEL, UNCERTAINTY
 from rotorfit.units import RAD_S_PER_RPM
 
@@ -21,125 +21,114 @@ if TYPE_CHECKING:
     from rotorfit.studies.study import Study
 
 
-def add_output(to: argparse.ArgumentParser) -> None:
-    """How much is printed."""
-    to.add_argument("--json", action="store_true", help="print the result as JSON instead of tables")
-    to.add_argument("--quiet", action="store_true", help="print neither progress nor tables")
+def option(
+    to: argparse._ActionsContainer, written: str, help: str, kind: Callable[[str], Any] = str, **more: Any
+) -> None:
+    """An option as its help writes it: ``--speed RPM``. With nothing behind it it is a flag; with ``...`` at the end
+    it may be given again."""
+    word, _, value = written.partition(" ")
+    if not value:
+        to.add_argument(word, action="store_true", help=help, **more)
+    elif value.endswith(" ..."):
+        to.add_argument(word, action="append", default=[], metavar=value.removesuffix(" ..."), help=help, **more)
+    else:
+        to.add_argument(word, type=kind, metavar=value, help=help, **more)
 
 
-def add_figure_format(to: argparse.ArgumentParser, *, may_lack: bool = False) -> None:
-    """Format of the figures in the folder for results, and of a report, whether it has figures and which."""
+def add_output(to: argparse.ArgumentParser, out: str = "", *, figures: bool = False) -> None:
+    """Folder for what is found, the format of figures in it, and how much is printed."""
+    if out:
+        option(to, "--out OUT", f"folder for {out}", Path)
+    if figures:
+        add_figure_format(to)
+    option(to, "--json", "print the result as JSON instead of tables")
+    option(to, "--quiet", "print neither progress nor tables")
+
+
+def add_figure_format(to: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGroup:
+    """Format of the figures in the folder for results."""
     one = to.add_mutually_exclusive_group()
-    one.add_argument(
-        "--figure-format",
-        choices=("png", "pdf", "svg"),
-        default="png",
-        help="format of the figures in --out [%(default)s]",
-    )
-    if may_lack:
-        words = "write no figures in --out, only tables, report and data files"
-        one.add_argument("--no-figures", dest="figure_format", action="store_const", const="none", help=words)
-        words = "add Bode plots to the report that can be zoomed and clicked; needs plotly and 5 MB"
-        to.add_argument("--interactive", action="store_true", help=words)
+    words = "format of the figures in --out [%(default)s]"
+    one.add_argument("--figure-format", choices=("png", "pdf", "svg"), default="png", help=words)
+    return one
+
+
+def add_report(to: argparse.ArgumentParser) -> None:
+    """Figures of a report, and how much is printed."""
+    words = "write no figures in --out, only tables, report and data files"
+    which = add_figure_format(to)
+    which.add_argument("--no-figures", dest="figure_format", action="store_const", const="none", help=words)
+    option(to, "--interactive", "add Bode plots to the report that can be zoomed and clicked; needs bokeh and some MB")
+    add_output(to)
 
 
 def add_group(to: argparse.ArgumentParser) -> None:
     """Which values, of fits with one value of a parameter a condition."""
-    words = "condition, of a fit with parameters per attribute (--per): speed_rpm=1000"
-    to.add_argument("--at", action="append", default=[], metavar="NAME=VALUE", help=words)
+    option(to, "--at NAME=VALUE ...", "condition, of a fit with parameters per attribute (--per): speed_rpm=1000")
 
 
 def group(options: argparse.Namespace) -> dict[str, float | str]:
     """The condition that was named."""
-    return pairs("--at", options.at, _number_or_text)
+
+    def number_or_text(word: str) -> float | str:
+        try:
+            return float(word)
+        except ValueError:
+            return word
+
+    return pairs("--at", options.at, number_or_text)
 
 
-def _number_or_text(word: str) -> float | str:
-    try:
-        return float(word)
-    except ValueError:
-        return word
+def add_paths(to: argparse.ArgumentParser, help: str, count: str = "+") -> None:
+    """Files, at least one."""
+    to.add_argument("files", nargs=count, type=Path, metavar="FILE", help=help)
 
 
 def add_files(to: argparse.ArgumentParser) -> None:
     """Test files and how they are read."""
-    to.add_argument(
-        "files",
-        nargs="+",
-        type=Path,
-        metavar="FILE",
-        help="test files (.csv .uff .nc .mat), recordings of raw signals (.h5 .tdms .wav)",
-    )
+    add_paths(to, "test files (.csv .uff .nc .mat), recordings of raw signals (.h5 .tdms .wav)")
     add_setup(to)
-    to.add_argument(
-        "--probe-angles",
-        action="append",
-        default=[],
-        metavar="PLANE=X:Y",
-        help="angles of the probes named x and y, degrees from X towards Y",
+    option(to, "--probe-angles PLANE=X:Y ...", "angles of the probes named x and y, degrees from X towards Y")
+    words = "subtract each channel's mean reading below this speed (synchronous tests)"
+    option(to, "--slow-roll-below RPM", words, float)
+    option(to, "--speed RPM", "rotative speed, for universal files without it", float)
+    option(to, "--axes AB", "directions of a universal file that are x and y: yz for a shaft along its x [xy]")
+    option(to, "--sheet NAME", "sheet of an Excel file [the first]")
+    words = (
+        "value of a column that a table lacks: force_plane=disk, mr_g_mm=30; for one of several files: "
+        "trial.csv:mr_g_mm=30"
     )
-    to.add_argument(
-        "--slow-roll-below",
-        type=float,
-        metavar="RPM",
-        help="subtract each channel's mean reading below this speed (synchronous tests)",
-    )
-    to.add_argument("--speed", type=float, metavar="RPM", help="rotative speed, for universal files without it")
-    to.add_argument(
-        "--axes", metavar="AB", help="directions of a universal file that are x and y: yz for a shaft along its x [xy]"
-    )
-    to.add_argument("--sheet", metavar="NAME", help="sheet of an Excel file [the first]")
-    to.add_argument(
-        "--constant",
-        action="append",
-        default=[],
-        metavar="[FILE:]COLUMN=VALUE",
-        help="value of a column that a table lacks: force_plane=disk, mr_g_mm=30; for one of several files: "
-        "trial.csv:mr_g_mm=30",
-    )
-    to.add_argument(
-        "--column",
-        action="append",
-        default=[],
-        metavar="NAME=COLUMN",
-        help="rotorfit's name of a column (in a machine's export: of a channel)",
-    )
+    option(to, "--constant [FILE:]COLUMN=VALUE ...", words)
+    option(to, "--column NAME=COLUMN ...", "rotorfit's name of a column (in a machine's export: of a channel)")
     rows = "readings by attribute (run, speed_rpm, plane, a column of the file): a value or a range LO:HI"
-    to.add_argument(
-        "--where",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help=f"keep only {rows}; repeat it for a further value",
-    )
-    to.add_argument("--exclude", action="append", default=[], metavar="NAME=VALUE", help=f"leave out {rows}")
-    to.add_argument(
-        "--drop-near-1x", type=float, metavar="PERCENT", help="leave out readings this close to the running speed"
-    )
+    option(to, "--where NAME=VALUE ...", f"keep only {rows}; repeat it for a further value")
+    option(to, "--exclude NAME=VALUE ...", f"leave out {rows}")
+    option(to, "--drop-near-1x PERCENT", "leave out readings this close to the running speed", float)
 
 
 def add_setup(to: argparse.ArgumentParser) -> None:
     """Setup of the rig for recordings."""
-    to.add_argument(
-        "--setup",
-        type=Path,
-        metavar="rig.toml",
-        help="setup of the rig with the channels of recordings; all files are then recordings",
-    )
-    to.add_argument(
-        "--windows",
-        type=count_word,
-        metavar="TURNS",
-        help="reduce recordings by windows of so many turns, for nonlinear rotors",
-    )
+    words = "setup of the rig with the channels of recordings; all files are then recordings"
+    option(to, "--setup rig.toml", words, Path)
+    words = "reduce recordings by windows of so many turns, for nonlinear rotors"
+    option(to, "--windows TURNS", words, count_word)
 
 
 def add_jobs(to: argparse.ArgumentParser, what: str) -> None:
     """Processes of this machine, or a cluster."""
-    to.add_argument("--jobs", type=int, default=1, metavar="N", help=f"processes to {what} with [%(default)s]")
-    to.add_argument(
-        "--cluster", metavar="ADDRESS", help=f"Dask cluster to {what} with: local:8, or a scheduler's tcp://host:8786"
-    )
+    option(to, "--jobs N", f"processes to {what} with [%(default)s]", int, default=1)
+    option(to, "--cluster ADDRESS", f"Dask cluster to {what} with: local:8, or a scheduler's tcp://host:8786")
+
+
+def add_false_alarm(to: argparse.ArgumentParser, help: str) -> None:
+    """Probability of a false alarm."""
+    option(to, "--false-alarm P", help, positive_word, default=0.01)
+
+
+def check_false_alarm(options: argparse.Namespace) -> None:
+    """Refuse what is no probability."""
+    if options.false_alarm >= 1:
+        raise ValueError(f"--false-alarm takes a probability below 1, got {options.false_alarm:g}")
 
 
 def workers_of(options: argparse.Namespace) -> AbstractContextManager[Executor | None]:
@@ -172,30 +161,21 @@ def model_name(options: argparse.Namespace) -> str:
 
 def add_options(to: argparse._ActionsContainer, names: Iterable[str]) -> None:
     """Options from the table; what is not given is ``None``."""
-    for option in map(FIT.__getitem__, names):
-        kind = option.kind
-        if kind.word is None:
-            to.add_argument(option.word, dest=option.name, action="store_true", default=None, help=option.help)
-        elif kind.bare:
-            to.add_argument(
-                option.word,
-                dest=option.name,
-                nargs="?",
-                const=True,
-                type=kind.word,
-                metavar=option.metavar,
-                help=option.help,
-            )
-        elif kind.paired:
-            to.add_argument(option.word, dest=option.name, action="append", metavar=option.metavar, help=option.help)
-        else:
-            to.add_argument(option.word, dest=option.name, type=kind.word, metavar=option.metavar, help=option.help)
+    for one in map(FIT.__getitem__, names):
+        shape: dict[str, Any] = {"metavar": one.metavar, "type": one.kind.word}
+        if one.kind.word is None:
+            shape = {"action": "store_true", "default": None}
+        elif one.kind.bare:
+            shape |= {"nargs": "?", "const": True}
+        elif one.kind.paired:  # read together, when all of them are known
+            shape = {"metavar": one.metavar, "action": "append"}
+        to.add_argument(one.word, dest=one.name, help=one.help, **shape)
 
 
 def add_fit_options(fit: argparse.ArgumentParser) -> None:
     """All that a single fit takes."""
     add_files(fit)
-    fit.add_argument("--out", type=Path, help="folder for tables and figures")
+    option(fit, "--out OUT", "folder for tables and figures", Path)
     add_model(fit, [name for name in FIT if name not in UNCERTAINTY])
     add_options(fit.add_argument_group("uncertainty beyond standard errors"), UNCERTAINTY)
 
@@ -209,22 +189,22 @@ def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, 
     from rotorfit.studies.data_files import DataFile
     from rotorfit.studies.recording_files import RecordingFiles
 
-    read: dict[str, Any] = {}
-    if options.probe_angles:
-        read["probe_angles"] = pairs("--probe-angles", options.probe_angles, two_numbers)
-    if options.slow_roll_below is not None:
-        read["slow_roll_below_rpm"] = options.slow_roll_below
-    if options.speed is not None:
-        read["speed"] = options.speed * RAD_S_PER_RPM
-    read |= {name: getattr(options, name) for name in ("axes", "sheet") if getattr(options, name)}
+    speed, percent = options.speed, options.drop_near_1x
+    if percent is not None and not 0 <= percent < 100:
+        raise ValueError(f"--drop-near-1x is per cent of the speed, from 0 to below 100; got {percent:g}")
+    given = {
+        "probe_angles": pairs("--probe-angles", options.probe_angles, two_numbers),
+        "slow_roll_below_rpm": options.slow_roll_below,
+        "speed": None if speed is None else speed * RAD_S_PER_RPM,
+        "axes": options.axes,
+        "sheet": options.sheet,
+        "columns": pairs("--column", options.column, str),
+        "where": _chosen("--where", options.where),
+        "exclude": _chosen("--exclude", options.exclude),
+        "drop_near_1x": None if percent is None else percent / 100,
+    }
+    read = {name: value for name, value in given.items() if is_set(value)}
     constants = _constants(options)
-    if options.column:
-        read["columns"] = pairs("--column", options.column, str)
-    for name in ("where", "exclude"):
-        if getattr(options, name):
-            read[name] = chosen(f"--{name}", getattr(options, name))
-    if options.drop_near_1x is not None:
-        read["drop_near_1x"] = _share_near_1x(options.drop_near_1x)
     raw = tuple(file for file in options.files if options.setup or file.suffix.lower() in ALWAYS_RAW)
     if raw and (read or options.constant):
         raise ValueError(
@@ -256,13 +236,7 @@ def _constants(options: argparse.Namespace) -> dict[Path, dict[str, Any]]:
     return {file: {"constants": pairs("--constant", given, str)} if given else {} for file, given in words.items()}
 
 
-def _share_near_1x(percent: float) -> float:
-    if not 0 <= percent < 100:
-        raise ValueError(f"--drop-near-1x is per cent of the speed, from 0 to below 100; got {percent:g}")
-    return percent / 100
-
-
-def chosen(option: str, words: Sequence[str]) -> dict[str, Any]:
+def _chosen(option: str, words: Sequence[str]) -> dict[str, Any]:
     """Values of attributes: ``NAME=VALUE`` as often as there are values, or one range ``NAME=LO:HI``."""
     found: dict[str, Any] = {}
     for word in words:
@@ -274,12 +248,10 @@ def chosen(option: str, words: Sequence[str]) -> dict[str, Any]:
             ends = (float(low or "-inf"), float(high or "inf")) if colon else None
         except ValueError:
             ends = None  # a colon in a name
-        if ends is not None:
-            if name in found:
-                raise ValueError(f"{option} {name} is given twice, one of them a range; give one range")
-            found[name] = ends
-        elif isinstance(found.get(name), tuple):
+        if name in found and (ends or isinstance(found[name], tuple)):
             raise ValueError(f"{option} {name} is given twice, one of them a range; give one range")
+        if ends:
+            found[name] = ends
         else:
             found.setdefault(name, []).append(value)
     return found
@@ -288,10 +260,10 @@ def chosen(option: str, words: Sequence[str]) -> dict[str, Any]:
 def given(options: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
     """Values of some options that were given, by the names that a study has for them."""
     found: dict[str, Any] = {}
-    for option in map(FIT.__getitem__, names):
-        value, parse = getattr(options, option.name), option.kind.word
+    for one in map(FIT.__getitem__, names):
+        value, parse = getattr(options, one.name), one.kind.word
         if value is not None:
-            found[option.name] = pairs(option.word, value, parse) if option.kind.paired and parse else value
+            found[one.name] = pairs(one.word, value, parse) if one.kind.paired and parse else value
     return found
 
 

@@ -10,90 +10,73 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rotorfit.cli.answer import finite, give, say
-from rotorfit.cli.arguments import add_files, add_output
+from rotorfit.cli.answer import Answer, finite
+from rotorfit.cli.arguments import add_files, add_output, option
+from rotorfit.cli.recordings import joined_runs
 from rotorfit.data.findings import errors_in
-from rotorfit.options.kinds import number_word, pairs, words
+from rotorfit.options.kinds import number_word, pairs
+from rotorfit.options.kinds import words as comma_words
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.data.balancing import Balance
     from rotorfit.data.weights import Influences
 
-DESCRIPTION = "correction weights with their errors, from a reference run and runs with trial weights"
+HELP = "correction weights with their errors, from a reference run and runs with trial weights"
 
 
 def add_options(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
     add_files(to)
-    to.add_argument(
-        "--reference",
-        metavar="RUN",
-        help="run whose vibration is to be corrected; its weights stay in [the rotor without any weight]",
-    )
-    to.add_argument("--planes", type=words, metavar="A,B", help="planes to put weights in [all that were tried]")
-    to.add_argument(
-        "--speeds",
-        type=words,
-        metavar="RPM,RPM",
-        help="speeds at which start-ups are read, rpm [those at which runs dwell]",
-    )
-    to.add_argument(
-        "--max-g-mm",
-        action="append",
-        default=[],
-        metavar="[PLANE=]G_MM",
-        help="largest weight, mass times radius, of every plane or of one; repeat it for a further plane",
-    )
-    to.add_argument(
-        "--holes",
-        action="append",
-        default=[],
-        metavar="[PLANE=]N",
-        help="split weights over N even holes, the first at zero degrees of force_phase_deg",
-    )
-    to.add_argument("--out", type=Path, help="folder for weights.csv, readings.csv and summary.txt")
-    add_output(to)
+    words = "run whose vibration is to be corrected; its weights stay in [the rotor without any weight]"
+    option(to, "--reference RUN", words)
+    option(to, "--planes A,B", "planes to put weights in [all that were tried]", comma_words)
+    words = "speeds at which start-ups are read, rpm [those at which runs dwell]"
+    option(to, "--speeds RPM,RPM", words, comma_words)
+    words = "largest weight, mass times radius, of every plane or of one; repeat it for a further plane"
+    option(to, "--max-g-mm [PLANE=]G_MM ...", words)
+    words = "split weights over N even holes, the first at zero degrees of force_phase_deg"
+    option(to, "--holes [PLANE=]N ...", words)
+    add_output(to, "weights.csv, readings.csv and summary.txt")
 
 
-def run(options: argparse.Namespace) -> int:
-    """Do what the command line says; returns the exit code."""
-    from rotorfit.cli.errors import ExitCode, checked
+def answer(options: argparse.Namespace) -> Answer:
+    """Weights, and how the rotor will vibrate with them."""
     from rotorfit.diagnosis.check import check
 
-    influences, found = checked(lambda: _balance(options))
+    influences, found = _balance(options)
     errors = errors_in(check(influences.measured))
     text = f"influences of weights, +- are standard errors\n{influences}\n\n{found}"
     text = "\n".join([*(f"ERROR in the data: {words}" for words in errors), text])
-    give(options, partial(_write, found, text), lambda: {"errors": list(errors), **_plain(found)}, text, found.remarks)
-    for problem in errors:
-        say(f"error in the data: {problem}")
-    return ExitCode.NOT_CONVERGED if errors else ExitCode.DONE
+    return Answer(
+        text=text,
+        write=partial(_write, found, text),
+        plain=lambda: {"errors": list(errors), **_plain(found)},
+        warned=found.remarks,
+        said=[f"error in the data: {words}" for words in errors],
+        good=not errors,
+    )
 
 
 def _balance(options: argparse.Namespace) -> tuple[Influences, Balance]:
-    from rotorfit.cli.join import joined_runs
     from rotorfit.data.balancing import balance
     from rotorfit.data.weights import influence
 
-    limits = _by_plane("--max-g-mm", options.max_g_mm, _positive)
-    holes = _by_plane("--holes", options.holes, _count)
+    def weight(word: str) -> float:
+        """A weight in g mm as kg m."""
+        if not number_word(word) > 0:
+            raise ValueError("a weight is above zero")
+        return number_word(word) * 1e-6
+
+    def count(word: str) -> int:
+        if not word.isdecimal():
+            raise ValueError(f"{word!r} is not a number of holes")
+        return int(word)
+
+    limits, holes = _by_plane("--max-g-mm", options.max_g_mm, weight), _by_plane("--holes", options.holes, count)
     speeds = [number_word(one) * RAD_S_PER_RPM for one in options.speeds] if options.speeds else None
     influences = influence(joined_runs(options), speeds)
     return influences, balance(influences, options.reference, planes=options.planes, limits=limits, holes=holes)
-
-
-def _positive(word: str) -> float:
-    """A weight in g mm as kg m."""
-    if not number_word(word) > 0:
-        raise ValueError("a weight is above zero")
-    return number_word(word) * 1e-6
-
-
-def _count(word: str) -> int:
-    if not word.isdecimal():
-        raise ValueError(f"{word!r} is not a number of holes")
-    return int(word)
 
 
 def _by_plane(option: str, given: Sequence[str], parse: Callable[[str], Any]) -> Any:

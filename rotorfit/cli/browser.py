@@ -4,24 +4,19 @@ from __future__ import annotations
 
 import argparse
 import webbrowser
-from pathlib import Path
 
-from rotorfit.cli.errors import ExitCode, checked
+from rotorfit.cli.answer import ExitCode, checked
+from rotorfit.cli.arguments import add_paths, option
 
-DESCRIPTION = "view, fit and judge tests and recordings in a browser, on this machine only"
+HELP = "view, fit and judge tests and recordings in a browser, on this machine only"
 
 
 def add_options(to: argparse.ArgumentParser) -> None:
     """Options of ``rotorfit open``."""
-    to.add_argument(
-        "files",
-        nargs="*",
-        type=Path,
-        metavar="FILE",
-        help="test files and recordings, or a folder of them [this folder]; nothing outside their folder is touched",
-    )
-    to.add_argument("--port", type=int, default=0, metavar="N", help="port of the server [any free one]")
-    to.add_argument("--no-browser", action="store_true", help="print the address and start no browser")
+    words = "test files and recordings, or a folder of them [this folder]; nothing outside their folder is touched"
+    add_paths(to, words, "*")
+    option(to, "--port N", "port of the server [any free one]", int, default=0)
+    option(to, "--no-browser", "print the address and start no browser")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli.answer import give, say
-from rotorfit.cli.arguments import add_figure_format, add_files, add_jobs, add_model, add_output, fit_study, workers_of
-from rotorfit.cli.progress import ProgressLine
+from rotorfit.cli.answer import Answer
+from rotorfit.cli.arguments import add_files, add_jobs, add_model, add_output, fit_study, option, workers_of
+from rotorfit.cli.progress import progress_line
 from rotorfit.options.kinds import count_word, words
 from rotorfit.options.table import CAMPAIGN
 
@@ -23,64 +21,47 @@ if TYPE_CHECKING:
     from rotorfit.fitting.quantities import FittedParameter, Quantity
     from rotorfit.studies.study import Study
 
-DESCRIPTION = "fit every run of a campaign and show how the parameters change with its conditions"
+HELP = "fit every run of a campaign and show how the parameters change with its conditions"
 
 
 def add_options(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
     add_files(to)
     add_model(to, CAMPAIGN)
-    to.add_argument("--out", type=Path, help="folder for runs.csv, summary.txt, report.html and trends.png")
-    add_figure_format(to)
-    to.add_argument("--split", default="run", metavar="ATTRIBUTE", help="column that separates the runs [%(default)s]")
-    to.add_argument("--shared", type=words, default=(), metavar="A,B", help="parameters with one value for all runs")
-    to.add_argument(
-        "--against", type=words, metavar="A,B", help="columns that trends are shown against: pressure_psi,oil_C"
-    )
-    to.add_argument("--by", metavar="ATTRIBUTE", help="column that makes groups: inlet")
-    to.add_argument(
-        "--degree",
-        type=count_word,
-        default=1,
-        metavar="N",
-        help="degree of the trends' polynomials; 1: lines [%(default)s]",
-    )
-    to.add_argument("--follow", type=words, metavar="A,B", help="parameters whose trends are shown [K0, lam, D]")
+    option(to, "--split ATTRIBUTE", "column that separates the runs [%(default)s]", default="run")
+    option(to, "--shared A,B", "parameters with one value for all runs", words, default=())
+    option(to, "--against A,B", "columns that trends are shown against: pressure_psi,oil_C", words)
+    option(to, "--by ATTRIBUTE", "column that makes groups: inlet")
+    option(to, "--degree N", "degree of the trends' polynomials; 1: lines [%(default)s]", count_word, default=1)
+    option(to, "--follow A,B", "parameters whose trends are shown [K0, lam, D]", words)
     add_jobs(to, "reduce recordings and fit")
-    to.add_argument(
-        "--store",
-        type=Path,
-        metavar="STORE",
-        help="store that keeps each fit; the same command continues there after a stop",
-    )
-    to.add_argument(
-        "--lazy",
-        action="store_true",
-        help="read each file where its runs are fitted, so that no process holds all data",
-    )
-    add_output(to)
+    option(to, "--store STORE", "store that keeps each fit; the same command continues there after a stop", Path)
+    option(to, "--lazy", "read each file where its runs are fitted, so that no process holds all data")
+    add_output(to, "runs.csv, summary.txt, report.html and trends.png", figures=True)
 
 
-def run(options: argparse.Namespace) -> int:
-    """Do what the command line says; returns the exit code."""
-    from rotorfit.cli.errors import ExitCode, checked
-
-    found, wrong, warned = checked(lambda: _campaign(options))
-    text = checked(lambda: found.summary(options.follow, against=options.against, by=options.by, degree=options.degree))
+def answer(options: argparse.Namespace) -> Answer:
+    """Every run fitted, and the trends."""
+    found, wrong, warned = _campaign(options)
+    text = found.summary(options.follow, against=options.against, by=options.by, degree=options.degree)
     table = found.table(None if options.against is None else [a for a in (*options.against, options.by) if a])
     text = "\n".join([*warned, *([""] if warned else []), text])
-    write = partial(_write, found, text, options)
-    give(options, write, lambda: {**_plain(found, options), "warnings": warned}, f"{table}\n\n{text}", warned)
-    if wrong:
-        say(wrong)
+    said = [wrong] if wrong else []
     silent = [one.name for one in found.runs if one.silent]
     if silent:
-        say(f"left out of trends, since they say nothing: {', '.join(silent)}")
+        said.append(f"left out of trends, since they say nothing: {', '.join(silent)}")
     if not found.success:
         bad = [one.name for one in found.runs if not one.success]
         what = f"{len(bad)} of {len(found.runs)} runs" if bad else "the shared parameters"
-        say(f"{what} did not converge{': ' + ', '.join(bad) if bad else ''}")
-    return ExitCode.DONE if found.success and not wrong else ExitCode.NOT_CONVERGED
+        said.append(f"{what} did not converge{': ' + ', '.join(bad) if bad else ''}")
+    return Answer(
+        text=f"{table}\n\n{text}",
+        write=partial(_write, found, text, options),
+        plain=lambda: {**_plain(found, options), "warnings": warned},
+        warned=warned,
+        said=said,
+        good=found.success and not wrong,
+    )
 
 
 def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
@@ -94,11 +75,8 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
         raise ValueError("--by, --follow and --degree shape the trends: say --against what")
     study = fit_study(options, CAMPAIGN)
     check_model(study)
-    with ExitStack() as stack:
-        executor = stack.enter_context(workers_of(options))
+    with workers_of(options) as executor, progress_line(options) as line:
         parts, first, findings = _data_of(study, options.lazy, executor)
-        line = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
-        stack.callback(line.close)
         found = campaign(
             build_model(study, first),
             parts,

@@ -7,47 +7,40 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli.answer import finite, give, say
-from rotorfit.cli.arguments import add_files, add_model, add_output, fit_study
+from rotorfit.cli.answer import Answer, finite
+from rotorfit.cli.arguments import add_files, add_model, add_output, fit_study, option
 from rotorfit.options.kinds import positive_word, words
 from rotorfit.options.table import LAW_RANKING
 
 if TYPE_CHECKING:
-    from rotorfit.fitting.result import FitResult
     from rotorfit.fitting.structure.law_ranking import LawComparison, LawFit
 
-DESCRIPTION = "fit several laws of eccentricity to the same files and rank them by AIC and BIC"
+HELP = "fit several laws of eccentricity to the same files and rank them by AIC and BIC"
 
 
 def add_options(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
     add_files(to)
     add_model(to, LAW_RANKING)
-    to.add_argument(
-        "--clearance-um", type=positive_word, required=True, metavar="UM", help="radial clearance at the fluid"
-    )
-    to.add_argument(
-        "--laws",
-        type=words,
-        metavar="A,B",
-        help="laws to compare: muszynska,collapse [constant, muszynska, two even polynomials, a spline]",
-    )
-    to.add_argument("--out", type=Path, help="folder for law_comparison.csv, summary.txt and law.png")
-    add_output(to)
+    option(to, "--clearance-um UM", "radial clearance at the fluid", positive_word, required=True)
+    help = "laws to compare: muszynska,collapse [constant, muszynska, two even polynomials, a spline]"
+    option(to, "--laws A,B", help, words)
+    add_output(to, "law_comparison.csv, summary.txt and law.png")
 
 
-def run(options: argparse.Namespace) -> int:
-    """Do what the command line says; returns the exit code."""
-    from rotorfit.cli.errors import ExitCode, checked
-
-    found, wrong, warned = checked(lambda: _comparison(options))
+def answer(options: argparse.Namespace) -> Answer:
+    """The ranking of the laws."""
+    found, wrong, warned = _comparison(options)
     failed = [entry for entry in found.laws if entry.fit is not None and not entry.fit.success]
     problems = [*([wrong] if wrong else []), *(f"{entry.law!r}: {entry.reason}" for entry in failed)]
-    text = "\n".join([str(found), *warned])
-    give(options, partial(_write, found), lambda: {**_plain(found), "warnings": warned}, text, warned)
-    for problem in problems:
-        say(problem)
-    return ExitCode.NOT_CONVERGED if problems else ExitCode.DONE
+    return Answer(
+        text="\n".join([str(found), *warned]),
+        write=partial(_write, found),
+        plain=lambda: {**_plain(found), "warnings": warned},
+        warned=warned,
+        said=problems,
+        good=not problems,
+    )
 
 
 def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str, list[str]]:
@@ -86,7 +79,8 @@ def _write(found: LawComparison, folder: Path) -> None:
     from rotorfit.io.tables.result_tables import records_csv
 
     (folder / "law_comparison.csv").write_text(records_csv([_row(entry) for entry in found.laws]), encoding="utf-8")
-    drawn = _drawn(found)
+    # There is something to draw of a law that changes with eccentricity alone.
+    drawn = next((e.fit for e in found.laws if e.law.parameters and e.fit is not None and not e.reason), None)
     note = "law.png: no law that changes with eccentricity could be fitted"
     if drawn is not None:
         from rotorfit.plots.style import picture_of
@@ -94,11 +88,6 @@ def _write(found: LawComparison, folder: Path) -> None:
         (folder / "law.png").write_bytes(picture_of(drawn.plot_law(), dpi=150))
         note = f"law.png: {drawn.model.options()['law']!r}"
     (folder / "summary.txt").write_text(f"{found}\n\n{note}\n\n{found.best.summary()}\n", encoding="utf-8")
-
-
-def _drawn(found: LawComparison) -> FitResult | None:
-    """Fit of the best law that there is something to draw of: one that changes with eccentricity."""
-    return next((e.fit for e in found.laws if e.law.parameters and e.fit is not None and not e.reason), None)
 
 
 def _row(entry: LawFit) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import argparse
 import os
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import replace
 from io import UnsupportedOperation
@@ -22,7 +22,6 @@ from rotorfit.cli import (
     balance,
     browser,
     campaign,
-    join,
     judge,
     laws,
     plan,
@@ -31,22 +30,20 @@ from rotorfit.cli import (
     simulate,
     store,
     trend,
-    vectors,
     watch,
 )
-from rotorfit.cli.answer import say
+from rotorfit.cli.answer import Answer, BadInputError, ExitCode, answered, checked, say
 from rotorfit.cli.arguments import (
-    add_figure_format,
     add_files,
     add_fit_options,
     add_jobs,
-    add_output,
+    add_report,
     data_files,
     fit_study,
+    option,
     workers_of,
 )
-from rotorfit.cli.errors import BadInputError, ExitCode, checked
-from rotorfit.cli.progress import ProgressLine
+from rotorfit.cli.progress import ProgressLine, progress_line
 from rotorfit.estimators.atomic_file import protected_inputs
 from rotorfit.estimators.file_reading import shown
 from rotorfit.studies.wording import sentence
@@ -120,8 +117,21 @@ def _close_output() -> None:
 # ---- commands ---------------------------------------------------------------------------------
 
 
+def _add_fit(to: argparse.ArgumentParser) -> None:
+    add_fit_options(to)
+    add_jobs(to, "reduce recordings and fit simulated tests")
+    add_report(to)
+
+
 def _fit(options: argparse.Namespace) -> int:
     return _identify(checked(lambda: fit_study(options)), options)
+
+
+def _add_run(to: argparse.ArgumentParser) -> None:
+    to.add_argument("study", type=Path, metavar="STUDY.toml", help="settings of a fit as TOML keys")
+    option(to, "--out OUT", "folder for the results, instead of the file's", Path)
+    add_jobs(to, "reduce recordings and fit simulated tests")
+    add_report(to)
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -129,6 +139,15 @@ def _run(options: argparse.Namespace) -> int:
 
     study = checked(lambda: read_study(options.study))
     return _identify(study if options.out is None else replace(study, out=options.out), options)
+
+
+def _add_demo(to: argparse.ArgumentParser) -> None:
+    what = to.add_mutually_exclusive_group()
+    option(what, "--from-volts", "begin with the raw signals of bundled recordings")
+    words = "identify a rig of 56 degrees of freedom instead, which a chain of two masses describes only roughly"
+    option(what, "--finite-elements", words)
+    option(to, "--out OUT", "folder for the results [%(default)s]", Path, default=Path("rotorfit-demo"))
+    add_report(to)
 
 
 def _demo(options: argparse.Namespace) -> int:
@@ -147,31 +166,25 @@ def _demo(options: argparse.Namespace) -> int:
 def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> int:
     """Run a study, write its folder, print its summary, say how it went."""
     from rotorfit.report.interactive import check_interactive
-    from rotorfit.studies.outcome_json import outcome_json
+    from rotorfit.studies.results import outcome_json
     from rotorfit.studies.text import summary
 
     if options.interactive:
         if study.out is None:
             raise BadInputError("--interactive is for the report; say by --out where to write it")
         checked(check_interactive)
-    progress = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
     try:
-        with ExitStack() as stack:
+        with progress_line(options) as progress, ExitStack() as stack:
             executor = None if rig else checked(lambda: stack.enter_context(workers_of(options)))
             outcome = _work(study, progress, rig, options, executor)
     except OSError as problem:  # the folder for the results
         raise BadInputError(sentence(problem)) from problem
-    finally:
-        progress.close()
     if options.json:
         print(outcome_json(outcome))
     elif not options.quiet:
-        print(summary(outcome, rig))
-        if study.out:
-            print(f"\nwritten to {study.out}")
-    if options.quiet:
-        for warned in outcome.warnings:
-            say(warned)
+        print(summary(outcome, rig) + (f"\n\nwritten to {study.out}" if study.out else ""))
+    for warned in outcome.warnings if options.quiet else ():
+        say(warned)
     if outcome.failure:
         print(f"rotorfit: {outcome.failure}", file=sys.stderr)
         return ExitCode.NOT_CONVERGED
@@ -195,85 +208,76 @@ def _work(
     return outcome
 
 
-def _models(options: argparse.Namespace) -> int:
+def _add_models(to: argparse.ArgumentParser) -> None:
+    to.add_argument("name", nargs="?", help="only this one")
+
+
+def _models(options: argparse.Namespace) -> Answer:
     from rotorfit.models import MODELS, KnownStructure
     from rotorfit.studies.study_model import check_model_name
 
     one = KnownStructure([[1.0]], None, None, [[1.0]], planes={"journal": 0}, fluid="journal", dofs=("z",))
     known = {**{name: model() for name, model in MODELS.items()}, one.name: one}
     if options.name is not None and options.name != one.name:
-        checked(lambda: check_model_name(options.name))
+        check_model_name(options.name)
     tables = []
     for model in known.values() if options.name is None else (known[options.name],):
         head, _, rows = model.describe().partition("\n")
         first = (model.__doc__ or "").partition("\n")[0]
         tables.append(f"{head}\n  {first}\n{rows}")
-    print("\n\n".join(tables))
-    return ExitCode.DONE
+    return Answer(text="\n\n".join(tables))
 
 
-def _info(options: argparse.Namespace) -> int:
+def _info(options: argparse.Namespace) -> Answer:
     from rotorfit.studies.data_files import read_files
     from rotorfit.studies.text import describe_test
 
-    progress = ProgressLine(enabled=sys.stderr.isatty())
-    try:
-        tests = checked(lambda: read_files(data_files(options), progress))
-    finally:
-        progress.close()
-    print("\n\n".join(describe_test(test, findings) for test, findings in zip(*tests, strict=True)))
+    with progress_line(options) as progress:
+        tests = read_files(data_files(options), progress)
     wrong = any(finding.severity == "error" for findings in tests[1] for finding in findings)
-    return ExitCode.NOT_CONVERGED if wrong else ExitCode.DONE
+    text = "\n\n".join(describe_test(test, findings) for test, findings in zip(*tests, strict=True))
+    return Answer(text=text, good=not wrong)
 
 
-def _completion(options: argparse.Namespace) -> int:
+def _add_completion(to: argparse.ArgumentParser) -> None:
+    words = "the shell; source the printed script when it starts"
+    to.add_argument("shell", choices=("bash", "zsh", "tcsh"), help=words)
+
+
+def _completion(options: argparse.Namespace) -> Answer:
     try:
         import shtab
     except ImportError as reason:
         raise BadInputError('completion needs shtab: pip install "rotorfit[completion]"') from reason
-    print(shtab.complete(build_parser(), options.shell))
-    return ExitCode.DONE
+    return Answer(text=shtab.complete(build_parser(), options.shell))
 
 
-COMMANDS = {
-    "demo": _demo,
-    "fit": _fit,
-    "run": _run,
-    "campaign": campaign.run,
-    "compare-laws": laws.run,
-    "simulate": simulate.run,
-    "template": recordings.run_template,
-    "look": recordings.run_look,
-    "plan": plan.run,
-    "predict": predict.run,
-    "judge": judge.run,
-    "store": store.run,
-    "trend": trend.run,
-    "watch": watch.run,
-    "vectors": vectors.run,
-    "join": join.run,
-    "balance": balance.run,
-    "open": browser.run,
-    "models": _models,
-    "info": _info,
-    "completion": _completion,
-}
-"""Help on each word."""
-
-_MODULES = (
-    ("campaign", campaign),
-    ("compare-laws", laws),
-    ("simulate", simulate),
-    ("vectors", vectors),
-    ("join", join),
-    ("balance", balance),
-    ("predict", predict),
-    ("plan", plan),
-    ("judge", judge),
-    ("store", store),
-    ("open", browser),
-    ("watch", watch),
-)
+COMMANDS: dict[str, tuple[str, Callable[[Any], None], Callable[[Any], int]]] = {
+    "demo": ("identify the bundled rig and compare with its truth", _add_demo, _demo),
+    "fit": ("fit a model to test files", _add_fit, _fit),
+    "run": ("fit with the settings of a TOML file", _add_run, _run),
+    "campaign": (campaign.HELP, campaign.add_options, answered(campaign.answer)),
+    "compare-laws": (laws.HELP, laws.add_options, answered(laws.answer)),
+    "simulate": (simulate.HELP, simulate.add_options, answered(simulate.answer)),
+    "vectors": (recordings.VECTORS, recordings.add_vectors, answered(recordings.vectors)),
+    "join": (recordings.JOIN, recordings.add_join, answered(recordings.join)),
+    "balance": (balance.HELP, balance.add_options, answered(balance.answer)),
+    "predict": (predict.HELP, predict.add_options, answered(predict.answer)),
+    "plan": (plan.HELP, plan.add_options, answered(plan.answer)),
+    "judge": (judge.HELP, judge.add_options, answered(judge.answer)),
+    "store": (store.HELP, store.add_options, answered(store.answer)),
+    "open": (browser.HELP, browser.add_options, browser.run),
+    "watch": (watch.HELP, watch.add_options, watch.run),
+    "template": (recordings.TEMPLATE, recordings.add_template, answered(recordings.template)),
+    "look": (recordings.LOOK, recordings.add_look, answered(recordings.look)),
+    "trend": (trend.HELP, trend.add_options, answered(trend.answer)),
+    "models": ("list the models and their parameters", _add_models, answered(_models)),
+    "info": ("summarise a test file with its findings", add_files, answered(_info)),
+    "completion": (
+        "print a script that lets a shell complete commands and options", _add_completion, answered(_completion),
+    ),
+}  # fmt: skip
+"""Each command: what it is for, its options, and what it does; it returns the exit code."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -295,44 +299,8 @@ def build_parser() -> argparse.ArgumentParser:
     whole.add_argument("--version", action="version", version=f"rotorfit {__version__}")
     whole.set_defaults(command=None)
     group = whole.add_subparsers(metavar="COMMAND")
-
-    def command(name: str, help: str) -> argparse.ArgumentParser:
+    for name, (help, add_options, command) in COMMANDS.items():
         added = group.add_parser(name, help=help, description=help, allow_abbrev=False)
-        added.set_defaults(command=COMMANDS[name])
-        return added
-
-    demo = command("demo", "identify the bundled rig and compare with its truth")
-    what = demo.add_mutually_exclusive_group()
-    what.add_argument("--from-volts", action="store_true", help="begin with the raw signals of bundled recordings")
-    what.add_argument(
-        "--finite-elements",
-        action="store_true",
-        help="identify a rig of 56 degrees of freedom instead, which a chain of two masses describes only roughly",
-    )
-    demo.add_argument("--out", type=Path, default=Path("rotorfit-demo"), help="folder for the results [%(default)s]")
-    add_figure_format(demo, may_lack=True)
-    add_output(demo)
-    fit = command("fit", "fit a model to test files")
-    add_fit_options(fit)
-    add_jobs(fit, "reduce recordings and fit simulated tests")
-    add_figure_format(fit, may_lack=True)
-    add_output(fit)
-    run = command("run", "fit with the settings of a TOML file")
-    run.add_argument("study", type=Path, metavar="STUDY.toml", help="settings of a fit as TOML keys")
-    run.add_argument("--out", type=Path, help="folder for the results, instead of the file's")
-    add_jobs(run, "reduce recordings and fit simulated tests")
-    add_figure_format(run, may_lack=True)
-    add_output(run)
-    for name, module in _MODULES:
-        module.add_options(command(name, module.DESCRIPTION))
-    recordings.add_template_options(command("template", recordings.TEMPLATE))
-    recordings.add_look_options(command("look", recordings.LOOK))
-    trend.add_options(command("trend", trend.DESCRIPTION))
-    models = command("models", "list the models and their parameters")
-    models.add_argument("name", nargs="?", help="only this one")
-    add_files(command("info", "summarise a test file with its findings"))
-    shell = command("completion", "print a script that lets a shell complete commands and options")
-    shell.add_argument(
-        "shell", choices=("bash", "zsh", "tcsh"), help="the shell; source the printed script when it starts"
-    )
+        added.set_defaults(command=command)
+        add_options(added)
     return whole

@@ -3,47 +3,40 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli.answer import give, write_results
-from rotorfit.cli.arguments import add_figure_format, add_output
+from rotorfit.cli.answer import Answer, checked, write_results
+from rotorfit.cli.arguments import add_output
 
 if TYPE_CHECKING:
     from rotorfit.planning.record import Plan
 
-DESCRIPTION = "plan a test: expected errors, speeds to run, and time for each line"
+HELP = "plan a test: expected errors, speeds to run, and time for each line"
 
 
 def add_options(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
     to.add_argument("study", type=Path, metavar="PLAN.toml", help="rotor, noise and limits of the rig as TOML keys")
-    to.add_argument(
-        "--out", type=Path, help="folder for plan.csv to fill in, lines.csv, summary.txt and plan.png, in place of the "
-        "file's",
-    )  # fmt: skip
-    add_figure_format(to)
-    add_output(to)
+    out = "plan.csv to fill in, lines.csv, summary.txt and plan.png, in place of the file's"
+    add_output(to, out, figures=True)
 
 
-def run(options: argparse.Namespace) -> int:
-    """Do what the command line says; returns the exit code."""
-    from rotorfit.cli.errors import ExitCode, checked
+def answer(options: argparse.Namespace) -> Answer:
+    """The plan."""
     from rotorfit.studies.plan_file import read_plan, run_plan
 
-    study = checked(lambda: read_plan(options.study))
-    if options.out is None:
-        options.out = study.out
-    found = checked(lambda: run_plan(replace(study, out=options.out)), options.study)
+    study = read_plan(options.study)
+    if options.out is None and study["out"]:
+        options.out = Path(study["out"])
+    found = checked(lambda: run_plan(study), options.study)
 
     def write(folder: Path) -> None:
         if found.test is not None:
             found.to_csv(folder / "plan.csv")
         write_results(found, folder, str(found), options, table="lines", figure="plan")
 
-    give(options, write, lambda: _plain(found), str(found), found.notes)
-    return ExitCode.DONE
+    return Answer(text=str(found), write=write, plain=lambda: _plain(found), warned=found.notes)
 
 
 def _plain(found: Plan) -> dict[str, Any]:

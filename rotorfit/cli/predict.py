@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli.answer import give, say, write_results
-from rotorfit.cli.arguments import add_figure_format, add_group, add_output, group, numbers
+from rotorfit.cli.answer import Answer, write_results
+from rotorfit.cli.arguments import add_group, add_output, group, numbers, option
 from rotorfit.options.kinds import positive_word
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult
     from rotorfit.uncertainty.prediction import Prediction
 
-DESCRIPTION = "predict responses of an identified rotor, with a band of the mean and one of a new reading"
+HELP = "predict responses of an identified rotor, with a band of the mean and one of a new reading"
 
 _POINTS = 400
 """Points along a tested band, as many as a figure of a page's width resolves."""
@@ -24,44 +24,42 @@ _POINTS = 400
 def add_options(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
     to.add_argument("fit", type=Path, metavar="FIT.json", help="a saved fit, fit.json of a folder with results")
-    span = "A,B|LO:HI:N"
-    to.add_argument("--speed", type=numbers, required=True, metavar=span, help="rotative speeds, rpm")
+    option(to, "--speed A,B|LO:HI:N", "rotative speeds, rpm", numbers, required=True)
     how = to.add_mutually_exclusive_group()
-    how.add_argument(
-        "--frequency", type=numbers, metavar=span, help="frequencies of the force, rpm; negative is backward [tested]"
-    )
-    how.add_argument("--synchronous", action="store_true", help="the force turns with the shaft, as an unbalance does")
+    words = "frequencies of the force, rpm; negative is backward [tested]"
+    option(how, "--frequency A,B|LO:HI:N", words, numbers)
+    option(how, "--synchronous", "the force turns with the shaft, as an unbalance does")
     size = to.add_mutually_exclusive_group()
-    size.add_argument("--force", type=positive_word, metavar="N", help="size of the force [1]")
-    size.add_argument("--mr-g-mm", type=positive_word, metavar="G_MM", help="unbalance whose force is m r w^2")
-    to.add_argument("--force-plane", metavar="PLANE", help="where the force acts")
-    to.add_argument("--plane", metavar="PLANE", help="where the motion is predicted [where the force acts]")
-    to.add_argument("--direction", metavar="X", help="x or y, of models that keep both apart")
+    option(size, "--force N", "size of the force [1]", positive_word)
+    option(size, "--mr-g-mm G_MM", "unbalance whose force is m r w^2", positive_word)
+    option(to, "--force-plane PLANE", "where the force acts")
+    option(to, "--plane PLANE", "where the motion is predicted [where the force acts]")
+    option(to, "--direction X", "x or y, of models that keep both apart")
     add_group(to)
-    to.add_argument("--level", type=positive_word, default=0.95, help="probability that a band holds [%(default)g]")
-    to.add_argument("--whole", action="store_true", help="bands that hold for whole curves, not point by point")
-    to.add_argument("--statistical", action="store_true", help="bands without the systematic share")
-    to.add_argument("--out", type=Path, help="folder for prediction.csv, summary.txt and prediction.png")
-    add_figure_format(to)
-    add_output(to)
+    option(to, "--level LEVEL", "probability that a band holds [%(default)g]", positive_word, default=0.95)
+    option(to, "--whole", "bands that hold for whole curves, not point by point")
+    option(to, "--statistical", "bands without the systematic share")
+    add_output(to, "prediction.csv, summary.txt and prediction.png", figures=True)
 
 
-def run(options: argparse.Namespace) -> int:
-    """Do what the command line says; returns the exit code."""
-    from rotorfit.cli.errors import ExitCode, checked
+def answer(options: argparse.Namespace) -> Answer:
+    """What an identified rotor would do."""
     from rotorfit.fitting.fit_file import load_fit
 
-    fit = checked(lambda: load_fit(options.fit))
-    found = checked(lambda: _prediction(fit, options))
+    fit = load_fit(options.fit)
+    found = _prediction(fit, options)
 
     def write(folder: Path) -> None:
         write_results(found, folder, str(found), options, table="prediction", figure="prediction")
 
-    give(options, write, lambda: _plain(found), str(found), found.notes)
-    if fit.success:
-        return ExitCode.DONE
-    say(f"the fit did not converge: {fit.message}")
-    return ExitCode.NOT_CONVERGED
+    return Answer(
+        text=str(found),
+        write=write,
+        plain=lambda: _plain(found),
+        warned=found.notes,
+        said=[] if fit.success else [f"the fit did not converge: {fit.message}"],
+        good=fit.success,
+    )
 
 
 def _prediction(fit: FitResult, options: argparse.Namespace) -> Prediction:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from time import monotonic
 
 from rotorfit.estimators.file_reading import shown
@@ -41,3 +44,13 @@ class ProgressLine:
         """Clear the line."""
         if self._enabled:
             print("\r\033[K", end="", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def progress_line(options: argparse.Namespace) -> Iterator[ProgressLine]:
+    """The line of a command, which ends with the block; --quiet leaves it out."""
+    line = ProgressLine(enabled=not getattr(options, "quiet", False) and sys.stderr.isatty())
+    try:
+        yield line
+    finally:
+        line.close()

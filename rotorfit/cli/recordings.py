@@ -1,19 +1,18 @@
-"""``rotorfit template`` and ``rotorfit look``: a setup to fill in for a recording, and figures of what it holds."""
+"""Tests as files: ``rotorfit template``, ``look``, ``vectors`` and ``join``."""
 
 from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rotorfit.cli.answer import say_findings
-from rotorfit.cli.errors import ExitCode, checked
-from rotorfit.cli.progress import ProgressLine
+from rotorfit.cli.answer import Answer, BadInputError, sentences
+from rotorfit.cli.arguments import add_files, add_jobs, add_paths, add_setup, data_files, option, workers_of
+from rotorfit.cli.progress import ProgressLine, progress_line
 from rotorfit.estimators.atomic_file import file_name
 from rotorfit.io.templates import example, kinds
 from rotorfit.models.parameters import unknown_name
@@ -22,61 +21,122 @@ from rotorfit.units import RAD_S_PER_RPM
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from rotorfit.data.experiments import PerturbationTest
     from rotorfit.recordings.recording import Recording
     from rotorfit.recordings.rig.setup import RigSetup
 
 TEMPLATE = "print an example file with comments, or a setup, rig.toml, to fill in for a recording of raw signals"
 LOOK = "summarise recordings of raw signals with their findings, and draw them"
-FORMATS = "recording (.h5 .tdms .mat .npz .wav .uff .csv .parquet)"
+VECTORS = "turn recordings of raw signals into vectors: responses with their noise, in a tidy CSV"
+JOIN = "put runs of several files, such as a reference run and runs with a trial weight, into one file"
+_FORMATS = "recording (.h5 .tdms .mat .npz .wav .uff .csv .parquet)"
+_WRITTEN = "file to write (.csv .uff .nc .mat)"
 
 
-def add_template_options(to: argparse.ArgumentParser) -> None:
+def add_template(to: argparse.ArgumentParser) -> None:
     """Options of ``rotorfit template``."""
-    to.add_argument("what", metavar="KIND|FILE", help=f"{', '.join(kinds())}; or a {FORMATS}")
+    to.add_argument("what", metavar="KIND|FILE", help=f"{', '.join(kinds())}; or a {_FORMATS}")
 
 
-def add_look_options(to: argparse.ArgumentParser) -> None:
-    """Options of ``rotorfit look``."""
-    to.add_argument("files", nargs="+", type=Path, metavar="FILE", help=FORMATS)
-    to.add_argument("--setup", type=Path, metavar="RIG.toml", help="setup of the rig, see `rotorfit template`")
-    to.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder for the figures; without it only the summary is printed"
-    )
-    to.add_argument("--plane", help="only this plane")
-    to.add_argument("--at", type=float, metavar="S", help="time of the time base and the orbits [the middle]")
-    to.add_argument(
-        "--clearance-um", type=float, metavar="UM", help="radial clearance, drawn in orbits and centrelines"
-    )
-    to.add_argument(
-        "--slow-roll",
-        metavar="RPM|FILE",
-        help="subtract run-out, from the part below this speed or from a recording of slow turning",
-    )
-    to.add_argument("--quiet", action="store_true", help="print no progress and no summary")
-
-
-def run_template(options: argparse.Namespace) -> int:
-    """Print the example or the setup; returns the exit code."""
-    sys.stdout.write(checked(lambda: _template(options.what)))
-    return ExitCode.DONE
-
-
-def _template(what: str) -> str:
+def template(options: argparse.Namespace) -> Answer:
+    """An example, or a setup to fill in."""
+    what = options.what
     if what in kinds():
-        return example(what)
+        return Answer(text=example(what).removesuffix("\n"))
     if not Path(what).exists() and not Path(what).suffix:
         raise ValueError(f"{unknown_name('kind of file', what, kinds())}; nor is there a recording of that name")
     from rotorfit.recordings.rig.template import template
 
-    return template(Path(what))
+    return Answer(text=template(Path(what)).removesuffix("\n"))
 
 
-def run_look(options: argparse.Namespace) -> int:
-    """Print what the recordings hold, write their figures; returns the exit code."""
-    return checked(lambda: _look(options))
+def add_vectors(to: argparse.ArgumentParser) -> None:
+    """Options of ``rotorfit vectors``."""
+    add_paths(to, "recordings (.h5 .tdms .mat .wav .uff .csv)")
+    add_setup(to)
+    option(to, "--out FILE", _WRITTEN, Path, required=True)
+    add_jobs(to, "reduce recordings")
+    option(to, "--quiet", "print neither progress nor findings")
 
 
-def _look(options: argparse.Namespace) -> int:
+def vectors(options: argparse.Namespace) -> Answer:
+    """From recordings of raw signals to a file of responses with their noise."""
+    from rotorfit.io.files import check_target, write
+    from rotorfit.studies.data_files import read_files
+    from rotorfit.studies.recording_files import RecordingFiles
+    from rotorfit.studies.text import describe_test
+
+    check_target(options.out)  # before the work, which may take long
+    source = RecordingFiles(paths=tuple(options.files), setup=options.setup, windows=options.windows)
+    with progress_line(options) as progress, workers_of(options) as workers:
+        tests, found = read_files([source], progress, workers)
+    if len(tests) > 1:
+        titles = " and ".join(test.title for test in tests)
+        raise BadInputError(f"the recordings are a {titles}: a file holds one kind of test, give those of one kind")
+    (test,), (findings,) = tests, found
+    write(test, options.out)
+    return Answer(
+        text=describe_test(test, findings),
+        warned=sentences([findings], [test.source or test.title]),
+        good=not any(finding.severity == "error" for finding in findings),
+    )
+
+
+def add_join(to: argparse.ArgumentParser) -> None:
+    """Options of ``rotorfit join``."""
+    add_files(to)
+    option(to, "--out FILE", _WRITTEN, Path, required=True)
+    option(to, "--quiet", "do not say what the file holds")
+
+
+def join(options: argparse.Namespace) -> Answer:
+    """A run without a trial weight and runs with one that stand in several files, as one file."""
+    from rotorfit.io.files import check_target, write
+    from rotorfit.studies.data_files import DataFile, no_progress, read_files
+    from rotorfit.studies.text import describe_test
+
+    check_target(options.out)
+    write(joined_runs(options), options.out)
+    (whole,), (findings,) = read_files([DataFile(options.out)], no_progress)
+    return Answer(text=describe_test(whole, findings), warned=sentences([findings], [whole.source]))
+
+
+def joined_runs(options: argparse.Namespace) -> PerturbationTest:
+    """Runs of all files, not differenced."""
+    from rotorfit.data.experiments import PerturbationTest
+    from rotorfit.data.joined import join_runs
+    from rotorfit.studies.data_files import DataFile, no_progress, read_files
+
+    files = []
+    for file in data_files(options):
+        if not isinstance(file, DataFile):
+            raise ValueError(f"{file.paths[0].name} is a recording: make vectors of it first, `rotorfit vectors`")
+        files.append(DataFile(file.path, {**file.options, "difference": False}))
+    tests, _ = read_files(files, no_progress)
+    for test in tests:
+        if not isinstance(test, PerturbationTest):
+            raise ValueError(f"{test.source}: a {test.title} cannot be joined: it has no runs with a force")
+    return join_runs([test for test in tests if isinstance(test, PerturbationTest)], difference=False)
+
+
+# ---- look -------------------------------------------------------------------------------------
+
+
+def add_look(to: argparse.ArgumentParser) -> None:
+    """Options of ``rotorfit look``."""
+    add_paths(to, _FORMATS)
+    option(to, "--setup RIG.toml", "setup of the rig, see `rotorfit template`", Path)
+    option(to, "--out DIR", "folder for the figures; without it only the summary is printed", Path)
+    option(to, "--plane PLANE", "only this plane")
+    option(to, "--at S", "time of the time base and the orbits [the middle]", float)
+    option(to, "--clearance-um UM", "radial clearance, drawn in orbits and centrelines", float)
+    words = "subtract run-out, from the part below this speed or from a recording of slow turning"
+    option(to, "--slow-roll RPM|FILE", words)
+    option(to, "--quiet", "print no progress and no summary")
+
+
+def look(options: argparse.Namespace) -> Answer:
+    """What recordings hold, in words and in figures."""
     from rotorfit.recordings.recording import named_apart, read_recording
     from rotorfit.recordings.summary import summary
     from rotorfit.studies.folder import complete_folder
@@ -91,28 +151,21 @@ def _look(options: argparse.Namespace) -> int:
         if options.plane is not None:
             record.motion(options.plane, 0, 0)  # refuses a plane that there is not, before anything is drawn
     texts = [summary(record) for record in records]
-    if not options.quiet:
-        print("\n\n".join(texts))
-    else:
-        say_findings([record.findings for record in records], [record.name for record in records])
-    wrong = any(finding.severity == "error" for record in records for finding in record.findings)
-    if options.out is None:
-        return ExitCode.NOT_CONVERGED if wrong else ExitCode.DONE
-    progress = ProgressLine(enabled=not options.quiet and sys.stderr.isatty())
     left_out: list[str] = []
-    try:
-        with complete_folder(options.out) as folder:
+    if options.out is not None:
+        with progress_line(options) as progress, complete_folder(options.out) as folder:
             names: list[str] = []
             for record, text in zip(records, texts, strict=True):
                 names.append(file_name(record.name, names))
                 stem = f"{names[-1]}-" if len(records) > 1 else ""
                 left_out += _draw(record, options, folder, stem, progress)
                 (folder / f"{stem}summary.txt").write_text(text + "\n", encoding="utf-8")
-    finally:
-        progress.close()
-    if not options.quiet:
-        print("\n".join(["", *left_out, f"written to {options.out}"]))
-    return ExitCode.NOT_CONVERGED if wrong else ExitCode.DONE
+    findings = [record.findings for record in records]
+    return Answer(
+        text="\n\n".join([*texts, *(["\n".join(left_out)] if left_out else [])]),
+        warned=sentences(findings, [record.name for record in records]),
+        good=not any(finding.severity == "error" for own in findings for finding in own),
+    )
 
 
 def _draw(record: Recording, options: argparse.Namespace, folder: Path, stem: str, progress: ProgressLine) -> list[str]:

@@ -6,15 +6,17 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli.arguments import add_model, given, model_name, numbers
-from rotorfit.options.kinds import number_word, pairs, whole_word, words
+from rotorfit.cli.answer import Answer, BadInputError
+from rotorfit.cli.arguments import add_model, given, model_name, numbers, option
+from rotorfit.options.kinds import number_word, pairs, whole_word
+from rotorfit.options.kinds import words as comma_words
 from rotorfit.options.table import LAW, MODEL
 
 if TYPE_CHECKING:
     from rotorfit.data.experiments import Experiment
     from rotorfit.models import RotorModel
 
-DESCRIPTION = "simulate a test of a virtual rig by integration in time and write its file"
+HELP = "simulate a test of a virtual rig by integration in time and write its file"
 
 _LISTS = {
     "--speed-rpm": "rotative speeds",
@@ -43,52 +45,43 @@ _ONE_VALUE = {("perturbation", "load"), ("synchronous", "unbalance")}
 def add_options(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
     add_model(to, (*MODEL, *LAW))
-    to.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUE", help="true value of a parameter, SI units"
-    )
-    to.add_argument("--kind", default="perturbation", help="perturbation, static-load, impulse, ... [%(default)s]")
-    for name, help_text in _LISTS.items():
-        to.add_argument(name, type=numbers, metavar="A,B|LO:HI:N", help=help_text)
-    to.add_argument("--backward", action="store_true", help="add the same frequencies backward")
-    to.add_argument("--load-deg", type=float, default=-90.0, metavar="DEG", help="direction of the load [%(default)g]")
-    for name, (metavar, help_text) in _NUMBERS.items():
-        to.add_argument(name, type=float, metavar=metavar, help=help_text)
-    for name, help_text in _WORDS.items():
-        to.add_argument(name, metavar=name[2:].upper(), help=help_text)
-    to.add_argument("--force-planes", type=words, metavar="A,B", help="planes that are forced [all]")
-    to.add_argument("--noise", type=float, default=0.01, help="noise over the rms reading of a run [%(default)g]")
-    to.add_argument("--seed", type=whole_word, default=0, help="of the noise [%(default)s]")
+    option(to, "--set NAME=VALUE ...", "true value of a parameter, SI units")
+    option(to, "--kind KIND", "perturbation, static-load, impulse, ... [%(default)s]", default="perturbation")
+    for name, words in _LISTS.items():
+        option(to, f"{name} A,B|LO:HI:N", words, numbers)
+    option(to, "--backward", "add the same frequencies backward")
+    option(to, "--load-deg DEG", "direction of the load [%(default)g]", float, default=-90.0)
+    for name, (metavar, words) in _NUMBERS.items():
+        option(to, f"{name} {metavar}", words, float)
+    for name, words in _WORDS.items():
+        option(to, f"{name} {name[2:].upper()}", words)
+    option(to, "--force-planes A,B", "planes that are forced [all]", comma_words)
+    option(to, "--noise NOISE", "noise over the rms reading of a run [%(default)g]", float, default=0.01)
+    option(to, "--seed SEED", "of the noise [%(default)s]", whole_word, default=0)
     where = to.add_mutually_exclusive_group(required=True)
-    where.add_argument("--out", type=Path, metavar="FILE", help="file to write (.csv .uff .nc .mat)")
-    where.add_argument(
-        "--recordings", type=Path, metavar="DIR", help="folder for raw signals in volts, in HDF5, and their rig.toml"
-    )
-    to.add_argument("--quiet", action="store_true", help="do not say what was written")
+    option(where, "--out FILE", "file to write (.csv .uff .nc .mat)", Path)
+    option(where, "--recordings DIR", "folder for raw signals in volts, in HDF5, and their rig.toml", Path)
+    option(to, "--quiet", "do not say what was written")
 
 
-def run(options: argparse.Namespace) -> int:
-    """Do what the command line says; returns the exit code."""
-    from rotorfit.cli.errors import BadInputError, ExitCode, checked
+def answer(options: argparse.Namespace) -> Answer:
+    """The file, or the recordings, that a test of a real rig would give."""
     from rotorfit.diagnosis.check import check
     from rotorfit.io.files import read, write
     from rotorfit.simulation.integration import IntegrationError
     from rotorfit.studies.text import describe_test
-    from rotorfit.studies.wording import sentence
 
     if options.recordings is not None:
-        names = checked(lambda: _recorded(options))
-        if not options.quiet:
-            print("\n".join(f"written: {options.recordings / name}" for name in names))
-        return ExitCode.DONE
+        return Answer(text="\n".join(f"written: {options.recordings / name}" for name in _recorded(options)))
     try:
-        test = checked(lambda: _simulated(options))
+        test = _simulated(options)
     except IntegrationError as problem:
-        raise BadInputError(sentence(problem)) from problem
-    checked(lambda: write(test, options.out))
-    if not options.quiet:
-        written = checked(lambda: read(options.out))
-        print(f"{describe_test(written, check(written))}\n\nwritten to {options.out}")
-    return ExitCode.DONE
+        raise BadInputError(str(problem)) from problem
+    write(test, options.out)
+    if options.quiet:
+        return Answer(text="")
+    written = read(options.out)
+    return Answer(text=describe_test(written, check(written)))
 
 
 def _simulated(options: argparse.Namespace) -> Experiment:

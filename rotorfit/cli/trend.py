@@ -7,14 +7,14 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli.answer import give
-from rotorfit.cli.arguments import add_files, add_output, data_files
-from rotorfit.options.kinds import positive_word, two_numbers
+from rotorfit.cli.answer import Answer, checked
+from rotorfit.cli.arguments import add_false_alarm, add_files, add_output, check_false_alarm, data_files, option
+from rotorfit.options.kinds import two_numbers
 
 if TYPE_CHECKING:
     from rotorfit.monitoring.trend import DatedValues, MachineTrend, PlaceTrend
 
-DESCRIPTION = (
+HELP = (
     "follow the observed stiffness, mass and damping of dated tests of one machine, or dK/K of saved fits (.json) of "
     "a shaft that is not round, and report changes"
 )
@@ -23,25 +23,17 @@ DESCRIPTION = (
 def add_options(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
     add_files(to)
-    to.add_argument("--speed-range", metavar="LO:HI", help="speeds to use, rpm; stay below the next critical")
-    to.add_argument(
-        "--false-alarm",
-        type=positive_word,
-        default=0.01,
-        metavar="P",
-        help="probability of reporting a change when there is none [%(default)g]",
+    option(to, "--speed-range LO:HI", "speeds to use, rpm; stay below the next critical")
+    add_false_alarm(to, "probability of reporting a change when there is none [%(default)g]")
+    add_output(to, "trend.csv, summary.txt and trend.png")
+
+
+def answer(options: argparse.Namespace) -> Answer:
+    """Dated tests of one machine, and what changed."""
+    found = _trend(options)
+    return Answer(
+        text=str(found), write=partial(_write, found), plain=lambda: [place_json(place) for place in found.places]
     )
-    to.add_argument("--out", type=Path, help="folder for trend.csv, summary.txt and trend.png")
-    add_output(to)
-
-
-def run(options: argparse.Namespace) -> int:
-    """Do what the command line says; returns the exit code."""
-    from rotorfit.cli.errors import ExitCode, checked
-
-    found = checked(lambda: _trend(options))
-    give(options, partial(_write, found), lambda: [place_json(place) for place in found.places], str(found))
-    return ExitCode.DONE
 
 
 def _trend(options: argparse.Namespace) -> MachineTrend:
@@ -50,14 +42,19 @@ def _trend(options: argparse.Namespace) -> MachineTrend:
     from rotorfit.monitoring.trend import trend
     from rotorfit.studies.data_files import no_progress, read_files
 
-    if options.false_alarm >= 1:
-        raise ValueError(f"--false-alarm takes a probability below 1, got {options.false_alarm:g}")
+    check_false_alarm(options)
     try:
         limits = two_numbers(options.speed_range) if options.speed_range else None
     except ValueError as problem:
         raise ValueError(f"--speed-range {options.speed_range}: {problem}") from problem
     if all(file.suffix == ".json" for file in options.files):
-        return _crack_monitor(options)
+        from rotorfit.fitting.fit_file import load_fit
+        from rotorfit.monitoring.crack import dated_anisotropy
+
+        def dated(file: Path) -> DatedValues:
+            return checked(lambda: dated_anisotropy(load_fit(file)), file)
+
+        return trend([dated(file) for file in options.files], false_alarm=options.false_alarm)
     tests = []
     for test in read_files(data_files(options), no_progress)[0]:
         if not isinstance(test, PerturbationTest):
@@ -66,39 +63,17 @@ def _trend(options: argparse.Namespace) -> MachineTrend:
     return trend(tests, false_alarm=options.false_alarm)
 
 
-def _crack_monitor(options: argparse.Namespace) -> MachineTrend:
-    """Follow dK/K of saved fits."""
-    from rotorfit.cli.errors import checked
-    from rotorfit.monitoring.trend import trend
-
-    dated = [checked(partial(_dated_anisotropy, file), file) for file in options.files]
-    return trend(dated, false_alarm=options.false_alarm)
-
-
-def _dated_anisotropy(file: Path) -> DatedValues:
-    from rotorfit.fitting.fit_file import load_fit
-    from rotorfit.monitoring.crack import dated_anisotropy
-
-    return dated_anisotropy(load_fit(file))
-
-
-def _rows(found: MachineTrend) -> list[list[Any]]:
-    return [
-        [place.place, date, name, place.units[j], place.values[i, j], place.stderr[i, j]]
-        for place in found.places
-        for i, date in enumerate(place.dates)
-        for j, name in enumerate(place.names)
-    ]
-
-
 def _write(found: MachineTrend, folder: Path) -> None:
     from rotorfit.io.tables.result_tables import rows_csv
-
-    rows = [["place", "test", "quantity", "unit", "value", "stderr"], *_rows(found)]
-    (folder / "trend.csv").write_text(rows_csv(rows), encoding="utf-8")
-    (folder / "summary.txt").write_text(f"{found}\n", encoding="utf-8")
     from rotorfit.plots.style import picture_of
 
+    rows: list[list[Any]] = [["place", "test", "quantity", "unit", "value", "stderr"]]
+    for place in found.places:
+        for i, date in enumerate(place.dates):
+            for j, name in enumerate(place.names):
+                rows.append([place.place, date, name, place.units[j], place.values[i, j], place.stderr[i, j]])
+    (folder / "trend.csv").write_text(rows_csv(rows), encoding="utf-8")
+    (folder / "summary.txt").write_text(f"{found}\n", encoding="utf-8")
     (folder / "trend.png").write_bytes(picture_of(found.plot(), dpi=150))
 
 

@@ -14,65 +14,45 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli.answer import say
-from rotorfit.cli.arguments import add_jobs, workers_of
+from rotorfit.cli.answer import ExitCode, checked, say
+from rotorfit.cli.arguments import add_false_alarm, add_jobs, check_false_alarm, option, workers_of
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.cli.store import add_followed, add_study, added_json, added_words
 from rotorfit.options.kinds import positive_word, words
 from rotorfit.studies.json_text import json_text
+from rotorfit.studies.wording import sentence
 from rotorfit.units import RAD_S_PER_RPM
 
 if TYPE_CHECKING:
     from rotorfit.store.alarms import MachineState
     from rotorfit.store.watch import FolderWatch
 
-DESCRIPTION = "watch a folder: fit tests and recordings as they arrive, keep a history, raise an alarm on a change"
+HELP = "watch a folder: fit tests and recordings as they arrive, keep a history, raise an alarm on a change"
 
 
 def add_options(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
-    to.add_argument(
-        "folder", type=Path, metavar="FOLDER", help="folder in which files arrive; a folder in it is one test"
-    )
+    help = "folder in which files arrive; a folder in it is one test"
+    to.add_argument("folder", type=Path, metavar="FOLDER", help=help)
     add_study(to, required=True)
-    to.add_argument("--store", type=Path, required=True, metavar="STORE", help="machine.db; machine.html is beside it")
+    option(to, "--store STORE", "machine.db; machine.html is beside it", Path, required=True)
     add_followed(to)
-    to.add_argument("--against", type=words, default=(), metavar="A,B", help="conditions that a level may depend on")
-    to.add_argument(
-        "--false-alarm",
-        type=positive_word,
-        default=0.01,
-        metavar="P",
-        help="probability that a machine which does not change ever raises an alarm [%(default)g]",
-    )
-    to.add_argument("--running-speed", type=positive_word, metavar="RPM", help="watch the threshold speed against it")
-    to.add_argument(
-        "--margin",
-        type=positive_word,
-        metavar="X",
-        help="threshold speed over --running-speed that is required [1]",
-    )
-    to.add_argument("--on-alarm", default="", metavar="CMD", help="program and arguments; it reads the alarm as JSON")
+    option(to, "--against A,B", "conditions that a level may depend on", words, default=())
+    add_false_alarm(to, "probability that a machine which does not change ever raises an alarm [%(default)g]")
+    option(to, "--running-speed RPM", "watch the threshold speed against it", positive_word)
+    option(to, "--margin X", "threshold speed over --running-speed that is required [1]", positive_word)
+    option(to, "--on-alarm CMD", "program and arguments; it reads the alarm as JSON", default="")
     add_jobs(to, "fit")
-    to.add_argument("--once", action="store_true", help="one round, for cron; exit code 3 while an alarm stands")
-    to.add_argument(
-        "--every", type=positive_word, default=10.0, metavar="S", help="seconds between rounds [%(default)g]"
-    )
-    to.add_argument(
-        "--settle",
-        type=float,
-        default=5.0,
-        metavar="S",
-        help="seconds for which a file must not change before it is read [%(default)g]",
-    )
-    to.add_argument("--json", action="store_true", help="print events as JSON, one per line")
-    to.add_argument("--quiet", action="store_true", help="print alarms only")
+    option(to, "--once", "one round, for cron; exit code 3 while an alarm stands")
+    option(to, "--every S", "seconds between rounds [%(default)g]", positive_word, default=10.0)
+    help = "seconds for which a file must not change before it is read [%(default)g]"
+    option(to, "--settle S", help, float, default=5.0)
+    option(to, "--json", "print events as JSON, one per line")
+    option(to, "--quiet", "print alarms only")
 
 
 def run(options: argparse.Namespace) -> int:
     """Do what the command line says; returns the exit code."""
-    from rotorfit.cli.errors import checked
-
     with ExitStack() as stack:
         watch = checked(lambda: _watch(options))
         watch.executor = checked(lambda: stack.enter_context(workers_of(options)))
@@ -81,8 +61,6 @@ def run(options: argparse.Namespace) -> int:
 
 def _watched(watch: FolderWatch, options: argparse.Namespace) -> int:
     """One round, or rounds without end."""
-    from rotorfit.cli.errors import ExitCode, checked
-
     if options.once:
         states = checked(lambda: _round(watch, wait=True))
         if not options.json and not options.quiet:
@@ -97,7 +75,7 @@ def _watched(watch: FolderWatch, options: argparse.Namespace) -> int:
             raise
         except (OSError, ValueError) as problem:  # a network that is down, a full disk: the next round may do
             if str(problem) != said:
-                _tell_problem(options, problem)
+                _tell(options, {"event": "problem", "said": sentence(problem)})
             said = str(problem)
         time.sleep(options.every)
 
@@ -114,16 +92,6 @@ def _round(watch: FolderWatch, *, wait: bool = False) -> list[MachineState]:
     if added or wait or not page_of(watch.store).exists():
         write_page(watch.store, states)
     return states
-
-
-def _tell_problem(options: argparse.Namespace, problem: BaseException) -> None:
-    from rotorfit.studies.wording import sentence
-
-    said = sentence(problem)
-    if options.json:
-        print(json_text({"event": "problem", "said": said}, indent=None), flush=True)
-    else:
-        say(said)
 
 
 def _watch(options: argparse.Namespace) -> FolderWatch:
@@ -172,8 +140,7 @@ def _check(options: argparse.Namespace) -> None:
     """Refuse, before anything is fitted, what could not work."""
     if not options.folder.is_dir():
         raise NotADirectoryError(f"{options.folder} is no folder; give the one in which files arrive")
-    if options.false_alarm >= 1:
-        raise ValueError(f"--false-alarm takes a probability below 1, got {options.false_alarm:g}")
+    check_false_alarm(options)
     if not 0 <= options.settle < float("inf"):
         raise ValueError(f"--settle takes seconds from 0, got {options.settle:g}")
     if options.margin is not None and options.running_speed is None:

@@ -25,76 +25,45 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rotorfit.data.experiments import Experiment
-from rotorfit.estimators.file_reading import read_toml, reading
-from rotorfit.models import KnownStructure
-from rotorfit.models.parameters import unknown_name
-from rotorfit.options.kinds import Parser, count, number, prior, table, text
+from rotorfit.options.kinds import Parser, count, number, prior, table, text, uncertainty
 from rotorfit.options.table import FIT, LAW, MODEL
 from rotorfit.planning.design import Design
 from rotorfit.planning.plan import plan
 from rotorfit.planning.record import Plan
 from rotorfit.studies.data_files import DataFile, no_progress, read_files
 from rotorfit.studies.study import Study
+from rotorfit.studies.study_file import known_keys, read_keys, refuse_unknown
 from rotorfit.studies.study_model import build_model
 
 
-@dataclass(frozen=True, kw_only=True)
-class PlanStudy:
-    """Settings of a plan, by the names of the TOML keys."""
-
-    path: Path  # of the file
-    settings: Mapping[str, Any]  # arguments of rf.plan
-    study: Study  # model with its options, empty where it is that of the fit, and files of patterns
-    fit: Path | None  # saved fit that values come from
-    out: Path | None  # folder for the results
+def read_plan(path: str | Path) -> dict[str, Any]:
+    """Settings of a plan from a TOML file: arguments of ``rf.plan``, and ``study``, model with its options and files of
+    patterns, ``fit``, a saved fit that values come from, and ``out``, the folder for the results."""
+    return read_keys(path, _settings)
 
 
-def read_plan(path: str | Path) -> PlanStudy:
-    """Read a plan's settings from a TOML file."""
-    path = Path(path)
-    with reading(str(path), "TOML file"):
-        content = read_toml(path, str(path))
-        try:
-            return _settings(path, content)
-        except ValueError as reason:
-            raise ValueError(f"{path}: {reason}") from reason
-
-
-def run_plan(study: PlanStudy) -> Plan:
+def run_plan(given: Mapping[str, Any]) -> Plan:
     """Make the plan."""
     from rotorfit.fitting.fit_file import load_fit
 
-    tests: list[Experiment | Design] = []
-    if study.study.files:
-        tests += read_files(study.study.files, no_progress)[0]
-    settings = dict(study.settings)
-    if study.fit is not None:
-        settings["values"] = load_fit(study.fit)
-    if study.study.model:
-        model = build_model(study.study, [test for test in tests if isinstance(test, Experiment)])
-    else:
-        model = settings["values"].model
-    if "design" in settings:
-        tests.append(settings.pop("design"))
-    try:
-        return plan(model, tests=tests, **settings)
-    except (ValueError, KeyError) as reason:
-        raise ValueError(f"{study.path}: {reason.args[0] if reason.args else reason}") from reason
+    settings = dict(given)
+    study, fit, _ = (settings.pop(name) for name in ("study", "fit", "out"))
+    made, _ = read_files(study.files, no_progress)
+    if fit is not None:
+        settings["values"] = load_fit(fit)
+    model = build_model(study, made) if study.model else settings["values"].model
+    designs = [settings.pop("design")] if "design" in settings else []
+    return plan(model, tests=[*made, *designs], **settings)
 
 
-def _settings(path: Path, content: Mapping[str, Any]) -> PlanStudy:
-    for key in content:
-        if key not in _KEYS:
-            raise ValueError(unknown_name("key", key, _KEYS))
-    if "structure" in content:
-        content = {"model": KnownStructure.name, **content}
+def _settings(content: Mapping[str, Any], base: Path) -> dict[str, Any]:
+    content = known_keys(content, _KEYS)
     if "model" not in content and ("fit" not in content or set(content) & set(_MODEL)):
         raise ValueError("the key 'model' is missing; it may be left out, with its options, where fit = names a fit")
     found = {key: _KEYS[key](key, value) for key, value in content.items()}
@@ -102,19 +71,10 @@ def _settings(path: Path, content: Mapping[str, Any]) -> PlanStudy:
         raise ValueError("give the values of the rotor: a table [values], or fit = the path of a saved fit.json")
     if not ({"tests", "design"} & set(found)):
         raise ValueError("nothing to plan: give a table [design], or tests = a list of files as patterns")
-    base = path.parent
+    found |= {name: str(base / found[name]) for name in ("structure", "out", "fit") if name in found}
     model = {name: found.pop(name) for name in ("model", *_MODEL) if name in found}
-    if "structure" in model:
-        model["structure"] = str(base / model["structure"])
     files = tuple(DataFile(base / name) for name in found.pop("tests", ()))
-    out, fit = found.pop("out", None), found.pop("fit", None)
-    return PlanStudy(
-        path=path,
-        settings=found,
-        study=Study(files=files, **{"model": "", **model}),
-        fit=None if fit is None else base / fit,
-        out=None if out is None else base / out,
-    )
+    return {"out": None, "fit": None, **found, "study": Study(files=files, **{"model": "", **model})}
 
 
 # ---- values of keys -----------------------------------------------------------------------------
@@ -142,10 +102,6 @@ def _value(key: str, value: Any) -> Any:
     if isinstance(value, list):
         return tuple(number(key, one) for one in value)
     return number(key, value)
-
-
-def _by_plane(key: str, value: Any) -> Any:
-    return table(number)(key, value) if isinstance(value, dict) else number(key, value)
 
 
 def _list(key: str, value: Any) -> tuple[float, ...]:
@@ -178,9 +134,7 @@ _DESIGN: dict[str, Parser] = {
 def _design(key: str, value: Any) -> Design:
     if not isinstance(value, dict):
         raise ValueError(f"{key} must be a table, got {value!r}")
-    for name in value:
-        if name not in _DESIGN:
-            raise ValueError(unknown_name(f"key of [{key}]", name, _DESIGN))
+    refuse_unknown(value, _DESIGN, f"key of [{key}]")
     for field in fields(Design)[:2]:
         if field.name not in value:
             raise ValueError(f"[{key}] needs {field.name}")
@@ -197,7 +151,7 @@ _KEYS: dict[str, Parser] = {
     "design": _design,
     "quantity": _texts,
     "wanted": number,
-    "noise_um": _by_plane,
+    "noise_um": uncertainty,
     "noise_share": number,
     "common_share": number,
     "memory": _memory,

@@ -1,7 +1,8 @@
-"""Files that a study writes into its folder: summary, tables, files that read back, report and figures."""
+"""What a study writes: summary, tables, files that read back, report and figures in its folder; its numbers as JSON."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,9 +22,11 @@ from rotorfit.fitting.structure.modes import own_modes
 from rotorfit.io.tables.result_tables import rows_csv
 from rotorfit.models.array_types import Float
 from rotorfit.studies.data_files import StudyProgress
+from rotorfit.studies.json_text import json_text
 from rotorfit.studies.recording_files import RecordingFiles
 from rotorfit.studies.study import Outcome
 from rotorfit.studies.text import summary
+from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from rotorfit.report.material import FigureFormat
@@ -195,3 +198,60 @@ def _profile_rows(profiles: Sequence[Profile]) -> Iterator[Sequence[Any]]:
     for p in profiles:
         for value, rise in zip(p.values.tolist(), p.rise.tolist(), strict=True):
             yield p.name, p.unit, value, rise
+
+
+# ---- JSON --------------------------------------------------------------------------------------
+
+
+def outcome_json(outcome: Outcome) -> str:
+    """The numbers of a study as one JSON object; what the data do not determine is null."""
+    best, bootstrap, posterior = outcome.best, outcome.bootstrap, outcome.posterior
+
+    def some(of: Any, *names: str) -> dict[str, Any]:
+        return {name: getattr(of, name) for name in names}
+
+    numbers = ("value", "stderr", "stderr_noise")
+    parameters = {
+        p.name: {
+            **(some(p, *numbers) if p.resolved else dict.fromkeys(numbers)),
+            **some(p, "systematic", "unit"),
+            "status": status(p),
+            "closed_form": closed_value(outcome, p.name),
+        }
+        for p in best.params.values()
+    }
+    sampled = (
+        None
+        if posterior is None
+        else {
+            **some(posterior, "converged", "message", "treatment", "seed"),
+            "interval_95": {name: posterior.interval(name) for name in posterior.names},
+        }
+    )
+    return json_text(
+        {
+            "model": best.model.name,
+            "files": [str(path) for file in outcome.study.files for path in file.paths],
+            "out": None if outcome.study.out is None else str(outcome.study.out),
+            **some(best, "success", "message", "redchi", "aic", "bic"),
+            "blocks": list(getattr(best.model, "blocks", ())),
+            "parameters": parameters,
+            "threshold_rpm": _threshold(best),
+            "profiles": {p.name: some(p, "lower", "upper", "level", "message") for p in outcome.profiles},
+            "bootstrap": None if bootstrap is None else some(bootstrap, "seed", "failures", "stderr"),
+            "posterior": sampled,
+            "unresolved": list(best.identifiability.unresolved),
+            "findings": [[str(f) for f in found] for found in outcome.findings],
+            "warnings": list(best.warnings),
+        }
+    )
+
+
+def _threshold(fit: FitResult) -> dict[str, float | None] | None:
+    if not fit.model.speed_dependent or fit.problem.space.index.shape[0] > 1:
+        return None
+    onset = fit.threshold_speed()
+    if not (math.isfinite(onset.value) and math.isfinite(onset.stderr)):
+        return None
+    shares = {"value": onset.value, "stderr": onset.stderr, "systematic": onset.systematic}
+    return {name: share * RPM_PER_RAD_S for name, share in shares.items()}

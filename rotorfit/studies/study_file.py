@@ -22,10 +22,11 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rotorfit.estimators.file_reading import read_toml, reading
 from rotorfit.models import KnownStructure
@@ -37,25 +38,30 @@ from rotorfit.studies.recording_files import RecordingFiles
 from rotorfit.studies.study import Study
 from rotorfit.units import RAD_S_PER_RPM
 
+T = TypeVar("T")
 
-def read_study(path: str | Path, *, of_a_store: bool = False) -> Study:
-    """Read a study from a TOML file; its keys are the attributes of :class:`~rotorfit.studies.study.Study`. That of a
-    store may leave ``files`` out, see :func:`study_of`."""
+
+def read_keys(path: str | Path, make: Callable[[Mapping[str, Any], Path], T]) -> T:
+    """What the keys of a TOML file say; ``make`` takes them and the folder of the file."""
     path = Path(path)
     with reading(str(path), "TOML file"):
         content = read_toml(path, str(path))
         try:
-            return study_of(content, path.parent, of_a_store=of_a_store)
+            return make(content, path.parent)
         except ValueError as reason:
             raise ValueError(f"{path}: {reason}") from reason
+
+
+def read_study(path: str | Path, *, of_a_store: bool = False) -> Study:
+    """Read a study from a TOML file; its keys are the attributes of :class:`~rotorfit.studies.study.Study`. That of a
+    store may leave ``files`` out, see :func:`study_of`."""
+    return read_keys(path, partial(study_of, of_a_store=of_a_store))
 
 
 def study_of(content: Mapping[str, Any], base: Path = Path(), *, of_a_store: bool = False) -> Study:
     """The study that TOML keys describe, with paths relative to a folder. In that of a store ``files`` are patterns of
     names (``"*.csv"``): which files are taken, and how they are read."""
-    _refuse_unknown(content, _KEYS)
-    if "structure" in content:
-        content = {"model": KnownStructure.name, **content}
+    content = known_keys(content, _KEYS)
     for key in ("model",) if of_a_store else ("files", "model"):
         if key not in content:
             raise ValueError(f"the key {key!r} is missing")
@@ -76,10 +82,17 @@ def _in_folder(file: DataFile | RecordingFiles, base: Path) -> DataFile | Record
     return replace(file, paths=paths, setup=None if file.setup is None else base / file.setup)
 
 
-def _refuse_unknown(given: Iterable[str], allowed: Iterable[str]) -> None:
+def refuse_unknown(given: Iterable[str], allowed: Iterable[str], what: str = "key") -> None:
+    """Refuse a key that there is not."""
     for key in given:
         if key not in allowed:
-            raise ValueError(unknown_name("key", key, allowed))
+            raise ValueError(unknown_name(what, key, allowed))
+
+
+def known_keys(content: Mapping[str, Any], allowed: Iterable[str]) -> Mapping[str, Any]:
+    """Keys of a whole file, none of them unknown; a shaft from a file makes the model."""
+    refuse_unknown(content, allowed)
+    return {"model": KnownStructure.name, **content} if "structure" in content else content
 
 
 # ---- read options -----------------------------------------------------------------------------
@@ -109,10 +122,6 @@ def _slow_roll(key: str, value: Any) -> Mapping[tuple[str, str], complex]:
     return {channel: phasor * 1e-6 for channel, phasor in _channels(_polar)(key, value).items()}
 
 
-def _speed(key: str, value: Any) -> float:
-    return number(key, value) * RAD_S_PER_RPM
-
-
 def _selection(key: str, value: Any) -> dict[str, Any]:
     """Values by attribute: one, a list of them, or a range ``{from = 40, to = 60}`` with either end left out."""
     found: dict[str, Any] = {}
@@ -120,7 +129,7 @@ def _selection(key: str, value: Any) -> dict[str, Any]:
         raise ValueError(f'{key} must be a table such as {{run = ["a", "b"], oil_C = {{from = 40, to = 60}}}}')
     for name, item in value.items():
         if isinstance(item, dict):
-            _refuse_unknown(item, ("from", "to"))
+            refuse_unknown(item, ("from", "to"))
             low, high = (
                 number(f"{key}.{name}.{end}", item.get(end, far)) if end in item else far
                 for end, far in (("from", -math.inf), ("to", math.inf))
@@ -155,7 +164,7 @@ _READ_KEYS: dict[str, tuple[str, Parser]] = {
     "slow_roll_below_rpm": ("slow_roll_below_rpm", number),
     "probe_angles_deg": ("probe_angles", table(pair)),
     "difference": ("difference", flag),
-    "speed_rpm": ("speed", _speed),
+    "speed_rpm": ("speed", lambda key, value: number(key, value) * RAD_S_PER_RPM),
     "speed_tolerance": ("speed_tolerance", number),
     "sheet": ("sheet", text),
     "columns": ("columns", table(text)),
@@ -169,15 +178,24 @@ _READ_KEYS: dict[str, tuple[str, Parser]] = {
 """Keys beside ``path`` in a file's table: option of :func:`rotorfit.read`, and what its value must be."""
 
 
-def _paths(key: str, value: Any) -> tuple[Path, ...]:
-    if not isinstance(value, list) or not value:
-        raise ValueError(f"{key} must be a list of at least one file, got {value!r}")
-    return tuple(Path(text(key, item)) for item in value)
+def _several(of: Parser) -> Parser:
+    """A list of files, at least one."""
+
+    def parse(key: str, value: Any) -> tuple[Any, ...]:
+        if not isinstance(value, list) or not value:
+            raise ValueError(f"{key} must be a list of at least one file, got {value!r}")
+        return tuple(of(key, item) for item in value)
+
+    return parse
+
+
+def _path(key: str, value: Any) -> Path:
+    return Path(text(key, value))
 
 
 _RECORDED_KEYS: dict[str, tuple[str, Parser]] = {
-    "recordings": ("paths", _paths),
-    "setup": ("setup", lambda key, value: Path(text(key, value))),
+    "recordings": ("paths", _several(_path)),
+    "setup": ("setup", _path),
     "windows": ("windows", count),
     "skip": ("skip", _numbers),
 }
@@ -186,32 +204,25 @@ _RECORDED_KEYS: dict[str, tuple[str, Parser]] = {
 
 def _file(key: str, value: Any) -> DataFile | RecordingFiles:
     if isinstance(value, str):
-        return DataFile(Path(text(key, value)))
+        return DataFile(_path(key, value))
     if isinstance(value, dict) and "recordings" in value:
-        _refuse_unknown(value, _RECORDED_KEYS)
-        return RecordingFiles(
-            **{_RECORDED_KEYS[name][0]: _RECORDED_KEYS[name][1](f"{key}.{name}", item) for name, item in value.items()}
-        )
+        return RecordingFiles(**_by_keys(key, value, _RECORDED_KEYS))
     if not isinstance(value, dict) or "path" not in value:
         raise ValueError(
             f"{key} must be paths, tables with a path and read options, or tables with recordings; got {value!r}"
         )
     options = {name: item for name, item in value.items() if name != "path"}
-    _refuse_unknown(options, _READ_KEYS)
-    return DataFile(
-        Path(text(f"{key}.path", value["path"])),
-        {_READ_KEYS[name][0]: _READ_KEYS[name][1](f"{key}.{name}", item) for name, item in options.items()},
-    )
+    return DataFile(_path(f"{key}.path", value["path"]), _by_keys(key, options, _READ_KEYS))
 
 
-def _files(key: str, value: Any) -> tuple[DataFile | RecordingFiles, ...]:
-    if not isinstance(value, list) or not value:
-        raise ValueError(f"{key} must be a list of at least one file, got {value!r}")
-    return tuple(_file(key, item) for item in value)
+def _by_keys(key: str, value: Mapping[str, Any], keys: Mapping[str, tuple[str, Parser]]) -> dict[str, Any]:
+    """Options by the names that a file's table has for them."""
+    refuse_unknown(value, keys)
+    return {keys[name][0]: keys[name][1](f"{key}.{name}", item) for name, item in value.items()}
 
 
 _KEYS: dict[str, Parser] = {
-    "files": _files,
+    "files": _several(_file),
     "model": text,
     "out": text,
     **{name: option.kind.toml for name, option in FIT.items()},

@@ -10,6 +10,7 @@ import numpy as np
 from rotorfit.data.experiments import Experiment, LineTest, PerturbationTest
 from rotorfit.models import LAWS, MODELS, AnisotropicShaft, KnownStructure, Modal, Orthotropic, RotorModel
 from rotorfit.models.parameters import unknown_name
+from rotorfit.options.kinds import is_set
 from rotorfit.options.table import SHAFT
 from rotorfit.studies.study import Study
 
@@ -53,15 +54,9 @@ def _shaft_of_file(study: Study) -> KnownStructure:
     )
 
 
-def _has_twist(experiment: Experiment) -> bool:
-    return isinstance(experiment, LineTest) and bool((experiment.direction == "twist").any())
-
-
-def _has_start_up(experiment: Experiment) -> bool:
+def _has_start_up(test: LineTest) -> bool:
     """True if 1x and 2x were read over the speeds of a start-up, where run-out shows."""
-    if not isinstance(experiment, LineTest):
-        return False
-    speeds = [set(experiment.speed[experiment.line == line].tolist()) for line in ("1x", "2x")]
+    speeds = [set(test.speed[test.line == line].tolist()) for line in ("1x", "2x")]
     return min(map(len, speeds)) >= LineTest.START_UP
 
 
@@ -74,25 +69,20 @@ def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
         options["planes"] = study.planes
     elif study.model == "anisotropic":  # has as many planes as the data, whatever they are called
         options["planes"] = tuple(dict.fromkeys(plane for experiment in experiments for plane in experiment.planes))
-    if study.model == AnisotropicShaft.name and not any(_has_twist(experiment) for experiment in experiments):
-        options["torsion"] = None
-    if study.model == AnisotropicShaft.name and any(_has_start_up(experiment) for experiment in experiments):
-        options["runout"] = True
+    if study.model == AnisotropicShaft.name:
+        lines = [test for test in experiments if isinstance(test, LineTest)]
+        if not any((test.direction == "twist").any() for test in lines):
+            options["torsion"] = None
+        if any(_has_start_up(test) for test in lines):
+            options["runout"] = True
     if study.model == Modal.name:
         options |= modal_options(tuple(study.planes), experiments)
-    options |= {name: given for name in ("modes", "gains", "apart") if (given := getattr(study, name))}
-    if study.blocks:
-        options["blocks"] = study.blocks
-    if study.two_lam:
-        options["two_lam"] = True
+    names = ("modes", "gains", "apart", "blocks", "two_lam", "probes", "clearance_um")
+    options |= {name: given for name in names if is_set(given := getattr(study, name)) and given != 0}
     if study.law:
         if study.law not in LAWS:
             raise ValueError(unknown_name("law", study.law, LAWS))
         options["law"] = LAWS[study.law]()
-    if study.probes:
-        options["probes"] = study.probes
-    if study.clearance_um is not None:
-        options["clearance_um"] = study.clearance_um
     model = (shaft or MODELS[study.model]()).variant(**options)
     return Orthotropic(model, study.orthotropic) if study.orthotropic else model
 
