@@ -221,7 +221,7 @@ def test_every_model_has_a_report(name: str, tmp_path: Path) -> None:
     assert fit.success
     page = report_of(fit, tmp_path / "report.html")
     assert name in page.shown
-    assert ("plotly.js" in interactive_section(fit)) == (name != "anisotropic-shaft")
+    assert ("Bokeh.documents" in interactive_section(fit)) == (name != "anisotropic-shaft")
     for known in KNOWN[name]:
         assert f"{known}=" in page.shown
     assert "κ" in page.shown
@@ -314,7 +314,9 @@ def test_every_kind_of_experiment_has_a_report(kind: str, tmp_path: Path) -> Non
     page = report_of(fit, tmp_path / "report.html")
     for experiment in fit.experiments:
         assert experiment.title in page.shown
-    assert ("plotly.js" in interactive_section(fit)) == any(isinstance(e, rf.PerturbationTest) for e in fit.experiments)
+    assert ("Bokeh.documents" in interactive_section(fit)) == any(
+        isinstance(e, rf.PerturbationTest) for e in fit.experiments
+    )
     assert "Not finite" not in page.shown
     assert ("muszynska law: K0 (1 - eps^2)^-n_K" in page.shown) == model.eccentricity_dependent
     assert "log1p" not in page.shown
@@ -390,7 +392,7 @@ def test_names_from_files_stay_text(tmp_path: Path) -> None:
     assert HOSTILE not in interactive_section(fit)
 
 
-def test_an_interactive_report_without_plotly_is_refused_before_the_fit(
+def test_an_interactive_report_without_bokeh_is_refused_before_the_fit(
     rig_fit: FitResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["fit", str(datasets.path("rig_lumped.csv")), "--model", "whirl-whip", "--interactive"]

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from rotorfit.campaigns.trends import Trend
-from rotorfit.plots.style import GREY, colour_of, grid, labelled, legend_below, literal, looked, prefix
+from rotorfit.plots.style import colour_of, draw_curve, grid, labelled, legend_below, literal, looked, prefix
 
 _MARKERS = ("o", "s", "^", "D", "v", "P")
 
@@ -32,19 +31,17 @@ def plot_trends(trends: Sequence[Trend], by: str | None = None) -> Figure:
             mine = [trend for trend in trends if (trend.parameter, trend.against) == (parameter, name)]
             unit, hidden = _panel(axis, mine, groups, handles)
             beyond = max(beyond, hidden)
-        axes[row, 0].set_ylabel(labelled(parameter, unit), fontsize=8)
+        axes[row, 0].set_ylabel(labelled(parameter, unit))
     for axis, name in zip(axes[-1], against, strict=True):
-        axis.set_xlabel(literal(name) + (", others held" if len(against) > 1 else ""), fontsize=8)
-    labels = [literal(group if by is None else f"{by} {group}") for group in groups] if groups != [""] else []
-    shown = [handles[group] for group in groups] if labels else []
-    shown += [Line2D([], [], color=GREY, lw=1), Line2D([], [], color=GREY, marker="o", ls="", ms=4)]
+        axis.set_xlabel(literal(name) + (", others held" if len(against) > 1 else ""))
+    named = groups if groups != [""] else []
+    entries = {literal(group if by is None else f"{by} {group}"): handles[group] for group in named}
     degree = max(trend.degree for trend in trends)
     line = "line" if degree < 2 else f"polynomial of degree {degree}"
-    labels += [f"{line} ± 1 standard error", "runs ± 1 standard error"]
+    entries |= {f"{line} ± 1 standard error": {"lw": 1}, "runs ± 1 standard error": {"marker": "o", "ls": "", "ms": 4}}
     if beyond:
-        shown.append(Line2D([], [], ls=""))
-        labels.append(f"{beyond} of the runs, far less certain, lie beyond the frame")
-    legend_below(figure, shown, labels)
+        entries[f"{beyond} of the runs, far less certain, lie beyond the frame"] = {"ls": ""}
+    legend_below(figure, entries)
     return figure
 
 
@@ -58,23 +55,14 @@ def _panel(axis: Any, trends: Sequence[Trend], groups: Sequence[str], handles: d
     for trend in trends:
         number = groups.index(trend.group)
         colour, marker = colour_of(number, len(groups)), _MARKERS[number % len(_MARKERS)]
-        handles[trend.group] = axis.errorbar(
-            trend.x,
-            trend.value * factor,
-            trend.stderr * factor,
-            fmt=marker,
-            color=colour,
-            markersize=4,
-            linewidth=1,
-            capsize=2,
-        )
+        look = {"fmt": marker, "color": colour, "markersize": 4, "linewidth": 1, "capsize": 2}
+        handles[trend.group] = axis.errorbar(trend.x, trend.value * factor, trend.stderr * factor, **look)
         if np.isfinite(trend.slope.value):
             x = np.linspace(trend.x[0], trend.x[-1], 50)
             line = [trend.at(float(at)) for at in x]
             middle = np.array([q.value for q in line]) * factor
             error = np.array([q.stderr for q in line]) * factor
-            axis.plot(x, middle, color=colour, linewidth=1)
-            axis.fill_between(x, middle - error, middle + error, color=colour, alpha=0.2, linewidth=0)
+            draw_curve(axis, x, middle, error, colour, lw=1)
     low, high = (values - errors)[sure].min() * factor, (values + errors)[sure].max() * factor
     margin = 0.08 * (high - low)
     axis.set_ylim(low - margin, high + margin)

@@ -34,7 +34,7 @@ class FitFigures:
         Example:
             >>> fit.plot_dynamic_stiffness().savefig(folder / "stiffness.png")
         """
-        from rotorfit.plots.responses import plot_dynamic_stiffness
+        from rotorfit.plots.dynamic_stiffness import plot_dynamic_stiffness
 
         return plot_dynamic_stiffness(self._fit, **options)
 

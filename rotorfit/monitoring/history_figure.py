@@ -69,7 +69,7 @@ def plot_trend(trend: MachineTrend) -> Figure:
                     date_ticks(axis.xaxis)
                 axis.tick_params(labelbottom=False)
         _name_tests(axes[len(place.names) - 1, column], place.dates, dated=place.dated)
-    legend_below(figure, list(handles.values()), list(handles))
+    legend_below(figure, handles)
     return figure
 
 

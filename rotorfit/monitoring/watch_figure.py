@@ -41,5 +41,5 @@ def plot_rules(rules: Sequence[Rule], dates: Mapping[int, str]) -> Figure:
         axes[row, 1].set_ylabel("evidence", fontsize=SMALL_TYPE)
         axes[row, 1].set_xlabel("test, in order of arrival" if row == len(rules) - 1 else "", fontsize=SMALL_TYPE)
         date_ticks(axes[row, 0].xaxis)
-    legend_below(figure, list(handles.values()), list(handles))
+    legend_below(figure, handles)
     return figure

@@ -31,10 +31,10 @@ def plot_plan(plan: Plan) -> Figure:
         below.plot(x, plan.certificate.phi[own], ".-", lw=1.0, ms=4, color=colour)
     top.axhline(100 / plan.share.size, color="0.4", lw=0.8, ls="--", label="all lines alike")
     below.axhline(plan.certificate.phi.max(), color="0.4", lw=0.8, ls=":")
-    top.set_ylabel("share of the averaging time, %", fontsize=8)
-    below.set_ylabel("gain of a line (mean: 1)", fontsize=8)
-    below.set_xlabel(f"frequency of the force, {rate_unit()} (backward < 0)", fontsize=8)
+    top.set_ylabel("share of the averaging time, %")
+    below.set_ylabel("gain of a line (mean: 1)")
+    below.set_xlabel(f"frequency of the force, {rate_unit()} (backward < 0)")
     few = 12  # runs that a legend names
     if len(names) <= few:
-        legend_below(figure, *top.get_legend_handles_labels())
+        legend_below(figure)
     return figure

@@ -5,14 +5,26 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.patches import Polygon
+from matplotlib.patches import Patch, Polygon
 
 from rotorfit.models.array_types import Float
 from rotorfit.models.digits import significant
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.whirl import whirl_branch
 from rotorfit.plots.journal import half_width, reach
-from rotorfit.plots.style import COLOURS, GREY, grid, legend_below, looked, per_rad_s, position_unit, prefix, rate_unit
+from rotorfit.plots.style import (
+    BAND,
+    COLOURS,
+    GREY,
+    draw_curve,
+    grid,
+    legend_below,
+    looked,
+    per_rad_s,
+    position_unit,
+    prefix,
+    rate_unit,
+)
 from rotorfit.units import RAD_S_PER_RPM
 
 if TYPE_CHECKING:
@@ -60,31 +72,23 @@ def plot_whirl(fit: FitResult, *, group: int = 0, max_speed_rpm: float | None = 
         )
         for side in (1, -1)
     ]
-    radius.add_patch(Polygon(np.concatenate([edges[0], edges[1][::-1]]), color=_STABLE, alpha=0.25, lw=0))
+    radius.add_patch(Polygon(np.concatenate([edges[0], edges[1][::-1]]), color=_STABLE, alpha=BAND, lw=0))
     radius.axhline(clearance * factor, color=GREY, lw=0.8)
-    radius.set_ylabel(f"radius of the journal's orbit, {unit}", fontsize=8)
-    frequency.set_ylabel(f"frequency of the whirl, {rate_unit()}", fontsize=8)
-    frequency.set_xlabel(f"rotative speed, {rate_unit()}", fontsize=8)
+    radius.set_ylabel(f"radius of the journal's orbit, {unit}")
+    frequency.set_ylabel(f"frequency of the whirl, {rate_unit()}")
+    frequency.set_xlabel(f"rotative speed, {rate_unit()}")
     ratio = branch.frequency[0] / branch.speed[0]
     ends = np.array([speed[0], speed.max()])
     frequency.plot(ends, ratio * ends, ":", color=GREY, lw=1.0)
     for axis in (radius, frequency):
         axis.set_xlim(speed[0] - 0.1 * np.ptp(ends), speed.max() + 0.03 * np.ptp(ends))
     radius.set_ylim(bottom=0)
-    _legend(figure, unstable=not branch.stable.all(), ratio=float(ratio))
+    entries: dict[str, Any] = {"stable whirl, 95 % band": {"color": _STABLE, "lw": 1.4}}
+    if not branch.stable.all():
+        entries["unstable"] = {"color": _UNSTABLE, "lw": 1.4, "ls": "--"}
+    entries[f"onset, and {ratio:.3f} times the speed"] = {"lw": 1.0, "ls": ":"}
+    legend_below(figure, entries | {"clearance": {"lw": 0.8}})
     return figure
-
-
-def _legend(figure: Figure, *, unstable: bool, ratio: float) -> None:
-    from matplotlib.lines import Line2D
-
-    handles: list[Any] = [Line2D([], [], color=_STABLE, lw=1.4)]
-    words = ["stable whirl, 95 % band"]
-    if unstable:
-        handles.append(Line2D([], [], color=_UNSTABLE, lw=1.4, ls="--"))
-        words.append("unstable")
-    handles += [Line2D([], [], color=GREY, lw=1.0, ls=":"), Line2D([], [], color=GREY, lw=0.8)]
-    legend_below(figure, handles, [*words, f"onset, and {ratio:.3f} times the speed", "clearance"])
 
 
 @looked
@@ -106,20 +110,16 @@ def plot_side_load(fit: FitResult) -> Figure:
         ("static eccentricity over clearance", f"side load at the journal, {unit}"),
         strict=True,
     ):
-        axis.plot(x, values * per_rad_s(), color=_STABLE, lw=1.4)
-        low, high = ((values + sign * errors) * per_rad_s() for sign in (-1, 1))
-        axis.fill_between(x, low, high, color=_STABLE, alpha=0.25, lw=0)
+        draw_curve(axis, x, values * per_rad_s(), errors * per_rad_s(), _STABLE, lw=1.4)
         axis.fill_between(x, values * per_rad_s(), axis.get_ylim()[1], color=_UNSTABLE, alpha=0.08, lw=0)
-        axis.set_xlabel(words, fontsize=8)
+        axis.set_xlabel(words)
         axis.set_xlim(0, float(x.max()))
-        axis.set_ylabel(f"threshold speed, {rate_unit()}", fontsize=8)
-    from matplotlib.patches import Patch
-
-    legend_below(
-        figure,
-        [Patch(color=_STABLE, alpha=0.5), Patch(color=_UNSTABLE, alpha=0.15)],
-        ["threshold speed and 95 % band", "unstable"],
-    )
+        axis.set_ylabel(f"threshold speed, {rate_unit()}")
+    entries = {
+        "threshold speed and 95 % band": Patch(color=_STABLE, alpha=0.5),
+        "unstable": Patch(color=_UNSTABLE, alpha=0.15),
+    }
+    legend_below(figure, entries)
     return figure
 
 

@@ -14,12 +14,14 @@ from rotorfit.models.digits import significant
 from rotorfit.models.parameters import unknown_name
 from rotorfit.plots.dynamic_stiffness import draw_drive_point
 from rotorfit.plots.style import (
+    BAND,
     GREY,
     PAGE,
     PHASE_LABEL,
     SMALL_TYPE,
     amplitude_unit,
     decade_ticks,
+    draw_curve,
     few_ticks,
     grid,
     legend_below,
@@ -27,6 +29,7 @@ from rotorfit.plots.style import (
     literal,
     looked,
     per_rad_s,
+    phase_axis,
     rate_unit,
 )
 from rotorfit.plots.sweeps import SweepCondition, SweepCurve, curves, forced_planes, joined
@@ -37,19 +40,15 @@ if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult
 
 
-@dataclass(frozen=True, eq=False)
-class Panels:
-    """Axes of each measured pair of probe and force, one row of axes or more a pair; no pair's panel is empty."""
-
-    axes: Mapping[tuple[int, int], Sequence[Any]]
-    bottom: Sequence[Any]
-
-
 def panels_of(
     found: Sequence[SweepCurve], title: str, *, rows: int, size: tuple[float, float], one_abscissa: bool = False
-) -> tuple[Figure, Panels]:
+) -> tuple[Figure, dict[tuple[int, int], list[Any]], list[Any]]:
     """A figure with a panel for each probe (down) and force (across), packed where not all of them were measured, and
-    side by side where a page is too short for all probes of one force."""
+    side by side where a page is too short for all probes of one force.
+
+    Returns:
+        the figure, the axes of each pair, one row of axes or more, and the axes at the bottom.
+    """
     pairs = sorted({(c.coordinate, c.force_plane) for c in found})
     probes, forces = sorted({p for p, _ in pairs}), sorted({f for _, f in pairs})
     shortest = 0.6 * rows * size[1]  # of a pair, inches
@@ -71,7 +70,7 @@ def panels_of(
     if across > 2:
         for axis in (axis for pair in shown.values() for axis in pair):
             few_ticks(axis.xaxis, 3)
-    return figure, Panels(shown, bottom)
+    return figure, shown, bottom
 
 
 def response_unit(fit: FitResult, coordinate: int) -> tuple[float, str]:
@@ -150,16 +149,17 @@ def plot_bode(fit: FitResult, *, against: str = "frequency", mr: float | None = 
     conditions, found = curves(fit)
     along = _axis_of(found, against, mr)
     title = f"Bode plot{_weight(mr)}, {fit.model.name}"
-    figure, panels = panels_of(found, title, rows=2, size=(5.2, 1.9), one_abscissa=True)
+    figure, panels, bottom = panels_of(found, title, rows=2, size=(5.2, 1.9), one_abscissa=True)
     for curve in found if against == "size" else joined(found):
-        draw_bode(fit, panels.axes[curve.coordinate, curve.force_plane], curve, along)
-    for (probe, force), pair in panels.axes.items():
+        draw_bode(fit, panels[curve.coordinate, curve.force_plane], curve, along)
+    for (probe, force), pair in panels.items():
         own = [c for c in found if (c.coordinate, c.force_plane) == (probe, force)]
         finish_bode(fit, pair, own, along)
-        pair[0].set_title(cell_title(fit, probe, force), fontsize=8)
-    for axis in panels.bottom:
-        axis.set_xlabel(along.label(found), fontsize=8)
-    condition_legend(figure, conditions, "fit and 95 % band", direction_marks(found, against))
+        pair[0].set_title(cell_title(fit, probe, force))
+    for axis in bottom:
+        axis.set_xlabel(along.label(found))
+    marks = direction_marks(found, ".", " (fit dashed)") if against == "size" else None
+    condition_legend(figure, conditions, "fit and 95 % band", marks)
     return figure
 
 
@@ -168,12 +168,11 @@ def _weight(mr: float | None) -> str:
     return "" if mr is None else f" for {significant(mr * 1e6, 4)} g mm"
 
 
-def direction_marks(found: Sequence[SweepCurve], against: str) -> Sequence[tuple[str, str, str]]:
-    """Entries of the legend for forward and backward points drawn over one another."""
+def direction_marks(found: Sequence[SweepCurve], marker: str, more: str = "") -> dict[str, tuple[str, str]]:
+    """Entries of the legend for forward and backward points that are drawn over one another."""
     both = len({bool(c.frequency[-1] > 0) for c in found}) > 1
-    if against != "size" or not both:
-        return ()
-    return (".", GREY, "measured, forward"), (".", "none", "measured, backward (fit dashed)")
+    filled = {"measured, forward" if both else "measured": (marker, GREY)}
+    return filled | ({f"measured, backward{more}": (marker, "none")} if both else {})
 
 
 def draw_bode(fit: FitResult, pair: Sequence[Any], curve: SweepCurve, along: _Axis) -> None:
@@ -187,11 +186,10 @@ def draw_bode(fit: FitResult, pair: Sequence[Any], curve: SweepCurve, along: _Ax
     amplitude.plot(x, factor * along.scale(curve.frequency) * np.abs(curve.measured), **points)
     amplitude.plot(fine, line, style, lw=1.1, color=colour)
     reach = np.exp(np.minimum(relative, 20.0))
-    amplitude.fill_between(fine, line / reach, line * reach, color=colour, alpha=0.25, lw=0)
+    amplitude.fill_between(fine, line / reach, line * reach, color=colour, alpha=BAND, lw=0)
     phase.plot(x, degrees(curve.seen), **points)
     angle, half = broken_phase(curve.line_seen), np.rad2deg(turn)
-    phase.plot(fine, angle, style, lw=1.1, color=colour)
-    phase.fill_between(fine, angle - half, angle + half, color=colour, alpha=0.25, lw=0)
+    draw_curve(phase, fine, angle, half, colour, style, lw=1.1)
 
 
 def finish_bode(fit: FitResult, pair: Sequence[Any], found: Sequence[SweepCurve], along: _Axis) -> None:
@@ -209,10 +207,9 @@ def finish_bode(fit: FitResult, pair: Sequence[Any], found: Sequence[SweepCurve]
         amplitude.set_ylabel(unit, fontsize=SMALL_TYPE)
         phase.set_ylabel("phase, deg", fontsize=SMALL_TYPE)
     else:
-        amplitude.set_ylabel(unit if imposed else f"amplitude, {unit}", fontsize=8)
-        phase.set_ylabel("phase lead of the force, deg" if imposed else PHASE_LABEL, fontsize=8)
-    phase.set_yticks([-180, -90, 0, 90, 180])
-    phase.set_ylim(-190, 190)
+        amplitude.set_ylabel(unit if imposed else f"amplitude, {unit}")
+        phase.set_ylabel("phase lead of the force, deg" if imposed else PHASE_LABEL)
+    phase_axis(phase)
 
 
 def _bode_unit(fit: FitResult, coordinate: int, along: _Axis) -> tuple[float, str]:
@@ -254,7 +251,7 @@ def plot_drive_point(fit: FitResult, *, plane: str | None = None, mr: float | No
         draw_bode(fit, (amplitude, phase), curve, along)
     finish_bode(fit, (amplitude, phase), found, along)
     draw_drive_point(fit, (direct, quadrature), found[0].coordinate)
-    quadrature.set_xlabel(along.label(found), fontsize=8)
+    quadrature.set_xlabel(along.label(found))
     condition_legend(figure, conditions, "fit and 95 % band")
     return figure
 
@@ -277,16 +274,10 @@ def broken_phase(values: ComplexArray) -> Float:
 
 
 def condition_legend(
-    figure: Figure, conditions: Sequence[SweepCondition], line: str, marks: Sequence[tuple[str, str, str]] = ()
+    figure: Figure, conditions: Sequence[SweepCondition], line: str, marks: Mapping[str, tuple[str, str]] | None = None
 ) -> None:
-    """Legend: conditions, then points and line, then further marks (marker, face, words)."""
-    from matplotlib.lines import Line2D
-
-    handles: list[Any] = [Line2D([], [], color=c.colour, lw=2) for c in conditions]
-    points = marks or ((".", GREY, "measured"),)
-    handles += [Line2D([], [], color=GREY, ls="", marker=m, mfc=face, ms=4) for m, face, _ in points]
-    labels = [*(c.name for c in conditions), *(words for *_, words in points)]
-    if line:
-        handles.append(Line2D([], [], color=GREY, lw=1.2))
-        labels.append(line)
-    legend_below(figure, handles, labels)
+    """Legend: conditions, then points and line, then further marks, by their words marker and face."""
+    entries: dict[str, Any] = {c.name: {"color": c.colour, "lw": 2} for c in conditions}
+    for words, (marker, face) in (marks or {"measured": (".", GREY)}).items():
+        entries[words] = {"ls": "", "marker": marker, "mfc": face, "ms": 4}
+    legend_below(figure, entries | ({line: {"lw": 1.2}} if line else {}))

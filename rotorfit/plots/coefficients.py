@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.fitting.structure.coefficient_rows import UNITS, CoefficientRows, Coefficients
 from rotorfit.fitting.structure.frequency_rows import ENTRIES, FrequencyRows
 from rotorfit.models.shafts.plane_forces import COEFFICIENTS
-from rotorfit.plots.style import colour_of, grid, legend_below, looked, per_rad_s, prefix, rate_unit
+from rotorfit.plots.style import colour_of, draw_curve, grid, legend_below, looked, per_rad_s, prefix, rate_unit
 
 _MARKERS = "os^Dv<>P"
 
@@ -37,16 +36,14 @@ def coefficients(table: CoefficientRows) -> Figure:
                 error = factor * CHANCE_ERRORS * np.array([row[name].stderr for row in rows])
                 shown = np.where(np.isfinite(error), error, 0.0)
                 axis.errorbar(speed, values, shown, fmt=f"{marker}-", ms=3, lw=1, capsize=2, color=colour)
-        axis.set_ylabel(f"{kind}, {unit}", fontsize=8)
-    axes[-1, 0].set_xlabel(f"rotative speed, {rate_unit()}", fontsize=8)
-    entries = [name[1:] for name in COEFFICIENTS if name[0] == kinds[0] and _there(table, name)]
-    handles: list[Any] = list(axes[0, 0].containers[:: len(series)])
+        axis.set_ylabel(f"{kind}, {unit}")
+    axes[-1, 0].set_xlabel(f"rotative speed, {rate_unit()}")
+    names = [name[1:] for name in COEFFICIENTS if name[0] == kinds[0] and _there(table, name)]
+    entries: dict[str, Any] = dict(zip(names, axes[0, 0].containers[:: len(series)], strict=True))
     if len(series) > 1:
-        entries += series
-        handles += [
-            Line2D([], [], color="0.4", marker=m, ls="", ms=4) for m, _ in zip(cycle(_MARKERS), series, strict=False)
-        ]
-    legend_below(figure, handles, entries)
+        looks = ({"color": "0.4", "marker": m, "ls": "", "ms": 4} for m in cycle(_MARKERS))
+        entries |= dict(zip(series, looks, strict=False))
+    legend_below(figure, entries)
     return figure
 
 
@@ -60,7 +57,7 @@ def frequency_coefficients(table: FrequencyRows) -> Figure:
     # Quantile of the error bars that sets the axes: where both runs move alike, a bar is taller than the seal is stiff.
     shown = 0.1
     figure, axes = grid(len(ENTRIES), 2, "Stiffness and damping against frequency", size=(4.6, 2.0), one_abscissa=True)
-    handles = []
+    entries: dict[str, Any] = {}
     for kind, column, si in (("stiffness", 0, "N/m"), ("damping", 1, "N s/m")):
         factor, unit = prefix(
             np.concatenate([np.abs(getattr(row, f"fitted_{kind}")).ravel() for row in table.rows]), si
@@ -76,17 +73,16 @@ def frequency_coefficients(table: FrequencyRows) -> Figure:
                 )
                 own = axis.errorbar(w, value, CHANCE_ERRORS * error, fmt="o", ms=2, lw=0.6, alpha=0.6, color=colour)
                 order = np.argsort(w)
-                axis.plot(w[order], fitted[order], lw=1, color=colour)
                 reach = CHANCE_ERRORS * width[order]
                 low, high = fitted[order] - reach, fitted[order] + reach
-                axis.fill_between(w[order], low, high, alpha=0.25, color=colour, lw=0)
-                handles += [own] if not column and not entry else []
+                draw_curve(axis, w[order], fitted[order], reach, colour, lw=1)
+                entries.setdefault(row.condition, own)
                 ends += [float(low.min()), float(np.quantile(value - CHANCE_ERRORS * error, shown))]
                 ends += [float(high.max()), float(np.quantile(value + CHANCE_ERRORS * error, 1 - shown))]
-            axis.set_ylabel(f"{'KC'[column]}{name}, {unit}", fontsize=8)
+            axis.set_ylabel(f"{'KC'[column]}{name}, {unit}")
             reach = max(ends) - min(ends)
             axis.set_ylim(min(ends) - 0.2 * reach, max(ends) + 0.2 * reach or 1.0)
     for axis in axes[-1]:
-        axis.set_xlabel(f"frequency, {rate_unit()}", fontsize=8)
-    legend_below(figure, handles, [row.condition for row in table.rows])
+        axis.set_xlabel(f"frequency, {rate_unit()}")
+    legend_below(figure, entries)
     return figure

@@ -1,4 +1,4 @@
-"""Panels of the dynamic stiffness plot."""
+"""Dynamic stiffness of a fit."""
 
 from __future__ import annotations
 
@@ -20,10 +20,11 @@ from rotorfit.models.digits import significant
 from rotorfit.models.parameters import unknown_name
 from rotorfit.plots.journal import half_width
 from rotorfit.plots.style import (
-    GREY,
+    draw_curve,
     grid,
     legend_below,
     literal,
+    looked,
     number_words,
     per_rad_s,
     prefix,
@@ -42,12 +43,13 @@ _FITTED_LINES = 3  # drawing order of fitted lines, above what was measured
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Points:
-    """Measured stiffness of one entry: frequency, value, sigma."""
+class Points:
+    """Measured stiffness of one entry: frequency, speed, value, sigma."""
 
     row: int
     column: int
     frequency: Float
+    speed: Float
     kappa: ComplexArray
     sigma: Float
 
@@ -69,7 +71,7 @@ class _Shown:
     condition: SweepCondition
     low: float
     high: float
-    points: list[_Points]
+    points: list[Points]
     lines: dict[tuple[int, int], list[_Line]]
 
 
@@ -88,17 +90,27 @@ def draw_drive_point(fit: FitResult, pair: tuple[Any, Any], coordinate: int) -> 
             for part in parts:
                 keep = (part.condition == number) & (part.responses.frequency != 0)
                 if keep.any():
-                    some.points.extend(_drive_points(_motion(part.responses.lines(keep), fit)))
+                    some.points.extend(drive_points(_motion(part.responses.lines(keep), fit)))
     _entry(fit, shown, pair, coordinate, coordinate, full, "frequency")
     unit = pair[0].get_ylabel().rpartition(", ")[2]
-    pair[0].set_ylabel(f"direct, {unit}", fontsize=8)
-    pair[1].set_ylabel(f"quadrature, {unit}", fontsize=8)
+    pair[0].set_ylabel(f"direct, {unit}")
+    pair[1].set_ylabel(f"quadrature, {unit}")
     for axis in pair:
         axis.set_title("")
 
 
-def draw_dynamic_stiffness(fit: FitResult, against: str = "frequency") -> Figure:
-    """Draw the figure of :func:`rotorfit.plots.responses.plot_dynamic_stiffness`."""
+@looked
+def plot_dynamic_stiffness(fit: FitResult, *, against: str = "frequency") -> Figure:
+    """Direct and quadrature dynamic stiffness against signed frequency: data by eq. (7), the fit and its 95 % band.
+
+    One row for each entry of the matrix, or, with more than two coordinates, one panel for each with both parts in it.
+    Where not all planes were forced, and of nonlinear fluids, whose stiffness changes with the force, the drive-point
+    stiffness (force over response, other planes free) takes the place of eq. (7), with one curve a force level.
+    Intercept, curvature and slope of a linear model's lines are written into the panels: they are the parameters.
+
+    ``against``: ``square`` draws the direct part against the square of the frequency, straight lines (Figs 6, 25, 36),
+    ``ratio`` against frequency over rotative speed.
+    """
     if against not in AGAINST:
         raise ValueError(unknown_name("abscissa", against, AGAINST))
     shown = _shown(fit)
@@ -113,17 +125,21 @@ def draw_dynamic_stiffness(fit: FitResult, against: str = "frequency") -> Figure
     )
     kind = "Dynamic stiffness" if full else "Drive-point dynamic stiffness, other planes free"
     together = full and n > 2 and against != "square"
-    figure, axes = (
-        grid(n, n, f"{kind}, {fit.model.name}", size=(3.6, 2.4), one_abscissa=True)
-        if together
-        else grid(len(entries), 2, f"{kind}, {fit.model.name}", size=(5.4, 2.2), one_abscissa=True)
-    )
+    rows, columns, size = (n, n, (3.6, 2.4)) if together else (len(entries), 2, (5.4, 2.2))
+    figure, axes = grid(rows, columns, f"{kind}, {fit.model.name}", size=size, one_abscissa=True)
     for place, (row, column) in enumerate(entries):
         pair = (axes[row, column],) * 2 if together else tuple(axes[place])
         _entry(fit, shown, pair, row, column, full, against)
     for number, axis in enumerate(axes[-1]):
-        axis.set_xlabel(abscissa_words(against, squared=number == 0 and not together), fontsize=8)
-    _legend(figure, shown, together)
+        axis.set_xlabel(abscissa_words(against, squared=number == 0 and not together))
+    point, line = {"marker": "o", "ls": "", "ms": 4}, {"lw": 1.3}
+    legend: dict[str, Any] = {s.condition.name: {"color": s.condition.colour, "lw": 2} for s in shown}
+    if together:
+        legend |= {"direct, measured": point, "quadrature, measured": point | {"mfc": "none"}}
+        legend |= {"direct, fit": line, "quadrature, fit": line | {"ls": "--"}}
+    else:
+        legend |= {"measured ± 1 sd": point, "fit and 95 % band": line}
+    legend_below(figure, legend)
     return figure
 
 
@@ -136,11 +152,11 @@ def abscissa_words(against: str, *, squared: bool) -> str:
     return f"perturbation frequency, {rate_unit()}"
 
 
-def _places(frequency: Float, condition: SweepCondition, against: str, *, squared: bool) -> Float:
+def places(frequency: Float, speed: Float | float, against: str, *, squared: bool) -> Float:
     """Places of frequencies, rad/s, along an axis."""
     if against == "square" and squared:
         return frequency**2 / 1e3
-    return frequency / condition.speed if against == "ratio" else frequency * per_rad_s()
+    return np.asarray(frequency / speed) if against == "ratio" else frequency * per_rad_s()
 
 
 def _shown(fit: FitResult) -> list[_Shown]:
@@ -173,7 +189,7 @@ def _motion(block: Responses, fit: FitResult) -> Responses:
     return replace(block, measured=block.measured / factor, sigma=block.sigma / np.abs(factor))
 
 
-def _measured(block: Responses, fit: FitResult) -> list[_Points]:
+def _measured(block: Responses, fit: FitResult) -> list[Points]:
     """Entries of eq. (7), or the drive points where not all planes were forced or each force has a stiffness."""
     most = 400  # measured points a panel; more only blacken it
     if not block.imposed and not fit.model.eccentricity_dependent:
@@ -181,36 +197,38 @@ def _measured(block: Responses, fit: FitResult) -> list[_Points]:
         if measured.frequency.size:
             some = slice(None, None, max(1, measured.frequency.size // most))
             beside = 0.0 if block.beside is None else block.beside[measured.first_line]
-            kappa = np.asarray(measured.kappa - beside)
-            n = len(block.model.coordinates)
+            kappa, w, speed = np.asarray(measured.kappa - beside)[some], measured.frequency[some], measured.speed[some]
+            every = np.ndindex(kappa.shape[1:])
+            sigma = measured.sigma[some]
             return [
-                _Points(
-                    row=i,
-                    column=j,
-                    frequency=measured.frequency[some],
-                    kappa=kappa[some, i, j],
-                    sigma=measured.sigma[some, i, j],
-                )
-                for i in range(n)
-                for j in range(n)
+                Points(row=i, column=j, frequency=w, speed=speed, kappa=kappa[:, i, j], sigma=sigma[:, i, j])
+                for i, j in every
             ]
     # A drive point of rotor and rig together says nothing of the rotor's alone.
-    return _drive_points(block) if block.beside is None else []
+    return drive_points(block) if block.beside is None else []
 
 
-def _drive_points(block: Responses) -> list[_Points]:
+def drive_points(block: Responses) -> list[Points]:
     """Force over response at the forced coordinate (or measured force over imposed displacement)."""
-    line = block.line
-    plane, alone = np.argmax(np.abs(block.force), axis=1)[line], acts_alone(block)[line]
+    plane, alone = np.argmax(np.abs(block.force), axis=1)[block.line], acts_alone(block)[block.line]
     points = []
     for p in np.unique(plane).tolist():
-        rows = np.flatnonzero((plane == p) & (block.coordinate == p) & alone)
+        rows = np.flatnonzero((plane == p) & (block.coordinate == p) & alone & (block.measured != 0))
         if not rows.size:
             continue
-        drive, value = block.force[line[rows], p], block.measured[rows]
-        ratio = value / drive if block.imposed else drive / value
-        sigma = block.sigma[rows] / np.abs(drive) if block.imposed else block.sigma[rows] * np.abs(drive / value**2)
-        points.append(_Points(row=p, column=p, frequency=block.frequency[line[rows]], kappa=ratio, sigma=sigma))
+        line, value, sigma = block.line[rows], block.measured[rows], block.sigma[rows]
+        drive = block.force[line, p]
+        kappa = value / drive if block.imposed else drive / value
+        points.append(
+            Points(
+                row=p,
+                column=p,
+                frequency=block.frequency[line],
+                speed=block.speed[line],
+                kappa=kappa,
+                sigma=sigma / np.abs(drive) if block.imposed else sigma * np.abs(kappa / value),
+            )
+        )
     return points
 
 
@@ -244,22 +262,26 @@ def _entry(
     factor, unit = prefix(np.concatenate(values), _unit(fit, row, column))
     together = pair[0] is pair[1]
     for some, curves, measured in zip(shown, lines, points, strict=True):
-        colour = some.condition.colour
-        for line in curves:
-            parts = ((line.kappa.real, line.direct, "-"), (line.kappa.imag, line.quadrature, "--" if together else "-"))
-            for number, (axis, (value, band, style)) in enumerate(zip(pair, parts, strict=True)):
-                x = _places(line.frequency, some.condition, against, squared=number == 0 and not together)
-                axis.plot(x, factor * value, style, color=colour, lw=1.3, zorder=_FITTED_LINES)
-                axis.fill_between(x, factor * (value - band), factor * (value + band), color=colour, alpha=0.25, lw=0)
-        for p in measured:
-            places = [_places(p.frequency, some.condition, against, squared=n == 0 and not together) for n in (0, 1)]
-            _points(pair, places, factor * p.kappa, factor * p.sigma, colour)
+        colour, speed = some.condition.colour, some.condition.speed
+        for number, (axis, part) in enumerate(zip(pair, (np.real, np.imag), strict=True)):
+            second, squared = number == 1 and together, number == 0 and not together
+            for line in curves:
+                x = places(line.frequency, speed, against, squared=squared)
+                half = factor * (line.quadrature if number else line.direct)
+                style = "--" if second else "-"
+                draw_curve(axis, x, factor * part(line.kappa), half, colour, style, zorder=_FITTED_LINES)
+            for p in measured:
+                x, y = places(p.frequency, speed, against, squared=squared), factor * part(p.kappa)
+                bars = np.stack([y - factor * p.sigma, y + factor * p.sigma, np.full_like(y, np.nan)], axis=1).ravel()
+                axis.plot(np.repeat(x, 3), bars, "-", lw=0.5, color=colour, alpha=0.45, zorder=2)
+                face = "none" if second else colour
+                axis.plot(x, y, "o", ms=2, mfc=face, mec=colour, mew=0.5, alpha=0.45, zorder=2)
     _limits(pair, factor, [line.kappa for line in every], [p.kappa for several in points for p in several])
     name = _name(fit, row, column)
-    pair[0].set_ylabel(f"{name}, {unit}", fontsize=8)
+    pair[0].set_ylabel(f"{name}, {unit}")
     if not together:
-        pair[0].set_title("direct" if row == column == 0 else "", fontsize=8)
-        pair[1].set_title("quadrature" if row == column == 0 else "", fontsize=8)
+        pair[0].set_title("direct" if row == column == 0 else "")
+        pair[1].set_title("quadrature" if row == column == 0 else "")
         if full and not fit.model.eccentricity_dependent:
             _readings(fit, shown, pair, row, column, against)
 
@@ -269,14 +291,6 @@ def _lines(fit: FitResult, shown: _Shown, row: int, column: int, full: bool) -> 
     if fit.model.eccentricity_dependent:
         return shown.lines.get((row, column), [])
     return [_fitted(fit, shown, row, column, full)]
-
-
-def _points(pair: tuple[Any, ...], places: list[Float], value: ComplexArray, sigma: Float, colour: str) -> None:
-    faces = (colour, "none" if pair[0] is pair[1] else colour)
-    for axis, x, part, face in zip(pair, places, (value.real, value.imag), faces, strict=True):
-        bars = np.stack([part - sigma, part + sigma, np.full_like(part, np.nan)], axis=1).ravel()
-        axis.plot(np.repeat(x, 3), bars, "-", lw=0.5, color=colour, alpha=0.45, zorder=2)
-        axis.plot(x, part, "o", ms=2, mfc=face, mec=colour, mew=0.5, alpha=0.45, zorder=2)
 
 
 def _fitted(fit: FitResult, shown: _Shown, row: int, column: int, full: bool) -> _Line:
@@ -402,17 +416,17 @@ def _mark_whirl(fit: FitResult, shown: Sequence[_Shown], axis: Any, row: int, co
         condition = some.condition
         whirl = theta[condition.group][names.index("lam")] * condition.speed
         if np.isfinite(whirl) and some.low < whirl < some.high:
-            at = float(_places(np.array(whirl), condition, against, squared=False))
+            at = float(places(np.array(whirl), condition.speed, against, squared=False))
             text = f"λΩ = {rate_words(whirl)}" if against != "ratio" else f"λ = {significant(at, 4)}"
             marked.setdefault(round(at, 9), (text, condition.colour))
     for at, (_, colour) in marked.items():
         axis.axvline(at, color=colour, lw=0.9, ls=":", zorder=1)
     labels = {text: (at, colour) for at, (text, colour) in sorted(marked.items(), reverse=True)}
     most = 4  # labels that find room above one another, and above the box of the slope
-    places = sorted((at, text, colour) for text, (at, colour) in labels.items())
+    ordered = sorted((at, text, colour) for text, (at, colour) in labels.items())
     low, high = axis.get_xlim()
-    for number, which in enumerate(np.unique(np.linspace(0, len(places) - 1, most).astype(int)) if places else ()):
-        at, text, colour = places[which]
+    for number, which in enumerate(np.unique(np.linspace(0, len(ordered) - 1, most).astype(int)) if ordered else ()):
+        at, text, colour = ordered[which]
         side = "left" if at - low < 0.6 * (high - low) else "right"
         place = {"xy": (at, 0.97 - 0.1 * number), "xycoords": ("data", "axes fraction"), "ha": side}
         box = {"facecolor": "white", "alpha": 0.6, "lw": 0, "pad": 0.3}
@@ -437,15 +451,3 @@ def _name(fit: FitResult, row: int, column: int) -> str:
     first, second = fit.model.coordinates[row], fit.model.coordinates[column]
     short = [c.plane if c.axis == "z" else f"{c.plane}.{c.axis}" for c in (first, second)]
     return literal(f"κ {short[0]}–{short[1]}")
-
-
-def _legend(figure: Figure, shown: Sequence[_Shown], together: bool) -> None:
-    from matplotlib.lines import Line2D
-
-    handles: list[Any] = [Line2D([], [], color=s.condition.colour, lw=2) for s in shown]
-    labels = [s.condition.name for s in shown]
-    points = [(GREY, "direct, measured"), ("none", "quadrature, measured")] if together else [(GREY, "measured ± 1 sd")]
-    lines = [("-", "direct, fit"), ("--", "quadrature, fit")] if together else [("-", "fit and 95 % band")]
-    handles += [Line2D([], [], color=GREY, marker="o", ls="", mfc=face, ms=4) for face, _ in points]
-    handles += [Line2D([], [], color=GREY, lw=1.3, ls=style) for style, _ in lines]
-    legend_below(figure, handles, [*labels, *(words for _, words in (*points, *lines))])

@@ -19,9 +19,11 @@ from rotorfit.plots.journal import (
     reach,
 )
 from rotorfit.plots.style import (
+    BAND,
     GREY,
     colour_of,
     grid,
+    in_colours,
     labelled,
     legend_below,
     literal,
@@ -47,7 +49,7 @@ def plot_law(fit: FitResult) -> Figure:
     Dotted beyond the data, where the law alone speaks. A law that changes with speed has a curve for each tested one.
     """
     law_of(fit.model)
-    limit = reach(fit)
+    limit, measured = reach(fit), eccentricities(fit)
     eps = np.linspace(0.0, limit + 0.15 * min(limit, 1 - limit), 200)
     series = law_series(fit)
     sets = [law_curves(fit.model, fit.thetas[group], eps, speed) for group, speed in series]
@@ -62,34 +64,22 @@ def plot_law(fit: FitResult) -> Figure:
             band = factor * half_width(fit, group, curve.slope)
             axis.plot(eps[seen], value[seen], color=colour, lw=1.4)
             axis.plot(eps[~seen], value[~seen], ":", color=colour, lw=1.4)
-            axis.fill_between(eps, value - band, value + band, color=colour, alpha=0.25, lw=0)
-        axis.set_ylabel(labelled(curves[0].name, unit), fontsize=8)
+            axis.fill_between(eps, value - band, value + band, color=colour, alpha=BAND, lw=0)
+        axis.set_ylabel(labelled(curves[0].name, unit))
         logarithmic_over_decades(axis, factor * every)
-        _rug(axis, fit)
-    axes[-1, 0].set_xlabel("eccentricity of the journal over clearance", fontsize=8)
-    _law_legend(figure, [_series_label(fit, group, speed) for group, speed in series])
+        ticks = {"color": GREY, "ms": 7, "mew": 0.6, "transform": axis.get_xaxis_transform()}
+        axis.plot(measured, np.zeros(measured.size), "|", **ticks)
+    axes[-1, 0].set_xlabel("eccentricity of the journal over clearance")
+    names = [_series_label(fit, group, speed) for group, speed in series]
+    entries = in_colours(names) if len(names) > 1 else {}
+    entries |= {"fit and 95 % band": {"lw": 1.4}, "beyond the data": {"lw": 1.4, "ls": ":"}}
+    legend_below(figure, entries | {"eccentricities of the data": {"ls": "", "marker": "|", "ms": 7}})
     return figure
 
 
 def _series_label(fit: FitResult, group: int, speed: float | None) -> str:
     words = [literal(group_label(fit, group)), "" if speed is None else f"{rate_words(speed)}"]
     return ", ".join(word for word in words if word)
-
-
-def _law_legend(figure: Figure, names: list[str]) -> None:
-    from matplotlib.lines import Line2D
-
-    several = len(names) > 1
-    handles: list[Any] = [Line2D([], [], color=colour_of(i, len(names)), lw=2) for i in range(len(names)) if several]
-    handles += [Line2D([], [], color=GREY, lw=1.4, ls=ls) for ls in ("-", ":")]
-    handles.append(Line2D([], [], color=GREY, ls="", marker="|", ms=7))
-    words = ["fit and 95 % band", "beyond the data", "eccentricities of the data"]
-    legend_below(figure, handles, [*(names if several else []), *words])
-
-
-def _rug(axis: Any, fit: FitResult) -> None:
-    eps = eccentricities(fit)
-    axis.plot(eps, np.zeros(eps.size), "|", color=GREY, ms=7, mew=0.6, transform=axis.get_xaxis_transform())
 
 
 @looked
@@ -112,12 +102,13 @@ def plot_nonlinear_stiffness(fit: FitResult) -> Figure:
     for name, lines, rows in sweeps:
         _draw_sweep(fit, axes, lines, rows, colour_of(names.index(name), len(names)), factor)
     for row, part in enumerate(("direct", "quadrature")):
-        axes[row, 0].set_ylabel(f"{part}, {unit}", fontsize=8)
+        axes[row, 0].set_ylabel(f"{part}, {unit}")
         for axis in axes[row]:
             axis.axhline(0, color="0.6", lw=0.7, zorder=1)
-    axes[1, 0].set_xlabel(f"perturbation frequency, {rate_unit()} (backward < 0 < forward)", fontsize=8)
-    axes[1, 1].set_xlabel("eccentricity of the journal over clearance", fontsize=8)
-    _legend(figure, names)
+    axes[1, 0].set_xlabel(f"perturbation frequency, {rate_unit()} (backward < 0 < forward)")
+    axes[1, 1].set_xlabel("eccentricity of the journal over clearance")
+    looks = {"data ± 1 sd minus linear model": {"ls": "", "marker": "o", "ms": 3}, "the fitted law": {"lw": 1.2}}
+    legend_below(figure, in_colours(names) | looks)
     return figure
 
 
@@ -149,11 +140,3 @@ def _draw_sweep(fit: FitResult, axes: Any, lines: JournalLines, rows: Index, col
             )
             for side in (w < 0, w > 0):
                 axis.plot(x_fit[side], factor * part(fitted)[side], "-", color=colour, lw=1.2, zorder=3)
-
-
-def _legend(figure: Figure, names: list[str]) -> None:
-    from matplotlib.lines import Line2D
-
-    handles: list[Any] = [Line2D([], [], color=colour_of(i, len(names)), lw=2) for i in range(len(names))]
-    handles += [Line2D([], [], color=GREY, ls="", marker="o", ms=3), Line2D([], [], color=GREY, lw=1.2)]
-    legend_below(figure, handles, [*names, "data ± 1 sd minus linear model", "the fitted law"])

@@ -8,13 +8,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.estimators.blocks.observations import acts_alone
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.observing.circular import observe
 from rotorfit.observing.measured_stiffness import dynamic_stiffness, isotropic_planes
-from rotorfit.plots.dynamic_stiffness import AGAINST, abscissa_words
-from rotorfit.plots.style import colour_of, grid, legend_below, literal, looked, per_rad_s, prefix, rate_words
+from rotorfit.plots.dynamic_stiffness import AGAINST, abscissa_words, drive_points, places
+from rotorfit.plots.style import (
+    colour_of,
+    grid,
+    in_colours,
+    legend_below,
+    literal,
+    looked,
+    prefix,
+    rate_words,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,7 +48,7 @@ def plot_measured_stiffness(
         for number, (axis, part) in enumerate(zip(row, (kappa.real, kappa.imag), strict=True)):
             for k, value in enumerate([np.nan] if swept else speeds.tolist()):
                 here = np.isfinite(speed) if swept else np.round(speed, 2) == value
-                x = _places(w[here], speed[here], against, squared=number == 0)
+                x = places(w[here], speed[here], against, squared=number == 0)
                 style: dict[str, Any] = {"fmt": "o", "ms": 2.2, "elinewidth": 0.5, "alpha": 0.6}
                 axis.errorbar(x, factor * part[here], factor * sigma[here], color=colour_of(k, speeds.size), **style)
             middle = factor * part[sigma < 0.5 * np.abs(kappa)]  # near zero frequency an unbalance tells nothing
@@ -48,57 +56,28 @@ def plot_measured_stiffness(
                 low, high = float(middle.min()), float(middle.max())
                 axis.set_ylim(low - 0.15 * (high - low), high + 0.15 * (high - low) or 1.0)
             axis.axhline(0, color="0.6", lw=0.7, zorder=1)
-        row[0].set_ylabel(f"{name}, {unit}", fontsize=8)
+        row[0].set_ylabel(f"{name}, {unit}")
     for number, title in enumerate(("direct", "quadrature")):
-        axes[0, number].set_title(title, fontsize=8)
-        axes[-1, number].set_xlabel(abscissa_words(against, squared=number == 0), fontsize=8)
+        axes[0, number].set_title(title)
+        axes[-1, number].set_xlabel(abscissa_words(against, squared=number == 0))
     if not swept:
-        from matplotlib.lines import Line2D
-
-        marks = [Line2D([], [], color=colour_of(k, speeds.size), marker="o", ls="") for k in range(speeds.size)]
-        legend_below(figure, marks, [rate_words(value) for value in speeds.tolist()])
+        names = [rate_words(value) for value in speeds.tolist()]
+        legend_below(figure, {name: {**look, "marker": "o", "ls": ""} for name, look in in_colours(names).items()})
     return figure
 
 
-def _places(frequency: Float, speed: Float, against: str, *, squared: bool) -> Float:
-    if against == "square" and squared:
-        return frequency**2 / 1e3
-    return frequency / speed if against == "ratio" else frequency * per_rad_s()
-
-
 def _entries(test: PerturbationTest, names: tuple[str, ...]) -> list[_Entry]:
-    """Entries of eq. (7), or of the drive points where it has no solution."""
-    pairs = [(i, j) for i in range(len(names)) for j in range(len(names))]
+    """Entries of eq. (7), or where it has no solution force over response at each plane that was forced and read."""
     try:
         found = dynamic_stiffness(test, names)
     except ValueError:
-        drive = _drive_points(test, names)
+        chosen = test.select(np.isin(test.plane, names) & np.isin(test.force_plane, names))
+        none = np.zeros(len(chosen), dtype=np.intp)
+        drive = drive_points(observe(isotropic_planes(names), chosen, none)) if len(chosen) else []
         if not drive:
             raise
-        return drive
-    return [
-        (_name(names, i, j), found.frequency, found.speed, found.kappa[:, i, j], found.sigma[:, i, j]) for i, j in pairs
-    ]
-
-
-def _name(names: tuple[str, ...], i: int, j: int) -> str:
-    return literal(f"κ {names[i]}–{names[j]}") if len(names) > 1 else "κ"
-
-
-def _drive_points(test: PerturbationTest, names: tuple[str, ...]) -> list[_Entry]:
-    """Force over response at each plane that was forced and read, the others free."""
-    chosen = test.select(np.isin(test.plane, names) & np.isin(test.force_plane, names))
-    if not len(chosen):
-        return []
-    block = observe(isotropic_planes(names), chosen, np.zeros(len(chosen), dtype=np.intp))
-    line, alone = block.line, acts_alone(block)[block.line]
-    found = []
-    for p, name in enumerate(names):
-        drive = block.force[line, p]
-        rows = np.flatnonzero((block.coordinate == p) & (drive != 0) & (block.measured != 0) & alone)
-        if rows.size:
-            kappa = drive[rows] / block.measured[rows]
-            sigma = block.sigma[rows] * np.abs(kappa / block.measured[rows])
-            at = line[rows]
-            found.append((literal(f"force over response, {name}"), block.frequency[at], block.speed[at], kappa, sigma))
-    return found
+        title = "force over response, {}"
+        return [(literal(title.format(names[p.row])), p.frequency, p.speed, p.kappa, p.sigma) for p in drive]
+    pairs = [(i, j) for i in range(len(names)) for j in range(len(names))]
+    words = {(i, j): literal(f"κ {names[i]}–{names[j]}") if len(names) > 1 else "κ" for i, j in pairs}
+    return [(words[i, j], found.frequency, found.speed, found.kappa[:, i, j], found.sigma[:, i, j]) for i, j in pairs]

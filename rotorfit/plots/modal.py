@@ -46,7 +46,7 @@ def plot_stabilisation(fit: FitResult, most: int | None = None) -> Figure:
     back = axis.twinx()
     back.semilogy(w * scale, size * length()[0], color="0.75", lw=1)
     decade_ticks(back.yaxis)
-    back.set_ylabel(f"rms response per unit force, {length()[1]}/N", fontsize=8, color="0.5")
+    back.set_ylabel(f"rms response per unit force, {length()[1]}/N", color="0.5")
     back.tick_params(labelsize=7, colors="0.5")
     axis.set_zorder(back.get_zorder() + 1)
     axis.patch.set_visible(False)
@@ -59,13 +59,14 @@ def plot_stabilisation(fit: FitResult, most: int | None = None) -> Figure:
         for name, parameter in fit.params.items():
             if name.startswith(f"wn{number if model.modes > 1 else ''}") and parameter.value <= top:
                 axis.axvline(parameter.value * scale, color="0.2", lw=0.8, ls="--")
-    axis.set_xlabel(f"frequency, {rate_unit()}", fontsize=8)
-    axis.set_ylabel("pairs of poles", fontsize=8)
-    handles = [
-        axis.plot([], [], marker=marker, color=colour, ls=ls)[0]
-        for marker, colour, ls in (("o", colour_of(0, 2), "none"), ("x", colour_of(1, 2), "none"), ("", "0.2", "--"))
-    ]
-    legend_below(figure, handles, ["stable within 1 % and 5 % of damping", "not stable", "fitted modes"])
+    axis.set_xlabel(f"frequency, {rate_unit()}")
+    axis.set_ylabel("pairs of poles")
+    entries = {
+        "stable within 1 % and 5 % of damping": {"marker": "o", "color": colour_of(0, 2), "ls": "none"},
+        "not stable": {"marker": "x", "color": colour_of(1, 2), "ls": "none"},
+        "fitted modes": {"color": "0.2", "ls": "--"},
+    }
+    legend_below(figure, entries)
     return figure
 
 
@@ -103,6 +104,6 @@ def plot_mode_shapes(fit: FitResult) -> Figure:
             axis.axhline(0.0, color="0.6", lw=0.7)
             axis.set_xticks(places, planes)
             own = [fit.params[n] for n in (f"wn{tag}_{end}", f"wn{tag}") if n in fit.params]
-            axis.set_ylabel(f"mode {row + 1}{f' {end}' if end else ''}, {rate_words(own[0].value)}", fontsize=8)
-    legend_below(figure, handles[:2], ["real part", "imaginary part"])
+            axis.set_ylabel(f"mode {row + 1}{f' {end}' if end else ''}, {rate_words(own[0].value)}")
+    legend_below(figure, dict(zip(("real part", "imaginary part"), handles, strict=False)))
     return figure

@@ -19,6 +19,7 @@ from rotorfit.plots.style import (
     PAGE,
     PHASE_LABEL,
     amplitude_unit,
+    draw_cascade,
     few_ticks,
     grid,
     legend_below,
@@ -29,6 +30,7 @@ from rotorfit.plots.style import (
     position_unit,
     rate_unit,
     rate_words,
+    square_axis,
 )
 from rotorfit.recordings.marks import Marks, SpeedTrack
 from rotorfit.recordings.reduction.swept_vectors import swept_vectors
@@ -59,11 +61,11 @@ def plot_timebase(stretches: Sequence[Stretch], name: str) -> Figure:
                 at = np.interp(times, part.t, values * position_unit()[0])
                 style = {"color": _MARK_COLOURS[mark], "markersize": 4, "linestyle": ""}
                 handles[f"mark of the {mark}"] = axis.plot(times, at, marker="o", **style)[0]
-        axis.set_ylabel(literal(f"{part.plane}, {position_unit()[1]}"), fontsize=9)
+        axis.set_ylabel(literal(f"{part.plane}, {position_unit()[1]}"))
         axis.margins(x=0.01)
-    axes[-1, 0].set_xlabel("time, s", fontsize=9)
+    axes[-1, 0].set_xlabel("time, s")
     handles = dict(sorted(handles.items(), key=lambda entry: entry[0].startswith("mark")))
-    legend_below(figure, list(handles.values()), list(handles))
+    legend_below(figure, handles)
     return figure
 
 
@@ -80,11 +82,11 @@ def plot_orbit(stretches: Sequence[Stretch], name: str) -> Figure:
         _orbit(row[0], part, part.z * position_unit()[0], part.dots, handles)
         if part.clearance is not None:
             handles |= _draw_clearance(row[0], part.clearance)
-        row[0].set_title(literal(f"{part.plane}, {'without run-out' if part.cleaned else 'as recorded'}"), fontsize=9)
+        row[0].set_title(literal(f"{part.plane}, {'without run-out' if part.cleaned else 'as recorded'}"))
         for axis, mark in zip(row[1:], marks, strict=True):
             _orbit(axis, part, part.filtered[mark] * position_unit()[0], {mark: part.dots[mark]}, handles)
-            axis.set_title(literal(f"{part.plane}, {_FILTERED[mark]} of the {mark}"), fontsize=9)
-    legend_below(figure, list(handles.values()), list(handles))
+            axis.set_title(literal(f"{part.plane}, {_FILTERED[mark]} of the {mark}"))
+    legend_below(figure, handles)
     return figure
 
 
@@ -100,8 +102,7 @@ def _orbit(axis: Any, part: Stretch, z: NDArray[Any], dots: dict[str, Float], ha
     axis.set_aspect("equal")
     for side in (axis.xaxis, axis.yaxis):
         few_ticks(side, 4)
-    axis.set_xlabel(f"x, {position_unit()[1]}", fontsize=8)
-    axis.set_ylabel(f"y, {position_unit()[1]}", fontsize=8)
+    axis.set(xlabel=f"x, {position_unit()[1]}", ylabel=f"y, {position_unit()[1]}")
     if not np.isfinite(z).any():
         text = "not distinguished from the other mark"
         axis.text(0.5, 0.5, text, transform=axis.transAxes, ha="center", fontsize=8, color=GREY)
@@ -112,11 +113,7 @@ def _draw_clearance(axis: Any, clearance: Clearance) -> dict[str, Any]:
     turn = clearance.centre + clearance.radius * np.exp(1j * np.linspace(0, 2 * np.pi, 181))
     z = turn * position_unit()[0]
     ends = np.array([*axis.get_xlim()]) + 1j * np.array([*axis.get_ylim()])
-    shown = np.concatenate([ends, z])
-    low, high = complex(shown.real.min(), shown.imag.min()), complex(shown.real.max(), shown.imag.max())
-    middle, reach = (low + high) / 2, 0.53 * max((high - low).real, (high - low).imag)
-    axis.set_xlim(middle.real - reach, middle.real + reach)
-    axis.set_ylim(middle.imag - reach, middle.imag + reach)
+    square_axis(axis, np.concatenate([ends, z]), 1.06)
     words = "clearance" if clearance.known else "clearance about the mean position (no centre_V)"
     return {words: axis.plot(z.real, z.imag, color=GREY, linewidth=1, linestyle="--", label=words, zorder=1)[0]}
 
@@ -135,7 +132,7 @@ def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
         style = {"color": COLOURS[1], "markersize": 6, "markerfacecolor": "none", "linestyle": ""}
         handles["start"] = axis.plot(z[0].real, z[0].imag, marker="s", **style)[0]
         scale = figure.colorbar(drawn, ax=axis, shrink=0.6)
-        scale.set_label(label, fontsize=8)
+        scale.set_label(label)
         scale.ax.tick_params(labelsize=7)
         middle = (z.real.min() + z.real.max() + 1j * (z.imag.min() + z.imag.max())) / 2
         reach = max(1.1 * float(np.abs(z - middle).max()), 1.0)  # less than a micrometre is not worth a figure of it
@@ -144,10 +141,9 @@ def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
         if line.clearance is not None:
             handles |= _draw_clearance(axis, line.clearance)
         axis.set_aspect("equal")
-        axis.set_title(literal(line.plane), fontsize=9)
-        axis.set_xlabel(f"x, {position_unit()[1]}", fontsize=9)
-        axis.set_ylabel(f"y, {position_unit()[1]}", fontsize=9)
-    legend_below(figure, list(handles.values()), list(handles))
+        axis.set_title(literal(line.plane))
+        axis.set(xlabel=f"x, {position_unit()[1]}", ylabel=f"y, {position_unit()[1]}")
+    legend_below(figure, handles)
     return figure
 
 
@@ -176,14 +172,12 @@ def plot_bode(vectors: OrderVectors, name: str) -> Figure:
             )
             first = next(k for k, (other, _) in enumerate(vectors.probes) if other == plane)
             bottom.plot(x, _unwrapped(values, vectors.phasors[first]), color=colour, linewidth=1)
-        top.set_title(literal(plane), fontsize=9)
-        top.set_ylabel(f"amplitude, {amplitude_unit()}", fontsize=9)
+        top.set_title(literal(plane))
+        top.set_ylabel(f"amplitude, {amplitude_unit()}")
         top.set_ylim(bottom=0)
-        top.legend(fontsize=8, frameon=False, title=_gap(vectors), title_fontsize=7)
-        bottom.set_ylabel(PHASE_LABEL, fontsize=9)
-        bottom.set_xlabel(
-            f"speed of the {vectors.reference}, {rate_unit()}" if over == "speed" else "time, s", fontsize=9
-        )
+        top.legend(fontsize=8, title=_gap(vectors), title_fontsize=7)
+        bottom.set_ylabel(PHASE_LABEL)
+        bottom.set_xlabel(f"speed of the {vectors.reference}, {rate_unit()}" if over == "speed" else "time, s")
     return figure
 
 
@@ -242,7 +236,7 @@ def plot_polar(vectors: OrderVectors, name: str) -> Figure:
                 fontsize=7,
                 color=GREY,
             )
-        axis.set_title(literal(f"{plane}, probe at {np.degrees(angle):g}°"), fontsize=9)
+        axis.set_title(literal(f"{plane}, probe at {np.degrees(angle):g}°"))
         axis.tick_params(labelsize=7)
         axis.yaxis.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 2.5, 5, 10]))
         axis.set_rlabel_position(_clear_direction(values))
@@ -305,8 +299,8 @@ def plot_full_spectrum(
                 axis.text(at / (2 * np.pi), top * 1.13, literal(label), **style)
         axis.set_xlim(-edge, edge)
         axis.set_ylim(0, top * (1.25 if marks else 1.15) or 1.0)
-        axis.set_ylabel(literal(f"{plane}, {amplitude_unit()}"), fontsize=9)
-    axes[-1, 0].set_xlabel("frequency, Hz (backward < 0 < forward)", fontsize=9)
+        axis.set_ylabel(literal(f"{plane}, {amplitude_unit()}"))
+    axes[-1, 0].set_xlabel("frequency, Hz (backward < 0 < forward)")
     return figure
 
 
@@ -339,15 +333,12 @@ def plot_cascade(
     full = cascade.direction is None
     what = "full-spectrum cascade" if full else f"cascade of {cascade.direction}"
     figure, ((axis,),) = grid(1, 1, literal(f"{name}, {cascade.plane}: {what}"), size=(PAGE[0], 5.9))
-    for order, (level, row) in enumerate(sorted(zip(position, amplitude, strict=True), key=lambda pair: -pair[0])):
-        curve = level + row * height
-        axis.fill_between(frequency, level, curve, color="white", linewidth=0, zorder=2 + order)
-        axis.plot(frequency, curve, color=COLOURS[0], linewidth=0.6, zorder=2 + order)
+    draw_cascade(axis, frequency, amplitude * height, position)
     _order_lines(axis, cascade, position, edge, lines)
     axis.set_xlim(-edge if full else 0, edge)
     axis.set_ylim(position.min() - spacing, position.max() + 10 * spacing)
-    axis.set_xlabel("frequency, Hz (backward < 0 < forward)" if full else "frequency, Hz", fontsize=9)
-    axis.set_ylabel(label, fontsize=9)
+    axis.set_xlabel("frequency, Hz (backward < 0 < forward)" if full else "frequency, Hz")
+    axis.set_ylabel(label)
     axis.tick_params(labelsize=8)
     bar = float(f"{amplitude.max(initial=1e-9) / 2:.1g}")
     right = 0.96 * edge
@@ -398,10 +389,10 @@ def plot_speed(tracks: Sequence[SpeedTrack], name: str) -> Figure:
         style = {"color": "0.75", "markersize": 2, "rasterized": True}
         top.plot(each.raw_t, each.raw_speed * per_rad_s(), ".", label="from pulse to pulse", **style)
         top.plot(each.t, each.speed * per_rad_s(), color=colour, linewidth=1, label="smoothed")
-        top.set_title(each.mark, fontsize=9)
-        top.set_ylabel(f"speed, {rate_unit()}", fontsize=9)
-        top.legend(fontsize=8, frameon=False)
+        top.set_title(each.mark)
+        top.set_ylabel(f"speed, {rate_unit()}")
+        top.legend(fontsize=8)
         bottom.plot(each.t, each.acceleration * per_rad_s(), color=colour, linewidth=1)
-        bottom.set_ylabel(f"sweep rate, {rate_unit()}/s", fontsize=9)
-        bottom.set_xlabel("time, s", fontsize=9)
+        bottom.set_ylabel(f"sweep rate, {rate_unit()}/s")
+        bottom.set_xlabel("time, s")
     return figure

@@ -1,4 +1,4 @@
-"""Figures of a fit: dynamic stiffness, polar, residuals."""
+"""Figures of a fit: polar plot, residuals."""
 
 from __future__ import annotations
 
@@ -12,18 +12,12 @@ from rotorfit.models.digits import significant
 from rotorfit.plots.bode import (
     cell_title,
     condition_legend,
+    direction_marks,
     frequency_label,
     panels_of,
     response_unit,
 )
-from rotorfit.plots.dynamic_stiffness import draw_dynamic_stiffness
-from rotorfit.plots.style import (
-    GREY,
-    SMALL_TYPE,
-    looked,
-    per_rad_s,
-    rate_unit,
-)
+from rotorfit.plots.style import GREY, SMALL_TYPE, looked, per_rad_s, rate_unit, square_axis
 from rotorfit.plots.sweeps import SweepCurve, curves, joined
 
 if TYPE_CHECKING:
@@ -40,32 +34,27 @@ def plot_polar(fit: FitResult) -> Figure:
     frequencies, in rpm, signed.
     """
     conditions, found = curves(fit)
-    figure, panels = panels_of(found, f"Polar plot, {fit.model.name}", rows=1, size=(4.4, 3.9))
+    figure, panels, _ = panels_of(found, f"Polar plot, {fit.model.name}", rows=1, size=(4.4, 3.9))
     for curve in found:
-        (axis,) = panels.axes[curve.coordinate, curve.force_plane]
+        (axis,) = panels[curve.coordinate, curve.force_plane]
         colour = curve.condition.colour
         factor, _ = response_unit(fit, curve.coordinate)
         face = colour if curve.frequency[-1] > 0 else "none"
         z, fitted = factor * curve.seen, factor * _round(curve)
         axis.plot(z.real, z.imag, "o", ms=3, mfc=face, mec=colour, mew=0.6, alpha=0.5)
         axis.plot(fitted.real, fitted.imag, "-", lw=1.1, color=colour)
-    for pair, (axis,) in panels.axes.items():
+    for pair, (axis,) in panels.items():
         mine = [c for c in found if (c.coordinate, c.force_plane) == pair]
         factor, unit = response_unit(fit, pair[0])
-        axis.set_title(cell_title(fit, *pair), fontsize=8)
-        axis.set_xlabel(f"in phase, {unit}", fontsize=8)
-        axis.set_ylabel(f"quadrature, {unit}", fontsize=8)
-        axis.set_aspect("equal")
+        axis.set_title(cell_title(fit, *pair))
+        axis.set(xlabel=f"in phase, {unit}", ylabel=f"quadrature, {unit}", aspect="equal")
         axis.axhline(0, color="0.7", lw=0.6)
         axis.axvline(0, color="0.7", lw=0.6)
         every = np.asarray(factor * np.concatenate([*(c.line_seen for c in mine), np.zeros(1)]), dtype=complex)
-        _square(axis, every)
+        square_axis(axis, every, 1.28)  # and numbers beside the curve; noise of low frequencies may lie outside
         _mark_frequencies(axis, mine, factor)
-    both = len({bool(c.frequency[-1] > 0) for c in found}) > 1
-    marks = (
-        [("o", GREY, "measured, forward"), ("o", "none", "measured, backward")] if both else [("o", GREY, "measured")]
-    )
-    condition_legend(figure, conditions, "fit", [*marks, ("x", GREY, f"frequency in {rate_unit()}")])
+    marks = direction_marks(found, "o") | {f"frequency in {rate_unit()}": ("x", GREY)}
+    condition_legend(figure, conditions, "fit", marks)
     return figure
 
 
@@ -133,34 +122,24 @@ def _clear_corner(axis: Any, z: complex, letters: int, drawn: ComplexArray) -> t
     return *best, np.concatenate([drawn, (z + best[0] * width * x + 1j * best[1] * height * y).ravel()])
 
 
-def _square(axis: Any, values: ComplexArray) -> None:
-    """Square limits around the fitted curve and numbers beside it; noise of low frequencies may lie outside."""
-    middle = complex(values.real.min() + values.real.max(), values.imag.min() + values.imag.max()) / 2
-    room = 0.64  # half of the axis, in lengths of the curve
-    reach = room * max(np.ptp(values.real), np.ptp(values.imag), 1e-12)
-    axis.set_xlim(middle.real - reach, middle.real + reach)
-    axis.set_ylim(middle.imag - reach, middle.imag + reach)
-
-
 @looked
 def plot_residuals(fit: FitResult) -> Figure:
     """Residuals over their noise against frequency, with the band of two standard deviations, and their histogram."""
     conditions, found = curves(fit)
     title = f"Residuals over noise, {fit.model.name}: redchi {significant(fit.redchi, 3)}"
-    figure, panels = panels_of(found, title, rows=2, size=(5.2, 1.6))
+    figure, panels, _ = panels_of(found, title, rows=2, size=(5.2, 1.6))
     for curve in joined(found):
-        axis, _ = panels.axes[curve.coordinate, curve.force_plane]
+        axis, _ = panels[curve.coordinate, curve.force_plane]
         x = curve.frequency * per_rad_s()
         axis.plot(x, curve.whitened.real, ".", ms=2.5, color=curve.condition.colour, alpha=0.7)
         axis.plot(x, curve.whitened.imag, "x", ms=2.5, mew=0.6, color=curve.condition.colour, alpha=0.7)
-    for pair, (axis, histogram) in panels.axes.items():
-        axis.set_title(cell_title(fit, *pair), fontsize=8)
-        axis.set_ylabel("residual / noise", fontsize=8)
-        axis.set_xlabel(frequency_label(found), fontsize=8)
+    for pair, (axis, histogram) in panels.items():
+        axis.set_title(cell_title(fit, *pair))
+        axis.set(ylabel="residual / noise", xlabel=frequency_label(found))
         axis.axhspan(-2, 2, color="0.93", zorder=0)
         mine = np.concatenate([c.whitened for c in found if (c.coordinate, c.force_plane) == pair])
         _histogram(histogram, np.concatenate([mine.real, mine.imag]))
-    condition_legend(figure, conditions, "", [(".", GREY, "real part"), ("x", GREY, "imaginary part")])
+    condition_legend(figure, conditions, "", {"real part": (".", GREY), "imaginary part": ("x", GREY)})
     return figure
 
 
@@ -170,24 +149,6 @@ def _histogram(axis: Any, values: Float) -> None:
     axis.stairs(height, edges, fill=True, color="0.75")
     u = np.linspace(-reach, reach, 400)
     axis.plot(u, np.exp(-(u**2) / 2) / np.sqrt(2 * np.pi), color="#D55E00", lw=1.2)
-    axis.set_xlabel("residual / noise (line: noise alone)", fontsize=8)
+    axis.set_xlabel("residual / noise (line: noise alone)")
     axis.set_yticks([])
     axis.grid(visible=False)
-
-
-# ---- dynamic stiffness ----------------------------------------------------------------------
-
-
-@looked
-def plot_dynamic_stiffness(fit: FitResult, *, against: str = "frequency") -> Figure:
-    """Direct and quadrature dynamic stiffness against signed frequency: data by eq. (7), the fit and its 95 % band.
-
-    One row for each entry of the matrix, or, with more than two coordinates, one panel for each with both parts in it.
-    Where not all planes were forced, and of nonlinear fluids, whose stiffness changes with the force, the drive-point
-    stiffness (force over response, other planes free) takes the place of eq. (7), with one curve a force level.
-    Intercept, curvature and slope of a linear model's lines are written into the panels: they are the parameters.
-
-    ``against``: ``square`` draws the direct part against the square of the frequency, straight lines (Figs 6, 25, 36),
-    ``ratio`` against frequency over rotative speed.
-    """
-    return draw_dynamic_stiffness(fit, against)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.patches import Patch
 
 from rotorfit.data.experiments import LineTest
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses, is_image_line
@@ -15,6 +16,7 @@ from rotorfit.models import AnisotropicShaft, Turning, TurningOnSupports, eigenv
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.motion.stability import growing_bands
 from rotorfit.models.shafts.combination_lines import line_order
+from rotorfit.plots.bode import broken_phase
 from rotorfit.plots.style import (
     COLOURS,
     CURVE_POINTS,
@@ -23,10 +25,12 @@ from rotorfit.plots.style import (
     colour_of,
     decade_ticks,
     grid,
+    in_colours,
     legend_below,
     literal,
     looked,
     per_rad_s,
+    phase_axis,
     prefix,
     rate_unit,
     rate_words,
@@ -81,17 +85,21 @@ def plot_lines(fit: FitResult) -> Figure:
         top = max(float(np.abs(c.fitted).max()) for c in own) * factor
         low = min(float(np.abs(c.fitted).min()) for c in own) * factor
         size.set_ylim(max(low / 3, top / 1e5), 3 * top)
-        phase.set_ylabel(
-            "phase lead, deg" if own[0].unit.startswith("rad") else "angle of x + jy, deg", fontsize=SMALL_TYPE
-        )
-        phase.set_ylim(-190, 190)
-        phase.set_yticks([-180, -90, 0, 90, 180])
+        words = "phase lead, deg" if own[0].unit.startswith("rad") else "angle of x + jy, deg"
+        phase.set_ylabel(words, fontsize=SMALL_TYPE)
+        phase_axis(phase)
         if np.isnan(own[0].speed) or kind == [c.title for c in curves if not np.isnan(c.speed)][-1]:
+            words = (_RUNNING if np.isnan(own[0].speed) else _PERTURBED).format(rate_unit())
             for axis in (size, phase):
-                axis.set_xlabel(
-                    (_RUNNING if np.isnan(own[0].speed) else _PERTURBED).format(rate_unit()), fontsize=SMALL_TYPE
-                )
-    _legend(figure, speeds, len(kinds) > len({c.title for c in curves if not np.isnan(c.speed)}))
+                axis.set_xlabel(words, fontsize=SMALL_TYPE)
+    point = {"marker": "o", "ms": 3, "ls": ""}
+    entries: dict[str, Any] = {
+        f"measured ± σ at {name}": {**look, **point}
+        for name, look in in_colours([rate_words(v) for v in speeds]).items()
+    }
+    if any(np.isnan(c.speed) for c in curves):
+        entries["measured ± σ, start-up"] = point
+    legend_below(figure, entries | {"fit": {"color": "black", "lw": 0.9}})
     return figure
 
 
@@ -201,20 +209,7 @@ def _draw(size: Any, phase: Any, curve: _Curve, factor: float, colour: str) -> N
     sure = curve.sigma < np.abs(curve.fitted)  # a reading with a larger error has no phase worth showing
     error = np.degrees(curve.sigma / np.abs(curve.fitted))
     phase.errorbar(rpm[sure], np.degrees(np.angle(curve.measured[sure])), error[sure], **style)
-    angle = np.degrees(np.angle(curve.line_fitted))
-    jump = np.abs(np.diff(angle, prepend=angle[0])) > 180
-    phase.plot(fine, np.where(jump, np.nan, angle), color="black", lw=0.9, zorder=3)
-
-
-def _legend(figure: Figure, speeds: list[float], run_up: bool) -> None:
-    from matplotlib.lines import Line2D
-
-    points = [Line2D([], [], color=colour_of(i, len(speeds)), marker="o", ms=3, ls="") for i in range(len(speeds))]
-    words = [f"measured ± σ at {rate_words(speed)}" for speed in speeds]
-    if run_up:
-        points.append(Line2D([], [], color=GREY, marker="o", ms=3, ls=""))
-        words.append("measured ± σ, start-up")
-    legend_below(figure, [*points, Line2D([], [], color="black", lw=0.9)], [*words, "fit"])
+    phase.plot(fine, broken_phase(curve.line_fitted), color="black", lw=0.9, zorder=3)
 
 
 @looked
@@ -237,35 +232,29 @@ def plot_turning_stability(fit: FitResult) -> Figure:
     rpm = speeds * per_rad_s()
     growth.plot(rpm, np.sort(s.real, axis=1), color=COLOURS[0], lw=1.3)
     growth.axhline(0, color=GREY, lw=0.8)
-    growth.set_ylabel("growth rate, 1/s", fontsize=8)
+    growth.set_ylabel("growth rate, 1/s")
     ahead = np.concatenate([s.imag + speeds[:, None], speeds[:, None] - s.imag], axis=1)
     whirl.plot(rpm, np.sort(ahead, axis=1) * per_rad_s(), ".", color=COLOURS[0], ms=1.2)
     whirl.plot(rpm, rpm, "--", color="0.6", lw=0.9)
-    whirl.set_ylabel(f"frequencies of free motion, {rate_unit()}", fontsize=8)
+    whirl.set_ylabel(f"frequencies of free motion, {rate_unit()}")
     for axis in axes[0]:
-        axis.set_xlabel(f"rotative speed, {rate_unit()}", fontsize=8)
+        axis.set_xlabel(f"rotative speed, {rate_unit()}")
         axis.set_xlim(0, rpm[-1])
         for low, high in bands:
             axis.axvspan(low * per_rad_s(), high * per_rad_s(), color=COLOURS[1], alpha=0.2, lw=0)
-        for speed in tested:
-            marker = {"marker": "^", "color": "black", "ms": 5, "clip_on": False}
-            axis.plot(speed * per_rad_s(), 0.0, transform=axis.get_xaxis_transform(), **marker)
-    _stability_legend(figure, bands)
+        mark_speeds(axis, tested)
+    ranges = ", ".join(f"{low * per_rad_s():.0f} to {rate_words(high)}" for low, high in bands)
+    entries: dict[str, Any] = {
+        "lateral modes and their images": {"color": COLOURS[0], "lw": 1.3},
+        "1×: frequency = speed": {"color": "0.6", "lw": 0.9, "ls": "--"},
+        "tested speed": {"color": "black", "marker": "^", "ls": ""},
+    }
+    legend_below(figure, entries | ({f"unstable, {ranges}": Patch(color=COLOURS[1], alpha=0.2)} if bands else {}))
     return figure
 
 
-def _stability_legend(figure: Figure, bands: list[tuple[float, float]]) -> None:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    ranges = ", ".join(f"{low * per_rad_s():.0f} to {rate_words(high)}" for low, high in bands)
-    handles: list[Any] = [
-        Line2D([], [], color=COLOURS[0], lw=1.3),
-        Line2D([], [], color="0.6", lw=0.9, ls="--"),
-        Line2D([], [], color="black", marker="^", ls=""),
-    ]
-    words = ["lateral modes and their images", "1×: frequency = speed", "tested speed"]
-    if bands:
-        handles.append(Patch(color=COLOURS[1], alpha=0.2))
-        words.append(f"unstable, {ranges}")
-    legend_below(figure, handles, words)
+def mark_speeds(axis: Any, speeds: Iterable[float]) -> None:
+    """A triangle on the speed axis at each tested speed."""
+    for speed in speeds:
+        marker = {"marker": "^", "color": "black", "ms": 5, "clip_on": False}
+        axis.plot(speed * per_rad_s(), 0.0, transform=axis.get_xaxis_transform(), **marker)

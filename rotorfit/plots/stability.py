@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.patches import Patch
 
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.matching import cheapest_rows
@@ -16,7 +17,7 @@ from rotorfit.models.digits import interval as interval_words
 from rotorfit.models.digits import with_error
 from rotorfit.models.motion.stability import whirls_forward
 from rotorfit.plots.journal import group_label
-from rotorfit.plots.shaft_lines import plot_turning_stability
+from rotorfit.plots.shaft_lines import mark_speeds, plot_turning_stability
 from rotorfit.plots.style import COLOURS, GREY, grid, legend_below, literal, looked, per_rad_s, rate_unit, rate_words
 
 if TYPE_CHECKING:
@@ -63,10 +64,11 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
     for axis, values in panels:
         for mode in range(s.shape[1]):
             axis.plot(speeds * per_rad_s(), values[:, mode], color=_MODES[mode % len(_MODES)], lw=1.4)
-        axis.set_xlabel(f"rotative speed, {rate_unit()}", fontsize=8)
+        axis.set_xlabel(f"rotative speed, {rate_unit()}")
         axis.set_xlim(0, top * per_rad_s())
-        _mark_tested(axis, tested)
-        _mark_threshold(axis, onset)
+        mark_speeds(axis, tested.tolist())
+        if onset is not None:
+            _mark_threshold(axis, onset)
     _unstable_half(growth, s.real, above=True)
     _unstable_half(damping, zeta, above=False)
     largest = 3.0  # largest decrement worth a place on its axis: what matters is near zero
@@ -78,17 +80,33 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
     frequency.plot(*(part * per_rad_s() for part in measured), "o", ms=5, mfc="none", mec="black", mew=0.9, zorder=4)
     names = ("growth rate, 1/s", f"damped frequency, {rate_unit()}", "damping ratio", "logarithmic decrement")
     for axis, name in zip((growth, frequency, damping, decrement), names, strict=True):
-        axis.set_ylabel(name, fontsize=8)
+        axis.set_ylabel(name)
     modes = _mode_names(s, speeds, float(tested.max(initial=0.0)))
-    _legend(figure, modes, onset, tested=bool(tested.size), peaks=bool(measured[0].size))
+    entries: dict[str, Any] = {name: {"color": _MODES[i % len(_MODES)], "lw": 1.4} for i, name in enumerate(modes)}
+    if onset is not None:
+        entries[_threshold_words(onset)] = {"color": _THRESHOLD, "lw": 1.4}
+    entries["unstable"] = Patch(color=_THRESHOLD, alpha=0.15)
+    entries["1×: frequency = speed"] = {"color": "0.6", "lw": 0.9, "ls": "--"}
+    if tested.size:
+        entries["tested speeds"] = {"color": "black", "marker": "^", "ls": ""}
+    if measured[0].size:
+        entries["resonances of the responses"] = {"color": "black", "marker": "o", "mfc": "none", "ls": ""}
+    legend_below(figure, entries)
     return figure
 
 
-def _mark_tested(axis: Any, speeds: Float) -> None:
-    """A triangle on the speed axis at each tested speed."""
-    for speed in speeds.tolist():
-        at = speed * per_rad_s()
-        axis.plot(at, 0.0, "^", color="black", ms=5, clip_on=False, transform=axis.get_xaxis_transform())
+def _mark_threshold(axis: Any, onset: Quantity) -> None:
+    axis.axvline(onset.value * per_rad_s(), color=_THRESHOLD, lw=1.4)
+    if np.isfinite(onset.stderr):
+        low, high = onset.interval(0.95)
+        axis.axvspan(low * per_rad_s(), high * per_rad_s(), color=_THRESHOLD, alpha=0.3, lw=0)
+
+
+def _threshold_words(onset: Quantity) -> str:
+    low, high = (per_rad_s() * end for end in onset.interval(0.95))
+    known = np.isfinite(high) and high > low
+    value = with_error(onset.value * per_rad_s(), (high - low) / 4 if known else np.nan)[0]
+    return f"threshold {value} {rate_unit()}" + (f", 95 % {interval_words(low, high)}" if known else "")
 
 
 def _tested_speeds(fit: FitResult, group: int) -> Float:
@@ -128,15 +146,6 @@ def _peaks(w: Float, response: ComplexArray) -> list[float]:
     return found
 
 
-def _mark_threshold(axis: Any, onset: Quantity | None) -> None:
-    if onset is None:
-        return
-    axis.axvline(onset.value * per_rad_s(), color=_THRESHOLD, lw=1.4)
-    if np.isfinite(onset.stderr):
-        low, high = onset.interval(0.95)
-        axis.axvspan(low * per_rad_s(), high * per_rad_s(), color=_THRESHOLD, alpha=0.3, lw=0)
-
-
 def _unstable_half(axis: Any, values: Float, *, above: bool) -> None:
     """Limits that leave out modes of far more damping than the others, and a tint where motion grows."""
     stable = -values if above else values
@@ -171,32 +180,6 @@ def _mode_names(s: ComplexArray, speeds: Float, at: float) -> list[str]:
         f"{way} mode, {rate_words(f)} at {rate_words(at)}" if np.isfinite(f) else "mode beyond the tested band"
         for way, f in zip(whirl, np.abs(row.imag).tolist(), strict=True)
     ]
-
-
-def _legend(figure: Figure, modes: list[str], onset: Quantity | None, *, tested: bool, peaks: bool) -> None:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    handles: list[Any] = [Line2D([], [], color=_MODES[i % len(_MODES)], lw=1.4) for i in range(len(modes))]
-    labels = list(modes)
-    if onset is not None:
-        handles.append(Line2D([], [], color=_THRESHOLD, lw=1.4))
-        low, high = (per_rad_s() * end for end in onset.interval(0.95))
-        known = np.isfinite(high) and high > low
-        value = with_error(onset.value * per_rad_s(), (high - low) / 4 if known else np.nan)[0]
-        interval = f", 95 % {interval_words(low, high)}" if known else ""
-        labels.append(f"threshold {value} {rate_unit()}{interval}")
-    handles.append(Patch(color=_THRESHOLD, alpha=0.15))
-    labels.append("unstable")
-    handles.append(Line2D([], [], color="0.6", lw=0.9, ls="--"))
-    labels.append("1×: frequency = speed")
-    if tested:
-        handles.append(Line2D([], [], color="black", marker="^", ls=""))
-        labels.append("tested speeds")
-    if peaks:
-        handles.append(Line2D([], [], color="black", marker="o", mfc="none", ls=""))
-        labels.append("resonances of the responses")
-    legend_below(figure, handles, labels)
 
 
 def _highest_speed(fit: FitResult, onset: float) -> float:

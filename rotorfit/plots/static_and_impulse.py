@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +13,18 @@ from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.motion.law_curves import law_curves, law_of
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues
 from rotorfit.plots.journal import JournalLines, drive_stiffness, half_width, journal_lines, law_series
-from rotorfit.plots.style import CURVE_POINTS, GREY, colour_of, grid, legend_below, looked, prefix, rate_words
+from rotorfit.plots.style import (
+    CURVE_POINTS,
+    GREY,
+    colour_of,
+    draw_curve,
+    grid,
+    in_colours,
+    legend_below,
+    looked,
+    prefix,
+    rate_words,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -63,14 +76,8 @@ def plot_static_locus(fit: FitResult) -> Figure:
         for group, speed, largest in _curves(lines):
             colour = colour_of(speeds.index(round(speed, 6)))
             here = (lines.group == group) & (lines.speed == speed)
-            axis.errorbar(
-                turned[here].real,
-                turned[here].imag,
-                xerr=lines.sigma[here] / clearance,
-                yerr=lines.sigma[here] / clearance,
-                color=colour,
-                **_POINTS,
-            )
+            z, error = turned[here], lines.sigma[here] / clearance
+            axis.errorbar(z.real, z.imag, error, error, color=colour, **_POINTS)
             eps = np.linspace(0.0, largest, CURVE_POINTS)
             kappa, _ = drive_stiffness(fit.model, theta[group], 0j, speed, eps)
             locus = -1j * eps * np.abs(kappa) / kappa
@@ -80,12 +87,9 @@ def plot_static_locus(fit: FitResult) -> Figure:
         axis.text(0, radius, f"{radius:g}", fontsize=7, color=GREY, ha="center", va="bottom")
     axis.annotate("", (0, -1.2), (0, -1.03), arrowprops={"arrowstyle": "-|>", "color": GREY})
     axis.text(0.04, -1.14, "load", fontsize=8, color=GREY)
-    axis.set_xlim(-1.1, 1.1)
-    axis.set_ylim(-1.22, 1.12)
-    axis.set_aspect("equal")
-    axis.set_xlabel("across the load, over clearance", fontsize=8)
-    axis.set_ylabel("against the load, over clearance", fontsize=8)
-    _legend(figure, [f"{rate_words(v)}" for v in speeds], "measured", "fitted locus")
+    axis.set(xlim=(-1.1, 1.1), ylim=(-1.22, 1.12), aspect="equal")
+    axis.set(xlabel="across the load, over clearance", ylabel="against the load, over clearance")
+    _legend(figure, speeds, "fitted locus")
     return figure
 
 
@@ -116,16 +120,14 @@ def plot_static_stiffness(fit: FitResult) -> Figure:
             for axis, (factor, points, curve, by) in zip(axes[:, 0], parts, strict=True):
                 if not np.isfinite(factor):
                     continue
-                error = np.abs(factor) * sigma
+                error, band = np.abs(factor) * sigma, np.abs(factor) * half_width(fit, group, by)
                 axis.errorbar(lines.eccentricity[here], factor * points, error, color=colour, **_POINTS)
-                band = np.abs(factor) * half_width(fit, group, by)
-                axis.plot(eps, factor * curve, "-", color=colour, lw=1.3)
-                axis.fill_between(eps, factor * curve - band, factor * curve + band, color=colour, alpha=0.25, lw=0)
+                draw_curve(axis, eps, factor * curve, band, colour)
     single = len(fit.model.coordinates) == 1
-    axes[0, 0].set_ylabel(f"{'λD' if single else 'across the load / Ω'}, {scales[0][1]}", fontsize=8)
-    axes[1, 0].set_ylabel(f"{'K + K0 − Mf λ²Ω²' if single else 'along the load'}, {scales[1][1]}", fontsize=8)
-    axes[1, 0].set_xlabel("eccentricity of the journal over clearance", fontsize=8)
-    _legend(figure, [f"{rate_words(v)}" for v in speeds], "measured", "fit and 95 % band")
+    axes[0, 0].set_ylabel(f"{'λD' if single else 'across the load / Ω'}, {scales[0][1]}")
+    axes[1, 0].set_ylabel(f"{'K + K0 − Mf λ²Ω²' if single else 'along the load'}, {scales[1][1]}")
+    axes[1, 0].set_xlabel("eccentricity of the journal over clearance")
+    _legend(figure, speeds, "fit and 95 % band")
     return figure
 
 
@@ -148,16 +150,9 @@ def plot_velocity_ratio(fit: FitResult) -> Figure:
     for block in blocks:
         _draw_vibrations(fit, axis, block, speeds, eps)
     _draw_ratios(fit, axis, speeds, eps)
-    axis.set_ylabel("damped frequency over rotative speed", fontsize=8)
-    axis.set_xlabel("eccentricity of the journal over clearance", fontsize=8)
+    axis.set(ylabel="damped frequency over rotative speed", xlabel="eccentricity of the journal over clearance")
     axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
-    _legend(
-        figure,
-        [f"{rate_words(v)}" for v in speeds],
-        "measured",
-        "fitted eigenvalue",
-        dashed="lam and 95 % band",
-    )
+    _legend(figure, speeds, "fitted eigenvalue", {"lam and 95 % band": {"lw": 1.2, "ls": "--"}})
     return figure
 
 
@@ -180,8 +175,7 @@ def _draw_ratios(fit: FitResult, axis: Any, speeds: list[float], eps: Float) -> 
         colour = GREY if speed is None else colour_of(int(np.argmin(np.abs(np.array(speeds) - speed))))
         for curve in law_curves(fit.model, fit.thetas[group], eps, speed)[2:]:
             band = half_width(fit, group, curve.slope)
-            axis.plot(eps, curve.value, "--", color=colour, lw=1.2)
-            axis.fill_between(eps, curve.value - band, curve.value + band, color=colour, alpha=0.2, lw=0)
+            draw_curve(axis, eps, curve.value, band, colour, "--", lw=1.2)
             axis.text(eps[-1], curve.value[-1], f" {curve.name.replace('lam', 'λ')}", fontsize=8, color=colour)
 
 
@@ -203,13 +197,6 @@ def _branches(
     return found
 
 
-def _legend(figure: Figure, names: list[str], points: str, line: str, *, dashed: str = "") -> None:
-    from matplotlib.lines import Line2D
-
-    handles: list[Any] = [Line2D([], [], color=colour_of(i), lw=2) for i in range(len(names))]
-    handles += [Line2D([], [], color=GREY, ls="", marker="o", ms=4), Line2D([], [], color=GREY, lw=1.3)]
-    words = [*names, points, line]
-    if dashed:
-        handles.append(Line2D([], [], color=GREY, lw=1.2, ls="--"))
-        words.append(dashed)
-    legend_below(figure, handles, words)
+def _legend(figure: Figure, speeds: list[float], line: str, more: Mapping[str, Any] = MappingProxyType({})) -> None:
+    entries = in_colours([rate_words(v) for v in speeds], 0)
+    legend_below(figure, entries | {"measured": {"ls": "", "marker": "o", "ms": 4}, line: {"lw": 1.3}} | dict(more))

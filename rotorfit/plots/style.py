@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from functools import wraps
@@ -10,12 +10,14 @@ from io import BytesIO
 from typing import Any, cast
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
 from matplotlib.ticker import Locator, LogFormatter, LogLocator, MaxNLocator
 
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.digits import significant
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import UNITS
@@ -26,8 +28,14 @@ GREY = "#666666"
 PHASE_LABEL = "phase lead of the probe, deg"
 PAGE = (7.08, 8.8)
 """Largest width and height of a figure, inches: what A4 leaves between its margins, so that print keeps its size."""
-SMALL_TYPE = 7
-"""Smallest type, points."""
+SMALL_TYPE, TYPE = 7, 8
+"""Smallest type and that of names, points."""
+_NAMES_OF_AXES: Any = {
+    "axes.titlesize": TYPE, "axes.labelsize": TYPE, "legend.fontsize": SMALL_TYPE, "legend.frameon": False,
+}  # fmt: skip
+"""matplotlib's settings while a figure is drawn."""
+BAND = 0.25
+"""Opacity of a 95 % band."""
 CURVE_POINTS = 800
 """Points of a fitted curve, so many that sharp resonances keep their peaks."""
 
@@ -59,7 +67,8 @@ def looked(draw: Callable[..., Figure]) -> Callable[..., Figure]:
     def drawn(*arguments: Any, ax: Any = None, unit: str | Sequence[str] | None = None, **options: Any) -> Figure:
         token = _LOOK.set(replace(_units(unit), ax=ax))
         try:
-            return draw(*arguments, **options)
+            with rc_context(_NAMES_OF_AXES):
+                return draw(*arguments, **options)
         finally:
             _LOOK.reset(token)
 
@@ -155,6 +164,8 @@ def grid(
         few_ticks(axis.xaxis)
         few_ticks(axis.yaxis)
         axis.tick_params(labelsize=SMALL_TYPE)
+        axis.xaxis.label.set_size(TYPE)
+        axis.yaxis.label.set_size(TYPE)
         axis.grid(color="0.9", linewidth=0.6)
         axis.set_axisbelow(True)
         for side in ("top", "right"):
@@ -262,12 +273,53 @@ def date_ticks(axis: Any) -> None:
     axis.set_major_formatter(ConciseDateFormatter(ticks))
 
 
-def legend_below(figure: Any, handles: Sequence[Any], labels: Sequence[str]) -> None:
-    """One legend for all axes, outside of the data, in as many columns as the width holds."""
+def draw_curve(axis: Any, x: Float, y: Float, half: Float, colour: str, style: str = "-", **look: Any) -> None:
+    """A line with its band."""
+    axis.plot(x, y, style, color=colour, **{"lw": 1.3, **look})
+    axis.fill_between(x, y - half, y + half, color=colour, alpha=BAND, lw=0)
+
+
+def draw_cascade(axis: Any, x: Float, heights: Float, levels: Float) -> None:
+    """Spectra above one another, those in front hiding those behind."""
+    for rank, row in enumerate(np.argsort(-levels, kind="stable")):
+        curve = levels[row] + heights[row]
+        axis.fill_between(x, levels[row], curve, color="white", lw=0, zorder=3 + rank)
+        axis.plot(x, curve, color=COLOURS[0], lw=0.6, zorder=3 + rank)
+
+
+def phase_axis(axis: Any) -> None:
+    """One turn of phase in degrees."""
+    axis.set(yticks=[-180, -90, 0, 90, 180], ylim=(-190, 190))
+
+
+def square_axis(axis: Any, z: ComplexArray, room: float) -> None:
+    """Equal limits of x and y about some places, so many times the half of their extent."""
+    low, high = complex(z.real.min(), z.imag.min()), complex(z.real.max(), z.imag.max())
+    middle, reach = (low + high) / 2, room * max((high - low).real, (high - low).imag, 1e-12) / 2
+    axis.set(xlim=(middle.real - reach, middle.real + reach), ylim=(middle.imag - reach, middle.imag + reach))
+
+
+def in_colours(names: Sequence[str], count: int | None = None) -> dict[str, Any]:
+    """Entries of a legend for curves that differ in colour."""
+    return {
+        name: {"color": colour_of(i, len(names) if count is None else count), "lw": 2} for i, name in enumerate(names)
+    }
+
+
+def legend_below(figure: Any, entries: Mapping[str, Any] | None = None) -> None:
+    """One legend for all axes, outside of the data, in as many columns as the width holds.
+
+    ``entries``: by its words an artist, or how a line looks; by default all that was drawn with a label.
+    """
+    if entries is None:
+        drawn = [axis.get_legend_handles_labels() for axis in figure.axes]
+        entries = {label: handle for some in drawn for handle, label in zip(*some, strict=True)}
+    labels = list(entries)
+    handles = [Line2D([], [], **{"color": GREY, **e}) if isinstance(e, Mapping) else e for e in entries.values()]
     whole = figure.figure if isinstance(figure, SubFigure) else figure
-    if len(labels) and not isinstance(whole.get_layout_engine(), ConstrainedLayoutEngine):
+    if labels and not isinstance(whole.get_layout_engine(), ConstrainedLayoutEngine):
         figure.axes[-1].legend(handles, labels, fontsize=SMALL_TYPE, frameon=False)
-    elif len(labels):
+    elif labels:
         room = figure.bbox.width / whole.dpi * 72 / (0.55 * SMALL_TYPE)  # letters in a row
         beside = 11  # letters whose room a line and the gaps beside it take
         widths = [
@@ -275,14 +327,8 @@ def legend_below(figure: Any, handles: Sequence[Any], labels: Sequence[str]) -> 
             for count in range(1, min(len(labels), 6) + 1)
         ]
         columns = max([count for count, width in enumerate(widths, 1) if width <= room], default=1)
-        figure.legend(
-            handles,
-            labels,
-            loc="outside lower center",
-            ncols=columns,
-            fontsize=SMALL_TYPE,
-            frameon=False,
-        )
+        style = {"fontsize": SMALL_TYPE, "frameon": False}
+        figure.legend(handles, labels, loc="outside lower center", ncols=columns, **style)
 
 
 def picture_of(figure: Figure, file_format: str = "png", dpi: float = 200.0) -> bytes:

@@ -10,7 +10,18 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rotorfit.models.array_types import Float
-from rotorfit.plots.style import COLOURS, PAGE, SMALL_TYPE, grid, literal, looked, per_rad_s, prefix, rate_unit
+from rotorfit.plots.style import (
+    COLOURS,
+    PAGE,
+    SMALL_TYPE,
+    draw_cascade,
+    grid,
+    literal,
+    looked,
+    per_rad_s,
+    prefix,
+    rate_unit,
+)
 from rotorfit.recordings.twist import TwistView
 
 _ORDERS = {"w − Ω": (1, -1), "w − 2Ω": (1, -2), "2(w − Ω)": (2, -2), "1x": (0, 1), "2x": (0, 2)}
@@ -35,9 +46,9 @@ def plot_twist(
     factor, unit = prefix(view.overall, "rad")
     order = np.argsort(position)
     overall.plot(position[order], view.overall[order] * factor, color=COLOURS[0], lw=1.2)
-    overall.set_ylabel(f"overall amplitude, {unit} 0-pk", fontsize=9)
+    overall.set_ylabel(f"overall amplitude, {unit} 0-pk")
     overall.set_ylim(bottom=0)
-    overall.set_xlabel(label, fontsize=9)
+    overall.set_xlabel(label)
     _cascade(cascade, view, position, edge)
     for key, at in lines.items():
         _order_line(cascade, key, np.where(at <= edge, at, np.nan)[order], position[order])
@@ -45,8 +56,8 @@ def plot_twist(
         cascade.axvline(mark / (2 * np.pi), color="black", lw=0.9, ls=":", zorder=998)
         style = {"fontsize": 8, "ha": "center", "va": "bottom", "xycoords": cascade.get_xaxis_transform()}
         cascade.annotate(literal(key), (mark / (2 * np.pi), 1.0), **style)
-    cascade.set_xlabel("frequency, Hz", fontsize=9)
-    cascade.set_ylabel(label, fontsize=9)
+    cascade.set_xlabel("frequency, Hz")
+    cascade.set_ylabel(label)
     return figure
 
 
@@ -61,11 +72,7 @@ def _cascade(axis: Any, view: TwistView, position: Float, edge: float) -> None:
     spacing = float(np.ptp(position)) / max(position.size - 1, 1) or 1.0
     spacings = 6.0  # spacings that the largest line of the cascade reaches up
     height = spacings * spacing / float(root.max(initial=1e-12))
-    rows = sorted(zip(position.tolist(), root, strict=True), key=lambda pair: -pair[0])
-    for rank, (level, row) in enumerate(rows):
-        curve = level + row * height
-        axis.fill_between(view.frequency[inside], level, curve, color="white", lw=0, zorder=3 + rank)
-        axis.plot(view.frequency[inside], curve, color=COLOURS[0], lw=0.6, zorder=3 + rank)
+    draw_cascade(axis, view.frequency[inside], root * height, position)
     axis.set_xlim(0, edge)
     axis.set_ylim(position.min() - spacing, position.max() + (spacings + 1) * spacing)
     axis.set_title("height: square root of the amplitude", fontsize=SMALL_TYPE, loc="right")

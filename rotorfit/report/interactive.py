@@ -1,9 +1,9 @@
-"""Section of the report to point at: every response with its fit as Plotly draws them, the script inside the page."""
+"""Section of the report to point at: every response with its fit as Bokeh draws them, the script inside the page."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from html import escape
+import json
+from collections.abc import Sequence
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
@@ -26,111 +26,114 @@ _WORDS = (
     "Points: measured; lines: fit. Drag to zoom all panels, double-click to return; the legend hides and shows "
     "conditions; a click on a point writes its rows of the data below the figure."
 )
-_SHOW_ROWS = """
-const plot = document.getElementById('responses');
-plot.on('plotly_click', event => {
-  document.getElementById('rows').textContent = plot.layout.meta[event.points[0].customdata];
-});
+_BEGIN = """
+const [sources, plots] = %s;
+const begin = () => {
+  const found = window.Bokeh && Bokeh.documents.find(one => one.get_model_by_id(plots[0]));
+  if (!found) { setTimeout(begin, 50); return; }
+  for (const points of sources.map(id => found.get_model_by_id(id)))
+    points.selected.change.connect(() => {
+      const [at] = points.selected.indices;
+      if (at !== undefined) document.getElementById('rows').textContent = points.data.rows[at];
+    });
+  document.getElementById('responses').addEventListener('dblclick', () => {
+    for (const id of plots) found.get_model_by_id(id).reset.emit();
+  });
+};
+begin();
 """
-"""Script that writes what the data hold at a clicked point."""
+"""Script that writes what the data hold at a clicked point, and shows the whole range again after a double click."""
 
 
 def check_interactive() -> None:
-    """Refuse interactive figures where Plotly is missing."""
-    if find_spec("plotly") is None:
-        raise ValueError('interactive figures need plotly: pip install "rotorfit[interactive]"')
+    """Refuse interactive figures where Bokeh is missing."""
+    if find_spec("bokeh") is None:
+        raise ValueError('interactive figures need bokeh: pip install "rotorfit[interactive]"')
 
 
 def interactive_section(fit: FitResult) -> Html:
     """Amplitude and phase of every response to a circular force."""
-    from plotly.io import to_html
+    from bokeh.embed import components
+    from bokeh.layouts import gridplot
+    from bokeh.resources import Resources
 
     from rotorfit.plots.sweeps import curves, joined
 
-    config = {"displaylogo": False, "responsive": True}
     try:
         _, found = curves(fit)
     except ValueError as reason:
         return section("Interactive Bode plots", note(f"There are none: {reason}."))
-    figure = _figure(fit, joined(found))
-    drawn = to_html(figure, config=config, full_html=False, div_id="responses", post_script=_SHOW_ROWS)
+    panels, sources = _panels(fit, joined(found))
+    columns = _columns(found)
+    rows = [part for k in range(0, len(panels), columns) for part in zip(*panels[k : k + columns], strict=True)]
+    layout = gridplot([list(row) for row in rows], sizing_mode="stretch_width", toolbar_options={"logo": None})
+    script, drawn = components(layout)
+    ids = [source.id for source in sources], [plot.id for row in rows for plot in row]
+    library = Resources(mode="inline", components=["bokeh"]).render_js()
     return section(
-        "Interactive Bode plots", note(_WORDS), Html(drawn), element("pre", "No point was clicked.", id="rows")
+        "Interactive Bode plots",
+        note(_WORDS),
+        element("div", Html(drawn), id="responses"),
+        element("pre", "No point was clicked.", id="rows"),
+        Html(f"{library}{script}<script>{_BEGIN % json.dumps(ids)}</script>"),
     )
 
 
-def _figure(fit: FitResult, found: Sequence[SweepCurve]) -> dict[str, Any]:
-    """Two panels for each probe and force, all above one another on one axis of frequency."""
-    from rotorfit.plots.bode import frequency_label, panel_name, response_unit
+def _columns(found: Sequence[SweepCurve]) -> int:
+    """Panels side by side."""
+    return min(len({curve.force_plane for curve in found}), 2)
+
+
+def _panels(fit: FitResult, found: Sequence[SweepCurve]) -> tuple[list[tuple[Any, Any]], list[Any]]:
+    """Amplitude and phase of each probe and force on one axis of frequency, and the sources of their points."""
+    from bokeh.models import ColumnDataSource, HoverTool, Legend, LegendItem, PlainText
+    from bokeh.plotting import figure
+
+    from rotorfit.plots.bode import broken_phase, degrees, frequency_label, panel_name, response_unit
     from rotorfit.plots.style import PHASE_LABEL
 
-    pairs = sorted({(c.coordinate, c.force_plane) for c in found})
-    columns = min(len({force for _, force in pairs}), 2)
-    count, pixels = 2 * -(-len(pairs) // columns), 250  # panels above one another; height of one
-    layout: dict[str, Any] = {"height": count * pixels + 150, "template": "none", "hovermode": "closest"}
-    layout["legend"] = {"orientation": "h", "y": 1.01, "yanchor": "bottom"}
     readings = {
         number: _readings(fit.experiments[number], base)
         for number, base in enumerate(map(responses_of, fit.problem.blocks))
         if base is not None and any((curve.block == number).any() for curve in found)
     }
-    traces: list[dict[str, Any]] = []
-    rows: list[str] = []
-    for place, pair in enumerate(pairs):
-        row, column = divmod(place, columns)
+    panels: list[tuple[Any, Any]] = []
+    sources: list[Any] = []
+    conditions: dict[str, list[Any]] = {}
+    for pair in sorted({(c.coordinate, c.force_plane) for c in found}):
         factor, unit = response_unit(fit, pair[0])
-        phase = "phase lead of the force, deg" if unit.startswith("N/") else PHASE_LABEL
-        kinds: tuple[dict[str, Any], ...] = (
-            {"type": "log", "title": unit if unit.startswith("N/") else f"amplitude, {unit}"},
-            {"dtick": 90, "range": [-190, 190], "title": phase},
-        )
-        for k, kind in enumerate(kinds):
-            axis, top = 2 * place + k + 1, 1 - (2 * row + k) / count
-            low, left = top - 0.75 / count, column / columns
-            layout[f"yaxis{axis}"] = {"domain": [low, top], "anchor": f"x{axis}", **kind}
-            layout[f"xaxis{axis}"] = {"domain": [left, left + 0.9 / columns], "anchor": f"y{axis}", "matches": "x"}
-        layout[f"xaxis{2 * place + 1}"]["title"] = {"text": escape(panel_name(fit, *pair), quote=False), "standoff": 0}
-        layout[f"xaxis{2 * place + 2}"]["title"] = {"text": frequency_label(found), "standoff": 0}
-        for curve in found:
-            if (curve.coordinate, curve.force_plane) == pair:
-                words = [readings[b][r] for b, r in zip(curve.block.tolist(), curve.reading.tolist(), strict=True)]
-                traces += _traces(curve, factor, 2 * place + 1, [hover for hover, _ in words], len(rows))
-                rows += [text for _, text in words]
-    layout["xaxis1"].pop("matches")
-    layout["meta"] = rows
-    named: set[str] = set()
-    for trace in traces:  # a condition stands once in the legend
-        trace["showlegend"] = trace["name"] not in named
-        named.add(trace["name"])
-    return {"data": traces, "layout": layout}
+        imposed = unit.startswith("N/")
+        look: dict[str, Any] = {"tools": "box_zoom,wheel_zoom,tap,reset,save", "active_drag": "box_zoom"}
+        look |= {"height": 250, **({"x_range": panels[0][0].x_range} if panels else {})}
+        top = figure(y_axis_type="log", y_axis_label=unit if imposed else f"amplitude, {unit}", **look)
+        top.title.text = PlainText(text=panel_name(fit, *pair))
+        phase = "phase lead of the force, deg" if imposed else PHASE_LABEL
+        low = figure(y_range=(-190, 190), y_axis_label=phase, **{**look, "x_range": top.x_range})
+        low.xaxis.axis_label = frequency_label(found)
+        low.yaxis.ticker = [-180, -90, 0, 90, 180]
+        panels.append((top, low))
+        for curve in (c for c in found if (c.coordinate, c.force_plane) == pair):
+            words = [readings[b][r] for b, r in zip(curve.block.tolist(), curve.reading.tolist(), strict=True)]
+            points: dict[str, Any] = {name: [w[k] for w in words] for k, name in enumerate(("where", "run", "rows"))}
+            points |= {"rpm": curve.frequency * RPM_PER_RAD_S, "phase": degrees(curve.seen)}
+            sources.append(ColumnDataSource({**points, "amplitude": factor * np.abs(curve.measured)}))
+            drawn = conditions.setdefault(curve.condition.name.replace(r"\$", "$"), [])
+            lines = factor * np.abs(curve.fitted), broken_phase(curve.line_seen)
+            for plot, name, line in zip((top, low), ("amplitude", "phase"), lines, strict=True):
+                shown = plot.scatter("rpm", name, source=sources[-1], color=curve.condition.colour, size=4)
+                drawn += [shown, plot.line(curve.fine * RPM_PER_RAD_S, line, color=curve.condition.colour)]
+                tips = [("", f"@{name}{{%.4g}}"), ("", "@where"), ("", "@run")]
+                form = {f"@{name}": "printf"}
+                plot.add_tools(HoverTool(tooltips=tips, formatters=form, renderers=[shown], visible=False))
+    across = 4  # conditions in a row of the legend
+    for top, _ in panels[: _columns(found)]:  # one above each, so that panels side by side are of one height
+        items = [LegendItem(label={"value": name}, renderers=drawn) for name, drawn in conditions.items()]
+        top.add_layout(Legend(items=items, click_policy="hide", orientation="horizontal", ncols=across), "above")
+    return panels, sources
 
 
-def _traces(
-    curve: SweepCurve, factor: float, panel: int, hover: Sequence[str], first_row: int
-) -> Iterator[dict[str, Any]]:
-    """Points and line of one response in its panels of amplitude and phase."""
-    from rotorfit.plots.bode import broken_phase, degrees
-
-    name, colour = _plain(curve.condition.name), curve.condition.colour
-    points = (factor * np.abs(curve.measured), degrees(curve.seen))
-    lines = (factor * np.abs(curve.fitted), broken_phase(curve.line_seen))
-    for axis, measured, fitted in zip((panel, panel + 1), points, lines, strict=True):
-        common = {"name": name, "legendgroup": name, "xaxis": f"x{axis}", "yaxis": f"y{axis}"}
-        yield common | {
-            "mode": "markers",
-            "marker": {"color": colour, "size": 5},
-            "x": curve.frequency * RPM_PER_RAD_S,
-            "y": measured,
-            "text": hover,
-            "customdata": np.arange(first_row, first_row + len(hover)),
-            "hovertemplate": "%{significant(y, 4)}<br>%{text}<extra></extra>",
-        }
-        x = curve.fine * RPM_PER_RAD_S
-        yield common | {"mode": "lines", "line": {"color": colour}, "x": x, "y": fitted, "hoverinfo": "skip"}
-
-
-def _readings(experiment: Experiment, base: Responses) -> list[tuple[str, str]]:
-    """Of each reading: what is shown beside the pointer, and the rows of the data that it was made from."""
+def _readings(experiment: Experiment, base: Responses) -> list[tuple[str, str, str]]:
+    """Of each reading: its frequency and speed, its run, and the rows of the data that it was made from."""
     columns = {**experiment.attributes, **columns_without_attributes(experiment)}
     rows = list(zip(*(values.tolist() for values in columns.values()), strict=True))
     line = experiment.lines.apart()[0] if isinstance(experiment, PerturbationTest) else np.arange(len(rows))
@@ -143,17 +146,7 @@ def _readings(experiment: Experiment, base: Responses) -> list[tuple[str, str]]:
         of_line.setdefault((at, plane), []).append(f"{experiment.source or 'data'}, reading {number + 1}: {cells}")
     found = []
     for at, place, run in zip(base.line.tolist(), base.coordinate.tolist(), base.run.tolist(), strict=True):
-        w, speed = (values[at] * RPM_PER_RAD_S for values in (base.frequency, base.speed))
+        w, speed = (significant(values[at] * RPM_PER_RAD_S, 5) for values in (base.frequency, base.speed))
         own = of_line.get((at, base.model.coordinates[place].plane), [])
-        found.append(
-            (
-                f"{significant(w, 5)} rpm, rotor at {significant(speed, 5)} rpm<br>run {escape(run, quote=False)}",
-                "\n".join(own),
-            )
-        )
+        found.append((f"{w} rpm, rotor at {speed} rpm", f"run {run}", "\n".join(own)))
     return found
-
-
-def _plain(text: str) -> str:
-    """Words made for matplotlib, as Plotly takes them literally."""
-    return escape(text.replace(r"\$", "$"), quote=False)

@@ -61,14 +61,14 @@ def write_report(
         figure_format: of these files: png, pdf or svg; none leaves figures out of the report too.
         recordings: what the experiments were reduced from, to be shown with what was done to them.
         turns: as :func:`rotorfit.responses` was given it.
-        interactive: with Bode plots to zoom and to point at; Plotly's script makes the file 5 MB larger.
+        interactive: with Bode plots to zoom and to point at; Bokeh's script makes the file some MB larger.
 
     Returns:
         the path written.
 
     Raises:
         ValueError: names in ``profiles`` or ``shares`` that the fit does not have, findings that do not go with the
-            experiments, profiles at another level than 95 %, a posterior of other parameters, Plotly missing.
+            experiments, profiles at another level than 95 %, a posterior of other parameters, Bokeh missing.
         TypeError: models averaged over as the posterior.
         OSError: the file cannot be written.
 

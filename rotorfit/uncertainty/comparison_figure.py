@@ -36,7 +36,7 @@ def plot_comparison(comparison: Comparison) -> Figure:
         axis.set_yticks(range(len(fits)), [literal(label) for label in fits], fontsize=7)
         few_ticks(axis.xaxis, intervals=3)
         axis.set_ylim(len(fits) - 0.5, -0.5)
-        axis.set_xlabel(labelled(name, unit), fontsize=8)
+        axis.set_xlabel(labelled(name, unit))
     for axis in axes.flat[len(names) :]:
         axis.set_visible(False)
     return figure

@@ -59,9 +59,9 @@ def plot_prediction(prediction: Prediction) -> Figure:
     amplitude.set_yscale("log")
     amplitude.set_ylim(bottom=floor)
     decade_ticks(amplitude.yaxis)
-    amplitude.set_ylabel(f"amplitude, {amplitude_unit(unit)}", fontsize=8)
-    phase.set_ylabel(PHASE_LABEL, fontsize=8)
+    amplitude.set_ylabel(f"amplitude, {amplitude_unit(unit)}")
+    phase.set_ylabel(PHASE_LABEL)
     phase.set_ylim(max(phase.get_ylim()[0], -540), min(phase.get_ylim()[1], 540))
-    phase.set_xlabel(f"{'speed' if synchronous else 'frequency of the force'}, {rate_unit()}", fontsize=8)
-    legend_below(figure, *amplitude.get_legend_handles_labels())
+    phase.set_xlabel(f"{'speed' if synchronous else 'frequency of the force'}, {rate_unit()}")
+    legend_below(figure)
     return figure

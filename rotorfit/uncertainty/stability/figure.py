@@ -11,6 +11,7 @@ import numpy as np
 from rotorfit.models.array_types import Float
 from rotorfit.models.digits import significant
 from rotorfit.plots.style import (
+    BAND,
     amplitude_unit,
     colour_of,
     grid,
@@ -41,9 +42,7 @@ def plot_stability_report(report: StabilityReport) -> Figure:
     )
     for panel, axis in zip(panels, axes[:, 0], strict=True):
         panel(report, axis)
-    found = [axis.get_legend_handles_labels() for axis in axes[:, 0]]
-    handles = {label: handle for some in found for handle, label in zip(*some, strict=True)}
-    legend_below(figure, list(handles.values()), list(handles))
+    legend_below(figure)
     return figure
 
 
@@ -51,7 +50,7 @@ def _draw(axis: Any, curves: Sequence[Curve], x: float, y: float, first: int = 0
     for number, curve in enumerate(curves, first):
         colour, label = colour_of(number), literal(curve.label)
         axis.plot(x * curve.x, _clipped(y * curve.y), color=colour, lw=1.2, label=label)
-        axis.fill_between(x * curve.x, *_clipped(y * curve.band).T, color=colour, alpha=0.25, lw=0)
+        axis.fill_between(x * curve.x, *_clipped(y * curve.band).T, color=colour, alpha=BAND, lw=0)
 
 
 def _clipped(values: Float) -> Float:
@@ -88,10 +87,9 @@ def _decrements(report: StabilityReport, axis: Any) -> None:
     top = max([report.criteria[0].limit, *(float(np.max(np.minimum(c.band, damped))) for c in shown)])
     low = min([0.0, *(float(np.min(c.band)) for c in shown)])
     axis.set_ylim(max(low, -0.5 * top) - 0.1 * top, 1.15 * top)
-    axis.set_xlabel(f"speed, {rate_unit()}", fontsize=8)
-    axis.set_ylabel("log. decrement", fontsize=8)
+    axis.set(xlabel=f"speed, {rate_unit()}", ylabel="log. decrement")
     ratio = axis.secondary_yaxis("right", functions=(damping_ratio, _decrement_of))
-    ratio.set_ylabel("damping ratio", fontsize=8)
+    ratio.set_ylabel("damping ratio")
     ratio.tick_params(labelsize=7)
 
 
@@ -105,16 +103,14 @@ def _unbalance(report: StabilityReport, axis: Any) -> None:
     _draw(axis, report.unbalance, per_rad_s(), scale, first=len(report.decrement))
     _running(report, axis)
     axis.set_ylim(0.0, None)
-    axis.set_xlabel(f"speed, {rate_unit()}", fontsize=8)
-    axis.set_ylabel(f"amplitude, {amplitude_unit()}", fontsize=8)
+    axis.set(xlabel=f"speed, {rate_unit()}", ylabel=f"amplitude, {amplitude_unit()}")
 
 
 def _coupling(report: StabilityReport, axis: Any) -> None:
     scale, unit = prefix(report.cross_coupling[0].x, "N/m")
     _draw(axis, report.cross_coupling, scale, 1.0, first=len(report.decrement) + 1)
     _limit(report, axis)
-    axis.set_xlabel(f"cross-coupled stiffness, {unit}", fontsize=8)
-    axis.set_ylabel("log. decrement", fontsize=8)
+    axis.set(xlabel=f"cross-coupled stiffness, {unit}", ylabel="log. decrement")
 
 
 def _sensitivity(report: StabilityReport, axis: Any) -> None:
@@ -122,5 +118,4 @@ def _sensitivity(report: StabilityReport, axis: Any) -> None:
     limit = next(c.limit for c in report.criteria if c.source == SENSITIVITY)
     axis.axhline(limit, color="C3", lw=0.9, ls=":", label=f"limit {limit:g}")
     axis.set_ylim(0.0, None)
-    axis.set_xlabel(f"frequency, {rate_unit()}", fontsize=8)
-    axis.set_ylabel("sensitivity", fontsize=8)
+    axis.set(xlabel=f"frequency, {rate_unit()}", ylabel="sensitivity")
