@@ -23,6 +23,7 @@ from rotorfit.models.motion.stability import spectrum
 from rotorfit.studies.folder import CONTENTS
 from rotorfit.uncertainty.stability import report as judging
 from rotorfit.uncertainty.stability.rotors import Rotors
+from rotorfit.uncertainty.stability.task import Task
 from rotorfit.uncertainty.stability.unbalance import margin_asked, peaks_near, peaks_of
 
 RPM = 30 / np.pi
@@ -394,7 +395,7 @@ def test_a_rotor_that_is_unstable_from_standstill_on_is_judged_in_words() -> Non
 def test_a_report_says_why_a_rotor_cannot_be_judged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As where draws about a fit to wrong data have no stiffness."""
     fit = simulated_fit(1, 0.03)
-    monkeypatch.setattr(judging, "_thresholds", lambda *_: np.linalg.solve(np.zeros((1, 1)), np.ones((1, 1))))
+    monkeypatch.setattr(Task, "_thresholds", lambda *_: np.linalg.solve(np.zeros((1, 1)), np.ones((1, 1))))
     with refuses(ValueError):
         fit.stability_report(max_speed_rpm=RUNNING * RPM)
     assert "cannot be judged" in report_of(fit, tmp_path / "report.html").shown

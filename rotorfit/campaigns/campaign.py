@@ -14,7 +14,7 @@ import numpy as np
 
 from rotorfit.campaigns.partitions import Reader, is_lazy, lazy_runs
 from rotorfit.campaigns.runs import Run, RunFit, Workers, fit_run, split_runs
-from rotorfit.campaigns.shared import fit_shared
+from rotorfit.campaigns.shared import Shared, fit_shared, refuse_none
 from rotorfit.campaigns.trends import Trend, trend_table, trends_of
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.figure_keywords import PlotKeywords
@@ -57,21 +57,15 @@ def _is_number(text: str) -> bool:
 
 def _misfits(runs: Sequence[RunFit]) -> list[str]:
     """A line on the runs whose misfit is more than their noise."""
-    missed = sorted(
-        (run for run in runs if run.redchi > MODEL_LIMITED_REDCHI and not run.silent), key=lambda run: -run.redchi
-    )
+    missed = [run for run in runs if run.redchi > MODEL_LIMITED_REDCHI and not run.silent]
     if not missed:
         return []
+    above = f"redchi is above {MODEL_LIMITED_REDCHI:g}"
     if 2 * len(missed) > len(runs):
-        return [
-            f"redchi is above {MODEL_LIMITED_REDCHI:g} in {len(missed)} of {len(runs)} runs: more than noise, in most "
-            "of them"
-        ]
+        return [f"{above} in {len(missed)} of {len(runs)} runs: more than noise, in most of them"]
+    missed.sort(key=lambda run: -run.redchi)
     named = listed([f"{run.name} ({significant(run.redchi, 3)})" for run in missed])
-    return [
-        f"redchi is above {MODEL_LIMITED_REDCHI:g}, more than noise: {named}; look at their units, speeds and "
-        "directions"
-    ]
+    return [f"{above}, more than noise: {named}; look at their units, speeds and directions"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -176,7 +170,8 @@ class Campaign(Printed):
                 usable = parameter is not None and parameter.resolved and np.isfinite(parameter.stderr)
                 usable = usable and not run.silent and parameter is not None and parameter.stderr > 0
                 if usable and all(np.isfinite(float(run.attributes.get(axis, np.nan))) for axis in axes):
-                    label = "" if by is None else _label(run.attributes.get(by, ""))
+                    value = "" if by is None else run.attributes.get(by, "")
+                    label = value if isinstance(value, str) else f"{value:.6g}"
                     groups.setdefault(label, []).append(run)
             unit = self.model.parameter(name).unit
             every = [[float(run.attributes[axis]) for axis in axes] for runs in groups.values() for run in runs]
@@ -205,15 +200,9 @@ class Campaign(Printed):
         for data in self._data:
             if data.name == run:
                 s = self.settings
-                fixed = {name: parameter.value for name, parameter in self.shared.items()}
-                return fit_model(
-                    self.model,
-                    data.experiment,
-                    known={**s.known, **fixed},
-                    bounds=s.bounds,
-                    priors=s.priors,
-                    loss=s.loss,
-                )
+                known = {**s.known, **{name: parameter.value for name, parameter in self.shared.items()}}
+                given: dict[str, Any] = {"known": known, "bounds": s.bounds, "priors": s.priors, "loss": s.loss}
+                return fit_model(self.model, data.experiment, **given)
         raise KeyError(unknown_name("run of the campaign", run, [data.name for data in self._data]))
 
     # ---- presentation -------------------------------------------------------------------------------------------
@@ -230,7 +219,8 @@ class Campaign(Printed):
             rows[0] += [name, "+-"]
         rows[0] += ["redchi", ""]
         for run in self.runs:
-            rows.append([run.name, *(_short(run.attributes.get(name, "")) for name in shown)])
+            values = [run.attributes.get(name, "") for name in shown]
+            rows.append([run.name, *(value[:13] if isinstance(value, str) else f"{value:.6g}" for value in values)])
             if not run.params:
                 rows[-1].append(Wide(run.message, 2 * len(self.fitted) + 2, remark=True))
                 continue
@@ -259,21 +249,13 @@ class Campaign(Printed):
         """
         done = [run for run in self.runs if run.params]
         redchi = [run.redchi for run in done]
-        lines = [
-            f"{self.model.name}: {len(done)} of {len(self.runs)} runs fitted"
-            + (
-                f", redchi {significant(min(redchi), 3)} to {significant(max(redchi), 3)}, median "
-                f"{significant(np.median(redchi), 3)}"
-                if redchi
-                else ""
-            )
-        ]
+        lines = [f"{self.model.name}: {len(done)} of {len(self.runs)} runs fitted"]
+        if redchi:
+            low, high, middle = (significant(end, 3) for end in (min(redchi), max(redchi), np.median(redchi)))
+            lines[0] += f", redchi {low} to {high}, median {middle}"
         lines += [f"shared {p.name} = {plus_minus(p.value, p.stderr)} {p.unit}" for p in self.shared.values()]
-        lines += [
-            f"{run.name}: {run.remark}" + ("; left out of trends" if run.silent else "")
-            for run in self.runs
-            if run.remark
-        ]
+        out = "; left out of trends"
+        lines += [f"{run.name}: {run.remark}{out * run.silent}" for run in self.runs if run.remark]
         lines += _misfits(done)
         if against is not None:
             trends = trend_table(self.trends(parameters, against=against, by=by, degree=degree))
@@ -318,23 +300,17 @@ class Campaign(Printed):
         Args:
             path: file to write as well.
         """
-        names = (*self.shared, *self.fitted)
+        names, quality = (*self.shared, *self.fitted), ("redchi", "readings", "success", "message", "silent")
         columns = [column for name in names for column in (name, f"{name}_stderr")]
-        rows: list[list[Any]] = [
-            ["run", *self.attributes, *columns, "redchi", "readings", "success", "message", "silent"]
-        ]
+        rows: list[list[Any]] = [["run", *self.attributes, *columns, *quality]]
         for run in self.runs:
             cells: list[Any] = []
             for name in names:
                 p = self._parameter(run, name)
                 cells += ["", ""] if p is None or not p.resolved else [repr(p.value), repr(p.stderr)]
             conditions = [run.attributes.get(name, "") for name in self.attributes]
-            quality = (
-                [repr(run.redchi), run.ndata // 2, run.success, run.message]
-                if run.params
-                else ["", 0, False, run.message]
-            )
-            rows.append([run.name, *conditions, *cells, *quality, run.silent])
+            how = [repr(run.redchi), run.ndata // 2, run.success] if run.params else ["", 0, False]
+            rows.append([run.name, *conditions, *cells, *how, run.message, run.silent])
         text = rows_csv(rows)
         if path is not None:
             with whole_file(Path(path)) as draft:
@@ -421,27 +397,17 @@ def campaign(
     workers = Workers(model, there, progress, store)
     if names:
         joint = fit_shared(workers, runs, names, settings, start)
-        success = joint.success and all(run.success for run in joint.runs)
-        return Campaign(
-            model=model,
-            runs=joint.runs,
-            shared=joint.params,
-            shared_covar=joint.covar,
-            settings=settings,
-            success=success,
-            _data=runs,
-        )
-    option = {"settings": settings, "start": start}
-    fits = tuple(workers(fit_run, runs, [option] * len(runs)))
-    if not any(run.params for run in fits):
-        raise ValueError(f"no run of the campaign can be fitted; the first one: {fits[0].message}")
+    else:
+        fits = tuple(workers(fit_run, runs, [{"settings": settings, "start": start}] * len(runs)))
+        refuse_none(fits)
+        joint = Shared(runs=fits, params={}, covar=np.empty((0, 0)), success=True)
     return Campaign(
         model=model,
-        runs=fits,
-        shared={},
-        shared_covar=np.empty((0, 0)),
+        runs=joint.runs,
+        shared=joint.params,
+        shared_covar=joint.covar,
         settings=settings,
-        success=all(run.success for run in fits),
+        success=joint.success and all(run.success for run in joint.runs),
         _data=runs,
     )
 
@@ -475,11 +441,3 @@ def _check(model: RotorModel, settings: FitSettings, shared: Sequence[str], star
         raise ValueError("every fitted parameter is shared: that is a joint fit (rf.fit, `rotorfit fit`)")
     if any(name in settings.priors for name in shared):
         raise ValueError("a prior of a shared parameter would count once for every run; bound it, or take it for known")
-
-
-def _label(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:.6g}"
-
-
-def _short(value: float | str) -> str:
-    return value[:13] if isinstance(value, str) else f"{value:.6g}"

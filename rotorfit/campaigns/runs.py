@@ -9,7 +9,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache, partial
 from itertools import groupby
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,9 @@ from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float, Index
 
+if TYPE_CHECKING:
+    from rotorfit.campaigns.partitions import ReadingsOfPart
+
 T = TypeVar("T")
 
 Work = Callable[..., T]
@@ -41,32 +44,9 @@ CHI_SQUARED_BY_CHANCE = 10.0
 """Fall of chi-squared a parameter that fitting noise does not reach."""
 
 
-class Readings(Protocol):
-    """Readings of a run, in hand or in a file."""
-
-    @property
-    def part(self) -> bytes:
-        """Reader of the file, empty for readings in memory."""
-        ...
-
-    @property
-    def experiment(self) -> Experiment:
-        """The readings themselves."""
-        ...
-
-    @property
-    def content(self) -> str:
-        """Their hash."""
-        ...
-
-    def span(self, condition: str) -> tuple[float, float] | None:
-        """Least and largest value of a condition that is a number and changes within the run."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class HeldReadings:
-    """Readings in hand."""
+    """Readings in hand; those in a file are :class:`~rotorfit.campaigns.partitions.ReadingsOfPart`."""
 
     experiment: Experiment
     part: bytes = b""
@@ -88,7 +68,7 @@ class Run:
     """One run of a campaign: its readings and what is known of its conditions."""
 
     name: str  # by which the campaign lists it
-    readings: Readings  # in hand, or in a file
+    readings: HeldReadings | ReadingsOfPart  # in hand, or in a file
     attributes: Mapping[str, float | str]  # conditions of the run: the mean of numbers, the text of texts
     source: str = ""  # file of the readings
 
@@ -176,11 +156,6 @@ def _parts(labels: NDArray[Any]) -> Iterator[tuple[Any, Index]]:
     return zip(names, np.split(order, np.cumsum(np.bincount(number))[:-1]), strict=True)
 
 
-def _mean(values: NDArray[np.number[Any]]) -> float:
-    """Mean of a condition; one value throughout stays as it was given, to the last digit."""
-    return float(values[0] if np.ptp(values) == 0 else np.mean(values))
-
-
 def conditions(experiment: Experiment) -> dict[str, float | str]:
     """The speed and the other attributes of an experiment: the mean of numbers, the text of texts."""
     names = [name for name in ("speed_rpm", *experiment.attributes) if name != "run"]
@@ -189,7 +164,9 @@ def conditions(experiment: Experiment) -> dict[str, float | str]:
         values = experiment.attribute(name)
         if np.issubdtype(values.dtype, np.number):
             finite = values[np.isfinite(values)]
-            found[name] = _mean(finite) if finite.size else float("nan")
+            # One value throughout stays as it was given, to the last digit.
+            same = not finite.size or np.ptp(finite) == 0
+            found[name] = float(np.append(finite, np.nan)[0] if same else np.mean(finite))
         else:
             found[name] = " / ".join(dict.fromkeys(str(value) for value in words(values)[0]))
     return found
@@ -253,10 +230,6 @@ def _fit_alone(model: RotorModel, run: Run, **option: Any) -> RunFit:
     return replace(found, params={name: replace(p) for name, p in found.params.items()})
 
 
-def _entries(found: RunFit) -> dict[str, Any]:
-    return {entry.name: getattr(found, entry.name) for entry in fields(found)}
-
-
 def _explains_nothing(found: FitResult) -> bool:
     """True if no motion at all would explain the readings as well as the fit does."""
     measured = np.concatenate([block.measured / block.sigma for block in found.problem.blocks])
@@ -289,17 +262,21 @@ class Workers:
         work = _fit_alone if keys else work  # type: ignore[assignment]
         found = self._found(keys)
         left = [number for number in range(len(pairs)) if not keys or keys[number] not in found]
-        numbers = self._batches(left, runs, 1 if self.executor is None and not keys else RUNS_OF_A_BATCH)
+        parts = self._batches(left, runs, 1 if self.executor is None and not keys else RUNS_OF_A_BATCH)
+        items = [(own, [pairs[number] for number in own]) for own in parts]
         count = len(pairs) - len(left)
 
-        def done(batch: Sequence[int], results: Sequence[Any]) -> None:
+        def done(item: tuple[Sequence[int], Batch], results: Sequence[Any]) -> None:
             nonlocal count
-            count += len(batch)
+            count += len(results)
             if keys and self.kept is not None:
-                self.kept.keep({keys[n]: to_bytes(_entries(result)) for n, result in zip(batch, results, strict=True)})
-            self._report(count, len(pairs))
+                entries = [{entry.name: getattr(one, entry.name) for entry in fields(one)} for one in results]
+                self.kept.keep({keys[n]: to_bytes(own) for n, own in zip(item[0], entries, strict=True)})
+            if self.progress is not None:
+                self.progress(count, len(pairs))
 
-        made = self._carried_out(work, [[pairs[number] for number in batch] for batch in numbers], numbers, done)
+        model = self.model if self.executor is None else _packed(self.model)
+        made = carry_out(partial(_work_batch, model, work), items, self.executor, done)
         results = dict(zip(left, (result for batch in made for result in batch), strict=True))
         return [results[n] if n in results else found[keys[n]] for n in range(len(pairs))]
 
@@ -308,28 +285,6 @@ class Workers:
         parts = [list(own) for _, own in groupby(numbers, key=lambda number: runs[number].readings.part)]
         sizes = [8 * size if runs[own[0]].readings.part else size for own in parts]
         return [own[i : i + size] for own, size in zip(parts, sizes, strict=True) for i in range(0, len(own), size)]
-
-    def _carried_out(
-        self,
-        work: Work[T],
-        batches: Sequence[Batch],
-        numbers: Sequence[Sequence[int]],
-        done: Callable[[Sequence[int], Sequence[Any]], None],
-    ) -> list[list[T]]:
-        """Results of batches of runs, here or over the executor."""
-        if self.executor is None:
-            by_batch: list[list[T]] = []
-            for batch, places in zip(batches, numbers, strict=True):
-                by_batch.append([work(self.model, run, **option) for run, option in batch])
-                done(places, by_batch[-1])
-            return by_batch
-        items = list(zip(numbers, batches, strict=True))
-        return carry_out(
-            partial(_work_batch, _packed(self.model), work),
-            items,
-            self.executor,
-            lambda item, results: done(item[0], results),
-        )
 
     def _keys(self, pairs: Batch) -> list[str]:
         common = {id(option): key_of(self.model, option) for _, option in pairs}
@@ -342,10 +297,6 @@ class Workers:
         some = 1000  # looked for at a time, so that few are in memory as they are stored
         found = (self.kept.find(keys[begin : begin + some]) for begin in range(0, len(keys), some))
         return {key: RunFit(**from_bytes(data)) for pieces in found for key, data in pieces.items()}
-
-    def _report(self, done: int, total: int) -> None:
-        if self.progress is not None:
-            self.progress(done, total)
 
 
 def _packed(model: RotorModel) -> bytes:
@@ -365,6 +316,7 @@ def _unpacked(model: bytes) -> RotorModel:
     return found
 
 
-def _work_batch(packed: bytes, work: Work[T], item: tuple[Sequence[int], Batch]) -> list[T]:
-    model = _unpacked(packed)
-    return [work(model, run, **option) for run, option in item[1]]
+def _work_batch(model: RotorModel | bytes, work: Work[T], item: tuple[Sequence[int], Batch]) -> list[T]:
+    """Results of a batch, here or on a worker, to which the model goes packed."""
+    rotor = _unpacked(model) if isinstance(model, bytes) else model
+    return [work(rotor, run, **option) for run, option in item[1]]

@@ -82,7 +82,7 @@ class _Joint:
             phi = np.array([self.start[name] for name in self.names], dtype=float)
             return phi, self.fits(phi, [self.start] * len(self.runs))
         fits = self.workers(fit_run, self.runs, [{"settings": self.settings, "start": self.start}] * len(self.runs))
-        _refuse_none(fits)
+        refuse_none(fits)
         usable = [(run, fit) for run, fit in zip(self.runs, fits, strict=True) if fit.params]
         options = [
             {"settings": _with_noise(self.settings, fit), "at": _own_values(fit, self.start)} for _, fit in usable
@@ -102,7 +102,7 @@ class _Joint:
         inner = replace(self.settings, known={**self.settings.known, **fixed})
         own_starts = [{name: value for name, value in start.items() if name not in fixed} for start in starts]
         fits = self.workers(fit_run, self.runs, [{"settings": inner, "start": start} for start in own_starts])
-        _refuse_none(fits)
+        refuse_none(fits)
         return fits
 
     def search(self, fits: Sequence[RunFit], phi: Float) -> tuple[Float, _Profile, bool]:
@@ -211,7 +211,8 @@ def fit_shared(
     return joint.result(fits, phi, settled)
 
 
-def _refuse_none(fits: Sequence[RunFit]) -> None:
+def refuse_none(fits: Sequence[RunFit]) -> None:
+    """Refuse a campaign of which nothing can be fitted."""
     if not any(fit.params for fit in fits):
         raise ValueError(f"no run of the campaign can be fitted; the first one: {fits[0].message}")
 

@@ -75,11 +75,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return ExitCode.BAD_INPUT
 
 
-def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    """A warning as a sentence, without the file and line of the program that it comes from."""
-    print(f"rotorfit: {shown(str(message))}", file=sys.stderr)
-
-
 def _carry_out(arguments: Sequence[str] | None) -> int:
     """Do what the words say; what is wrong with them, or with the files that they name, becomes a sentence."""
     parser = build_parser()
@@ -91,7 +86,8 @@ def _carry_out(arguments: Sequence[str] | None) -> int:
     given = (*getattr(options, "files", ()), *named)
     try:
         with warnings.catch_warnings(), protected_inputs([path for path in given if path is not None]):
-            warnings.showwarning = _show_warning
+            # As a sentence, without the file and line of the program that it comes from.
+            warnings.showwarning = lambda message, *_, **__: say(str(message))
             return int(options.command(options))
     except BadInputError as problem:
         print(f"rotorfit: {shown(str(problem))}", file=sys.stderr)

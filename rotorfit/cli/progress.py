@@ -11,10 +11,6 @@ from time import monotonic
 from rotorfit.estimators.file_reading import shown
 
 
-def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 99 else f"{seconds / 60:.0f} min"
-
-
 class ProgressLine:
     """One line on stderr: seconds since the start, stage at work, and a bar and the time left where these are known."""
 
@@ -38,7 +34,8 @@ class ProgressLine:
         spent = monotonic() - self._since
         if spent < 2.0 or not 0 < done < 1:  # in the first two seconds no estimate of the time left is worth much
             return ""
-        return f" about {_duration(spent * (1 - done) / done)} left"
+        seconds = spent * (1 - done) / done
+        return f" about {seconds:.0f} s left" if seconds < 99 else f" about {seconds / 60:.0f} min left"
 
     def close(self) -> None:
         """Clear the line."""

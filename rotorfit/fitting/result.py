@@ -695,7 +695,7 @@ class FitResult(FitFigures):
             >>> [round(1e6 * abs(z)) for z in prediction.response]
             [36, 48]
         """
-        from rotorfit.uncertainty.prediction import predict
+        from rotorfit.uncertainty.predict import predict
 
         check_keywords("predict", options, PredictKeywords)
         return predict(self, frequency, speed, **options)

@@ -56,13 +56,15 @@ def additions(task: Task, plan: Plan, design: Design | None, wanted: float | Non
     errors, added = dict(plan.expected), list[PerturbationTest]()
     rounds = NAMED if wanted is not None else 1
     for _ in range(rounds):
-        if not tried or (wanted is not None and _worst(errors, names) <= wanted):
+        if not tried or (wanted is not None and max(errors[name].relative for name in names) <= wanted):
             break
         order = sorted(tried, key=lambda one: _size(one.errors, names))
         least_gain = 1.05  # ratio of an error to that with a run added from which the run is suggested
         worth = [one for one in order if _size(errors, names) - _size(one.errors, names) > math.log(least_gain)]
         for one in worth[: 1 if wanted is not None else NAMED]:
-            sentences.append(_sentence(one, errors, names))
+            changes = [f"{name} {percent(errors[name])} -> {percent(one.errors[name])}" for name in names[:NAMED]]
+            size = f"{len(np.unique(one.test.frequency))} lines, {duration(one.time_s)}"
+            sentences.append(f"Add {one.name} ({size}): {', '.join(changes)}.")
         if not worth:
             break
         errors, added = worth[0].errors, [*added, worth[0].test]
@@ -138,16 +140,6 @@ def _size(errors: dict[str, ExpectedError], names: Sequence[str]) -> float:
     return float(np.mean([math.log(min(max(errors[name].relative, 1e-300), open_)) for name in names]))
 
 
-def _worst(errors: dict[str, ExpectedError], names: Sequence[str]) -> float:
-    return max(errors[name].relative for name in names)
-
-
-def _sentence(one: Addition, before: dict[str, ExpectedError], names: Sequence[str]) -> str:
-    changes = [f"{name} {percent(before[name])} -> {percent(one.errors[name])}" for name in names[:NAMED]]
-    lines = len(np.unique(one.test.frequency))
-    return f"Add {one.name} ({lines} lines, {duration(one.time_s)}): {', '.join(changes)}."
-
-
 def percent(error: ExpectedError) -> str:
     """A relative error in words."""
     return f"{significant(100 * error.relative, 2)} %" if math.isfinite(error.relative) else "open"
@@ -180,11 +172,7 @@ def _whole_rig(task: Task, plan: Plan, design: Design) -> list[str]:
         return sentences
     found, _ = task.expectation(whole)
     left = len(found.errors()[1].combinations)
-    if left < len(sentences):
-        sentences.append(
-            "Forces at all planes, all probes and both directions would settle "
-            + ("it." if not left else "some of it.")
-        )
-    else:
-        sentences.append("Neither more planes and probes nor the other direction settle it.")
-    return sentences
+    if left >= len(sentences):
+        return [*sentences, "Neither more planes and probes nor the other direction settle it."]
+    it = "some of it" if left else "it"
+    return [*sentences, f"Forces at all planes, all probes and both directions would settle {it}."]

@@ -56,16 +56,9 @@ class Expectation:
 
     def longer(self, factor: Float) -> Expectation:
         """The same test with each reading averaged so many times as long, shape ``(R,)``."""
-        stops = np.cumsum([block.measured.size for block in self.problem.blocks])[:-1].tolist()
-        parts = np.split(1 / np.sqrt(factor), stops)
-        blocks = tuple(block.with_noise(part) for block, part in zip(self.problem.blocks, parts, strict=True))
         root = 1 / np.sqrt(factor)
-        return replace(
-            self,
-            problem=replace(self.problem, blocks=blocks),
-            constant=self.constant * root,
-            relative=self.relative * root,
-        )
+        problem = replace(self.problem, blocks=_with_noise(self.problem, root))
+        return replace(self, problem=problem, constant=self.constant * root, relative=self.relative * root)
 
     def errors(self) -> tuple[Float, Identifiability]:
         """Covariance of the estimate at the guess, shape ``(p, p)``, and what the test leaves open."""
@@ -155,12 +148,8 @@ def expect(
     pairs = np.concatenate([block.sigma for block in unit.blocks])  # below one where two probes share a reading
     relative = np.hypot(pairs * noise.share, noise.common) * _of_motion(problem)
     sizes = np.abs(np.concatenate(predicted))
-    stops = np.cumsum([block.measured.size for block in problem.blocks])[:-1].tolist()
-    factors = np.split(np.hypot(constant, relative * sizes) / constant, stops)
-    blocks = tuple(
-        _with_readings(block.with_noise(factor), values)
-        for block, factor, values in zip(problem.blocks, factors, predicted, strict=True)
-    )
+    blocks = _with_noise(problem, np.hypot(constant, relative * sizes) / constant)
+    blocks = tuple(_with_readings(block, values) for block, values in zip(blocks, predicted, strict=True))
     problem, centre = with_differences(replace(problem, blocks=blocks), vectors.centre, noise.runs)
     wider = np.zeros((len(vectors.draws), centre.size))
     wider[:, : vectors.centre.size] = vectors.draws
@@ -207,6 +196,13 @@ def _from_rest(block: Block) -> Block:
     return block
 
 
+def _with_noise(problem: Problem, factor: Float) -> tuple[Block, ...]:
+    """Blocks with the noise of each reading times a factor, shape ``(R,)``."""
+    stops = np.cumsum([block.measured.size for block in problem.blocks])[:-1].tolist()
+    parts = np.split(factor, stops)
+    return tuple(block.with_noise(part) for block, part in zip(problem.blocks, parts, strict=True))
+
+
 def _with_readings(block: Block, values: ComplexArray) -> Block:
     if isinstance(block, OnResponses):
         return replace(block, base=replace(block.base, measured=values))
@@ -227,12 +223,8 @@ def _refuse_unstable(problem: Problem, x: Float, band: float) -> None:
 def refuse_speed(model: RotorModel, theta: Float, speed: float, band: float) -> None:
     """Refuse a speed at which the guessed rotor whirls by itself."""
     onset = threshold_speed(model, theta, band=band)
-    limit = (
-        f"; speeds are allowed below the threshold of {significant(onset.speed * RPM_PER_RAD_S, 5)} rpm"
-        if onset
-        else ""
-    )
-    raise ValueError(
-        f"the guessed rotor is unstable at {significant(speed * RPM_PER_RAD_S, 5)} rpm and has no steady "
-        f"response there{limit}"
-    )
+    at = f"{significant(speed * RPM_PER_RAD_S, 5)} rpm"
+    words = f"the guessed rotor is unstable at {at} and has no steady response there"
+    if onset:
+        words += f"; speeds are allowed below the threshold of {significant(onset.speed * RPM_PER_RAD_S, 5)} rpm"
+    raise ValueError(words)

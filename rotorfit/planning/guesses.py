@@ -30,7 +30,9 @@ class Guess:
 def guess(space: ParameterSpace, values: Values, count: int, seed: int) -> Guess:
     """Vectors of a parameter space, nuisance entries zero."""
     if isinstance(values, Posterior):
-        return _of_posterior(space, values, count)
+        samples = values.samples
+        chosen = np.linspace(0, len(samples) - 1, count).astype(np.intp)
+        return _by_name(space, values.fit, values.names, np.median(samples, axis=0), samples[chosen])
     if isinstance(values, FitResult):
         return _of_fit(space, values, count, seed)
     if not isinstance(values, Mapping):
@@ -97,12 +99,6 @@ def _of_fit(space: ParameterSpace, fit: FitResult, count: int, seed: int) -> Gue
     root = basis * np.sqrt(np.maximum(power, 0.0))
     samples = fit.x + ndtri(_spread_levels(fit.x.size, count, seed)).T @ root.T
     return _by_name(space, fit, fit.var_names, fit.x, samples)
-
-
-def _of_posterior(space: ParameterSpace, posterior: Posterior, count: int) -> Guess:
-    chosen = np.linspace(0, len(posterior.samples) - 1, count).astype(np.intp)
-    samples = posterior.samples
-    return _by_name(space, posterior.fit, posterior.names, np.median(samples, axis=0), samples[chosen])
 
 
 def _by_name(space: ParameterSpace, fit: FitResult, names: tuple[str, ...], middle: Float, samples: Float) -> Guess:

@@ -54,7 +54,12 @@ class PlannedNoise:
             return np.full(len(test), np.nan)  # its records tell
         given = np.array(getattr(test, "sigma", np.full(len(test), np.nan)), dtype=float)
         if isinstance(test, PerturbationTest | StaticTest) and self.additive is not None:
-            return self._additive(test.plane.tolist())
+            planes = test.plane.tolist()
+            sizes = self.additive if isinstance(self.additive, Mapping) else dict.fromkeys(planes, self.additive)
+            for plane in dict.fromkeys(planes):
+                if plane not in sizes:
+                    raise ValueError(f"noise_um has no value for {plane}; it has {', '.join(sizes)}")
+            return np.array([float(sizes[plane]) * 1e-6 for plane in planes])
         if np.isfinite(given).all():
             return given
         if isinstance(test, PerturbationTest | StaticTest | DisplacementTest) and (self.share or self.common):
@@ -62,14 +67,6 @@ class PlannedNoise:
             return np.where(np.isfinite(given), given, no_noise)
         way_out = "noise_um= or noise_share=" if isinstance(test, PerturbationTest | StaticTest) else "its sigma"
         raise ValueError(f"{test.source or test.title}: the noise of its readings is not known; give {way_out}")
-
-    def _additive(self, planes: list[str]) -> Float:
-        if not isinstance(self.additive, Mapping):
-            return np.full(len(planes), float(self.additive or 0.0) * 1e-6)
-        for plane in dict.fromkeys(planes):
-            if plane not in self.additive:
-                raise ValueError(f"noise_um has no value for {plane}; it has {', '.join(self.additive)}")
-        return np.array([float(self.additive[plane]) * 1e-6 for plane in planes])
 
     def lags(self) -> tuple[float, ...]:
         """Correlations along a sweep at distances of 1, 2, ... lines, as long as they count."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -23,12 +24,16 @@ def suggest(
     found: list[str] = []
     if alternatives is not None:
         found.append(_speeds(plan, alternatives))
+    runs = np.array(plan.lines.run)
+    shares = {name: float(plan.share[runs == name].sum()) for name in dict.fromkeys(plan.lines.run)}
     if design is not None:
-        found += _runs(plan)
+        found += _runs(plan, shares)
         slow = too_fast(design, task.model, task.vector(), task.band)
         found += [slow] if slow else []
-    else:
-        found += _reshared(plan)
+    elif len(shares) > 1:  # tests are given as they are
+        best, share = max(shares.items(), key=lambda one: one[1])
+        words = f"Run {best} determines most of {_aim(plan)}: {share:.0%} of any further time would go there."
+        found.append(words)
     found += _for_wanted(plan, wanted)
     found += additions(task, plan, design, wanted)
     return tuple(found)
@@ -53,19 +58,17 @@ def _listed(speeds: tuple[float, ...]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
-def _runs(plan: Plan) -> list[str]:
+def _runs(plan: Plan, shares: Mapping[str, float]) -> list[str]:
     """Runs that deserve most of the time, and the lines in them."""
     runs = np.array(plan.lines.run)
-    names = list(dict.fromkeys(plan.lines.run))
-    share = np.array([plan.share[runs == name].sum() for name in names])
     clear = 2.0  # share of a line over that of an even test from which it is named
     sentences = []
-    for number in np.argsort(-share, kind="stable")[:NAMED].tolist():
-        own = np.flatnonzero(runs == names[number])
+    for name in sorted(shares, key=lambda name: -shares[name])[:NAMED]:
+        own = np.flatnonzero(runs == name)
         rich = own[plan.share[own] * plan.share.size > clear]
         at = sorted({float(f"{abs(w) * RPM_PER_RAD_S:.4g}") for w in plan.lines.frequency[rich].tolist()})
         where = f", most at {', '.join(f'{w:g}' for w in at[:NAMED])} rpm" if at else ""
-        sentences.append(f"{names[number]}: {share[number]:.0%} of the averaging time{where}.")
+        sentences.append(f"{name}: {shares[name]:.0%} of the averaging time{where}.")
     if plan.quantity:
         gains = [plan.even[name].stderr / plan.expected[name].stderr for name in plan.quantity]
         if all(math.isfinite(gain) for gain in gains):
@@ -77,38 +80,19 @@ def _runs(plan: Plan) -> list[str]:
     return sentences
 
 
-def _reshared(plan: Plan) -> list[str]:
-    """Gain by other shares of the time, for tests that are given as they are."""
-    runs = np.array(plan.lines.run)
-    names = list(dict.fromkeys(plan.lines.run))
-    share = np.array([plan.share[runs == name].sum() for name in names])
-    best = int(np.argmax(share))
-    if len(names) < 2:
-        return []
-    return [f"Run {names[best]} determines most of {_aim(plan)}: {share[best]:.0%} of any further time would go there."]
-
-
 def _for_wanted(plan: Plan, wanted: float | None) -> list[str]:
     if wanted is None:
         return []
-    sentences = []
+    sentences, goal = [], f"{significant(100 * wanted, 2)} %"
     for name in plan.quantity or tuple(plan.expected):
-        one = plan.expected[name]
-        if not math.isfinite(one.stderr):
-            sentences.append(
-                f"No averaging brings {name} to {significant(100 * wanted, 2)} %: this test leaves it open."
-            )
-            continue
+        one, average = plan.expected[name], float(plan.lines.average.sum())
         factor = (one.relative / wanted) ** 2
-        if factor <= 1:
-            sentences.append(
-                f"{name} comes to {percent(one)}, within the {significant(100 * wanted, 2)} % that are wanted."
-            )
-            continue
-        average = float(plan.lines.average.sum())
-        more = "" if math.isnan(average) else f", {duration(average * (factor - 1))} more"
-        sentences.append(
-            f"{name} comes to {percent(one)}; {significant(100 * wanted, 2)} % take {significant(factor, 3)} "
-            f"times the averaging{more}."
-        )
+        if not math.isfinite(one.stderr):
+            sentences.append(f"No averaging brings {name} to {goal}: this test leaves it open.")
+        elif factor <= 1:
+            sentences.append(f"{name} comes to {percent(one)}, within the {goal} that are wanted.")
+        else:
+            more = "" if math.isnan(average) else f", {duration(average * (factor - 1))} more"
+            take = f"{goal} take {significant(factor, 3)} times the averaging{more}"
+            sentences.append(f"{name} comes to {percent(one)}; {take}.")
     return sentences

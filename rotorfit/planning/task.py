@@ -71,12 +71,7 @@ class Task:
         fixed = found.prior() + np.swapaxes(earlier, 1, 2) @ earlier
         gradients = np.array([[target.at(x)[1] for target in asked] for x in draws])
         gradients = gradients.reshape(len(draws), len(asked), draws.shape[1])
-        whole = Lines(
-            rows=rows[:, own],
-            line=line[own] - line[own].min(),
-            fixed=fixed,
-            gradients=gradients,
-        )
+        whole = Lines(rows=rows[:, own], line=line[own] - line[own].min(), fixed=fixed, gradients=gradients)
         rank = whole.rank()
         kept = np.asarray((rank == rank.max()) & np.all(np.any(gradients != 0, axis=2), axis=1))
         if not kept.any():
@@ -117,7 +112,11 @@ class Task:
             certificate=shares,
             identifiability=found.errors()[1],
             suggestions=(),
-            notes=(*_notes(found, open_), *([] if design is None else _of_design(found, first, design))),
+            notes=(
+                *(f"{name} stays open." for name in open_),
+                *_unsteady(found),
+                *([] if design is None else _of_design(found, first, design)),
+            ),
             time_s=total,
             test=planned,
             expectation=found,
@@ -198,14 +197,10 @@ def _timed(
     settle, average = line_times(design, task.model, task.vector(), test, first, task.band)
     line: Index = test.lines.apart()[0]
     shared = (average * weight)[line]
-    sigma = np.hypot(task.noise.of_rows(test), _relative(task.noise) * sizes) / np.sqrt(weight[line])
+    relative = math.hypot(task.noise.share, task.noise.common)
+    sigma = np.hypot(task.noise.of_rows(test), relative * sizes) / np.sqrt(weight[line])
     planned = replace(test, sigma=sigma, attributes={"average_s": shared}, source="plan")
     return replace(table, settle=settle, average=average * weight), planned
-
-
-def _relative(noise: PlannedNoise) -> float:
-    """Noise of a reading over its size."""
-    return math.hypot(noise.share, noise.common)
 
 
 def _sizes(found: Expectation, test: PerturbationTest) -> Float:
@@ -247,14 +242,12 @@ def _of_design(found: Expectation, first: int, design: Design) -> list[str]:
     return [*(both if near else []), _largest_motion(found, first, design)]
 
 
-def _notes(found: Expectation, open_: Sequence[str]) -> tuple[str, ...]:
-    notes = [f"{name} stays open." for name in open_]
+def _unsteady(found: Expectation) -> list[str]:
+    """A caution where the rotor may be unstable at a speed of the test."""
     draws = found.guess.draws
-    if len(draws) > 1:
-        idle = [x for x in draws if not found.steady(x).all()]
-        if idle:
-            notes.append(
-                f"At {len(idle)} of {len(draws)} draws of the values the rotor is unstable at a speed of the test: "
-                "begin below and go up only as far as the first results allow."
-            )
-    return tuple(notes)
+    idle = sum(not found.steady(x).all() for x in draws) if len(draws) > 1 else 0
+    words = (
+        f"At {idle} of {len(draws)} draws of the values the rotor is unstable at a speed of the test: begin below and "
+        "go up only as far as the first results allow."
+    )
+    return [words] if idle else []

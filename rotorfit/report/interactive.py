@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from importlib.resources import files
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
@@ -55,7 +56,6 @@ def interactive_section(fit: FitResult) -> Html:
     """Amplitude and phase of every response to a circular force."""
     from bokeh.embed import components
     from bokeh.layouts import gridplot
-    from bokeh.resources import Resources
 
     from rotorfit.plots.sweeps import curves, joined
 
@@ -69,13 +69,13 @@ def interactive_section(fit: FitResult) -> Html:
     layout = gridplot([list(row) for row in rows], sizing_mode="stretch_width", toolbar_options={"logo": None})
     script, drawn = components(layout)
     ids = [source.id for source in sources], [plot.id for row in rows for plot in row]
-    library = Resources(mode="inline", components=["bokeh"]).render_js()
+    library = (files("bokeh") / "server" / "static" / "js" / "bokeh.min.js").read_text(encoding="utf-8")
     return section(
         "Interactive Bode plots",
         note(_WORDS),
         element("div", Html(drawn), id="responses"),
         element("pre", "No point was clicked.", id="rows"),
-        Html(f"{library}{script}<script>{_BEGIN % json.dumps(ids)}</script>"),
+        Html(f"<script>{library}</script>{script}<script>{_BEGIN % json.dumps(ids)}</script>"),
     )
 
 

@@ -50,19 +50,14 @@ class Share:
 
     def times(self, factor: float, unit: str) -> Share:
         """The same in another unit."""
+        numbers = {name: factor * getattr(self, name) for name in ("value", "random", "systematic", "combined")}
         sources = {source: factor * part for source, part in self.sources.items()}
-        value, random, systematic, combined = (
-            factor * number for number in (self.value, self.random, self.systematic, self.combined)
-        )
-        return Share(
-            name=self.name,
-            unit=unit,
-            value=value,
-            random=random,
-            systematic=systematic,
-            combined=combined,
-            sources=sources,
-        )
+        return replace(self, unit=unit, sources=sources, **numbers)
+
+
+def _alike(name: str, unit: str, value: float, size: float) -> Share:
+    """Shares without sources, all of one size."""
+    return Share(name=name, unit=unit, value=value, random=size, systematic=size, combined=size, sources={})
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -146,24 +141,14 @@ class Budget(Printed):
         group = fit.group(at)
         onset = threshold_speed(fit.model, fit.theta(at), band=fit.stability_band)
         if onset is None:
-            return Share(
-                name="threshold speed",
-                unit="rad/s",
-                value=math.nan,
-                random=math.nan,
-                systematic=math.nan,
-                combined=math.nan,
-                sources={},
-            )
+            return _alike("threshold speed", "rad/s", math.nan, math.nan)
         slope = fit.problem.space.pull_back(onset.gradient, group)
         resolved = math.isfinite(fit.threshold_of(group).stderr)
         return self._share("threshold speed", "rad/s", onset.speed, slope, resolved)
 
     def _share(self, name: str, unit: str, value: float, slope: Float, resolved: bool) -> Share:
         if not resolved:
-            return Share(
-                name=name, unit=unit, value=value, random=math.inf, systematic=math.inf, combined=math.inf, sources={}
-            )
+            return _alike(name, unit, value, math.inf)
         sources = {source: float(np.linalg.norm(slope @ part)) for source, part in self._sources.items()}
         total = float(standard_error(slope, self.fit.covar)) ** 2
         systematic = min(sum(part**2 for part in sources.values()), total)

@@ -146,7 +146,7 @@ class Posterior(Draws):
         Args:
             frequency, speed, options: as there.
         """
-        from rotorfit.uncertainty.prediction import predict
+        from rotorfit.uncertainty.predict import predict
 
         check_keywords("predict", options, PredictKeywords)
         return predict(self.fit, frequency, speed, thetas=self.thetas(options.get("at")), **options)

@@ -13,10 +13,10 @@ from rotorfit.estimators.inference.smooth_causes import Cause, Kind, Part, beyon
 from rotorfit.estimators.matching import matched
 from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN, Assumption
 from rotorfit.fitting.result import FitResult
-from rotorfit.models import RotorModel, Threshold
+from rotorfit.models import RotorModel, Threshold, eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.motion.neglected_terms import LeftOut, eigenvalues_with
-from rotorfit.models.motion.stability import counted, spectrum
+from rotorfit.models.motion.stability import counted, spectrum, whirls_forward
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.shafts.plane_forces import loop_stiffness
 
@@ -29,6 +29,7 @@ class Rotors:
     """Rotors of one model."""
 
     model: RotorModel  # the model
+    band: float = math.inf  # modulus of eigenvalues that count, rad/s
     theta: Float  # parameter vectors, shape ``(W, P)``
     # of the equation of motion that the model leaves out, and changes of its values with speed
     terms: tuple[LeftOut | Part, ...]
@@ -52,9 +53,10 @@ class Rotors:
                 raise ValueError(f"the factor of {name} in a case is {factor:g}; it is finite and not below zero")
         return replace(self, theta=self.theta * np.array([factors.get(name, 1.0) for name in names]))
 
-    def coupled(self, coupling: Mapping[str, Float]) -> Rotors:
-        """With cross-coupled stiffness at planes, N/m."""
-        return replace(self, coupling={p: np.broadcast_to(q, (len(self.theta),)) for p, q in coupling.items()})
+    def coupled(self, coupling: Mapping[str, float], factor: Float | float = 1.0) -> Rotors:
+        """With cross-coupled stiffness at planes, N/m, times a factor."""
+        each = {p: np.broadcast_to(q * np.ravel(factor), (len(self.theta),)) for p, q in coupling.items()}
+        return replace(self, coupling=each)
 
     def eigenvalues(self, speed: float, reference: ComplexArray) -> ComplexArray:
         """Those of each rotor that belong to the reference ones, shape ``(W, modes)``. Left-out terms, which are small,
@@ -62,11 +64,29 @@ class Rotors:
         motion = self._motion(speed)
         return self._with_terms(motion, speed, matched(spectrum(self.model, motion), reference))
 
-    def growth(self, speed: float, band: float) -> Float:
-        """Real part of the least stable eigenvalue up to ``|s| = band`` of each rotor, shape ``(W,)``."""
+    def modes(self, speed: float) -> ComplexArray:
+        """Modes of the first rotor by itself that count, in order of frequency."""
+        found = eigenvalues(self.model, self.theta[0], speed)
+        found = found[counted(self.model, found, self.band)]
+        if self.model.frame == "xy":
+            found = found[found.imag >= 0]
+        return np.asarray(found[np.argsort(found.imag)])
+
+    def least_decrement(self, speed: float) -> Float:
+        """Logarithmic decrement of the least stable forward mode of each rotor, shape ``(W,)``."""
+        reference = self.modes(speed)
+        forward = whirls_forward(self.model, self.theta[0], speed, reference)
+        if not self.model.speed_dependent:  # the sense of rotation is not known
+            forward = np.full(reference.size, True)
+        if not forward.any():
+            return np.full(len(self.theta), np.inf)
+        return np.asarray(decrement(self.eigenvalues(speed, reference)[:, forward]).min(axis=1))
+
+    def growth(self, speed: float) -> Float:
+        """Real part of the least stable eigenvalue up to the band of each rotor, shape ``(W,)``."""
         motion = self._motion(speed)
         s = spectrum(self.model, motion)
-        inside = counted(self.model, s, band)
+        inside = counted(self.model, s, self.band)
         rate = np.where(inside, s.real, -np.inf)
         least_stable = 4  # modes that may become the least stable one: two, in x and y each with its conjugate
         count = int(np.clip(inside.sum(axis=1).min(), 1, least_stable))
@@ -149,6 +169,12 @@ class Rotors:
         return total
 
 
+def decrement(s: ComplexArray) -> Float:
+    """Logarithmic decrement of eigenvalues; that of overdamped motion without oscillation is infinite."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(-2 * math.pi * s.real / np.abs(s.imag))
+
+
 def _skew(model: RotorModel, plane: str) -> list[tuple[int, int, complex]]:
     """Entries of a unit cross-coupled stiffness, Kxy = -Kyx = 1, which is -j in complex coordinates."""
     if model.frame == "z":
@@ -178,7 +204,7 @@ def has_planes(model: RotorModel) -> bool:
 def fitted_rotor(fit: FitResult, group: int) -> Rotors:
     """The fitted rotor alone."""
     theta = fit.thetas[group][None]
-    return Rotors(model=fit.model, theta=theta, terms=(), sizes=np.zeros((1, 0)), coupling={})
+    return Rotors(model=fit.model, band=fit.stability_band, theta=theta, terms=(), sizes=np.zeros((1, 0)), coupling={})
 
 
 def unseen_rotors(fit: FitResult, group: int) -> Rotors:
@@ -186,7 +212,9 @@ def unseen_rotors(fit: FitResult, group: int) -> Rotors:
     null = fit.identifiability.null_space
     x = fit.x[: null.shape[0]] + null.T / 10
     theta = fit.problem.space.theta(x)[:, group] if null.size else fit.thetas[:0, :]
-    return Rotors(model=fit.model, theta=theta, terms=(), sizes=np.zeros((len(theta), 0)), coupling={})
+    return Rotors(
+        model=fit.model, band=fit.stability_band, theta=theta, terms=(), sizes=np.zeros((len(theta), 0)), coupling={}
+    )
 
 
 def drawn_rotors(fit: FitResult, group: int, draws: int, thetas: Float | None = None) -> Rotors:
@@ -214,6 +242,7 @@ def drawn_rotors(fit: FitResult, group: int, draws: int, thetas: Float | None = 
     columns = np.column_stack(sizes) if sizes else np.zeros((len(theta), 0))
     return Rotors(
         model=fit.model,
+        band=fit.stability_band,
         theta=theta,
         terms=tuple(terms),
         sizes=columns,
