@@ -16,34 +16,19 @@ from rotorfit.estimators.file_reading import reading, shown
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
 
-FORMATS = {
-    ".h5": "hdf5",
-    ".hdf5": "hdf5",
-    ".hdf": "hdf5",
-    ".tdms": "tdms",
-    ".mat": "matlab",
-    ".npz": "npz",
-    ".wav": "wav",
-    ".uff": "universal",
-    ".unv": "universal",
-    ".uf58": "universal",
-    ".csv": "text",
-    ".txt": "text",
-    ".tsv": "text",
-    ".parquet": "parquet",
-}
-"""Module by suffix."""
 KINDS = {
-    "hdf5": "HDF5 file",
-    "tdms": "TDMS file",
-    "matlab": "MAT file",
-    "npz": "npz file",
-    "wav": "WAV file",
-    "universal": "universal file",
-    "text": "text file",
-    "parquet": "Parquet file",
+    "hdf5": ("HDF5 file", (".h5", ".hdf5", ".hdf")),
+    "tdms": ("TDMS file", (".tdms",)),
+    "matlab": ("MAT file", (".mat",)),
+    "npz": ("npz file", (".npz",)),
+    "wav": ("WAV file", (".wav",)),
+    "universal": ("universal file", (".uff", ".unv", ".uf58")),
+    "text": ("text file", (".csv", ".txt", ".tsv")),
+    "parquet": ("Parquet file", (".parquet",)),
 }
-"""Names of the formats in messages, by module."""
+"""Name in messages and suffixes by module of the format."""
+FORMATS = {suffix: kind for kind, (_, suffixes) in KINDS.items() for suffix in suffixes}
+"""Module by suffix."""
 FASTEST = 1e9
 """Sampling rate, Hz, above which it is no rate: vibration is sampled at some 1e5 Hz at most."""
 
@@ -61,29 +46,25 @@ def open_raw(path: str | Path) -> RawFile:
         raise FileNotFoundError(2, "there is no such file", str(file))
     note_input(file)
     file.open("rb").close()  # a folder is reported by its own exception
-    kind = FORMATS[suffix]
-    with reading(file.name, KINDS[kind]):
-        raw: RawFile = import_module(f"rotorfit.recordings.formats.{kind}").open_file(file)
-    raw = _with_shown_names(raw)
-    if not raw.channels:
+    module = import_module(f"rotorfit.recordings.formats.{FORMATS[suffix]}")
+    kind = KINDS[FORMATS[suffix]][0]
+    with reading(file.name, kind):
+        raw: RawFile = module.open_file(file)
+    channels = {shown(name): replace(channel, name=shown(channel.name)) for name, channel in raw.channels.items()}
+    if not channels:
         raise ValueError(f"{file.name} holds no signals: no channel with enough samples to be a recording")
-    check_unpacked(file.name, 8.0 * sum(channel.size for channel in raw.channels.values()), file.stat().st_size)
-    for channel in raw.channels.values():
-        for said in (raw.sample_rate, channel.sample_rate):
-            if said is not None and not 0 < said <= FASTEST:
+    check_unpacked(file.name, 8.0 * sum(channel.size for channel in channels.values()), file.stat().st_size)
+    for channel in channels.values():
+        for rate in (raw.sample_rate, channel.sample_rate):
+            if rate is not None and not 0 < rate <= FASTEST:
                 raise ValueError(
-                    f"{file.name}: {channel.name} has a sampling rate of {said:.6g} Hz; allowed is {FASTEST:g}"
+                    f"{file.name}: {channel.name} has a sampling rate of {rate:.6g} Hz; allowed is {FASTEST:g}"
                 )
         if not (np.isfinite(channel.offset) and np.isfinite(channel.volts_per_count or 1.0)):
             raise ValueError(f"{file.name}: the scale of {channel.name} is not a finite number")
-    return replace(raw, channels={name: _guarded(file.name, KINDS[kind], c) for name, c in raw.channels.items()})
-
-
-def _with_shown_names(raw: RawFile) -> RawFile:
-    """A file whose channels and attributes have names that can be shown."""
-    channels = {shown(name): replace(channel, name=shown(channel.name)) for name, channel in raw.channels.items()}
     said = {shown(name): shown(value) if isinstance(value, str) else value for name, value in raw.attributes.items()}
-    return replace(raw, channels=channels, attributes=said)
+    guarded = {name: _guarded(file.name, kind, channel) for name, channel in channels.items()}
+    return replace(raw, channels=guarded, attributes=said)
 
 
 def _guarded(source: str, kind: str, channel: RawChannel) -> RawChannel:

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.file_limits import check_unpacked
 from rotorfit.io.sampling import FEWEST, rate_of, rate_of_times, time_factor
-from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count, unit_said
-from rotorfit.recordings.formats.spool import once, spooled
+from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count, once, spooled, unit_said
 
 
 def open_file(path: Path) -> RawFile:

@@ -1,13 +1,23 @@
-"""A recording as its file holds it: channels of samples that are read piece by piece, and attributes."""
+"""A recording as its file holds it: channels of samples that are read piece by piece, and attributes.
+
+Samples of formats that cannot be read in pieces are kept in an unnamed file on disk rather than in memory.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import os
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+Samples = Callable[[int, int], NDArray[Any]]
+"""Samples of a channel from and to."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -16,7 +26,7 @@ class RawChannel:
 
     name: str  # as the file has it
     size: int  # samples
-    samples: Callable[[int, int], NDArray[Any]]
+    samples: Samples
     volts_per_count: float | None = None  # factor to volts that the file gives; None: not given
     offset: float = 0.0  # volts at count zero
     full_count: float | None = None  # largest count the file's type can hold, for integers; None: the file holds volts
@@ -39,6 +49,55 @@ class RawFile:
 def full_count(kind: np.dtype[Any]) -> float | None:
     """Largest count that an integer type holds; None for floating-point samples, which are volts."""
     return float(np.iinfo(kind).max) if kind.kind in "iu" else None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RawArray:
+    """A numeric array of a file, not read yet: a channel, or a matrix with one in each column (row, if these are the
+    longer ones)."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    read: Callable[[Any], NDArray[Any]]  # the part at an index, as NumPy takes it
+
+    @classmethod
+    def of(cls, values: NDArray[Any]) -> RawArray:
+        """An array in memory, or on disk."""
+        return cls(shape=values.shape, dtype=values.dtype, read=values.__getitem__)
+
+    @classmethod
+    def in_hdf5(cls, path: Path, item: Any) -> RawArray:
+        """A dataset of an HDF5 file, which is opened for each piece."""
+        import h5py
+
+        name = item.name
+
+        def read(index: Any) -> NDArray[Any]:
+            with h5py.File(path, "r") as file:
+                return np.asarray(file[name][index])
+
+        return cls(shape=tuple(item.shape), dtype=item.dtype, read=read)
+
+    @property
+    def size(self) -> int:
+        """Samples of a channel."""
+        return max(self.shape, default=0)
+
+    @property
+    def count(self) -> int:
+        """Channels."""
+        return min(self.shape) if len(self.shape) == 2 else 1
+
+    def channels(self, names: Sequence[str], **said: Any) -> Iterator[RawChannel]:
+        """Its channels by their names, each with what is said of all."""
+        full = full_count(self.dtype)
+        for column, name in enumerate(names):
+            yield RawChannel(name=name, size=self.size, samples=partial(self._piece, column), full_count=full, **said)
+
+    def _piece(self, column: int, start: int, stop: int) -> NDArray[Any]:
+        part = slice(start, stop)
+        along: Any = (part, column) if self.shape[0] == self.size else (column, part)
+        return np.asarray(self.read(part if len(self.shape) == 1 else along))
 
 
 _UNIT_KEYS = {"unit", "units", "unitstring", "engineeringunit", "engineeringunits", "yunit", "yunits"}
@@ -66,3 +125,37 @@ def plain(values: Mapping[str, Any]) -> dict[str, float | str]:
         if isinstance(item, str) or (isinstance(item, int | float) and np.isfinite(item)):
             found[name] = item
     return found
+
+
+def spooled(pieces: Iterable[NDArray[Any]], size: int, dtype: Any) -> NDArray[Any]:
+    """An array on disk, filled piece by piece; it takes no memory that the system cannot have back."""
+    length = max(size, 1) * np.dtype(dtype).itemsize
+    with tempfile.TemporaryFile() as file:  # deleted when the last map of it is gone
+        try:
+            if hasattr(os, "posix_fallocate"):  # writing to a map of a file that has no room ends the process
+                os.posix_fallocate(file.fileno(), 0, length)
+            else:
+                for begin in range(0, length, 1 << 24):
+                    file.write(bytes(min(1 << 24, length - begin)))
+                file.flush()
+        except OSError as problem:
+            where = f"{tempfile.gettempdir()} (the folder for temporary files, TMPDIR, needs {length} bytes)"
+            raise OSError(problem.errno, problem.strerror, where) from problem
+        whole: NDArray[Any] = np.memmap(file, dtype=dtype, mode="r+", shape=(max(size, 1),))
+    begin = 0
+    for piece in pieces:
+        whole[begin : begin + piece.size] = piece
+        begin += piece.size
+    return whole[:begin]
+
+
+def once(load: Callable[[], NDArray[Any]]) -> Samples:
+    """Reader of pieces of an array that is loaded when the first piece is asked for."""
+    held: list[NDArray[Any]] = []
+
+    def read(start: int, stop: int) -> NDArray[Any]:
+        if not held:
+            held.append(load())
+        return np.asarray(held[0][start:stop])
+
+    return read

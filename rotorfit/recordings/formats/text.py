@@ -10,7 +10,6 @@ import re
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from io import TextIOBase
 from itertools import islice
 from pathlib import Path
@@ -22,8 +21,7 @@ from numpy.typing import NDArray
 from rotorfit.estimators.file_limits import check_unpacked
 from rotorfit.io.sampling import rate_of, rate_of_times, time_factor
 from rotorfit.io.tables.cells import marked_encoding
-from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
-from rotorfit.recordings.formats.spool import spooled
+from rotorfit.recordings.formats.raw_file import RawArray, RawChannel, RawFile, spooled
 
 _ROWS = 1 << 17
 """Rows turned into numbers at once."""
@@ -75,7 +73,7 @@ def open_file(path: Path) -> RawFile:
         if factor is not None:
             rate = rate_of_times(np.asarray(values) * factor, f"{path.name}, column {name}")
         else:
-            channels[name] = RawChannel(name=name, size=values.size, samples=partial(_piece, values), unit=unit)
+            channels |= {channel.name: channel for channel in RawArray.of(values).channels([name], unit=unit)}
     return RawFile(name=path.name, channels=channels, attributes=head.attributes, sample_rate=rate)
 
 
@@ -212,7 +210,3 @@ def _rows(path: Path, file: TextIOBase, head: _Head) -> Iterator[NDArray[Any]]:
             raise ValueError(f"{path.name}: rows of {rows.shape[1]} cells under a header of {len(head.names)} columns")
         begin += len(lines)
         yield rows.reshape(-1)
-
-
-def _piece(values: NDArray[Any], start: int, stop: int) -> NDArray[Any]:
-    return np.array(values[start:stop])

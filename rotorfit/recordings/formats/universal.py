@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.io.sampling import FEWEST, rate_of_times
-from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
-from rotorfit.recordings.formats.spool import once, spooled
+from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, once, spooled
 
 _GENERAL, _TIME_RESPONSE = 0, 1
 _TIME = 17

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
+from rotorfit.recordings.formats.raw_file import RawArray, RawChannel, RawFile
 
 
 def open_file(path: Path) -> RawFile:
@@ -57,13 +57,6 @@ def _any(path: Path, problem: Exception) -> RawFile:
         raise ValueError(f"{path.name} is not a readable WAV file{why}") from problem
     if data.dtype.kind != "f":
         raise ValueError(f"{path.name} has samples of type {data.dtype}; export 16 or 24 bits")
-    table = data.reshape(data.shape[0], -1)
-    channels = {}
-    for i in range(table.shape[1]):
-        name = f"channel_{i + 1}"
-        channels[name] = RawChannel(name=name, size=table.shape[0], samples=partial(_piece, table, i))
-    return RawFile(name=path.name, channels=channels, sample_rate=float(rate))
-
-
-def _piece(table: NDArray[Any], column: int, start: int, stop: int) -> NDArray[Any]:
-    return np.asarray(table[start:stop, column])
+    columns = data.reshape(data.shape[0], -1).T
+    channels = [c for i, column in enumerate(columns, 1) for c in RawArray.of(column).channels([f"channel_{i}"])]
+    return RawFile(name=path.name, channels={c.name: c for c in channels}, sample_rate=float(rate))
