@@ -1,86 +1,209 @@
 """Setup of a rig: which channel is which probe and reference, what turns volts into motion, and what drives the rotor.
 
 Every field may be left unsaid (None): what a setup does not say is taken from the attributes of the recording, and what
-a ``[[run]]`` says of one file goes before both. :func:`prefer` is that rule.
+a ``[[run]]`` says of one file goes before both. :func:`prefer` is that rule. A field names the keys of ``rig.toml``
+that say it, with their readers, and those by which the top level of the file, or an attribute of a recording, says it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
+from rotorfit.recordings.rig.channel_units import ALLOWED, channel_unit
+from rotorfit.units import RAD_S_PER_RPM, UNITS
+
 T = TypeVar("T")
+Reader = Callable[[str, Any], Any]
+"""From what stands where (for messages) to the value of a field."""
+
+SENSITIVITIES = {
+    "V_per_m": 1.0,
+    "V_per_mm": 1e3,
+    "V_per_um": 1e6,
+    "V_per_mil": 1 / 25.4e-6,
+    "mV_per_um": 1e3,
+    "mV_per_mm": 1.0,
+    "mV_per_mil": 1e-3 / 25.4e-6,
+}
+"""Factor to V/m by unit of a probe's sensitivity."""
+_FORCE_SENSITIVITIES = {"V_per_N": 1.0, "mV_per_N": 1e-3, "V_per_lbf": 1 / 4.4482216152605}
+
+
+def number(where: str, value: Any) -> float:
+    """A finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{where} must be a finite number, got {value!r}")
+    return float(value)
+
+
+def positive(where: str, value: Any) -> float:
+    """A number above zero."""
+    if number(where, value) <= 0:
+        raise ValueError(f"{where} must be above zero, got {value!r}")
+    return float(value)
+
+
+def _nonzero(where: str, value: Any) -> float:
+    if number(where, value) == 0:
+        raise ValueError(f"{where} must not be zero")
+    return float(value)
+
+
+def _size(where: str, value: Any) -> float:
+    if number(where, value) < 0:
+        raise ValueError(f"{where} must not be negative, got {value!r}; a direction is another key")
+    return float(value)
+
+
+def _count(where: str, value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise ValueError(f"{where} must be a whole number of at least 1, got {value!r}")
+    return value
+
+
+def _ppm(where: str, value: Any) -> float:
+    found, most = number(where, value), 1000.0  # quartz is right to a hundred
+    if abs(found) > most:
+        raise ValueError(f"{where} is at most {most:g} either way, got {found:g}")
+    return found * 1e-6
+
+
+def _truth(where: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f"{where} must be true or false, got {value!r}")
+    return value
+
+
+def _range(where: str, value: Any) -> tuple[float, float]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise ValueError(f"{where} needs two voltages, [-18.0, -2.0]; got {value!r}")
+    low, high = sorted(number(where, each) for each in value)
+    return low, high
+
+
+def word(where: str, value: Any) -> str:
+    """A name."""
+    if not isinstance(value, str) or not value.strip():
+        raise ValueError(f"{where} must be a name in quotation marks, got {value!r}")
+    return value.strip()
+
+
+def _unit(where: str, value: Any) -> str:
+    if channel_unit(word(where, value)) is None:
+        raise ValueError(f"{where} must be one of {ALLOWED}; got {value!r}")
+    return str(value)
+
+
+def _choice(**allowed: Any) -> Reader:
+    def read(where: str, value: Any) -> Any:
+        if not isinstance(value, str) or value.lower() not in allowed:
+            raise ValueError(f"{where} must be one of {', '.join(allowed)}; got {value!r}")
+        return allowed[value.lower()]
+
+    return read
+
+
+def _in_units(stem: str, units: Mapping[str, float], reader: Reader = number) -> dict[str, Reader]:
+    """Keys of a quantity, one a unit, read with the factor of each to SI."""
+
+    def scaled(factor: float) -> Reader:
+        return lambda where, value: reader(where, value) * factor
+
+    return {f"{stem}_{unit}": scaled(factor) for unit, factor in units.items()}
+
+
+def _said(keys: Mapping[str, Reader], flat: Mapping[str, Reader] | None = None, *, default: Any = None) -> Any:
+    """A field with the keys that say it in its own table, and ``flat`` on the top level."""
+    return field(default=default, metadata={"keys": keys, "flat": flat or {}})
+
+
+_degrees: Reader = _in_units("angle", {"deg": math.pi / 180})["angle_deg"]
+_whirl = _choice(forward=1, fwd=1, backward=-1, bwd=-1)
+_plane, _channel = {"plane": word}, {"channel": word}
+_unbalance = _in_units("mr", UNITS["unbalance"], _size)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Probe:
     """A displacement probe."""
 
-    plane: str  # where it looks at the shaft
-    channel: str  # of the recording
-    angle: float | None = None  # where it sits, rad, counter-clockwise from x
-    sensitivity: float | None = None  # V/m; positive: the signal rises as the target approaches
-    linear_range: tuple[float, float] | None = None  # voltages between which it is linear, V, the lower first
-    centre: float | None = None  # voltage while the shaft is in the centre of its bearing, V; None: not known
-    unit: str | None = None  # in which its channel is scaled already; None: volts, or as the file says
-    delay: float | None = None  # time by which its channel is late against the marks, s; None: on time
+    plane: str = _said(_plane, default=MISSING)  # where it looks at the shaft
+    channel: str = _said(_channel, default=MISSING)  # of the recording
+    angle: float | None = _said({"angle_deg": _degrees})  # where it sits, rad, counter-clockwise from x
+    linear_range: tuple[float, float] | None = _said({"linear_range_V": _range})  # V, the lower first
+    # voltage while the shaft is in the centre of its bearing, V; None: not known
+    centre: float | None = _said({"centre_V": number})
+    unit: str | None = _said(
+        {"unit": _unit}
+    )  # in which its channel is scaled already; None: volts, or as the file says
+    # time by which its channel is late against the marks, s; None: on time
+    delay: float | None = _said(_in_units("delay", {"s": 1.0, "ms": 1e-3, "us": 1e-6}))
+    # V/m; positive: the signal rises as the target approaches
+    sensitivity: float | None = _said(_in_units("sensitivity", SENSITIVITIES, _nonzero))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
     """A phase reference: Keyphasor or tooth wheel."""
 
-    channel: str | None = None  # of the recording
-    edge: str | None = None  # ``"falling"`` or ``"rising"``, the edge that is angle zero; None: found from the signal
-    level: float | None = None  # voltage at which the edge is timed; None: half way
-    pulses_per_turn: int | None = None  # 1 unless given
-    clock: float | None = None  # share by which its channel's clock is fast against that of the probes; None: the same
-    steady: bool | None = None
+    channel: str | None = _said(_channel)  # of the recording
+    # the edge that is angle zero; None: found from the signal
+    edge: str | None = _said({"edge": _choice(falling="falling", rising="rising")})
+    level: float | None = _said({"level_V": number})  # voltage at which the edge is timed; None: half way
+    pulses_per_turn: int | None = _said({"pulses_per_turn": _count})  # 1 unless given
+    # share by which its channel's clock is fast against that of the probes; None: the same
+    clock: float | None = _said({"clock_ppm": _ppm})
+    steady: bool | None = _said({"steady": _truth})  # of a perturbator without a mark: it turns at one speed
 
 
 @dataclass(frozen=True, kw_only=True)
 class ForceSetup:
     """Force that drives the rotor: a rotating mass at a known angle, or a force that was measured."""
 
-    plane: str | None = None  # where the force acts
-    mr: float | None = None  # unbalance, kg m
-    angle: float | None = None  # heavy spot ahead of the mark in the direction it turns, rad; None: not known
-    hole_angle: float | None = None
-    whirl: int | None = None  # +1 turns with the shaft, -1 against it
-    channel_x: str | None = None  # channel of a measured force along x
-    channel_y: str | None = None  # channel of a measured force along y
-    sensitivity: float | None = None  # of these channels, V/N
-    unit: str | None = None  # in which these channels are scaled already; None: volts, or as the file says
+    plane: str | None = _said(_plane, {"force_plane": word, "weight_plane": word})  # where the force acts
+    mr: float | None = _said(_unbalance, _unbalance)  # unbalance, kg m
+    # heavy spot ahead of the mark in the direction it turns, rad; None: not known
+    angle: float | None = _said({"angle_deg": _degrees}, {"heavy_spot_deg_ahead_of_mark": _degrees})
+    # the same from a hole whose own angle is not known
+    hole_angle: float | None = _said({"hole_angle_deg": _degrees}, {"weight_angle_deg": _degrees})
+    whirl: int | None = _said({"whirl": _whirl}, {"whirl": _whirl})  # +1 turns with the shaft, -1 against it
+    channel_x: str | None = _said({"channel_x": word})  # channel of a measured force along x
+    channel_y: str | None = _said({"channel_y": word})  # channel of a measured force along y
+    sensitivity: float | None = _said(_in_units("sensitivity", _FORCE_SENSITIVITIES, _nonzero))  # of these, V/N
+    unit: str | None = _said({"unit": _unit})  # in which these are scaled already; None: volts, or as the file says
 
 
 @dataclass(frozen=True, kw_only=True)
 class LoadSetup:
     """A constant load on the turning shaft."""
 
-    plane: str | None = None  # where it acts
-    size: float | None = None  # N; zero: a recording without load, that positions may count from
-    angle: float | None = None  # its direction, rad, from x counter-clockwise
+    plane: str | None = _said(_plane, {"load_plane": word})  # where it acts
+    # N; zero: a recording without load, that positions may count from
+    size: float | None = _said({"N": _size, "lbf": _in_units("", UNITS["force"], _size)["_lbf"]}, {"load_N": _size})
+    angle: float | None = _said({"angle_deg": _degrees}, {"load_deg": _degrees})  # its direction, rad, from x
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImpulseSetup:
     """Blows or releases, after which the shaft vibrates freely."""
 
-    plane: str | None = None  # of the probes to look at
-    highest: float | None = None  # frequency above which nothing is of interest, rad/s
+    plane: str | None = _said(_plane, {"impulse_plane": word})  # of the probes to look at
+    # frequency above which nothing is of interest, rad/s
+    highest: float | None = _said(_in_units("highest", {"hz": 2 * math.pi}, positive))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Twist:
     """The disk's twist against the evenly turning end: a channel of torsion, or tooth wheels at two planes."""
 
-    channel: str | None = None  # of the recording
-    sensitivity: float | None = None  # V/rad
-    # even_wheel, wheel: channels of the tooth wheels at the evenly turning end and at the disk
-    even_wheel: str | None = None
-    wheel: str | None = None
-    teeth: int | None = None  # of each wheel
+    channel: str | None = _said(_channel)  # of the recording
+    sensitivity: float | None = _said({"sensitivity_V_per_rad": _nonzero})  # V/rad
+    even_wheel: str | None = _said({"even_wheel": word})  # channel of the tooth wheel at the evenly turning end
+    wheel: str | None = _said({"wheel": word})  # channel of that at the disk
+    teeth: int | None = _said({"teeth": _count})  # of each wheel
 
 
 VECTOR_ORDERS, WAVEFORM_ORDERS = 2, 24
@@ -91,19 +214,24 @@ VECTOR_ORDERS, WAVEFORM_ORDERS = 2, 24
 class SlowRollSetup:
     """Run-out to be taken out of the signals, as slow turning shows it."""
 
-    below: float | None = None  # speed below which motion that turns with the shaft is run-out, rad/s
-    file: str | None = None  # recording of slow turning in the folder of the recording; None: the recording itself
-    orders: int | None = None  # of the shaft; None: vectors
+    # speed below which motion that turns with the shaft is run-out, rad/s
+    below: float | None = _said(_in_units("below", {"rpm": RAD_S_PER_RPM}, positive))
+    # recording of slow turning in the folder of the recording; None: the recording itself
+    file: str | None = _said({"file": word})
+    # of the shaft; None: vectors
+    orders: int | None = _said({"as": _choice(vector=VECTOR_ORDERS, waveform=WAVEFORM_ORDERS)})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
     """Quantity and unit of a channel's numbers."""
 
-    volts_per_count: float | None = None  # factor; None where the full scale is given
-    full_scale: float | None = None  # volts at the largest count that the file can hold
-    offset: float = 0.0  # volts at count zero
-    unit: str | None = None  # in which the channel is scaled already; None: volts, or as the file says
+    volts_per_count: float | None = _said({"volts_per_count": _nonzero})  # None where the full scale is given
+    full_scale: float | None = _said({"full_scale_V": positive})  # volts at the largest count that the file can hold
+    offset: float = _said({"offset_V": number}, default=0.0)  # volts at count zero
+    unit: str | None = _said(
+        {"unit": _unit}
+    )  # in which the channel is scaled already; None: volts, or as the file says
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,9 +258,9 @@ class RigSetup:
         source: the file this was read from, for messages.
     """
 
-    rotation: int | None = None
-    sample_rate: float | None = None
-    speed: float | None = None
+    rotation: int | None = _said({}, {"rotation": _choice(ccw=1, cw=-1)})
+    sample_rate: float | None = _said({}, {"sample_rate_hz": positive})
+    speed: float | None = _said({}, _in_units("speed", {"rpm": RAD_S_PER_RPM, "hz": 2 * math.pi, "rad_s": 1.0}))
     shaft: Reference | None = None
     perturbator: Reference | None = None
     probes: tuple[Probe, ...] | None = None
@@ -142,7 +270,7 @@ class RigSetup:
     twist: Twist | None = None
     slow_roll: SlowRollSetup | None = None
     clearance: Mapping[str, float] = field(default_factory=dict)
-    sensitivity: float | None = None
+    sensitivity: float | None = _said({}, _in_units("sensitivity", SENSITIVITIES, _nonzero))
     scales: Mapping[str, Scale] = field(default_factory=dict)
     attributes: Mapping[str, float | str] = field(default_factory=dict)
     runs: Mapping[str, RigSetup] = field(default_factory=dict)
