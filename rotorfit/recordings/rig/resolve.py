@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -96,43 +97,35 @@ def file_setup(raw: RawFile) -> RigSetup:
     )
 
 
-def _check_twist(how: Twist, where: str) -> None:
-    """Refuse a ``[twist]`` that says neither a channel with its sensitivity nor two wheels with their teeth."""
-    wheels = (how.even_wheel, how.wheel, how.teeth)
-    if how.channel and any(part is not None for part in wheels):
-        raise ValueError(f"{where}: [twist] is a channel or two tooth wheels, not both")
-    if how.channel and how.sensitivity is None:
-        raise ValueError(f"{where}: the twist channel {how.channel} needs its sensitivity_V_per_rad in [twist]")
-    if not how.channel and any(part is None for part in wheels):
-        raise ValueError(
-            f"{where}: [twist] needs channel and sensitivity_V_per_rad, or even_wheel (the evenly turning end), wheel "
-            "(the other) and teeth"
-        )
-    if how.teeth is not None and how.teeth < _FEWEST_TEETH:
-        raise ValueError(
-            f"{where}: {how.teeth} teeth a turn are too few for a twist; at least {_FEWEST_TEETH} are needed"
-        )
-
-
 def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
     """The rig of a recording."""
     own = file_setup(raw)
     given = None if setup is None else setup.of_file(raw.name)
     source = setup.source if setup is not None and setup.source else "the setup"
     whole = _merged(given, own)
-    how = _how(raw) if setup is None else f"say it in {source}"
+    how = f"say it in {source}"
+    if setup is None:
+        how = (
+            f"write a setup: `rotorfit template {raw.name} > rig.toml` makes one of the file's own channels to fill "
+            "in; then give it (setup=, --setup)"
+        )
     _check_channels(raw, [probe.channel for probe in whole.probes or ()], source)
     probes = tuple(_complete_probe(raw, probe, whole, how) for probe in whole.probes or ())
     # a shaft that stands still passes no mark
     shaft, perturbator = (_reference(r) for r in (whole.shaft if whole.speed != 0 else None, whole.perturbator))
     planes = tuple(dict.fromkeys(probe.plane for probe in probes))
     force = _force(raw, whole, perturbator, planes)
-    if whole.twist is not None:
-        _check_twist(whole.twist, raw.name)
+    _check_tables(whole, shaft, planes, raw.name, source)
     marked = [p.channel for p in probes] + [r.channel for r in (shaft, perturbator) if r is not None and r.channel]
     used = _used(raw, whole, source, marked, () if force is None else force.channels, how)
     sample_rate, size = _rate(raw, used, whole), _size(raw, used)
-    _check_delays(raw, probes, size / sample_rate, source)
+    longest = size / sample_rate / _LENGTH_OVER_DELAY
+    for probe in probes:
+        if abs(probe.delay or 0.0) > longest:
+            raise ValueError(
+                f"{raw.name}, as {source} describes it: the probe {probe.channel} would be {probe.delay:g} s late; "
+                f"at most {significant(longest, 3)} s are allowed, a hundredth of the recording"
+            )
     return Rig(
         sample_rate=sample_rate,
         size=size,
@@ -144,8 +137,8 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
         load=_load(raw, whole.load, planes, whole.rotation or 1),
         impulse=whole.impulse,
         twist=whole.twist,
-        slow_roll=_slow_roll(whole.slow_roll, shaft, source),
-        clearance=_clearance(whole.clearance, planes, source),
+        slow_roll=whole.slow_roll,
+        clearance=whole.clearance,
         scales={channel.name: _scale(raw, channel, whole) for channel in used},
         speed=whole.speed,
         attributes=dict(whole.attributes),
@@ -153,21 +146,45 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
     )
 
 
-def _check_delays(raw: RawFile, probes: Sequence[Probe], duration: float, source: str) -> None:
-    """Refuse delays that leave too little of a recording."""
-    for probe in probes:
-        if abs(probe.delay or 0.0) > duration / _LENGTH_OVER_DELAY:
+def _check_tables(whole: RigSetup, shaft: Reference | None, planes: Sequence[str], where: str, source: str) -> None:
+    """Refuse tables of a setup that say too little, or what does not go together."""
+    twist, slow_roll = whole.twist, whole.slow_roll
+    if twist is not None:
+        wheels = (twist.even_wheel, twist.wheel, twist.teeth)
+        if twist.channel and any(part is not None for part in wheels):
+            raise ValueError(f"{where}: [twist] is a channel or two tooth wheels, not both")
+        if twist.channel and twist.sensitivity is None:
+            raise ValueError(f"{where}: the twist channel {twist.channel} needs its sensitivity_V_per_rad in [twist]")
+        if not twist.channel and any(part is None for part in wheels):
             raise ValueError(
-                f"{raw.name}, as {source} describes it: the probe {probe.channel} would be {probe.delay:g} s late; "
-                f"at most {significant(duration / _LENGTH_OVER_DELAY, 3)} s are allowed, a hundredth of the recording"
+                f"{where}: [twist] needs channel and sensitivity_V_per_rad, or even_wheel (the evenly turning end), "
+                "wheel (the other) and teeth"
             )
+        if twist.teeth is not None and twist.teeth < _FEWEST_TEETH:
+            raise ValueError(
+                f"{where}: {twist.teeth} teeth a turn are too few for a twist; at least {_FEWEST_TEETH} are needed"
+            )
+    if slow_roll is not None and slow_roll.below is None and slow_roll.file is None:
+        raise ValueError(
+            f"{source}, [slow_roll]: give below_rpm, the speed below which the shaft does not vibrate, or file, a "
+            "recording of slow turning"
+        )
+    if slow_roll is not None and shaft is None:
+        raise ValueError(f"{source}, [slow_roll] needs the shaft's own mark; name its channel in [shaft]")
+    for plane in whole.clearance:
+        if plane not in planes:
+            raise ValueError(f"{source}, [clearance_um]: {unknown_name('plane', plane, planes)}")
 
 
 def _merged(given: RigSetup | None, own: RigSetup) -> RigSetup:
     """The rig by the setup, and where it is silent by the file; channels that measure a force are no probes."""
     whole = own if given is None else prefer(given, own)
     if given is not None and given.probes:
-        whole = replace(whole, probes=tuple(_with_own_angle(probe, own) for probe in given.probes))
+        known = {probe.channel: probe for probe in own.probes or ()}
+        probes = (
+            prefer(p, replace(known[p.channel], plane=p.plane)) if p.channel in known else p for p in given.probes
+        )
+        whole = replace(whole, probes=tuple(probes))
     if given is not None and given.twist is not None and given.twist.wheel:
         whole = replace(whole, twist=given.twist)
     forces = {whole.force.channel_x, whole.force.channel_y} if whole.force is not None else set()
@@ -198,39 +215,6 @@ def _used(
             "has a channel of its own"
         )
     return [raw.channels[name] for name in dict.fromkeys(named)]
-
-
-def _slow_roll(how: SlowRollSetup | None, shaft: Reference | None, source: str) -> SlowRollSetup | None:
-    """Run-out by the setup."""
-    if how is not None and how.below is None and how.file is None:
-        raise ValueError(
-            f"{source}, [slow_roll]: give below_rpm, the speed below which the shaft does not vibrate, or file, a "
-            "recording of slow turning"
-        )
-    if how is not None and shaft is None:
-        raise ValueError(f"{source}, [slow_roll] needs the shaft's own mark; name its channel in [shaft]")
-    return how
-
-
-def _clearance(given: Mapping[str, float], planes: tuple[str, ...], source: str) -> Mapping[str, float]:
-    """Clearances of planes that there are."""
-    for plane in given:
-        if plane not in planes:
-            raise ValueError(f"{source}, [clearance_um]: {unknown_name('plane', plane, planes)}")
-    return given
-
-
-def _how(raw: RawFile) -> str:
-    return (
-        f"write a setup: `rotorfit template {raw.name} > rig.toml` makes one of the file's own channels to fill in; "
-        "then give it (setup=, --setup)"
-    )
-
-
-def _with_own_angle(probe: Probe, own: RigSetup) -> Probe:
-    """A probe of the setup with the angle that the file gives it where the setup is silent."""
-    same = next((other for other in own.probes or () if other.channel == probe.channel), None)
-    return probe if same is None else prefer(probe, replace(same, plane=probe.plane))
 
 
 def _complete_probe(raw: RawFile, probe: Probe, setup: RigSetup, how: str) -> Probe:
@@ -293,12 +277,6 @@ def _scaled(raw: RawFile, channel: str, unit: ChannelUnit, quantity: str, sensit
             f'sensitivity away, or say unit = "V" of the channel if it holds volts'
         )
     return 1 / unit.factor
-
-
-def _volts(raw: RawFile, channel: RawChannel, setup: RigSetup) -> float:
-    """Volts of one in the unit of a channel that is in mV, or in what is no voltage at all 1."""
-    unit = _unit_of(raw, channel.name, None, setup)
-    return unit.factor if unit is not None and unit.quantity == "voltage" else 1.0
 
 
 def _reference(reference: Reference | None) -> Reference | None:
@@ -410,7 +388,8 @@ def _scale(raw: RawFile, channel: RawChannel, setup: RigSetup) -> tuple[float, f
     if scale is None or scale.unit is not None:
         scale = Scale(volts_per_count=channel.volts_per_count, offset=channel.offset)
         if scale.volts_per_count is None and channel.full_count is None:
-            return _volts(raw, channel, setup), scale.offset
+            unit = _unit_of(raw, channel.name, None, setup)
+            return (unit.factor if unit is not None and unit.quantity == "voltage" else 1.0), scale.offset
     if scale.full_scale is not None:
         return scale.full_scale / (channel.full_count or 1.0), scale.offset
     if scale.volts_per_count is None and channel.full_count is not None:
@@ -423,40 +402,39 @@ def _scale(raw: RawFile, channel: RawChannel, setup: RigSetup) -> tuple[float, f
 
 def _contradictions(given: RigSetup, own: RigSetup, raw: RawFile, source: str) -> list[Finding]:
     """Values that setup and file give differently; those of the setup were taken."""
+    found: list[str] = []
+
+    def compare(what: str, mine: Any, other: Any, factor: float = 1.0, *, angle: bool = False) -> None:
+        if mine is None or other is None:
+            return
+        if angle:  # within half a turn of each other
+            mine, factor = other + (mine - other + np.pi) % (2 * np.pi) - np.pi, 180 / np.pi
+        words = isinstance(mine, str)
+        if mine != other if words else not np.isclose(mine * factor, other * factor, rtol=1e-4, atol=1e-9):
+            shown = [each if words else f"{each * factor:.6g}" for each in (mine, other)]
+            found.append(f"{what}: {source} says {shown[0]}, the file {shown[1]}")
+
     rates = (own.sample_rate, raw.sample_rate, *(channel.sample_rate for channel in raw.channels.values()))
-    pairs: list[tuple[str, float | str | None, float | str | None]] = [
-        ("sample rate (Hz)", given.sample_rate, next((rate for rate in rates if rate is not None), None)),
-        ("speed (rpm)", _times(given.speed, RPM_PER_RAD_S), _times(own.speed, RPM_PER_RAD_S)),
-        ("sensitivity (V/mm)", _times(given.sensitivity, 1e-3), _times(own.sensitivity, 1e-3)),
-    ]
+    compare("sample rate (Hz)", given.sample_rate, next((rate for rate in rates if rate is not None), None))
+    compare("speed (rpm)", given.speed, own.speed, RPM_PER_RAD_S)
+    compare("sensitivity (V/mm)", given.sensitivity, own.sensitivity, 1e-3)
     if given.force is not None and own.force is not None:
-        pairs += [
-            ("plane of the force", given.force.plane, own.force.plane),
-            ("unbalance (g mm)", _times(given.force.mr, 1e6), _times(own.force.mr, 1e6)),
-            ("angle of the heavy spot (deg)", *_degrees(given.force.angle, own.force.angle)),
-            ("direction of whirl", _WHIRL.get(given.force.whirl or 0), _WHIRL.get(own.force.whirl or 0)),
-        ]
+        compare("plane of the force", given.force.plane, own.force.plane)
+        compare("unbalance (g mm)", given.force.mr, own.force.mr, 1e6)
+        compare("angle of the heavy spot (deg)", given.force.angle, own.force.angle, angle=True)
+        mine, other = ({1: "forward", -1: "backward"}.get(force.whirl or 0) for force in (given.force, own.force))
+        compare("direction of whirl", mine, other)
     by_setup = {probe.channel: probe for probe in own.probes or ()}
     for probe in given.probes or ():
         angle = by_setup[probe.channel].angle if probe.channel in by_setup else None
-        mine, other = (_times(setup.sensitivity, 1e-3) for setup in (probe, own))
-        pairs += [
-            (f"angle of {probe.channel} (deg)", *_degrees(probe.angle, angle)),
-            (f"sensitivity of {probe.channel} (V/mm)", mine, other),
-        ]
-    pairs += _units(given, raw)
-    found = [
-        f"{what}: {source} says {_text(mine)}, the file {_text(other)}"
-        for what, mine, other in pairs
-        if mine is not None and other is not None and not _same(mine, other)
-    ]
+        compare(f"angle of {probe.channel} (deg)", probe.angle, angle, angle=True)
+        compare(f"sensitivity of {probe.channel} (V/mm)", probe.sensitivity, own.sensitivity, 1e-3)
+    for what, mine, other in _units(given, raw):
+        compare(what, mine, other)
     found += [f"planes of the probes: {words}" for words in _parted(given.probes or (), by_setup, source)]
     return [
         Finding("warning", "setup-contradicts-file", f"{raw.name}: {words}; the setup is followed.") for words in found
     ]
-
-
-_WHIRL = {1: "forward", -1: "backward"}
 
 
 def _units(given: RigSetup, raw: RawFile) -> Iterator[tuple[str, str, str]]:
@@ -471,24 +449,6 @@ def _units(given: RigSetup, raw: RawFile) -> Iterator[tuple[str, str, str]]:
             yield f"unit of {channel}", mine.name, other.name
 
 
-def _times(value: float | None, factor: float) -> float | None:
-    return None if value is None else value * factor
-
-
-def _degrees(mine: float | None, other: float | None) -> tuple[float | None, float | None]:
-    """Two angles in degrees, the first within half a turn of the second."""
-    if mine is None or other is None:
-        return None, None
-    between = (mine - other + np.pi) % (2 * np.pi) - np.pi
-    return float(np.degrees(other + between)), float(np.degrees(other))
-
-
-def _same(mine: float | str, other: float | str) -> bool:
-    if isinstance(mine, str) or isinstance(other, str):
-        return mine == other
-    return bool(np.isclose(mine, other, rtol=1e-4, atol=1e-9))
-
-
 def _parted(given: Sequence[Probe], by_setup: Mapping[str, Probe], source: str) -> Iterator[str]:
     """Pairs of probes that setup and file do not agree about: of one plane by the one, of two by the other."""
     both = [(probe, by_setup[probe.channel].plane) for probe in given if probe.channel in by_setup and probe.plane]
@@ -500,7 +460,3 @@ def _parted(given: Sequence[Probe], by_setup: Mapping[str, Probe], source: str) 
                     f"they are at {of_one} and {of_other}"
                 )
                 return
-
-
-def _text(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:.6g}"
