@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.signals.spectral_lines import full_spectrum
 from rotorfit.models.array_types import Float, Index
@@ -16,17 +14,25 @@ from rotorfit.recordings.signals import Signals
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Cascade:
+class CascadeTimes:
+    """Where the spectra of a cascade are taken."""
+
+    over: str  # what tells them apart: ``time``, ``speed`` or ``perturbation``
+    size: int  # samples of each
+    starts: Index  # first sample of each, shape ``(W,)``
+    position: Float  # s or rad/s, shape ``(W,)``
+    shaft: Float  # shaft speed at each spectrum, rad/s; NaN without a mark
+    perturbation: Float  # speed of the perturbation at each spectrum, rad/s, signed by its whirl; NaN without a mark
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cascade(CascadeTimes):
     """Full spectra of one plane, one after the other."""
 
     plane: str  # its name
     direction: str | None  # x or y where the spectra are of the motion along it alone, frequencies not negative
-    over: str  # what tells them apart: ``time``, ``speed`` or ``perturbation``
-    position: Float  # s or rad/s, shape ``(W,)``
     frequency: Float  # Hz, negative is backward, shape ``(F,)``
     amplitude: Float  # m, shape ``(W, F)``; a circle of radius A has A
-    shaft: Float  # shaft speed at each spectrum, rad/s; NaN without a mark
-    perturbation: Float  # speed of the perturbation at each spectrum, rad/s, signed by its whirl; NaN without a mark
 
 
 def spectrum(record: Signals, plane: str, start: float, stop: float | None) -> tuple[Float, Float]:
@@ -57,46 +63,25 @@ def cascade(
     places = cascade_times(record, marks, over, spectra)
     rows = []
     for start in places.starts.tolist():
-        z = _along(record.motion(plane, start, start + places.size), direction, f"{record.name}, {plane}")
+        z = record.motion(plane, start, start + places.size)
+        if direction is not None and not np.iscomplexobj(z):
+            raise ValueError(f"{record.name}, {plane}: one probe reads this plane; leave direction out for its spectra")
+        z = {"x": z.real, "y": z.imag}.get(direction or "", z)
         frequency, amplitude = full_spectrum(z.astype(complex), record.sample_rate, points=4)  # round lines
         rows.append(amplitude if np.iscomplexobj(z) else 2 * amplitude)
     shown = frequency >= (-np.inf if direction is None else 0)
-    return Cascade(
-        plane=plane,
-        direction=direction,
-        over=places.over,
-        position=places.position,
-        frequency=frequency[shown],
-        amplitude=np.array(rows)[:, shown],
-        shaft=places.shaft,
-        perturbation=places.perturbation,
-    )
-
-
-def _along(z: NDArray[Any], direction: str | None, where: str) -> NDArray[Any]:
-    """Motion ``x + jy`` as it is, or along x or y."""
-    if direction is None:
-        return z
-    if not np.iscomplexobj(z):
-        raise ValueError(f"{where}: one probe reads this plane; leave direction out for its spectra")
-    return np.asarray(z.real if direction == "x" else z.imag)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CascadeTimes:
-    """Where the spectra of a cascade are taken."""
-
-    over: str  # what tells them apart: ``time``, ``speed`` or ``perturbation``
-    size: int  # samples of each
-    starts: Index  # first sample of each, shape ``(W,)``
-    position: Float  # s or rad/s, shape ``(W,)``
-    shaft: Float  # shaft speed at each spectrum, rad/s; NaN without a mark
-    perturbation: Float  # speed of the perturbation at each spectrum, rad/s, signed by its whirl; NaN without a mark
+    amplitude = np.array(rows)[:, shown]
+    return Cascade(**vars(places), plane=plane, direction=direction, frequency=frequency[shown], amplitude=amplitude)
 
 
 def cascade_times(record: Signals, marks: Marks, over: str | None, spectra: int) -> CascadeTimes:
     """Even steps of time, speed or perturbation frequency."""
-    over = _changing(marks) if over is None else over
+    if over is None:  # what changes
+        over = "time"
+        for name, angle in (("speed", marks.shaft), ("perturbation", marks.perturbator)):
+            if angle is not None:
+                speed = angle.speed(np.linspace(angle.begin, angle.end, 50))
+                over = name if np.ptp(speed) > 0.1 * np.abs(speed).max() else over
     if over not in ("time", "speed", "perturbation"):
         raise ValueError(unknown_name("axis of a cascade", over, ("time", "speed", "perturbation")))
     most_samples = 1 << 15  # most samples of a spectrum of a cascade
@@ -125,15 +110,6 @@ def cascade_times(record: Signals, marks: Marks, over: str | None, spectra: int)
         shaft=shaft,
         perturbation=perturbation,
     )
-
-
-def _changing(marks: Marks) -> str:
-    for name, angle in (("perturbation", marks.perturbator), ("speed", marks.shaft)):
-        if angle is not None:
-            speed = angle.speed(np.linspace(angle.begin, angle.end, 50))
-            if np.ptp(speed) > 0.1 * np.abs(speed).max():
-                return name
-    return "time"
 
 
 def steady_lines(marks: Marks, start: float, stop: float) -> dict[str, float]:

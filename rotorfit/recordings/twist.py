@@ -8,7 +8,6 @@ taken out as a pattern, and with them what of the twist is locked to the shaft.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,10 +18,7 @@ from rotorfit.recordings.angle_track import track
 from rotorfit.recordings.marks import Marks
 from rotorfit.recordings.rig.setup import Reference
 from rotorfit.recordings.signals import Signals
-from rotorfit.recordings.spectra import cascade_times
-
-if TYPE_CHECKING:
-    from rotorfit.recordings.rig.setup import Twist
+from rotorfit.recordings.spectra import CascadeTimes, cascade_times
 
 
 def twist_of(record: Signals) -> Float:
@@ -33,10 +29,6 @@ def twist_of(record: Signals) -> Float:
     if how.channel:
         volts = record.channel(how.channel)
         return np.asarray((volts - volts.mean()) / float(how.sensitivity or 1.0))
-    return _between_wheels(record, how)
-
-
-def _between_wheels(record: Signals, how: Twist) -> Float:
     from scipy.interpolate import CubicSpline
 
     teeth = int(how.teeth or 1)
@@ -60,16 +52,12 @@ def _between_wheels(record: Signals, how: Twist) -> Float:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TwistView:
+class TwistView(CascadeTimes):
     """Data of the figure of the twist."""
 
-    over: str  # what tells the spectra apart: ``time``, ``speed`` or ``perturbation``
-    position: Float  # s or rad/s, shape ``(W,)``
     overall: Float  # amplitude that a sine of the same mean square has, rad 0-pk, shape ``(W,)``
     frequency: Float  # Hz, from zero, shape ``(F,)``
     amplitude: Float  # of the lines, rad 0-pk, shape ``(W, F)``
-    shaft: Float  # shaft speed at each spectrum, rad/s; NaN without a mark
-    perturbation: Float  # speed of the perturbation at each spectrum, rad/s, signed; NaN without a mark
 
 
 def twist_view(record: Signals, marks: Marks, *, over: str | None, spectra: int) -> TwistView:
@@ -82,12 +70,5 @@ def twist_view(record: Signals, marks: Marks, *, over: str | None, spectra: int)
         frequency, amplitude = full_spectrum(part.astype(complex), record.sample_rate)
         rows.append(2 * amplitude[frequency >= 0])
         overall.append(float(np.sqrt(2) * part.std()))
-    return TwistView(
-        over=places.over,
-        position=places.position,
-        overall=np.array(overall),
-        frequency=frequency[frequency >= 0],
-        amplitude=np.array(rows),
-        shaft=places.shaft,
-        perturbation=places.perturbation,
-    )
+    positive = frequency[frequency >= 0]
+    return TwistView(**vars(places), frequency=positive, amplitude=np.array(rows), overall=np.array(overall))

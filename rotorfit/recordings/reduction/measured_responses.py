@@ -28,8 +28,7 @@ from rotorfit.recordings.reduction.measured_force import (
     force_across,
     reduce_measured,
 )
-from rotorfit.recordings.reduction.response_lines import Report, clear_lines, estimated, shaft_speed_at
-from rotorfit.recordings.reduction.response_rows import readings, rows
+from rotorfit.recordings.reduction.response_lines import Report, clear_lines, estimated, readings, rows, shaft_speed_at
 
 if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording

@@ -11,25 +11,24 @@ import numpy as np
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding
 from rotorfit.data.synchronous import DIFFERENCED
-from rotorfit.estimators.signals.local_response import SMOOTH_DEGREE
-from rotorfit.recordings.reduction.dwell_responses import dwell_responses, dwelling, dwells_of
-from rotorfit.recordings.reduction.images import image_seen
+from rotorfit.estimators.signals.local_response import SMOOTH_DEGREE, LocalResponse
+from rotorfit.models.array_types import ComplexArray
 from rotorfit.recordings.reduction.measured_responses import measured_responses
-from rotorfit.recordings.reduction.reduced_record import ReducedRecord, reduce_record
+from rotorfit.recordings.reduction.reduced_record import ReducedRecord, is_pair, reduce_record
 from rotorfit.recordings.reduction.response_lines import (
     Report,
     clear_lines,
     driven,
     estimated,
+    readings,
+    rows,
     say_lost,
     shaft_speed_at,
     time_at,
 )
-from rotorfit.recordings.reduction.response_rows import readings, rows
-from rotorfit.recordings.reduction.window_responses import window_responses
+from rotorfit.recordings.reduction.steady_responses import dwell_responses, dwelling, dwells_of, window_responses
 
 if TYPE_CHECKING:
-    from rotorfit.recordings.angle_track import AngleTrack
     from rotorfit.recordings.recording import Recording
     from rotorfit.recordings.rig.setup import Force
 
@@ -45,14 +44,10 @@ def reduced_responses(
         return window_responses(_reduce(records[0]), force, turns)
     if force.reference == "perturbator":
         return _perturbed(records[0], report)
-    return _balance_run(records[0]) if dwelling(records[0]) else _start_ups(records, groups, report)
-
-
-def _balance_run(record: Recording) -> PerturbationTest:
-    """One record of a shaft that dwells with or without a weight: its 1x vectors, residual unbalance in them."""
-    reduced = _reduce(record)
-    parts = dwells_of(reduced)
-    return dwell_responses(reduced, parts, force_of(record))[0]
+    if not dwelling(records[0]):
+        return _start_ups(records, groups, report)
+    reduced = _reduce(records[0])  # a balance run: its 1x vectors have residual unbalance in them
+    return dwell_responses(reduced, dwells_of(reduced), force)[0]
 
 
 def force_of(record: Recording) -> Force:
@@ -67,7 +62,10 @@ def force_of(record: Recording) -> Force:
 def _reduce(record: Recording) -> ReducedRecord:
     """A recording whose force is locked to a mark, at the rate that it needs."""
     force = force_of(record)
-    return reduce_record(record, _drive(record), force.whirl)
+    drive = record.shaft_angle() if force.reference == "shaft" else record.perturbator_angle()
+    if drive is None:
+        raise ValueError(f"{record.name} has no phase reference of the perturbator; name its channel in [perturbator]")
+    return reduce_record(record, drive, force.whirl)
 
 
 def _perturbed(record: Recording, report: Report) -> PerturbationTest:
@@ -88,11 +86,12 @@ def _perturbed(record: Recording, report: Report) -> PerturbationTest:
 def _sweep(reduced: ReducedRecord, report: Report) -> PerturbationTest:
     """One record of a perturbator that sweeps."""
     record = reduced.record
-    force, drive = force_of(record), _drive(record)
+    force = force_of(record)
     weight = np.array([force.mr * np.exp(1j * force.angle)])
     calm = reduced.without_orders()
     found = estimated([record], [calm.spectra(weight, reduced.orders())], *reduced.band)
     w = found.frequency
+    turned = 0.0 if reduced.drive is None else reduced.drive.stderr(time_at(reduced, w))
     if image_seen(reduced, found):
         report(
             Finding(
@@ -104,7 +103,7 @@ def _sweep(reduced: ReducedRecord, report: Report) -> PerturbationTest:
             )
         )
     return rows(
-        readings(record, force.whirl, found, np.abs(found.response[0]) * drive.stderr(time_at(reduced, w))),
+        readings(record, force.whirl, found, np.abs(found.response[0]) * turned),
         clear_lines(reduced, found, 4, report),
         run=record.name,
         frequency=force.whirl * w,
@@ -113,16 +112,6 @@ def _sweep(reduced: ReducedRecord, report: Report) -> PerturbationTest:
         force=force.mr * w**2 * np.exp(1j * force.angle),
         attributes=record.attributes,
     )
-
-
-def _drive(record: Recording) -> AngleTrack:
-    """The angle that the force is locked to."""
-    if force_of(record).reference == "shaft":
-        return record.shaft_angle()
-    drive = record.perturbator_angle()
-    if drive is None:
-        raise ValueError(f"{record.name} has no phase reference of the perturbator; name its channel in [perturbator]")
-    return drive
 
 
 def _start_ups(records: Sequence[Recording], groups: int, report: Report) -> PerturbationTest:
@@ -171,3 +160,42 @@ def _start_ups(records: Sequence[Recording], groups: int, report: Report) -> Per
         force=reference * w**2,
         attributes={**records[0].attributes, DIFFERENCED: float(differenced)},
     )
+
+
+def image_seen(reduced: ReducedRecord, found: LocalResponse) -> bool:
+    """True if what responses to a forward sweep leave over follows ``conj(f) exp(2j theta)`` where two probes are.
+
+    The image of a backward one is above its band, where nothing was looked at.
+    """
+    if reduced.shaft_angle is None or reduced.whirl < 0:
+        return False
+    image = reduced.unit_force.conj() * np.exp(2j * reduced.shaft_angle)
+    drives = [reduced.spectrum(signal) for signal in (image, image.conj())]  # of z and of its conjugate
+    row = 0
+    for plane in reduced.record.planes:
+        pair = is_pair(reduced.record, plane)
+        # Share of what the responses leave over that is the image, from which it stands out of the noise
+        image_share = 0.4
+        if pair and _share(found, row, drives) > image_share:
+            return True
+        row += 4 if pair else 1
+    return False
+
+
+def _share(found: LocalResponse, row: int, drives: Sequence[ComplexArray]) -> float:
+    """Share of the power left over that drives explain, those of two rows from one on."""
+    explained = left = 0.0
+    # Spectral lines of a band in which the response to the image's drive is one number: noise explains 1/12 so.
+    lines = 12
+    for rest, drive in zip(found.residual[0][row : row + 2], drives, strict=True):
+        inside = np.flatnonzero(np.isfinite(rest))
+        count = inside.size // lines * lines
+        if not count:
+            continue
+        r, d = (values[inside[:count]].reshape(-1, lines) for values in (rest, drive))
+        power = np.sum(np.abs(d) ** 2, axis=1)
+        drive_power_share = 0.1  # power of the drive over that of its median band from which it counts
+        counts = power > drive_power_share * np.median(power[power > 1e-3 * power.max()])
+        explained += float(np.sum((np.abs(np.sum(d.conj() * r, axis=1)) ** 2 / np.maximum(power, 1e-300))[counts]))
+        left += float(np.sum(np.abs(r[counts]) ** 2))
+    return explained / left if left else 0.0

@@ -15,9 +15,8 @@ from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.recording import Recording, named_apart
 from rotorfit.recordings.reduction.blows import AVERAGING_TIME, quiet_part
-from rotorfit.recordings.reduction.reduced_rate import ReducedRate
-from rotorfit.recordings.reduction.reduced_record import is_pair, motion_at
-from rotorfit.recordings.reduction.rest_positions import rest_positions
+from rotorfit.recordings.reduction.reduced_record import ReducedRate, is_pair, motion_at
+from rotorfit.recordings.reduction.static_positions import rest_positions
 from rotorfit.recordings.signals import source_of
 
 _Blow: TypeAlias = tuple[float, Float, ComplexArray, complex]
