@@ -41,7 +41,6 @@ from rotorfit.data.experiments import Experiment  # noqa: E402
 from rotorfit.simulation.instruments import record  # noqa: E402
 from rotorfit.simulation.recorded_forces import dwell  # noqa: E402
 from rotorfit.simulation.recorded_rig import RecordedRig  # noqa: E402
-from rotorfit.simulation.rig import VirtualRig  # noqa: E402
 
 LOW, HIGH = 0.9, 1.1
 """Ratio of the scatter to the standard error that a plan promises."""
@@ -110,10 +109,8 @@ def recordings() -> Case:
     """Dwells at steady frequencies, recorded in volts; the plan has one earlier recording with its sigma as pattern."""
     model, truth = rf.models.OneMode(), honest_errors.TRUTH
     how = rf.Instruments(sample_rate=2560.0, noise=8e-3, keyphasor_noise=0.01, runout=(0.0,), wander=0.0)
-    virtual = VirtualRig(
-        model=model, theta=model.vector(truth), noise=0.0, tolerance=1e-6, rng=np.random.default_rng(0)
-    )
-    rig = RecordedRig(virtual=virtual, instruments=how, residual=0.0)
+    rng = np.random.default_rng(0)
+    rig = RecordedRig(model=model, theta=model.vector(truth), rng=rng, instruments=how, residual=0.0)
     seconds = 4.0
     played = list(
         dwell(

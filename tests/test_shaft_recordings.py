@@ -9,8 +9,7 @@ from shaft_setups import TWISTED
 
 import rotorfit as rf
 from rotorfit.cli.main import main
-from rotorfit.simulation.shaft import Crack, Perturbation
-from rotorfit.simulation.shaft_record import Acquisition, record_shaft
+from rotorfit.simulation.shaft import Acquisition, Crack, Perturbation, record_shaft
 
 SPEED = 120.0
 SHAFT = rf.models.AnisotropicShaft()

@@ -8,8 +8,7 @@ from shaft_setups import PERTURBED, PROBES
 import rotorfit as rf
 from rotorfit.cli.main import main
 from rotorfit.estimators.signals.start_up_lines import StartUp, start_up_lines
-from rotorfit.simulation.shaft import Perturbation, RunUp, shaft_motion
-from rotorfit.simulation.shaft_record import Acquisition, record_shaft
+from rotorfit.simulation.shaft import Acquisition, Perturbation, RunUp, record_shaft, shaft_motion
 
 SHAFT = rf.models.AnisotropicShaft(torsion=None)
 TRUTH = {
@@ -106,8 +105,8 @@ def test_a_shutdown_without_noise_comes_back_through_lines_as_it_went_in():
         StartUp(
             rate=1000.0,
             angle=run.angle(time),
-            speed=run.first + run.acceleration * time,
-            acceleration=np.full(time.size, run.acceleration),
+            speed=run.speed(time),
+            acceleration=run.acceleration(time),
             motion=motion.z - motion.z.mean(),
         )
     )

@@ -11,8 +11,7 @@ from rotorfit.fitting.assumptions.anisotropy import lines_cut_off
 from rotorfit.models import Chain, KnownStructure, Turning, TurningOnSupports
 from rotorfit.models.motion.stability import growth_rate
 from rotorfit.models.shafts.turning_on_supports import LINES
-from rotorfit.simulation.shaft import Perturbation
-from rotorfit.simulation.shaft_record import Acquisition, record_shaft
+from rotorfit.simulation.shaft import Acquisition, Perturbation, record_shaft
 
 SPEED = 130.0
 MODEL = TurningOnSupports(Turning(Chain(2), ("mass-1", "mass-2")), at="mass-2", terms=5)

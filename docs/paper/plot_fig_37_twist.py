@@ -12,8 +12,7 @@ import tempfile
 from pathlib import Path
 
 import rotorfit as rf
-from rotorfit.simulation.shaft import Perturbation
-from rotorfit.simulation.shaft_record import Acquisition, record_shaft
+from rotorfit.simulation.shaft import Acquisition, Perturbation, record_shaft
 
 shaft = rf.models.AnisotropicShaft()
 truth = {

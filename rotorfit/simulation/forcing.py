@@ -124,10 +124,8 @@ def synchronous(
         raise ValueError("weights that are kept need a residual unbalance: the run without a weight would not move")
     for plane, weight in (residual or {}).items():
         rest += model.force_vector(plane, speed, weight * speed**2)
-    given = [*unbalance] if planes is None and isinstance(unbalance, Mapping) else planes
-    weights = _weights(unbalance, some_planes(model, given))
     parts = []
-    for number, (run, loads) in enumerate((_kept(weights) if kept else _opposite(weights)).items()):
+    for number, (run, loads) in enumerate(_weights(model, unbalance, planes, kept).items()):
         forces = [(plane, weight * speed**2) for plane, weight in loads]
         (first, phasor), *further = forces
         parts.append(
@@ -148,25 +146,21 @@ def synchronous(
     return _test(rig, lines, _steady(rig, lines, "rest"), off_centre=False)
 
 
-def _weights(unbalance: float | Mapping[str, float], planes: Sequence[str]) -> dict[str, float]:
-    """Weight at each plane that gets one, kg m."""
-    if not isinstance(unbalance, Mapping):
-        unbalance = dict.fromkeys(planes, unbalance)
-    if missing := [plane for plane in planes if plane not in unbalance]:
+def _weights(
+    model: RotorModel, unbalance: float | Mapping[str, float], planes: str | Sequence[str] | None, kept: bool
+) -> dict[str, list[tuple[str, complex]]]:
+    """Weights of each run, kg m: one at 0, then at 180 degrees, plane by plane; or none, then one more in each."""
+    given = [*unbalance] if planes is None and isinstance(unbalance, Mapping) else planes
+    chosen = some_planes(model, given)
+    sizes = unbalance if isinstance(unbalance, Mapping) else dict.fromkeys(chosen, unbalance)
+    if missing := [plane for plane in chosen if plane not in sizes]:
         raise ValueError(f"unbalance has no weight for {', '.join(missing)}, which the start-ups are to have one at")
-    return {plane: float(positive(f"unbalance at {plane}", unbalance[plane])[0]) for plane in planes}
-
-
-def _opposite(weights: Mapping[str, float]) -> dict[str, list[tuple[str, complex]]]:
-    """Weights of each run: one at 0, then at 180 degrees, plane by plane."""
-    return {
-        f"{plane} {degrees} deg": [(plane, weight * np.exp(1j * np.radians(degrees)))]
-        for (plane, weight), degrees in product(weights.items(), (0, 180))
-    }
-
-
-def _kept(weights: Mapping[str, float]) -> dict[str, list[tuple[str, complex]]]:
-    """Weights of each run: none, then one more in each."""
+    weights = {plane: float(positive(f"unbalance at {plane}", sizes[plane])[0]) for plane in chosen}
+    if not kept:
+        return {
+            f"{plane} {degrees} deg": [(plane, weight * np.exp(1j * np.radians(degrees)))]
+            for (plane, weight), degrees in product(weights.items(), (0, 180))
+        }
     loads: list[tuple[str, complex]] = [(plane, complex(weight)) for plane, weight in weights.items()]
     runs = {" + ".join(plane for plane, _ in loads[:count]): loads[:count] for count in range(1, len(loads) + 1)}
     return {"reference": [(loads[0][0], 0j)]} | runs

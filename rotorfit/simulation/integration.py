@@ -110,16 +110,6 @@ class Motion:
             return np.zeros(z.shape[:-1])
         return np.asarray(np.abs(z[..., self._journal.at]) / self._journal.clearance)
 
-    def _internal(self, z: ComplexArray, v: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """Forces of stiffness and damping, and the change of the journal's inertia, shapes ``(L, n)`` and ``(L,)``."""
-        force = (self._passive @ np.concatenate([z, v], axis=1)[:, :, None])[:, :, 0]
-        if self._journal is None:
-            return force, np.zeros(z.shape[0], dtype=complex)
-        at = self._journal.at
-        change = self._change(self.eccentricity(z))
-        force[:, at] += change[0] * z[:, at] + change[1] * v[:, at]
-        return force, change[2]
-
     def acceleration(self, z: ComplexArray, v: ComplexArray, force: ComplexArray) -> ComplexArray:
         """Acceleration of all coordinates, m/s^2, shape ``(L, n)``."""
         seat, free, given = self._journal, self._free, self.imposed
@@ -146,10 +136,11 @@ class Motion:
 
     def force(self, z: ComplexArray, v: ComplexArray, a: ComplexArray) -> ComplexArray:
         """Force that a motion needs at an instant, N, shape ``(L, n)``."""
-        internal, inertia = self._internal(z, v)
-        total = internal + (self.mass @ a[:, :, None])[:, :, 0]
+        total = (self._passive @ np.concatenate([z, v], axis=1)[:, :, None])[:, :, 0]
+        total += (self.mass @ a[:, :, None])[:, :, 0]
         if self._journal is not None:
-            total[:, self._journal.at] += inertia * a[:, self._journal.at]
+            at, change = self._journal.at, self._change(self.eccentricity(z))
+            total[:, at] += change[0] * z[:, at] + change[1] * v[:, at] + change[2] * a[:, at]
         return np.asarray(total)
 
     def select(self, lines: Index) -> Motion:

@@ -37,10 +37,10 @@ def perturbation(
     directions: Sequence[str] = ("forward", "backward"),
 ) -> Iterator[Played]:
     """A perturbator is swept at constant rotative speed, in each plane and direction."""
-    chosen = some_planes(rig.virtual.model, planes)
+    chosen = some_planes(rig.model, planes)
     sweep = Sweep(first=sweep_rpm[0] * RPM, last=sweep_rpm[1] * RPM, duration=duration)
     for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
-        rig.virtual.decay(rpm * RPM)  # refuses an unstable rotor
+        rig.decay(rpm * RPM)  # refuses an unstable rotor
         for plane, direction in product(chosen, directions):
             yield _perturbed(rig, sweep, duration, rpm, plane, direction, unbalance)
 
@@ -60,8 +60,8 @@ def dwell(
     steps = np.abs(rates_rpm("frequency_rpm", frequency_rpm)) * RPM
     runs = [steps] if mark else np.split(steps, steps.size)
     for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
-        rig.virtual.decay(rpm * RPM)
-        for plane, direction, run in product(some_planes(rig.virtual.model, planes), directions, runs):
+        rig.decay(rpm * RPM)
+        for plane, direction, run in product(some_planes(rig.model, planes), directions, runs):
             turning = Dwells.at(run.tolist(), duration)
             played = _perturbed(rig, turning, turning.duration, rpm, plane, direction, unbalance)
             if mark:
@@ -88,7 +88,7 @@ def _perturbed(
     shaft = rig.shaft(rpm * RPM)
     return Played(
         name=f"{plane}-{'fwd' if direction == 'forward' else 'bwd'}-{rpm:g}",
-        motion=rig.path(shaft.speed, force, plane, time.size),
+        motion=rig.path(shaft.speed, {plane: force}, time.size),
         shaft=shaft.angle(time),
         perturbator=turning.angle(time) + mark,
         attributes={
@@ -114,8 +114,8 @@ def synchronous(
 ) -> Iterator[Played]:
     """Start-ups with a weight in one of the planes at places of the pattern of holes, and perhaps one without."""
     spread = 0.01  # of the last speed from run to run
-    if not rig.virtual.model.eccentricity_dependent:  # whose whirl nothing limits
-        rig.virtual.decay((1 + spread) * speed_rpm[1] * RPM)
+    if not rig.model.eccentricity_dependent:  # whose whirl nothing limits
+        rig.decay((1 + spread) * speed_rpm[1] * RPM)
     time = rig.instruments.time(duration)
     for name, weights, said in _weighted(rig, unbalance, planes, hole_zero_deg, hole_deg, reference):
         sweep = Sweep(
@@ -126,7 +126,7 @@ def synchronous(
         forces = {plane: partial(_turning, sweep, weight) for plane, weight in weights.items()}
         yield Played(
             name=name,
-            motion=rig.path_of(sweep.speed, forces, time.size),
+            motion=rig.path(sweep.speed, forces, time.size),
             shaft=sweep.angle(time),
             attributes=said,
         )
@@ -146,14 +146,14 @@ def balance(
     """Runs at steady speeds without a weight and with one in each of the planes, as balancing records them."""
     time = rig.instruments.time(duration)
     for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
-        rig.virtual.decay(rpm * RPM)
+        rig.decay(rpm * RPM)
     for name, weights, said in _weighted(rig, unbalance, planes, hole_zero_deg, hole_deg, reference):
         for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
             shaft = rig.shaft(rpm * RPM)
             forces = {plane: partial(_turning, shaft, weight) for plane, weight in weights.items()}
             yield Played(
                 name=f"{name}-{rpm:g}",
-                motion=rig.path_of(shaft.speed, forces, time.size),
+                motion=rig.path(shaft.speed, forces, time.size),
                 shaft=shaft.angle(time),
                 attributes={**said, "speed_rpm": rpm},
             )
@@ -168,8 +168,8 @@ def _weighted(
     reference: bool,
 ) -> Iterator[tuple[str, dict[str, complex], dict[str, float | str]]]:
     """Runs with a weight in one plane after the other, the rotor's own unbalance in all: name, weights, attributes."""
-    own = {plane: rig.residual * np.exp(2j * np.pi * rig.rng.uniform()) for plane in rig.virtual.model.planes}
-    forced = some_planes(rig.virtual.model, planes)
+    own = {plane: rig.residual * np.exp(2j * np.pi * rig.rng.uniform()) for plane in rig.model.planes}
+    forced = some_planes(rig.model, planes)
     if reference:
         yield "reference", own, {"weight_plane": forced[0], "mr_kg_m": 0.0}
     for plane, hole in product(forced, hole_deg):
@@ -192,8 +192,8 @@ def measured_force(
     sweep = Sweep(first=sweep_rpm[0] * RPM, last=sweep_rpm[1] * RPM, duration=duration)
     time = rig.instruments.time(duration)
     speed_rpm = angular_rate(speed_rpm, "speed_rpm", "rpm")
-    rig.virtual.decay(speed_rpm * RPM)
-    for plane, direction in product(some_planes(rig.virtual.model, planes), directions):
+    rig.decay(speed_rpm * RPM)
+    for plane, direction in product(some_planes(rig.model, planes), directions):
         if direction not in _ACTS:
             raise ValueError(f"directions are {', '.join(_ACTS)}, got {direction!r}")
         acts = partial(_ACTS[direction], force, sweep)
@@ -201,7 +201,7 @@ def measured_force(
         shaft = rig.shaft(speed_rpm * RPM)
         yield Played(
             name=f"{plane}-{direction}",
-            motion=rig.path(shaft.speed, acts, plane, time.size),
+            motion=rig.path(shaft.speed, {plane: acts}, time.size),
             shaft=shaft.angle(time),
             forces={"force_X": newton.real, "force_Y": newton.imag},
             attributes={"speed_rpm": speed_rpm, "force_plane": plane},

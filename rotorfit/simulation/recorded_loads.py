@@ -48,13 +48,13 @@ def _struck(
     rig: RecordedRig, kind: str, speed_rpm: ArrayLike, size: float, plane: str | None, blows: int, apart: float
 ) -> Iterator[tuple[Played, str, Float]]:
     """Runs under blows along x, where they strike, and their force, N."""
-    where = plane or rig.virtual.model.planes[-1]
+    where = plane or rig.model.planes[-1]
     time, force = rig.instruments.time(apart * (blows + 1)), _blows(size, blows, apart, rig.rng)
     for rpm in _speeds(rig, speed_rpm):
         shaft = rig.shaft(rpm * RPM)
         played = Played(
             name=f"{where}-{kind}-{rpm:g}",
-            motion=rig.path(shaft.speed, force, where, time.size),
+            motion=rig.path(shaft.speed, {where: force}, time.size),
             shaft=shaft.angle(time),
             attributes={"speed_rpm": rpm},
         )
@@ -71,10 +71,10 @@ def release(
     duration: float = 4.0,
 ) -> Iterator[Played]:
     """A constant load that is let go in the middle of the recording."""
-    if rig.virtual.model.eccentricity_dependent:
-        name = f"{rig.virtual.model.name} with a law of eccentricity"
+    if rig.model.eccentricity_dependent:
+        name = f"{rig.model.name} with a law of eccentricity"
         raise ValueError(f"{name}: a load that is let go is simulated of linear rotors; take impulse or static-load")
-    where = plane or rig.virtual.model.planes[-1]
+    where = plane or rig.model.planes[-1]
     time, newton = rig.instruments.time(duration), load * np.exp(1j * np.radians(load_deg))
 
     def gone(t: Float) -> ComplexArray:
@@ -82,7 +82,7 @@ def release(
 
     for rpm in _speeds(rig, speed_rpm):
         shaft = rig.shaft(rpm * RPM)
-        moved = rig.path(shaft.speed, gone, where, time.size)
+        moved = rig.path(shaft.speed, {where: gone}, time.size)
         rest = _rest(rig, rpm, newton, where)
         yield Played(
             name=f"{where}-release-{rpm:g}",
@@ -102,7 +102,7 @@ def static_load(
     duration: float = 4.0,
 ) -> Iterator[Played]:
     """Where the shaft rests under constant loads, and at each speed without one."""
-    where = plane or rig.virtual.model.coordinates[rig.virtual.seat].plane
+    where = plane or rig.model.coordinates[rig.seat].plane
     time = rig.instruments.time(duration)
     loads = [0.0, *np.atleast_1d(np.asarray(load, dtype=float)).tolist()]
     for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
@@ -119,7 +119,7 @@ def static_load(
 def _speeds(rig: RecordedRig, speed_rpm: ArrayLike) -> Iterator[float]:
     """Speeds, rpm, at which the rotor is stable."""
     for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
-        rig.virtual.decay(rpm * RPM)
+        rig.decay(rpm * RPM)
         yield rpm
 
 
@@ -139,11 +139,11 @@ def _blows(size: float, blows: int, apart: float, rng: np.random.Generator) -> F
 
 def _rest(rig: RecordedRig, rpm: float, newton: complex, plane: str) -> dict[str, complex]:
     """Position of each plane under a constant load, m."""
-    model, virtual, speed = rig.virtual.model, rig.virtual, rpm * RPM
-    virtual.need_circular("constant loads")
+    model, speed = rig.model, rpm * RPM
+    rig.need_circular("constant loads")
     if model.eccentricity_dependent and newton:
-        z = rest_under(virtual, speed, np.array([newton]), plane)[0]
+        z = rest_under(rig, speed, np.array([newton]), plane)[0]
     else:
-        virtual.decay(speed)
-        z = model.receptance(virtual.theta, np.zeros(1), np.array([speed]))[0] @ virtual.load(newton, plane)
+        rig.decay(speed)
+        z = model.receptance(rig.theta, np.zeros(1), np.array([speed]))[0] @ rig.load(newton, plane)
     return {c.plane: complex(z[i]) for i, c in enumerate(model.coordinates) if c.axis == "z"}

@@ -17,7 +17,6 @@ from rotorfit.simulation.options import RecordingOptions, check_options
 from rotorfit.simulation.recorded_forces import balance, dwell, measured_force, perturbation, synchronous
 from rotorfit.simulation.recorded_loads import hammer, impulse, release, static_load
 from rotorfit.simulation.recorded_rig import RecordedRig
-from rotorfit.simulation.rig import VirtualRig
 
 RECORDED: Mapping[str, Callable[..., Iterator[Played]]] = {
     "perturbation": perturbation,
@@ -96,11 +95,7 @@ def simulate_recordings(
     place.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
     how = instruments or Instruments()
-    rig = RecordedRig(
-        virtual=VirtualRig(model=model, theta=model.vector(params), noise=0.0, tolerance=1e-6, rng=rng),
-        instruments=how,
-        residual=residual,
-    )
+    rig = RecordedRig(model=model, theta=model.vector(params), rng=rng, instruments=how, residual=residual)
     files: dict[str, Path] = {}
     for played in RECORDED[kind](rig, **options):
         name = file_name(played.name, files)

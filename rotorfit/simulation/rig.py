@@ -48,8 +48,13 @@ class VirtualRig:
         if load is None or not load.any() or not self.model.eccentricity_dependent:
             rate = float(growth_rate(self.model, self.theta, speed))
         else:
-            rate = self._loaded_rate(speed, load)
-            where += f" under a load of {significant(np.abs(load).max(), 4)} N"
+            seat, newton = journal(self.model), f"{significant(np.abs(load).max(), 4)} N"
+            rest = static_equilibria(self.model, self.theta, speed, load)[0][seat.at]
+            eccentricity = float(np.abs(rest)) / seat.clearance
+            if eccentricity >= 1 - 1e-6:
+                raise ValueError(f"a load of {newton} presses the journal against the wall; reduce it")
+            rate = float(off_centre_eigenvalues(self.model, self.theta, speed, eccentricity).real.max())
+            where += f" under a load of {newton}"
         if rate >= 0:
             onset = threshold_speed(self.model, self.theta)
             limit = f"; centred it is stable below {significant(onset.speed * RPM_PER_RAD_S, 4)} rpm" if onset else ""
@@ -59,16 +64,6 @@ class VirtualRig:
                 f"that nothing can be measured there{limit}"
             )
         return -rate
-
-    def _loaded_rate(self, speed: float, load: ComplexArray) -> float:
-        seat = journal(self.model)
-        rest = static_equilibria(self.model, self.theta, speed, load)[0][seat.at]
-        eccentricity = float(np.abs(rest)) / seat.clearance
-        if eccentricity >= 1 - 1e-6:
-            raise ValueError(
-                f"a load of {significant(np.abs(load).max(), 4)} N presses the journal against the wall; reduce it"
-            )
-        return float(off_centre_eigenvalues(self.model, self.theta, speed, eccentricity).real.max())
 
     def load(self, newton: complex, plane: str | None) -> ComplexArray:
         """Vector of a constant load, N, shape ``(n,)``."""

@@ -1,18 +1,24 @@
 """A virtual rig for shafts that are not round: the full equations integrated in time, nonlinear in all angles.
 
-Nothing of harmonic balance is in here, so that :class:`rotorfit.models.AnisotropicShaft` can be tested against it.
+Nothing of harmonic balance is in here, so that :class:`rotorfit.models.AnisotropicShaft` can be tested against it. Its
+recordings are motion and twist in volts, with Keyphasors, as data acquisition stores them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.digits import significant
 from rotorfit.models.shafts.anisotropic_shaft import AnisotropicShaft
+from rotorfit.simulation.instruments import Probes, keyphasor_volts, notch, write_counts
+from rotorfit.simulation.turning_speeds import Sweep
+from rotorfit.units import RPM_PER_RAD_S
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +35,13 @@ class Crack:
 
 
 @dataclass(frozen=True, kw_only=True)
+class RunUp(Sweep):
+    """A motor whose speed changes evenly: a start-up, or a shutdown where the last speed is the lower one."""
+
+    uneven: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
 class Perturbation:
     """An unbalance m r that turns at a speed of its own, swept linearly."""
 
@@ -38,34 +51,14 @@ class Perturbation:
     forward: bool = False  # whether it turns with the shaft
     heavy_spot: float = 0.0  # angle of the unbalance ahead of the perturbator's mark, rad
 
-    def angle(self, time: Float, duration: float) -> Float:
-        """Angle of the perturbator's mark, rad."""
-        return np.asarray(self.first * time + (self.last - self.first) / (2 * duration) * time**2)
+    def sweep(self, duration: float) -> RunUp:
+        """Angle of the perturbator's mark, and its speed."""
+        return RunUp(first=self.first, last=self.last, duration=duration)
 
     def force(self, time: Float, duration: float) -> ComplexArray:
         """Force of the swept unbalance, N, shape ``(N,)``."""
-        d = 1.0 if self.forward else -1.0
-        rate = self.first + (self.last - self.first) / duration * time
-        turn = np.exp(1j * d * (self.angle(time, duration) + self.heavy_spot))
-        return np.asarray(self.mr * (rate**2 - 1j * d * (self.last - self.first) / duration) * turn)
-
-
-@dataclass(frozen=True, kw_only=True)
-class RunUp:
-    """A motor whose speed changes evenly: a start-up, or a shutdown where the last speed is the lower one."""
-
-    first: float  # speed at the begin, rad/s, positive
-    last: float  # speed at the end, rad/s, positive
-    duration: float  # s
-
-    @property
-    def acceleration(self) -> float:
-        """rad/s^2."""
-        return (self.last - self.first) / self.duration
-
-    def angle(self, time: Float) -> Float:
-        """Angle of the shaft's mark at the motor end, rad."""
-        return np.asarray(self.first * time + self.acceleration / 2 * time**2)
+        turned = self.mr * self.sweep(duration).force(time, self.heavy_spot)
+        return turned if self.forward else turned.conj()
 
 
 def steady(speed: float) -> RunUp:
@@ -137,8 +130,10 @@ def _equations(
     p = dict(zip(model.parameter_names, model.vector(values).tolist(), strict=True))
     M, D, K = p["M"], p["D"], p["K"]
     delta, eps, side = complex(p["dK_cos"], p["dK_sin"]), complex(p["ec"], p["es"]), complex(p["Px"], p["Py"])
-    inertia, kt, ct = _torsion_constants(model, p)
-    rise = motor.acceleration
+    inertia, kt, ct = p.get("J", 0.0), p.get("kt", 0.0), p.get("ct", 0.0)  # zero of a shaft that does not twist
+    if "nu_t" in p:
+        kt, ct = inertia * p["nu_t"] ** 2, 2 * p["zeta_t"] * p["nu_t"] * inertia
+    rise = motor.slope
 
     def slope(t: float, state: Float) -> list[float]:
         x, y, vx, vy, phi, rate = state.tolist()
@@ -163,10 +158,85 @@ def _equations(
     return slope
 
 
-def _torsion_constants(model: AnisotropicShaft, p: dict[str, float]) -> tuple[float, float, float]:
-    """J, kt and ct of named values, zero for a shaft that does not twist."""
-    if model.torsion is None:
-        return 0.0, 0.0, 0.0
-    if model.torsion == "stiffness":
-        return p["J"], p["kt"], p["ct"]
-    return p["J"], p["J"] * p["nu_t"] ** 2, 2 * p["zeta_t"] * p["nu_t"] * p["J"]
+_NOTCH = {"width": 0.75, "ramp": 0.35}
+"""Widths of the notch, its ramps included, and of each ramp, rad."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Acquisition(Probes):
+    """How the virtual signals are taken: by probes as on other rigs, and one for the twist."""
+
+    sample_rate: float = 3200.0
+    twist_sensitivity: float = 1000.0  # V/rad
+    runout: complex = 0.0  # 1x run-out of the shaft, m, ahead of its mark as a complex number
+
+
+def record_shaft(
+    path: str | os.PathLike[str],
+    model: AnisotropicShaft,
+    values: Mapping[str, float],
+    speed: float | RunUp,
+    duration: float,
+    *,
+    perturbation: Perturbation | None = None,
+    acquisition: Acquisition | None = None,
+    crack: Crack | None = None,
+    support: complex = 0.0,
+    seed: int = 0,
+) -> Path:
+    """Run the virtual shaft and write what its probes see as HDF5, for :func:`rotorfit.read_recording`. The shaft
+    starts from its steady state without perturbation. Channels: ``PLANE_X``, ``PLANE_Y``, ``twist``,
+    ``keyphasor_shaft`` and, with a perturbation, ``keyphasor_perturbator``; the attributes say the rest."""
+    how = acquisition or Acquisition()
+    motor = speed if isinstance(speed, RunUp) else steady(speed)
+    for name, number in (
+        ("speed", min(motor.first, motor.last)),
+        ("duration", duration),
+        ("sample_rate", how.sample_rate),
+    ):
+        if not (np.isfinite(number) and number > 0):
+            raise ValueError(f"{name} must be positive, got {number}")
+    time = np.arange(round(duration * how.sample_rate)) / how.sample_rate
+    force = None if perturbation is None else lambda t: complex(perturbation.force(t, duration))
+    start = _steady(model, values, motor.first)
+    motion = shaft_motion(
+        model, dict(values), motor, time, force=force, start=start, crack=crack, support=support, tolerance=1e-9
+    )
+    turn = motor.angle(time)
+    seen = motion.z + how.runout * np.exp(1j * turn)
+    plane = model.planes[0]
+    signals = {
+        f"{plane}_X": how.volts(seen.real),
+        f"{plane}_Y": how.volts(seen.imag),
+        "keyphasor_shaft": keyphasor_volts(notch(turn, **_NOTCH)),
+    }
+    if model.torsion is not None:
+        signals["twist"] = how.twist_sensitivity * motion.twist
+    if perturbation is not None:
+        signals["keyphasor_perturbator"] = keyphasor_volts(notch(perturbation.sweep(duration).angle(time), **_NOTCH))
+    rng = np.random.default_rng(seed)
+    noisy = {name: volts + how.noise * rng.normal(size=time.size) for name, volts in signals.items()}
+    return write_counts(Path(path), noisy, _attributes(how, perturbation, motor))
+
+
+def _steady(
+    model: AnisotropicShaft, values: Mapping[str, float], speed: float
+) -> tuple[complex, complex, float, float]:
+    """Displacement and velocity of unbalance, sag and their images at the first instant."""
+    theta = model.vector(values)
+    orders = {(0, 0): speed, (0, -1): 0.0, (0, 1): 2 * speed}
+    z = {order: complex(model.lines(theta, "z", order, 0.0, speed, 0.0)) for order in orders}
+    return sum(z.values()), sum(1j * rate * z[order] for order, rate in orders.items()), 0.0, 0.0
+
+
+def _attributes(how: Acquisition, perturbation: Perturbation | None, motor: RunUp) -> dict[str, str | float]:
+    found = how.said() | {"twist_V_per_rad": how.twist_sensitivity}
+    if not motor.slope:
+        found["speed_rpm"] = motor.first * RPM_PER_RAD_S
+    if perturbation is not None:
+        found |= {
+            "mr_kg_m": perturbation.mr,
+            "heavy_spot_deg_ahead_of_mark": float(np.degrees(perturbation.heavy_spot)),
+            "whirl": "forward" if perturbation.forward else "backward",
+        }
+    return found

@@ -79,7 +79,8 @@ class Sweep(Rotation):
     uneven: float = 2e-3  # amplitude of the unevenness of the speed over the range swept
 
     @property
-    def _slope(self) -> float:
+    def slope(self) -> float:
+        """Mean acceleration, rad/s^2."""
         return (self.last - self.first) / self.duration
 
     @property
@@ -89,17 +90,17 @@ class Sweep(Rotation):
     def angle(self, t: Float) -> Float:
         """See :meth:`Rotation.angle`."""
         size, rate = self._wave
-        return np.asarray(self.first * t + self._slope * t**2 / 2 - size / rate * (np.cos(rate * t) - 1))
+        return np.asarray(self.first * t + self.slope * t**2 / 2 - size / rate * (np.cos(rate * t) - 1))
 
     def speed(self, t: Float) -> Float:
         """See :meth:`Rotation.speed`."""
         size, rate = self._wave
-        return np.asarray(self.first + self._slope * t + size * np.sin(rate * t))
+        return np.asarray(self.first + self.slope * t + size * np.sin(rate * t))
 
     def acceleration(self, t: Float) -> Float:
         """See :meth:`Rotation.acceleration`."""
         size, rate = self._wave
-        return np.asarray(self._slope + size * rate * np.cos(rate * t))
+        return np.asarray(self.slope + size * rate * np.cos(rate * t))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
