@@ -39,7 +39,7 @@ from reporting import RESULTS, environment, table, write_csv  # noqa: E402
 import rotorfit as rf  # noqa: E402
 from rotorfit.data.experiments import Experiment  # noqa: E402
 from rotorfit.simulation.instruments import record  # noqa: E402
-from rotorfit.simulation.recorded_forces import dwell  # noqa: E402
+from rotorfit.simulation.recorded_kinds import dwell  # noqa: E402
 from rotorfit.simulation.recorded_rig import RecordedRig  # noqa: E402
 
 LOW, HIGH = 0.9, 1.1

@@ -13,7 +13,7 @@ from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.cli.main import main
-from rotorfit.recordings.rig.channel_units import channel_unit, name_and_unit
+from rotorfit.recordings.rig.setup import channel_unit, name_and_unit
 
 SECONDS = 4.0
 TOLD = {name: value for name, value in ATTRIBUTES.items() if name != "sensitivity_V_per_mm"}

@@ -13,8 +13,8 @@ import rotorfit as rf
 from rotorfit.cli.main import main
 from rotorfit.estimators.signals.spectral_lines import full_spectrum
 from rotorfit.estimators.signals.tracking import order_vectors
-from rotorfit.recordings.marks import Marks, speeds
-from rotorfit.recordings.reduction.swept_vectors import swept_vectors
+from rotorfit.recordings.angle_track import Marks, speeds
+from rotorfit.recordings.reduction.reductions import swept_vectors
 from rotorfit.recordings.spectra import cascade, spectrum
 from rotorfit.recordings.views import OrderVectors, centreline, stretch, vectors_over_time
 from rotorfit.studies.folder import CONTENTS

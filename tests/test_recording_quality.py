@@ -11,7 +11,7 @@ from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.models.array_types import Float
-from rotorfit.recordings.reduction.recorded_tests import recorded_tests
+from rotorfit.recordings.reduction.responses import recorded_tests
 
 
 def codes(path: Path, channels: dict[str, Float], **said: float | str) -> dict[str, str]:

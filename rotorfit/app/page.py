@@ -11,11 +11,10 @@ import panel as pn
 
 from rotorfit.app.data_view import DataView
 from rotorfit.app.folder import Folder
-from rotorfit.app.model_form import model_form
+from rotorfit.app.forms import model_form
 from rotorfit.app.parts import WIDE, button, document, heading, in_a_row, in_sight, markup, message
-from rotorfit.app.results import result_parts
+from rotorfit.app.results import Takeaway, result_parts
 from rotorfit.app.session import Session, chosen_entries
-from rotorfit.app.takeaway import Takeaway
 from rotorfit.app.work import Data, End, News, Refusal, Report, Stage, Task, Work, fit, read
 from rotorfit.report.html import element
 from rotorfit.studies.wording import sentence

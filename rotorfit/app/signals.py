@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import panel as pn
 
-from rotorfit.app.frames import framed, small_legend
-from rotorfit.app.parts import WIDE, figures_beside, message
+from rotorfit.app.parts import WIDE, figures_beside, framed, message, small_legend
 from rotorfit.models.digits import significant
 from rotorfit.plots.recordings import vectors_shown
 from rotorfit.plots.style import COLOURS

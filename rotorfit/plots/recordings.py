@@ -32,8 +32,8 @@ from rotorfit.plots.style import (
     rate_words,
     square_axis,
 )
-from rotorfit.recordings.marks import Marks, SpeedTrack
-from rotorfit.recordings.reduction.swept_vectors import swept_vectors
+from rotorfit.recordings.angle_track import Marks, SpeedTrack
+from rotorfit.recordings.reduction.reductions import swept_vectors
 from rotorfit.recordings.spectra import Cascade
 from rotorfit.recordings.views import Centreline, Clearance, OrderVectors, Stretch, vectors_over_time
 

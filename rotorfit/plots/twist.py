@@ -22,7 +22,7 @@ from rotorfit.plots.style import (
     prefix,
     rate_unit,
 )
-from rotorfit.recordings.twist import TwistView
+from rotorfit.recordings.spectra import TwistView
 
 _ORDERS = {"w − Ω": (1, -1), "w − 2Ω": (1, -2), "2(w − Ω)": (2, -2), "1x": (0, 1), "2x": (0, 2)}
 """Combination lines of the twist: multiples of w and of Ω, the rotative speed."""

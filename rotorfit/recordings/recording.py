@@ -19,10 +19,9 @@ from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.data.findings import Finding
 from rotorfit.models.array_types import Float
 from rotorfit.models.digits import significant
-from rotorfit.recordings.angle_track import AngleTrack, steady_track, track
+from rotorfit.recordings.angle_track import AngleTrack, Marks, speeds, steady_track, track
 from rotorfit.recordings.channel_statistics import ChannelStatistics, statistics
 from rotorfit.recordings.formats.files import open_raw
-from rotorfit.recordings.marks import Marks, speeds
 from rotorfit.recordings.quality import (
     direction_findings,
     folding_findings,
@@ -37,8 +36,7 @@ from rotorfit.recordings.rig.rig_toml import read_setup
 from rotorfit.recordings.rig.setup import Probe, RigSetup
 from rotorfit.recordings.signals import Signals
 from rotorfit.recordings.slow_roll import RunOut, find_run_out, in_words
-from rotorfit.recordings.spectra import cascade, spectrum, steady_lines
-from rotorfit.recordings.twist import twist_of, twist_view
+from rotorfit.recordings.spectra import cascade, spectrum, steady_lines, twist_of, twist_view
 from rotorfit.recordings.views import OrderVectors, centreline, stretch
 
 if TYPE_CHECKING:

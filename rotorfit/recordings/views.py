@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.signals.tracking import order_vectors
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.recordings.marks import Marks
+from rotorfit.recordings.angle_track import Marks
 from rotorfit.recordings.rig.setup import Probe
 from rotorfit.recordings.signals import SAMPLES_OF_A_PIECE, Signals
 

@@ -68,7 +68,7 @@ def _done(record: Recording, material: ReportInput) -> str:
     """The function that made experiments of a recording."""
     if any(isinstance(test, LineTest) for test in material.fit.experiments):
         return _BY_LINES  # the weight of the shaft and its own unbalance may be all that drives it
-    from rotorfit.recordings.reduction.recorded_tests import BLOWS, LOADS, kind_of  # loads half of SciPy
+    from rotorfit.recordings.reduction.responses import BLOWS, LOADS, kind_of  # loads half of SciPy
 
     kind = kind_of(record)
     if kind in (BLOWS, LOADS):

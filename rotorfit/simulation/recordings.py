@@ -14,8 +14,17 @@ from rotorfit.models import RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.simulation.instruments import Instruments, Played, record
 from rotorfit.simulation.options import RecordingOptions, check_options
-from rotorfit.simulation.recorded_forces import balance, dwell, measured_force, perturbation, synchronous
-from rotorfit.simulation.recorded_loads import hammer, impulse, release, static_load
+from rotorfit.simulation.recorded_kinds import (
+    balance,
+    dwell,
+    hammer,
+    impulse,
+    measured_force,
+    perturbation,
+    release,
+    static_load,
+    synchronous,
+)
 from rotorfit.simulation.recorded_rig import RecordedRig
 
 RECORDED: Mapping[str, Callable[..., Iterator[Played]]] = {

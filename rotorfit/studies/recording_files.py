@@ -52,7 +52,7 @@ class RecordingFiles:
         executor: Executor | None = None,
     ) -> tuple[Experiment, ...]:
         """Read the recordings and reduce them, each kind of test to an experiment."""
-        from rotorfit.recordings.reduction.recorded_tests import recorded_tests
+        from rotorfit.recordings.reduction.responses import recorded_tests
         from rotorfit.recordings.reduction.shaft_lines import shaft_lines
 
         records = self.open(progress)

@@ -8,7 +8,7 @@ unbalance ``mr_g_mm`` (force m r w^2), in place of amplitude and phase ``real_um
 an axial probe at ``probe_radius_mm``, positive when a positive slope gives a positive reading. Columns that are none of
 these become test attributes. Left out, ``run`` is one for each forced plane and speed, ``plane`` the journal,
 ``force_plane`` the only plane; empty readings are skipped. Wide tables, a column a probe:
-:mod:`rotorfit.io.tables.wide`. Columns of the other experiments: :mod:`rotorfit.io.tables.other_kinds`. Exports of
+:mod:`rotorfit.io.tables.headers`. Columns of the other experiments: :mod:`rotorfit.io.tables.other_kinds`. Exports of
 condition-monitoring systems: :mod:`rotorfit.io.tables.machine_tables`.
 """
 
@@ -41,9 +41,12 @@ from rotorfit.io.tables.cells import as_text
 from rotorfit.io.tables.headers import (
     is_text,
     is_unit,
+    is_wide,
     quantity_meant,
     refuse_doubtful,
+    tidy,
     understood,
+    with_force_rows,
     with_given_names,
 )
 from rotorfit.io.tables.machine_tables import BODE_HEADER, bode_table, is_sample_table, sample_table, with_weight
@@ -58,7 +61,6 @@ from rotorfit.io.tables.skipped_rows import (
 )
 from rotorfit.io.tables.table import PERTURBATION_COLUMNS, READING, Table, read_table
 from rotorfit.io.tables.wanted_columns import Columns, columns_for, optional, phase_or_angle, quantity, words
-from rotorfit.io.tables.wide import is_wide, tidy, with_force_rows
 from rotorfit.models.array_types import Float, Index, Text
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import RAD_S_PER_RPM, UNITS

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rotorfit.data.experiments import PerturbationTest
+from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.data.findings import PHASE_DATUM, Finding, listed
 from rotorfit.data.synchronous import join
 from rotorfit.data.weights import differenced
@@ -23,6 +23,8 @@ from rotorfit.recordings.quality import copied_recordings, probe_findings, spoil
 from rotorfit.recordings.recording import Recording, named_apart
 from rotorfit.recordings.reduction.reductions import force_of, reduced_responses
 from rotorfit.recordings.reduction.response_lines import Report
+from rotorfit.recordings.reduction.ring_downs import ring_downs
+from rotorfit.recordings.reduction.static_positions import static_positions
 from rotorfit.recordings.reduction.steady_responses import dwelling
 from rotorfit.recordings.signals import source_of
 from rotorfit.units import RPM_PER_RAD_S
@@ -260,3 +262,58 @@ def _same_kind(records: Sequence[Recording]) -> None:
             f"{first} is driven by {one}, {second} by {other}: two kinds of tests, call responses for each and give a "
             "list of both to fit"
         )
+
+
+BLOWS, LOADS = "blows", "constant loads"
+
+
+def kind_of(record: Recording) -> str:
+    """Kind of test that a recording is of: blows, constant loads, or the force that drives the rotor."""
+    if record.force is not None:
+        return driven_by(record)
+    if record.rig.impulse is not None:
+        return BLOWS
+    if record.rig.load is not None:
+        return LOADS
+    raise ValueError(
+        f"{record.name}: nothing says what drives the rotor: give plane, mr_kg_m and whirl in [force] of the setup, a "
+        "constant load in [load], or [impulse] for blows and releases"
+    )
+
+
+def recorded_tests(
+    records: Sequence[Recording],
+    *,
+    turns: int | None = None,
+    executor: Executor | None = None,
+    on_finding: Report | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[Experiment, ...]:
+    """One experiment for each kind of test that there is among recordings."""
+    if not records:
+        raise ValueError("no recordings given")
+    report = on_finding or (lambda finding: None)
+    tell = progress or (lambda stage: None)
+    kinds: dict[str, list[Recording]] = {}
+    for record in named_apart(records):
+        kinds.setdefault(kind_of(record), []).append(record)
+    tests: list[Experiment] = []
+    for kind, same in kinds.items():
+        if kind not in (BLOWS, LOADS):
+            tests.append(checked_responses(same, turns=turns, executor=executor, on_finding=report, progress=progress))
+            continue
+        tell(f"{kind}: {', '.join(record.name for record in same)}")
+        blows = kind == BLOWS
+        tests.append(
+            ring_downs(same, executor=executor)
+            if blows
+            else static_positions(same, executor=executor, on_finding=report)
+        )
+        for findings in carry_out(_findings, same, executor):
+            for finding in findings:
+                report(finding)
+    return tuple(tests)
+
+
+def _findings(record: Recording) -> tuple[Finding, ...]:
+    return record.findings

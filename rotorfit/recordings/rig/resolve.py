@@ -14,9 +14,10 @@ from rotorfit.data.findings import Finding
 from rotorfit.models.digits import significant
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
-from rotorfit.recordings.rig.channel_units import ALLOWED, ChannelUnit, channel_unit, name_and_unit
 from rotorfit.recordings.rig.rig_toml import flat_setup
 from rotorfit.recordings.rig.setup import (
+    ALLOWED,
+    ChannelUnit,
     Force,
     ForceSetup,
     ImpulseSetup,
@@ -28,6 +29,8 @@ from rotorfit.recordings.rig.setup import (
     Scale,
     SlowRollSetup,
     Twist,
+    channel_unit,
+    name_and_unit,
     prefer,
 )
 from rotorfit.units import RPM_PER_RAD_S, UNITS

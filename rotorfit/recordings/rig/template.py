@@ -8,9 +8,8 @@ from pathlib import Path
 
 from rotorfit.recordings.formats.files import open_raw
 from rotorfit.recordings.formats.raw_file import RawFile
-from rotorfit.recordings.rig.channel_units import channel_unit, name_and_unit
 from rotorfit.recordings.rig.resolve import file_setup
-from rotorfit.recordings.rig.setup import ForceSetup, Probe, Reference, RigSetup
+from rotorfit.recordings.rig.setup import ForceSetup, Probe, Reference, RigSetup, channel_unit, name_and_unit
 from rotorfit.units import RAD_S_PER_RPM
 
 _CLEARANCE = (
