@@ -59,8 +59,8 @@ RECORDING_FLOORS = (
     ("formats",),
     ("rig",),
     (
-        "angle_track", "channel_statistics", "envelope", "marks", "quality", "recording", "signals", "slow_roll",
-        "spectra", "summary", "twist", "views",
+        "angle_track", "channel_statistics", "quality", "recording", "signals", "slow_roll", "spectra", "summary",
+        "views",
     ),
     ("reduction",),
 )  # fmt: skip

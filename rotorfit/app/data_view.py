@@ -34,14 +34,14 @@ from rotorfit.studies.wording import sentence
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
-    from rotorfit.app.page import Page
+    from rotorfit.app.session import Front
     from rotorfit.recordings.recording import Recording
 
 
 class DataView:
     """Parts of the page that show the data."""
 
-    def __init__(self, page: Page) -> None:
+    def __init__(self, page: Front) -> None:
         self._page, self._session = page, page.session
         self._signals: SignalsView | None = None
         self._looked = pn.Column(**WIDE)

@@ -29,7 +29,7 @@ from rotorfit.report.html import element
 from rotorfit.studies.wording import sentence
 
 if TYPE_CHECKING:
-    from rotorfit.app.page import Page
+    from rotorfit.app.session import Front
 
 
 def _text(name: str, value: Any, left: Callable[[str], object] | None = None, **look: Any) -> Any:
@@ -72,7 +72,7 @@ _FIELDS: Mapping[str, tuple[str, str, Callable[[str], Any]]] = {
 """Options of reading by their key in the TOML file: label, example, and what makes a value of what is written."""
 
 
-def read_form(page: Page, entry: int) -> Any:
+def read_form(page: Front, entry: int) -> Any:
     """Fields of one test file, which is read again when one is left; or it is a recording, if it cannot be read."""
     table = entry_table(page.session.content["files"][entry])
 
@@ -115,7 +115,7 @@ _FORCE = {
 class SetupForm:
     """Fields for the channels of a recording, filled in from its setup, else from what the recording says."""
 
-    def __init__(self, page: Page, path: Path) -> None:
+    def __init__(self, page: Front, path: Path) -> None:
         self._page = page
         self._path = path
         given: Sequence[str] = [entry["setup"] for entry in page.session.content["files"] if "setup" in entry]
@@ -222,7 +222,7 @@ _WORDS = {"planes": "planes, in the model's order: A,B", "clearance_um": "cleara
 """Options that are written: label."""
 
 
-def model_form(page: Page) -> tuple[list[Any], Callable[[], bool]]:
+def model_form(page: Front) -> tuple[list[Any], Callable[[], bool]]:
     """Fields for the model, which change the study when they are left; and what takes them in, if they are right."""
     content = page.session.content
     labels = {f"{name}: {(inspect.getdoc(kind) or '').splitlines()[0]}": name for name, kind in MODELS.items()}
@@ -238,7 +238,7 @@ def model_form(page: Page) -> tuple[list[Any], Callable[[], bool]]:
     return [model, _known(page, fields), more], take_in
 
 
-def _known(page: Page, fields: dict[str, Any]) -> Any:
+def _known(page: Front, fields: dict[str, Any]) -> Any:
     """A field for each parameter: a number where it is known; fields are added by name."""
     try:
         parameters = page.session.model.parameters
@@ -254,7 +254,7 @@ def _known(page: Page, fields: dict[str, Any]) -> Any:
     return pn.Column(markup(element("p", words, class_="faint")), side_by_side([*fields.values()], least=250), **WIDE)
 
 
-def _know(page: Page, name: str, word: str) -> bool:
+def _know(page: Front, name: str, word: str) -> bool:
     known = {key: value for key, value in page.session.content.get("known", {}).items() if key != name}
     if word:
         try:
@@ -267,7 +267,7 @@ def _know(page: Page, name: str, word: str) -> bool:
     return True
 
 
-def _options(page: Page) -> Any:
+def _options(page: Front) -> Any:
     content = page.session.content
 
     def put(name: str, value: Any) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from rotorfit.app.folder import Folder
-from rotorfit.app.work import Data
+from rotorfit.app.work import Data, Task
 from rotorfit.data.selection import without
 from rotorfit.diagnosis.trials.data_errors import PHASE_ZEROS
 from rotorfit.models import MODELS
@@ -133,6 +133,27 @@ class Session:
         if not raw or test < raw[0]:  # recordings stand last
             return test, 0
         return raw[0], sum(self._sizes[raw[0] : test])
+
+
+class Front(Protocol):
+    """A page with its session, as the parts of the page use it."""
+
+    session: Session
+
+    def change(self, asked: Callable[[], Session]) -> None:
+        """Put other data in the place of the session's, or say why not."""
+
+    def change_model(self, asked: Callable[[], Session]) -> None:
+        """Put another model, or other options of the fit, in the place of the session's."""
+
+    def opened_with(self, setup: str) -> None:
+        """Open the same recordings with another setup, which has just been written."""
+
+    def start(self, task: Task) -> None:
+        """Begin long work on the study, in place of what is going on."""
+
+    def say(self, words: str) -> None:
+        """Say what is wrong with something that was entered."""
 
 
 # ---- entries of files -----------------------------------------------------------------------------------------
