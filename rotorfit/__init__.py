@@ -39,8 +39,8 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.fitting.quantities import FittedParameter as FittedParameter
     from rotorfit.fitting.quantities import Quantity as Quantity
     from rotorfit.fitting.result import FitResult as FitResult
-    from rotorfit.fitting.structure.coefficient_rows import CoefficientRows as CoefficientRows
-    from rotorfit.fitting.structure.coefficient_rows import Coefficients as Coefficients
+    from rotorfit.fitting.structure.coefficients import CoefficientRows as CoefficientRows
+    from rotorfit.fitting.structure.coefficients import Coefficients as Coefficients
     from rotorfit.fitting.structure.law_ranking import LawComparison as LawComparison
     from rotorfit.fitting.structure.law_ranking import compare_laws as compare_laws
     from rotorfit.fitting.structure.law_ranking import fit_law as fit_law
@@ -52,11 +52,11 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.fitting.structure.refine import refine as refine
     from rotorfit.io.files import to_dataframe as to_dataframe
     from rotorfit.io.files import write as write
-    from rotorfit.monitoring.crack import dated_anisotropy as dated_anisotropy
     from rotorfit.monitoring.observed_stiffness import ObservedStiffness as ObservedStiffness
     from rotorfit.monitoring.observed_stiffness import observed_stiffness as observed_stiffness
     from rotorfit.monitoring.trend import DatedValues as DatedValues
     from rotorfit.monitoring.trend import MachineTrend as MachineTrend
+    from rotorfit.monitoring.trend import dated_anisotropy as dated_anisotropy
     from rotorfit.monitoring.trend import trend as trend
     from rotorfit.observing.measured_stiffness import dynamic_stiffness as dynamic_stiffness
     from rotorfit.planning.design import Design as Design
@@ -115,7 +115,7 @@ _HOME = {
     "campaign": "rotorfit.campaigns.campaign",
     "CoefficientTable": "rotorfit.data.experiments",
     "LineTest": "rotorfit.data.experiments",
-    "dated_anisotropy": "rotorfit.monitoring.crack",
+    "dated_anisotropy": "rotorfit.monitoring.trend",
     "shaft_lines": "rotorfit.recordings.reduction.shaft_lines",
     "static_positions": "rotorfit.recordings.reduction.static_positions",
     "ImpulseTest": "rotorfit.data.experiments",
@@ -148,8 +148,8 @@ _HOME = {
     "FitResult": "rotorfit.fitting.result",
     "FittedParameter": "rotorfit.fitting.quantities",
     "Quantity": "rotorfit.fitting.quantities",
-    "CoefficientRows": "rotorfit.fitting.structure.coefficient_rows",
-    "Coefficients": "rotorfit.fitting.structure.coefficient_rows",
+    "CoefficientRows": "rotorfit.fitting.structure.coefficients",
+    "Coefficients": "rotorfit.fitting.structure.coefficients",
     "Mountings": "rotorfit.fitting.structure.mountings",
     "mountings": "rotorfit.fitting.structure.mountings",
     "ring_down_modes": "rotorfit.data.ring_down",

@@ -122,12 +122,13 @@ def room(name: str) -> str:
 
 @cache
 def arrows(name: str) -> list[tuple[str, bool]]:
-    """Modules of rotorfit that a module imports, each with whether a call has to be made first."""
+    """Modules of rotorfit that a module imports, each with whether a call has to be made first, or it is for types."""
     found = []
 
     def visit(node: ast.AST, called: bool) -> None:
         for child in ast.iter_child_nodes(node):
             inside = called or isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+            inside |= isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"
             if isinstance(child, ast.Import):
                 found.extend((alias.name, called) for alias in child.names if begins(alias.name, ("rotorfit",)))
             elif isinstance(child, ast.ImportFrom) and begins(str(child.module), ("rotorfit",)):
@@ -160,7 +161,7 @@ def test_imports_go_down() -> None:
     floor = {name: i for i, names in enumerate(FLOORS) for name in names}
     for name in filter(room, MODULES):
         for other, called in arrows(name):
-            if room(other) == room(name) or (name in UPWARD and (called or other.startswith("rotorfit.uncertainty."))):
+            if room(other) == room(name) or (name in UPWARD and called):
                 continue
             assert room(other), f"{name} imports the front itself"
             assert floor[room(other)] < floor[room(name)], f"{name} -> {other}"
@@ -201,10 +202,10 @@ def test_a_room_among_files_knows_few_of_them() -> None:
 
 
 def test_no_circle_of_more_than_a_pair() -> None:
-    """Files that reach each other, call-time and type-only imports included, convenience methods aside."""
+    """Files that reach each other, call-time and type-only imports included, but for those of convenience methods."""
     ways = {name: {other for other, _ in arrows(name)} - {name} for name in MODULES if room(name)}
     for name in UPWARD:
-        ways[name] = {o for o, called in arrows(name) if not called and room(o) != "uncertainty"}
+        ways[name] = {other for other, called in arrows(name) if not called}
 
     def reached(name: str) -> set[str]:
         seen: set[str] = set()

@@ -11,7 +11,7 @@ from systematic_causes import CAUSES, measured, one_mode
 
 import rotorfit as rf
 from rotorfit.estimators.signals.spectral_lines import mains_hum
-from rotorfit.fitting.structure.refine import _hidden_warnings
+from rotorfit.fitting.structure.refine import _warnings
 
 
 def test_blows_at_equal_times_are_no_hum_and_hum_is() -> None:
@@ -36,9 +36,9 @@ def test_orbits_too_small_for_a_law_are_an_error_of_the_data() -> None:
 @pytest.mark.parametrize(("speeds", "said"), [((100.0,), True), ((100.0, 180.0), False)])
 def test_one_speed_is_blamed_where_there_is_one(speeds: tuple[float, ...], said: bool) -> None:
     prior = SimpleNamespace(std=lambda: 1e-3)
-    plain = SimpleNamespace(settings=SimpleNamespace(priors={}))
-    chosen = SimpleNamespace(settings=SimpleNamespace(priors={"g22": prior}), speeds=np.array(speeds))
-    (words,) = _hidden_warnings(plain, chosen)  # type: ignore[arg-type]
+    plain = SimpleNamespace(settings=SimpleNamespace(priors={}), noise=None)
+    chosen = SimpleNamespace(settings=SimpleNamespace(priors={"g22": prior}), speeds=np.array(speeds), noise=None)
+    (words,) = _warnings(plain, chosen)  # type: ignore[arg-type]
     assert ("as those at one speed" in words) == said
     assert ("tests at another speed would" in words) == said
 

@@ -74,7 +74,7 @@ def test_repeats_are_unbiased():
 
 
 def observed(test, model):
-    return observe(model, test, group_rows([test], {}).rows[0])
+    return observe(model, test, group_rows([test], {})[1][0])
 
 
 def test_source_of_the_noise():

@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.misfit.block_term import BlockTerm, Normal
 from rotorfit.estimators.misfit.losses import Loss
@@ -37,6 +38,11 @@ class Problem:
     def n_data(self) -> int:
         """Number of real data: two for each complex observation."""
         return 2 * sum(block.measured.size for block in self.blocks)
+
+    @property
+    def responses(self) -> list[Responses]:
+        """Responses to circular forces or constant loads, of the blocks that hold some."""
+        return [found for found in map(responses_of, self.blocks) if found is not None]
 
     @cached_property
     def _terms(self) -> tuple[BlockTerm, ...]:

@@ -49,7 +49,7 @@ def _trend(options: argparse.Namespace) -> MachineTrend:
         raise ValueError(f"--speed-range {options.speed_range}: {problem}") from problem
     if all(file.suffix == ".json" for file in options.files):
         from rotorfit.fitting.fit_file import load_fit
-        from rotorfit.monitoring.crack import dated_anisotropy
+        from rotorfit.monitoring.trend import dated_anisotropy
 
         def dated(file: Path) -> DatedValues:
             return checked(lambda: dated_anisotropy(load_fit(file)), file)

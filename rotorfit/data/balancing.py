@@ -92,7 +92,10 @@ class Balance(Printed):
     def summary(self) -> str:
         """Tables of the weights, with 95 % intervals, and of the vibration before and after."""
         lines = ["add (angles as force_phase_deg, lead, and as force_phase_lag_deg; +- are 95 % intervals):"]
-        lines += text_table(self._weight_rows(), "<14 >12 <12 >10 <10 >10 <20") + self._hole_lines()
+        lines += text_table(self._weight_rows(), "<14 >12 <12 >10 <10 >10 <20")
+        for plane, pair in self.holes.items():
+            put = (f"{significant(mr * 1e6, 4)} g mm at {significant(np.degrees(at) % 360, 5)} deg" for at, mr in pair)
+            lines.append(f"in holes of {plane}: {' and '.join(put)}")
         lines += ["", *text_table(self._reading_rows(), "<14 >8 >20 >20 <14")]
         return "\n".join([*lines, *self.remarks])
 
@@ -110,23 +113,12 @@ class Balance(Printed):
             rows.append([*row, "at its limit" if plane in self.at_limit else ""])
         return rows
 
-    def _hole_lines(self) -> list[str]:
-        lines = []
-        for plane, pair in self.holes.items():
-            put = " and ".join(
-                f"{significant(mr * 1e6, 4)} g mm at {significant(np.degrees(at) % 360, 5)} deg" for at, mr in pair
-            )
-            lines.append(f"in holes of {plane}: {put}")
-        return lines
-
     def _reading_rows(self) -> list[list[str]]:
         rows = [["probe", "rpm", "before, um 0-pk", "expected", ""]]
         for k, (plane, direction) in enumerate(self.readings):
             reach = quantile(0.95, self.freedom) * self.stderr[k] * 1e6
-            values = (
-                f"{significant(abs(v) * 1e6, 3)} @ {np.degrees(np.angle(v)):.0f}"
-                for v in (self.before[k], self.expected[k])
-            )
+            both = (self.before[k], self.expected[k])
+            values = (f"{significant(abs(v) * 1e6, 3)} @ {np.degrees(np.angle(v)):.0f}" for v in both)
             rows.append([f"{plane} {direction}", f"{self.speed[k] * RPM_PER_RAD_S:.0f}", *values, _reach(reach)])
         return rows
 
@@ -179,16 +171,26 @@ def balance(
         >>> weights.planes, weights.at_limit
         (('disk2',), ('disk2',))
     """
-    chosen = _chosen(influences, planes)
+    chosen = tuple(influences.planes if planes is None else dict.fromkeys(planes))
+    if not chosen:
+        raise ValueError(f"no plane to put weights in; tried were {', '.join(influences.planes)}")
+    for plane in chosen:
+        if plane not in influences.planes:
+            raise ValueError(unknown_name("plane of a trial weight", plane, influences.planes))
     cells, coefficients, covariance, remarks = _state(influences, reference)
-    coefficients, covariance = _for_planes(influences, chosen, coefficients, covariance)
+    kept = np.array([0, *[1 + influences.planes.index(plane) for plane in chosen]])  # the vibration first
+    places = (np.arange(len(coefficients))[:, None] * coefficients.shape[1] + kept).reshape(-1)
+    coefficients, covariance = coefficients[:, kept], covariance[np.ix_(places, places)]
     if len(cells) < len(chosen):
         raise ValueError(
             f"weights in {len(chosen)} planes, {', '.join(chosen)}, cannot be determined from {len(cells)} "
             f"reading{'s' * (len(cells) != 1)}; balance in fewer planes, or read more probes or speeds"
         )
     solved = influences.solved
-    importance = _importance(solved.given[cells])
+    # All readings weigh the same where no noise was given. Estimated noise would not do: weights would follow the
+    # readings that few mountings happened to leave alike, and intervals of 95 % hold 91 to 93 % then.
+    given = solved.given[cells] if np.isfinite(solved.given[cells]).all() else np.ones(len(cells))
+    importance = np.asarray(given**-2 / np.mean(given**-2))
     remarks += _alike(chosen, coefficients[:, 1:], importance)
     limit = _limits(chosen, limits)
     found = correct(coefficients, covariance, importance, limit)
@@ -211,16 +213,6 @@ def balance(
     )
 
 
-def _chosen(influences: Influences, planes: Sequence[str] | None) -> tuple[str, ...]:
-    chosen = tuple(influences.planes if planes is None else dict.fromkeys(planes))
-    if not chosen:
-        raise ValueError(f"no plane to put weights in; tried were {', '.join(influences.planes)}")
-    for plane in chosen:
-        if plane not in influences.planes:
-            raise ValueError(unknown_name("plane of a trial weight", plane, influences.planes))
-    return chosen
-
-
 def _state(
     influences: Influences, reference: str | PerturbationTest | None
 ) -> tuple[Index, ComplexArray, ComplexArray, tuple[str, ...]]:
@@ -233,7 +225,12 @@ def _state(
     weights = np.zeros(len(influences.planes), dtype=complex)
     remarks: tuple[str, ...] = ()
     if reference is not None:
-        weights = _weights_in(influences, reference)
+        test = influences.measured
+        if reference not in test.runs:
+            raise ValueError(f"{test.source or 'the test'}: {unknown_name('reference run', reference, test.runs)}")
+        row = int(np.argmax(test.run == reference))
+        by_plane = dict(zip(test.force_planes, test.forces_by_plane[row] / test.speed[row] ** 2, strict=True))
+        weights = np.array([by_plane[plane] for plane in influences.planes])
         stay = [
             f"{significant(abs(u) * 1e6, 4)} g mm at {np.degrees(np.angle(u)):.1f} deg in {plane}"
             for u, plane in zip(weights.tolist(), influences.planes, strict=True)
@@ -244,16 +241,6 @@ def _state(
     share[0, 1:] = weights
     every = np.kron(np.eye(cells.size), share)
     return cells, coefficients @ share.T, every @ solved.whole @ every.conj().T, remarks
-
-
-def _weights_in(influences: Influences, run: str) -> ComplexArray:
-    """Weights of a run, kg m, by plane."""
-    test = influences.measured
-    if run not in test.runs:
-        raise ValueError(f"{test.source or 'the test'}: {unknown_name('reference run', run, test.runs)}")
-    row = test.select(test.run == run).select(np.array([0]))
-    by_plane = dict(zip(row.force_planes, (row.forces_by_plane[0] / row.speed[0] ** 2).tolist(), strict=True))
-    return np.array([by_plane.get(plane, 0.0) for plane in influences.planes], dtype=complex)
 
 
 def _read_now(
@@ -278,10 +265,10 @@ def _read_now(
             f"{now.source or 'the reference'} has no reading of the probes and speeds of the influences; these are "
             f"{', '.join(' '.join(channel) for channel in influences.channels)}"
         )
-    lacking = [i for i in range(solved.channel.size) if i not in kept]
     missed = [
         f"{' '.join(influences.channels[solved.channel[i]])} at {solved.speed[solved.dwell[i]] * RPM_PER_RAD_S:.0f} rpm"
-        for i in lacking
+        for i in range(solved.channel.size)
+        if i not in kept
     ]
     size = coefficients.shape[1]
     places = (cells[:, None] * size + np.arange(size)).reshape(-1)
@@ -291,25 +278,6 @@ def _read_now(
     covariance[first, first] = np.square(errors)
     remarks = (f"left out, because the reference has no reading of them: {', '.join(missed)}",) if missed else ()
     return cells, np.column_stack([values, coefficients[cells, 1:]]), covariance, remarks
-
-
-def _for_planes(
-    influences: Influences, chosen: Sequence[str], coefficients: ComplexArray, covariance: ComplexArray
-) -> tuple[ComplexArray, ComplexArray]:
-    """Vibration and the influences of some planes."""
-    kept = [0, *[1 + influences.planes.index(plane) for plane in chosen]]
-    size = coefficients.shape[1]
-    places = (np.arange(len(coefficients))[:, None] * size + np.array(kept)).reshape(-1)
-    return coefficients[:, kept], covariance[np.ix_(places, places)]
-
-
-def _importance(sigma: Float) -> Float:
-    """Weight of each reading in the sum of squares, one on average; the same for all where no noise was given.
-    Estimated noise would not do: weights would follow the readings that few mountings happened to leave alike, and
-    intervals of 95 % hold 91 to 93 % then."""
-    if not np.isfinite(sigma).all():
-        return np.ones(sigma.size)
-    return np.asarray(sigma**-2 / np.mean(sigma**-2))
 
 
 def _limits(planes: Sequence[str], limits: Limits | None) -> Float:

@@ -103,7 +103,12 @@ class _Rows:
         """Runs as a table, for a notebook."""
         head = ("run", "readings", "speed, rpm", "frequency, rpm", "planes")
         most = 30  # runs that are read at a glance
-        rows = [self._run_cells(run) for run in self.runs[:most]]
+        rows = []
+        for run in self.runs[:most]:
+            here = np.flatnonzero(np.asarray(self.run) == run)
+            own = self.select(here)
+            ranges = _range(self.set_speed[here]), _range(own.frequencies)
+            rows.append((run, str(here.size), *ranges, ", ".join(own.planes)))
         body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
         names = "".join(f"<th>{name}</th>" for name in head)
         more = f"<p>and {len(self.runs) - most} more runs</p>" if len(self.runs) > most else ""
@@ -121,13 +126,6 @@ class _Rows:
 
         return to_dataframe(cast("Experiment", self))
 
-    def _run_cells(self, run: str) -> tuple[str, ...]:
-        rows = np.flatnonzero(np.asarray(self.run) == run)
-        w = self.frequencies[rows] if len(self.frequencies) else np.zeros(0)
-        planes = np.asarray(getattr(self, "plane", np.zeros(0)))
-        named = ", ".join(dict.fromkeys(planes[rows].tolist())) if planes.size else ""
-        return run, str(rows.size), _range(self.set_speed[rows]), _range(w), named
-
     @property
     def size_in_words(self) -> str:
         """How many readings in how many runs."""
@@ -135,7 +133,10 @@ class _Rows:
         return f"{rows} reading{'s' * (rows != 1)} in {runs} run{'s' * (runs != 1)}"
 
     def __post_init__(self) -> None:
-        self._check_lengths()
+        lengths = {name: len(getattr(self, name)) for name in self._columns()}
+        lengths |= {name: len(values) for name, values in self.attributes.items()}
+        if len(set(lengths.values())) != 1:
+            raise ValueError(f"{type(self).__name__}: columns of unequal length: {lengths}")
         self._freeze()
 
     def _freeze(self) -> None:
@@ -153,12 +154,6 @@ class _Rows:
 
     def _columns(self) -> list[str]:
         return [f.name for f in fields(self) if f.name not in ("source", "attributes", "speed_tolerance")]
-
-    def _check_lengths(self) -> None:
-        lengths = {name: len(getattr(self, name)) for name in self._columns()}
-        lengths |= {name: len(values) for name, values in self.attributes.items()}
-        if len(set(lengths.values())) != 1:
-            raise ValueError(f"{type(self).__name__}: columns of unequal length: {lengths}")
 
     def __len__(self) -> int:
         return len(self.run)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -59,24 +59,18 @@ def runs_apart(tests: Sequence[T]) -> tuple[T, ...]:
     different runs, and each is named with its file. Runs that stand in several files, one for each probe, stay one."""
     if len(tests) < 2:
         return tuple(tests)
-    read = Counter(key for test in tests for key in _probes_of_runs(test))
+    read: Counter[tuple[Any, ...]] = Counter()  # kind of a test, run and probe
+    for test in tests:
+        columns = [getattr(test, name) for name in ("run", "plane", "direction") if hasattr(test, name)]
+        first = distinguished(*columns)[0]
+        read.update((type(test), *row) for row in zip(*(column[first].tolist() for column in columns), strict=True))
     twice = {(kind, run) for (kind, run, *_), count in read.items() if count > 1}
-    if not twice:
-        return tuple(tests)
-    return tuple(_named_apart(test, where, twice) for test, where in zip(tests, _places(tests), strict=True))
-
-
-def _probes_of_runs(test: Experiment) -> list[tuple[Any, ...]]:
-    """Kind of the test, run and probe of its readings, each once."""
-    columns = [column for name in ("run", "plane", "direction") if (column := getattr(test, name, None)) is not None]
-    first = distinguished(*columns)[0]
-    return [(type(test), *row) for row in zip(*(column[first].tolist() for column in columns), strict=True)]
-
-
-def _named_apart(test: T, where: str, twice: Collection[tuple[type, str]]) -> T:
-    names, number = words(test.run)
-    apart = [f"{name} ({where})" if (type(test), name) in twice else name for name in names]
-    return test if apart == names else replace(test, run=np.array(apart)[number])
+    apart = []
+    for test, where in zip(tests, _places(tests), strict=True):
+        names, number = words(test.run)
+        renamed = [f"{name} ({where})" if (type(test), name) in twice else name for name in names]
+        apart.append(test if renamed == names else replace(test, run=np.array(renamed)[number]))
+    return tuple(apart)
 
 
 def _places(tests: Sequence[Experiment]) -> list[str]:

@@ -60,10 +60,9 @@ def _refuse_alone(test: PerturbationTest, rows: Index) -> None:
         row, rpm = rows[0], test.speed[rows[0]] * RPM_PER_RAD_S
         raise ValueError(
             f"{test.source or 'the test'}: {rows.size} readings under a force along an axis have no partner in the "
-            f"other direction (row {row + 1}: {test.plane[row]} {test.direction[row]}, at {significant(rpm, 4)} "
-            "rpm); such a force "
-            "moves a rotor that turns forward and backward at once, which one probe cannot tell apart. One direction "
-            "is enough at rest (speed 0) and for models without cross-coupling"
+            f"other direction (row {row + 1}: {test.plane[row]} {test.direction[row]}, at {significant(rpm, 4)} rpm); "
+            "such a force moves a rotor that turns forward and backward at once, which one probe cannot tell apart. "
+            "One direction is enough at rest (speed 0) and for models without cross-coupling"
         )
 
 

@@ -88,8 +88,7 @@ def _analyse(test: RingDownTest, rows: Index, run: str, modes: int) -> Decay:
         if speed > 0 and any(abs(s.imag - order) < 4 * sigma and abs(s.real) < 4 * sigma for order in orders):
             raise ValueError(
                 f"{where}: the vibration found at {significant(s.imag / speed, 4)} times the speed, damping ratio "
-                f"{significant(-s.real / abs(s), 1)}, is unbalance within its error, not a mode. Take the 1x "
-                "out, or give longer "
-                "records"
+                f"{significant(-s.real / abs(s), 1)}, is unbalance within its error, not a mode. Take the 1x out, or "
+                "give longer records"
             )
     return found

@@ -32,8 +32,12 @@ def selected(
         keep &= ~_matches(test, name, unwanted)
     if drop_near_1x:
         keep &= ~_near_1x(test, drop_near_1x)
+    return _kept(test, keep, "the selection")
+
+
+def _kept(test: Test, keep: Bool, after: str) -> Test:
     if not keep.any():
-        raise ValueError(f"{test.source or 'the test'}: no reading is left after the selection (of {len(test)})")
+        raise ValueError(f"{test.source or 'the test'}: no reading is left after {after} (of {len(test)})")
     return test if keep.all() else cast(Test, test.select(keep))
 
 
@@ -46,9 +50,7 @@ def without(test: Test, numbers: Sequence[int]) -> Test:
         )
     keep = np.ones(len(test), dtype=bool)
     keep[np.asarray(numbers, dtype=np.intp) - 1] = False
-    if not keep.any():
-        raise ValueError(f"{test.source or 'the test'}: no reading is left after skip (of {len(test)})")
-    return test if keep.all() else cast(Test, test.select(keep))
+    return _kept(test, keep, "skip")
 
 
 def _values(test: Experiment, name: str) -> NDArray[Any]:

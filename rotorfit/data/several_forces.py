@@ -52,12 +52,11 @@ def gathered(test: PerturbationTest, where: Where | None = None) -> Perturbation
     further: dict[int, tuple[tuple[str, complex, str], ...]] = {}
     for rows in groups:
         if inside[rows[0]]:
-            _refuse_one_angle_twice(test, rows, named)
-            _refuse_both_kinds(test, rows, named)
-            leading = _loaded(test, rows)[0]
-            kept.append(leading)
-            (_, own[leading], _), *others = _summed(test, _loaded(test, rows))
-            further[leading] = tuple(others)
+            _refuse_contradictions(test, rows, named)
+            loaded = [row for row in rows if test.force[row] != 0] or rows[:1]
+            kept.append(loaded[0])
+            (_, own[loaded[0]], _), *others = _summed(test, loaded)
+            further[loaded[0]] = tuple(others)
         else:
             kept += rows
     kept.sort()
@@ -110,11 +109,6 @@ def _place(test: PerturbationTest, row: int) -> str:
     return plane if along == "circular" else f"{plane} along {along}"
 
 
-def _loaded(test: PerturbationTest, rows: list[int]) -> list[int]:
-    """Rows of one reading whose force is not zero, the first of all where there is none."""
-    return [row for row in rows if test.force[row] != 0] or rows[:1]
-
-
 def _summed(test: PerturbationTest, rows: list[int]) -> list[tuple[str, complex, str]]:
     """Plane, force and direction of each place, its forces summed, in the order of the rows."""
     forces: dict[tuple[str, str], complex] = {}
@@ -124,8 +118,8 @@ def _summed(test: PerturbationTest, rows: list[int]) -> list[tuple[str, complex,
     return [(plane, force, along) for (plane, along), force in forces.items()]
 
 
-def _refuse_one_angle_twice(test: PerturbationTest, rows: list[int], named: Where) -> None:
-    """Refuse two forces at one place and angle: a line written twice, or corrected, looks the same."""
+def _refuse_contradictions(test: PerturbationTest, rows: list[int], named: Where) -> None:
+    """Refuse two forces at one place and angle, as of a line written twice, and circular ones beside others."""
     seen: dict[tuple[str, float], int] = {}
     for row in rows:
         place = _place(test, row)
@@ -138,9 +132,6 @@ def _refuse_one_angle_twice(test: PerturbationTest, rows: list[int], named: Wher
                 + ("write it once" if same else "write two weights at one angle as one, their sum")
             )
         seen[at] = row
-
-
-def _refuse_both_kinds(test: PerturbationTest, rows: list[int], named: Where) -> None:
     kinds = dict.fromkeys(test.force_direction[rows].tolist())
     if len(kinds) > 1 and "circular" in kinds:
         raise ValueError(
@@ -151,16 +142,15 @@ def _refuse_both_kinds(test: PerturbationTest, rows: list[int], named: Where) ->
 
 def _refuse_unequal_planes(test: PerturbationTest, groups: list[list[int]], named: Where) -> None:
     """Refuse runs whose readings do not all stand under the same forces, a place counted as often as it has one."""
+    acting = [(rows[0], Counter(_place(test, row) for row in rows)) for rows in groups]
     most: dict[str, Counter[str]] = {}
-    for rows in groups:
-        places = Counter(_place(test, row) for row in rows)
-        run = str(test.run[rows[0]])
+    for row, places in acting:
+        run = str(test.run[row])
         most[run] = max(most.get(run, Counter()), places, key=Counter.total)
-    for rows in groups:
-        run = str(test.run[rows[0]])
-        places, expected = Counter(_place(test, row) for row in rows), most[run]
+    for row, places in acting:
+        run = str(test.run[row])
+        expected = most[run]
         if places != expected:
-            row = rows[0]
             lacking = " and ".join(sorted((expected - places or places).elements()))
             raise ValueError(
                 f"{named(row)}: in run {run} forces act at {' and '.join(sorted(expected.elements()))} at once, but "

@@ -76,27 +76,19 @@ def difference_synchronous(test: PerturbationTest) -> PerturbationTest:
             f"{test.source or 'the test'} is not synchronous: differenced are runs with frequency = speed on all rows"
         )
     done = np.asarray(test.attributes.get(DIFFERENCED, np.zeros(len(test))) == 1)
-    left = np.ones(len(test), dtype=bool)
+    used = np.zeros(len(test), dtype=bool)
     parts: list[PerturbationTest] = []
-    for first, second in _pairs(test, ~done):
-        for a, b in _channels(test, first, second):
-            part = _difference(test.select(a), test.select(b))
-            if len(part):
-                parts.append(part)
-                left[a] = left[b] = False
-    spent = np.zeros(len(test), dtype=bool)
-    for first, second in _with_reference(test, left & ~done):
-        for a, b in _channels(test, first, second):
-            part = _difference(test.select(a), test.select(b))
-            if len(part):
-                parts.append(part)
-                left[a] = False
-                spent[b] = True
-    left &= ~spent
+    for partners in (_pairs, _with_reference):
+        for first, second in partners(test, ~(used | done)):
+            for a, b in _channels(test, first, second):
+                part = _difference(test.select(a), test.select(b))
+                if len(part):
+                    parts.append(part)
+                    used[a] = used[b] = True
     if not parts:
         return test
     marked = dict(test.attributes) | {DIFFERENCED: done.astype(float)}
-    rest = replace(test, attributes=marked).select(left)
+    rest = replace(test, attributes=marked).select(~used)
     return join([*parts, rest] if len(rest) else parts)
 
 
@@ -147,12 +139,15 @@ def uneven_weights(test: PerturbationTest) -> list[str]:
 
 def _pairs(test: PerturbationTest, rows: Bool) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
     """Rows of each two runs with the force at one plane in opposite directions, in order of appearance."""
-    sectors = np.round(np.degrees(np.angle(test.force)), 1).tolist()  # a run whose weight was moved is two runs
-    keys = list(zip(test.run.tolist(), test.force_plane.tolist(), _merge(sectors), strict=True))
+    degrees = np.round(np.degrees(np.angle(test.force)), 1).tolist()  # a run whose weight was moved is two runs
+    sector: dict[float, float] = {}  # each angle is the first one within the tolerance: a phase that jitters is one
+    for angle in dict.fromkeys(degrees):
+        near = [s for s in sector.values() if abs((angle - s + 180) % 360 - 180) <= np.degrees(OPPOSITE_TOLERANCE)]
+        sector[angle] = near[0] if near else angle
     runs: dict[Any, list[int]] = {}
-    for row, key in enumerate(keys):
-        if rows[row] and test.force[row] != 0 and test.speed[row] != 0 and not (test.linear[row] or test.several[row]):
-            runs.setdefault(key, []).append(row)
+    usable = rows & (test.force != 0) & (test.speed != 0) & ~test.linear & ~test.several
+    for row in np.flatnonzero(usable).tolist():
+        runs.setdefault((test.run[row], test.force_plane[row], sector[degrees[row]]), []).append(row)
     free = list(runs)
     while free:
         key = free.pop(0)
@@ -178,15 +173,6 @@ def _with_reference(test: PerturbationTest, rows: Bool) -> Iterator[tuple[NDArra
             yield loaded, np.flatnonzero(bare & (test.run == test.run[np.argmax(among)]))
 
 
-def _merge(degrees: list[float]) -> list[float]:
-    """Each angle replaced by the first one within the tolerance, so that a force phase that jitters is one."""
-    seen: dict[float, float] = {}
-    for angle in dict.fromkeys(degrees):
-        near = [s for s in seen.values() if abs((angle - s + 180) % 360 - 180) <= np.degrees(OPPOSITE_TOLERANCE)]
-        seen[angle] = near[0] if near else angle
-    return [seen[angle] for angle in degrees]
-
-
 def _channels(
     test: PerturbationTest, first: NDArray[Any], second: NDArray[Any]
 ) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
@@ -209,10 +195,9 @@ def _difference(a: PerturbationTest, b: PerturbationTest) -> PerturbationTest:
         response = _response_at(position, b, force)
         sigma = _at(position, b.speed, b.sigma).real
     attributes = {name: _shared(values, b, name, position) for name, values in a.attributes.items()}
-    runs = [f"{one} minus {two}" for one, two in zip(a.run, [str(b.run[0])] * len(a), strict=True)]
     return replace(
         a,
-        run=np.array(runs, dtype=str),
+        run=np.array([f"{run} minus {b.run[0]}" for run in a.run], dtype=str),
         force=a.force - force,
         response=a.response - response,
         sigma=np.hypot(a.sigma, sigma),

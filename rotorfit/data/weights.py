@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
-from rotorfit.data.mountings import MOUNTING, dwell_number, dwells, mountings, tells_mountings
-from rotorfit.data.synchronous import DIFFERENCED, at_speeds, difference_synchronous
+from rotorfit.data.synchronous import DIFFERENCED, OPPOSITE_TOLERANCE, at_speeds, difference_synchronous
+from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.noise.sweep_noise import FEWEST_LINES
 from rotorfit.estimators.starting.influence import (
     Influence,
@@ -21,7 +22,7 @@ from rotorfit.estimators.starting.influence import (
     modes_seen,
     solve_influence,
 )
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.digits import significant
 from rotorfit.models.text_table import Printed, text_table
 from rotorfit.units import RPM_PER_RAD_S
@@ -83,8 +84,7 @@ class Influences(Printed):
             sentence = (
                 f"mounting the weight again moves vectors by {significant(np.sqrt(np.mean(between**2)), 2)} um "
                 f"({significant(between.min(), 2)} to {significant(between.max(), 2)} by channel and speed; "
-                f"{len(self.mountings)} mountings, "
-                f"{self.solved.freedom:.0f} degrees of freedom)"
+                f"{len(self.mountings)} mountings, {self.solved.freedom:.0f} degrees of freedom)"
             )
             if repeat.size:
                 sentence += f", repeats by {significant(np.sqrt(np.mean(repeat**2)), 2)} um"
@@ -200,13 +200,19 @@ def differenced(test: PerturbationTest) -> PerturbationTest:
 
 def solved_together(experiment: Experiment) -> Influences | None:
     """Influences of weights at dwell speeds, also where their noise is not known; None where none are to be solved."""
-    if not isinstance(experiment, PerturbationTest) or not _unsolved(experiment):
+    test = experiment
+    if not isinstance(test, PerturbationTest) or not test.synchronous or DIFFERENCED in test.attributes:
+        return None
+    finite = np.isfinite(test.response).all() and np.isfinite(test.force).all()
+    if not dwells(test) or not finite or not (test.speed > 0).all():
         return None
     try:
-        return influence(experiment)
+        return influence(test)
     except UndeterminedError:
-        if _noise_is_known(experiment):
-            return None  # a check says what the readings contain, and a fit takes them as they are
+        # Single runs can be fitted as they are where their noise is given, or they are long enough to tell it; a check
+        # says what the readings contain.
+        if np.isfinite(test.sigma).all() or np.unique(dwell_number(test.speed)).size >= FEWEST_LINES:
+            return None
         raise
 
 
@@ -221,22 +227,7 @@ def weighed(experiment: Experiment) -> Influences | None:
     return found
 
 
-def _noise_is_known(test: PerturbationTest) -> bool:
-    """True if single runs can be fitted as they are: their noise is given, or they are long enough to tell it."""
-    return bool(np.isfinite(test.sigma).all()) or np.unique(dwell_number(test.speed)).size >= FEWEST_LINES
-
-
-def _unsolved(test: PerturbationTest) -> bool:
-    """True if a test dwells at a few speeds with weights in it that were not differenced."""
-    if not len(test) or not test.synchronous or DIFFERENCED in test.attributes or not dwells(test):
-        return False
-    finite = np.isfinite(test.response).all() and np.isfinite(test.force).all()
-    return bool(finite and (test.speed > 0).all())
-
-
-def _readings(
-    test: PerturbationTest,
-) -> tuple[Readings, tuple[tuple[str, str], ...], tuple[str, ...], tuple[str, ...]]:
+def _readings(test: PerturbationTest) -> tuple[Readings, tuple[tuple[str, str], ...], tuple[str, ...], tuple[str, ...]]:
     forces = test.forces_by_plane
     acting = np.flatnonzero(forces.any(axis=0))
     planes = tuple(test.force_planes[k] for k in acting.tolist())
@@ -292,3 +283,64 @@ def _as_test(
         response=response,
         sigma=sigma,
     )
+
+
+MOUNTING = "mounting"
+"""Column, and attribute, that names the mounting of each row."""
+
+MOST_DWELLS = 8
+"""Speeds of a run up to which it dwelt at them; more are a start-up, which is differenced sample by sample."""
+
+_REPEAT = re.compile(r"(.+)-\d+")
+_SAME_WEIGHT = 0.02  # relative difference of mass-radius products that are one weight, written down twice
+
+
+def dwells(test: PerturbationTest) -> bool:
+    """True if every run of a test has at most :data:`MOST_DWELLS` speeds."""
+    number = dwell_number(test.speed)
+    return all(np.unique(number[test.run == run]).size <= MOST_DWELLS for run in test.runs)
+
+
+def dwell_number(speed: Float) -> Index:
+    """Number of the dwell speed of each reading: neighbours within the tolerance of constant speeds are one."""
+    values, inverse = np.unique(speed, return_inverse=True)
+    steps = np.diff(values) > SPEED_TOLERANCE * values[1:]
+    return np.asarray(np.concatenate([[0], np.cumsum(steps)])[inverse.reshape(-1)], dtype=np.intp)
+
+
+def tells_mountings(test: PerturbationTest) -> bool:
+    """True if the file says which runs are repeats of one mounting."""
+    return MOUNTING in test.attributes or any(_REPEAT.fullmatch(run) for run in test.runs)
+
+
+def mountings(test: PerturbationTest) -> list[str]:
+    """Name of the mounting of each row: the column, else the name of the run without the number of the repeat. Runs
+    whose weights differ are never one mounting, whatever their names."""
+    given = MOUNTING in test.attributes
+    if given:
+        names = [str(value) for value in test.attributes[MOUNTING].tolist()]
+    else:
+        found = [(run, _REPEAT.fullmatch(run)) for run in test.run.tolist()]
+        names = [run if match is None else match[1] for run, match in found]
+    weights = test.forces_by_plane / test.speed[:, None] ** 2
+    result: list[str] = []
+    seen: dict[str, list[tuple[str, list[complex]]]] = {}
+    for name, plane, own in zip(names, test.force_plane.tolist(), weights.tolist(), strict=True):
+        kinds = seen.setdefault(name, [])
+        place = next((i for i, (at, v) in enumerate(kinds) if at == plane and all(map(_same, own, v))), len(kinds))
+        if place == len(kinds):
+            kinds.append((plane, own))
+        if place and given:
+            raise ValueError(
+                f"{test.source or 'the test'}: mounting {name} has different weights; a weight that was moved is "
+                "another mounting"
+            )
+        result.append(name if not place else f"{name} ({place + 1})")
+    return result
+
+
+def _same(u: complex, v: complex) -> bool:
+    if u == 0 or v == 0:
+        return u == v
+    turned = abs(float(np.angle(u / v)))
+    return abs(abs(u) - abs(v)) <= _SAME_WEIGHT * abs(v) and turned <= OPPOSITE_TOLERANCE

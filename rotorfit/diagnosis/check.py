@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.data.experiments import (
     DisplacementTest,
@@ -16,17 +17,14 @@ from rotorfit.data.experiments import (
     StaticTest,
 )
 from rotorfit.data.findings import Finding, errors_first, listed
-from rotorfit.data.mountings import dwells
+from rotorfit.data.weights import dwells
 from rotorfit.diagnosis.forces import exchanged_axes, force_along_axis, turning_force
-from rotorfit.diagnosis.imposed_orbits import imposed_orbits
 from rotorfit.diagnosis.orbits import orbits_of
-from rotorfit.diagnosis.phase_flips import half_turns
+from rotorfit.diagnosis.other_kinds import free_vibration, imposed_orbits, static_positions
 from rotorfit.diagnosis.plan import plan
-from rotorfit.diagnosis.probe_pairs import uneven_probes
+from rotorfit.diagnosis.probe_pairs import reciprocity, uneven_probes
 from rotorfit.diagnosis.readings import amplitudes, clipped, copied_readings, rows_of, unread
-from rotorfit.diagnosis.reciprocity import reciprocity
-from rotorfit.diagnosis.signs import signs, wrong_direction
-from rotorfit.diagnosis.static_and_free import free_vibration, static_positions
+from rotorfit.diagnosis.signs import half_turns, signs, wrong_direction
 from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.models.array_types import Bool
 
@@ -51,10 +49,11 @@ def check(test: Experiment) -> list[Finding]:
         >>> [finding.code for finding in rf.check(rig) if finding.severity == "error"]
         []
     """
-    numeric = _finite(test)
-    findings = list(_numbers(test, numeric))
-    findings += _machines(test)
-    finite = np.flatnonzero(numeric)
+    measured: list[NDArray[Any]] = [getattr(test, name) for name in test._columns() if name not in _MAY_BE_NAN]
+    numeric = [np.isfinite(values) for values in measured if values.dtype.kind in "fc"]
+    whole = np.logical_and.reduce(numeric) if numeric else np.ones(len(test), dtype=bool)
+    findings = [*_numbers(test, whole), *_machines(test)]
+    finite = np.flatnonzero(whole)
     if finite.size:
         rest = test if finite.size == len(test) else test.select(finite)
         findings += [found.at_rows(finite) for found in _of_its_kind(rest)]
@@ -98,7 +97,7 @@ def _physics(test: PerturbationTest) -> Iterator[Finding]:
 
 
 def _machines(test: Experiment) -> Iterator[Finding]:
-    names = words(np.asarray(test.attributes["machine"]))[0] if "machine" in test.attributes else []
+    names = words(np.asarray(test.attributes.get("machine", np.zeros(0))))[0]
     if len(names) > 1:
         text = (
             f"The readings are of {len(names)} machines, {listed(sorted(map(str, names)))}: a fit takes them for one. "
@@ -110,17 +109,6 @@ def _machines(test: Experiment) -> Iterator[Finding]:
 
 _MAY_BE_NAN = ("sigma", "eccentricity", "position")
 """Columns in which NaN stands for what was not measured, or was given in another column."""
-
-
-def _finite(test: Any) -> Bool:
-    numeric = [getattr(test, name) for name in test._columns() if name not in _MAY_BE_NAN]
-    columns = [np.isfinite(values) for values in numeric if values.dtype.kind in "fc"]
-    return np.logical_and.reduce(columns) if columns else np.ones(len(test), dtype=bool)
-
-
-def _beside_weights(test: PerturbationTest) -> bool:
-    """True if runs without a weight are references of others at the same few speeds."""
-    return test.synchronous and bool(test.force.any()) and dwells(test)
 
 
 _REFERENCE = (
@@ -140,10 +128,12 @@ def _numbers(test: Experiment, finite: Bool) -> Iterator[Finding]:
     if (sigma <= 0).any():
         text = f"The noise sigma is not positive in {(sigma <= 0).sum()} rows; NaN stands for unknown noise."
         yield Finding("error", "sigma", text, rows_of(sigma <= 0))
-    # Runs without a weight are what the others are compared with, where weights are solved together.
-    if isinstance(test, PerturbationTest) and (test.force == 0).any() and not _beside_weights(test):
-        if (test.force == 0).all() and test.synchronous:
-            yield Finding("warning", "reference-run", _REFERENCE)
-            return
-        text = f"The force is zero in {(test.force == 0).sum()} rows; remove them, they have no dynamic stiffness."
-        yield Finding("error", "no-force", text, rows_of(test.force == 0), undo="remove these rows")
+    still = test.force == 0 if isinstance(test, PerturbationTest) else np.zeros(0, dtype=bool)
+    if not isinstance(test, PerturbationTest) or not still.any():
+        return
+    if still.all() and test.synchronous:
+        yield Finding("warning", "reference-run", _REFERENCE)
+    # Runs without a weight are what others at the same few speeds are compared with: weights are solved together.
+    elif not (test.synchronous and dwells(test)):
+        text = f"The force is zero in {still.sum()} rows; remove them, they have no dynamic stiffness."
+        yield Finding("error", "no-force", text, rows_of(still), undo="remove these rows")

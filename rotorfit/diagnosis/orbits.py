@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -161,6 +162,11 @@ def orbits_of(test: PerturbationTest, rows: Index) -> Orbits:
         right=right,
         wrong=wrong,
     )
+
+
+def orbits_of_tests(tests: Sequence[PerturbationTest]) -> list[Orbits]:
+    """Orbits of each of several tests whose readings all stand under one force."""
+    return [orbits_of(test, np.arange(len(test))) for test in tests if test.force.all() and not test.several.any()]
 
 
 def mirrored(orbits: Orbits, at: Index, *names: str) -> Index:

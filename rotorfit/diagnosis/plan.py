@@ -12,7 +12,7 @@ from rotorfit.data.synchronous import DIFFERENCED
 from rotorfit.data.weights import Influences, solved_together
 from rotorfit.diagnosis.orbits import SYNCHRONOUS_DISTANCE
 from rotorfit.diagnosis.readings import rows_of
-from rotorfit.estimators.blocks.row_keys import words
+from rotorfit.estimators.blocks.row_keys import rows_by, words
 from rotorfit.estimators.signals.ramp import fit_ramp
 from rotorfit.models.digits import significant
 from rotorfit.units import RPM_PER_RAD_S
@@ -39,7 +39,7 @@ def plan(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
             yield from _ramps(test)
 
 
-def _influences(test: PerturbationTest) -> Influences | None:
+def _influences(test: PerturbationTest | DisplacementTest) -> Influences | None:
     """Influences of weights at dwell speeds, None where there are none to solve for."""
     try:
         return solved_together(test)
@@ -74,40 +74,34 @@ def _units(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
         text = (
             f"The frequencies are low: {significant(highest * RPM_PER_RAD_S, 4)} rpm at the most, at speeds up to "
             f"{significant(fastest * RPM_PER_RAD_S, 4)} rpm. If one of the two is in Hz or rad/s, name its unit "
-            "(frequency_hz, "
-            "speed_hz): wrong, it falsifies every parameter, lam first of all, and a fit may not notice."
+            "(frequency_hz, speed_hz): wrong, it falsifies every parameter, lam first of all, and a fit may not notice."
         )
         yield Finding("warning", "frequency-unit", text, undo="frequency_hz, speed_hz")
 
 
 def _frequencies(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
-    forced = test if isinstance(test, PerturbationTest) else None
-    near = (test.speed != 0) & (
-        np.abs(np.abs(test.frequency) - np.abs(test.speed)) <= SYNCHRONOUS_DISTANCE * np.abs(test.speed)
-    )
-    synchronous = forced is not None and forced.synchronous
+    w, speed = np.abs(test.frequency), np.abs(test.speed)
+    near = (speed != 0) & (np.abs(w - speed) <= SYNCHRONOUS_DISTANCE * speed)
+    synchronous, both_ways = False, False
+    if isinstance(test, PerturbationTest):
+        synchronous, both_ways = test.synchronous, bool(test.linear.any())
     if near.any() and not synchronous:
         text = (
             f"Near 1x: {near.sum()} readings are at once-per-turn frequency, where run-out and residual unbalance add "
             "to the response. Subtract the slow roll (slow_roll=, --slow-roll-below), or remove them."
         )
         yield Finding("warning", "near-1x", text, rows_of(near), undo="slow_roll, drop_near_1x")
-    both_ways = forced is not None and bool(forced.linear.any())
-    if not synchronous and not both_ways and (np.all(test.frequency >= 0) or np.all(test.frequency <= 0)):
-        there, lacking = ("forward", "backward") if np.all(test.frequency >= 0) else ("backward", "forward")
+    forward, backward = np.all(test.frequency >= 0), np.all(test.frequency <= 0)
+    if not synchronous and not both_ways and (forward or backward):
+        there, lacking = ("forward", "backward") if forward else ("backward", "forward")
         text = (
             f"All runs are {there}. {lacking.capitalize()} runs separate fluid damping from lam and anisotropy from "
             "both; without them parameters are less certain than the noise suggests."
         )
         yield Finding("warning", "one-direction", text)
-    w = np.round(test.frequency, 6)
-    names, number = words(test.run)
-    lowest, highest = np.full(len(names), np.inf), np.full(len(names), -np.inf)
-    np.minimum.at(lowest, number, w)
-    np.maximum.at(highest, number, w)
-    constant = {name for name, alone in zip(names, lowest == highest, strict=True) if alone}
-    single = [run for run in test.runs if run in constant]
-    if single and (forced is None or _influences(forced) is None):
+    runs = rows_by(words(test.run)[1])
+    single = [str(test.run[own[0]]) for own in runs if np.ptp(np.round(test.frequency[own], 6)) == 0]
+    if single and _influences(test) is None:
         text = f"Runs with one frequency only: {listed(single)}; they cannot show how dynamic stiffness varies with it."
         yield Finding("warning", "single-frequency", text, rows_of(np.isin(test.run, single)))
 
@@ -164,9 +158,8 @@ def _ramps(test: PerturbationTest) -> Iterator[Finding]:
                 f"{plane} {direction} of run {run} beats beyond its resonance, from {found.beats_from * rpm:.0f} rpm "
                 f"on: the speed changed by about {abs(found.rate) * rpm:.0f} rpm/s, too fast for the vibration to "
                 f"settle. Taken as settled the resonance comes out at {found.steady_wn * rpm:.0f} rpm, with the ramp "
-                f"fitted too at {found.wn * rpm:.0f} +- {significant(found.wn_error * rpm, 1)} rpm. Leave out "
-                "what beats, and run "
-                "through the resonance more slowly."
+                f"fitted too at {found.wn * rpm:.0f} +- {significant(found.wn_error * rpm, 1)} rpm. Leave out what "
+                "beats, and run through the resonance more slowly."
             )
             late = rows[test.speed[rows] >= found.beats_from]
             yield Finding("warning", "ramp", text, tuple(late.tolist()), undo="leave out what beats")

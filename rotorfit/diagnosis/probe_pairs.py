@@ -8,7 +8,7 @@ frequency, a filter does what its corner asks; anisotropy, whose shares change a
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from rotorfit.data.findings import Finding, listed
 from rotorfit.diagnosis.orbits import FEWEST_READINGS, Orbits, enough, total_power
-from rotorfit.diagnosis.probe_filters import FilteredProbe, Pair, filtered_probe
-from rotorfit.diagnosis.trials.channel_filters import SAME_FACTOR
-from rotorfit.estimators.blocks.row_keys import combined, rows_by
+from rotorfit.diagnosis.probe_filters import SAME_FACTOR, FilteredProbe, Pair, filtered_probe, likeness
+from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, rows_by
 from rotorfit.estimators.noise.sweep_noise import noise_from_smoothness
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.digits import significant
@@ -100,17 +99,17 @@ def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
             else ""
         )
         text = (
-            f"At {listed(uneven)} the motion against the direction of the force has up to "
-            f"{significant(part, 2)} % of the "
-            "amplitude of that along it, and is no noise: anisotropy, probes that differ, or a force that does not "
+            f"At {listed(uneven)} the motion against the direction of the force has up to {significant(part, 2)} % of "
+            "the amplitude of that along it, and is no noise: anisotropy, probes that differ, or a force that does not "
             f"turn (force_direction).{unclear} Compare with the model Anisotropic before trusting an isotropic one."
         )
         yield Finding("note", UNEVEN, text)
 
 
-def uneven_planes(orbits: Orbits) -> dict[str, FilteredProbe | None]:
+def uneven_planes(orbits: Sequence[Orbits]) -> dict[str, FilteredProbe | None]:
     """Planes where y does not follow x by one factor, with the filter of one of the two that explains it."""
-    return {plane: one.filtered for plane, one in _relations(orbits).items() if not (one.even or one.constant)}
+    relations = (pair for of_test in orbits for pair in _relations(of_test).items())
+    return {plane: one.filtered for plane, one in relations if not (one.even or one.constant)}
 
 
 def _relations(orbits: Orbits) -> dict[str, _Relation]:
@@ -247,13 +246,11 @@ def _late(plane: str, one: _Relation) -> Finding:
     late, early = ("y", "x") if one.delay > 0 else ("x", "y")
     lag = np.degrees(one.highest * abs(one.delay))
     text = (
-        f"The {late} probe at {plane} is {significant(abs(one.delay), 3)} s late against the {early} probe: it "
-        "lags in proportion "
-        f"to the frequency, by {significant(lag, 2)} degrees at the highest, as no rotor does. Half of that is "
-        "in every response "
-        f"there, and in the damping and lam that follow from it. Find out which probe is wrong: if {early} is right, "
-        f"delays, {plane}.{late} = {significant(abs(one.delay), 3)} s; if {late} is right, {plane}.{early} = "
-        f"-{significant(abs(one.delay), 3)} s (of recordings delay_s of the probe in rig.toml)."
+        f"The {late} probe at {plane} is {significant(abs(one.delay), 3)} s late against the {early} probe: it lags in "
+        f"proportion to the frequency, by {significant(lag, 2)} degrees at the highest, as no rotor does. Half of that "
+        "is in every response there, and in the damping and lam that follow from it. Find out which probe is wrong: if "
+        f"{early} is right, delays, {plane}.{late} = {significant(abs(one.delay), 3)} s; if {late} is right, "
+        f"{plane}.{early} = -{significant(abs(one.delay), 3)} s (of recordings delay_s of the probe in rig.toml)."
     )
     return Finding(
         "warning", "probe-delay", text, one.rows, undo=f"delays, {plane}.{late} = {significant(abs(one.delay), 3)} s"
@@ -298,3 +295,45 @@ def _gain(plane: str, one: _Relation) -> Finding:
 
 def _bias(share: float) -> str:
     return f"{significant(100 * abs(share), 2)} % too {'small' if share > 0 else 'large'}"
+
+
+_LARGEST_MEDIAN = 0.4
+"""Departure of the median ratio of planes from one, octaves, that stations of probes do not explain."""
+_LARGEST_SPREAD = 0.3  # octaves between the quartiles of ratios that one factor explains
+_FEWEST_RATIOS = 8  # ratios from which quartiles say anything
+
+
+def reciprocity(orbits: Orbits) -> Iterator[Finding]:
+    """Pairs of planes whose responses to each other's forces differ by one factor."""
+    planes = {tuple(sorted(pair)) for pair, _ in orbits.groups("force_plane", "plane") if pair[0] != pair[1]}
+    for one, other in sorted(planes):
+        logs = _ratios(orbits, one, other)
+        if logs.size < _FEWEST_RATIOS:
+            continue
+        low, middle, high = np.quantile(logs, [0.25, 0.5, 0.75]).tolist()
+        if abs(middle) <= _LARGEST_MEDIAN or high - low >= _LARGEST_SPREAD:
+            continue
+        there, forced = (orbits.at(column, one) | orbits.at(column, other) for column in ("plane", "force_plane"))
+        factor, (a, b) = float(2 ** abs(middle)), (one, other) if middle > 0 else (other, one)
+        size = significant(factor, 3)
+        text = (
+            f"Plane {a} answers forces at {b} {size} times as much as {b} answers forces at {a}, at every frequency; "
+            f"on a rotor the two are alike. Either the readings at {a} are {size} times too large{likeness(factor)}, "
+            f"or those at {b} as many times too small{likeness(1 / factor)}, or so are the forces at {b}, or those at "
+            f"{a} are too large. No fit can tell which: it goes into sigma, or into every mass and stiffness of one "
+            "plane."
+        )
+        undo = "name the unit of the amplitudes, or correct with gains"
+        yield Finding("warning", "reciprocity", text, orbits.rows_of(np.flatnonzero(there & forced)), undo=undo)
+
+
+def _ratios(orbits: Orbits, a: str, b: str) -> Float:
+    """log2 of how much more one plane answers a force at another than the other way round, condition by condition."""
+    condition = in_order(combined(orbits.number("speed"), numbers(np.round(orbits.frequency, 6))))[1]
+    size = np.abs(orbits.right / orbits.force)
+    last = np.full((2, int(condition.max()) + 1), -1, dtype=np.intp)
+    for found, (forced, plane) in zip(last, ((b, a), (a, b)), strict=True):
+        at: Index = np.flatnonzero(orbits.at("force_plane", forced) & orbits.at("plane", plane) & (size > 0))
+        found[condition[at]] = at
+    there, back = last[:, (last >= 0).all(axis=0)]
+    return np.asarray(np.log2(size[there] / size[back]))

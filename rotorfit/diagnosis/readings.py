@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -36,29 +36,19 @@ def amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     largest = float(size.max())
     if largest > _SUSPECT_DISPLACEMENT:
         text = (
-            f"Amplitudes reach {significant(largest, 3)} m 0-peak; no rotor in a bearing or seal moves that "
-            "far. Check the unit "
-            "of the amplitude column (um, mil, m)."
+            f"Amplitudes reach {significant(largest, 3)} m 0-peak; no rotor in a bearing or seal moves that far. Check "
+            "the unit of the amplitude column (um, mil, m)."
         )
-        yield Finding(
-            "error" if largest > _IMPOSSIBLE_DISPLACEMENT else "warning",
-            "large-amplitude",
-            text,
-            rows_of(size > _SUSPECT_DISPLACEMENT),
-        )
-    elif 0 < largest < _SMALLEST_DISPLACEMENT and not _over_unit_force(test):
+        severity: Literal["error", "warning"] = "error" if largest > _IMPOSSIBLE_DISPLACEMENT else "warning"
+        yield Finding(severity, "large-amplitude", text, rows_of(size > _SUSPECT_DISPLACEMENT))
+    # Of frequency response functions, under unit force, the size says nothing of the motion.
+    elif 0 < largest < _SMALLEST_DISPLACEMENT and not (getattr(test, "force", np.zeros(1)) == 1.0).all():
         text = (
-            f"The largest amplitude is {significant(largest, 3)} m 0-peak, little for a rotor and hardly more "
-            "than probes resolve. "
-            "Check the unit of the amplitude column (amplitude_um, amplitude_mm): wrong, it goes into every mass, "
-            "damping and stiffness, and no fit can notice."
+            f"The largest amplitude is {significant(largest, 3)} m 0-peak, little for a rotor and hardly more than "
+            "probes resolve. Check the unit of the amplitude column (amplitude_um, amplitude_mm): wrong, it goes into "
+            "every mass, damping and stiffness, and no fit can notice."
         )
         yield Finding("warning", "small-amplitude", text)
-
-
-def _over_unit_force(test: PerturbationTest | DisplacementTest) -> bool:
-    """True if the readings are frequency response functions, whose size says nothing of the motion."""
-    return isinstance(test, PerturbationTest) and bool((test.force == 1.0).all())
 
 
 def copied_readings(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
@@ -113,10 +103,9 @@ def copies_finding(copies: Mapping[str, str], rows: Sequence[int] = ()) -> Findi
 
 def run_digests(test: Experiment) -> dict[str, bytes]:
     """Runs that hold some readings, and a hash of all that is known of those."""
-    return dict(_digests(test)) if isinstance(test, PerturbationTest) else {}
-
-
-def _digests(test: PerturbationTest) -> Iterator[tuple[str, bytes]]:
+    found: dict[str, bytes] = {}
+    if not isinstance(test, PerturbationTest):
+        return found
     values = (test.speed, test.frequency, test.force, test.response)
     for some in rows_by(test.lines.number["run"]):
         if some.size >= _COPIED_READINGS and test.response[some].any():
@@ -127,7 +116,8 @@ def _digests(test: PerturbationTest) -> Iterator[tuple[str, bytes]]:
             for key in ("force_plane", "plane", "direction"):
                 names, place = words(getattr(test, key)[rows])
                 digest.update("\0".join([*names, ""]).encode("utf-8") + place.tobytes())
-            yield str(test.run[some[0]]), digest.digest()
+            found[str(test.run[some[0]])] = digest.digest()
+    return found
 
 
 def unread(test: PerturbationTest) -> Iterator[Finding]:
@@ -142,7 +132,7 @@ def unread(test: PerturbationTest) -> Iterator[Finding]:
         text = f"Nothing but zero was read by the probe {_probes(test, np.flatnonzero(alone))}. Remove its rows."
         yield Finding("error", "dead-probe", text, rows_of(alone), undo="remove its rows")
     holes: list[int] = []
-    steps = {c: _step(_distinct(size[channel == c])[:_AMPLITUDES_COMPARED]) for c in np.unique(channel).tolist()}
+    steps = _steps(channel, size, slice(_AMPLITUDES_COMPARED))
     for sweep in _sweeps(test, channel):
         holes += _holes(sweep, test.response, steps[int(channel[sweep[0]])])
     if holes:
@@ -161,7 +151,7 @@ def clipped(test: PerturbationTest) -> Iterator[Finding]:
     flat = (size >= top[channel] * (1 - _LAST_DIGIT)) & (size > 0)
     if np.bincount(channel[flat]).max(initial=0) < _CLIPPED_READINGS:
         return
-    steps = {c: _step(_distinct(size[channel == c])[-_AMPLITUDES_COMPARED:]) for c in np.unique(channel).tolist()}
+    steps = _steps(channel, size, slice(-_AMPLITUDES_COMPARED, None))
     ends = {
         int(channel[sweep[0]])
         for sweep in _sweeps(test, channel)
@@ -171,9 +161,8 @@ def clipped(test: PerturbationTest) -> Iterator[Finding]:
     if cut.size:
         text = (
             f"Cut off: {cut.size} readings of {_probes(test, cut)} have the largest amplitude of their probe to the "
-            f"last digit, {significant(size[cut].max(), 4)} m, line after line, as where a probe or an "
-            "amplifier is at the end of "
-            "its range. Remove these rows."
+            f"last digit, {significant(size[cut].max(), 4)} m, line after line, as where a probe or an amplifier is at "
+            "the end of its range. Remove these rows."
         )
         yield Finding("error", "clipped", text, tuple(cut.tolist()), undo="remove these rows")
 
@@ -198,16 +187,15 @@ def _sweeps(test: PerturbationTest, channel: Index) -> Iterator[Index]:
     return iter(rows_by(combined(number["run"], number["force_plane"], channel), test.frequency))
 
 
-def _distinct(size: Float) -> Float:
-    """Amplitudes, each once, that are not zero."""
-    return np.unique(size[size > 0])
-
-
-def _step(distinct: Float) -> float:
-    """Step to which amplitudes of like size are rounded: files hold so many digits, or so many significant ones."""
-    steps = np.diff(distinct)
-    steps = steps[steps > _LAST_DIGIT * distinct[1:]]
-    return float(steps.min()) if steps.size else 0.0
+def _steps(channel: Index, size: Float, some: slice) -> dict[int, float]:
+    """Step to which some amplitudes of like size of each channel are rounded: files hold so many digits, or so many
+    significant ones."""
+    found = {}
+    for one in np.unique(channel).tolist():
+        distinct = np.unique(size[(channel == one) & (size > 0)])[some]
+        steps = np.diff(distinct)
+        found[one] = float(steps[steps > _LAST_DIGIT * distinct[1:]].min(initial=np.inf))
+    return {one: step if step < np.inf else 0.0 for one, step in found.items()}
 
 
 def _holes(sweep: Index, response: ComplexArray, step: float) -> list[int]:

@@ -18,6 +18,8 @@ from rotorfit.data.findings import Finding, listed
 from rotorfit.diagnosis.forces import BACKWARD_SHARES
 from rotorfit.diagnosis.orbits import FEWEST_READINGS, SYNCHRONOUS_DISTANCE, Orbits, mirrored, total_power
 from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.digits import significant
+from rotorfit.units import RPM_PER_RAD_S
 
 _SIGNIFICANT_DEVIATIONS = 3.5
 """Sum of signs over its standard deviation under random signs, beyond which a sign is taken as established."""
@@ -46,7 +48,15 @@ def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
     for _, at in orbits.groups("run", "speed", "force_plane", "plane"):
         torn[at] = turned(orbits.right[at], orbits.wrong[at])
     if torn.any():
-        yield _in_some_lines(orbits, np.flatnonzero(torn))
+        at = np.flatnonzero(torn)
+        places = zip(orbits.run[at].tolist(), orbits.plane[at].tolist(), strict=True)
+        named = listed(list(dict.fromkeys(f"{run} / {plane}" for run, plane in places)))
+        text = (
+            f"In {at.size} lines the rotor answers against the direction of the force, in the others of the same runs "
+            f"along it, and nowhere between the two: {named}. Check whether a probe was turned round, or x and y "
+            "exchanged, in these lines, and the sign of their frequency."
+        )
+        yield Finding("error", "turned-lines", text, orbits.rows_of(at))
     against: dict[tuple[str, str], bool] = {}
     hit = np.zeros(torn.size, dtype=bool)
     for key, at in orbits.groups("run", "plane"):
@@ -70,17 +80,6 @@ def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
     where = "all runs" if everywhere else listed(list(dict.fromkeys(run for run, _ in bad)))
     text = f"The rotor answers mostly against the direction of the force, in {where}. Check {cause}."
     yield Finding("error", "wrong-direction", text, orbits.rows_of(np.flatnonzero(hit)))
-
-
-def _in_some_lines(orbits: Orbits, at: Index) -> Finding:
-    places = zip(orbits.run[at].tolist(), orbits.plane[at].tolist(), strict=True)
-    named = listed(list(dict.fromkeys(f"{run} / {plane}" for run, plane in places)))
-    text = (
-        f"In {at.size} lines the rotor answers against the direction of the force, in the others of the same runs "
-        f"along it, and nowhere between the two: {named}. Check whether a probe was turned round, or x and y "
-        "exchanged, in these lines, and the sign of their frequency."
-    )
-    return Finding("error", "turned-lines", text, orbits.rows_of(at))
 
 
 def turned(along: ComplexArray, against: ComplexArray) -> NDArray[np.bool_]:
@@ -110,8 +109,27 @@ def signs(orbits: Orbits) -> Iterator[Finding]:
         hit = np.concatenate([hit, *falling])
     if hit.size:
         yield _negative_damping(drives, kappa, hit)
-    else:
-        yield from _reversed(drives, kappa)
+        return
+    score, hit = max(_drives_backward(drives, kappa), key=lambda one: one[0])
+    if score > _SIGNIFICANT_DEVIATIONS:  # the fluid, which drives slow forward whirl, seems to drive backward whirl
+        text = (
+            f"Slow backward forces drive the rotor instead of damping it in {listed(_runs(drives, hit))}: lam would "
+            "be negative. The sense of rotation is reversed, or x and y are exchanged together with the sign of the "
+            "frequency; x has to turn towards y with the rotor."
+        )
+        yield Finding("error", "reversed-rotation", text, drives.rows_of(hit))
+
+
+def _dissipates(drives: Orbits, kappa: ComplexArray) -> Float:
+    """Sign of the dissipation of each drive at |w| >= Omega, whatever lam < 1 is, shape ``(G,)``; 0: unknown."""
+    fast = np.abs(drives.frequency) >= np.abs(drives.speed) * (1 - SYNCHRONOUS_DISTANCE)
+    sine = kappa.imag / np.abs(kappa) * np.sign(drives.frequency)
+    # a phase of a few degrees may be an error of the reference: such readings hardly count
+    sign = np.where(fast, sine / np.hypot(sine, _SMALL_SINE), 0.0)
+    of = drives.number(*_DRIVE)
+    total, square, count = (np.bincount(of, values) for values in (sign, sign**2, fast))
+    score = total / np.where(square > 0, np.sqrt(square), 1.0)
+    return np.where((count >= FEWEST_READINGS) & (np.abs(score) > _SIGNIFICANT_DEVIATIONS), np.sign(score), 0.0)
 
 
 def _negative_damping(drives: Orbits, kappa: ComplexArray, hit: Index) -> Finding:
@@ -140,18 +158,6 @@ def _negative_damping(drives: Orbits, kappa: ComplexArray, hit: Index) -> Findin
     return Finding("error", code, f"{begin}{cause}", drives.rows_of(hit), undo=undo)
 
 
-def _dissipates(drives: Orbits, kappa: ComplexArray) -> Float:
-    """Sign of the dissipation of each drive at |w| >= Omega, whatever lam < 1 is, shape ``(G,)``; 0: unknown."""
-    fast = np.abs(drives.frequency) >= np.abs(drives.speed) * (1 - SYNCHRONOUS_DISTANCE)
-    sine = kappa.imag / np.abs(kappa) * np.sign(drives.frequency)
-    # a phase of a few degrees may be an error of the reference: such readings hardly count
-    sign = np.where(fast, sine / np.hypot(sine, _SMALL_SINE), 0.0)
-    of = drives.number(*_DRIVE)
-    total, square, count = (np.bincount(of, values) for values in (sign, sign**2, fast))
-    score = total / np.where(square > 0, np.sqrt(square), 1.0)
-    return np.where((count >= FEWEST_READINGS) & (np.abs(score) > _SIGNIFICANT_DEVIATIONS), np.sign(score), 0.0)
-
-
 def _falls(drives: Orbits, kappa: ComplexArray, sweep: Index, planes: int) -> bool:
     """True if quadrature falls from backward to forward in a sweep below the speed, by Spearman's correlation. One
     direction is enough if there is but one plane; else the other planes' motion turns the slope within a direction."""
@@ -162,18 +168,6 @@ def _falls(drives: Orbits, kappa: ComplexArray, sweep: Index, planes: int) -> bo
         return False
     ranks = [np.argsort(np.argsort(values)) - (w.size - 1) / 2 for values in (w, quadrature)]
     return bool(ranks[0] @ ranks[1] < -_RANK_CORRELATION * (ranks[0] @ ranks[0]))
-
-
-def _reversed(drives: Orbits, kappa: ComplexArray) -> Iterator[Finding]:
-    """A reversed sense of rotation: the fluid, which drives slow forward whirl, seems to drive slow backward whirl."""
-    score, hit = max(_drives_backward(drives, kappa), key=lambda one: one[0])
-    if score > _SIGNIFICANT_DEVIATIONS:
-        text = (
-            f"Slow backward forces drive the rotor instead of damping it in {listed(_runs(drives, hit))}: lam would "
-            "be negative. The sense of rotation is reversed, or x and y are exchanged together with the sign of the "
-            "frequency; x has to turn towards y with the rotor."
-        )
-        yield Finding("error", "reversed-rotation", text, drives.rows_of(hit))
 
 
 def _drives_backward(drives: Orbits, kappa: ComplexArray) -> Iterator[tuple[float, Index]]:
@@ -203,3 +197,44 @@ def _established(values: Float) -> float:
 
 def _runs(orbits: Orbits, at: Index) -> list[str]:
     return list(dict.fromkeys(orbits.run[at].tolist()))
+
+
+_LINES_BESIDE = 3  # lines on either side that have to be smooth
+_LARGEST_STEP = 0.3
+"""Change from line to line, over the response and scaled to the step of frequency at the jump, of a smooth response: at
+a resonance or an antiresonance between two lines it is one half at least."""
+
+
+def half_turns(orbits: Orbits) -> Iterator[Finding]:
+    """Planes whose readings change their sign between two lines of a sweep."""
+    found: dict[tuple[str, float, float], list[Index]] = {}
+    for (_, plane, _, _), at in orbits.groups("run", "plane", "force_plane", "speed"):
+        for side in (at[orbits.frequency[at] > 0], at[orbits.frequency[at] < 0]):
+            sweep = side[np.argsort(np.abs(orbits.frequency[side]), kind="stable")]
+            w = np.abs(orbits.frequency[sweep])
+            if sweep.size < 2 * _LINES_BESIDE or (np.diff(w) == 0).any():
+                continue
+            for k in _jumps(w, orbits.right[sweep] / orbits.force[sweep]).tolist():
+                found.setdefault((plane, float(w[k]), float(w[k + 1])), []).append(sweep)
+    for (plane, low, high), sweeps in found.items():
+        hit = np.concatenate(sweeps)
+        text = (
+            f"At {plane} the readings turn by half a turn between {significant(low * RPM_PER_RAD_S, 4)} and "
+            f"{significant(high * RPM_PER_RAD_S, 4)} rpm, and are smooth on both sides, as no rotor's are, in "
+            f"{listed(list(dict.fromkeys(orbits.run[hit].tolist())))}. Either side may be the inverted one: check "
+            "range, polarity and filters of the probes there, and the angle of the force."
+        )
+        yield Finding("warning", "half-turn", text, orbits.rows_of(np.sort(hit)))
+
+
+def _jumps(w: Float, response: ComplexArray) -> Index:
+    """Lines of a sweep after which the response goes on with the other sign."""
+    step, size = np.abs(np.diff(response)), np.abs(response)
+    at = np.arange(_LINES_BESIDE - 1, w.size - _LINES_BESIDE)
+    jump = np.diff(w)[at]
+    smooth = np.ones(at.size, dtype=bool)
+    for k in range(1, _LINES_BESIDE):
+        for near, end in ((at - k, at - k + 1), (at + k, at + k)):  # steps before and behind, and where they end
+            smooth &= step[near] * np.maximum(jump / np.diff(w)[near], 1.0) < _LARGEST_STEP * size[end]
+    opposite = np.abs(response[at] + response[at + 1]) < _LARGEST_STEP * step[at]
+    return np.asarray(at[smooth & opposite])

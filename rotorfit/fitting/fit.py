@@ -131,15 +131,10 @@ def fitted(
     model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings, *, ask_causes: bool = True
 ) -> FitResult:
     """The fit of a model with given settings; ``ask_causes``: fixed causes of what it misses are asked for."""
-    options = _options(settings)
     problem = build_problem(model, experiments, settings)
     start = find_start(problem, settings.start)
-    solution = solve(problem, start.x, options)
+    solution = solve(problem, start.x, Options(max_iterations=settings.max_iterations, method=settings.method))
     return judged(problem, experiments, settings, start, solution, ask_causes=ask_causes)
-
-
-def _options(settings: FitSettings) -> Options:
-    return Options(max_iterations=settings.max_iterations, method=settings.method)
 
 
 def judged(
@@ -163,7 +158,7 @@ def judged(
         model = problem.space.model
         problem = build_problem(model, experiments, settings) if offsets else with_noise(problem, study.found)
         begin = np.array([before.get(name, 0.0) for name in (*problem.space.names, *problem.space.nuisance)])
-        again = solve(problem, begin, _options(settings))
+        again = solve(problem, begin, Options(max_iterations=settings.max_iterations, method=settings.method))
         solution = replace(again, n_evaluations=solution.n_evaluations + again.n_evaluations)
     return judge(problem, experiments, settings, solution.x, start, "least squares", solution, notes, noise=study)
 
@@ -233,10 +228,7 @@ def solve(problem: Problem, start: Float, options: Options) -> Solution:
     space = problem.space
     if problem.loss not in ("linear", "soft_l1"):
         # A redescending loss has local minima; the convex one leads into the right basin.
-        gentle = Problem(
-            space=space, blocks=problem.blocks, loss="soft_l1", priors=problem.priors, factors=problem.factors
-        )
-        start = solve(gentle, start, options).x
+        start = solve(replace(problem, loss="soft_l1"), start, options).x
     ratios = ratios_of(problem)
     if ratios is None or not start[ratios.numerators].any():  # nothing is known of a ratio either
         scale = search_scale(space, start)

@@ -19,9 +19,8 @@ from rotorfit.estimators.atomic_file import note_input, whole_file
 from rotorfit.estimators.file_reading import reading
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.json_values import UserDefinedError, check_types, decode, encode
-from rotorfit.fitting.noise.error_bars import estimate_before, without_noise
 from rotorfit.fitting.noise.record import is_run_effect
-from rotorfit.fitting.problem_setup import build_problem, with_noise_scale
+from rotorfit.fitting.problem_setup import build_problem, with_noise_of_data
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import RotorModel
 
@@ -167,9 +166,7 @@ def _check(fit: FitResult, problem: Problem, what: str) -> None:
         raise ValueError(f"{what} has fitted {', '.join(fitted)}, but its settings make {', '.join(names)}")
     if not np.isfinite(fit.x).all():
         raise ValueError(f"{what} has fitted values that are no finite numbers")
-    given = problem if fit.settings.noise is None else without_noise(problem, fit.settings.noise)
-    given = with_noise_scale(given, fit.settings.noise_scale, -1)
-    before = estimate_before(fit.settings.noise, fit.x, given.space.size)
+    given, before = with_noise_of_data(problem, fit.settings, fit.x)
     chisqr = float(np.sum(np.abs(given.residuals(before)) ** 2))
     agreement = 1e-6  # of chi-squared: other processors and libraries round differently, other noise does not agree
     if not np.isclose(chisqr, fit.chisqr, rtol=agreement, atol=1e-12 * problem.n_data):

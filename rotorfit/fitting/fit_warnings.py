@@ -7,15 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rotorfit.estimators.blocks.correlated import freedom_of
-from rotorfit.estimators.blocks.nonlinear import responses_of
-from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.shaft_lines import LineResponses
 from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.noise.residual_study import MODEL_LIMITED_REDCHI, ResidualStudy, is_misfit
 from rotorfit.fitting.quantities import FittedParameter
-from rotorfit.fitting.structure.refinable import why_not_refined
 from rotorfit.models import BLOCKS, Modal, RotorModel
 from rotorfit.models.array_types import Bool, Float
 from rotorfit.models.digits import significant
@@ -51,9 +48,8 @@ def fit_warnings(
         wider = "the residuals of each response" if rescaled else significant(np.sqrt(redchi), 2)
         other = f". {_FILTERED}" if noise is not None and noise.perhaps_filtered else ""
         found.append(
-            f"redchi is {significant(redchi, 3)}: the model, not the noise, limits this fit. Standard errors "
-            "are widened by "
-            f"{wider}, but parameters may be biased beyond them; {advice}{where}{other}"
+            f"redchi is {significant(redchi, 3)}: the model, not the noise, limits this fit. Standard errors are "
+            f"widened by {wider}, but parameters may be biased beyond them; {advice}{where}{other}"
         )
     if noise is not None and noise.odd_run and redchi > MODEL_LIMITED_REDCHI:
         found.append(noise.odd_run)
@@ -68,9 +64,8 @@ def fit_warnings(
         typical = float(np.median(np.abs(problem.residuals(x)) ** 2)) / (2 * np.log(2))
         if typical > MODEL_LIMITED_REDCHI:
             found.append(
-                f"the squared residuals of most readings are {significant(typical, 2)} times those of the "
-                "noise: not outliers but "
-                f"the model limits this fit, and parameters may be biased; {advice}"
+                f"the squared residuals of most readings are {significant(typical, 2)} times those of the noise: not "
+                f"outliers but the model limits this fit, and parameters may be biased; {advice}"
             )
     found += [
         f"{p.name} rests on its bound at {p.value:.6g}{'' if p.unit == '1' else ' ' + p.unit}"
@@ -98,11 +93,13 @@ def _advice(problem: Problem, identifiability: Identifiability, rescaled: bool) 
     model = problem.space.model
     if isinstance(model, Modal):
         return "add modes, or let x and y differ (apart)"
-    if any(block is not None and _one_axis_at_a_time(block) for block in map(responses_of, problem.blocks)):
-        return (
-            "forces are given along one axis at a time: if the other shaker pushes too, give what both load cells say "
-            "(force_x_N, force_y_N)"
-        )
+    for block in problem.responses:  # motion along x and y under forces along one of them
+        along = [block.force[:, [c.axis == axis for c in model.coordinates]].any(axis=1) for axis in "xy"]
+        if (along[0] ^ along[1]).any():
+            return (
+                "forces are given along one axis at a time: if the other shaker pushes too, give what both load cells "
+                "say (force_x_N, force_y_N)"
+            )
     if not hasattr(model, "blocks"):
         return f"{model.name} has no structural blocks to add; a model of more planes may fit"
     if rescaled or len(model.blocks) == len(BLOCKS):
@@ -113,19 +110,17 @@ def _advice(problem: Problem, identifiability: Identifiability, rescaled: bool) 
     return "try a refined model (rf.refine, --refine)"
 
 
-def _one_axis_at_a_time(block: Responses) -> bool:
-    """True if the motion along x and y was read under forces along one of them."""
-    along = [block.force[:, [c.axis == axis for c in block.model.coordinates]].any(axis=1) for axis in "xy"]
-    return bool(np.any(along[0] ^ along[1]))
-
-
 def _instability(problem: Problem, x: Float, unresolved: Sequence[str]) -> list[str]:
     """Speeds at which a rotor with the fitted values could not have been tested, three at most."""
     theta = problem.space.theta(x)
     model = problem.space.model
     found: list[str] = []
-    for block in map(responses_of, problem.blocks):
-        if block is None or block.imposed or not block.frequency.any():
+    left = ", ".join(unresolved)
+    remedy = "Check signs, directions and the model"
+    if left:
+        remedy = f"These data leave {left} open: give known values or priors before you look for an error in the data"
+    for block in problem.responses:
+        if block.imposed or not block.frequency.any():
             continue  # under a static load the journal may run where centred it could not
         _, group, speed = block.at_set_speed().condition
         rates, grows = growth(model, theta[group], speed, block.frequency)
@@ -133,18 +128,10 @@ def _instability(problem: Problem, x: Float, unresolved: Sequence[str]) -> list[
             if some and len(set(found)) < 3:
                 where = f"the tested speed of {v * RPM_PER_RAD_S:.0f} rpm" if model.speed_dependent else "any speed"
                 found.append(
-                    f"the fitted rotor is unstable at {where} (growth rate {significant(rate, 3)} 1/s): a rig "
-                    "could not have been "
-                    f"measured there. {_remedy(unresolved)}"
+                    f"the fitted rotor is unstable at {where} (growth rate {significant(rate, 3)} 1/s): a rig could "
+                    f"not have been measured there. {remedy}"
                 )
     return list(dict.fromkeys(found))
-
-
-def _remedy(unresolved: Sequence[str]) -> str:
-    if unresolved:
-        left = ", ".join(unresolved)
-        return f"These data leave {left} open: give known values or priors before you look for an error in the data"
-    return "Check signs, directions and the model"
 
 
 def growth(model: RotorModel, theta: Float, speed: Float, frequency: Float) -> tuple[Float, Bool]:
@@ -155,3 +142,12 @@ def growth(model: RotorModel, theta: Float, speed: Float, frequency: Float) -> t
     else:
         rates = growth_rate(model, theta, speed, band)
     return rates, np.asarray(rates > 1e-9 * np.abs(theta).max(axis=1))
+
+
+def why_not_refined(model: RotorModel, identifiability: Identifiability) -> str:
+    """Why :func:`rotorfit.refine` refuses a fit; empty where it can be tried."""
+    if not hasattr(model, "blocks"):
+        return f"{model.name} has no structural blocks to add: they couple two or more planes"
+    if identifiability.unresolved:
+        return f"resolve the parameters of the plain model before adding to it. {identifiability}"
+    return ""

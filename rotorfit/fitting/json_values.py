@@ -135,11 +135,8 @@ def _encode_distribution(frozen: Any) -> Any:
     name = frozen.dist.name
     if type(_distribution(name)) is not type(frozen.dist):
         raise ValueError(f"the prior {name!r} is not a continuous distribution of scipy.stats: a file cannot hold it")
-    return {
-        "distribution": name,
-        "args": [encode(a) for a in frozen.args],
-        "kwds": {key: encode(item) for key, item in frozen.kwds.items()},
-    }
+    kwds = {key: encode(item) for key, item in frozen.kwds.items()}
+    return {"distribution": name, "args": [encode(a) for a in frozen.args], "kwds": kwds}
 
 
 def _decode_distribution(value: Mapping[str, Any]) -> Any:

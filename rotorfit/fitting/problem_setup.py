@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +20,10 @@ from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace, pa
 from rotorfit.estimators.misfit.priors import CentredNormal, Prior, within_support
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.assumptions.calibration import nuisance_entries
-from rotorfit.fitting.noise.error_bars import with_noise
+from rotorfit.fitting.noise.error_bars import with_noise, without_noise
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets, check_phase_offsets
 from rotorfit.models import Modal, RotorModel
-from rotorfit.models.array_types import ComplexArray, Index
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.parameters import unknown_name
 from rotorfit.observing.baseline import with_baseline
 from rotorfit.observing.clearance import usable
@@ -56,7 +56,11 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
     """Lay a fit out as an optimisation problem."""
     if not isinstance(model, RotorModel):
         raise TypeError(f"the model must be an instance such as rf.models.WhirlWhip(), not {model!r}")
-    several, model = as_tuple(experiments), _with_betas(model, settings)
+    several = as_tuple(experiments)
+    names = {*settings.known, *settings.bounds, *settings.priors, *settings.per, *settings.start}
+    betas = {name for name in names if name.startswith("beta")} - set(model.parameter_names)
+    if betas and "betas" in model.options():  # factors of its probes, which settings name
+        model = model.variant(betas=True)
     if settings.baseline is not None and settings.stator_mass_kg is not None:
         raise ValueError("baseline and stator_mass_kg are both given: the dry run holds the stator's mass; keep one")
     if settings.stator_mass_kg is not None and not 0 < settings.stator_mass_kg < math.inf:
@@ -65,7 +69,7 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
         raise ValueError(unknown_name("loss", settings.loss, LOSSES))
     for name in settings.per:
         model.parameter(name)
-    several, blocks, grouping = _observed(model, several, settings)
+    several, blocks, suffixes = _observed(model, several, settings)
     spread = settings.noise is not None and any(effect.kind == "phase" for effect in settings.noise.effects)
     # Offsets of all runs about their mean, with a spread that was found, come with the noise.
     nuisance, parts = ((), []) if spread else _phase_entries(blocks, settings.phase_offsets)
@@ -74,9 +78,7 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
         nuisance = (*nuisance, *errors.names)
         parts.append(errors.factors)
     factors = tuple(np.hstack(own) for own in zip(*parts, strict=True)) if parts else (None,) * len(blocks)
-    space = parameter_space(
-        model, known=settings.known, bounds=settings.bounds, groups=grouping.suffixes, nuisance=nuisance
-    )
+    space = parameter_space(model, known=settings.known, bounds=settings.bounds, groups=suffixes, nuisance=nuisance)
     priors = make_priors(space, settings.priors)
     space = within_support(space, priors)
     if errors is not None:
@@ -92,17 +94,11 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
     return problem
 
 
-def _with_betas(model: RotorModel, settings: FitSettings) -> RotorModel:
-    """The model with factors of its probes where settings name one."""
-    names = {*settings.known, *settings.bounds, *settings.priors, *settings.per, *settings.start}
-    asked = {name for name in names if name.startswith("beta")} - set(model.parameter_names)
-    return model.variant(betas=True) if asked and "betas" in model.options() else model
-
-
 def _observed(
     model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings
-) -> tuple[tuple[Experiment, ...], tuple[Block, ...], Grouping]:
-    """Experiments as the model sees them, weights solved for their influences first, and their parameter groups."""
+) -> tuple[tuple[Experiment, ...], tuple[Block, ...], tuple[Mapping[str, str], ...]]:
+    """Experiments as the model sees them, weights solved for their influences first; their blocks and parameter groups
+    by the suffixes of their names."""
     influences = [None if model.eccentricity_dependent else weighed(experiment) for experiment in experiments]
     if len(experiments) == 1 and influences[0] is not None:
         _check_modes(model, influences[0], settings)
@@ -110,16 +106,16 @@ def _observed(
         usable(model, experiment if found is None else found.test)[0]
         for experiment, found in zip(experiments, influences, strict=True)
     )
-    grouping = group_rows(seen, settings.per)
+    suffixes, groups = group_rows(seen, settings.per)
     blocks: list[Block] = []
-    for experiment, found, rows in zip(seen, influences, grouping.rows, strict=True):
+    for experiment, found, rows in zip(seen, influences, groups, strict=True):
         block = observe_any(model, experiment, rows)
         base = responses_of(block)
         if found is not None and isinstance(block, Responses) and base is not None:
             block = correlated(base, found)
         block = with_baseline(model, block, experiment, settings.baseline, settings.stator_mass_kg)
         blocks.append(block)
-    return seen, tuple(blocks), grouping
+    return seen, tuple(blocks), suffixes
 
 
 def _check_modes(model: RotorModel, influences: Influences, settings: FitSettings) -> None:
@@ -130,9 +126,8 @@ def _check_modes(model: RotorModel, influences: Influences, settings: FitSetting
     if seen is None or beforehand or not 0 < seen.count < wanted:
         return
     raise ValueError(
-        f"{model.name} has {wanted} modes, but {influences.modes_told}. "
-        f"Fit a modal model, modes={seen.count} (--model modal --modes {seen.count}), measure nearer "
-        f"to the next critical speed, or say what is known beforehand"
+        f"{model.name} has {wanted} modes, but {influences.modes_told}. Fit a modal model, modes={seen.count} (--model "
+        f"modal --modes {seen.count}), measure nearer to the next critical speed, or say what is known beforehand"
     )
 
 
@@ -162,6 +157,14 @@ def with_noise_scale(problem: Problem, scale: Mapping[str, float], power: int = 
         factors = np.array([scale.get(name, 1.0) for name in block.labels]) ** power
         blocks.append(block.with_noise(factors[block.label]))
     return replace(problem, blocks=tuple(blocks))
+
+
+def with_noise_of_data(problem: Problem, settings: FitSettings, x: Float) -> tuple[Problem, Float]:
+    """The problem with the noise of the data alone, and the estimate that it gave: goodness of fit refers to both."""
+    noise = settings.noise
+    given = with_noise_scale(problem if noise is None else without_noise(problem, noise), settings.noise_scale, -1)
+    count = given.space.size
+    return given, noise.before if noise is not None and noise.before.size == count else x[:count]
 
 
 def _has_phase(block: Block) -> bool:
@@ -207,23 +210,17 @@ def make_priors(space: ParameterSpace, priors: Mapping[str, Any]) -> tuple[Prior
     return tuple(result)
 
 
-@dataclass(frozen=True)
-class Grouping:
-    """Which rows share one parameter vector."""
-
-    suffixes: tuple[Mapping[str, str], ...]  # for each group the suffix of each ``per`` parameter, ``{"D"
-    rows: tuple[Index, ...]  # for each experiment, the group of each of its rows
-
-
-def group_rows(experiments: Sequence[Experiment], per: Mapping[str, str]) -> Grouping:
-    """Group rows by the distinct values of attributes."""
+def group_rows(
+    experiments: Sequence[Experiment], per: Mapping[str, str]
+) -> tuple[tuple[Mapping[str, str], ...], tuple[Index, ...]]:
+    """Group rows by the distinct values of attributes: for each group that shares one parameter vector the suffix of
+    each ``per`` parameter, and for each experiment the group of each of its rows."""
     if not per:
-        return Grouping(({},), tuple(np.zeros(len(experiment), dtype=np.intp) for experiment in experiments))
+        return ({},), tuple(np.zeros(len(experiment), dtype=np.intp) for experiment in experiments)
     seen: dict[tuple[str, ...], int] = {}
     rows = []
     for experiment in experiments:
         keys = [[f"{name}={in_words(v)}" for v in experiment.attribute(name).tolist()] for name in per.values()]
         tuples = zip(*keys, strict=True)
         rows.append(np.array([seen.setdefault(key, len(seen)) for key in tuples], dtype=np.intp))
-    suffixes = tuple(dict(zip(per, key, strict=True)) for key in seen)
-    return Grouping(suffixes, tuple(rows))
+    return tuple(dict(zip(per, key, strict=True)) for key in seen), tuple(rows)

@@ -15,19 +15,13 @@ from numpy.typing import ArrayLike
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import Finding
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses, freedom_of
-from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.inference.covariance import standard_error, widening
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.sweep_noise import READINGS_OF_NOISE
 from rotorfit.executors import executor_of
 from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN
-from rotorfit.fitting.keywords import (
-    JudgeKeywords,
-    PredictKeywords,
-    SampleKeywords,
-    check_keywords,
-)
+from rotorfit.fitting.keywords import JudgeKeywords, PredictKeywords, SampleKeywords, check_keywords
 from rotorfit.fitting.noise.residual_study import ResidualStudy, is_misfit, largest_redchi
 from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity, ResponseQuality
 from rotorfit.fitting.result_figures import FitFigures
@@ -48,9 +42,9 @@ if TYPE_CHECKING:
     from rotorfit.fitting.assumptions.anisotropy import TurningAnisotropy
     from rotorfit.fitting.assumptions.assumption_table import Assumptions
     from rotorfit.fitting.assumptions.calibration import Uncertainty
-    from rotorfit.fitting.structure.coefficient_rows import CoefficientRows, Coefficients
-    from rotorfit.fitting.structure.frequency_rows import FrequencyRows
-    from rotorfit.fitting.structure.mode_table import Modes
+    from rotorfit.fitting.structure.coefficients import CoefficientRows, Coefficients
+    from rotorfit.fitting.structure.frequency_coefficients import FrequencyRows
+    from rotorfit.fitting.structure.modes import Modes
     from rotorfit.io.shafts.ross_elements import ElementKind, RossElement
     from rotorfit.uncertainty.bootstrap import Bootstrap
     from rotorfit.uncertainty.budget import Budget
@@ -201,9 +195,8 @@ class FitResult(FitFigures):
             >>> fit.redchi > fit.largest_redchi  # the chain of two masses is not that rotor
             True
         """
-        blocks = [responses_of(block) for block in self.problem.blocks]
-        estimated = any(block is not None and not block.sigma_given for block in blocks)
-        known_from = READINGS_OF_NOISE * self.ndata if estimated else math.inf
+        given = all(block.sigma_given for block in self.problem.responses)
+        known_from = math.inf if given else READINGS_OF_NOISE * self.ndata
         return largest_redchi(self.noise, self.nfree, min(known_from, freedom_of(self.problem.blocks)))
 
     @property
@@ -291,8 +284,7 @@ class FitResult(FitFigures):
     @property
     def band(self) -> float:
         """Highest tested frequency, rad/s."""
-        tested = [float(np.abs(b.frequency).max()) for b in map(responses_of, self.problem.blocks) if b is not None]
-        return max(tested, default=math.inf)
+        return max((float(np.abs(b.frequency).max()) for b in self.problem.responses), default=math.inf)
 
     @property
     def stability_band(self) -> float:
@@ -302,8 +294,7 @@ class FitResult(FitFigures):
     @property
     def speeds(self) -> Float:
         """Tested rotative speeds, rad/s; empty for synchronous tests."""
-        speeds = [np.unique(b.set_speed) for b in map(responses_of, self.problem.blocks) if b is not None]
-        distinct: Float = np.unique(np.concatenate(speeds)) if speeds else np.zeros(0)
+        distinct: Float = np.unique(np.concatenate([np.zeros(0), *(b.set_speed for b in self.problem.responses)]))
         return distinct if distinct.size <= 50 else np.zeros(0)
 
     def group(self, at: Mapping[str, Any] | None = None) -> int:
@@ -322,8 +313,7 @@ class FitResult(FitFigures):
         """Model parameter vector, shape ``(P,)``, of the group named by ``at``.
 
         Args:
-            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
-                per attribute.
+            at: names a group of parameters, as for :meth:`group`.
         """
         return np.asarray(self.thetas[self.group(at)])
 
@@ -458,8 +448,7 @@ class FitResult(FitFigures):
         """Frequency of the self-excited whirl at onset over the threshold speed, NaN without a threshold.
 
         Args:
-            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
-                per attribute.
+            at: names a group of parameters, as for :meth:`group`.
         """
         onset = self.onset(self.group(at))
         if onset is None and math.isfinite(self.stability_band) and self.settings.onsets:
@@ -467,12 +456,7 @@ class FitResult(FitFigures):
         return math.nan if onset is None else onset.whirl_ratio
 
     def coefficients(
-        self,
-        speed: float,
-        *,
-        plane: str | None = None,
-        at: Mapping[str, Any] | None = None,
-        eccentricity: float = 0.0,
+        self, speed: float, *, plane: str | None = None, at: Mapping[str, Any] | None = None, eccentricity: float = 0.0
     ) -> Coefficients:
         """Coefficients of a fitted fluid as engineers tabulate them: Kxx, Kxy, ... Cxx, ... Myy, with correlations.
 
@@ -533,8 +517,7 @@ class FitResult(FitFigures):
 
         Args:
             speed: rotative speed, rad/s, negative from y to x.
-            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
-                per attribute.
+            at: names a group of parameters, as for :meth:`group`.
 
         Raises:
             ValueError: a speed that is no finite number.
@@ -556,8 +539,7 @@ class FitResult(FitFigures):
         Args:
             speed: rotative speed, rad/s.
             normalise: plane at which shapes are one, the first by default.
-            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
-                per attribute.
+            at: names a group of parameters, as for :meth:`group`.
 
         Raises:
             KeyError: a plane that the rotor has not.
@@ -577,8 +559,7 @@ class FitResult(FitFigures):
 
         Args:
             level: probability of the interval, between 0 and 1.
-            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
-                per attribute.
+            at: names a group of parameters, as for :meth:`group`.
         """
         from rotorfit.fitting.assumptions.anisotropy import turning_anisotropy
 
@@ -631,8 +612,7 @@ class FitResult(FitFigures):
             name: a fitted parameter, or ``"threshold_speed"``.
             level: probability of the interval, between 0 and 1.
             points: of the curve.
-            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
-                per attribute.
+            at: names a group of parameters, as for :meth:`group`.
 
         Example:
             >>> low, high = fit.profile("lam", points=5).interval
@@ -842,8 +822,7 @@ class FitResult(FitFigures):
                 ``frequency`` up to 2.x and ``speed`` from 3.0 on, and each line takes the other's for something else.
             nodes: node of the ROSS rotor at each plane, for models that do not know it.
             element: "bearing" or "seal".
-            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
-                per attribute.
+            at: names a group of parameters, as for :meth:`group`.
             eccentricity: orbit radius over clearance, for models with a law.
 
         Returns:

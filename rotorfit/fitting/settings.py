@@ -69,9 +69,7 @@ class FitOptions:
         "common",
     )
     method: Method = option(
-        "auto",
-        "method of the search: auto, gauss-newton, or ipopt (on CasADi's graph if there is one)",
-        "NAME",
+        "auto", "method of the search: auto, gauss-newton, or ipopt (on CasADi's graph if there is one)", "NAME"
     )
     stator_mass_kg: float | None = option(
         None,

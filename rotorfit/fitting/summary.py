@@ -30,7 +30,7 @@ from rotorfit.units import RPM_PER_RAD_S
 if TYPE_CHECKING:
     from rotorfit.estimators.inference.identifiability import Combination
     from rotorfit.fitting.noise.residual_study import ResidualStudy
-    from rotorfit.fitting.quantities import FittedParameter, Quantity
+    from rotorfit.fitting.quantities import FittedParameter
     from rotorfit.fitting.result import FitResult
 
 
@@ -70,6 +70,9 @@ def fit_summary(fit: FitResult) -> str:
 
 def fit_table(fit: FitResult) -> str:
     """Parameters, goodness of fit, identifiability, correlations worth knowing, stability and warnings."""
+    blocks = getattr(fit.model, "blocks", ())
+    words = ", ".join(f"{block.replace('_', ' ')} ({block_symbols([block])})" for block in blocks)
+    folded = [f"corrected for {words}: {len(correction_names(fit.model))} values, listed last"] if blocks else []
     lines = [
         f"{fit.model.name}, {fit.method}: {fit.message}" + (f"; start: {start_words(fit)}" if fit.nfev else ""),
         f"{fit.ndata} real data, {fit.nvarys} fitted values, redchi {significant(fit.redchi, 4)}, "
@@ -77,7 +80,7 @@ def fit_table(fit: FitResult) -> str:
         *_noise_lines(fit),
         "",
         *_parameter_lines(fit),
-        *_folded_line(fit),
+        *folded,
         "",
         f"identifiability: {fit.identifiability}",
         *(f"  determined: {words}" for words in (combined(fit, c) for c in fit.identifiability.combinations) if words),
@@ -87,18 +90,14 @@ def fit_table(fit: FitResult) -> str:
         lines.append("correlations: " + ", ".join(f"{a}-{b} {r:+.2f}" for a, b, r in pairs))
     lines += _stability_lines(fit) if fit.success else ["threshold speed: not given, because the fit did not converge"]
     lines += interval_lines(fit)
-    lines += _foundation_lines(fit)
+    if foundations := fit.foundations:  # effects that these data cannot show
+        head = "the systematic share allows for what these data do not show, by these sizes"
+        lines += [f"{head} (assumptions= replaces them):", *(f"  {line}" for line in foundations)]
     lines += [f"errors: {remark}" for remark in fit.remarks]
     lines += [f"note: {caveat}" for caveat in caveats_of(fit)]
     lines += [f"warning: {message}" for message in fit.warnings]
-    return "\n".join([*lines, *_correction_lines(fit)])
-
-
-def _folded_line(fit: FitResult) -> list[str]:
-    """Structural corrections on one line."""
-    blocks = getattr(fit.model, "blocks", ())
-    words = ", ".join(f"{block.replace('_', ' ')} ({block_symbols([block])})" for block in blocks)
-    return [f"corrected for {words}: {len(correction_names(fit.model))} values, listed last"] if blocks else []
+    corrections = _parameter_lines(fit, folded=True)
+    return "\n".join([*lines, *(["", "structural corrections", *corrections] if corrections else [])])
 
 
 def start_words(fit: FitResult) -> str:
@@ -150,15 +149,6 @@ def _small(value: float, unit: str) -> str:
     return f"{two_digits(1e6 * value)} u{unit}" if unit in ("m", "rad") else f"{two_digits(value)} {unit}".rstrip()
 
 
-def _foundation_lines(fit: FitResult) -> list[str]:
-    """Effects that these data cannot show, with the sizes that the systematic share allows for."""
-    words = fit.foundations
-    if not words:
-        return []
-    head = "the systematic share allows for what these data do not show, by these sizes (assumptions= replaces them)"
-    return [f"{head}:", *(f"  {line}" for line in words)]
-
-
 def _without_runs(fit: FitResult) -> list[str]:
     """Errors from leaving out runs, beside the random effect of a fit that found runs to differ."""
     effects = fit.settings.noise is not None and bool(fit.settings.noise.effects)
@@ -175,12 +165,6 @@ def correction_names(model: RotorModel) -> set[str]:
     """Names of the parameters of structural blocks, which correct a lumped model."""
     blocks = getattr(model, "blocks", ())
     return {own.name for own in block_parameters(blocks, len(model.planes))} if blocks else set()
-
-
-def _correction_lines(fit: FitResult) -> list[str]:
-    """The table of structural corrections, which comes last."""
-    lines = _parameter_lines(fit, folded=True)
-    return ["", "structural corrections", *lines] if lines else []
 
 
 def _parameter_lines(fit: FitResult, *, folded: bool = False) -> list[str]:
@@ -269,8 +253,7 @@ def _turning_lines(fit: FitResult) -> list[str]:
         size, share = lines_cut_off(fit)
         found.append(
             f"lines left out change those fitted by {significant(size, 1)} of the largest at most, "
-            f"{significant(share, 1)} of a standard "
-            f"deviation (terms={fit.model.terms})"
+            f"{significant(share, 1)} of a standard deviation (terms={fit.model.terms})"
         )
     return [*found, "unstable by turning anisotropy: " + (", ".join(shown) or "at no speed, it is damped")]
 
@@ -288,43 +271,31 @@ def _stability_lines(fit: FitResult) -> list[str]:
         return ["threshold speed: none found, stable at every speed searched"]
     if onset.value == 0:
         return ["threshold speed: 0, the fitted rotor is unstable from standstill on"]
-    if fit.moved_by(THRESHOLD):
-        line = f"threshold speed: not determined: {fit.moved_by(THRESHOLD)}"
-    else:
-        line = _threshold_line(fit, onset)
-    return [line] + [f"  {note}"] * bool(note)
-
-
-def _threshold_line(fit: FitResult, onset: Quantity) -> str:
-    """The threshold speed with its error, and how far beyond the tests it lies."""
     line = f"threshold speed: {onset.to('rpm')}, whirl ratio at onset {fit.whirl_ratio():.3f}"
     highest = float(fit.speeds.max(initial=0.0))
-    if highest > 0:
+    if fit.moved_by(THRESHOLD):
+        line = f"threshold speed: not determined: {fit.moved_by(THRESHOLD)}"
+    elif highest > 0:
         percent = 100 * (onset.value / highest - 1)
         line += f"; {significant(abs(percent), 3)} % {'above' if percent >= 0 else 'below'} the highest tested speed"
         line += f" ({highest * RPM_PER_RAD_S:.0f} rpm)" + (": extrapolated" if percent > 0 else "")
-    return line
-
-
-_HEAD = ("parameter", "value", "standard error", "unit", "meaning")
+    return [line] + [f"  {note}"] * bool(note)
 
 
 def fit_html(fit: FitResult) -> str:
     """Parameters as a table, the rest of the summary below it."""
-    rows = "".join(_html_row(p) for p in in_order(fit.params.values()))
-    head = "".join(f"<th>{name}</th>" for name in _HEAD)
+    rows = ""
+    for p in in_order(fit.params.values()):
+        if not p.vary:
+            value, error = significant(p.value, 7), "known"
+        elif not p.resolved or p.moved_by:
+            value, error = "not determined", ""
+        else:
+            value, error = with_error(p.value, p.stderr)
+        cells = (p.name, value, error, "" if p.unit == "1" else p.unit, p.meaning)
+        rows += "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>"
+    head = "".join(f"<th>{name}</th>" for name in ("parameter", "value", "standard error", "unit", "meaning"))
     text = fit.summary().split("\n\n")
     first, last = text[0], "\n".join(text[2:])
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
     return f"<p>{escape(first).replace(chr(10), '<br>')}</p>{table}{text_html(last)}"
-
-
-def _html_row(p: FittedParameter) -> str:
-    if not p.vary:
-        value, error = significant(p.value, 7), "known"
-    elif not p.resolved or p.moved_by:
-        value, error = "not determined", ""
-    else:
-        value, error = with_error(p.value, p.stderr)
-    unit = "" if p.unit == "1" else p.unit
-    return "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in (p.name, value, error, unit, p.meaning)) + "</tr>"

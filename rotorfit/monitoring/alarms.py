@@ -81,13 +81,7 @@ def margin_rule(watched: WatchedValues, required: float, false_alarm: float) -> 
     scatter = np.sqrt(np.cumsum(squares) / np.arange(1, len(squares) + 1))
     error = np.maximum(watched.stderr, scatter)
     scores = (required - watched.value - shift) / error
-    return Rule(
-        name=MARGIN,
-        watched=watched,
-        evidence=low_evidence(scores),
-        limit=2 / false_alarm,
-        required=required,
-    )
+    return Rule(name=MARGIN, watched=watched, evidence=low_evidence(scores), limit=2 / false_alarm, required=required)
 
 
 def watch_rules(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -12,6 +13,7 @@ import numpy as np
 from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.estimators.change_point import Change, along, fewest_dates, find_change
 from rotorfit.estimators.significance import P_CHANCE
+from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Float
 from rotorfit.models.digits import significant
 from rotorfit.models.parameters import MATRIX_UNITS
@@ -21,7 +23,6 @@ from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
 
 _MEANING = {
     "K": "the support or the shaft became {way} (a crack or a loose support softens, a rub or misalignment stiffens)",
@@ -89,9 +90,8 @@ class PlaceTrend:
         scatter = np.sqrt(np.diag(self.change.scatter)) / np.abs(self.change.before)
         own = np.median(self.stderr, axis=0) / np.abs(self.change.before)
         words = [
-            f"from test to test {', '.join(self.names)} scatter by "
-            f"{', '.join(f'{_percent(s)} %' for s in scatter)} (errors of one test: "
-            f"{', '.join(f'{_percent(s)} %' for s in own)})"
+            f"from test to test {', '.join(self.names)} scatter by {', '.join(f'{_percent(s)} %' for s in scatter)} "
+            f"(errors of one test: {', '.join(f'{_percent(s)} %' for s in own)})"
         ]
         if not self.found:
             return [*words, f"no change of level in {n} tests (p = {significant(self.change.p_value, 2)})"]
@@ -299,3 +299,43 @@ def _causes(change: Change, names: list[str]) -> tuple[Cause, ...]:
         size, error, probability = along(change, direction)
         causes.append(Cause(name=name, size=size, stderr=error, probability=probability))
     return tuple(sorted(causes, key=lambda cause: -cause.probability))
+
+
+PLACE = "turning anisotropy"
+"""Place of these values in a trend."""
+RATIO = "dK/K"
+
+
+def dated_anisotropy(fit: FitResult, date: str = "") -> DatedValues:
+    """dK/K of a fit, or dK where there is no one K, as a value to follow: a crack that propagates makes it grow.
+
+    ``rf.trend([rf.dated_anisotropy(fit, date) for fit, date in zip(fits, dates)])`` says whether it did.
+
+    Args:
+        fit: of a model with the parameters dK_cos and dK_sin, such as :class:`rotorfit.models.AnisotropicShaft`.
+        date: ISO 8601; by default the attribute ``date`` of the test, and empty without one.
+
+    Raises:
+        ValueError: a model without turning anisotropy, a test that does not determine it, or tests of several dates.
+    """
+    sources = [experiment.source for experiment in fit.experiments if experiment.source]
+    where = ", ".join(sources) or "the fit"
+    found = fit.turning_anisotropy()
+    whole = math.isfinite(found.ratio.value)
+    name, value = (RATIO, found.ratio) if whole else ("dK", found.dK)
+    if not found.dK.stderr < math.inf:
+        raise ValueError(f"{where} does not determine dK/K: the image at 2 Om - w, or the 2x line, was not measured")
+    return DatedValues(
+        date=date or _date_of(fit, where),
+        values={name: (value.value, value.stderr)},
+        units={name: value.unit},
+        place=PLACE,
+        source=where,
+    )
+
+
+def _date_of(fit: FitResult, where: str) -> str:
+    dates = {str(d) for e in fit.experiments if "date" in e.attributes for d in set(e.attributes["date"].tolist())}
+    if len(dates) > 1:
+        raise ValueError(f"{where} has tests of several dates: {', '.join(sorted(dates))}; fit each date by itself")
+    return dates.pop() if dates else ""

@@ -78,21 +78,16 @@ def with_baseline(
             "of responses to measured forces, with models without a law of eccentricity"
         )
     if mass is not None:
-        block = replace(block, beside=_of_mass(model, block, mass))
+        if len(model.planes) > 1:
+            raise ValueError(f"stator_mass_kg is the mass at one plane, {model.name} has {', '.join(model.planes)}")
+        moving = np.diag([float(coordinate.axis != "r") for coordinate in model.coordinates])
+        block = replace(block, beside=np.asarray((mass * block.s**2)[:, None, None] * moving))
     dry = None
     if baseline is not None:
         dry = _beside(model, block, test, baseline)
         kappa = np.array([line.kappa for line in dry.lines])
         block = replace(block, beside=np.einsum("ln,nij->lij", dry.share, kappa))
     return block if dry is None and block.force_noise is None else _correlated(block, test, dry)
-
-
-def _of_mass(model: RotorModel, block: Responses, mass: float) -> ComplexArray:
-    """Dynamic stiffness of a mass at each line, ``-w^2 m``."""
-    if len(model.planes) > 1:
-        raise ValueError(f"stator_mass_kg is the mass at one plane, {model.name} has {', '.join(model.planes)}")
-    moving = np.diag([float(coordinate.axis != "r") for coordinate in model.coordinates])
-    return np.asarray((mass * block.s**2)[:, None, None] * moving)
 
 
 # ---- the dry run beside each line -----------------------------------------------------------------------------------
@@ -110,18 +105,25 @@ def _beside(model: RotorModel, block: Responses, test: PerturbationTest, baselin
         nearest = float(speeds[np.argmin(np.abs(speeds - speed))])
         if abs(nearest - speed) > SPEED_TOLERANCE * max(abs(speed), abs(nearest)):
             if speeds.size > 1:
-                _refuse_speed(test, baseline, speed, speeds)
+                there = ", ".join(significant(value * RPM_PER_RAD_S, 5) for value in speeds.tolist())
+                raise ValueError(
+                    f"{baseline.source or 'the dry run'} was made at {there} rpm, {test.source or 'the test'} has "
+                    f"{significant(speed * RPM_PER_RAD_S, 5)} rpm: dry runs at several speeds are matched with those "
+                    "of the test; add the run, or give a dry run at one speed for all"
+                )
             remarks = (
-                f"the dry run {baseline.source} was made at {significant(nearest * RPM_PER_RAD_S, 4)} rpm alone "
-                "and stands for all "
-                "speeds",
+                f"the dry run {baseline.source} was made at {significant(nearest * RPM_PER_RAD_S, 4)} rpm alone and "
+                "stands for all speeds",
             )
-        for sign in (1.0, -1.0):
-            lines = mine[np.sign(block.frequency[mine]) * sign >= (0 if sign > 0 else 1)]
+        for forward in (True, False):
+            lines = mine[(block.frequency[mine] >= 0) == forward]
             if not lines.size:
                 continue
-            own = _stiffness_lines(dry, np.flatnonzero(_at(dry, nearest, sign)), baseline)
-            knots, w = np.array([line.frequency for line in own]), _variable(block)[lines]
+            # Forces of either sense make one matrix of x and y.
+            same_sense = ((dry.frequency >= 0) == forward) | (model.frame != "z")
+            own = _stiffness_lines(dry, np.flatnonzero((dry.set_speed == nearest) & same_sense), baseline)
+            # Dynamic stiffness is one curve over the signed frequency in z, over its size in x and y.
+            knots, w = np.array([line.frequency for line in own]), block.s.imag[lines]
             _refuse_outside(knots, w, test, baseline)
             part = np.hstack([_shares(knots, w), _between(knots, w)])
             own += _truncation(own, knots)
@@ -132,23 +134,10 @@ def _beside(model: RotorModel, block: Responses, test: PerturbationTest, baselin
     return _Dry(lines=tuple(found), share=share, remarks=remarks, source=source)
 
 
-def _variable(block: Responses) -> Float:
-    """Frequency over which dynamic stiffness is one curve: signed in z, its size in x and y, shape ``(L,)``."""
-    return np.asarray(block.s.imag)
-
-
-def _at(dry: Responses, speed: float, sign: float) -> Float:
-    signed = np.sign(dry.frequency) * sign >= (0 if sign > 0 else 1)
-    if dry.model.frame != "z":  # forces of either sense make one matrix of x and y
-        signed = np.ones(dry.frequency.size, dtype=bool)
-    return np.asarray((dry.set_speed == speed) & signed)
-
-
 def _stiffness_lines(dry: Responses, lines: Index, baseline: PerturbationTest) -> list[_Line]:
     """Dynamic stiffness at each frequency of the dry run, by its runs there (eq. 7)."""
     amplitude, sigma = dry.amplitudes()
-    n = amplitude.shape[1]
-    w = _variable(dry)
+    n, w = amplitude.shape[1], dry.s.imag
     order = lines[np.argsort(w[lines], kind="stable")]
     new = np.diff(w[order]) > SAME_RATE * np.abs(w[order[1:]])
     found = []
@@ -158,12 +147,8 @@ def _stiffness_lines(dry: Responses, lines: Index, baseline: PerturbationTest) -
             continue
         back = np.linalg.pinv(A)
         noise = np.zeros((own.size, n, n), dtype=complex) if dry.force_noise is None else dry.force_noise[own]
-        mean = float(np.mean(w[own]))
-        found.append(
-            _Line(
-                frequency=mean, kappa=np.asarray(F @ back), back=np.asarray(back), force_noise=noise, sigma=sigma[own]
-            )
-        )
+        mean, kappa = float(np.mean(w[own])), np.asarray(F @ back)
+        found.append(_Line(frequency=mean, kappa=kappa, back=np.asarray(back), force_noise=noise, sigma=sigma[own]))
     if not found:
         raise ValueError(
             f"{baseline.source or 'the dry run'}: its dynamic stiffness takes a force at each plane in turn"
@@ -181,9 +166,8 @@ def _refuse_outside(knots: Float, w: Float, test: PerturbationTest, baseline: Pe
         off = float(np.abs(w[outside][0])) / (2 * np.pi)
         raise ValueError(
             f"{baseline.source or 'the dry run'} goes from {significant(low, 4)} to {significant(high, 4)} Hz, "
-            f"{test.source or 'the test'} "
-            f"has {significant(off, 4)} Hz: a baseline is not extrapolated; leave these readings out, or repeat "
-            "the dry run"
+            f"{test.source or 'the test'} has {significant(off, 4)} Hz: a baseline is not extrapolated; leave these "
+            "readings out, or repeat the dry run"
         )
 
 
@@ -248,16 +232,6 @@ def _refuse_other_rig(test: PerturbationTest, baseline: PerturbationTest) -> Non
         raise ValueError(f"{dry} has the readings of {wet}: the test was given as its own dry run")
 
 
-def _refuse_speed(test: PerturbationTest, baseline: PerturbationTest, speed: float, speeds: Float) -> None:
-    there = ", ".join(significant(value * RPM_PER_RAD_S, 5) for value in speeds.tolist())
-    raise ValueError(
-        f"{baseline.source or 'the dry run'} was made at {there} rpm, {test.source or 'the test'} has "
-        f"{significant(speed * RPM_PER_RAD_S, 5)} rpm: dry runs at several speeds are matched with those of the "
-        "test; add the run, "
-        "or give a dry run at one speed for all"
-    )
-
-
 # ---- errors ---------------------------------------------------------------------------------------------------------
 
 
@@ -313,8 +287,7 @@ def _dry_covariance(block: Responses, rows: ComplexArray, dry: _Dry) -> ComplexA
 def _measured_receptance(block: Responses, test: PerturbationTest, *, whole: bool) -> ComplexArray:
     """Responses to unit forces at each line as they were measured, by all runs at its frequency, ``(L, n, n)``."""
     amplitude, _ = block.amplitudes()
-    n = amplitude.shape[1]
-    w = _variable(block)
+    n, w = amplitude.shape[1], block.s.imag
     found = np.zeros((w.size, n, n), dtype=complex)
     keys = np.column_stack([block.group, block.set_speed, np.round(w, 6)])
     _, number = np.unique(keys, axis=0, return_inverse=True)

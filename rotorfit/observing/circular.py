@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +11,7 @@ from rotorfit.data.experiments import DisplacementTest, Experiment, Perturbation
 from rotorfit.data.linear_force import directional, directional_noise, whirl_parts
 from rotorfit.data.lines import Lines
 from rotorfit.estimators.blocks.observations import Responses
-from rotorfit.estimators.blocks.row_keys import combined, distinguished, in_order, numbers, words
+from rotorfit.estimators.blocks.row_keys import combined, distinguished, in_order, numbers, rows_by, words
 from rotorfit.estimators.noise.sweep_noise import estimate_noise
 from rotorfit.models import Modal, RotorModel
 from rotorfit.models.array_types import COLLINEAR, RANK_TOLERANCE, Bool, ComplexArray, Float, Index
@@ -31,9 +30,14 @@ def observe(model: RotorModel, experiment: Experiment, group: Index) -> Response
     names = experiment.lines.names
     check_planes(model, experiment, names["plane"], experiment.force_planes, forces="force planes")
     if model.frame != "z":
-        return _observe_xy(model, experiment, group)
+        other = sorted(set(names["direction"]) - {"x", "y"})
+        if other:
+            raise ValueError(
+                f"{model.name} keeps x and y apart; readings in direction {', '.join(other)} do not fit it"
+            )
+        return _assembled(model, experiment, group)
     parts, origin = whirl_parts(experiment, _uncoupled(model, experiment))
-    return _observe_isotropic(model, parts, group[origin[:, 0]])
+    return _assembled(model, parts, group[origin[:, 0]])
 
 
 def _uncoupled(model: RotorModel, test: PerturbationTest) -> Bool:
@@ -105,115 +109,48 @@ def first_rows(test: PerturbationTest) -> Index:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Places:
-    """Which rows of a test make each reading in an isotropic model's coordinates, line by line."""
+    """Which rows of a test make each reading in a model's coordinates, line by line."""
 
-    lines: Lines  # the test's rows by lines
     first: Index  # first row of each line, shape ``(L,)``
     line: Index  # line of each reading, shape ``(R,)``
     coordinate: Index  # coordinate of each reading, shape ``(R,)``
-    rows: Index  # its readings x, y and z, -1 where there is none, shape ``(R, 3)``
+    rows: Index  # its readings x, y and z, -1 where there is none, shape ``(R, 3)``; z is one that is taken as it is
     backward: NDArray[np.bool_]  # whether its force turns backward, shape ``(R,)``
 
     @classmethod
     def of(cls, model: RotorModel, test: PerturbationTest) -> Places:
-        """Those of a test."""
-        lines, size = test.lines, len(model.coordinates)
+        """Those of a test; models that keep x and y apart take each reading as it is."""
+        lines, size, apart = test.lines, len(model.coordinates), model.frame != "z"
         line, first = lines.apart()
-        coordinate = _of_kinds(lines, lambda plane, direction: model.coordinate(plane, direction[:-1] or "z"))
-        probe = np.array(["xyz".index(direction[-1]) for direction in lines.names["direction"]], dtype=np.intp)
-        cell = line * size + coordinate
+        kind, number = in_order(combined(lines.number["plane"], lines.number["direction"]))
+        names = [(str(test.plane[row]), str(test.direction[row])) for row in kind.tolist()]
+        coordinates = [model.coordinate(p, d if apart else d[:-1] or "z") for p, d in names]
+        probes = [2 if apart else "xyz".index(direction[-1]) for _, direction in names]
+        cell = line * size + np.array(coordinates, dtype=np.intp)[number]
         rows = np.full(3 * first.size * size, -1, dtype=np.intp)
-        rows[3 * cell + probe[lines.number["direction"]]] = np.arange(cell.size)
+        rows[3 * cell + np.array(probes, dtype=np.intp)[number]] = np.arange(cell.size)
         read = np.zeros(first.size * size, dtype=bool)
         read[cell] = True
         line, coordinate = np.divmod(np.flatnonzero(read), size)
-        return cls(
-            lines=lines,
-            first=first,
-            line=line,
-            coordinate=coordinate,
-            rows=rows.reshape(-1, 3)[read],
-            backward=(test.frequency[first] < 0)[line],
-        )
+        backward = (test.frequency[first] < 0)[line]
+        return cls(first=first, line=line, coordinate=coordinate, rows=rows.reshape(-1, 3)[read], backward=backward)
 
 
-def _observe_isotropic(model: RotorModel, test: PerturbationTest, group: Index) -> Responses:
-    places = Places.of(model, test)
+def _assembled(model: RotorModel, test: PerturbationTest, group: Index) -> Responses:
+    places, lines = Places.of(model, test), test.lines
+    first, line, coordinate = places.first, places.line, places.coordinate
     measured, wrong = directional(test.response, places.rows, places.backward)
-    return _assemble(
-        model,
-        test,
-        places.lines,
-        group,
-        places.first,
-        places.line,
-        places.coordinate,
-        measured,
-        directional_noise(test.sigma, places.rows),
-        wrong,
-        test.derivative[places.rows.max(axis=1)],
-        [str(c) if c.axis != "z" else c.plane for c in model.coordinates],
-    )
-
-
-def _of_kinds(lines: Lines, number: Callable[[str, str], int]) -> Index:
-    """A number for each row that its plane and its direction tell."""
-    planes, directions = lines.names["plane"], lines.names["direction"]
-    kind = lines.number["plane"] * len(directions) + lines.number["direction"]
-    found = np.zeros(len(planes) * len(directions), dtype=np.intp)
-    for one in np.flatnonzero(np.bincount(kind)).tolist():
-        found[one] = number(planes[one // len(directions)], directions[one % len(directions)])
-    return np.asarray(found[kind])
-
-
-def _observe_xy(model: RotorModel, test: PerturbationTest, group: Index) -> Responses:
-    lines = test.lines
-    other = sorted(set(lines.names["direction"]) - {"x", "y"})
-    if other:
-        raise ValueError(f"{model.name} keeps x and y apart; readings in direction {', '.join(other)} do not fit it")
-    coordinate = _of_kinds(lines, model.coordinate)
-    line, first = lines.apart()
-    order = np.lexsort([coordinate, line])
-    return _assemble(
-        model,
-        test,
-        lines,
-        group,
-        first,
-        line[order],
-        coordinate[order],
-        test.response[order],
-        test.sigma[order],
-        np.full(order.size, np.nan, dtype=complex),
-        test.derivative[order],
-        [str(c) for c in model.coordinates],
-    )
-
-
-def _assemble(
-    model: RotorModel,
-    test: PerturbationTest,
-    lines: Lines,
-    group: Index,
-    first: Index,
-    line: Index,
-    coordinate: Index,
-    measured: ComplexArray,
-    sigma: Float,
-    wrong: ComplexArray,
-    derivative: Index,
-    channel_names: Sequence[str],
-) -> Responses:
+    sigma, derivative = directional_noise(test.sigma, places.rows), test.derivative[places.rows.max(axis=1)]
     frequency, row = test.frequency[first], first[line]
     force = _forces(model, test, lines, first)
     turn = _in_phase(force, frequency, test.set_speed[first], lines.number["run"][first])
     if turn is not None:
         force = force * turn[:, None]
         measured, wrong = measured * turn[line], wrong * turn[line].conj()
+    channels = [c.plane if c.axis == "z" else str(c) for c in model.coordinates]
     runs, run = lines.names["run"], lines.number["run"][row]
     begin, label = in_order(combined(run, coordinate))
-    labels = tuple(f"{runs[run[i]]} / {channel_names[coordinate[i]]}" for i in begin.tolist())
-    gaps = np.isnan(sigma)
+    labels = tuple(f"{runs[run[i]]} / {channels[coordinate[i]]}" for i in begin.tolist())
     block = Responses(
         model=model,
         speed=_speeds(test, first),
@@ -227,18 +164,18 @@ def _assemble(
         label=label,
         labels=labels,
         run=test.run[row],
-        sigma_given=not gaps.any(),
+        sigma_given=not np.isnan(sigma).any(),
         force_noise=_force_noise(model, test, first),
         derivative=derivative if derivative.any() else None,
     )
-    if gaps.any():
-        # An accelerometer's noise is even in its own quantity, not in the displacement.
-        rate = block.rate
-        seen = replace(block, measured=measured * rate)
-        condition = _conditions(test, lines.number["run"])[row]
-        estimated = estimate_noise(seen, wrong * rate, test.synchronous, condition) / rate
-        return replace(block, sigma=np.where(gaps, estimated, sigma))
-    return block
+    return block if block.sigma_given else _with_noise(block, wrong, test.synchronous, _conditions(test)[row])
+
+
+def _with_noise(block: Responses, wrong: ComplexArray, synchronous: bool, condition: Index | None = None) -> Responses:
+    """The block with its noise estimated where none was given, by each sensor's own quantity: there it is even."""
+    seen = replace(block, measured=block.measured * block.rate)
+    estimated = estimate_noise(seen, wrong * block.rate, synchronous, condition) / block.rate
+    return replace(block, sigma=np.where(np.isnan(block.sigma), estimated, block.sigma))
 
 
 def _in_phase(force: ComplexArray, frequency: Float, speed: Float, run: Index) -> ComplexArray | None:
@@ -267,9 +204,9 @@ def _forces(model: RotorModel, test: PerturbationTest, lines: Lines, first: Inde
     planes, axes = lines.names["force_plane"], lines.names["force_direction"]
     kind = lines.number["force_plane"][first] * len(axes) + lines.number["force_direction"][first]
     found = np.zeros((first.size, len(model.coordinates)), dtype=complex)
-    for one in np.flatnonzero(np.bincount(kind)).tolist():
-        at = np.flatnonzero(kind == one)
-        found[at] = model.force_vector(planes[one // len(axes)], frequency[at], force[at], axes[one % len(axes)])
+    for at in rows_by(kind):
+        plane, axis = divmod(int(kind[at[0]]), len(axes))
+        found[at] = model.force_vector(planes[plane], frequency[at], force[at], axes[axis])
     for line in np.flatnonzero(test.several[first]).tolist():
         w = frequency[line : line + 1]
         for plane, further, axis in test.further_forces[first[line]]:
@@ -291,9 +228,9 @@ def _force_noise(model: RotorModel, test: PerturbationTest, first: Index) -> Com
     return found
 
 
-def _conditions(test: PerturbationTest, run: Index) -> Index:
+def _conditions(test: PerturbationTest) -> Index:
     """Number of the conditions of each row: attributes that one run has one value of, the number of a repeat aside."""
-    codes = [np.zeros(len(test), dtype=np.intp)]
+    run, codes = test.lines.number["run"], [np.zeros(len(test), dtype=np.intp)]
     for name, values in test.attributes.items():
         if name.startswith("repeat"):
             continue
@@ -305,7 +242,13 @@ def _conditions(test: PerturbationTest, run: Index) -> Index:
 
 
 def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Index) -> Responses:
-    _refuse_model(model, test)
+    if model.frame != "z":
+        raise ValueError(f"{model.name} keeps x and y apart; an imposed circular orbit needs an isotropic model")
+    if set(test.planes) - set(model.planes):
+        raise ValueError(
+            f"{test.source or 'experiment'} has planes {', '.join(test.planes)}, the model {model.name} has "
+            f"{', '.join(model.planes)}. Map names (planes=, --planes)"
+        )
     count = len(test)
     planes, plane = words(test.plane)
     coordinate = np.array([model.coordinate(name, "z") for name in planes], dtype=np.intp)[plane]
@@ -313,7 +256,14 @@ def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Inde
     rows = np.vstack([np.where(np.isnan(values), -1, np.arange(2 * count)).reshape(2, count), np.full(count, -1)]).T
     right, wrong = directional(values, rows, test.frequency < 0)
     sigma = directional_noise(np.tile(test.sigma, 2), rows)
-    _refuse_unforced(test, right)
+    where = test.source or "experiment"
+    if not np.isfinite(right).all():
+        raise ValueError(f"{where}: forces are not all finite")
+    if not test.displacement.all():
+        raise ValueError(
+            f"{where}: the imposed orbit is zero ({_places(test.displacement == 0)}); these readings have no dynamic "
+            "stiffness, remove them"
+        )
     imposed = np.zeros((count, len(model.coordinates)), dtype=complex)
     imposed[np.arange(count), coordinate] = np.where(test.frequency < 0, test.displacement.conj(), test.displacement)
     names = [f"{r} / force at {p}" for r, p in zip(test.run.tolist(), test.plane.tolist(), strict=True)]
@@ -334,29 +284,4 @@ def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Inde
         imposed=True,
         sigma_given=not np.isnan(sigma).any(),
     )
-    gaps = np.isnan(sigma)
-    if gaps.any():
-        return replace(block, sigma=np.where(gaps, estimate_noise(block, wrong, False), sigma))
-    return block
-
-
-def _refuse_model(model: RotorModel, test: DisplacementTest) -> None:
-    """Refuse a model that keeps x and y apart, or has other planes than the test."""
-    if model.frame != "z":
-        raise ValueError(f"{model.name} keeps x and y apart; an imposed circular orbit needs an isotropic model")
-    if set(test.planes) - set(model.planes):
-        raise ValueError(
-            f"{test.source or 'experiment'} has planes {', '.join(test.planes)}, the model {model.name} has "
-            f"{', '.join(model.planes)}. Map names (planes=, --planes)"
-        )
-
-
-def _refuse_unforced(test: DisplacementTest, force: ComplexArray) -> None:
-    """Refuse forces that are not finite and orbits of size zero."""
-    if not np.isfinite(force).all():
-        raise ValueError(f"{test.source or 'experiment'}: forces are not all finite")
-    if not test.displacement.all():
-        raise ValueError(
-            f"{test.source or 'experiment'}: the imposed orbit is zero ({_places(test.displacement == 0)}); these "
-            "readings have no dynamic stiffness, remove them"
-        )
+    return block if block.sigma_given else _with_noise(block, wrong, False)

@@ -5,14 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.data.experiments import (
-    DisplacementTest,
-    Experiment,
-    ImpulseTest,
-    PerturbationTest,
-    StaticTest,
-)
-from rotorfit.estimators.blocks.row_keys import distinguished
+from rotorfit.data.experiments import DisplacementTest, Experiment, ImpulseTest, PerturbationTest, StaticTest
+from rotorfit.estimators.blocks.row_keys import distinguished, rows_by
 from rotorfit.estimators.noise.sweep_noise import FEWEST_LINES
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
@@ -23,49 +17,47 @@ from rotorfit.observing.refusals import LARGEST_MEASURED_ECCENTRICITY
 _SLIPS_SHARE = 0.05  # share of a test's readings that may be slips of the instruments
 
 
-def within_clearance(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
+def _within_clearance(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
     """A test without the few readings that no journal within its clearance can have made, and a sentence on them. All
     readings of such a line go: they would be compared with a wrong orbit. Where there are many, the test is left as it
     is, and is refused when it is observed."""
-    if model.clearance is None or not model.eccentricity_dependent:
-        return test, ""
-    size = _excursion(model, test)
-    beyond = size > LARGEST_MEASURED_ECCENTRICITY * model.clearance
+    clearance = model.clearance or np.nan
+    size = _excursion(model, test, clearance)
+    beyond = size > LARGEST_MEASURED_ECCENTRICITY * clearance
     if not 0 < np.count_nonzero(beyond) <= max(1.0, _SLIPS_SHARE * np.isfinite(size).sum()):
         return test, ""
-    line = same_line(test)
+    line = _same_line(test)
     out = np.isin(line, line[beyond])
-    places = sorted({f"{run}, {_where(test, row)}" for row, run in enumerate(test.run.tolist()) if beyond[row]})
+    swept = isinstance(test, PerturbationTest | DisplacementTest)
+    where = [
+        (k, f"{significant(test.frequencies[k], 4)} rad/s" if swept else f"row {k + 1}") for k in np.flatnonzero(beyond)
+    ]
+    places = sorted({f"{test.run[row]}, {place}" for row, place in where})
     named = "; ".join(places[:3]) + (f" and {len(places) - 3} more" if places[3:] else "")
     return test.select(~out), (
         f"{test.source or test.title}: {np.count_nonzero(beyond)} of {np.isfinite(size).sum()} readings of the journal "
-        f"lie beyond the clearance of {significant(model.clearance * 1e6, 4)} um, up to "
-        f"{significant(np.nanmax(size) * 1e6, 4)} um, and are "
-        f"left out ({named})"
+        f"lie beyond the clearance of {significant(clearance * 1e6, 4)} um, up to "
+        f"{significant(np.nanmax(size) * 1e6, 4)} um, and are left out ({named})"
     )
 
 
-def _excursion(model: RotorModel, test: Experiment) -> Float:
+def _excursion(model: RotorModel, test: Experiment, clearance: float) -> Float:
     """How far the journal went by each reading, m, NaN where the reading is not of the journal."""
-    clearance, place = model.clearance or np.nan, model.coordinates[journal(model).at].plane
-    nothing = np.full(len(test), np.nan)
+    place = model.coordinates[journal(model).at].plane
     match test:
         case PerturbationTest() if test.static_position is not None:
             return np.abs(test.static_position)
         case PerturbationTest():
-            return np.where(
-                (test.plane == place) & ~np.char.startswith(test.direction, "r"), np.abs(test.response), np.nan
-            )
-        case DisplacementTest():
-            return np.where(test.plane == place, np.abs(test.displacement), np.nan)
-        case StaticTest():
+            lateral = (test.plane == place) & ~np.char.startswith(test.direction, "r")
+            return np.where(lateral, np.abs(test.response), np.nan)
+        case DisplacementTest() | StaticTest():
             return np.where(test.plane == place, np.abs(test.displacement), np.nan)
         case ImpulseTest():
             return np.where(np.isnan(test.eccentricity), np.abs(test.position), test.eccentricity * clearance)
-    return nothing
+    return np.full(len(test), np.nan)
 
 
-def same_line(test: Experiment) -> NDArray[np.intp]:
+def _same_line(test: Experiment) -> NDArray[np.intp]:
     """Rows that share the journal's position."""
     match test:
         case PerturbationTest():
@@ -73,12 +65,6 @@ def same_line(test: Experiment) -> NDArray[np.intp]:
         case StaticTest():
             return distinguished(test.run, test.speed, test.load_plane, test.load)[1]
     return np.arange(len(test))
-
-
-def _where(test: Experiment, row: int) -> str:
-    if isinstance(test, PerturbationTest | DisplacementTest):
-        return f"{significant(test.frequency[row], 4)} rad/s"
-    return f"row {row + 1}"
 
 
 _LEAST_STEP = 0.05  # step of the journal's vector from one line to the next, in clearances, that may be a jump
@@ -92,15 +78,15 @@ def usable(model: RotorModel, test: Experiment) -> tuple[Experiment, tuple[str, 
     """A test as it can be fitted, and sentences on the readings that were left out."""
     if model.clearance is None or not model.eccentricity_dependent:
         return test, ()
-    inside, beyond = within_clearance(model, test)
-    clear, jumped = off_jumps(model, inside)
+    inside, beyond = _within_clearance(model, test)
+    clear, jumped = _off_jumps(model, inside)
     return clear, tuple(filter(None, (beyond, jumped)))
 
 
-def off_jumps(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
+def _off_jumps(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
     """A test without the last two lines before each jump of a sweep, and a sentence: the orbit's slopes are infinite at
     a branch's end, where a search stalls. Lines are taken to be in the order swept."""
-    if model.clearance is None or not model.eccentricity_dependent or not isinstance(test, PerturbationTest):
+    if not isinstance(test, PerturbationTest):
         return test, ""
     moving = np.flatnonzero(test.plane == model.coordinates[journal(model).at].plane)
     if test.static_position is not None or not moving.size:
@@ -108,18 +94,15 @@ def off_jumps(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
     sweep = distinguished(test.run, test.set_speed, np.sign(test.frequency), test.force_plane, test.direction)[1]
     ending: list[int] = []
     jumps = 0
-    for number in np.unique(sweep[moving]).tolist():
-        rows = moving[sweep[moving] == number]
-        if rows.size < FEWEST_LINES:
-            continue
-        step = np.abs(np.diff(test.response[rows])) / model.clearance
+    for rows in (moving[own] for own in rows_by(sweep[moving]) if own.size >= FEWEST_LINES):
+        step = np.abs(np.diff(test.response[rows])) / (model.clearance or np.nan)
         beside = np.maximum(np.append(step[1:], 0.0), np.append(0.0, step[:-1]))
         places = np.flatnonzero((step > _LEAST_STEP) & (step > _STEP_RATIO * beside) & _swept_on(test, rows)).tolist()
         jumps += len(places)
         ending += [row for place in places for row in rows[max(place + 1 - _LINES_BEFORE, 0) : place + 1].tolist()]
     if not ending:
         return test, ""
-    line = same_line(test)
+    line = _same_line(test)
     out = np.isin(line, line[ending])
     return test.select(~out), (
         f"{test.source or test.title}: {jumps} jumps from one orbit to another; the last {_LINES_BEFORE} lines before "

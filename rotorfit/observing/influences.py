@@ -11,8 +11,6 @@ from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.models.array_types import ComplexArray
 
-_PARTS = {"x": 0.5 + 0j, "y": 0.5j}  # of the forward component, (X + jY)/2
-
 
 def correlated(base: Responses, influences: Influences) -> CorrelatedResponses:
     """Observations of influences with the covariance of their errors."""
@@ -47,9 +45,8 @@ def _combination(base: Responses, influences: Influences) -> ComplexArray:
         there = rows[str(base.run[reading]), float(base.speed[line]), coordinate.plane]
         if coordinate.axis in ("x", "y"):
             combine[reading, there[coordinate.axis]] = 1.0
-        elif "x" in there and "y" in there:
-            for direction, part in _PARTS.items():
-                combine[reading, there[direction]] = part
+        elif "x" in there and "y" in there:  # the forward component, (X + jY)/2
+            combine[reading, [there["x"], there["y"]]] = 0.5, 0.5j
         else:  # one probe, taken as a circular orbit
             direction, number = next(iter(there.items()))
             combine[reading, number] = 1j if direction == "y" else 1.0

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
 from rotorfit.data.experiments import (
@@ -16,13 +19,13 @@ from rotorfit.data.experiments import (
 )
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block, Responses
-from rotorfit.estimators.blocks.row_keys import distinguished
+from rotorfit.estimators.blocks.row_keys import distinguished, words
+from rotorfit.estimators.blocks.small_motion import OffCentreResponses
 from rotorfit.models import AnisotropicShaft, RotorModel, Turning
-from rotorfit.models.array_types import Index
+from rotorfit.models.array_types import ComplexArray, Index
 from rotorfit.models.motion.journal import journal
-from rotorfit.observing.circular import observe
-from rotorfit.observing.off_centre import off_centre_responses
-from rotorfit.observing.refusals import check_clearance
+from rotorfit.observing.circular import first_rows, observe
+from rotorfit.observing.refusals import check_clearance, check_finite
 from rotorfit.observing.shaft_lines import lines_of_test, main_lines
 from rotorfit.observing.static_and_free import free_vibrations, journal_coefficients, static_loads
 
@@ -103,3 +106,55 @@ def _imposed(model: RotorModel, base: Responses) -> Block:
     eps = np.abs(base.force[:, seat.at]) / seat.clearance
     check_clearance(eps, model, "imposed orbits")
     return OrbitResponses(base, eps, "given", np.arange(eps.size, dtype=np.intp))
+
+
+def off_centre_responses(
+    model: RotorModel, test: PerturbationTest, group: Index, position: ComplexArray
+) -> OffCentreResponses:
+    """Observations of a perturbation test at a static position, with their noise."""
+    other = sorted(set(test.direction.tolist()) - {"x", "y"})
+    if other:
+        raise ValueError(
+            f"{test.source or 'experiment'}: off-centre motion is not circular; it needs readings in x and y, not "
+            f"{', '.join(other)}"
+        )
+    seat = journal(model)
+    eps = np.abs(position) / seat.clearance
+    check_finite(test, position)
+    check_clearance(eps, model, "static positions")
+    parts = []
+    for axis in ("x", "y"):
+        rows = np.flatnonzero(test.direction == axis)
+        if rows.size:
+            part = test.select(rows)
+            block = observe(model, part, group[rows])
+            first = first_rows(part)
+            # Phasors of the probe, relative to exp(+j|w|t), from what was taken for a circular orbit.
+            turned = block.measured if axis == "x" else -1j * block.measured
+            phasors = np.where(block.frequency[block.line] < 0, turned.conj(), turned)
+            parts.append((axis, replace(block, measured=phasors), rows[first]))
+    rows = np.concatenate([first for _, _, first in parts])
+    names = [f"{block.labels[k]} {axis}" for axis, block, _ in parts for k in block.label.tolist()]
+    labels, label = words(np.array(names))
+    starts = np.cumsum([0, *(block.speed.size for _, block, _ in parts)])
+
+    def joined(column: str) -> Any:
+        return np.concatenate([getattr(block, column) for _, block, _ in parts])
+
+    return OffCentreResponses(
+        model=model,
+        speed=joined("speed"),
+        frequency=joined("frequency"),
+        force=joined("force"),
+        eccentricity=eps[rows],
+        attitude=np.angle(position[rows]),
+        group=joined("group"),
+        line=np.concatenate([block.line + start for (_, block, _), start in zip(parts, starts[:-1], strict=True)]),
+        coordinate=joined("coordinate"),
+        vertical=np.concatenate([np.full(block.measured.size, axis == "y") for axis, block, _ in parts]),
+        measured=joined("measured"),
+        sigma=joined("sigma"),
+        label=label,
+        labels=tuple(labels),
+        run=joined("run"),
+    )

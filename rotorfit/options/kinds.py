@@ -128,7 +128,7 @@ def prior(key: str, value: Any) -> Any:
     """A distribution of scipy.stats with its numbers."""
     if not isinstance(value, dict) or len(value) != 1:
         raise ValueError(f"{key} must be one distribution with its numbers, {{norm = [1.0, 0.01]}}; got {value!r}")
-    name, numbers = next(iter(value.items()))
+    ((name, numbers),) = value.items()
     if not isinstance(numbers, list):
         raise ValueError(f"{key}: {name} needs a list of numbers, got {numbers!r}")
     return _frozen_prior(key, name, [number(key, item) for item in numbers])
@@ -221,17 +221,9 @@ def two_numbers(word: str) -> tuple[float, float]:
     return number_word(first), number_word(second)
 
 
-def _number_or_free_word(word: str) -> float | None:
-    return None if word.lower() in ("free", "none") else number_word(word)
-
-
 def _range_word(word: str) -> tuple[float, float]:
     low, high = _two(word)
     return number_word(low or "-inf"), number_word(high or "inf")
-
-
-def _gaussian_word(word: str) -> Any:
-    return _frozen_prior("prior", "norm", two_numbers(word))
 
 
 def _common_word(word: str) -> str:
@@ -252,10 +244,6 @@ def _shares_word(word: str) -> dict[str, float]:
         if term:
             shares[plane.strip()] = number_word(share)
     return shares
-
-
-def _shares_written(shares: Mapping[str, float]) -> str:
-    return "+".join(f"{share:.10g}*{plane}" for plane, share in shares.items()).replace("+-", "-")
 
 
 def _two(word: str) -> tuple[str, str]:
@@ -299,14 +287,6 @@ def _digits(value: Any) -> str | None:
     return f"{value:.10g}" if isinstance(value, int | float) else None
 
 
-def _gaussian_written(value: Any) -> str | None:
-    return f"{value.mean():.10g}:{value.std():.10g}" if value.dist.name == "norm" else None
-
-
-def _range_written(value: tuple[float, float]) -> str:
-    return ":".join("" if math.isinf(end) else f"{end:.10g}" for end in value)
-
-
 KINDS: Mapping[str, Kind] = {
     "bool": Kind(toml=flag, word=None, written=lambda value: ""),
     "PhaseOffsets": Kind(toml=phase_offsets, word=_common_word, written=str, bare=True),
@@ -322,15 +302,28 @@ KINDS: Mapping[str, Kind] = {
     "Mapping[str, float]": Kind(toml=table(number), word=number_word, written=_digits, paired=True),
     "Mapping[str, float | None]": Kind(
         toml=table(_number_or_free),
-        word=_number_or_free_word,
+        word=lambda word: None if word.lower() in ("free", "none") else number_word(word),
         written=lambda value: "free" if value is None else _digits(value),
         paired=True,
     ),
-    "Mapping[str, tuple[float, float]]": Kind(toml=table(pair), word=_range_word, written=_range_written, paired=True),
-    "Mapping[str, Any]": Kind(toml=table(prior), word=_gaussian_word, written=_gaussian_written, paired=True),
+    "Mapping[str, tuple[float, float]]": Kind(
+        toml=table(pair),
+        word=_range_word,
+        written=lambda value: ":".join("" if math.isinf(end) else f"{end:.10g}" for end in value),
+        paired=True,
+    ),
+    "Mapping[str, Any]": Kind(
+        toml=table(prior),
+        word=lambda word: _frozen_prior("prior", "norm", two_numbers(word)),
+        written=lambda value: f"{value.mean():.10g}:{value.std():.10g}" if value.dist.name == "norm" else None,
+        paired=True,
+    ),
     "Mapping[str, str]": Kind(toml=table(text), word=str, written=str, paired=True),
     "Mapping[str, Mapping[str, float]]": Kind(
-        toml=table(table(number)), word=_shares_word, written=_shares_written, paired=True
+        toml=table(table(number)),
+        word=_shares_word,
+        written=lambda shares: "+".join(f"{share:.10g}*{plane}" for plane, share in shares.items()).replace("+-", "-"),
+        paired=True,
     ),
     "Mapping[str, float | Mapping[str, float]]": Kind(
         toml=table(uncertainty), word=number_word, written=_digits, paired=True

@@ -20,9 +20,7 @@ class StudyOptions(FitOptions):
     """Options of the model, of its fit, and of what follows; the names are those of the TOML keys."""
 
     structure: str = option(
-        "",
-        "matrices of a shaft (model known-structure): .mat, .npz, a folder of CSV, a rotor saved by ROSS",
-        "FILE",
+        "", "matrices of a shaft (model known-structure): .mat, .npz, a folder of CSV, a rotor saved by ROSS", "FILE"
     )
     planes: Planes = option(
         (), "the data's plane names, in the model's order; with --structure the node of each, disk=7,journal=14", "A,B"

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, RingDownTest, StaticTest
-from rotorfit.data.mountings import dwells
+from rotorfit.data.weights import dwells
 from rotorfit.estimators.blocks.coefficients import JournalCoefficients
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block, OnResponses
@@ -18,7 +18,7 @@ from rotorfit.estimators.inference.identifiability import Identifiability, diagn
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.correlation import scatter
 from rotorfit.estimators.noise.run_effects import real_rows
-from rotorfit.fitting.noise.linearised import channels_of, lines_in
+from rotorfit.fitting.noise.noise_fit import channels_of, lines_in
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel, threshold_speed

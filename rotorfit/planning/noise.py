@@ -13,7 +13,7 @@ from rotorfit.data.experiments import DisplacementTest, Experiment, Perturbation
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.noise.error_bars import with_noise
-from rotorfit.fitting.noise.linearised import effects_of_runs
+from rotorfit.fitting.noise.noise_fit import effects_of_runs
 from rotorfit.fitting.noise.record import RUN_KINDS, FoundNoise, RunEffect
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name

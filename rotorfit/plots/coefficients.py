@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rotorfit.estimators.significance import CHANCE_ERRORS
-from rotorfit.fitting.structure.coefficient_rows import UNITS, CoefficientRows, Coefficients
-from rotorfit.fitting.structure.frequency_rows import ENTRIES, FrequencyRows
+from rotorfit.fitting.structure.coefficients import UNITS, CoefficientRows, Coefficients
+from rotorfit.fitting.structure.frequency_coefficients import ENTRIES, FrequencyRows
 from rotorfit.models.shafts.plane_forces import COEFFICIENTS
 from rotorfit.plots.style import colour_of, draw_curve, grid, legend_below, looked, per_rad_s, prefix, rate_unit
 

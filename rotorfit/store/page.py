@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rotorfit.models.digits import plus_minus
-from rotorfit.monitoring.watch_figure import plot_rules
+from rotorfit.monitoring.history_figure import plot_rules
 from rotorfit.plots.style import picture_of
 from rotorfit.report.html import Html, bullets, paragraph, picture, table
 from rotorfit.report.page import page, write_whole

@@ -14,9 +14,9 @@ from rotorfit.estimators.blocks.correlated import freedom_of
 from rotorfit.estimators.inference import ensemble_sampler
 from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress
 from rotorfit.estimators.inference.log_posterior import LogPosterior, Noise
+from rotorfit.fitting.fit_warnings import why_not_refined
 from rotorfit.fitting.noise.error_bars import effect_entries
 from rotorfit.fitting.result import FitResult
-from rotorfit.fitting.structure.refinable import why_not_refined
 from rotorfit.fitting.structure.refine import refine as refine_fit
 from rotorfit.fitting.structure.refine import structure_name
 from rotorfit.models.array_types import Float

@@ -10,15 +10,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations, islice
+from itertools import chain, combinations, islice
+from typing import Any
 
 import numpy as np
 
-from rotorfit.data.experiments import PerturbationTest
-from rotorfit.diagnosis.orbits import Orbits, total_power
+from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.diagnosis.orbits import Orbits, orbits_of_tests, total_power
 from rotorfit.diagnosis.probe_filters import FilteredProbe
+from rotorfit.diagnosis.probe_pairs import uneven_planes
 from rotorfit.diagnosis.trials.trial_fits import MOST_PLANES, Explanation
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import Float, Index
+from rotorfit.models.parameters import unknown_name
 from rotorfit.units import RPM_PER_RAD_S
 
 _CONSTANT_SPREAD = 0.01  # relative spread of what is taken as constant
@@ -38,13 +41,27 @@ _SPEED_UNITS = {("Hz", "rpm"): 60.0, ("rpm", "Hz"): 1 / 60, ("rad/s", "rpm"): RP
 _SPEED_UNITS[("rpm", "rad/s")] = 1 / RPM_PER_RAD_S
 _COLUMNS = {"Hz": "speed_hz", "rpm": "speed_rpm", "rad/s": "speed_rad_s"}
 
-_PAIRS = {
-    "exchanged": (("x", "y"), (1.0, 1.0)),
-    "inverted in y": ((), (1.0, -1.0)),
-    "inverted in x": ((), (-1.0, 1.0)),
-    "exchanged and both inverted": (("x", "y"), (-1.0, -1.0)),
+_FORCE_LAWS = {
+    (0, 2): (
+        "unbalance-as-constant",
+        "the forces are those of an unbalance, which grow with the square of the frequency, and are given as constant",
+        "give the unbalance (mr_g_mm) in place of force_N",
+    ),
+    (2, 0): (
+        "constant-as-unbalance",
+        "the forces are constant, and are given as those of an unbalance",
+        "give force_N in place of mr_g_mm",
+    ),
 }
-"""How a pair of probes mirrors orbits: directions under each other's names, and signs of x and y."""
+"""By powers of the frequency that forces grow with, as given and in truth: code, what is wrong, how it is undone."""
+
+_PAIRS = {
+    "exchanged": (True, (1.0, 1.0)),
+    "inverted in y": (False, (1.0, -1.0)),
+    "inverted in x": (False, (-1.0, 1.0)),
+    "exchanged and both inverted": (True, (-1.0, -1.0)),
+}
+"""How a pair of probes mirrors orbits: whether directions are under each other's names, and signs of x and y."""
 
 Correction = Callable[[PerturbationTest], PerturbationTest]
 
@@ -100,7 +117,7 @@ def backward_angles(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
             message="the angles of backward forces are those of a protractor, from x towards y, and are given as "
             "phases, which count along the turning of the force",
             undo="give force_angle_deg in place of force_phase_deg",
-            correct=_with_backward_angles,
+            correct=lambda test: test.with_forces(lambda force: np.where(test.frequency < 0, force.conj(), force)),
         )
 
 
@@ -137,27 +154,21 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
         test.linear.any() or test.several.any() or not (test.force.all() and test.frequency.all()) for test in tests
     ):
         return
-    if all(_is_constant(test, np.abs(test.force)) for test in tests):
-        yield DataError(
-            code="unbalance-as-constant",
-            message="the forces are those of an unbalance, which grow with the square of the frequency, and are given "
-            "as constant",
-            undo="give the unbalance (mr_g_mm) in place of force_N",
-            correct=lambda test: test.with_forces(lambda force: force * test.frequency**2),
-            leaves_scale_open=True,
-        )
-    if all(_is_constant(test, np.abs(test.force) / test.frequency**2) for test in tests):
-        yield DataError(
-            code="constant-as-unbalance",
-            message="the forces are constant, and are given as those of an unbalance",
-            undo="give force_N in place of mr_g_mm",
-            correct=lambda test: test.with_forces(lambda force: force / test.frequency**2),
-            leaves_scale_open=True,
-        )
+    for (given, right), (code, message, undo) in _FORCE_LAWS.items():
+        if all(_is_constant(test, np.abs(test.force) / test.frequency**given) for test in tests):
+            yield DataError(
+                code=code,
+                message=message,
+                undo=undo,
+                correct=partial(_with_forces_grown, power=right - given),
+                leaves_scale_open=True,
+            )
     yield from _exchanges(tests)
     yield from _exchanged_runs(tests)
     for unit, size in _DECIBELS.items():
-        if all(_may_be_decibels(np.abs(test.response) / size) for test in tests):
+        levels = [np.abs(test.response) / size for test in tests]
+        # numbers that levels in dB could be, of a rotor with a resonance: the largest, and from it to the smallest
+        if all(level.max() < 200.0 and 20.0 < np.ptp(level) < 100.0 for level in levels):
             yield DataError(
                 code="levels-in-decibels",
                 of=unit,
@@ -173,7 +184,7 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
             message="all forces are one angle off against all readings, as where weight holes, Keyphasor and probes "
             "have no common zero",
             undo="give the angle, or fit it (phase_offsets common)",
-            correct=partial(_forces_turned, degrees=degrees),
+            correct=partial(_with_forces_turned, degrees=degrees),
             frees_datum=True,
         )
     planes = np.unique(np.concatenate([test.plane for test in tests])).tolist()
@@ -196,9 +207,9 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
             correct=partial(_with_speeds, factor=factor),
         )
     for column, whose in (("force", "forces"), ("response", "readings")):
-        if all(_are_radians(getattr(test, column)) for test in tests) and not any(
-            column == "response" and np.char.endswith(test.direction, "z").any() for test in tests
-        ):
+        phases = [np.abs(np.degrees(np.angle(getattr(test, column)))).max() for test in tests]
+        is_z = column == "response" and any(np.char.endswith(test.direction, "z").any() for test in tests)
+        if all(0 < largest <= _TURN_IN_RADIANS for largest in phases) and not is_z:
             yield DataError(
                 code="phases-in-radians",
                 of=whose,
@@ -259,9 +270,8 @@ def _places(test: PerturbationTest, run: str) -> Index:
 
 
 def _is_one_plan(test: PerturbationTest, own: Index, other: Index) -> bool:
-    return all(
-        (getattr(test, name)[own] == getattr(test, name)[other]).all() for name in ("plane", "direction")
-    ) and bool(np.allclose(test.frequency[own], test.frequency[other], rtol=1e-3, atol=0.0))
+    places = all((column[own] == column[other]).all() for column in (test.plane, test.direction))
+    return places and bool(np.allclose(test.frequency[own], test.frequency[other], rtol=1e-3, atol=0.0))
 
 
 # ---- corrections -------------------------------------------------------------------------------------------------
@@ -274,16 +284,15 @@ def _unfiltered(test: PerturbationTest, *, plane: str, probe: FilteredProbe) -> 
 
 
 def _paired_anew(
-    test: PerturbationTest, *, planes: Sequence[str], swapped: tuple[str, ...], signs: tuple[float, float]
+    test: PerturbationTest, *, planes: Sequence[str], swapped: bool, signs: tuple[float, float]
 ) -> PerturbationTest:
-    rows, is_x = np.isin(test.plane, planes), np.char.endswith(test.direction, "x")
-    is_y = np.char.endswith(test.direction, "y")
-    sign = np.where(rows & is_x, signs[0], np.where(rows & is_y, signs[1], 1.0))
-    direction = test.direction.copy()
-    if swapped:
-        direction[rows & is_x] = np.char.replace(test.direction[rows & is_x], "x", "y")
-        direction[rows & is_y] = np.char.replace(test.direction[rows & is_y], "y", "x")
-    return replace(test, response=sign * test.response, direction=direction)
+    response, direction = test.response.copy(), test.direction.copy()
+    for axis, other, sign in (("x", "y", signs[0]), ("y", "x", signs[1])):
+        rows = np.isin(test.plane, planes) & np.char.endswith(test.direction, axis)
+        response[rows] *= sign
+        if swapped:
+            direction[rows] = np.char.replace(test.direction[rows], axis, other)
+    return replace(test, response=response, direction=direction)
 
 
 def _with_readings_of(
@@ -295,6 +304,18 @@ def _with_readings_of(
     for values in (response, sigma):
         values[rows], values[others] = values[others], values[rows]
     return replace(test, response=response, sigma=sigma)
+
+
+def _with_forces_grown(test: PerturbationTest, *, power: int) -> PerturbationTest:
+    return test.with_forces(lambda force: force * test.frequency**power)
+
+
+def _with_forces_turned(test: PerturbationTest, *, degrees: float) -> PerturbationTest:
+    return test.with_forces(lambda force: force * np.exp(1j * np.radians(degrees)))
+
+
+def _with_speeds(test: PerturbationTest, *, factor: float) -> PerturbationTest:
+    return replace(test, speed=test.speed * factor)
 
 
 def _from_decibels(test: PerturbationTest, *, unit: float) -> PerturbationTest:
@@ -310,31 +331,14 @@ def _turned_back(test: PerturbationTest, *, planes: Sequence[str], degrees: floa
     return replace(test, response=np.where(np.isin(test.plane, planes), turn, 1.0) * test.response)
 
 
-def _with_backward_angles(test: PerturbationTest) -> PerturbationTest:
-    return test.with_forces(lambda force: np.where(test.frequency < 0, force.conj(), force))
-
-
-def _forces_turned(test: PerturbationTest, *, degrees: float) -> PerturbationTest:
-    return test.with_forces(lambda force: force * np.exp(1j * np.radians(degrees)))
-
-
-def _with_speeds(test: PerturbationTest, *, factor: float) -> PerturbationTest:
-    return replace(test, speed=test.speed * factor)
-
-
-def _exchanged(test: PerturbationTest, *, column: str, a: object, b: object) -> PerturbationTest:
+def _exchanged(test: PerturbationTest, *, column: str, a: Any, b: Any) -> PerturbationTest:
     values = getattr(test, column)
-    changed = values.copy()
-    changed[values == a], changed[values == b] = b, a
-    return replace(test, **{column: changed})
+    return replace(test, **{column: np.where(values == a, b, np.where(values == b, a, values))})
 
 
 def _from_radians(test: PerturbationTest, *, column: str) -> PerturbationTest:
     values = getattr(test, column)
     return replace(test, **{column: np.abs(values) * np.exp(1j * np.degrees(np.angle(values)))})
-
-
-# ---- which data may have an error --------------------------------------------------------------------------------
 
 
 def _is_constant(test: PerturbationTest, size: Float) -> bool:
@@ -347,13 +351,26 @@ def _is_constant(test: PerturbationTest, size: Float) -> bool:
     return bool(np.ptp(swept) > _CONSTANT_SPREAD * swept.max())
 
 
-def _may_be_decibels(amplitude: Float) -> bool:
-    """True if amplitudes are numbers that levels in dB could be, of a rotor with a resonance."""
-    least, most, largest = 20.0, 100.0, 200.0  # dB between the largest and the smallest level, and of the largest
-    return bool(amplitude.max() < largest and least < np.ptp(amplitude) < most)
+def undone(experiments: Sequence[Experiment], names: Sequence[str]) -> tuple[Experiment, ...]:
+    """The data with errors undone one after the other."""
+    corrected = list(experiments)
+    for name in names:
+        known = {error.name: error for error in _possible(corrected)}
+        if name not in known:
+            raise ValueError(f"undo: {unknown_name('error of these data', name, known)}")
+        error = known[name]
+        corrected = [error.correct(test) if isinstance(test, PerturbationTest) else test for test in corrected]
+    return tuple(corrected)
 
 
-def _are_radians(values: ComplexArray) -> bool:
-    """True if all phases, read as degrees, lie within what a turn is in radians, and are not simply zero."""
-    degrees = np.abs(np.degrees(np.angle(values)))
-    return bool(degrees.max() <= _TURN_IN_RADIANS and degrees.max() > 0)
+def _possible(experiments: Sequence[Experiment]) -> Iterator[DataError]:
+    """Every error that the data may have and that the data as given can be corrected for."""
+    tests = [test for test in experiments if isinstance(test, PerturbationTest)]
+    orbits = orbits_of_tests(tests)
+    found = (
+        mirrored_orbits(orbits),
+        filtered_probes(uneven_planes(orbits)),
+        backward_angles(tests),
+        data_errors(tests),
+    )
+    yield from (error for error in chain(*found) if error.can_be_undone)

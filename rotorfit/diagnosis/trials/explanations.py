@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.data.findings import Finding
+from rotorfit.data.findings import Finding, errors_in
 from rotorfit.diagnosis.check import check
-from rotorfit.diagnosis.orbits import Orbits, orbits_of
+from rotorfit.diagnosis.orbits import Orbits, orbits_of_tests
 from rotorfit.diagnosis.probe_pairs import uneven_planes
 from rotorfit.diagnosis.trials.data_errors import (
     DataError,
@@ -54,7 +54,7 @@ def explained(fit: FitResult, shown: Collection[str] = ()) -> list[Finding]:
     if fit.problem.loss != "linear":
         return []
     tests = [test for test in fit.experiments if isinstance(test, PerturbationTest)]
-    orbits = [orbits_of(test, np.arange(len(test))) for test in tests if test.force.all() and not test.several.any()]
+    orbits = orbits_of_tests(tests)
     if "wrong-direction" in shown and (found := _findings(list(_turning_anew(fit, orbits)))):
         return found
     return _findings(list(_explanations(fit, tests, orbits))) if fit.redchi >= _LEAST_REDCHI else []
@@ -63,27 +63,19 @@ def explained(fit: FitResult, shown: Collection[str] = ()) -> list[Finding]:
 def _turning_anew(fit: FitResult, orbits: Sequence[Orbits]) -> Iterator[Explanation]:
     """Corrections that make orbits turn with the force and nothing else look wrong, by the share of motion left: a fit
     does not see motion against the force."""
+    tests = [test for test in fit.experiments if isinstance(test, PerturbationTest)]
     for error in mirrored_orbits(orbits):
         problem = _corrected(fit, error)
-        if problem is not None and not _still_wrong(fit, error):
+        shown = () if problem is None else (found for test in tests for found in check(error.correct(test)))
+        if problem is not None and not errors_in(shown):  # without it data show no other error, as negative damping
             yield error.explains(trial(problem)[0] / _power(problem))
-
-
-def _still_wrong(fit: FitResult, error: DataError) -> bool:
-    """True if tests with an error undone show another one, such as negative damping."""
-    return any(
-        finding.severity == "error"
-        for test in fit.experiments
-        if isinstance(test, PerturbationTest)
-        for finding in check(error.correct(test))
-    )
 
 
 def _explanations(fit: FitResult, tests: Sequence[PerturbationTest], orbits: Sequence[Orbits]) -> Iterator[Explanation]:
     settings, rescaled = fit.settings.asked, fit.settings.rescaled
     problem = build_problem(fit.model, fit.experiments, settings) if rescaled else fit.problem
     far = fit.chisqr > _UNEXPLAINED_SHARE * _power(problem)
-    uneven = {plane: probe for of_test in orbits for plane, probe in uneven_planes(of_test).items()}
+    uneven = uneven_planes(orbits)
     candidates = [*filtered_probes(uneven), *backward_angles(tests), *(data_errors(tests) if far else ())]
     missed = min(fit.chisqr, trial(problem)[0]) if candidates else fit.chisqr  # a search that went astray is no error
     for error in candidates:
@@ -124,39 +116,32 @@ def _of_readings(
     if far or x is None:
         tried, end = trial(readings.problem)
         least, x = (tried, end) if tried < least or x is None else (least, x)
-    hint = _anything if far else _promised(readings, x)
+    hint = (lambda log: True) if far else _promised(readings, x)
     found = list(filters(readings, least, hint, uneven))
     yield from found
     if not any(one.left < EXPLAINED_MISFIT_SHARE for one in found):
         yield from factors_of_groups(readings, least, hint, known)
 
 
-def _anything(_: ComplexArray) -> bool:
-    return True
-
-
 def _promised(readings: Readings, x: Float) -> Hint:
     """A linear step with the error as a value more, from where the search ended."""
     problem = readings.problem
     r, J = problem.jacobian(x)
-    whitened = np.concatenate(problem.predict(x)) / np.concatenate([block.sigma for block in problem.blocks])
-    span = np.linalg.qr(_real(J))[0]
-    beside = _beside(span, _real(r[:, None]))[:, 0]
+    whitened = np.concatenate(problem.predict(x)) / readings.sigma
+    span = np.linalg.qr(np.concatenate([J.real, J.imag]))[0]
+
+    def beside_fit(columns: ComplexArray) -> Float:
+        real = np.concatenate([columns.real, columns.imag])
+        return np.asarray(real - span @ (span.T @ real))
+
+    beside = beside_fit(r[:, None])[:, 0]
 
     def hint(log: ComplexArray) -> bool:
-        columns = _beside(span, _real(readings.seen(log) * whitened[:, None]))
+        columns = beside_fit(readings.seen(log) * whitened[:, None])
         step = np.linalg.lstsq(columns, beside, rcond=1e-9)[0]
         return float(np.sum((beside - columns @ step) ** 2)) < _LINEAR_MISFIT_SHARE * float(beside @ beside)
 
     return hint
-
-
-def _real(columns: ComplexArray) -> Float:
-    return np.concatenate([columns.real, columns.imag])
-
-
-def _beside(span: Float, columns: Float) -> Float:
-    return np.asarray(columns - span @ (span.T @ columns))
 
 
 def _findings(tried: Sequence[Explanation]) -> list[Finding]:

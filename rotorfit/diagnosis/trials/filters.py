@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from rotorfit.diagnosis.trials.channel_filters import CHANNEL_FILTERS, POWERS, ChannelFilter, values_to_try
+from rotorfit.diagnosis.probe_filters import CHANNEL_FILTERS, POWERS, ChannelFilter, values_to_try
 from rotorfit.diagnosis.trials.trial_fits import (
     EXPLAINED_MISFIT_SHARE,
     MOST_PLANES,
@@ -14,7 +14,6 @@ from rotorfit.diagnosis.trials.trial_fits import (
     Explanation,
     Hint,
     Readings,
-    misfit_of_closed_form,
     trial,
 )
 from rotorfit.models.array_types import Bool, ComplexArray
@@ -22,28 +21,21 @@ from rotorfit.models.array_types import Bool, ComplexArray
 
 def filters(readings: Readings, missed: float, hint: Hint, uneven: Collection[str]) -> Iterator[Explanation]:
     """Explanations of the data by filters of all probes and of those at one plane, unless its probes differ."""
-    yield from _of_group(readings, "all readings", np.ones(readings.plane.size, dtype=bool), missed, hint)
     planes = np.unique(readings.plane).tolist()
-    for plane in planes[:MOST_PLANES] if len(planes) > 1 else ():
-        if plane not in uneven:
-            yield from _of_group(readings, f"the readings at {plane}", readings.plane == plane, missed, hint)
-
-
-def _of_group(readings: Readings, who: str, rows: Bool, missed: float, hint: Hint) -> Iterator[Explanation]:
+    groups = [("all readings", np.ones(readings.plane.size, dtype=bool))]
+    some = [plane for plane in planes[:MOST_PLANES] if plane not in uneven] if len(planes) > 1 else []
+    groups += [(f"the readings at {plane}", readings.plane == plane) for plane in some]
     whole = readings.s / readings.middle
-    least = np.inf
-    if hint(_column(rows, np.log(whole))):
-        for power, (code, what, undo) in POWERS.items():
-            left = trial(readings.corrected(np.where(rows, whole**power, 1.0)))[0] / missed
-            least = min(left, least)
-            yield Explanation(left=left, code=code, message=f"{who} are {what}", undo=undo)
-    for kind in CHANNEL_FILTERS if least > EXPLAINED_MISFIT_SHARE else ():
-        if hint(_column(rows, kind.slope(readings.s))):
-            yield from _searched(readings, kind, who, rows, missed)
-
-
-def _column(rows: Bool, log: ComplexArray) -> ComplexArray:
-    return np.where(rows, log, 0.0)[:, None]
+    for who, rows in groups:
+        least = np.inf
+        if hint(np.where(rows, np.log(whole), 0.0)[:, None]):
+            for power, (code, what, undo) in POWERS.items():
+                left = trial(readings.corrected(np.where(rows, whole**power, 1.0)))[0] / missed
+                least = min(left, least)
+                yield Explanation(left=left, code=code, message=f"{who} are {what}", undo=undo)
+        for kind in CHANNEL_FILTERS if least > EXPLAINED_MISFIT_SHARE else ():
+            if hint(np.where(rows, kind.slope(readings.s), 0.0)[:, None]):
+                yield from _searched(readings, kind, who, rows, missed)
 
 
 def _searched(readings: Readings, kind: ChannelFilter, who: str, rows: Bool, missed: float) -> Iterator[Explanation]:
@@ -52,7 +44,7 @@ def _searched(readings: Readings, kind: ChannelFilter, who: str, rows: Bool, mis
 
     count = 9  # values across the band; neighbours differ by less than filters can be distinguished by
     tried = values_to_try(kind, readings.frequency, count)
-    rough = [misfit_of_closed_form(readings.corrected(factor(value))) for value in tried.tolist()]
+    rough = [trial(readings.corrected(factor(value)), search=False)[0] for value in tried.tolist()]
     best = int(np.argmin(rough))
     if not 0 < best < tried.size - 1 or rough[best] > PROMISING_MISFIT_SHARE * missed:
         return  # at an end it is no corner but a power of the frequency, or nothing

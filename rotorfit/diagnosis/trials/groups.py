@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rotorfit.diagnosis.trials.channel_filters import INSTRUMENT_SCATTER, POWERS, SAME_FACTOR, likeness
+from rotorfit.diagnosis.probe_filters import INSTRUMENT_SCATTER, POWERS, SAME_FACTOR, likeness
 from rotorfit.diagnosis.trials.trial_fits import (
     EXPLAINED_MISFIT_SHARE,
     EXPLAINING_MISFIT_SHARE,

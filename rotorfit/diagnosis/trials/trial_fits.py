@@ -43,33 +43,20 @@ class Explanation:
     free: int = 0  # values that were searched for; of errors that explain the data alike, those with the fewest count
 
 
-def trial(problem: Problem) -> tuple[float, Float]:
-    """Sum of squares that a short search from the closed form leaves, and its end; infinite where the data allow none.
-    What is right needs no better start, and to look for one takes longer than all the rest."""
-    begin = _closed_form(problem)
-    if begin is None:
-        return float("inf"), np.zeros(problem.space.size)
-    try:
-        (end,) = short_fits(problem, begin[None]).x
-    except np.linalg.LinAlgError:  # what cannot be fitted explains nothing
-        return float("inf"), begin
-    return 2 * problem.cost(end), end
-
-
-def misfit_of_closed_form(problem: Problem) -> float:
-    """Sum of squares of the closed form alone, a tenth of the time of a search; infinite where there is none."""
-    begin = _closed_form(problem)
-    return float("inf") if begin is None else 2 * problem.cost(begin)
-
-
-def _closed_form(problem: Problem) -> Float | None:
+def trial(problem: Problem, *, search: bool = True) -> tuple[float, Float]:
+    """Sum of squares that a short search from the closed form leaves, or the closed form alone in a tenth of the time,
+    and its end; infinite where the data allow none. What is right needs no better start, and to look for one takes
+    longer than all the rest."""
     space = problem.space
-    begin = np.zeros(space.size)
+    end = np.zeros(space.size)
     try:
-        begin[: len(space.names)] = closed_form(space, problem.blocks).x
-    except (ValueError, np.linalg.LinAlgError):
-        return None
-    return np.clip(begin, space.lower, space.upper)
+        end[: len(space.names)] = closed_form(space, problem.blocks).x
+        end = np.clip(end, space.lower, space.upper)
+        if search:
+            (end,) = short_fits(problem, end[None]).x
+    except (ValueError, np.linalg.LinAlgError):  # what cannot be fitted explains nothing
+        return float("inf"), end
+    return 2 * problem.cost(end), end
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -136,7 +123,7 @@ def readings_of(problem: Problem) -> Readings | None:
     every = -(-sum(block.measured.size for block in blocks) // _MOST_READINGS)
     if every > 1:
         problem = _some_lines(problem, blocks, every)
-        blocks = [block for block in problem.blocks if isinstance(block, Responses)]
+        blocks = problem.responses
     names = np.array([c.plane for c in problem.space.model.coordinates])
     forced = [names[np.abs(block.force).argmax(axis=1)][block.line] for block in blocks]
     return Readings(

@@ -156,7 +156,8 @@ def magnitude_interval(v: Float, covar: Float, level: float) -> tuple[float, flo
         """Likelihood ratio of a length over its critical value, less one; below zero inside the interval."""
         miss = v[:, None] - length * directions
         distance = float(np.einsum("ir,ij,jr->r", miss, inverse, miss).min())
-        return math.sqrt(distance) / _critical(length / spread, level) - 1.0
+        critical = float(np.interp(length / spread, *_critical_table(level)))
+        return math.sqrt(distance) / critical - 1.0
 
     reach = 4 * math.sqrt(float(np.linalg.eigvalsh(covar)[-1])) + size * 1e-9
     while excess(size + reach) < 0:
@@ -169,14 +170,9 @@ def magnitude_interval(v: Float, covar: Float, level: float) -> tuple[float, flo
     return low, high
 
 
-def _critical(length: float, level: float) -> float:
-    """Distance from ``length`` that a Rice variable of unit spread stays within with the level's probability."""
-    lengths, distances = _critical_table(level)
-    return float(np.interp(length, lengths, distances))
-
-
 @cache
 def _critical_table(level: float) -> tuple[Float, Float]:
+    """Lengths, and the distance from each that a Rice variable of unit spread stays within with the probability."""
     from scipy.optimize import brentq
     from scipy.stats import norm, rice
 

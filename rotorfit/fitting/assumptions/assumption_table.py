@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from rotorfit.estimators.inference.score_tests import Term
 from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
-from rotorfit.fitting.arithmetic import is_left_open
+from rotorfit.fitting.arithmetic import is_left_open, shown_unit
 from rotorfit.models.digits import two_digits
 from rotorfit.models.text_table import Printed, text_table
 from rotorfit.units import RPM_PER_RAD_S
@@ -81,6 +81,18 @@ class Assumption:
     def _largest(self, size: float) -> float:
         return max((abs(self.shifts[n] * size) / e for n, e in self.errors.items() if 0 < e < math.inf), default=0.0)
 
+    @property
+    def words(self) -> str:
+        """The assumption with what the data leave of its size, and what that does."""
+        shift = {name: self.shifts[name] * self.left for name in self.errors}
+        moved = [name for name, error in self.errors.items() if abs(shift[name]) > error]
+        words = [f"{name} by {_shown(name, shift[name], self.errors[name])}" for name in moved]
+        if THRESHOLD_COLUMN in moved:
+            words[moved.index(THRESHOLD_COLUMN)] += " rpm"
+        unmoved = f"; {THRESHOLD_COLUMN} unchanged" if THRESHOLD_COLUMN in {*self.errors} - {*moved} else ""
+        size = f"{two_digits(self.left, '+')} {shown_unit(self.unit)}".rstrip()
+        return f"{self.name} {size} ({self.meaning}) shifts {', '.join(words)}{unmoved}"
+
 
 @dataclass(frozen=True, repr=False)
 class Assumptions(Printed):
@@ -106,21 +118,23 @@ class Assumptions(Printed):
     @property
     def foundations(self) -> tuple[str, ...]:
         """Terms that the data do not determine well enough, each in words with how far it moves results."""
-        return tuple(_foundation(entry) for entry in self.entries if entry.bears)
+        return tuple(entry.words for entry in self.entries if entry.bears)
 
     @property
     def main_foundations(self) -> tuple[str, ...]:
         """Those of :attr:`foundations` that an error notably rests on, and how many others there are."""
         bearing = [entry for entry in self.entries if entry.bears]
-        results = [name for name in self.entries[0].errors if 0 < self.combined(name) < math.inf] if bearing else []
-        main = [entry for entry in bearing if any(self._fall(name, entry) < _NOTABLE_FALL for name in results)]
+        whole = {name: self.combined(name) for name in self.entries[0].errors} if bearing else {}
+        # Share of a result's variance without which the combined error falls notably.
+        least = 1 - _NOTABLE_FALL**2
+        main = [
+            entry
+            for entry in bearing
+            if any((entry.shifts[n] * entry.left / e) ** 2 > least for n, e in whole.items() if 0 < e < math.inf)
+        ]
         others = len(bearing) - len(main)
         more = (f"{others} more of less weight: see fit.assumptions()",) if others else ()
-        return (*(_foundation(entry) for entry in main), *more)
-
-    def _fall(self, result: str, entry: Assumption) -> float:
-        """Combined error of a result without an entry, over that with it."""
-        return math.sqrt(max(1 - (entry.shifts[result] * entry.left / self.combined(result)) ** 2, 0.0))
+        return (*(entry.words for entry in main), *more)
 
     def with_priors(self, priors: Mapping[str, float]) -> Assumptions:
         """With standard uncertainties given for some terms.
@@ -171,7 +185,7 @@ class Assumptions(Printed):
         if not is_left_open(value, error, self.systematic(result)):
             return ""
         entry = max(self.entries, key=lambda e: abs(e.shifts.get(result, 0.0) * e.left))
-        factor, unit = (RPM_PER_RAD_S, "rpm") if result == THRESHOLD_COLUMN else (1.0, "" if unit == "1" else unit)
+        factor, unit = (RPM_PER_RAD_S, "rpm") if result == THRESHOLD_COLUMN else (1.0, shown_unit(unit))
         return f"{entry.name} moves it by {two_digits(factor * entry.shifts[result] * entry.left, '+')} {unit}".rstrip()
 
     def combined(self, result: str) -> float:
@@ -192,15 +206,36 @@ class Assumptions(Printed):
                 continue
             shifts = [_shown(name, entry.shifts[name] * entry.size, entry.errors[name]) for name in results]
             test = f"{entry.z:+.1f}" if entry.tested else "not determined"
-            unit = "" if entry.unit == "1" else f" {entry.unit}"
-            size = f"{two_digits(entry.size)}{unit}"
+            size = f"{two_digits(entry.size)} {shown_unit(entry.unit)}".rstrip()
             rows.append([f"{entry.name}, {entry.meaning}", test, size, *shifts, two_digits(entry.weight)])
         return rows
 
     @property
     def words(self) -> tuple[str, ...]:
         """How to read the table, and what structure is missing."""
-        return tuple(_words(self))
+        words = [
+            "z is the size that the residuals ask for, divided by its standard error. The columns after it show by how "
+            "much the results change if the term has the size shown: the size asked for, or a plausible one where the "
+            "data do not determine it. The last column is the largest of these changes in standard errors."
+        ]
+        if self.missing:
+            names = ", ".join(f"{entry.name} ({entry.meaning}; z {entry.z:+.1f})" for entry in self.missing[:3])
+            words.append(f"The data ask for structure that the model lacks: {names}, or something like it.")
+        words += [
+            "There is coupling damping, so a damper acts somewhere, perhaps at the journal too and as strongly. These "
+            f"data cannot separate {entry.name} from D and lam; see its row."
+            for entry in self.entries
+            if entry.implied and not entry.tested
+        ]
+        shares = []
+        for name in self.entries[0].errors if self.entries else ():
+            factor = RPM_PER_RAD_S if name == THRESHOLD_COLUMN else 1.0
+            whole, share = factor * self.combined(name), factor * self.systematic(name)
+            if math.isfinite(whole):
+                shares.append(f"{_titled(name)} {two_digits(whole)} ({two_digits(share)})")
+        if shares:
+            words.append(f"Standard errors with the systematic share (the share alone): {', '.join(shares)}.")
+        return tuple(words)
 
     def __str__(self) -> str:
         if not self.entries:
@@ -220,44 +255,3 @@ def _shown(name: str, shift: float, error: float) -> str:
     if abs(shift) < _NOTHING * error:
         return "0"
     return two_digits(shift * (RPM_PER_RAD_S if name == THRESHOLD_COLUMN else 1.0), "+")
-
-
-def _words(found: Assumptions) -> list[str]:
-    words = [
-        "z is the size that the residuals ask for, divided by its standard error. The columns after it show by how "
-        "much the results change if the term has the size shown: the size asked for, or a plausible one where the data "
-        "do not determine it. The last column is the largest of these changes in standard errors."
-    ]
-    if found.missing:
-        names = ", ".join(f"{entry.name} ({entry.meaning}; z {entry.z:+.1f})" for entry in found.missing[:3])
-        words.append(f"The data ask for structure that the model lacks: {names}, or something like it.")
-    words += [
-        f"There is coupling damping, so a damper acts somewhere, perhaps at the journal too and as strongly. These "
-        f"data cannot separate {entry.name} from D and lam; see its row."
-        for entry in found.entries
-        if entry.implied and not entry.tested
-    ]
-    results = list(found.entries[0].errors) if found.entries else []
-    shares = ", ".join(f"{_titled(n)} {_share(found, n)}" for n in results if math.isfinite(found.combined(n)))
-    if shares:
-        words.append(f"Standard errors with the systematic share (the share alone): {shares}.")
-    return words
-
-
-def _foundation(entry: Assumption) -> str:
-    """An assumption in words, with what the data leave of its size and what that does."""
-    shift = {name: entry.shifts[name] * entry.left for name in entry.errors}
-    moved = [name for name, error in entry.errors.items() if abs(shift[name]) > error]
-    words = [f"{name} by {_shown(name, shift[name], entry.errors[name])}" for name in moved]
-    if THRESHOLD_COLUMN in moved:
-        words[moved.index(THRESHOLD_COLUMN)] += " rpm"
-    unit = "" if entry.unit == "1" else f" {entry.unit}"
-    unmoved = (
-        "" if THRESHOLD_COLUMN in moved or THRESHOLD_COLUMN not in entry.errors else f"; {THRESHOLD_COLUMN} unchanged"
-    )
-    return f"{entry.name} {two_digits(entry.left, '+')}{unit} ({entry.meaning}) shifts {', '.join(words)}{unmoved}"
-
-
-def _share(found: Assumptions, name: str) -> str:
-    factor = RPM_PER_RAD_S if name == THRESHOLD_COLUMN else 1.0
-    return f"{two_digits(factor * found.combined(name))} ({two_digits(factor * found.systematic(name))})"

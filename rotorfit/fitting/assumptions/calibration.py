@@ -58,16 +58,15 @@ class Calibration:
     keyphasor_deg: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("probe_gain", "probe_phase_deg", "mr", "keyphasor_deg"):
+        for name, most in _USELESS.items():
             given = getattr(self, name)
             for where, value in given.items() if isinstance(given, Mapping) else [("", given)]:
+                said = f"{name} of {where} is {value!r}" if where else f"{name} is {value!r}"
                 if not (isinstance(value, (int, float)) and math.isfinite(value) and value >= 0):
-                    place = f" of {where}" if where else ""
-                    raise ValueError(f"{name}{place} is {value!r}; a standard uncertainty is zero or a positive number")
-                if value >= _USELESS[name]:
-                    place, most = f" of {where}" if where else "", _USELESS[name]
+                    raise ValueError(f"{said}; a standard uncertainty is zero or a positive number")
+                if value >= most:
                     unit = "degrees" if name.endswith("_deg") else "as a fraction, 0.02 for 2 %"
-                    raise ValueError(f"{name}{place} is {value!r}; it is below {most:g} ({unit})")
+                    raise ValueError(f"{said}; it is below {most:g} ({unit})")
         if not any(np.any(list(v.values()) if isinstance(v, Mapping) else v) for v in vars(self).values()):
             raise ValueError("every uncertainty of the calibration is zero: give at least one")
 
@@ -139,7 +138,8 @@ def _probe_columns(
     if isinstance(given, Mapping):
         names = [*(plane for plane, _ in probes), *(f"{plane}.{direction}" for plane, direction in probes)]
         _refuse_unknown(option, given, names)
-    error = {p: unit * _lookup(given, f"{p[0]}.{p[1]}", p[0]) for p in probes}
+    by_place = given if isinstance(given, Mapping) else dict.fromkeys((plane for plane, _ in probes), float(given))
+    error = {(p, d): unit * by_place.get(f"{p}.{d}", by_place.get(p, 0.0)) for p, d in probes}
     merged = _merged(every)
     planes = [members[0][0] for members in merged]
     columns: list[_Column] = []
@@ -210,9 +210,3 @@ def _refuse_unknown(option: str, given: Mapping[str, Any], names: Sequence[str])
     unknown = [name for name in given if name not in names]
     if unknown:
         raise ValueError(f"{option} names {', '.join(unknown)}; the data have {', '.join(dict.fromkeys(names))}")
-
-
-def _lookup(given: Uncertainty, *names: str) -> float:
-    if not isinstance(given, Mapping):
-        return float(given)
-    return float(next((given[name] for name in names if name in given), 0.0))

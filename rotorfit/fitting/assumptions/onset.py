@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.estimators.inference.smooth_causes import Cause, Kind, beyond, changed_values, onset_terms
+from rotorfit.fitting.fit_warnings import why_not_refined
 from rotorfit.fitting.quantities import Quantity
-from rotorfit.fitting.structure.refinable import why_not_refined
 from rotorfit.models import Threshold, eigenvalues
 from rotorfit.models.array_types import Float
 from rotorfit.models.motion.stability import SPEEDS, eigenvalue_gradient, fastest_growth, first_growth, search_limits
@@ -36,16 +36,12 @@ def onset_of(fit: FitResult, group: int) -> Quantity:
     found = fit.propagate_in(group, onset.speed, onset.gradient, "rad/s")
     if candidate is None or not is_extrapolated(fit, onset.speed, onset.whirl_frequency):
         return found
-    more = max(0.0, candidate.difference**2 - _by_model_uncertainty(fit, group, onset.gradient))
-    return Quantity(found.value, math.hypot(found.stderr, math.sqrt(more)), "rad/s", found.freedom)
-
-
-def _by_model_uncertainty(fit: FitResult, group: int, gradient: Float) -> float:
-    """Share of a variance by the choice among candidates, which the covariance holds already."""
-    if fit.model_uncertainty is None:
-        return 0.0
-    slope = fit.problem.space.pull_back(gradient, group)[: len(fit.model_uncertainty)]
-    return float(slope @ fit.model_uncertainty @ slope)
+    there = 0.0  # share of the variance by the choice among candidates that the covariance holds already
+    if fit.model_uncertainty is not None:
+        slope = fit.problem.space.pull_back(onset.gradient, group)[: len(fit.model_uncertainty)]
+        there = float(slope @ fit.model_uncertainty @ slope)
+    more = math.sqrt(max(0.0, candidate.difference**2 - there))
+    return Quantity(found.value, math.hypot(found.stderr, more), "rad/s", found.freedom)
 
 
 def is_extrapolated(fit: FitResult, speed: ArrayLike, whirl: ArrayLike) -> Any:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 
 import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
 from rotorfit.estimators.inference.covariance import prior_curvature
 from rotorfit.estimators.inference.score_tests import (
@@ -40,7 +40,7 @@ from rotorfit.fitting.assumptions.onset import onset_with
 from rotorfit.fitting.assumptions.supports import uneven_supports
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import Threshold
-from rotorfit.models.array_types import Bool, ComplexArray, Float
+from rotorfit.models.array_types import Bool, Float
 from rotorfit.models.laws import Muszynska
 from rotorfit.models.motion.neglected_terms import LeftOut, fluid_coordinates, onset_shift, terms_left_out
 from rotorfit.models.structure import block_parameters
@@ -61,6 +61,8 @@ _LARGEST_RIVAL = 5.0
 a full disk at a third of the span has the share 0.3 where its radius is 0.44 of the span. Chosen."""
 _LARGEST_SHIFT = 0.5
 """Shift over the standard error up to which intervals of 95 % hold the truth in 92 % and more."""
+_ACTING = (Kind.SPEED, Kind.BEND, Kind.HYSTERESIS, Kind.ELSEWHERE)
+"""Causes that are of the rotor."""
 _WITH_SPEED = {"K0": 0.3, "D": 0.1, "lam": 0.05}
 """Share by which values of the fluid may well change when the speed doubles: K0 of seals grows by a power of about 0.3,
 lam and D change with swirl and temperature. Chosen."""
@@ -75,7 +77,9 @@ def assumptions_of(fit: FitResult, priors: Mapping[str, float] | None = None) ->
     terms: list[Term] = [
         *_structure(fit), *_offsets(fit), *_clearance(fit), *_known(fit), *_gains(fit), *_rest(fit), *_causes(fit)
     ]  # fmt: skip
-    entries = [entry for entry in _entries(fit, terms) if not _borne(entry)]
+    # An isotropic fit bears what pairs of probes show of the supports where it moves nothing by half its error.
+    pair = Kind.PAIR.value
+    entries = [e for e in _entries(fit, terms) if not e.name.startswith(pair) or e.weight >= _LARGEST_SHIFT]
     found = Assumptions(tuple(sorted(entries, key=lambda e: (not e.missing, -abs(e.z) if e.missing else -e.weight))))
     return found.with_priors(priors) if priors else found
 
@@ -106,9 +110,14 @@ def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
     scores = beside = score_tests(residuals, jacobian, columns, prior)
     found = np.array([isinstance(term, Cause) and bool(term.sizes) for term in terms])
     described = [_described(fit, term) for term in terms]
-    rivals: dict[int, _Rival] = {}
+    rivals: dict[int, tuple[int, float, float]] = {}
     if found.any():
-        asked = partial(_beside, residuals, jacobian, columns, prior)
+
+        def asked(some: Bool) -> Scores:
+            """Score tests of all terms beside some of them."""
+            wider = np.hstack([jacobian, columns[:, some]])
+            return score_tests(residuals, wider, columns, np.concatenate([prior, np.zeros(int(some.sum()))]))
+
         beside = asked(found)
         largest = [_LARGEST_RIVAL * plausible if name.startswith("g[") else 0.0 for name, *_, plausible in described]
         rivals = _rivals(asked, found, np.array(largest))
@@ -118,16 +127,20 @@ def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
         errors = {name: fit.params[name].stderr for name in fit.problem.space.names[:4]}
     if onset is not None and onset.speed > 0:
         errors[THRESHOLD_COLUMN] = fit.threshold_of(0).stderr
-    results = [*fit.problem.space.names, *([THRESHOLD_COLUMN] if THRESHOLD_COLUMN in errors else [])]
     entries = []
     for number, term in enumerate(terms):
         name, meaning, unit, plausible = described[number]
         tested = scores if found[number] else beside
         estimate, stderr = float(tested.estimate[number]), float(tested.stderr[number])
         if number in rivals:
-            estimate, stderr = rivals[number].estimate, rivals[number].stderr
+            cause, estimate, stderr = rivals[number]
             plausible = max(plausible, abs(estimate))
-            meaning += f", which explains the misfit as well as {described[rivals[number].cause][0]}"
+            meaning += f", which explains the misfit as well as {described[cause][0]}"
+        shifts = dict(zip(fit.problem.space.names, scores.shift[number].tolist(), strict=False))
+        if THRESHOLD_COLUMN in errors:
+            shifts[THRESHOLD_COLUMN] = _onset_change(fit, onset, term, scores.shift[number])
+        # What is of the rotor, and not of forces or of what is read.
+        acts = term.kind in _ACTING if isinstance(term, Cause) else not isinstance(term, Offset | Gain)
         entries.append(
             Assumption(
                 name=name,
@@ -136,54 +149,27 @@ def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
                 estimate=term.size if isinstance(term, Cause) and term.sizes else estimate,
                 stderr=stderr * math.sqrt(fit.widening),
                 plausible=plausible,
-                shifts={
-                    result: float(scores.shift[number, fit.var_names.index(result)])
-                    if result != THRESHOLD_COLUMN
-                    else _onset_change(fit, onset, term, scores.shift[number])
-                    for result in results
-                },
+                shifts=shifts,
                 errors=errors,
                 implied=name.startswith("Ds[") and _coupled(fit) > 0,
                 prior=fit.settings.assumptions.get(name, math.nan),
-                acts=term if _acts(term) else None,
+                acts=term if acts else None,
             )
         )
     return entries
 
 
-def _beside(residuals: ComplexArray, jacobian: ComplexArray, columns: ComplexArray, prior: Float, some: Bool) -> Scores:
-    """Score tests of terms beside some of them."""
-    wider = np.hstack([jacobian, columns[:, some]])
-    return score_tests(residuals, wider, columns, np.concatenate([prior, np.zeros(int(some.sum()))]))
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Rival:
-    """A term in the place of a cause that was found."""
-
-    cause: int  # its place among the terms
-    estimate: float
-    stderr: float
-
-
-def _rivals(asked: Callable[[Bool], Scores], found: Bool, largest: Float) -> dict[int, _Rival]:
-    """Terms up to a size that explain the residuals as well as a cause that was found, in its place."""
+def _rivals(asked: Callable[[Bool], Scores], found: Bool, largest: Float) -> dict[int, tuple[int, float, float]]:
+    """Terms up to a size that explain the residuals as well as a cause that was found: in the place of which of the
+    terms, and with which estimate and standard error."""
     rivals, some = {}, SIGNIFICANT_ERRORS**2
     for cause in np.flatnonzero(found).tolist():
         scores = asked(found & (np.arange(found.size) != cause))
         gain = (scores.estimate / scores.stderr) ** 2
         alike = (gain > max(gain[cause], 2 * some) - some) & (np.abs(scores.estimate) < largest)
         for term in np.flatnonzero(alike & ~found).tolist():
-            estimate, stderr = float(scores.estimate[term]), float(scores.stderr[term])
-            rivals[term] = _Rival(cause=cause, estimate=estimate, stderr=stderr)
+            rivals[term] = (cause, float(scores.estimate[term]), float(scores.stderr[term]))
     return rivals
-
-
-def _acts(term: Term) -> bool:
-    """True for what is of the rotor, and not of forces or of what is read."""
-    if isinstance(term, Cause):
-        return term.kind in (Kind.SPEED, Kind.BEND, Kind.HYSTERESIS, Kind.ELSEWHERE)
-    return not isinstance(term, Offset | Gain)
 
 
 def _onset_change(fit: FitResult, onset: Threshold | None, term: Term, shift: Float) -> float:
@@ -203,21 +189,23 @@ def _onset_change(fit: FitResult, onset: Threshold | None, term: Term, shift: Fl
 
 def _structure(fit: FitResult) -> list[LeftOut]:
     """Terms of the equation of motion, for responses of a linear rotor; constant loads alone see no inertia."""
-    linear = [responses_of(block) for block in fit.problem.blocks if is_linear(block)]
-    if not linear:
-        return []
-    moving = any(base is not None and base.frequency.any() for base in linear)
-    return [term for term in terms_left_out(fit.model) if moving or term.power == 0]
+    linear = _linear(fit)
+    moving = any(base.frequency.any() for base in linear)
+    return [term for term in terms_left_out(fit.model) if moving or term.power == 0] if linear else []
+
+
+def _linear(fit: FitResult) -> list[Responses]:
+    found = (responses_of(block) for block in fit.problem.blocks if is_linear(block))
+    return [base for base in found if base is not None]
 
 
 def _offsets(fit: FitResult) -> list[Offset]:
     """Probes and forces that are not at their planes, towards the next plane."""
-    size = len(fit.model.planes)
-    blocks = [responses_of(block) for block in fit.problem.blocks if is_linear(block)]
+    size, blocks = len(fit.model.planes), _linear(fit)
     if size < 2 or fit.model.frame != "z":
         return []
-    read = {int(k) for base in blocks if base is not None for k in np.unique(base.coordinate)}
-    driven = {int(k) for base in blocks if base is not None for k in np.flatnonzero(np.abs(base.force).any(axis=0))}
+    read = {int(k) for base in blocks for k in np.unique(base.coordinate)}
+    driven = {int(k) for base in blocks for k in np.flatnonzero(base.force.any(axis=0))}
     return [
         Offset(kind=kind, at=at, towards=at + 1 if at + 1 < size else at - 1)
         for kind, places in (("probe", read), ("force", driven))
@@ -235,9 +223,8 @@ def _clearance(fit: FitResult) -> list[Clearance]:
 def _rest(fit: FitResult) -> list[Rest]:
     """A journal that rests off centre, by the model's law or a typical one: circular forces hardly show it."""
     model = fit.model
-    if not fluid_coordinates(model) or not any(
-        isinstance(b, OrbitResponses) or is_linear(b) for b in fit.problem.blocks
-    ):
+    shown = any(isinstance(block, OrbitResponses) or is_linear(block) for block in fit.problem.blocks)
+    if not fluid_coordinates(model) or not shown:
         return []
     eccentricity = fit.settings.assumptions.get(_rest_name(fit), 0.0) or _PLAUSIBLE["rest"]
     law = Muszynska().start(1.0, 1.0)
@@ -273,17 +260,10 @@ def _causes(fit: FitResult) -> list[Cause]:
     return [*found, *(c for c in (*uneven_supports(fit), *changes_with_speed(fit.problem)) if c.name not in there)]
 
 
-def _borne(entry: Assumption) -> bool:
-    """True if an isotropic fit bears what pairs of probes show of the supports: it moves nothing by half its error."""
-    return entry.name.startswith(Kind.PAIR.value) and entry.weight < _LARGEST_SHIFT
-
-
 def _known(fit: FitResult) -> list[int]:
     """Places of known parameters that are not zero."""
-    place = fit.model.parameter_names.index
-    return [
-        place(p.name) for p in fit.params.values() if not p.vary and p.value and p.name in fit.model.parameter_names
-    ]
+    params = [fit.params.get(name) for name in fit.model.parameter_names]
+    return [place for place, p in enumerate(params) if p is not None and not p.vary and p.value]
 
 
 def _described(fit: FitResult, term: Term) -> tuple[str, str, str, float]:
@@ -346,7 +326,7 @@ def _coupled(fit: FitResult) -> float:
 
 def _levels(fit: FitResult) -> tuple[float, float, float]:
     """Typical stiffness, N/m, highest frequency and speed, rad/s; at rest a shaft turning as fast as it was shaken."""
-    blocks = [base for base in map(responses_of, fit.problem.blocks) if base is not None]
+    blocks = fit.problem.responses
     force = np.concatenate([np.abs(b.force).max(axis=1)[b.line] for b in blocks])
     size = np.concatenate([np.abs(b.measured) for b in blocks])
     stiffness = float(np.median(force[size > 0] / size[size > 0]))

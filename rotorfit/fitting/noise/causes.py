@@ -13,8 +13,15 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.run_effects import MixedModel, select_effects
 from rotorfit.estimators.noise.sweep_noise import NOISE_FLOOR
 from rotorfit.estimators.significance import P_UNLIKELY, P_WARNING
-from rotorfit.fitting.noise.linearised import LinearisedFit, linearise
-from rotorfit.fitting.noise.noise_fit import RESPONSE, SPEED, NoiseFit, sigma_of_residuals, weighing_sigma
+from rotorfit.fitting.noise.noise_fit import (
+    RESPONSE,
+    SPEED,
+    LinearisedFit,
+    NoiseFit,
+    linearise,
+    sigma_of_residuals,
+    weighing_sigma,
+)
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
 _MOST_CAUSES = 3

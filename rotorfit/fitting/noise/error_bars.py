@@ -10,7 +10,7 @@ import numpy as np
 from rotorfit.estimators.misfit.priors import CentredNormal, Prior
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.correlation import line_scatter, scatter
-from rotorfit.fitting.noise.linearised import channels_of, lines_in
+from rotorfit.fitting.noise.noise_fit import channels_of, lines_in
 from rotorfit.fitting.noise.record import RUN_KINDS, FoundNoise, NoiseVerdict, is_run_effect
 from rotorfit.fitting.noise.residual_study import ResidualStudy
 from rotorfit.fitting.settings import FitSettings
@@ -69,11 +69,6 @@ def without_noise(problem: Problem, noise: FoundNoise) -> Problem:
     return replace(problem, space=space, blocks=blocks, priors=priors, factors=factors)
 
 
-def estimate_before(noise: FoundNoise | None, x: Float, count: int) -> Float:
-    """The estimate that goodness of fit refers to, shape ``(count,)``."""
-    return noise.before if noise is not None and noise.before.size == count else x[:count]
-
-
 def with_scatter(
     study: ResidualStudy,
     problem: Problem,
@@ -86,13 +81,15 @@ def with_scatter(
     """The covariance with what residuals that follow one another, or scatter unevenly, add to it."""
     if study.causes:  # the residuals hold more than noise
         return covar, study
-    if study.verdict is NoiseVerdict.MISFIT:
-        if study.perhaps_filtered:
-            covar = covar + _beyond(_as_noise(study, problem, J, scattered), covar)
-        return covar, study
-    if study.verdict is NoiseVerdict.CORRELATED:
+    if study.correlated:
         sweeps = [sweep for sweeps in channels_of(problem) for sweep in sweeps]
-        return covar + scattered @ scatter(J, sweeps, study.lags) @ scattered * widening, study
+        if study.verdict is NoiseVerdict.CORRELATED:
+            return covar + scattered @ scatter(J, sweeps, study.lags) @ scattered * widening, study
+        own = J * np.concatenate(study.noise_ratio)[:, None]  # as if the misfit were noise of its own shape and memory
+        as_noise = scattered @ ((own.conj().T @ own).real + scatter(own, sweeps, study.lags)) @ scattered
+        return covar + _beyond(as_noise, covar), study
+    if study.verdict is NoiseVerdict.MISFIT:
+        return covar, study
     found = line_scatter(r, J, scattered, lines_in(problem), widening)
     parameters = slice(0, len(problem.space.names))
     as_found = study.verdict is NoiseVerdict.AS_FOUND
@@ -105,13 +102,6 @@ def with_scatter(
         robust = robust + np.outer(column, column)
     freedom = float(np.median(found.freedom[parameters]))
     return robust, replace(study, robust=True, scatter_freedom=max(freedom, 1.0))
-
-
-def _as_noise(study: ResidualStudy, problem: Problem, J: ComplexArray, scattered: Float) -> Float:
-    """Covariance by residuals of a fit that misses, were they noise of their own shape and memory."""
-    own = J * np.concatenate(study.noise_ratio)[:, None]
-    sweeps = [sweep for sweeps in channels_of(problem) for sweep in sweeps]
-    return scattered @ ((own.conj().T @ own).real + scatter(own, sweeps, study.lags)) @ scattered
 
 
 def _beyond(covar: Float, other: Float) -> Float:

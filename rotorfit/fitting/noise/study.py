@@ -18,20 +18,16 @@ from rotorfit.estimators.inference.smooth_causes import Cause
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.correlation import Memory
 from rotorfit.estimators.noise.noise_levels import Shape
-from rotorfit.estimators.noise.run_effects import (
-    MixedModel,
-    odd_run,
-    select_effects,
-    shared_variances,
-)
+from rotorfit.estimators.noise.run_effects import MixedModel, odd_run, select_effects, shared_variances
 from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.fitting.noise.causes import fixed_causes, with_sizes
-from rotorfit.fitting.noise.linearised import LinearisedFit, linearise
 from rotorfit.fitting.noise.noise_fit import (
     RESPONSE,
     SPEED,
+    LinearisedFit,
     NoiseFit,
     explains,
+    linearise,
     reweighted,
     sigma_of_residuals,
     weighing_sigma,
@@ -70,15 +66,11 @@ def study_residuals(problem: Problem, x: Float, *, ask_causes: bool = True) -> R
         return None
     causes, beside = fixed_causes(problem, x, data) if ask_causes else ((), data)
     study = _study(problem, x, beside, causes)
-    if causes and study.verdict is NoiseVerdict.MISFIT and not _explain_most(data, beside):
-        return _study(problem, x, data, ())
+    if causes and study.verdict is NoiseVerdict.MISFIT:
+        left, whole = (NoiseFit.of(one, one.sigma, np.zeros(len(one.kinds))).redchi for one in (beside, data))
+        if left >= _LARGEST_REST * whole:  # causes explain little of the misfit
+            return _study(problem, x, data, ())
     return study
-
-
-def _explain_most(data: LinearisedFit, beside: LinearisedFit) -> bool:
-    """True if causes beside the fit leave little of its misfit, if still more than noise."""
-    left, whole = (NoiseFit.of(one, one.sigma, np.zeros(len(one.kinds))).redchi for one in (beside, data))
-    return left < _LARGEST_REST * whole
 
 
 def _study(problem: Problem, x: Float, data: LinearisedFit, causes: tuple[Cause, ...]) -> ResidualStudy:
@@ -88,6 +80,7 @@ def _study(problem: Problem, x: Float, data: LinearisedFit, causes: tuple[Cause,
     shapes, sigma = sigma_of_residuals(fit, (RESPONSE, SPEED))
     remembered = fit.memory(fit.sigma)
     verdict = _verdict(fit, remembered, as_found=data.sigma_given or explains(fit, shapes))
+    odd = odd_run(data.r, data.J, data.prior, data.rows, data.sweeps)
     own_shape = np.full(sigma.size, np.sqrt(max(1.0, fit.redchi))) if data.sigma_given else sigma / data.sigma
     if verdict is not NoiseVerdict.SHAPED:
         # Readings that effects of runs share are weighed by redchi, which no longer widens the covariance.
@@ -110,7 +103,7 @@ def _study(problem: Problem, x: Float, data: LinearisedFit, causes: tuple[Cause,
         possible_effects=tuple(e for e in effects if not e.values),
         run_count=len(data.runs),
         misses=_misses(problem, data) if verdict is NoiseVerdict.MISFIT else (),
-        run_left_out=_run_left_out(data),
+        run_left_out=None if odd is None else (data.runs[odd[0]], odd[1]),
         scatter_freedom=max(_scatter_freedom(fit, verdict, shapes, remembered), 1.0),
     )
 
@@ -239,17 +232,10 @@ def _units(block: Block) -> NDArray[np.str_]:
     return np.char.add(units, np.array(["", "/s", "/s^2"])[responses.derivative])
 
 
-def _run_left_out(data: LinearisedFit) -> tuple[str, float] | None:
-    """The one run without which the fit would be another, and redchi without it."""
-    found = odd_run(data.r, data.J, data.prior, data.rows, data.sweeps)
-    return None if found is None else (data.runs[found[0]], found[1])
-
-
 def _misses(problem: Problem, data: LinearisedFit) -> tuple[Miss, ...]:
     """Where residuals, averaged over neighbouring lines, are largest."""
     labels = _labels(problem)
-    blocks = [block for block in map(responses_of, problem.blocks) if block is not None]
-    w = np.concatenate([block.frequency[block.line] for block in blocks])
+    w = np.concatenate([block.frequency[block.line] for block in problem.responses])
     found = []
     for sweep in data.sweeps:
         width = min(_MISS_LINES, sweep.size)

@@ -77,8 +77,12 @@ def sentences(
     effects: Sequence[RunEffect], possible: Sequence[RunEffect], run_count: int, *, robust: bool
 ) -> tuple[str, ...]:
     """All that is worth saying of differences of runs, and of residuals that scatter unevenly."""
-    few = (_TWO_RUNS,) if run_count == 2 else ()
-    return (*differences(effects), *_possible_differences(possible), *few, *((_SCATTER,) if robust else ()))
+    words = [*differences(effects)]
+    if possible:
+        sizes = " or ".join(f"in {_kind(effect)} by {_amount(effect, effect.sd)}" for effect in possible)
+        runs = f"the {len(possible[0].runs)} runs may differ {sizes} (standard deviation), or by chance alone"
+        words.append(f"{runs}; standard errors allow for it")
+    return (*words, *[_TWO_RUNS] * (run_count == 2), *[_SCATTER] * robust)
 
 
 def causes(found: Sequence[Cause], *, whole: bool) -> tuple[str, ...]:
@@ -110,9 +114,8 @@ def _cause(cause: Cause) -> str:
             words = f"a delay, filter or drifting phase reference of {who}, {significant(1e3 * size, 2, sign=True)} ms"
         case Kind.CLOCK:
             words = (
-                "a delay of all channels that grows along the sweep, by "
-                f"{significant(2e3 * size, 2, sign=True)} ms from end to end, as "
-                "where the marks are sampled by a clock of their own"
+                f"a delay of all channels that grows along the sweep, by {significant(2e3 * size, 2, sign=True)} ms "
+                "from end to end, as where the marks are sampled by a clock of their own"
             )
         case Kind.DRIFT:
             words = (
@@ -187,14 +190,6 @@ def _of_one_run(effect: RunEffect) -> str:
     return f". Nearly all of it is in run {effect.runs[first]}, by {_amount(effect, size[first])}"
 
 
-def _possible_differences(effects: Sequence[RunEffect]) -> tuple[str, ...]:
-    if not effects:
-        return ()
-    sizes = " or ".join(f"in {_kind(effect)} by {_amount(effect, effect.sd)}" for effect in effects)
-    runs = f"the {len(effects[0].runs)} runs may differ {sizes} (standard deviation), or by chance alone"
-    return (f"{runs}; standard errors allow for it",)
-
-
 def _amount(effect: RunEffect, value: float) -> str:
     return (
         f"{significant(np.degrees(value), 2)} degrees" if "phase" in effect.kind else f"{significant(100 * value, 2)} %"
@@ -218,10 +213,9 @@ def verdict_warning(verdict: NoiseVerdict, redchi: float, correlation: float, *,
     """The verdict as a warning, where it changes standard errors; ``large``: redchi is."""
     if verdict is NoiseVerdict.SHAPED and large:
         return [
-            f"redchi is {significant(redchi, 3)}, yet neighbouring residuals are not correlated: readings "
-            "scatter more than was "
-            "estimated from the data alone, as where a force or a speed jitters. Weights and errors follow the scatter "
-            "of the residuals"
+            f"redchi is {significant(redchi, 3)}, yet neighbouring residuals are not correlated: readings scatter more "
+            "than was estimated from the data alone, as where a force or a speed jitters. Weights and errors follow "
+            "the scatter of the residuals"
         ]
     if verdict is NoiseVerdict.LARGER:
         return [

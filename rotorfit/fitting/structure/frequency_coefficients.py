@@ -1,20 +1,81 @@
-"""Stiffness and damping of a fluid frequency by frequency from a fit: readings inverted, the rig taken out."""
+"""Stiffness and damping of a fluid frequency by frequency, as measured, beside the fitted coefficients.
+
+``K(w) + jw C(w)`` is the measured dynamic stiffness less that of the rig. Constant coefficients make ``K - w^2 M`` and
+C of it; what leaves their band changes with frequency, as gas seals do.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
-from rotorfit.fitting.structure.coefficients import coefficient_rows, of_a_rig
-from rotorfit.fitting.structure.frequency_rows import FrequencyCoefficients, FrequencyRows
+from rotorfit.fitting.structure.coefficients import Tabulated, coefficient_rows, of_a_rig
+from rotorfit.models.array_types import Float
 
 if TYPE_CHECKING:
+    from pandas import DataFrame
+
     from rotorfit.fitting.result import FitResult
+
+
+ENTRIES = ("xx", "xy", "yx", "yy")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrequencyCoefficients:
+    """Stiffness and damping against frequency in one condition; entries xx, xy, yx, yy along the first axis.
+
+    Attributes:
+        condition: its name.
+        frequency: rad/s, shape ``(L,)``.
+        stiffness, damping: as measured, N/m and N s/m, shape ``(4, L)``.
+        stiffness_stderr, damping_stderr: from the noise of readings, forces and dry run.
+        fitted_stiffness, fitted_damping: by the fitted coefficients, ``K - w^2 M`` and C.
+        fitted_stiffness_stderr, fitted_damping_stderr: their standard errors.
+    """
+
+    condition: str
+    frequency: Float
+    stiffness: Float
+    damping: Float
+    stiffness_stderr: Float
+    damping_stderr: Float
+    fitted_stiffness: Float
+    fitted_damping: Float
+    fitted_stiffness_stderr: Float
+    fitted_damping_stderr: Float
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyRows(Tabulated):
+    """Stiffness and damping against frequency of all conditions: see :meth:`FitResult.frequency_coefficients`.
+
+    Attributes:
+        rows: one a condition.
+    """
+
+    rows: tuple[FrequencyCoefficients, ...]
+
+    def to_dataframe(self) -> DataFrame:
+        """A row for each condition and frequency, SI units, ``frequency_hz``."""
+        from pandas import DataFrame, concat
+
+        tables = []
+        for row in self.rows:
+            columns: dict[str, object] = {"condition": row.condition, "frequency_hz": row.frequency / (2 * np.pi)}
+            for letter, kind in (("K", "stiffness"), ("C", "damping")):
+                for (number, entry), prefix in product(enumerate(ENTRIES), ("", "fitted_")):
+                    name = f"{prefix}{letter}{entry}"
+                    columns[name] = getattr(row, f"{prefix}{kind}")[number]
+                    columns[f"{name}_stderr"] = getattr(row, f"{prefix}{kind}_stderr")[number]
+            tables.append(DataFrame(columns))
+        return concat(tables, ignore_index=True)
 
 
 def frequency_coefficients_of(fit: FitResult, speeds: Sequence[float] | None) -> FrequencyRows:
@@ -22,18 +83,14 @@ def frequency_coefficients_of(fit: FitResult, speeds: Sequence[float] | None) ->
     if not of_a_rig(fit) or fit.model.frame == "z" or len(fit.model.coordinates) != 2:
         raise ValueError(
             "stiffness and damping against frequency are those of a seal or bearing alone, forced and read along x and "
-            f"y: fit Anisotropic of one plane, with the rig taken out (baseline, stator_mass_kg); not "
-            f"{fit.model.name}"
+            f"y: fit Anisotropic of one plane, with the rig taken out (baseline, stator_mass_kg); not {fit.model.name}"
         )
     found = []
     for at in coefficient_rows(fit, speeds, None).rows:
-        for block in map(responses_of, fit.problem.blocks):
-            if block is None:
-                continue
+        for block in fit.problem.responses:
             whole = stiffness_matrices(block)
-            mine = (np.abs(whole.speed - at.speed) <= 1e-3 * max(at.speed, 1.0)) & (
-                block.group[whole.first_line] == at.group
-            )
+            mine = np.abs(whole.speed - at.speed) <= 1e-3 * max(at.speed, 1.0)
+            mine &= block.group[whole.first_line] == at.group
             w = whole.frequency[mine]
             if not w.size:
                 continue
@@ -68,5 +125,4 @@ def frequency_coefficients_of(fit: FitResult, speeds: Sequence[float] | None) ->
 
 def measured_by_frequency(fit: FitResult) -> bool:
     """True if some line was forced and read along both axes, so that it has a stiffness of its own."""
-    blocks = [block for block in map(responses_of, fit.problem.blocks) if block is not None]
-    return any(stiffness_matrices(block).frequency.size for block in blocks)
+    return any(stiffness_matrices(block).frequency.size for block in fit.problem.responses)

@@ -17,7 +17,6 @@ from rotorfit.fitting.keywords import FitKeywords, check_keywords
 from rotorfit.fitting.problem_setup import as_tuple, build_problem
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import Constant, EvenPolynomial, Law, MonotoneSpline, Muszynska, OneMode, RotorModel
-from rotorfit.models.array_types import Float
 from rotorfit.models.digits import significant
 from rotorfit.models.parameters import bare_name, unknown_name
 from rotorfit.models.text_table import Printed, Wide, text_table
@@ -132,13 +131,7 @@ def _row(entry: LawFit, aic: float, bic: float) -> list[str | Wide]:
     if entry.reason or entry.fit is None:
         return [repr(entry.law), Wide("not ranked", 2)]
     differences = f"{entry.aic:.1f}", f"{entry.aic - aic:.1f}", f"{entry.bic - bic:.1f}"
-    return [
-        repr(entry.law),
-        str(entry.count),
-        significant(entry.fit.redchi, 4),
-        *differences,
-        f"{entry.weight:.3f}",
-    ]
+    return [repr(entry.law), str(entry.count), significant(entry.fit.redchi, 4), *differences, f"{entry.weight:.3f}"]
 
 
 def _fit_of(entry: LawFit) -> FitResult:
@@ -200,9 +193,19 @@ def compare_laws(
     )
     if not candidates:
         raise ValueError("laws is empty: name at least one law")
-    _check_known(model, candidates, gap, known or {})
-    entries = [_try(model.variant(law=law, clearance_um=gap), law, several, known or {}, options) for law in candidates]
-    entries = _on_the_same_data(entries, model, several, gap, known or {}, options)
+    known = known or {}
+    names = {name for law in candidates for name in model.variant(law=law, clearance_um=gap).parameter_names}
+    for name in known:
+        if name not in names:
+            raise KeyError(unknown_name(f"parameter of {model.name} with these laws", name, sorted(names)))
+    entries = [_try(model.variant(law=law, clearance_um=gap), law, several, known, options) for law in candidates]
+    if len({entry.fit.ndata for entry in entries if entry.fit is not None}) > 1:
+        # A linear rotor moves in circles wherever it rests and gets one number from each x/y pair, an off-centre
+        # nonlinear one two; information criteria compare on the same data only: the linear fluid as a nonlinear one.
+        linear = EvenPolynomial(1)
+        zero = dict.fromkeys((q.name for q in linear.parameters), 0.0)
+        same = _try(model.variant(law=linear, clearance_um=gap), linear, several, {**known, **zero}, options)
+        entries = [replace(same, law=entry.law) if not entry.law.parameters else entry for entry in entries]
     ranked = sorted(entries, key=lambda entry: entry.aic)
     if ranked[0].reason:
         raise ValueError("no law could be fitted: " + "; ".join(f"{e.law!r}: {e.reason}" for e in ranked))
@@ -213,7 +216,10 @@ def compare_laws(
 
 def _stiffness_support(entry: LawFit) -> float:
     """Wald statistic of a radial stiffness that does not change, less twice the parameters that this would save."""
-    names = _stiffening(entry.law)
+    own = [q.name for q in entry.law.parameters]
+    symbols = {name: ca.SX.sym(name) for name in (*own, "K0", "D")}
+    stiffness = entry.law.at(SimpleNamespace(**symbols), ca.SX.sym("eccentricity")).K0
+    names = [name for name in own if ca.depends_on(stiffness, symbols[name])]  # zero means no change
     result = _fit_of(entry)
     places = [i for i, name in enumerate(result.var_names) if bare_name(name) in names]
     resolved = all(result.params[result.var_names[i]].resolved for i in places)
@@ -239,51 +245,11 @@ def _try(
     except (ValueError, ClosedFormError, np.linalg.LinAlgError) as reason:
         return LawFit(law=law, fit=None, reason=str(reason), count=0, aic=np.inf, bic=np.inf)
     if not result.success:
-        return LawFit(
-            law=law,
-            fit=result,
-            reason=f"the fit did not converge: {result.message}",
-            count=result.nvarys,
-            aic=np.inf,
-            bic=np.inf,
-        )
+        why = f"the fit did not converge: {result.message}"
+        return LawFit(law=law, fit=result, reason=why, count=result.nvarys, aic=np.inf, bic=np.inf)
     unseen = result.identifiability.null_space.shape[1] if result.identifiability.null_space.size else 0
-    log_n = float(np.log(result.ndata))
-    return LawFit(
-        law=law,
-        fit=result,
-        reason="",
-        count=result.nvarys - unseen,
-        aic=result.aic - 2 * unseen,
-        bic=result.bic - unseen * log_n,
-    )
-
-
-def _on_the_same_data(
-    entries: list[LawFit],
-    model: RotorModel,
-    experiments: tuple[Experiment, ...],
-    gap: float,
-    known: Mapping[str, float | None],
-    options: FitKeywords,
-) -> list[LawFit]:
-    """Fit the linear fluid to the readings that the others see. A linear rotor moves in circles wherever it rests and
-    gets one number from each x/y pair, an off-centre nonlinear one two; information criteria compare on the same data
-    only."""
-    counts = {entry.fit.ndata for entry in entries if entry.fit is not None}
-    if len(counts) < 2:
-        return entries
-    linear = EvenPolynomial(1)
-    zero = dict.fromkeys((q.name for q in linear.parameters), 0.0)
-    same = _try(model.variant(law=linear, clearance_um=gap), linear, experiments, {**known, **zero}, options)
-    return [replace(same, law=entry.law) if not entry.law.parameters else entry for entry in entries]
-
-
-def _check_known(model: RotorModel, laws: Sequence[Law], gap: float, known: Mapping[str, float | None]) -> None:
-    names = {name for law in laws for name in model.variant(law=law, clearance_um=gap).parameter_names}
-    for name in known:
-        if name not in names:
-            raise KeyError(unknown_name(f"parameter of {model.name} with these laws", name, sorted(names)))
+    aic, bic = result.aic - 2 * unseen, result.bic - unseen * float(np.log(result.ndata))
+    return LawFit(law=law, fit=result, reason="", count=result.nvarys - unseen, aic=aic, bic=bic)
 
 
 _SMALLEST_REACH = 0.01
@@ -311,14 +277,6 @@ def _default_laws(model: RotorModel, experiments: tuple[Experiment, ...]) -> tup
     )
 
 
-def _stiffening(law: Law) -> list[str]:
-    """Parameters of a law on which the fluid's radial stiffness depends; zero means no change."""
-    names = [q.name for q in law.parameters]
-    symbols = {name: ca.SX.sym(name) for name in (*names, "K0", "D")}
-    stiffness = law.at(SimpleNamespace(**symbols), ca.SX.sym("eccentricity")).K0
-    return [name for name in names if ca.depends_on(stiffness, symbols[name])]
-
-
 def fit_law(law: Law, table: CoefficientTable, *, per: Sequence[str] = ("K0", "D", "Mf"), by: str = "run") -> FitResult:
     """Fit a law of eccentricity to tabulated bearing or seal coefficients.
 
@@ -343,14 +301,10 @@ def fit_law(law: Law, table: CoefficientTable, *, per: Sequence[str] = ("K0", "D
     """
     # The eccentricities are ratios already: any clearance serves.
     model = OneMode(law=law, clearance_um=1.0)
-    K0, D, Mf, lam = (float(np.median(column)) for column in _at_smallest_eccentricity(table))
+    rows = table.select(table.eccentricity == table.eccentricity.min())  # eq. (13) of those nearest to the centre
+    ratio = rows.kxy / (rows.cxx * rows.speed)
+    columns = (rows.kxx + rows.mxx * (ratio * rows.speed) ** 2, rows.cxx, rows.mxx, ratio)
+    K0, D, Mf, lam = (float(np.median(column)) for column in columns)
     start = {"K0": K0, "D": D, "Mf": Mf, "lam": lam} | law.start(K0, D)
     nothing: dict[str, float | None] = {"M": 0.0, "K": 0.0, "Ds": 0.0}
     return fit(model, table, known=nothing, per=dict.fromkeys(per, by), start=start)
-
-
-def _at_smallest_eccentricity(table: CoefficientTable) -> tuple[Float, ...]:
-    """K0, D, Mf and lam by eq. (13) of the rows nearest to the centre."""
-    rows = table.select(table.eccentricity == table.eccentricity.min())
-    lam = rows.kxy / (rows.cxx * rows.speed)
-    return rows.kxx + rows.mxx * (lam * rows.speed) ** 2, rows.cxx, rows.mxx, lam

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.structure.coefficients import central_differences
 from rotorfit.models import Modal
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import MATRIX_UNITS
@@ -40,11 +40,12 @@ def two_disk_from_modes(fit: FitResult) -> dict[str, Quantity]:
         raise ValueError("eq. (23) needs a fit of Modal with two modes at two planes, x and y not apart")
     if len(model.force_planes) != 2:
         raise ValueError("eq. (23) needs a participation of both planes: force both")
-    space: ParameterSpace = fit.problem.space
-    theta = np.asarray(space.theta(fit.x)[0])
-    slopes = _gradients(model, theta)
+    theta = fit.thetas[0]
     values = disk_values(model, theta)
-    return {name: fit.propagate(value, slopes[name], MATRIX_UNITS[name[0]]) for name, value in values.items()}
+    step = 1e-6 * np.maximum(np.abs(theta), 1e-3)
+    slopes = central_differences(lambda theta: list(disk_values(model, theta).values()), theta, step)
+    pairs = zip(values.items(), slopes, strict=True)
+    return {name: fit.propagate(value, slope, MATRIX_UNITS[name[0]]) for (name, value), slope in pairs}
 
 
 def disk_values(model: Modal, theta: Float) -> dict[str, float]:
@@ -62,16 +63,3 @@ def disk_values(model: Modal, theta: Float) -> dict[str, float]:
         "K1": float(K[0, 0] + K[0, 1]), "K2": float(-K[0, 1]), "K3": float(K[1, 1] + K[0, 1]),
         "D11": float(D[0, 0]), "D12": float(-D[0, 1]), "D21": float(-D[1, 0]), "D22": float(D[1, 1]),
     }  # fmt: skip
-
-
-def _gradients(model: Modal, theta: Float) -> dict[str, Float]:
-    """Derivatives of :func:`disk_values` by the parameters, shape ``(P,)`` each."""
-    found = {name: np.zeros(theta.size) for name in disk_values(model, theta)}
-    relative = 1e-6  # relative step of central differences: errors of 1e-10 of smooth functions
-    for i, value in enumerate(theta.tolist()):
-        step = np.zeros(theta.size)
-        step[i] = relative * max(abs(value), 1e-3)
-        above, below = disk_values(model, theta + step), disk_values(model, theta - step)
-        for name, slope in found.items():
-            slope[i] = (above[name] - below[name]) / (2 * step[i])
-    return found

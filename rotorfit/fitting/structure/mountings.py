@@ -12,15 +12,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.fitting.quantities import Quantity
-from rotorfit.fitting.structure.coefficient_rows import UNITS, Coefficients
-from rotorfit.io.tables.result_tables import frame_csv
+from rotorfit.fitting.structure.coefficients import UNITS, Coefficients, Tabulated
 from rotorfit.models.array_types import Float
 from rotorfit.models.digits import plus_minus, significant
 from rotorfit.models.shafts.plane_forces import COEFFICIENTS
@@ -60,7 +57,7 @@ class MountedCoefficient:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Mountings:
+class Mountings(Tabulated):
     """Coefficients over mountings, condition by condition: see :func:`rotorfit.mountings`.
 
     Attributes:
@@ -81,31 +78,15 @@ class Mountings:
         """A row for each condition and coefficient: mean, errors, scatter, 95 % intervals, SI units."""
         from pandas import DataFrame
 
-        return DataFrame(
-            [
-                {
-                    "condition": condition,
-                    "coefficient": name,
-                    "mean": found.mean.value,
-                    "stderr": found.mean.stderr,
-                    **_ends("mean", found.mean.interval()),
-                    "scatter": found.scatter,
-                    **_ends("scatter", found.scatter_interval),
-                    **_ends("next", found.next_mounting()),
-                }
-                for condition, by_name in self.rows
-                for name, found in by_name.items()
-            ]
-        )
-
-    def to_csv(self, path: str | Path) -> None:
-        """Write the table as CSV.
-
-        Args:
-            path: the file.
-        """
-        with whole_file(Path(path)) as draft:
-            draft.write_text(frame_csv(self.to_dataframe()), encoding="utf-8")
+        columns = ["condition", "coefficient", "mean", "stderr", "mean_low", "mean_high"]
+        columns += ["scatter", "scatter_low", "scatter_high", "next_low", "next_high"]
+        rows = []
+        for condition, by_name in self.rows:
+            for name, found in by_name.items():
+                mean = (found.mean.value, found.mean.stderr, *found.mean.interval())
+                scatter = (found.scatter, *found.scatter_interval)
+                rows.append((condition, name, *mean, *scatter, *found.next_mounting()))
+        return DataFrame(rows, columns=columns)
 
     def __str__(self) -> str:
         lines = [["condition", "", "mean", "scatter between mountings, 95 %", ""]]
@@ -119,10 +100,6 @@ class Mountings:
 
     def __repr__(self) -> str:
         return f"<Mountings: {self.count} of {', '.join(condition for condition, _ in self.rows)}>"
-
-
-def _ends(name: str, interval: tuple[float, float]) -> dict[str, float]:
-    return {f"{name}_low": interval[0], f"{name}_high": interval[1]}
 
 
 def mountings(fits: Sequence[FitResult], *, plane: str | None = None) -> Mountings:

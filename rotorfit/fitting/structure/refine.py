@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,13 +13,13 @@ from rotorfit.estimators.inference.covariance import excess
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.assumptions.shifts import assuming
 from rotorfit.fitting.fit import fitted, solve_again
+from rotorfit.fitting.fit_warnings import why_not_refined
 from rotorfit.fitting.judge import with_model_uncertainty
 from rotorfit.fitting.noise.residual_study import MODEL_LIMITED_REDCHI
 from rotorfit.fitting.noise.study import NOISE_LIKE_REDCHI
 from rotorfit.fitting.problem_setup import with_noise_scale
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import Onset
-from rotorfit.fitting.structure.refinable import why_not_refined
 from rotorfit.models import BLOCKS, RotorModel, threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.digits import significant
@@ -120,7 +120,7 @@ def refine(fit: FitResult) -> Refinement:
         steps = [step if step is fit or step is best else refit(step, step.model) for step in steps]
     chosen = with_model_uncertainty(rescale_noise(best), _model_uncertainty(best, steps))
     onsets = _candidate_onsets(steps, best)
-    warnings = (*chosen.warnings, *_hidden_warnings(fit, chosen), *_odd_run_warning(fit, chosen))
+    warnings = (*chosen.warnings, *_warnings(fit, chosen))
     chosen = replace(chosen, settings=replace(chosen.settings, onsets=onsets), warnings=warnings)
     return Refinement(tuple(steps), chosen)
 
@@ -171,26 +171,24 @@ def _hidden(step: FitResult) -> dict[str, Any]:
     return {p.name: norm(0.0, _PRIOR_DEVIATIONS * max(sizes)) for p in own if not p.resolved}
 
 
-def _hidden_warnings(plain: FitResult, chosen: FitResult) -> list[str]:
-    """Parameters that were taken to be about zero because the data do not determine them."""
+def _warnings(plain: FitResult, chosen: FitResult) -> Iterator[str]:
+    """Parameters that were taken to be about zero because the data do not determine them; and the odd run before,
+    where no candidate explains the data: blocks taken in to follow it hide it."""
     names = sorted(set(chosen.settings.priors) - set(plain.settings.priors))
-    if not names:
-        return []
-    size = chosen.settings.priors[names[0]].std()
-    data, more = "these data", "tests at speeds further apart would"
-    if chosen.speeds.size == 1:
-        data, more = "these data, as those at one speed,", "tests at another speed would"
-    return [
-        f"{data} cannot separate {', '.join(names)} from the fluid's inertia: taken to be 0 +- "
-        f"{significant(size, 2)} kg, which the errors of K0, Mf and the threshold speed include; {more} separate them"
-    ]
-
-
-def _odd_run_warning(plain: FitResult, chosen: FitResult) -> list[str]:
-    """The odd run before, where no candidate explains the data: blocks taken in to follow it hide it."""
+    if names:
+        size = chosen.settings.priors[names[0]].std()
+        data, more = "these data", "tests at speeds further apart would"
+        if chosen.speeds.size == 1:
+            data, more = "these data, as those at one speed,", "tests at another speed would"
+        yield (
+            f"{data} cannot separate {', '.join(names)} from the fluid's inertia: taken to be 0 +- "
+            f"{significant(size, 2)} kg, which the errors of K0, Mf and the threshold speed include; {more} separate "
+            "them"
+        )
     odd = "" if plain.noise is None else plain.noise.odd_run
     said = chosen.noise is not None and bool(chosen.noise.odd_run) and chosen.redchi > MODEL_LIMITED_REDCHI
-    return [f"before refinement, {odd}"] if odd and chosen.model_limited and not said else []
+    if odd and chosen.model_limited and not said:
+        yield f"before refinement, {odd}"
 
 
 def _model_uncertainty(best: FitResult, steps: Sequence[FitResult]) -> Float:
@@ -199,7 +197,15 @@ def _model_uncertainty(best: FitResult, steps: Sequence[FitResult]) -> Float:
     zero."""
     names = best.problem.space.names
     sure = [i for i, name in enumerate(names) if best.params[name].resolved]
-    candidates = [step for step in steps if step is best or (step.success and _tells(step, best))]
+
+    def tells(step: FitResult) -> bool:
+        """True if a candidate determines what the best one does."""
+        if step.identifiability.unresolved and not best.identifiability.unresolved:
+            return False
+        shared = [n for n, p in best.params.items() if p.vary and p.resolved and n in step.params]
+        return step.success and all(step.params[n].resolved for n in shared)
+
+    candidates = [step for step in steps if step is best or tells(step)]
     scatter = max(1.0, min(step.redchi for step in candidates))  # what every candidate misses counts as noise
     weight = np.exp([(best.aic - step.aic) / (2 * _SELECTION_WIDENING * scatter) for step in candidates])
     apart, mixed = np.zeros((2, len(sure), len(sure)))
@@ -215,13 +221,6 @@ def _model_uncertainty(best: FitResult, steps: Sequence[FitResult]) -> Float:
     return found
 
 
-def _tells(step: FitResult, best: FitResult) -> bool:
-    """True if a candidate determines what the best one does."""
-    if step.identifiability.unresolved and not best.identifiability.unresolved:
-        return False
-    return all(step.params[n].resolved for n, p in best.params.items() if p.vary and p.resolved and n in step.params)
-
-
 def _candidate_onsets(steps: Sequence[FitResult], best: FitResult) -> tuple[Onset, ...]:
     """Threshold speeds by group of the best candidate that holds beyond the tested band, and of its neighbours."""
     whole = [step for step in steps if step.model.order <= 2 and (step.success or step is best)]
@@ -232,16 +231,10 @@ def _candidate_onsets(steps: Sequence[FitResult], best: FitResult) -> tuple[Onse
     found = []
     for group in range(len(best.thetas)):
         onset = mine.threshold_of(group)
-        others = [abs(step.threshold_of(group).value - onset.value) for step in beside]
+        apart = max((abs(step.threshold_of(group).value - onset.value) for step in beside), default=0.0)
         whirl = threshold_speed(mine.model, mine.thetas[group])
-        found.append(
-            Onset(
-                speed=onset.value,
-                stderr=onset.stderr,
-                difference=max(others, default=0.0),
-                whirl_ratio=math.nan if whirl is None else whirl.whirl_ratio,
-            )
-        )
+        ratio = math.nan if whirl is None else whirl.whirl_ratio
+        found.append(Onset(speed=onset.value, stderr=onset.stderr, difference=apart, whirl_ratio=ratio))
     return tuple(found)
 
 
@@ -287,26 +280,16 @@ def _noise_scale(problem: Problem, x: Float) -> dict[str, float]:
 
 
 def refit(
-    fit: FitResult,
-    model: RotorModel,
-    priors: Mapping[str, Any] | None = None,
-    *,
-    ask_causes: bool = True,
+    fit: FitResult, model: RotorModel, priors: Mapping[str, Any] | None = None, *, ask_causes: bool = True
 ) -> FitResult:
     """Another model fitted with the same settings, new parameters from zero influence: a nested one can only gain."""
     settings = fit.settings
-    start = {name: p.value for name, p in fit.params.items() if p.vary and name in _names(model, fit)}
-    block_start = {q.name: 0.0 for q in model.parameters if q.name not in {bare_name(b) for b in fit.params}}
+    start = {n: p.value for n, p in fit.params.items() if p.vary and bare_name(n) in model.parameter_names}
+    start |= {q.name: 0.0 for q in model.parameters if q.name not in {bare_name(b) for b in fit.params}}
     known = {k: v for k, v in settings.known.items() if k in model.parameter_names}
-    wanted = replace(
-        settings.asked, known=known, priors={**settings.priors, **(priors or {})}, start={**start, **block_start}
-    )
+    wanted = replace(settings.asked, known=known, priors={**settings.priors, **(priors or {})}, start=start)
     found = fitted(model, fit.experiments, wanted, ask_causes=ask_causes)
     return assuming(found, settings.assumptions, also_fitted=True) if settings.assumptions else found
-
-
-def _names(model: RotorModel, fit: FitResult) -> set[str]:
-    return {name for name in fit.params if bare_name(name) in model.parameter_names}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -365,17 +348,15 @@ def one_lam_test(fit: FitResult, *, level: float = 0.01) -> OneLamTest:
     p = float(chi2.sf(statistic, 1))
     rejected = p < level
     verdict = (
-        f"one lam is refused (p = {significant(p, 2)}): lam_D = {d.value:.4f} +- {significant(d.stderr, 2)} "
-        "from the damping force, "
-        f"lam_M = {m.value:.4f} +- {significant(m.stderr, 2)} from the inertia force; use two_lam=True"
+        f"one lam is refused (p = {significant(p, 2)}): lam_D = {d.value:.4f} +- {significant(d.stderr, 2)} from the "
+        f"damping force, lam_M = {m.value:.4f} +- {significant(m.stderr, 2)} from the inertia force; use two_lam=True"
         if rejected
         else f"one lam agrees with the data (p = {significant(p, 2)})"
     )
     if wide.model_limited:
         verdict += (
-            f"; but with both ratios the model still misses the data (redchi {significant(wide.redchi, 3)}), "
-            "and what it leaves "
-            f"out can look like a second ratio: ask again of the structure that rf.refine finds"
+            f"; but with both ratios the model still misses the data (redchi {significant(wide.redchi, 3)}), and what "
+            "it leaves out can look like a second ratio: ask again of the structure that rf.refine finds"
         )
     return OneLamTest(
         lam_D=(d.value, d.stderr),
@@ -394,11 +375,8 @@ def _of_two_lams(fit: FitResult) -> FitResult:
     lam = fit.params["lam"].value if "lam" in fit.params else float("nan")
     start = {name: p.value for name, p in fit.params.items() if p.vary and name != "lam"}
     asked = fit.settings.asked
-    wanted = replace(
-        asked,
-        known={name: value for name, value in asked.known.items() if name != "lam"},
-        bounds={name: limits for name, limits in asked.bounds.items() if name != "lam"},
-        priors={name: prior for name, prior in asked.priors.items() if name != "lam"},
-        start={**start, "lam_D": lam, "lam_M": lam},
-    )
+    said: dict[str, Any] = {field: dict(getattr(asked, field)) for field in ("known", "bounds", "priors")}
+    for values in said.values():
+        values.pop("lam", None)
+    wanted = replace(asked, **said, start={**start, "lam_D": lam, "lam_M": lam})
     return fitted(fit.model.variant(two_lam=True), fit.experiments, wanted)

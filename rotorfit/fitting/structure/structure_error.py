@@ -36,8 +36,7 @@ class StructureError:
 def caveats_of(fit: FitResult) -> list[str]:
     """Sentences that belong beside the numbers of a fit: those of its model, and the error of a reduced structure."""
     tilts = [k for k, coordinate in enumerate(fit.model.coordinates) if coordinate.axis == "r"]
-    bases = [base for base in map(responses_of, fit.problem.blocks) if base is not None]
-    read = any(np.isin(base.coordinate, tilts).any() for base in bases)
+    read = any(np.isin(base.coordinate, tilts).any() for base in fit.problem.responses)
     reduced = structure_error(fit)
     return [
         *fit.model.caveats,
