@@ -74,13 +74,8 @@ class OrbitResponses(OnResponses):
             return _State(vectors, np.broadcast_to(eps, H.shape[2:]), H, self._forced(H))
         H = self._receptance(vectors, 0.0)
         centred = self._forced(H)
-        equation = OrbitEquation(
-            theta=vectors,
-            s=base.s,
-            speed=self._speed,
-            drive=centred[at] / seat.clearance,
-            receptance=H[at, at],
-        )
+        drive = centred[at] / seat.clearance
+        equation = OrbitEquation(theta=vectors, s=base.s, speed=self._speed, drive=drive, receptance=H[at, at])
         if self.mode == "nearest":
             eps, delta = nearest_orbits(seat, equation, self.measured_eccentricity(theta))
         else:
@@ -142,11 +137,8 @@ class OrbitResponses(OnResponses):
     def _forced(self, H: ComplexArray) -> ComplexArray:
         """Response to the forces, shape ``(n, ..., L)``."""
         force = self.base.force
-        columns = np.flatnonzero(force.any(axis=0)).tolist()
-        if not columns:
-            return np.zeros(H.shape[1:], dtype=complex)
-        total = H[:, columns[0]] * force[:, columns[0]]
-        for column in columns[1:]:
+        total = np.zeros(H.shape[1:], dtype=complex)
+        for column in np.flatnonzero(force.any(axis=0)).tolist():
             total += H[:, column] * force[:, column]
         return total
 
@@ -160,12 +152,9 @@ class OrbitResponses(OnResponses):
 
     def _read(self, values: list[ComplexArray]) -> ComplexArray:
         """Readings, shape ``(..., R)``, of what every coordinate does, shape ``(..., L)`` each."""
-        line, coordinate = self.base.line, self.base.coordinate
         if len(values) == 1:
-            return values[0] if self._line_by_line else values[0][..., line]
-        return np.asarray(
-            np.stack(values, axis=-2).reshape(*values[0].shape[:-1], -1)[..., coordinate * self.base.s.size + line]
-        )
+            return values[0] if self._line_by_line else values[0][..., self.base.line]
+        return np.stack(values, axis=-2).reshape(*values[0].shape[:-1], -1)[..., self.base.place]
 
     @cached_property
     def _line_by_line(self) -> bool:
@@ -194,21 +183,16 @@ class OrbitResponses(OnResponses):
         if base.imposed:
             slopes = [slope * factor for slope, factor in zip(slopes, outer, strict=True)]
         elif self.mode != "given":
-            orbit = self._orbit_slopes(state, slopes[self.journal.at])
+            seat, moving = self.journal, state.amplitude[self.journal.at]
+            size, own = np.abs(moving), slopes[seat.at]
+            pointer = np.divide(moving.conj(), size * seat.clearance, out=np.zeros_like(moving), where=size > 0)
+            loop = 1.0 - (pointer * own[count]).real
+            free = (state.eps < LARGEST_ECCENTRICITY) & (loop != 0)  # zero where the orbit fills the gap
+            orbit = (pointer / np.where(free, loop, np.inf) * own[:count]).real
             for slope in slopes:
                 slope[:count] += slope[count] * orbit
         by_theta = [slope[:count] for slope in slopes]
         return self._read(values), np.moveaxis(self._read(by_theta), 0, -1)
-
-    def _orbit_slopes(self, state: _State, slopes: ComplexArray) -> Float:
-        """Derivatives of the eccentricities, shape ``(P, ..., L)``; zero where the orbit fills the gap."""
-        seat, moving = self.journal, state.amplitude[self.journal.at]
-        size = np.abs(moving)
-        pointer = np.divide(moving.conj(), size * seat.clearance, out=np.zeros_like(moving), where=size > 0)
-        loop = 1.0 - (pointer * slopes[-1]).real
-        free = (state.eps < LARGEST_ECCENTRICITY) & (loop != 0)
-        pointer /= np.where(free, loop, np.inf)
-        return np.asarray((pointer * slopes[:-1]).real)
 
     def _slopes(
         self, left: ComplexArray, by_kappa: ComplexArray, known: KnownStiffness | None, right: ComplexArray, count: int

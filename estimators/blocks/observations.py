@@ -27,44 +27,35 @@ class Block(Protocol):
     @property
     def measured(self) -> ComplexArray:
         """Complex observations."""
-        ...
 
     @property
     def sigma(self) -> Float:
         """Their noise."""
-        ...
 
     @property
     def label(self) -> Index:
         """Response of each."""
-        ...
 
     @property
     def labels(self) -> tuple[str, ...]:
         """Names of the responses."""
-        ...
 
     @property
     def run(self) -> Text:
         """Run of each."""
-        ...
 
     @property
     def reading_group(self) -> Index:
         """Group of each observation, shape ``(R,)``."""
-        ...
 
     def predict(self, theta: Float) -> ComplexArray:
         """Predictions, shape ``(..., R)``."""
-        ...
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """Predictions and their derivatives by the group's own parameters, shapes ``(..., R)`` and ``(..., R, P)``."""
-        ...
 
     def with_noise(self, factor: Float) -> Self:
         """The same observations with each sigma multiplied by a factor, shape ``(R,)``."""
-        ...
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

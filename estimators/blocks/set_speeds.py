@@ -20,7 +20,7 @@ def set_speeds(speed: Float, frequency: Float, run: Index, tolerance: float = SP
     """The constant speed that each logged one belongs to, a mean, rad/s. Sorted speeds of a run without a gap of more
     than twice ``tolerance`` (relative) are one, unless they span ten: then the speed was swept, and stays, as do runs
     at once-per-turn frequency. Speeds of several runs without a gap of a tolerance, and within two, are one."""
-    steady = ~_synchronous(speed, frequency, run)
+    steady = np.bincount(run, ~once_per_turn(frequency, speed))[run] > 0
     if not steady.any() or np.ptp(speed[steady]) == 0:
         return speed
     found = speed.copy()
@@ -37,11 +37,6 @@ def set_speeds(speed: Float, frequency: Float, run: Index, tolerance: float = SP
 def once_per_turn(frequency: Float, speed: Float) -> Bool:
     """Readings at once-per-turn frequency."""
     return np.abs(frequency - speed) <= _SYNCHRONOUS_TOLERANCE * np.abs(speed)
-
-
-def _synchronous(speed: Float, frequency: Float, run: Index) -> Bool:
-    """Rows of runs at once-per-turn frequency."""
-    return np.asarray(np.bincount(run, ~once_per_turn(frequency, speed))[run] == 0)
 
 
 def _of_runs(speed: Float, run: Index, tolerance: float) -> Float:

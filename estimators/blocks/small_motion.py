@@ -67,32 +67,27 @@ class OffCentreResponses(Observed):
         total = np.zeros((count + 1, *right.shape[1:]), dtype=complex)  # last by the eccentricity
         w, graph = np.abs(self.frequency), line_stiffness(self.model)
         slopes = [graph.slopes(vectors, sense * w, self.speed, eps)[..., self.line] for sense in (1, -1)]
-        for place, row, column, ahead, behind in zip(graph.inputs, graph.rows, graph.columns, *slopes, strict=True):
-            total[place] -= left[row] * right[column] * ahead
-            total[place] -= left[n + row] * right[n + column] * behind.conj()
-        if self.model.shaft is not None:
-            self._known(vectors, left, right, total)
+        for place, row, column, forward, backward in zip(graph.inputs, graph.rows, graph.columns, *slopes, strict=True):
+            total[place] -= left[row] * right[column] * forward
+            total[place] -= left[n + row] * right[n + column] * backward.conj()
+        if self.model.shaft is not None:  # what its scale factors change
+            ahead = known_structure(self.model, vectors, 1j * w, self.speed)
+            behind = known_structure(self.model, vectors, -1j * w, self.speed)
+            product = "i...,ij...,j...->..."
+            for place, forward, backward in zip(ahead.inputs.tolist(), ahead.slopes, behind.slopes, strict=True):
+                total[place] -= np.einsum(product, left[:n], forward[..., self.line], right[:n])
+                total[place] -= np.einsum(product, left[n:], backward[..., self.line].conj(), right[n:])
         seat = journal(self.model)
         turn = np.exp(2j * self.attitude[self.line])
-        ahead, behind = right[seat.at], right[n + seat.at]
-        by_coupling = left[seat.at] * (ahead + turn * behind)
-        by_conjugate = left[n + seat.at] * (turn.conj() * ahead + behind)
+        own, image = right[seat.at], right[n + seat.at]
+        by_coupling = left[seat.at] * (own + turn * image)
+        by_conjugate = left[n + seat.at] * (turn.conj() * own + image)
         coupling = seat.coupling_jacobian(vectors, self.speed, eps)[..., self.line]
         total -= by_coupling * coupling + by_conjugate * coupling.conj()
         by_theta = np.moveaxis(total[:-1], 0, -1)
         if rest.any():
             by_theta = by_theta + total[-1][..., None] * rest[..., self.line, :]
         return read_by_probes_jacobian(self, theta, self._read(amplitude), by_theta)
-
-    def _known(self, vectors: Float, left: ComplexArray, right: ComplexArray, total: ComplexArray) -> None:
-        """Add what the scale factors of a known structure change."""
-        n, w = left.shape[0] // 2, np.abs(self.frequency)
-        ahead = known_structure(self.model, vectors, 1j * w, self.speed)
-        behind = known_structure(self.model, vectors, -1j * w, self.speed)
-        for place, forward, backward in zip(ahead.inputs.tolist(), ahead.slopes, behind.slopes, strict=True):
-            product = "i...,ij...,j...->..."
-            total[place] -= np.einsum(product, left[:n], forward[..., self.line], right[:n])
-            total[place] -= np.einsum(product, left[n:], backward[..., self.line].conj(), right[n:])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -118,21 +113,18 @@ class FreeVibrations(Observed):
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""
         if self._one_by_one(theta):
             return np.array([self.predict(one) for one in theta])
-        found = self._spectra(theta)
+        vectors = theta[..., self.reading_group, :]
+        if self.model.shaft is None:
+            found = off_centre_eigenvalues(self.model, vectors, self.speed, self.measured_eccentricity(theta))
+        else:
+            lines = zip(vectors, self.speed.tolist(), self.eccentricity.tolist(), strict=True)
+            found = np.array([off_centre_eigenvalues(self.model, *line) for line in lines])
         nearest = np.nanargmin(np.abs(found - self.measured[:, None]), axis=-1)
         return np.asarray(np.take_along_axis(found, nearest[..., None], axis=-1)[..., 0])
 
     def _one_by_one(self, theta: Float) -> bool:
         """A known structure has eigenvalues of one rotor at a time."""
         return self.model.shaft is not None and theta.ndim > 2
-
-    def _spectra(self, theta: Float) -> ComplexArray:
-        """Eigenvalues of every line along the last axis."""
-        vectors = theta[..., self.reading_group, :]
-        if self.model.shaft is None:
-            return off_centre_eigenvalues(self.model, vectors, self.speed, self.measured_eccentricity(theta))
-        lines = zip(vectors, self.speed.tolist(), self.eccentricity.tolist(), strict=True)
-        return np.array([off_centre_eigenvalues(self.model, *line) for line in lines])
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""

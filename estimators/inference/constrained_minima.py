@@ -44,11 +44,9 @@ class Constraint(Protocol):
 
     def together(self, entries: Index, values: Float, starts: Float, contraction: Float) -> Minima:
         """Minima of many, where full steps lead there."""
-        ...
 
     def alone(self, entry: int, value: float, start: Float) -> tuple[float, Float, bool]:
         """Cost (infinite where there is nothing) and vector at the minimum for one value, and whether it is exact."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +96,6 @@ class Condition(Protocol):
 
     def __call__(self, x: Float, values: Float) -> tuple[Float, Float, Float]:
         """Residual of the equation at vectors ``(W, p)``, NaN where it has none, and its slopes by vector and value."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,9 +42,20 @@ def correct(coefficients: ComplexArray, covariance: ComplexArray, importance: Fl
     share = np.concatenate([[1.0], weight])
     blocks = covariance.reshape(y.size, share.size, y.size, share.size)
     own = np.einsum("i,cicj,j->c", share, blocks, share.conj()).real
+    # Change of the gradient A^H g (y + A w) with the coefficients, and with their conjugates.
+    direct = np.einsum("cq,c,i->qci", A.conj(), importance, share)
+    folded = np.zeros_like(direct)
+    for plane in range(weight.size):
+        folded[plane, :, plane + 1] = importance * left
+    plus, minus = ((direct + sign * folded).reshape(weight.size, -1) for sign in (1, -1))
+    slope = np.block([[plus.real, -minus.imag], [plus.imag, minus.real]])
+    pull = -((right @ left) * weight.conj()).real / np.maximum(np.abs(weight) ** 2, 1e-300)
+    H = _real(normal + np.diag(np.where(at_limit, pull, 0.0)))
+    free = _tangents(weight, at_limit)
+    answer = free @ np.linalg.solve(free.T @ H @ free, free.T @ slope)
     return Correction(
         weight=weight,
-        covariance=_error(coefficients, covariance, importance, weight, left, at_limit),
+        covariance=np.asarray(answer @ _real(covariance) @ answer.T),
         left=left,
         left_error=np.sqrt(np.maximum(own, 0.0)),
         at_limit=at_limit,
@@ -102,32 +113,6 @@ def _within(normal: ComplexArray, towards: ComplexArray, limit: Float) -> Comple
     )
     weight = (found.x[: limit.size] + 1j * found.x[limit.size :]) * size
     return np.asarray(weight * np.minimum(1.0, limit / np.maximum(np.abs(weight), ROUND_OFF * size)))
-
-
-def _error(
-    coefficients: ComplexArray,
-    covariance: ComplexArray,
-    importance: Float,
-    weight: ComplexArray,
-    left: ComplexArray,
-    at_limit: Bool,
-) -> Float:
-    """Covariance of the weights' real and imaginary parts."""
-    A = coefficients[:, 1:]
-    planes, size = weight.size, covariance.shape[0]
-    # change of the gradient A^H g (y + A w) with the coefficients, and with their conjugates
-    direct = np.einsum("cq,c,i->qci", A.conj(), importance, np.concatenate([[1.0], weight]))
-    folded = np.zeros_like(direct)
-    for plane in range(planes):
-        folded[plane, :, plane + 1] = importance * left
-    plus, minus = (direct + folded).reshape(planes, size), (direct - folded).reshape(planes, size)
-    slope = np.block([[plus.real, -minus.imag], [plus.imag, minus.real]])
-    gradient = (A.conj().T * importance) @ left
-    multiplier = np.where(at_limit, -(gradient * weight.conj()).real / np.maximum(np.abs(weight) ** 2, 1e-300), 0.0)
-    H = _real((A.conj().T * importance) @ A + np.diag(multiplier))
-    free = _tangents(weight, at_limit)
-    answer = free @ np.linalg.solve(free.T @ H @ free, free.T @ slope)
-    return np.asarray(answer @ _real(covariance) @ answer.T)
 
 
 def _tangents(weight: ComplexArray, at_limit: Bool) -> Float:

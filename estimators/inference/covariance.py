@@ -9,7 +9,6 @@ import numpy as np
 
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import responses_of
-from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.inference.identifiability import covariance as inverse
 from rotorfit.estimators.inference.identifiability import natural_scales
 from rotorfit.estimators.misfit.losses import Loss, robust_weights
@@ -55,22 +54,18 @@ def information(
     """``R`` with ``R^T R`` the cost's curvature, and the scatter of its gradient; None for independent squares."""
     prior = prior_curvature(problem, x)
     if problem.loss == "linear":
-        curvature = problem.gauss_newton(x)[2]
-        root = _well_conditioned_factor((curvature - np.diag(prior)) / widening + np.diag(prior))
-        return _root(J / np.sqrt(widening), prior) if root is None else root, _common_scatter(problem, x, J)
+        curvature = (problem.gauss_newton(x)[2] - np.diag(prior)) / widening + np.diag(prior)
+        size = np.sqrt(np.diag(curvature))
+        least_eigenvalue = 1e-5  # of a curvature of unit diagonal from which its inverse has ten digits
+        if size.all() and np.linalg.eigvalsh(curvature / (size[:, None] * size))[0] >= least_eigenvalue:
+            root = np.asarray(np.linalg.cholesky(curvature).T)
+        else:  # the product hides weak directions in round-off
+            root = _root(J / np.sqrt(widening), prior)
+        return root, _common_scatter(problem, x, J)
     bend = float(np.mean(bends(problem.loss, r)))
     root = _root(np.sqrt(bend) * J, prior)
     covar = inverse(root, parameter_scales(problem, x))[0]
     return root, score_scatter(problem, x, r, J, bend=bend, covar=covar)
-
-
-def _well_conditioned_factor(curvature: Float) -> Float | None:
-    """Triangle whose product with itself is a curvature, None where the product hides weak directions in round-off."""
-    size = np.sqrt(np.diag(curvature))
-    least_eigenvalue = 1e-5  # smallest eigenvalue of a curvature of unit diagonal from which its inverse has ten digits
-    if not size.all() or np.linalg.eigvalsh(curvature / (size[:, None] * size))[0] < least_eigenvalue:
-        return None
-    return np.asarray(np.linalg.cholesky(curvature).T)
 
 
 def _root(J: ComplexArray, prior: Float) -> Float:
@@ -102,9 +97,15 @@ def prior_curvature(problem: Problem, x: Float) -> Float:
 
 
 def score_scatter(problem: Problem, x: Float, r: ComplexArray, J: ComplexArray, *, bend: float, covar: Float) -> Float:
-    """Scatter of the cost's gradient, each reading's part judged by a fit without it, shape ``(p, p)``."""
+    """Scatter of the cost's gradient, each reading's part judged by a fit without it, to first order (MacKinnon and
+    White 1985, HC3), shape ``(p, p)``."""
+    parts = np.stack([J.real, J.imag], axis=1)  # (R, 2, p)
+    power, basis = np.linalg.eigh(bend * (parts @ covar @ parts.transpose(0, 2, 1)))
+    along = np.einsum("rik,ri->rk", basis, np.stack([r.real, r.imag], axis=1))
+    # A reading that alone determines something cannot be left out.
+    left_out = np.einsum("rik,rk->ri", basis, along / np.maximum(1 - power, LEAST_RESIDUAL_SHARE))
     _, weight = robust_weights(problem.loss, np.abs(r) ** 2)
-    scores = weight[:, None] * (_left_out(r, J, bend, covar).conj()[:, None] * J).real
+    scores = weight[:, None] * np.einsum("ri,rip->rp", left_out, parts)
     # A prior's centre is as uncertain as the prior is wide.
     return np.asarray(scores.T @ scores + np.diag(prior_curvature(problem, x)))
 
@@ -143,17 +144,6 @@ def _common_scatter(problem: Problem, x: Float, J: ComplexArray) -> Float | None
     return np.asarray(total)
 
 
-def _left_out(r: ComplexArray, J: ComplexArray, bend: float, covar: Float) -> ComplexArray:
-    """Residual of each reading from a fit without it, to first order (MacKinnon and White 1985, HC3)."""
-    parts = np.stack([J.real, J.imag], axis=1)  # (R, 2, p)
-    hat = bend * (parts @ covar @ parts.transpose(0, 2, 1))
-    power, basis = np.linalg.eigh(hat)
-    along = np.einsum("rik,ri->rk", basis, np.stack([r.real, r.imag], axis=1))
-    # A reading that alone determines something cannot be left out.
-    found = np.einsum("rik,rk->ri", basis, along / np.maximum(1 - power, LEAST_RESIDUAL_SHARE))
-    return np.asarray(found[:, 0] + 1j * found[:, 1])
-
-
 def inverse_curvature(problem: Problem, x: Float) -> Float:
     """Change of the estimate by the slope of the cost, shape ``(p, p)``."""
     root, _ = information(problem, x, *problem.jacobian(x))
@@ -177,15 +167,11 @@ def parameter_scales(problem: Problem, x: Float) -> Float:
         return np.maximum(np.abs(x), 0.1 * typical)
     levels, top = [], 0.0
     for block in responses:
-        ratio = np.abs(block.measured) / _drive(block) if block.imposed else _drive(block) / np.abs(block.measured)
+        drive = np.linalg.norm(block.force, axis=1)[block.line]  # force, or imposed displacement
+        ratio = np.abs(block.measured) / drive if block.imposed else drive / np.abs(block.measured)
         levels.append(ratio[np.isfinite(ratio) & (ratio > 0)])
         # Constant loads see damping and inertia by the fluid that turns with the shaft.
         top = max(top, float(np.abs(block.frequency).max()) or float(np.abs(block.speed).max()))
     stiffness = float(np.median(np.concatenate(levels)))
     own = natural_scales(space.model, space.base, x[: len(space.names)], stiffness, max(top, 1e-12))
     return np.concatenate([own, np.ones(len(space.nuisance))])
-
-
-def _drive(block: Responses) -> Float:
-    """Size of the force, or of the imposed displacement, of each reading."""
-    return np.asarray(np.linalg.norm(block.force, axis=1)[block.line])

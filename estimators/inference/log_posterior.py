@@ -86,8 +86,17 @@ class LogPosterior:
             return result
         x = vectors[inside, :p]
         with np.errstate(all="ignore"):  # a proposal may well be absurd; what is not finite is refused below
-            value = self._misfit(self.channel_sums(x), vectors[inside, p:]) + self._log_priors(x)
-            value += self._log_effects(x)
+            sums, levels = self.channel_sums(x), vectors[inside, p:]
+            if self.noise == "fixed":
+                value = -0.5 * sums.sum(axis=1)
+            elif self.noise == "marginal":
+                value = -0.5 * np.log(sums + PRIOR_FREEDOM) @ self.counts
+            else:
+                value = -levels @ self.counts - 0.5 * ((sums + PRIOR_FREEDOM) * np.exp(-2 * levels)).sum(axis=1)
+            value += self._log_priors(x)
+            for entries, sd in self._effects:
+                size = np.sum((x[:, entries] / sd) ** 2, axis=1)
+                value -= 0.5 * (PRIOR_FREEDOM + entries.size) * np.log(PRIOR_FREEDOM + size)
         result[inside] = np.where(np.isfinite(value), value, -np.inf)
         return result
 
@@ -95,34 +104,21 @@ class LogPosterior:
         """Whitened sum of squares of each channel over ``inflation``, shape ``(W, channels)``."""
         return self.batch.channel_sums(x) / self.inflation
 
-    def _misfit(self, sums: Float, levels: Float) -> Float:
-        if self.noise == "fixed":
-            return np.asarray(-0.5 * sums.sum(axis=1))
-        if self.noise == "marginal":
-            return np.asarray(-0.5 * np.log(sums + PRIOR_FREEDOM) @ self.counts)
-        return np.asarray(-levels @ self.counts - 0.5 * ((sums + PRIOR_FREEDOM) * np.exp(-2 * levels)).sum(axis=1))
-
-    def _log_effects(self, x: Float) -> Float:
-        total = np.zeros(x.shape[0])
-        for entries, sd in self._effects:
-            size = np.sum((x[:, entries] / sd) ** 2, axis=1)
-            total -= 0.5 * (PRIOR_FREEDOM + entries.size) * np.log(PRIOR_FREEDOM + size)
-        return total
-
     # ---- normal approximation ----------------------------------------------------------------------------------------
 
     def laplace(self, start: Float) -> tuple[Float, Float]:
         """Mode and covariance of the density's normal approximation."""
-        if self.noise == "fixed":
-            x, levels = start, np.zeros(self.counts.size)
-        else:
-            x, levels = self._mode(start)
-        weighted = self._weighted(levels)
-        if (
-            self.inflation != 1 and self.problem.priors and self.noise == "fixed"
-        ):  # priors weigh more against wider noise
+        x, levels = start, np.zeros(self.counts.size)
+        # Alternate between the noise levels and the fit they weigh, which climbs the density at every turn.
+        for _ in range(0 if self.noise == "fixed" else 30):
+            new = 0.5 * np.log((self.channel_sums(x[None, :])[0] + PRIOR_FREEDOM) / self.counts)
+            moved, levels = np.abs(new - levels).max(), new
+            if moved < 1e-3:
+                break
             x = self._fit(levels, x)
-        information = weighted.gauss_newton(x)[2]
+        if self.inflation != 1 and self.problem.priors and self.noise == "fixed":
+            x = self._fit(levels, x)  # priors weigh more against wider noise
+        information = self._weighted(levels).gauss_newton(x)[2]
         for prior in self.problem.priors:
             # A prior without curvature here still limits the width.
             has = prior.terms(float(x[prior.entry]))[2]
@@ -145,18 +141,6 @@ class LogPosterior:
             offset += len(block.labels)
         return replace(self.problem, blocks=tuple(blocks))
 
-    def _mode(self, start: Float) -> tuple[Float, Float]:
-        """Alternate between the noise levels and the fit they weigh, which climbs the density at every turn."""
-        x, levels = start, np.zeros(self.counts.size)
-        for _ in range(30):
-            sums = self.channel_sums(x[None, :])[0]
-            new = 0.5 * np.log((sums + PRIOR_FREEDOM) / self.counts)
-            moved, levels = np.abs(new - levels).max(), new
-            if moved < 1e-3:
-                break
-            x = self._fit(levels, x)
-        return x, levels
-
     def _fit(self, levels: Float, start: Float) -> Float:
         """Optimum with the noise of each channel multiplied by exp(level)."""
         inside = np.clip(start, self.lower, self.upper)
@@ -172,7 +156,12 @@ class LogPosterior:
         closed = basis[:, ~open_] / size[:, None]
         covariance = closed / power[~open_] @ closed.T
         for direction in (basis[:, open_] / size[:, None]).T:
-            covariance += np.outer(direction, direction) * self._width(x, direction) ** 2 / 12
+            # As wide as the line through x that the bounds leave, in multiples of the direction.
+            moving = np.abs(direction) > 1e-9 * np.abs(direction).max()
+            with np.errstate(divide="ignore", invalid="ignore"):
+                ends = np.array([(self.lower - x) / direction, (self.upper - x) / direction])[:, moving]
+            width = ends.max(axis=0).min() - ends.min(axis=0).max()
+            covariance += np.outer(direction, direction) * width**2 / 12
         return np.asarray(covariance)
 
     def _refuse_runaway(self, flat: Float) -> None:
@@ -192,14 +181,6 @@ class LogPosterior:
                 raise ValueError(
                     f"the posterior is flat along {', '.join(moved)}, without bounds: fix one, bound it or give a prior"
                 )
-
-    def _width(self, x: Float, direction: Float) -> float:
-        """Length of the line through x that the bounds leave, in multiples of the direction."""
-        moving = np.abs(direction) > 1e-9 * np.abs(direction).max()
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ends = np.array([(self.lower - x) / direction, (self.upper - x) / direction])[:, moving]
-        width = float(ends.max(axis=0).min() - ends.min(axis=0).max())
-        return width
 
 
 def box(problem: Problem) -> tuple[Float, Float]:

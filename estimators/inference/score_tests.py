@@ -13,12 +13,10 @@ from typing import TypeAlias
 
 import numpy as np
 
-from rotorfit.estimators.blocks.correlated import whiten
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
-from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse
 from rotorfit.estimators.blocks.small_motion import FreeVibrations, OffCentreResponses
-from rotorfit.estimators.inference.smooth_causes import Cause, cause_change, load_change
+from rotorfit.estimators.inference.smooth_causes import Cause, Motion, cause_change, load_change, whitened
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import RANK_TOLERANCE, ComplexArray, Float, Index
 from rotorfit.models.motion.neglected_terms import LeftOut
@@ -134,15 +132,11 @@ its size, or the place of a known parameter of the model."""
 
 def whitened_columns(problem: Problem, x: Float, terms: Sequence[Term]) -> ComplexArray:
     """Derivatives of the whitened residuals by terms left out, shape ``(R, T)``."""
-    theta = problem.space.theta(x)
-    parts = []
-    for number, block in enumerate(problem.blocks):
-        changes = np.array([term_change(block, theta, term) for term in terms]).reshape(len(terms), block.measured.size)
-        if problem.factors and problem.factors[number] is not None:
-            nuisance = np.asarray(problem.factors[number]) @ x[len(problem.space.names) :]
-            changes = changes * np.exp(nuisance)
-        parts.append(whiten(block, changes).T)
-    return np.concatenate(parts)
+
+    def changes(block: Block, theta: Float) -> ComplexArray:
+        return np.array([term_change(block, theta, term) for term in terms]).reshape(len(terms), block.measured.size)
+
+    return whitened(problem, x, changes)
 
 
 def is_linear(block: Block) -> bool:
@@ -164,12 +158,6 @@ def _resized(block: Block, factor: float) -> Block:
     return replace(block, model=model, eccentricity=eccentricity)
 
 
-def _resting(block: OrbitResponses, theta: Float, eccentricity: float) -> ComplexArray:
-    """Change by a unit of eccentricity at rest, where a constant load moves the journal; static loads show theirs."""
-    load = eccentricity / float(block.compliance(theta).mean())
-    return load_change(block, theta, load) / eccentricity
-
-
 def term_change(block: Block, theta: Float, term: Term) -> ComplexArray:
     """Change of the predictions of a block by a unit of a term, shape ``(R,)``."""
     if isinstance(term, Cause):
@@ -183,20 +171,20 @@ def term_change(block: Block, theta: Float, term: Term) -> ComplexArray:
         up, down = (_resized(block, 1 + sign * step).predict(theta) for sign in (1, -1))
         change = (up - down) / (2 * step)
     elif isinstance(term, Rest) and isinstance(block, OrbitResponses):
-        change = _resting(block, theta, term.eccentricity)
+        load = term.eccentricity / float(block.compliance(theta).mean())  # that moves the journal there
+        change = load_change(block, theta, load) / term.eccentricity
     elif isinstance(term, Gain) and base is not None:
         change = np.where(term.at is None or base.coordinate == term.at, block.predict(theta), 0.0)
     elif isinstance(term, Rest) and is_linear(block):
         change = -block.predict_jacobian(theta)[1] @ term.change
     elif isinstance(term, LeftOut | Offset) and base is not None and is_linear(block):
-        change = _linear_change(base, theta, term)
+        change = _linear_change(Motion(base=base, theta=theta), term)
     return np.asarray(change)
 
 
-def _linear_change(base: Responses, theta: Float, term: LeftOut | Offset) -> ComplexArray:
-    H = inverse(dynamic_stiffness(base, theta))
+def _linear_change(motion: Motion, term: LeftOut | Offset) -> ComplexArray:
+    base, H, amplitude = motion.base, motion.receptance, motion.planes
     line, read = base.line, base.coordinate
-    amplitude = np.einsum("lij,lj->li", H, base.force)
     if isinstance(term, LeftOut):
         factor = term.factor(base.s, base.speed)
         pressed = np.zeros_like(amplitude)
@@ -206,9 +194,5 @@ def _linear_change(base: Responses, theta: Float, term: LeftOut | Offset) -> Com
     elif term.kind == "probe":
         change = np.where(read == term.at, amplitude[line, term.towards] - amplitude[line, term.at], 0.0)
     else:
-        moved = base.force[:, term.at, None] * (H[:, :, term.towards] - H[:, :, term.at])
-        change = moved[line, read]
-    functions = base.model.functions
-    if functions.has_probe_factors:
-        change = change * functions.factors(theta)[base.reading_group, read]
-    return np.asarray(change)
+        change = (base.force[:, term.at, None] * (H[:, :, term.towards] - H[:, :, term.at]))[line, read]
+    return np.asarray(change * motion.factors)

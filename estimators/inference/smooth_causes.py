@@ -8,7 +8,7 @@ with speed. To first order each is a column or a few beside those of the fitted 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
@@ -18,7 +18,7 @@ import numpy as np
 from rotorfit.estimators.blocks.correlated import whiten
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
-from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse
+from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse, probe_factors
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import ComplexArray, Float
@@ -142,7 +142,7 @@ def causes_of(problem: Problem, x: Float) -> list[Cause]:
     read = sorted({int(k) for base in blocks for k in np.unique(base.coordinate)})
     fluid = fluid_coordinates(model)
     theta = problem.space.theta(x)
-    motion = np.concatenate([np.abs(_Motion(base=base, theta=theta).planes) for base in blocks]).max(axis=0)
+    motion = np.concatenate([np.abs(Motion(base=base, theta=theta).planes) for base in blocks]).max(axis=0)
     w = np.abs(np.concatenate([base.frequency for base in blocks]))
     middle, half = float(w.max() + w.min()) / 2, float(w.max() - w.min()) / 2
     planes = [c.plane for c in model.coordinates]
@@ -188,10 +188,15 @@ def changes_with_speed(problem: Problem) -> list[Cause]:
 
 def cause_columns(problem: Problem, x: Float, causes: Sequence[Cause]) -> ComplexArray:
     """Change of the whitened residuals by a unit of each part, causes in a row, shape ``(R, parts)``."""
-    theta, rows = problem.space.theta(x), []
     parts = [part for cause in causes for part in cause.parts]
+    return whitened(problem, x, lambda block, theta: _changes(block, theta, parts))
+
+
+def whitened(problem: Problem, x: Float, changes_of: Callable[[Block, Float], ComplexArray]) -> ComplexArray:
+    """Changes of the whitened residuals, shape ``(R, k)``, by those of the predictions of each block, ``(k, R)``."""
+    theta, rows = problem.space.theta(x), []
     for number, block in enumerate(problem.blocks):
-        changes = _changes(block, theta, parts)
+        changes = changes_of(block, theta)
         if problem.factors and problem.factors[number] is not None:
             changes = changes * np.exp(np.asarray(problem.factors[number]) @ x[len(problem.space.names) :])
         rows.append(whiten(block, changes).T)
@@ -236,7 +241,7 @@ def _changes(block: Block, theta: Float, parts: Sequence[Part]) -> ComplexArray:
         return np.array([load_change(block, theta, load) / load**2 for load in loads])
     if base is None:
         return np.zeros((len(parts), block.measured.size), dtype=complex)
-    motion = _Motion(base=base, theta=theta)
+    motion = Motion(base=base, theta=theta)
     return np.array([_change(motion, part) for part in parts]).reshape(len(parts), -1)
 
 
@@ -255,7 +260,7 @@ def _base(block: Block) -> Responses | None:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Motion:
+class Motion:
     """Predicted motion of a block, and what changes of it are made of, each worked out once."""
 
     base: Responses
@@ -280,10 +285,7 @@ class _Motion:
     @cached_property
     def factors(self) -> ComplexArray:
         """Factor of the probe of each reading, shape ``(R,)``."""
-        functions = self.base.model.functions
-        if not functions.has_probe_factors:
-            return np.ones(self.base.line.size, dtype=complex)
-        return np.asarray(functions.factors(self.theta)[self.base.reading_group, self.base.coordinate])
+        return probe_factors(self.base, self.theta)
 
     @cached_property
     def by_theta(self) -> ComplexArray:
@@ -291,7 +293,7 @@ class _Motion:
         return self.base.predict_jacobian(self.theta)[1]
 
 
-def _change(motion: _Motion, part: Part) -> ComplexArray:
+def _change(motion: Motion, part: Part) -> ComplexArray:
     """Change of the predictions of a block by a unit of a part of a cause, shape ``(R,)``."""
     base, z, at = motion.base, motion.planes, part.at
     line, read = base.line, base.coordinate

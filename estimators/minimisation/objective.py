@@ -24,15 +24,12 @@ class Objective(Protocol):
 
     def cost(self, x: Vector) -> float:
         """Cost at ``x``; ``nan`` or ``inf`` where the model is undefined."""
-        ...
 
     def gauss_newton(self, x: Vector) -> tuple[float, Vector, Matrix]:
         """Cost, gradient of shape (n,) and the Gauss-Newton matrix JᵀJ of shape (n, n)."""
-        ...
 
     def hessian(self, x: Vector) -> Matrix:
         """Exact Hessian of the cost, shape (n, n)."""
-        ...
 
 
 class Status(Enum):

@@ -148,12 +148,10 @@ class SeenShaft(Protocol):
     @property
     def at(self) -> Index:
         """Coordinates seen."""
-        ...
 
     @property
     def has_mass(self) -> bool:
         """True if every coordinate has inertia."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
