@@ -13,17 +13,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
-from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.minimisation.least_squares import Options, Status, minimise
 from rotorfit.estimators.misfit.kernels import Batch
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.models.array_types import ComplexArray, Float, Index
-
-Bool = NDArray[np.bool_]
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 
 STEP_TOLERANCE = 1e-8
 """Remaining step, in standard errors, at which a member has converged."""
@@ -41,19 +38,14 @@ class BatchFit:
 
 
 def with_measured(problem: Problem, measured: ComplexArray) -> Problem:
-    """The same problem with other readings."""
-    parts = problem.by_block(measured)
-    return replace(problem, blocks=tuple(_read(block, m) for block, m in zip(problem.blocks, parts, strict=True)))
-
-
-def _read(block: Any, measured: ComplexArray) -> Block:
-    """A block with other readings; the orbit that a nonlinear rotor is taken to run on stays the same."""
-    changed: Block = (
-        replace(block, base=replace(block.base, measured=measured))
-        if isinstance(block, OrbitResponses | CorrelatedResponses)
-        else replace(block, measured=measured)
-    )
-    return changed
+    """The same problem with other readings; the orbit that a nonlinear rotor is taken to run on stays the same."""
+    blocks: list[Any] = []
+    for block, own in zip(problem.blocks, problem.by_block(measured), strict=True):
+        if isinstance(block, OrbitResponses | CorrelatedResponses):
+            blocks.append(replace(block, base=replace(block.base, measured=own)))
+        else:
+            blocks.append(replace(block, measured=own))  # type: ignore[type-var]
+    return replace(problem, blocks=tuple(blocks))
 
 
 class _Metric:

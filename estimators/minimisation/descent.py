@@ -287,12 +287,9 @@ class Minimisation:
         best = self.best
         return best.offset <= self.options.acceptable or best.point.cost <= COST_FLOOR * self.reference
 
-    def singular(self) -> bool:
-        """True if some change of the parameters, away from the bounds, leaves all residuals unchanged."""
-        return self._unseen(self.best.point) > 0
-
     def singular_throughout(self) -> bool:
-        """True if that was so at the start already, in as many directions: the data see none of them anywhere."""
+        """True if some change of the parameters leaves all residuals unchanged, and so it was at the start already, in
+        as many directions: the data see none of them anywhere."""
         first = self.evaluate(self.start)
         return first is not None and 0 < self._unseen(self.best.point) <= self._unseen(first)
 
@@ -311,5 +308,5 @@ class Minimisation:
     def status(self) -> Status:
         """How the run stands."""
         if self.converged():
-            return Status.SINGULAR if self.singular() else Status.CONVERGED
+            return Status.SINGULAR if self._unseen(self.best.point) else Status.CONVERGED
         return Status.ITERATION_LIMIT if self.exhausted() else Status.STALLED

@@ -56,14 +56,6 @@ class _Callback(ca.Callback):
         return 0
 
 
-def _share(function: Any, arguments: dict[str, Vector]) -> tuple[Any, Callable[[], None]]:
-    """A CasADi function reading the given arrays in place: the buffer, to be kept alive, and the call."""
-    buffer, call = function.buffer()
-    for name, array in arguments.items():
-        buffer.set_arg(function.index_in(name), array.data)
-    return buffer, call
-
-
 class Engine:
     """An Ipopt instance for n variables, for one :class:`Minimisation` at a time; kept, as building takes long."""
 
@@ -83,18 +75,17 @@ class Engine:
             "jac_g": _Callback("jac_g", [x, p], [g, ("jac_g_x", dense(0, n))], self._nothing),
             "hess_lag": _Callback("hess_lag", [x, p, *lam], [("triu_hess_gamma_x_x", upper)], self._hessian),
             "iteration_callback": _Callback(
-                "monitor",
-                list(zip(ca.nlpsol_out(), monitored, strict=True)),
-                [("stop", dense(1, 1))],
-                self._monitor,
+                "monitor", list(zip(ca.nlpsol_out(), monitored, strict=True)), [("stop", dense(1, 1))], self._monitor
             ),
         }
-        settings = {k: v for k, v in self._callbacks.items() if k != "nlp"} | _ipopt_settings(options)
+        settings = {k: v for k, v in self._callbacks.items() if k != "nlp"} | _SETTINGS | _CALLBACK_SETTINGS
+        settings["ipopt.max_iter"] = options.max_iterations
         self._solver = ca.nlpsol("least_squares", "ipopt", self._callbacks["nlp"], settings)
         # Start and bounds go through memory shared with CasADi, results come back through the callbacks.
         self._start, self._low, self._high = np.zeros(n), np.zeros(n), np.zeros(n)
-        shared = {"x0": self._start, "lbx": self._low, "ubx": self._high}
-        self._buffer, self._solve = _share(self._solver, shared)
+        self._buffer, self._solve = self._solver.buffer()  # the buffer is to be kept alive
+        for name, array in (("x0", self._start), ("lbx", self._low), ("ubx", self._high)):
+            self._buffer.set_arg(self._solver.index_in(name), array.data)  # type: ignore[call-arg]
 
     def descend(self, run: Minimisation, start: Vector) -> None:
         """Let Ipopt descend; the outcome is in ``run``."""
@@ -150,57 +141,47 @@ class Engine:
         """There are no constraints, hence no derivatives of them."""
 
 
-def _ipopt_settings(options: Options) -> dict[str, Any]:
-    """CasADi and Ipopt settings; scaling and stopping are ours, so Ipopt's own are switched off."""
-    return {
-        "no_nlp_grad": True,
-        "calc_lam_p": False,
-        "calc_lam_x": False,
-        "calc_f": False,
-        "calc_g": False,
-        "print_time": False,
-        "record_time": False,
-        "show_eval_warnings": False,
-        "error_on_fail": False,
-        "ipopt.sb": "yes",
-        "ipopt.print_level": 0,
-        "ipopt.nlp_scaling_method": "none",
-        "ipopt.tol": 1e-16,  # the monitor stops the run
-        "ipopt.acceptable_iter": 0,
-        "ipopt.max_iter": options.max_iterations,
-        "ipopt.fast_step_computation": "yes",  # without equality constraints refinement gains nothing
-        "ipopt.max_soc": 0,
-        # A full step must earn a tenth of its promise: Gauss-Newton likes to leap to where the model is flat.
-        "ipopt.eta_phi": 0.1,
-        "ipopt.bound_relax_factor": 0.0,
-        "ipopt.honor_original_bounds": "yes",
-        "ipopt.bound_push": 1e-8,
-        "ipopt.bound_frac": 1e-8,
-        "ipopt.bound_mult_init_method": "mu-based",
-        "ipopt.mu_init": 1e-4,  # in units of the logarithm of the cost
-        "ipopt.fixed_variable_treatment": "make_parameter",
-    }
+_SETTINGS: dict[str, Any] = {
+    "print_time": False,
+    "show_eval_warnings": False,
+    "error_on_fail": False,
+    "ipopt.sb": "yes",
+    "ipopt.print_level": 0,
+    "ipopt.nlp_scaling_method": "none",
+    "ipopt.bound_relax_factor": 0.0,
+    "ipopt.honor_original_bounds": "yes",
+    "ipopt.fixed_variable_treatment": "make_parameter",
+}
+"""Settings of CasADi and Ipopt. Scaling is ours, so Ipopt's own is switched off."""
+
+_CALLBACK_SETTINGS: dict[str, Any] = {
+    "no_nlp_grad": True,
+    "calc_lam_p": False,
+    "calc_lam_x": False,
+    "calc_f": False,
+    "calc_g": False,
+    "record_time": False,
+    "ipopt.tol": 1e-16,  # the monitor stops the run
+    "ipopt.acceptable_iter": 0,
+    "ipopt.fast_step_computation": "yes",  # without equality constraints refinement gains nothing
+    "ipopt.max_soc": 0,
+    # A full step must earn a tenth of its promise: Gauss-Newton likes to leap to where the model is flat.
+    "ipopt.eta_phi": 0.1,
+    "ipopt.bound_push": 1e-8,
+    "ipopt.bound_frac": 1e-8,
+    "ipopt.bound_mult_init_method": "mu-based",
+    "ipopt.mu_init": 1e-4,  # in units of the logarithm of the cost
+}
+"""Those of a descent by callbacks, in which stopping is ours too."""
 
 
 def descend_on_graph(run: Minimisation, graph: ca.Function) -> None:
     """Let Ipopt descend on a cost that is a CasADi graph, with CasADi's derivatives; the outcome is in ``run``."""
     u = ca.MX.sym("u", run.start.size)
     cost = graph(u * run.scale) / run.reference
-    settings: dict[str, Any] = {
-        "print_time": False,
-        "error_on_fail": False,
-        "show_eval_warnings": False,
-        "ipopt.sb": "yes",
-        "ipopt.print_level": 0,
-        "ipopt.nlp_scaling_method": "none",
-        "ipopt.tol": 1e-8,  # differences of the cost drown in round-off below; the last digits are refined
-        "ipopt.max_iter": run.options.max_iterations,
-        "ipopt.bound_relax_factor": 0.0,
-        "ipopt.honor_original_bounds": "yes",
-        "ipopt.fixed_variable_treatment": "make_parameter",
-    }
-    problem: dict[str, Any] = {"x": u, "f": ca.log(cost + COST_FLOOR)}
-    solver = ca.nlpsol("fit", "ipopt", problem, settings)
+    settings = _SETTINGS | {"ipopt.max_iter": run.options.max_iterations}
+    settings["ipopt.tol"] = 1e-8  # differences of the cost drown in round-off below; the last digits are refined
+    solver = ca.nlpsol("fit", "ipopt", {"x": u, "f": ca.log(cost + COST_FLOOR)}, settings)
     found = solver(x0=run.start, lbx=run.low, ubx=run.high)["x"]
     run.n_iterations += int(solver.stats()["iter_count"])
     run.n_evaluations += int(solver.stats()["n_call_nlp_f"])

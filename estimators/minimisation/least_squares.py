@@ -51,7 +51,10 @@ def minimise(
     if x.ndim != 1 or x.size == 0 or not np.isfinite(x).all():
         raise ValueError(f"start is {start!r}; a non-empty vector of finite numbers is needed")
     bounds = _bound("lower", lower, -np.inf, x.size), _bound("upper", upper, np.inf, x.size)
-    _check_inside(x, *bounds)
+    outside = np.flatnonzero((x < bounds[0]) | (x > bounds[1]) | (bounds[0] > bounds[1]))
+    if outside.size:
+        i = int(outside[0])
+        raise ValueError(f"start[{i}] is {x[i]}; its bounds allow {bounds[0][i]} to {bounds[1][i]}")
     if scale is not None:
         scales = np.broadcast_to(np.asarray(scale, dtype=float), x.shape)
         if not (np.isfinite(scales).all() and (scales > 0).all()):
@@ -66,19 +69,9 @@ def minimise(
             run.refine()
             status = run.status()
     best = run.best
-    if status is Status.INFEASIBLE_START:
-        return Solution(
-            x=x,
-            cost=math.nan,
-            status=status,
-            n_iterations=0,
-            n_evaluations=run.n_evaluations,
-            hessian=run.kind,
-            offset=math.inf,
-        )
     return Solution(
         x=run.unscaled(best.point.u),
-        cost=best.point.cost,
+        cost=math.nan if status is Status.INFEASIBLE_START else best.point.cost,
         status=status,
         n_iterations=run.n_iterations,
         n_evaluations=run.n_evaluations,
@@ -94,13 +87,6 @@ def _bound(name: str, value: ArrayLike | None, absent: float, n: int) -> Vector:
     if np.isnan(bound).any():
         raise ValueError(f"{name} is {bound.tolist()}; nan is not allowed, use infinities for absent bounds")
     return bound if bound.shape else np.full(n, bound)
-
-
-def _check_inside(x: Vector, lower: Vector, upper: Vector) -> None:
-    outside = np.flatnonzero((x < lower) | (x > upper) | (lower > upper))
-    if outside.size:
-        i = int(outside[0])
-        raise ValueError(f"start[{i}] is {x[i]}; its bounds allow {lower[i]} to {upper[i]}")
 
 
 def _default_scale(objective: Objective, x: Vector) -> Vector:

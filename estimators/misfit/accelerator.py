@@ -104,32 +104,19 @@ class _SealedCache:
                     seal(file)
 
 
-def _write_once(path: Path, text: str) -> bool:
-    """Put a file in place in one step, so that another process never sees half of it."""
-    if path.exists():
-        return True
-    try:
-        with whole_file(path) as draft:
-            draft.write_text(text, encoding="utf-8")
-    except OSError:
-        return False
-    return True
-
-
-def _module_name(source: str) -> str:
-    text = f"{version('numba')}\n{np.__version__}\n{source}"
-    return f"rotorfit_kernel_{hashlib.sha256(text.encode()).hexdigest()[:32]}"
-
-
 @cache
 def compile_kernels(source: str) -> dict[str, Kernel]:
     """Compile functions decorated as ``outer``; the text is the argument, the file only names numba's own cache."""
     import numba
 
     directory = cache_directory()
-    name = _module_name(source)
+    versions = f"{version('numba')}\n{np.__version__}\n{source}"
+    name = f"rotorfit_kernel_{hashlib.sha256(versions.encode()).hexdigest()[:32]}"
     path = (directory or Path()) / f"{name}.py"
-    stored = directory is not None and _write_once(path, source)
+    if directory is not None and not path.exists():
+        with suppress(OSError), whole_file(path) as draft:  # in one step: another process never sees half of it
+            draft.write_text(source, encoding="utf-8")
+    stored = directory is not None and path.exists()
     kernels: dict[str, Kernel] = {}
 
     def outer(function: Callable[..., Any]) -> Any:

@@ -82,23 +82,9 @@ def robust_cost(loss: Loss, size2: Any) -> Any:
     return c2 * ca.log1p(size2 / c2)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _PatternGraph:
-    """Symbols and squared residuals of one node."""
-
-    c: ca.SX
-    w: ca.SX
-    data: list[ca.SX]  # target re, target im, weight of each entry
-    gains: list[ca.SX]  # re, im of each entry
-    directions: list[ca.SX]  # re and im of each entry's direction
-    rho: list[ca.SX]
-
-    @property
-    def inputs(self) -> ca.SX:
-        return ca.vertcat(self.c, self.w, *self.data, *self.gains, *self.directions)
-
-
-def _pattern_graph(model: RotorModel, pattern: Pattern) -> _PatternGraph:
+def _pattern_graph(model: RotorModel, pattern: Pattern) -> tuple[ca.SX, ca.SX, list[ca.SX], list[ca.SX]]:
+    """All symbols of one node, coefficients first, in the order of :func:`_spelling`; the coefficients, the gains (re,
+    im of each entry), and the squared residuals."""
     _, _, coefficients, places = _coefficient_graph(model)
     c, w = ca.SX.sym("c", coefficients.numel()), ca.SX.sym("w")
     adj, det = _adjugate(_kappa(model, c, places, w))
@@ -121,39 +107,30 @@ def _pattern_graph(model: RotorModel, pattern: Pattern) -> _PatternGraph:
         data.append(ca.vertcat(target, weight))
         gains.append(gain)
         directions.append(u)
-    return _PatternGraph(c=c, w=w, data=data, gains=gains, directions=directions, rho=rho)
+    return ca.vertcat(c, w, *data, *gains, *directions), c, gains, rho
 
 
-class _Names:
-    """Spelling of a pattern's inputs in the generated loop, those that do not change hoisted out of it."""
-
-    def __init__(self, model: RotorModel, pattern: Pattern, n_coefficients: int) -> None:
-        size, count = len(model.coordinates), len(pattern.entries)
-        self.names = [f"c{i}" for i in range(n_coefficients)] + ["freq[l]"]
-        self.hoisted = [f"c{i} = c[{i}]" for i in range(n_coefficients)]
-        self.hoisted.append("freq = frequency[first:last]")
-        for e in range(count):
-            self.names += [f"tr{e}[l]", f"ti{e}[l]", f"wt{e}[l]"]
-            self.hoisted.append(f"q = datum[entry + {e}]")
-            self.hoisted += [
-                f"{short}{e} = {array}[q:q + last - first]"
-                for short, array in (("tr", "target_re"), ("ti", "target_im"), ("wt", "weight"))
-            ]
-        for e in range(count):
-            self.names += [f"gr{e}", f"gi{e}"]
-            if pattern.gains:
-                self.hoisted += [f"gr{e} = gain_re[gain[entry + {e}]]", f"gi{e} = gain_im[gain[entry + {e}]]"]
-        for e, (_, column) in enumerate(pattern.entries):
-            for j in range(size):
-                self.names += [f"ur{e}_{j}", f"ui{e}_{j}"]
-                if column < 0:
-                    self.hoisted += [
-                        f"ur{e}_{j} = direction_re[direction[entry + {e}], {j}]",
-                        f"ui{e}_{j} = direction_im[direction[entry + {e}], {j}]",
-                    ]
-
-    def read(self, i: int) -> str:
-        return self.names[i]
+def _spelling(model: RotorModel, pattern: Pattern, n_coefficients: int) -> tuple[list[str], list[str]]:
+    """Names of a pattern's inputs in the generated loop, and statements that hoist out of it what does not change."""
+    names = [f"c{i}" for i in range(n_coefficients)] + ["freq[l]"]
+    hoisted = [f"c{i} = c[{i}]" for i in range(n_coefficients)] + ["freq = frequency[first:last]"]
+    for e in range(len(pattern.entries)):
+        names += [f"tr{e}[l]", f"ti{e}[l]", f"wt{e}[l]"]
+        hoisted.append(f"q = datum[entry + {e}]")
+        for short, array in (("tr", "target_re"), ("ti", "target_im"), ("wt", "weight")):
+            hoisted.append(f"{short}{e} = {array}[q:q + last - first]")
+    for e in range(len(pattern.entries)):
+        names += [f"gr{e}", f"gi{e}"]
+        if pattern.gains:
+            hoisted += [f"gr{e} = gain_re[gain[entry + {e}]]", f"gi{e} = gain_im[gain[entry + {e}]]"]
+    for e, (_, column) in enumerate(pattern.entries):
+        for j in range(len(model.coordinates)):
+            names += [f"ur{e}_{j}", f"ui{e}_{j}"]
+            if column < 0:
+                hoisted += [
+                    f"u{s}{e}_{j} = direction_{p}[direction[entry + {e}], {j}]" for s, p in (("r", "re"), ("i", "im"))
+                ]
+    return names, hoisted
 
 
 _DATA = (
@@ -162,34 +139,31 @@ _DATA = (
 )
 
 
-def _loop(name: str, arguments: str, names: _Names, graph: ca.Function, sums: Sequence[str]) -> str:
-    """A function that sums the outputs of a graph over the nodes of a segment into the places given."""
-    body = statements(graph, names.read, "a{} += {}".format)
-    live = [*names.hoisted, *(f"a{k} = 0.0" for k in range(len(sums)))]
-    text = [f"@inner\ndef {name}(c, {_DATA}, {arguments}):"]
-    text += [f"    {line}" for line in live]
-    text.append("    for l in range(last - first):")
-    text += [f"        {line}" for line in body]
-    text += [f"    {place} += a{k}" for k, place in enumerate(sums)]
-    return "\n".join(text) + "\n"
-
-
 def _pattern_source(model: RotorModel, pattern: Pattern, number: int) -> str:
-    graph = _pattern_graph(model, pattern)
-    names = _Names(model, pattern, graph.c.numel())
+    inputs, c, gains, rho = _pattern_graph(model, pattern)
+    names, hoisted = _spelling(model, pattern, c.numel())
     count = len(pattern.entries)
-    values = ca.Function("values", [graph.inputs], [ca.densify(ca.vertcat(*graph.rho))])
-    total = ca.sum1(ca.vertcat(*graph.rho)) / 2
-    by_c = ca.densify(ca.gradient(total, graph.c))
-    slopes = [total, by_c]
-    places = ["cost[0]", *(f"seed[{i}]" for i in range(graph.c.numel()))]
+
+    def loop(name: str, arguments: str, results: list[ca.SX], sums: Sequence[str]) -> str:
+        """A function that sums results over the nodes of a segment into the places given."""
+        body = statements(ca.Function(name, [inputs], [ca.vertcat(*results)]), names.__getitem__, "a{} += {}".format)
+        text = [f"@inner\ndef {name}(c, {_DATA}, {arguments}):"]
+        text += [f"    {line}" for line in (*hoisted, *(f"a{k} = 0.0" for k in range(len(sums))))]
+        text.append("    for l in range(last - first):")
+        text += [f"        {line}" for line in body]
+        text += [f"    {place} += a{k}" for k, place in enumerate(sums)]
+        return "\n".join(text) + "\n"
+
+    total = ca.sum1(ca.vertcat(*rho)) / 2
+    slopes = [total, ca.densify(ca.gradient(total, c))]
+    places = ["cost[0]", *(f"seed[{i}]" for i in range(c.numel()))]
     if pattern.gains:
-        slopes += [ca.densify(ca.gradient(total, g)) for g in graph.gains]
+        slopes += [ca.densify(ca.gradient(total, g)) for g in gains]
         places += [f"seed_{part}[gain[entry + {e}]]" for e in range(count) for part in ("re", "im")]
-    slope = ca.Function("slopes", [graph.inputs], [ca.vertcat(*slopes)])
-    return _loop(
-        f"sums_{number}", "channel, out", names, values, [f"out[channel[entry + {e}]]" for e in range(count)]
-    ) + (_loop(f"slopes_{number}", "cost, seed, seed_re, seed_im", names, slope, places))
+    values = [ca.densify(ca.vertcat(*rho))]
+    return loop(f"sums_{number}", "channel, out", values, [f"out[channel[entry + {e}]]" for e in range(count)]) + loop(
+        f"slopes_{number}", "cost, seed, seed_re, seed_im", slopes, places
+    )
 
 
 def _model_source(model: RotorModel) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,84 +71,60 @@ def _codes(columns: Float | Index) -> Index:
 
 
 def layout(problem: Problem) -> KernelLayout:
-    """Sort the readings of a problem, all of them responses to forces."""
-    size = len(problem.space.model.coordinates)
-    n_nuisance = len(problem.space.nuisance)
-    parts: dict[str, list[NDArray[np.generic]]] = {}
-    for i, block in enumerate(problem.blocks):
-        if not isinstance(block, Responses):
-            raise TypeError(f"{type(block).__name__} are no responses to forces")
-        line = block.line
-        speed = block.speed if block.model.speed_dependent else np.zeros_like(block.speed)
-        factors = problem.factors[i] if problem.factors else None
-        row = {
-            "group": block.group[line],
-            "speed": speed[line],
-            "w": block.s[line].imag,
-            "coordinate": block.coordinate,
-            "force": block.force[line],
-            "nuisance": np.zeros((line.size, n_nuisance), dtype=complex) if factors is None else factors,
-            "sigma": block.sigma,
-            "measured": block.measured,
-        }
-        for name, value in row.items():
-            parts.setdefault(name, []).append(np.asarray(value))
-    rows = {name: np.concatenate(values) for name, values in parts.items()}
-    rows |= {"channel": problem.channel, "reading": np.arange(problem.channel.size)}
-    return _sorted(rows, problem, size)
-
-
-def _sorted(rows: dict[str, NDArray[np.generic]], problem: Problem, size: int) -> KernelLayout:
-    """Readings in the order of the kernels.
+    """Sort the readings of a problem, all of them responses to forces, in the order of the kernels.
 
     Readings x at the frequencies 1, 2, 3 and y at 1 and 3 become two segments::
 
         node       1   2   3        segment 0: nodes 1, 3, entries x, y: data x1 x3 y1 y3
         read as    xy  x   xy       segment 1: node 2,     entry x:      datum x2
     """
-    group, coordinate, channel, reading = (
-        np.asarray(rows[name], dtype=np.intp) for name in ("group", "coordinate", "channel", "reading")
-    )
-    w = np.asarray(rows["w"], dtype=float)
-    directions, direction, drive = _directions(rows["force"].astype(complex))
-    gains, gain = _gains(problem, rows["nuisance"].astype(complex), group, coordinate)
-    conditions, condition = _distinct(np.column_stack([group, np.asarray(rows["speed"], dtype=float)]))
-    node, key = _nodes(condition, w, np.column_stack([coordinate, direction, gain, channel]), size)
-    segment = _segment_of(condition, node, key)
-    order = np.lexsort([node, key, segment])
-    return KernelLayout(
-        **_segments(segment[order], key[order], node[order], condition[order]),
-        group=group[conditions],
-        speed=np.asarray(rows["speed"], dtype=float)[conditions],
-        frequency=_node_values(segment[order], node[order], w[order]),
-        **_entries(segment[order], key[order], [part[order] for part in (coordinate, direction, gain, channel)]),
-        directions=np.ascontiguousarray(directions).view(complex).reshape(-1, size),
-        nuisance=np.ascontiguousarray(gains[:, :-2]).view(complex).reshape(gains.shape[0], -1),
-        gain_group=gains[:, -2].astype(np.intp),
-        gain_coordinate=gains[:, -1].astype(np.intp),
-        reading=reading[order],
-        drive=drive[order],
-        sigma=np.asarray(rows["sigma"], dtype=float)[order],
-        measured=rows["measured"].astype(complex)[order],
-    )
-
-
-def _directions(force: ComplexArray) -> tuple[Float, Index, ComplexArray]:
-    """Distinct force directions, real and imaginary parts in turn, that of each reading, and its largest component."""
+    parts: list[tuple[NDArray[Any], ...]] = []
+    for i, block in enumerate(problem.blocks):
+        if not isinstance(block, Responses):
+            raise TypeError(f"{type(block).__name__} are no responses to forces")
+        line = block.line
+        speed = block.speed if block.model.speed_dependent else np.zeros_like(block.speed)
+        factors = problem.factors[i] if problem.factors else None
+        nuisance = np.zeros((line.size, len(problem.space.nuisance)), dtype=complex) if factors is None else factors
+        own = (block.group[line], speed[line], block.s[line].imag, block.coordinate, block.force[line])
+        parts.append((*own, nuisance, block.sigma, block.measured))
+    group, speed, w, coordinate, force, nuisance, sigma, measured = map(np.concatenate, zip(*parts, strict=True))
+    channel, size = problem.channel, len(problem.space.model.coordinates)
+    # Distinct force directions, real and imaginary parts in turn, and the largest component of each reading's.
     drive = force[np.arange(len(force)), np.argmax(np.abs(force), axis=1)]
     drive = np.where(drive == 0, 1.0, drive)
     unit = np.round((force / drive[:, None]).view(float).reshape(len(force), -1), 12) + 0.0
-    directions, number = _distinct(unit)
-    return unit[directions], number, drive
-
-
-def _gains(problem: Problem, nuisance: ComplexArray, group: Index, coordinate: Index) -> tuple[Float, Index]:
-    """Distinct gains, as sensitivities to the nuisance entries, group and coordinate, and that of each reading."""
+    directions, direction = _distinct(unit)
+    # Distinct gains, as sensitivities to the nuisance entries, group and coordinate.
     factored = problem.space.model.functions.has_probe_factors
-    parts = np.ascontiguousarray(nuisance).view(float).reshape(group.size, -1)
-    rows = np.column_stack([parts, group if factored else 0 * group, coordinate if factored else 0 * coordinate])
-    gains, number = _distinct(rows)
-    return rows[gains], number
+    nuisances = np.ascontiguousarray(nuisance).view(float).reshape(group.size, -1)
+    gain_rows = np.column_stack([nuisances, group * factored, coordinate * factored])
+    gains, gain = _distinct(gain_rows)
+    conditions, condition = _distinct(np.column_stack([group, speed]))
+    node, key = _nodes(condition, w, np.column_stack([coordinate, direction, gain, channel]), size)
+    segment = _segment_of(condition, node, key)
+    order = np.lexsort([node, key, segment])
+    segments, entry = _segments(segment[order], key[order], node[order], condition[order])
+    first = order[entry]
+    return KernelLayout(
+        segments=segments,
+        datum=entry,
+        group=group[conditions],
+        speed=speed[conditions],
+        frequency=w[order][_distinct(np.column_stack([segment, node])[order])[0]],
+        coordinate=coordinate[first],
+        direction=direction[first],
+        gain=gain[first],
+        channel=channel[first],
+        directions=np.ascontiguousarray(unit[directions]).view(complex).reshape(-1, size),
+        nuisance=nuisance[gains],
+        gain_group=gain_rows[gains, -2].astype(np.intp),
+        gain_coordinate=gain_rows[gains, -1].astype(np.intp),
+        reading=order,
+        drive=drive[order],
+        sigma=sigma[order],
+        measured=measured[order],
+    )
 
 
 def _nodes(condition: Index, w: Float, read: Index, size: int) -> tuple[Index, Index]:
@@ -175,28 +152,14 @@ def _segment_of(condition: Index, node: Index, key: Index) -> Index:
     return np.array(of_node, dtype=np.intp)[node]
 
 
-def _entry_starts(segment: Index, key: Index) -> Index:
-    change = (np.diff(segment, prepend=-1) != 0) | (np.diff(key, prepend=-1) != 0)
-    return np.flatnonzero(change)
-
-
-def _segments(segment: Index, key: Index, node: Index, condition: Index) -> dict[str, Index]:
-    entry = _entry_starts(segment, key)
+def _segments(segment: Index, key: Index, node: Index, condition: Index) -> tuple[Index, Index]:
+    """Rows of :attr:`KernelLayout.segments`, and the first reading of each entry, of readings in the kernels' order."""
+    entry = np.flatnonzero((np.diff(segment, prepend=-1) != 0) | (np.diff(key, prepend=-1) != 0))
     starts = np.flatnonzero(np.diff(segment, prepend=-1))
-    stops = np.append(starts[1:], segment.size)
     table, nodes = [], 0
-    for a, b in zip(starts, stops, strict=True):
+    for a, b in zip(starts, np.append(starts[1:], segment.size), strict=True):
         count = np.unique(node[a:b]).size
         e0, e1 = np.searchsorted(entry, [a, b])
         table.append((nodes, nodes + count, condition[a], e0, e1))
         nodes += count
-    return {"segments": np.array(table, dtype=np.intp), "datum": entry.astype(np.intp)}
-
-
-def _node_values(segment: Index, node: Index, w: Float) -> Float:
-    return np.asarray(w[_distinct(np.column_stack([segment, node]))[0]])
-
-
-def _entries(segment: Index, key: Index, columns: list[Index]) -> dict[str, Index]:
-    first = _entry_starts(segment, key)
-    return dict(zip(("coordinate", "direction", "gain", "channel"), [c[first] for c in columns], strict=True))
+    return np.array(table, dtype=np.intp), entry
