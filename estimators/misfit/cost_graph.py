@@ -33,8 +33,10 @@ def cost_graph(problem: Problem) -> ca.Function | None:
     cost: Any = 0.0
     for block, responses, gains in zip(problem.blocks, blocks, factors, strict=True):
         if responses is not None:
-            misses = _misses(problem.space, responses, x, gains)
-            real, imag = _whitened(block, misses)
+            real, imag = _misses(problem.space, responses, x, gains)
+            if isinstance(block, CorrelatedResponses):  # free of what their errors have in common
+                mixing = block.mixing.T
+                real, imag = real @ mixing.real - imag @ mixing.imag, real @ mixing.imag + imag @ mixing.real
             cost += ca.sum2(robust_cost(problem.loss, real**2 + imag**2)) / 2
     for prior, moments in zip(problem.priors, priors, strict=True):
         if moments is not None:
@@ -45,14 +47,9 @@ def cost_graph(problem: Problem) -> ca.Function | None:
 def _linear(block: Block) -> Responses | None:
     """The responses to forces that a block holds, None if they are others or their model has no closed graph."""
     base = block.base if isinstance(block, CorrelatedResponses) else block
-    if (
-        not isinstance(base, Responses)
-        or base.model.shaft is not None
-        or base.model.eccentricity_dependent
-        or base.beside is not None
-    ):
+    if not isinstance(base, Responses) or base.beside is not None:
         return None
-    return base
+    return None if base.model.shaft is not None or base.model.eccentricity_dependent else base
 
 
 def _misses(space: ParameterSpace, block: Responses, x: Any, gains: ComplexArray | None) -> tuple[Any, Any]:
@@ -94,11 +91,3 @@ def _reading(model: RotorModel, *, imposed: bool) -> ca.Function:
     parts = [(answer[i] * c - answer[n + i] * s, answer[i] * s + answer[n + i] * c) for i, (c, s) in enumerate(gain)]
     read = [sum(seen[i] * part[k] for i, part in enumerate(parts)) for k in (0, 1)]
     return ca.Function("reading", [theta, ca.vertcat(w, speed, force, seen)], [ca.vertcat(*read)])
-
-
-def _whitened(block: Block, misses: tuple[Any, Any]) -> tuple[Any, Any]:
-    """Residuals free of what their errors have in common."""
-    if not isinstance(block, CorrelatedResponses):
-        return misses
-    (real, imag), mixing = misses, block.mixing.T
-    return real @ mixing.real - imag @ mixing.imag, real @ mixing.imag + imag @ mixing.real

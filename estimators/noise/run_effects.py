@@ -18,6 +18,13 @@ from rotorfit.models.array_types import COLLINEAR, ComplexArray, Float, Index
 _LIKELIHOOD_OF_ALTERNATIVES = 1.5
 """Log likelihood below that of the best kind within which another is possible: its weight is a fifth, exp(-1.5)."""
 
+FEWEST_RUNS = 3
+"""Runs among which one may be the odd one: of two runs either may."""
+_MISFIT_FALLS = 3.0
+"""Times by which the misfit must fall without the odd run: far beyond the scatter of redchi."""
+_MISFIT_FALLS_WITHOUT_ANOTHER = 1.5
+"""Times by which it may fall without any other."""
+
 LEAST_RESIDUAL_SHARE = 0.02
 """Least 1 - leverage: a reading that alone determines something has no residual to judge by."""
 
@@ -55,15 +62,11 @@ class MixedModel:
         k = list(kinds)
         return replace(self, gram=self.gram[:, k][:, :, k], cross=self.cross[:, k], moment=self.moment[:, k])
 
-    def _inner(self, variance: Float) -> Float:
-        """``(Z^T Z + 1/variance)^-1`` of each run, infinite variances for effects that are free."""
-        free = np.isinf(variance)
-        matrix = self.gram + np.diag(np.where(free, 0.0, 1 / np.where(free, 1.0, variance)))
-        return inverse_of_determined(matrix, COLLINEAR) if free.any() else np.asarray(np.linalg.inv(matrix))
-
     def solve(self, variance: Float) -> MixedSolution:
-        """Step to the optimum with effects of given variances."""
-        inner = self._inner(variance)
+        """Step to the optimum with effects of given variances, infinite ones of effects that are free."""
+        free = np.isinf(variance)
+        precise = self.gram + np.diag(np.where(free, 0.0, 1 / np.where(free, 1.0, variance)))
+        inner = inverse_of_determined(precise, COLLINEAR) if free.any() else np.linalg.inv(precise)
         onto = inner @ self.cross
         matrix = self.information - np.einsum("ikp,ikq->pq", self.cross, onto)
         slope = self.gradient - np.einsum("ikp,ik->p", onto, self.moment)
@@ -81,19 +84,17 @@ class MixedModel:
             square=self.square - float(explained),
         )
 
-    def log_likelihood(self, variance: Float) -> float:
-        """Restricted log likelihood, up to a constant."""
-        solved = self.solve(variance)
-        return self._profile(variance, solved) - 0.5 * _log_det(solved.matrix)
-
-    def profile_likelihood(self, variance: Float) -> float:
-        """Log likelihood at the best fitted values, up to a constant: that of models with other fitted values."""
-        return self._profile(variance, self.solve(variance))
-
-    def _profile(self, variance: Float, solved: MixedSolution) -> float:
-        root = np.sqrt(variance)
+    def log_likelihood(self, variance: Float, *, restricted: bool = True) -> float:
+        """Restricted log likelihood, up to a constant; else that at the best fitted values, which models with other
+        fitted values are compared by."""
+        solved, root = self.solve(variance), np.sqrt(variance)
         spread = np.eye(root.size) + root[:, None] * self.gram * root
-        return -0.5 * float(np.linalg.slogdet(spread)[1].sum() + solved.square)
+        total = float(np.linalg.slogdet(spread)[1].sum() + solved.square)
+        if restricted:  # directions without information are as good as empty
+            scale = _scale(solved.matrix)
+            power = np.linalg.eigvalsh(solved.matrix / scale[:, None] / scale)
+            total += float(np.log(np.maximum(power, 1e-12)).sum() + 2 * np.log(scale).sum())
+        return -0.5 * total
 
     def score_p_values(self) -> Float:
         """Probability of scores at least as large where runs agree, ``(k,)``: chi-squared by mean and variance."""
@@ -178,11 +179,6 @@ def _of_run(parts: Float, rows: Index) -> Float:
     return parts.reshape(len(parts), -1, 2)[:, rows].reshape(len(parts), -1)
 
 
-def runs_agree(model: MixedModel, *, level: float) -> bool:
-    """True if a score test, the kinds tried together, lets all runs agree."""
-    return bool(model.score_p_values().min() * model.gram.shape[1] > level)
-
-
 def select_effects(model: MixedModel, *, level: float, forced: Sequence[int] = ()) -> Float:
     """Variances of the kinds of effects that the data ask for, zero for the others, shape ``(k,)``. Kinds join one by
     one, that which raises the restricted likelihood most first, while a score test refuses that runs agree and the
@@ -191,7 +187,7 @@ def select_effects(model: MixedModel, *, level: float, forced: Sequence[int] = (
     variance, chosen = np.zeros(count), list(forced)
     if chosen:
         variance[chosen] = _best(model.part(chosen), np.zeros(len(chosen)))
-    elif runs_agree(model, level=level):
+    elif model.score_p_values().min() * count > level:  # the kinds tried together: all runs agree
         return variance
     from scipy.special import gammainccinv  # late: loading it takes longer than a fit
 
@@ -282,23 +278,12 @@ def inverse_of_determined(matrix: Float, null: float = 1e-12) -> Float:
     return np.asarray(((basis * weight[..., None, :]) @ np.swapaxes(basis, -1, -2)) * over)
 
 
-def _log_det(matrix: Float) -> float:
-    """Logarithm of the determinant, directions without information as good as empty."""
-    scale = _scale(matrix)
-    power = np.linalg.eigvalsh(matrix / scale[:, None] / scale)
-    return float(np.log(np.maximum(power, 1e-12)).sum() + 2 * np.log(scale).sum())
-
-
-FEWEST_RUNS = 3
-"""Of two runs either may be the odd one."""
-_MISFIT_FALLS = 3.0
-"""Times by which the misfit must fall without the run: far beyond the scatter of redchi."""
-_MISFIT_FALLS_WITHOUT_ANOTHER = 1.5
-"""Times by which it may fall without any other."""
+# ---- one run that does not go with the others ------------------------------------------------------------------------
 
 
 def misfit_without(r: ComplexArray, J: ComplexArray, prior: Float, runs: Sequence[Index]) -> Float:
-    """Mean squared residual, real and imaginary part, of a fit to all runs but one, run by run."""
+    """Mean squared residual, real and imaginary part, of a fit to all runs but one, run by run, by one step of Gauss
+    and Newton."""
     rows = real_rows(J)
     information, gradient = rows @ rows.T + np.diag(prior), rows @ r.view(float)
     square = float(np.vdot(r, r).real)

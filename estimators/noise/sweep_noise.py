@@ -1,4 +1,8 @@
-"""Noise of the readings of sweeps: from repeats, from the direction against the force, or from smoothness."""
+"""Noise of the readings of sweeps: from repeats, from the direction against the force, or from smoothness.
+
+It is estimated from the data and from nothing else. The fit's own residuals are never used: they would hide a model
+that does not fit, and redchi would mean nothing.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +17,28 @@ from rotorfit.estimators.blocks.row_keys import distinguished
 from rotorfit.estimators.significance import P_UNLIKELY
 from rotorfit.models.array_types import ROUND_OFF, ComplexArray, Float, Index
 
+NOISE_FLOOR = 1e-9
+"""Smallest noise, as a fraction of a channel's rms amplitude: exact data would otherwise weigh infinitely."""
+
+FEWEST_LINES = 6
+"""Lines from which a sweep shows its curve and what leaves it, jumps or noise: a parabola takes up three. Chosen."""
+
+LINES_OF_A_LEVEL = 8
+"""Lines from which a sweep can have a noise of its own: 16 squares give its variance within a third."""
+
+SMOOTH_CORRELATION = 0.5
+"""Lag-one correlation above which samples follow a curve and are no noise: of noise, sixteen samples exceed it once in
+a hundred, eight once in fifteen."""
+
+READINGS_OF_NOISE = 0.39
+"""Readings behind an estimate of their noise, a share of them: windows of 13 lines leave 8 to it, and the median of
+windows has 2/pi of the efficiency of their mean."""
+
+_SPREAD_OF_PROPORTIONAL = 0.8
+"""Spread of the logarithm of proportional noise over that of constant noise below which it is preferred; else the
+amplitude hardly varies."""
+_MEAN_OVER_MEDIAN = 2.0
+"""Mean over median-based power from which there are outliers: noise alone exceeds it in 30 samples once in 1000."""
 _REPEATS_OVER_SMOOTHNESS = 2.5
 """Times the noise of each sweep by itself up to which the differences of repeats are noise."""
 
@@ -44,13 +70,8 @@ def _both_ways(block: Responses, w: Float, speed: Float, plane: Index, sweeps: S
     for rows in sweeps:
         drive = np.abs(block.force[block.line[rows], plane[rows]])
         extent = (np.abs(w[rows]).min(), np.abs(w[rows]).max(), drive.sum())
-        test = (
-            block.coordinate[rows[0]],
-            plane[rows[0]],
-            speed[rows[0]],
-            rows.size,
-            *(f"{v:.6g}" for v in extent),
-        )
+        first, shown = rows[0], (f"{v:.6g}" for v in extent)
+        test = (block.coordinate[first], plane[first], speed[first], rows.size, *shown)
         both.setdefault(test, []).append(rows)
     return list(both.values())
 
@@ -69,7 +90,7 @@ def _noise_of(
             for part in parts:
                 yield part, noise_from_samples(wrong[part], block.measured[part])
         return
-    levels = [float(noise_from_smoothness(w[part], block.measured[part])[0]) for part in parts]
+    levels = [noise_from_smoothness(w[part], block.measured[part]) for part in parts]
     # Windows overlap, and a median is less sure than a mean: about half as many degrees of freedom as readings.
     if _agree([level**2 for level in levels], [size // 2 for size in sizes]):
         yield rows, float(np.sqrt(np.mean(np.square(levels))))
@@ -87,9 +108,8 @@ def _agree(power: Sequence[float], freedom: Sequence[int]) -> bool:
     pooled = sum(own * f for own, f in ends) / both
     correction = 1 + (sum(1 / f for _, f in ends) - 1 / both) / 3  # Bartlett 1937
     statistic = max(sum(f * math.log(pooled / own) for own, f in ends), 0.0) / correction  # round-off may be below zero
-    return (
-        math.erfc(math.sqrt(statistic / 2)) > P_UNLIKELY
-    )  # chi-squared with one degree of freedom is a squared normal
+    # Chi-squared with one degree of freedom is a squared normal.
+    return math.erfc(math.sqrt(statistic / 2)) > P_UNLIKELY
 
 
 def _is_smooth(samples: ComplexArray) -> bool:
@@ -123,15 +143,12 @@ def _repeated(block: Responses, w: Float, condition: Sequence[Float | Index]) ->
             level = max(float(np.sqrt(np.mean(np.abs(deviations) ** 2) / 2)), floor)
             yield from ((rows, level) for rows in ordered)
             continue
-        alone = [float(noise_from_smoothness(w[rows], block.measured[rows])[0]) for rows in ordered]
+        alone = [noise_from_smoothness(w[rows], block.measured[rows]) for rows in ordered]
         pairs = zip(deviations, ordered, strict=True)
         levels = np.array([noise_from_samples(deviation, block.measured[rows]) for deviation, rows in pairs])
         own = np.sqrt(np.mean(levels**2, axis=0))
-        if float(np.median(own)) > _REPEATS_OVER_SMOOTHNESS * max(alone) or any(
-            _is_smooth(deviation) for deviation in deviations
-        ):
-            continue
-        yield from ((rows, own) for rows in ordered)
+        if float(np.median(own)) <= _REPEATS_OVER_SMOOTHNESS * max(alone) and not any(map(_is_smooth, deviations)):
+            yield from ((rows, own) for rows in ordered)
 
 
 def _repeats(block: Responses, w: Float, condition: Sequence[Float | Index]) -> Index | None:
@@ -142,31 +159,6 @@ def _repeats(block: Responses, w: Float, condition: Sequence[Float | Index]) -> 
     columns = [block.coordinate, block.reading_group, *condition, np.round(w, 9), *drive]
     _, number = distinguished(*columns)
     return None if int(number.max(initial=-1)) + 1 == number.size else number
-
-
-NOISE_FLOOR = 1e-9
-"""Smallest noise, as a fraction of a channel's rms amplitude: exact data would otherwise weigh infinitely."""
-
-FEWEST_LINES = 6
-"""Lines from which a sweep shows its curve and what leaves it, jumps or noise: a parabola takes up three. Chosen."""
-
-LINES_OF_A_LEVEL = 8
-"""Lines from which a sweep can have a noise of its own: 16 squares give its variance within a third."""
-
-
-SMOOTH_CORRELATION = 0.5
-"""Lag-one correlation above which samples follow a curve and are no noise: of noise, sixteen samples exceed it once in
-a hundred, eight once in fifteen."""
-
-READINGS_OF_NOISE = 0.39
-"""Readings behind an estimate of their noise, a share of them: windows of 13 lines leave 8 to it, and the median of
-windows has 2/pi of the efficiency of their mean."""
-
-_SPREAD_OF_PROPORTIONAL = 0.8
-"""Spread of the logarithm of proportional noise over that of constant noise below which it is preferred; else the
-amplitude hardly varies."""
-_MEAN_OVER_MEDIAN = 2.0
-"""Mean over median-based power from which there are outliers: noise alone exceeds it in 30 samples once in 1000."""
 
 
 def noise_from_samples(noise: ComplexArray, amplitude: ComplexArray, sizes: Sequence[int] | None = None) -> Float:
@@ -205,7 +197,7 @@ def _level(noise: ComplexArray) -> float:
     return float(np.sqrt(median if mean > _MEAN_OVER_MEDIAN * median else mean))
 
 
-def noise_from_smoothness(frequency: Float, response: ComplexArray) -> Float:
+def noise_from_smoothness(frequency: Float, response: ComplexArray) -> float:
     """Noise level of a channel from its departure from local rational functions of frequency. In a window that slides
     along the sweep, ``y (1 + a1 d + a2 d^2) = b0 + b1 d + b2 d^2`` is fitted by linear least squares, d the distance
     from the middle: a rational function follows a resonance that a polynomial of the same width cannot. The median over
@@ -226,7 +218,7 @@ def noise_from_smoothness(frequency: Float, response: ComplexArray) -> Float:
     median = (1 - 2 / (9 * freedom)) ** 3
     sigma = float(np.sqrt(np.median(variances) / median))
     floor = NOISE_FLOOR * float(np.sqrt(np.mean(np.abs(response) ** 2)))
-    return np.full(count, max(sigma, floor))
+    return max(sigma, floor)
 
 
 def _local_variances(w: Float, y: ComplexArray, poles: int) -> Float:

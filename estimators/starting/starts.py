@@ -2,33 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, replace
 from numbers import Real
+from types import SimpleNamespace
 
+import casadi as ca
 import numpy as np
 
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
-from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
+from rotorfit.estimators.blocks.small_motion import FreeVibrations, OffCentreResponses
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.misfit.losses import LOSS_SCALE
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.starting.closed_form import (
-    ClosedForm,
-    ClosedFormError,
-    closed_form,
-    closed_forms,
-)
+from rotorfit.estimators.starting.closed_form import ClosedForm, ClosedFormError, closed_form, closed_forms
 from rotorfit.estimators.starting.many_starts import FEW_STARTS, best_beside, best_of_many
 from rotorfit.estimators.starting.modal_start import modal_start
-from rotorfit.estimators.starting.nonlinear_starts import (
-    are_linear_responses,
-    explicit_with_sense,
-    frozen,
-    linear_starts,
-)
 from rotorfit.estimators.starting.shaft_line_starts import has_lines, line_start, round_part, support_starts
 from rotorfit.estimators.starting.start_points import (
     CLOSED_FORM,
@@ -43,12 +35,14 @@ from rotorfit.estimators.starting.start_points import (
     random_starts,
     short_fits,
 )
-from rotorfit.models import Modal
+from rotorfit.models import Constant, Law, Modal
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
 
 _PASSES = (2, 4, 8, 16, 32)  # of the closed form; more than two only where these end far from the optimum
 _EXPLICIT_MISFIT = 4.0  # mean squared misfit that noise in measured eccentricities may leave
+_LINEAR_ECCENTRICITY = 0.3  # eccentricity up to which the linear rotor is taken to hold for a start
+_STIFFNESS_SHARES = (1.0, 0.4, 1.6)  # of K0 in the sum with springs beside it, which a linear test cannot tell
 _SHORT = Options(max_iterations=40, tolerance=1e-3, acceptable=1e-3)
 """Costs a millionth above their minimum rank starts; the fit that follows finds the last digits."""
 
@@ -59,10 +53,15 @@ def find_start(problem: Problem, given: Mapping[str, float]) -> Start:
     for name in given:
         if name not in space.names and name not in space.base:
             raise KeyError(unknown_name("fitted parameter", name, space.names))
-    _check_given(space, given)
-    values = np.array(
-        [given.get(n, given.get(b, np.nan)) for n, b in zip(space.names, space.base, strict=True)], dtype=float
-    )
+    values = np.full(len(space.names), np.nan)
+    for i, (name, base) in enumerate(zip(space.names, space.base, strict=True)):
+        value = given.get(name, given.get(base))
+        if value is None:
+            continue
+        low, high = float(space.lower[i]), float(space.upper[i])
+        if not (isinstance(value, Real) and low <= float(value) <= high and np.isfinite(value)):
+            raise ValueError(f"start {name} = {value!r} is not a finite number within its bounds [{low:g}, {high:g}]")
+        values[i] = value
     if not np.isnan(values).any():
         return Start(x=full_vector(problem, values), kind=GIVEN)
     found, datum = _guess_with_datum(problem)
@@ -116,21 +115,19 @@ def _turned(problem: Problem, datum: float) -> Problem:
     return replace(problem, blocks=tuple(blocks))
 
 
-def _check_given(space: ParameterSpace, given: Mapping[str, float]) -> None:
-    limits = zip(space.lower.tolist(), space.upper.tolist(), strict=True)
-    for name, base, (low, high) in zip(space.names, space.base, limits, strict=False):  # nuisance entries follow
-        value = given.get(name, given.get(base))
-        if value is not None and not (isinstance(value, Real) and low <= float(value) <= high and np.isfinite(value)):
-            raise ValueError(f"start {name} = {value!r} is not a finite number within its bounds [{low:g}, {high:g}]")
-
-
 def _guess(problem: Problem) -> Start:
     if has_lines(problem):
         return Start(x=line_start(problem), kind=SPECTRAL_LINES)
     as_if_round = round_part(problem)
-    if as_if_round is not None:
-        return _from_round(problem, _guess(as_if_round))
-    return _linear_guess(problem) if are_linear_responses(problem) else _nonlinear_guess(problem)
+    if as_if_round is None:
+        return _linear_guess(problem) if are_linear_responses(problem) else _nonlinear_guess(problem)
+    found = _guess(as_if_round)
+    whole = np.concatenate([found.x, np.zeros(len(problem.space.names) - found.x.size)])
+    starts = support_starts(problem, whole)
+    if len(starts) == 1:
+        return replace(found, x=whole)
+    ends = short_fits(problem, np.array([full_vector(problem, start) for start in starts]))
+    return replace(found, x=ends.best[: whole.size], kind=SHORT_FIT)
 
 
 def _linear_guess(problem: Problem) -> Start:
@@ -171,44 +168,32 @@ def _remaining(problem: Problem, values: Float) -> tuple[float, float]:
     return cost, length if length >= 0 else np.inf
 
 
-def _from_round(problem: Problem, found: Start) -> Start:
-    """Start of a rotor with a turning element from that of the round one."""
-    whole = np.concatenate([found.x, np.zeros(len(problem.space.names) - found.x.size)])
-    starts = support_starts(problem, whole)
-    if len(starts) == 1:
-        return replace(found, x=whole)
-    ends = short_fits(problem, np.array([full_vector(problem, start) for start in starts]))
-    return replace(found, x=ends.best[: whole.size], kind=SHORT_FIT)
-
-
 def _nonlinear_guess(problem: Problem) -> Start:
     """Closed form at small eccentricity, then a fit with the measured eccentricities taken as given. Measured
     eccentricities carry noise, so that what they give is checked, and improved, against the orbits that the rotor
     itself would run on."""
-    explicit = frozen(problem)
+    blocks = (b.frozen() if isinstance(b, OrbitResponses) else b for b in problem.blocks)
+    explicit = replace(problem, blocks=tuple(blocks))  # without branches and jumps
     size = len(problem.space.names)
-    starts = [full_vector(problem, x) for x in linear_starts(problem, _PASSES)]
+    starts = [full_vector(problem, x) for x in linear_starts(problem)]
     found: Solution | None = None
     if starts:
         ends = short_fits(explicit, np.array(starts))
-        found = _short_fit(problem, _inside_full(problem, ends.best))
+        found = _short_fit(problem, full_vector(problem, ends.best[:size]))
         if found.status not in (Status.CONVERGED, Status.SINGULAR):
             # Data that leave a combination open: Ipopt follows a flat valley to its end, damped steps creep along it.
             along = min((_short_fit(explicit, start) for start in starts), key=lambda fit: fit.cost)
-            other = _short_fit(problem, _inside_full(problem, along.x))
+            other = _short_fit(problem, full_vector(problem, along.x[:size]))
             found = min(found, other, key=lambda fit: (not fit.success, fit.cost))
         if found.cost < noise_limit(problem):
             return Start(x=found.x[:size], kind=SHORT_FIT)
     random = full_vector(problem, _explicit_multistart(explicit_with_sense(explicit)))
-    if found is not None and found.cost <= _cost(problem, random):
+    cost = _cost(problem, random)
+    if found is not None and found.cost <= cost:
         return Start(x=found.x[:size], kind=SHORT_FIT)
-    explained = 2 * _cost(problem, random) < _EXPLICIT_MISFIT * problem.n_data
+    explained = 2 * cost < _EXPLICIT_MISFIT * problem.n_data
     note = f"no closed form explains these data; the best of {FEW_STARTS} random starts was taken"
     return Start(x=random[:size], kind=RANDOM, notes=() if explained else (note,))
-
-
-def _inside_full(problem: Problem, x: Float) -> Float:
-    return full_vector(problem, x[: len(problem.space.names)])
 
 
 def _cost(problem: Problem, values: Float) -> float:
@@ -218,16 +203,15 @@ def _cost(problem: Problem, values: Float) -> float:
 
 def _explicit_multistart(problem: Problem) -> Float:
     """The same for explicit observations, many at once; the first that the data hardly contradict will do."""
-    starts = np.array(list(random_starts(problem, FEW_STARTS)))
-    best, least = starts[0], np.inf
+    best, least = np.zeros(0), np.inf
     at_once = 8  # random starts fitted together
-    for group in np.split(starts, range(at_once, len(starts), at_once)):
+    for group in np.split(np.array(list(random_starts(problem, FEW_STARTS))), range(at_once, FEW_STARTS, at_once)):
         ends = short_fits(problem, group)
-        if ends.cost.min() < least:
+        if not best.size or ends.cost.min() < least:
             best, least = ends.best, float(ends.cost.min())
         if 2 * least < _EXPLICIT_MISFIT * problem.n_data:
             break
-    return np.asarray(best[: len(problem.space.names)])
+    return best[: len(problem.space.names)]
 
 
 def _short_fit(problem: Problem, start: Float) -> Solution:
@@ -254,3 +238,79 @@ def without_outliers(problem: Problem) -> tuple[Block, ...]:
         pairs = zip(problem.blocks, problem.by_block(widening), strict=True)
         blocks = tuple(block.with_noise(part) for block, part in pairs)
     return blocks
+
+
+def are_linear_responses(problem: Problem) -> bool:
+    """True if all observations are responses of a linear rotor."""
+    return all(isinstance(block, Responses) for block in problem.blocks)
+
+
+def explicit_with_sense(problem: Problem) -> Problem:
+    """The problem with velocity ratios kept positive where only free vibrations were seen: these tell no sense."""
+    if not all(isinstance(block, FreeVibrations) for block in problem.blocks):
+        return problem
+    space = problem.space
+    forward = np.isin([*space.base, *space.nuisance], ("lam", "lam_D", "lam_M")) & (space.upper > 0)
+    return replace(problem, space=replace(space, lower=np.where(forward, np.maximum(space.lower, 0.0), space.lower)))
+
+
+def linear_starts(problem: Problem) -> list[Float]:
+    """Starts from closed forms at small eccentricity, with the law at its own start values; empty without any."""
+    space = problem.space
+    law: Law = getattr(space.model, "law", Constant())
+    typical = {q.name: q.scale for q in space.model.parameters}
+    begin = law.start(typical.get("K0", 1.0), typical.get("D", 1.0))
+    _check_start(law, begin, typical)
+    reduced = space.holding({entry: begin[base] for entry, base in enumerate(space.base) if base in begin})
+    try:
+        candidates = list(dict.fromkeys(closed_forms(reduced, _small_orbits(problem.blocks), passes=_PASSES)))
+    except ClosedFormError:
+        return []
+    return [x for found in candidates for x in _with_law(space, reduced, found.x, law)]
+
+
+def _check_start(law: Law, begin: Mapping[str, float], typical: Mapping[str, float]) -> None:
+    """Refuse a law that is no number where a fit begins, as one that divides by a parameter which starts at zero."""
+    values = {name: ca.SX(value) for name, value in {**typical, **begin}.items()}
+    found = law.at_speed(SimpleNamespace(**values), ca.SX(_LINEAR_ECCENTRICITY), ca.SX(100.0))
+    if not all(np.isfinite(float(ca.evalf(ca.SX(part)))) for part in found):
+        said = ", ".join(f"{name} = {value:g}" for name, value in begin.items())
+        raise ValueError(
+            f"law {law.name} gives no finite K0, D and lam where a fit begins, at {said} and eccentricity "
+            f"{_LINEAR_ECCENTRICITY:g}: give its parameters a scale, or the law a start(), at which it does"
+        )
+
+
+def _small_orbits(blocks: tuple[Block, ...]) -> tuple[Block, ...]:
+    """Responses at small eccentricity, or, where there are too few, those of the smaller half."""
+    chosen: list[Block] = []
+    for block in blocks:
+        if isinstance(block, Responses):
+            chosen.append(block)
+        if isinstance(block, OrbitResponses):
+            eps = np.where(np.isfinite(block.eccentricity), block.eccentricity, 0.0)
+            limit = max(_LINEAR_ECCENTRICITY, float(np.median(eps)))
+            chosen.append(block.lines(eps <= limit).base)
+        if isinstance(block, OffCentreResponses):
+            # Readings of each probe as of circular orbits: what is anisotropic cancels between x and y.
+            turned = np.where(block.vertical, 1j * block.measured, block.measured)
+            turned = np.where(block.frequency[block.line] < 0, np.where(block.vertical, -turned, turned).conj(), turned)
+            columns = {f.name: getattr(block, f.name) for f in fields(Responses) if hasattr(block, f.name)}
+            chosen.append(Responses(**{**columns, "measured": turned}))
+    return tuple(chosen)
+
+
+def _with_law(space: ParameterSpace, reduced: ParameterSpace, x: Float, law: Law) -> Iterator[Float]:
+    """Full starts from one of the linear rotor, for several shares of K0 in what stands beside it."""
+    linear = dict(zip(reduced.names, x, strict=True))
+    bases = dict(zip(reduced.base, x, strict=True))
+    scales = {q.name: q.scale for q in space.model.parameters}
+    size = [abs(bases[name]) if name in bases else scales.get(name, 1.0) for name in ("K0", "D")]
+    begin = law.start(*size)
+    for share in _STIFFNESS_SHARES if begin and "K0" in bases else _STIFFNESS_SHARES[:1]:
+        yield np.array(
+            [
+                linear[name] * (share if base == "K0" else 1.0) if name in linear else begin[base]
+                for name, base in zip(space.names, space.base, strict=True)
+            ]
+        )

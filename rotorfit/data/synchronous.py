@@ -108,7 +108,7 @@ def at_speeds(test: PerturbationTest, speeds: Float) -> PerturbationTest:
             sigma = _at(speeds, whole.speed, whole.sigma).real
             for k in np.flatnonzero(np.isnan(sigma)).tolist() if len(whole) >= around else ():
                 near = np.argsort(np.abs(whole.speed - speeds[k]), kind="stable")[:around]
-                sigma[k] = noise_from_smoothness(whole.speed[near], whole.response[near])[0]
+                sigma[k] = noise_from_smoothness(whole.speed[near], whole.response[near])
             parts.append(
                 replace(
                     whole.select(np.zeros(speeds.size, dtype=int)),

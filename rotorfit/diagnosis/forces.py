@@ -9,6 +9,7 @@ alone, at most frequencies, was driven by a force that turns.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -140,7 +141,7 @@ def _explains(orbits: Orbits, at: Index, modes: int) -> bool | None:
     if not BACKWARD_SHARES[0] * (along + against) < against < BACKWARD_SHARES[1] * (along + against):
         return False
     ahead, behind, force = _halves(orbits, at)
-    noise = np.hypot(*(noise_from_smoothness(w, part) for part in (orbits.x(at), orbits.y(at)))) / 2
+    noise = math.hypot(*(noise_from_smoothness(w, part) for part in (orbits.x(at), orbits.y(at)))) / 2
     some = enough(w.size)
     size = np.tile((2 * noise / np.abs(force))[some], 2)
     # along y both halves are multiplied by j, which leaves a rational function one

@@ -82,7 +82,7 @@ def _static_noise(test: StaticTest, label: Index) -> Float:
         if spread is None:
             order = rows[np.argsort(np.abs(test.load[rows]), kind="stable")]
             try:
-                spread = float(noise_from_smoothness(np.abs(test.load[order]), test.displacement[order])[0])
+                spread = noise_from_smoothness(np.abs(test.load[order]), test.displacement[order])
             except ValueError as reason:
                 raise ValueError(f"{test.source or 'static test'}, run {test.run[rows[0]]}: {reason}") from reason
         sigma[rows] = np.where(np.isnan(sigma[rows]), spread, sigma[rows])
