@@ -28,21 +28,23 @@ def best_ratio(
     weight = 1 / sigma
     for _ in range(12):
         columns = np.hstack([response[:, None] * powers[:, :free], -numerators, *([-1j * numerators] * real)])
-        unknown, known = np.asarray(columns * weight[:, None]), np.asarray(-response * powers[:, free] * weight)
-        if real:
-            unknown, known = np.concatenate([unknown.real, unknown.imag]), np.concatenate([known.real, known.imag])
-        lower = _least_squares(unknown, known)[:free]
+        known = np.asarray(-response * powers[:, free] * weight)
+        lower = least_squares(columns * weight[:, None], known, real=real)[:free]
         denominator = np.append(lower, 1.0)
         over = powers @ denominator
         basis = np.asarray(numerators / (over * sigma)[:, None])
-        numerator = _least_squares(basis, target)
+        numerator = least_squares(basis, target)
         miss = basis @ numerator - target
         found.append((denominator, numerator, 0.5 * float(np.vdot(miss, miss).real)))
         weight = 1 / (sigma * np.abs(over))
     return min(found, key=lambda ratio: ratio[2])
 
 
-def _least_squares(columns: NDArray[Any], target: NDArray[Any]) -> ComplexArray:
+def least_squares(columns: NDArray[Any], target: NDArray[Any], *, real: bool = False) -> NDArray[Any]:
+    """Unknowns ``(p,)`` of linear equations ``(R, p)``, columns brought to one length; ``real`` ones of complex
+    equations."""
+    if real:
+        columns, target = np.concatenate([columns.real, columns.imag]), np.concatenate([target.real, target.imag])
     size = np.linalg.norm(columns, axis=0)
     size = np.where(size > 0, size, 1.0)
     return np.asarray(np.linalg.lstsq(columns / size, target, rcond=None)[0] / size)

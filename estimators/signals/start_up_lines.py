@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra, local_response
+from rotorfit.estimators.signals.ratios import least_squares
 from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.models.digits import significant
 
@@ -64,24 +65,18 @@ class RoughShaft:
 
 def start_up_lines(run: StartUp) -> dict[int, LocalResponse]:
     """Lines 1x and 2x of one response at steady speeds, m, by order, at frequencies of order times speed."""
-    image = np.exp(2j * run.angle) * run.motion.conj()
-    rough = _rough_shaft(run, image)
+    rough = _rough_shaft(run)
     for _ in range(2):  # steps of Gauss and Newton from there
         rough = _refined(rough, run)
-    rest = run.motion - _passage(rough, run)
+    way = _Passage(rough, run)
+    rest = run.motion - way.motion(rough.eps * way.unbalance + rough.side, _MOTION_TOLERANCE)[way.lead :]
     lines = {}
     for order in (1, 2):
         found = _local(run, np.array([rest, run.motion]), order)  # bands as narrow as the motion itself needs
         steady = rough.steady(order, found.frequency / order)
         scale = found.frequency**2 if order == 1 else np.ones(found.frequency.size)
-        lines[order] = LocalResponse(
-            frequency=found.frequency,
-            response=found.response[:1, :1] * scale + steady,
-            sigma=found.sigma[:1, :1] * scale,
-            noise=found.noise,
-            width=found.width,
-            residual=found.residual,
-        )
+        response, sigma = found.response[:1, :1] * scale + steady, found.sigma[:1, :1] * scale
+        lines[order] = replace(found, response=response, sigma=sigma, covariance=found.covariance[:0, :0, :0])
     return lines
 
 
@@ -99,22 +94,18 @@ def _local(run: StartUp, outputs: ComplexArray, order: int) -> LocalResponse:
         return np.asarray(np.fft.fft(signal)[..., : frequency.size] / run.rate)
 
     both = [order, 3 - order]
-    return local_response(
-        [
-            RecordSpectra(
-                frequency=frequency,
-                outputs=spectrum(outputs),
-                forces=np.array([spectrum(drives[n]) for n in both]),
-                others=spectrum(np.exp(3j * run.angle))[None],
-            )
-        ],
-        order * low,
-        order * high,
+    record = RecordSpectra(
+        frequency=frequency,
+        outputs=spectrum(outputs),
+        forces=np.array([spectrum(drives[n]) for n in both]),
+        others=spectrum(np.exp(3j * run.angle))[None],
     )
+    return local_response([record], order * low, order * high)
 
 
-def _rough_shaft(run: StartUp, image: ComplexArray) -> RoughShaft:
+def _rough_shaft(run: StartUp) -> RoughShaft:
     """The shaft whose equation of motion the local fits of motion and image obey."""
+    image = np.exp(2j * run.angle) * run.motion.conj()
     once, twice = (_local(run, np.array([run.motion, image]), order) for order in (1, 2))
     square = once.frequency**2
     own, partner = np.concatenate([once.response[0] * square, twice.response[0]], axis=1)
@@ -134,13 +125,9 @@ def shaft_of_lines(
     smooth = {(1, n): first * w**n + 0j for n in powers or (2,)} | {(2, n): ~first * w**n + 0j for n in powers or (0,)}
     complexes = [partner, *smooth.values()]
     columns = np.array([own, 1j * w * own, *(f * column for column in complexes for f in (1.0, 1j))])
-    size = np.linalg.norm(columns, axis=1)
-    size[size == 0] = 1.0
     weight = 1 / (sigma * w**2)
     for _ in range(6):  # rounds of reweighting of the equation errors
-        matrix, target = (columns / size[:, None] * weight).T, own * w**2 * weight
-        stacked = np.concatenate([matrix.real, matrix.imag])
-        x = np.linalg.lstsq(stacked, np.concatenate([target.real, target.imag]), rcond=None)[0] / size
+        x = least_squares((columns * weight).T, own * w**2 * weight, real=True)
         k, d, delta = float(x[0]), float(x[1]), complex(x[2], x[3])
         weight = 1 / (sigma * np.hypot(np.abs(k + 1j * w * d - w**2), abs(delta)))
     if not (k > 0 and d > 0):
@@ -189,12 +176,6 @@ class _Passage:
         raise ValueError("the shaft that the motion gives runs away between its critical speeds; stay below them")
 
 
-def _passage(shaft: RoughShaft, run: StartUp) -> ComplexArray:
-    """Motion of a shaft in the start-up."""
-    way = _Passage(shaft, run)
-    return way.motion(shaft.eps * way.unbalance + shaft.side, _MOTION_TOLERANCE)[way.lead :]
-
-
 def _refined(shaft: RoughShaft, run: StartUp) -> RoughShaft:
     """One step of Gauss and Newton on the motion itself; run-out and mean position are fitted beside the shaft."""
     way = _Passage(shaft, run)
@@ -206,11 +187,7 @@ def _refined(shaft: RoughShaft, run: StartUp) -> RoughShaft:
     tolerance = 1e-4  # change of the slopes over their size: they only lead to the next step
     slopes = way.motion(forces, tolerance)[:, way.lead :]
     other = np.array([np.exp(1j * n * run.angle) for n in (0, 1, 2)])
-    matrix = np.concatenate([slopes, other, 1j * other]).T
-    size = np.linalg.norm(matrix, axis=0)
-    stacked = np.concatenate([matrix.real, matrix.imag]) / size
-    rest = run.motion - z[way.lead :]
-    x = np.linalg.lstsq(stacked, np.concatenate([rest.real, rest.imag]), rcond=None)[0] / size
+    x = least_squares(np.concatenate([slopes, other, 1j * other]).T, run.motion - z[way.lead :], real=True)
     return RoughShaft(
         k=shaft.k + float(x[0]),
         d=shaft.d + float(x[1]),

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.misfit.ratios import LogRatioProblem, Ratios, ratios_of
+from rotorfit.estimators.signals.ratios import least_squares
 from rotorfit.estimators.signals.start_up_lines import shaft_of_lines
 from rotorfit.estimators.starting.start_points import full_vector
 from rotorfit.models import Turning, TurningOnSupports
@@ -98,7 +98,7 @@ def line_start(problem: Problem) -> Float:
     known = np.asarray((space.index < 0).all(axis=0)).tolist()
     template = dict(zip(model.parameter_names, space.template[0].tolist(), strict=True))
     fixed = {name: template[name] for name, is_known in zip(model.parameter_names, known, strict=True) if is_known}
-    readings = _Readings([block for block in problem.blocks if isinstance(block, LineResponses)])
+    readings = _readings(problem)
     for step in (_round_part, _image, _steady, _torsion):
         values |= step(readings, values | fixed)
         values |= fixed
@@ -151,32 +151,22 @@ def _held_step(objective: LogRatioProblem, y: Float) -> tuple[float, Float]:
     return float(cost + along @ way / 2), end
 
 
-class _Readings:
-    """Readings of all blocks by kind of line: frequency, speed, force, response, sigma."""
+_Columns = tuple[Float, Float, ComplexArray, ComplexArray, Float]
+"""Frequency, speed, force, response and sigma of readings."""
+_Readings = dict[tuple[str, Order], _Columns]
+"""Those of each kind of line."""
 
-    def __init__(self, blocks: list[LineResponses]) -> None:
-        self.kinds: dict[tuple[str, Order], list[NDArray[np.complex128]]] = {}
-        for block in blocks:
+
+def _readings(problem: Problem) -> _Readings:
+    """Readings of all blocks by kind of line."""
+    kinds: dict[tuple[str, Order], list[ComplexArray]] = {}
+    for block in problem.blocks:
+        if isinstance(block, LineResponses):
+            parts = (block.frequency, block.speed, block.force, block.measured, block.sigma)
             for direction, order, rows in block.kinds:
-                parts = (block.frequency, block.speed, block.force, block.measured, block.sigma)
-                table = np.array([np.asarray(part[rows], dtype=complex) for part in parts])
-                self.kinds.setdefault((direction, order), []).append(table)
-
-    def of(self, direction: str, order: Order) -> tuple[Float, Float, ComplexArray, ComplexArray, Float] | None:
-        """Columns of a kind of line, None where it was not measured."""
-        if (direction, order) not in self.kinds:
-            return None
-        w, speed, force, response, sigma = np.concatenate(self.kinds[direction, order], axis=1)
-        return w.real, speed.real, force, response, sigma.real
-
-
-def _solve(columns: ComplexArray, right: ComplexArray, weight: Float) -> Float:
-    """Real least squares on complex equations, columns of shape ``(p, R)``."""
-    matrix, target = (columns * weight).T, right * weight
-    stacked = np.concatenate([matrix.real, matrix.imag])
-    size = np.linalg.norm(stacked, axis=0)
-    size[size == 0] = 1.0
-    return np.asarray(np.linalg.lstsq(stacked / size, np.concatenate([target.real, target.imag]), rcond=None)[0] / size)
+                kinds.setdefault((direction, order), []).append(np.array([part[rows] for part in parts], dtype=complex))
+    tables = {kind: np.concatenate(own, axis=1) for kind, own in kinds.items()}
+    return {kind: (w.real, Om.real, force, z, sigma.real) for kind, (w, Om, force, z, sigma) in tables.items()}
 
 
 def _kappa(values: dict[str, float], w: Float) -> ComplexArray:
@@ -189,21 +179,22 @@ def _delta(values: dict[str, float]) -> complex:
 
 def _round_part(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
     """K, D and M of ``kappa(w) A = F``, the image's share in it left out."""
-    found = readings.of("z", (1, 0))
+    found = readings.get(("z", (1, 0)))
     if found is None or found[0].size < 2:
         return {}
     w, _, force, response, sigma = found
     weight = 1 / sigma
     K = D = M = 0.0
     for _ in range(_REWEIGHTINGS):
-        K, D, M = _solve(np.array([response, 1j * w * response, -(w**2) * response]), force, weight).tolist()
+        columns = np.array([response, 1j * w * response, -(w**2) * response]) * weight
+        K, D, M = least_squares(columns.T, force * weight, real=True).tolist()
         weight = 1 / (sigma * np.abs(K + 1j * w * D - M * w**2))
     return {"K": K, "D": D, "M": abs(M)}
 
 
 def _start_up(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
     """The shaft from 1x and 2x over many speeds, in proportion to its mass, the sag taken for constant."""
-    once, twice = readings.of("z", (0, 0)), readings.of("z", (0, 1))
+    once, twice = readings.get(("z", (0, 0))), readings.get(("z", (0, 1)))
     if once is None or twice is None or min(np.unique(once[1]).size, np.unique(twice[1]).size) < _FEWEST_SPEEDS:
         return {}
     w = np.concatenate([once[1], 2 * twice[1]])
@@ -223,45 +214,36 @@ def _start_up(readings: _Readings, values: dict[str, float]) -> dict[str, float]
 
 def _image(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
     """``kappa(2 Om - w) B + delta conj(A) = 0``."""
-    found = readings.of("z", (-1, 0))
+    found = readings.get(("z", (-1, 0)))
     if found is None:
         return {}
     w, speed, force, response, sigma = found
-    share = -(force / _kappa(values, w)).conj() / _kappa(values, 2 * speed - w)
-    c, s = _solve(np.array([share, 1j * share]), response, 1 / sigma).tolist()
+    share = -(force / _kappa(values, w)).conj() / _kappa(values, 2 * speed - w) / sigma
+    c, s = least_squares(np.array([share, 1j * share]).T, response / sigma, real=True).tolist()
     return {"dK_cos": c, "dK_sin": s}
 
 
 def _steady(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
-    """Parameters from 1x and 2x: over a start-up the whole shaft, at a few speeds eccentricity and side load."""
+    """Parameters from 1x and 2x: over a start-up the whole shaft; at a few speeds the eccentricity, ``kappa(Om) U +
+    delta conj(U) = M eps Om^2``, and the side load, ``P = K S + delta conj(S2)``, of the sag itself, or of that in
+    ``kappa(2 Om) S2 + delta conj(S) = 0``."""
     found = _start_up(readings, values)
     if found:
         return found
-    found = _unbalance(readings, values)
-    return found | _side_load(readings, values | found)
-
-
-def _unbalance(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
-    """``kappa(Om) U + delta conj(U) = M eps Om^2``."""
-    found = readings.of("z", (0, 0))
-    if found is None:
-        return {}
-    _, speed, _, U, _ = found
-    eps = np.mean((_kappa(values, speed) * U + _delta(values) * U.conj()) / (values["M"] * speed**2))
-    return {"ec": float(eps.real), "es": float(eps.imag)}
-
-
-def _side_load(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
-    """The sag itself, or ``kappa(2 Om) S2 + delta conj(S) = 0``; ``P = K S + delta conj(S2)``."""
-    sag, twice, delta = readings.of("z", (0, -1)), readings.of("z", (0, 1)), _delta(values)
+    once, sag, twice = (readings.get(("z", (0, n))) for n in (0, -1, 1))
+    delta = _delta(values)
+    if once is not None:
+        _, speed, _, U, _ = once
+        eps = np.mean((_kappa(values, speed) * U + delta * U.conj()) / (values["M"] * speed**2))
+        found = {"ec": float(eps.real), "es": float(eps.imag)}
     if sag is not None:
         load = values["K"] * np.mean(sag[3])
     elif twice is not None and delta:
         S = (-_kappa(values, 2 * twice[1]) * twice[3] / delta).conj()
         load = np.mean(values["K"] * S + delta * twice[3].conj())
     else:
-        return {}
-    return {"Px": float(load.real), "Py": float(load.imag)}
+        return found
+    return found | {"Px": float(load.real), "Py": float(load.imag)}
 
 
 def _torsion(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
@@ -271,7 +253,7 @@ def _torsion(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
     delta = _delta(values)
     shapes: list[tuple[Float, ComplexArray, Float, ComplexArray, int]] = []
     for place, order in enumerate([(1, 0), (1, -1), (2, 0)]):
-        found = readings.of("twist", order)
+        found = readings.get(("twist", order))
         if found is None or (place and not delta):
             continue
         w, speed, force, response, sigma = found
@@ -289,7 +271,8 @@ def _torsion(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
     weight = 1 / (sigma * np.abs(nu) ** 2)
     square, damping, *factors = (0.0, 0.0)
     for _ in range(_REWEIGHTINGS):
-        square, damping, *factors = _solve(np.array(columns), nu**2 * response, weight).tolist()
+        equations = (np.array(columns) * weight).T
+        square, damping, *factors = least_squares(equations, nu**2 * response * weight, real=True).tolist()
         weight = 1 / (sigma * np.abs(square - nu**2 + 1j * nu * damping))
     pairs = {shape[4]: complex(*factors[2 * i : 2 * i + 2]) for i, shape in enumerate(shapes)}
     return _of_twist(values, max(square, 1.0), abs(damping), pairs)
