@@ -3,18 +3,15 @@
 if __name__ != "rotorfit.models":  # a second copy under another name would have classes of its own
     raise ImportError(f"import this package as rotorfit.models, not as {__name__}")
 
-from rotorfit.models.anisotropic import Anisotropic
-from rotorfit.models.chain import Chain
 from rotorfit.models.fluid import FluidForce, fluid_force
 from rotorfit.models.known_structure import KnownStructure
 from rotorfit.models.laws import LAWS, Collapse, Constant, EvenPolynomial, Law, LinearInSpeed, MonotoneSpline, Muszynska
+from rotorfit.models.lumped import Anisotropic, Chain, OneMode, Overhung, TwoDisk, WhirlWhip
 from rotorfit.models.modal import Modal
 from rotorfit.models.model import Coordinate, RotorModel
 from rotorfit.models.motion.stability import Threshold, eigenvalues, threshold_speed
 from rotorfit.models.motion.whirl import WhirlBranch, whirl_branch
-from rotorfit.models.one_mode import OneMode
 from rotorfit.models.orthotropic import Orthotropic
-from rotorfit.models.overhung import Overhung
 from rotorfit.models.parameters import Parameter
 from rotorfit.models.shafts.anisotropic_shaft import AnisotropicShaft
 from rotorfit.models.shafts.chain_match import ChainFromModes, chain_from_modes, chain_modes
@@ -23,8 +20,6 @@ from rotorfit.models.shafts.shaft import ROSS_4, ROSS_6
 from rotorfit.models.shafts.turning import Turning, TurningFrame, unstable_bands
 from rotorfit.models.shafts.turning_on_supports import TurningOnSupports
 from rotorfit.models.structure import BLOCKS
-from rotorfit.models.two_disk import TwoDisk
-from rotorfit.models.whirl_whip import WhirlWhip
 
 MODELS: dict[str, type[RotorModel]] = {
     model.name: model for model in (OneMode, WhirlWhip, Anisotropic, TwoDisk, Overhung, Chain, Modal, AnisotropicShaft)

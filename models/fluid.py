@@ -57,13 +57,8 @@ def fluid_parameters(two_lam: bool) -> tuple[Parameter, ...]:
     )
 
 
-def _velocity_ratios(p: Any, two_lam: bool) -> tuple[Any, Any]:
-    """The pair (lam_D, lam_M) of a parameter namespace."""
-    return (p.lam_D, p.lam_M) if two_lam else (p.lam, p.lam)
-
-
 def fluid_at(law: Law, p: Any, two_lam: bool, speed: Any, eccentricity: Any) -> FluidForce:
     """Fluid force of eq. (13) with the coefficients that a law gives; one factor for both ratios."""
     fluid = law.at_speed(p, eccentricity, speed)
-    lam_D, lam_M = _velocity_ratios(p, two_lam)
+    lam_D, lam_M = (p.lam_D, p.lam_M) if two_lam else (p.lam, p.lam)
     return fluid_force(fluid.K0, fluid.D, p.Mf, lam_D * fluid.ratio, lam_M * fluid.ratio, speed)

@@ -250,12 +250,7 @@ class KnownStructure(RotorModel):
 
         taken_out = {
             name: (given,) if isinstance(given, str) else tuple(given)
-            for name, given in (
-                ("fluid", fluid),
-                ("supports", supports),
-                ("magnetic", magnetic),
-                ("damping", damping),
-            )
+            for name, given in (("fluid", fluid), ("supports", supports), ("magnetic", magnetic), ("damping", damping))
         }
         made = structure_options(rotor, planes=planes, taken_out=taken_out, speed=speed, dofs=dofs)
         if not isinstance(rotor, str | PathLike):

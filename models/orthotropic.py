@@ -50,12 +50,7 @@ class Orthotropic(RotorModel):
         self.base = base
         self._check()
         self.planes = base.planes
-        self.at = ((at,) if isinstance(at, str) else tuple(at)) or base.planes[-1:]
-        for plane in self.at:
-            if plane not in base.planes:
-                raise ValueError(unknown_name(f"plane of {base.name}", plane, base.planes))
-        if len(set(self.at)) < len(self.at):
-            raise ValueError(f"at names a plane twice: {', '.join(self.at)}")
+        self.at = support_planes(at, base)
         self.caveats, self.caveats_without_tilts = base.caveats, base.caveats_without_tilts
         self.in_band_only = base.in_band_only
         own = support_parameters(self.at)
@@ -63,11 +58,7 @@ class Orthotropic(RotorModel):
         if taken:
             raise ValueError(f"{base.name} has parameters of its own called {', '.join(sorted(taken))}")
         self.parameters = (*base.parameters, *own)
-        if base.shaft is not None:
-            size = base.motion(np.ones(len(base.parameters)), 0.0).shape[-1]
-            self.shaft = ShaftApart(
-                at=np.concatenate([base.shaft.at, base.shaft.at + size]), has_mass=base.shaft.has_mass
-            )
+        self.shaft = shaft_apart(base)
 
     def _check(self) -> None:
         base = self.base
@@ -118,7 +109,9 @@ class Orthotropic(RotorModel):
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """See :meth:`RotorModel.equation`."""
         given = self.base.equation(p, speed, 0.0)
-        powers = [_apart(m if isinstance(m, Complex) else Complex.matrix(m)) for m in given]
+        powers = []  # the real matrices for x and y of the complex ones for z = x + jy
+        for matrix in (m if isinstance(m, Complex) else Complex.matrix(m) for m in given):
+            powers.append(Complex(ca.vertcat(ca.horzcat(matrix.re, -matrix.im), ca.horzcat(matrix.im, matrix.re))))
         while len(powers) < 2:
             powers.append(powers[0] * 0.0)
         count = len(self.planes)
@@ -189,9 +182,23 @@ def _numbers_apart(ahead: ComplexArray, behind: ComplexArray) -> ComplexArray:
     return np.concatenate([top, np.concatenate([odd, even], axis=-1)], axis=-2)
 
 
-def _apart(matrix: Complex) -> Complex:
-    """The real matrix for x and y of a complex one for z = x + jy."""
-    return Complex(ca.vertcat(ca.horzcat(matrix.re, -matrix.im), ca.horzcat(matrix.im, matrix.re)))
+def shaft_apart(base: RotorModel) -> ShaftApart | None:
+    """The structure of a rotor, if it has one, with x and y, or coordinates and their images, apart."""
+    if base.shaft is None:
+        return None
+    size = base.motion(np.ones(len(base.parameters)), 0.0).shape[-1]
+    return ShaftApart(at=np.concatenate([base.shaft.at, base.shaft.at + size]), has_mass=base.shaft.has_mass)
+
+
+def support_planes(at: str | Sequence[str], base: RotorModel) -> tuple[str, ...]:
+    """Planes of a rotor on supports that differ in two directions, by default its last one."""
+    chosen = ((at,) if isinstance(at, str) else tuple(at)) or base.planes[-1:]
+    for plane in chosen:
+        if plane not in base.planes:
+            raise ValueError(unknown_name(f"plane of {base.name}", plane, base.planes))
+    if len(set(chosen)) < len(chosen):
+        raise ValueError(f"at names a plane twice: {', '.join(chosen)}")
+    return chosen
 
 
 def support_symbol(kind: str, support: int, at: Sequence[str]) -> str:

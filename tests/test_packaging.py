@@ -120,7 +120,7 @@ def test_sdist_holds_the_sources_once(built: Path) -> None:
     with tarfile.open(sdist) as archive:
         names = [name.partition("/")[2] for name in archive.getnames()]
     modules = [name for name in names if name.endswith("whirl_whip.py")]
-    assert modules == ["models/whirl_whip.py"]
+    assert modules == ["models/lumped.py"]
     assert len(names) == len(set(names))
     assert not [name for name in names if name.startswith("tests/")]  # without what they need they would not run
     for package in PYPROJECT["tool"]["setuptools"]["packages"]:

@@ -129,10 +129,7 @@ def batch_fit(
 
 
 def _descend(
-    problem: Problem,
-    measured: ComplexArray,
-    x: Float,
-    evaluate: Callable[[Float, Index], tuple[Float, Float]],
+    problem: Problem, measured: ComplexArray, x: Float, evaluate: Callable[[Float, Index], tuple[Float, Float]]
 ) -> tuple[_State, Bool]:
     space, count = problem.space, x.shape[0]
     middle = x.mean(axis=0)

@@ -86,12 +86,7 @@ class Minimisation:
     """State of one minimisation: the objective in scaled variables, the best point, the progress."""
 
     def __init__(
-        self,
-        objective: Objective,
-        start: Vector,
-        bounds: tuple[Vector, Vector],
-        scale: Vector,
-        options: Options,
+        self, objective: Objective, start: Vector, bounds: tuple[Vector, Vector], scale: Vector, options: Options
     ) -> None:
         self.objective = objective
         self.options = options

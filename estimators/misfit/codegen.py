@@ -60,9 +60,7 @@ def _times(a: tuple[ca.SX, ca.SX], b: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX
     return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
 
 
-def _adjugate(
-    kappa: list[list[tuple[ca.SX, ca.SX]]],
-) -> tuple[list[list[tuple[ca.SX, ca.SX]]], tuple[ca.SX, ca.SX]]:
+def _adjugate(kappa: list[list[tuple[ca.SX, ca.SX]]]) -> tuple[list[list[tuple[ca.SX, ca.SX]]], tuple[ca.SX, ca.SX]]:
     if len(kappa) == 1:
         return [[(ca.SX(1), ca.SX(0))]], kappa[0][0]
     (a, b), (c, d) = kappa

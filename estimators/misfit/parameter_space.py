@@ -173,10 +173,7 @@ def parameter_space(
 
 
 def _check_known(
-    model: RotorModel,
-    fixed: Mapping[str, Any],
-    bounds: Mapping[str, tuple[float, float]],
-    per: Mapping[str, str],
+    model: RotorModel, fixed: Mapping[str, Any], bounds: Mapping[str, tuple[float, float]], per: Mapping[str, str]
 ) -> None:
     for name, given in fixed.items():
         parameter = model.parameter(bare_name(name))

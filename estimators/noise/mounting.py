@@ -97,9 +97,7 @@ def _restricted(y: ComplexArray, X: ComplexArray, within: Float) -> float:
 
     decades = 12.0  # range searched about the mean square of the residuals: six digits of standard deviations
     found = minimize_scalar(
-        lambda u: minus_twice(scale * 10**u),
-        bounds=(-decades / 2, decades / 2),
-        options={"xatol": 1e-6},
+        lambda u: minus_twice(scale * 10**u), bounds=(-decades / 2, decades / 2), options={"xatol": 1e-6}
     )
     between = float(scale * 10 ** float(found.x))
     if within.all() and minus_twice(0.0) <= float(found.fun):

@@ -82,10 +82,7 @@ def start_up_lines(run: StartUp) -> dict[int, LocalResponse]:
 
 def _local(run: StartUp, outputs: ComplexArray, order: int) -> LocalResponse:
     """Responses to ``(theta'^2 - j theta'') exp(j theta)`` for 1x and to ``exp(2j theta)`` for 2x, its drive first."""
-    drives = {
-        1: (run.speed**2 - 1j * run.acceleration) * np.exp(1j * run.angle),
-        2: np.exp(2j * run.angle),
-    }
+    drives = {1: (run.speed**2 - 1j * run.acceleration) * np.exp(1j * run.angle), 2: np.exp(2j * run.angle)}
     low, high = float(run.speed.min()), float(run.speed.max())
     step = 2 * np.pi * run.rate / run.angle.size
     frequency = np.asarray(step * np.arange(min(int(2.04 * high / step) + 2, run.angle.size // 2)), dtype=float)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.model import RotorModel
 from rotorfit.models.motion.stability import Threshold, eigenvalue_gradient, mode_vectors, seats
+
+Entries = tuple[tuple[int, int, float], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,7 +22,7 @@ class LeftOut:
     name: str  # symbol and planes
     meaning: str  # in words
     unit: str  # SI unit of its size
-    entries: tuple[tuple[int, int, float], ...]  # row, column and factor of each nonzero of E
+    entries: Entries  # row, column and factor of each nonzero of E
     power: int  # k
     constant: complex = 0.0  # a, b and c; b is complex, as for gyroscopic terms
     by_speed: complex = 0.0
@@ -51,97 +54,54 @@ def terms_left_out(model: RotorModel) -> tuple[LeftOut, ...]:
             both = ((i, i, 1.0),) if i == j else ((i, j, 1.0), (j, i, 1.0))
             where = f"[{first}]" if i == j else f"[{first}, {planes[j]}]"
             if i != j and "coupling_mass" not in blocks:
-                found.append(_term("m", where, "coupling mass", "kg", both, 2))
+                found.append(_term("m" + where, "coupling mass", "kg", both, 2))
             if i != j and "coupling_damping" not in blocks:
-                found.append(_term("c", where, "coupling damping", "N s/m", both, 1))
+                found.append(_term("c" + where, "coupling damping", "N s/m", both, 1))
             if i != j and "internal_damping" not in blocks:
-                twist = ((i, i, 1.0), (j, j, 1.0), (i, j, -1.0), (j, i, -1.0))
-                internal = _term("ci", where, "internal damping of the shaft", "N s/m", twist, 1)
-                found.append(_with(internal, more=((0, 0.0, -1j),)))
+                found.append(_internal(where, ((i, i, 1.0), (j, j, 1.0), (i, j, -1.0), (j, i, -1.0))))
             if "gyroscopic" not in blocks:
-                found.append(_term("g", where, "gyroscopic effect", "kg", both, 1, by_speed=-1j))
+                found.append(_term("g" + where, "gyroscopic effect", "kg", both, 1, constant=0.0, by_speed=-1j))
             if len(planes) > 1:
                 found += [_beyond(expansion, blocks, where, both) for expansion in _BEYOND]
     if len(planes) == 1 and "Ds" in model.parameter_names:
-        internal = _term("ci", f"[{planes[0]}]", "internal damping of the shaft", "N s/m", ((0, 0, 1.0),), 1)
-        found.append(_with(internal, more=((0, 0.0, -1j),)))
+        found.append(_internal(f"[{planes[0]}]", ((0, 0, 1.0),)))
     for i in externally_undamped(model):
         meaning = "external damping beside the fluid's, counted in D and lam"
-        found.append(_term("Ds", f"[{planes[i]}]", meaning, "N s/m", ((i, i, 1.0),), 1))
+        found.append(_term(f"Ds[{planes[i]}]", meaning, "N s/m", ((i, i, 1.0),), 1))
     return tuple(found)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Expansion:
-    """Terms of an expansion in the square of the frequency."""
-
-    symbol: str  # of its terms; those after the first have their power in the symbol
-    meaning: str
-    blocks: tuple[str, ...]  # structural blocks that hold its first terms, in order
-    power: int  # of the first
-    units: tuple[str, ...]  # of the first and the next ones
-    speed: int = 0  # power of the rotative speed
-
-
-_BEYOND = (
-    _Expansion(
-        symbol="h", meaning="gyroscopic effect", blocks=("gyroscopic_out_of_band",), power=3,
-        units=("kg s^2", "kg s^4"), speed=1,
-    ),
-    _Expansion(
-        symbol="e", meaning="gyroscopic effect squared", blocks=("gyroscopic_squared",), power=2,
-        units=("kg s^2", "kg s^4"), speed=2,
-    ),
-    _Expansion(
-        symbol="d", meaning="damping that changes with frequency", blocks=("damping_out_of_band",), power=3,
-        units=("kg s", "kg s^3"),
-    ),
-    _Expansion(
-        symbol="q", meaning="modes above the band", blocks=("out_of_band", "next_out_of_band"), power=4,
-        units=("kg s^2", "kg s^4", "kg s^6"),
-    ),
-)  # fmt: skip
-
-
-def _beyond(
-    expansion: _Expansion, blocks: Sequence[str], where: str, entries: tuple[tuple[int, int, float], ...]
-) -> LeftOut:
-    """The first term of an expansion that a model lacks."""
-    order = next((k for k, block in enumerate(expansion.blocks) if block not in blocks), len(expansion.blocks))
-    power = expansion.power + 2 * order
-    name = f"{expansion.symbol}{power}" if order else expansion.symbol
-    meaning = f"{expansion.meaning}, w^{power}{' Om^2' if expansion.speed == 2 else ''}"
-    turning = 1j * (-1) ** order if expansion.speed == 1 else 0.0
-    squared = 1.0 if expansion.speed == 2 else 0.0
-    return _term(
-        name, where, meaning, expansion.units[order], entries, power, by_speed=turning, by_speed_squared=squared
-    )
-
-
 def _term(
-    symbol: str,
-    where: str,
-    meaning: str,
-    unit: str,
-    entries: tuple[tuple[int, int, float], ...],
-    power: int,
-    by_speed: complex = 0.0,
-    by_speed_squared: float = 0.0,
+    name: str, meaning: str, unit: str, entries: Entries, power: int, constant: complex = 1.0, **factors: Any
 ) -> LeftOut:
-    return LeftOut(
-        name=symbol + where,
-        meaning=meaning,
-        unit=unit,
-        entries=entries,
-        power=power,
-        constant=0.0 if by_speed or by_speed_squared else 1.0,
-        by_speed=by_speed,
-        by_speed_squared=by_speed_squared,
-    )
+    return LeftOut(name=name, meaning=meaning, unit=unit, entries=entries, power=power, constant=constant, **factors)
 
 
-def _with(term: LeftOut, *, more: tuple[tuple[int, complex, complex], ...]) -> LeftOut:
-    return LeftOut(**{**term.__dict__, "more": more})
+def _internal(where: str, entries: Entries) -> LeftOut:
+    return _term("ci" + where, "internal damping of the shaft", "N s/m", entries, 1, more=((0, 0.0, -1j),))
+
+
+_Expansion = tuple[str, str, tuple[str, ...], int, tuple[str, ...], int]
+_BEYOND: tuple[_Expansion, ...] = (
+    ("h", "gyroscopic effect", ("gyroscopic_out_of_band",), 3, ("kg s^2", "kg s^4"), 1),
+    ("e", "gyroscopic effect squared", ("gyroscopic_squared",), 2, ("kg s^2", "kg s^4"), 2),
+    ("d", "damping that changes with frequency", ("damping_out_of_band",), 3, ("kg s", "kg s^3"), 0),
+    ("q", "modes above the band", ("out_of_band", "next_out_of_band"), 4, ("kg s^2", "kg s^4", "kg s^6"), 0),
+)
+"""Expansions in the square of the frequency: symbol (those after the first have their power in it), meaning, structural
+blocks that hold the first terms in order, power of the first, units, and power of the rotative speed."""
+
+
+def _beyond(expansion: _Expansion, blocks: Sequence[str], where: str, entries: Entries) -> LeftOut:
+    """The first term of an expansion that a model lacks."""
+    symbol, meaning, held, first, units, speed = expansion
+    order = next((k for k, block in enumerate(held) if block not in blocks), len(held))
+    power = first + 2 * order
+    name = f"{symbol}{power if order else ''}{where}"
+    meaning = f"{meaning}, w^{power}{' Om^2' if speed == 2 else ''}"
+    turning, squared = 1j * (-1) ** order * (speed == 1), float(speed == 2)
+    constant = float(speed == 0)
+    return _term(name, meaning, units[order], entries, power, constant, by_speed=turning, by_speed_squared=squared)
 
 
 def fluid_coordinates(model: RotorModel) -> list[int]:

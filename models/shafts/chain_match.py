@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import Float
-from rotorfit.models.chain import MOST_MASSES, Chain
 from rotorfit.models.digits import significant
+from rotorfit.models.lumped import MOST_MASSES, Chain
 from rotorfit.models.text_table import text_table
 
 _Masses: TypeAlias = tuple[Float, Float, Float]  # masses, springs, psi
@@ -80,11 +80,7 @@ class ChainFromModes:
 
 
 def chain_from_modes(
-    frequencies: ArrayLike,
-    shapes: ArrayLike,
-    *,
-    modal_masses: ArrayLike | None = None,
-    total_mass: float | None = None,
+    frequencies: ArrayLike, shapes: ArrayLike, *, modal_masses: ArrayLike | None = None, total_mass: float | None = None
 ) -> ChainFromModes:
     """Chain of n masses and n + 1 springs with n given natural frequencies (eqs 24 to 26).
 

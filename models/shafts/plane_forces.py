@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.models.anisotropic import Anisotropic
 from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.models.fluid import fluid_parameters
 from rotorfit.models.known_structure import KnownStructure
+from rotorfit.models.lumped import Anisotropic
 from rotorfit.models.model import RotorModel
 from rotorfit.models.orthotropic import Orthotropic
 from rotorfit.models.parameters import unknown_name

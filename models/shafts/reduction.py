@@ -197,11 +197,7 @@ def _corners(s: ComplexArray, speed: Float, limits: Float) -> tuple[ComplexArray
     low, high = limits
     corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, low.size)
     factors = np.concatenate([corners, np.sqrt(low * high)[None]])
-    return (
-        np.tile(s, len(factors)),
-        np.tile(speed, len(factors)),
-        np.repeat(factors, s.size, axis=0),
-    )
+    return (np.tile(s, len(factors)), np.tile(speed, len(factors)), np.repeat(factors, s.size, axis=0))
 
 
 def _spread(s: ComplexArray, speed: Float) -> Index:

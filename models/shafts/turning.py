@@ -18,9 +18,10 @@ from numpy.typing import ArrayLike
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.complexes import Complex, J, Number
 from rotorfit.models.model import CoefficientJacobian, Coordinate, Matrix, RotorModel
+from rotorfit.models.orthotropic import shaft_apart
 from rotorfit.models.parameters import Parameter, unknown_name
 from rotorfit.models.shafts.angular_rates import angular_rate
-from rotorfit.models.shafts.shaft import KnownStiffness, ShaftApart
+from rotorfit.models.shafts.shaft import KnownStiffness
 
 IMAGE = "*"
 """Suffix of a plane's name in the name of its image's coordinate."""
@@ -194,10 +195,7 @@ class Turning(RotorModel):
         self.planes, self.clearance = base.planes, base.clearance
         self.caveats, self.caveats_without_tilts = base.caveats, base.caveats_without_tilts
         self.in_band_only = base.in_band_only
-        if base.shaft is not None:
-            size = base.motion(np.ones(len(base.parameters)), 0.0).shape[-1]
-            at = np.concatenate([base.shaft.at, base.shaft.at + size])
-            self.shaft = ShaftApart(at=at, has_mass=base.shaft.has_mass)
+        self.shaft = shaft_apart(base)
         self.parameters = (
             *base.parameters,
             Parameter("dK_cos", "N/m", f"turning anisotropy, dK cos 2g, at {' to '.join(ends)}", scale=1e3),

@@ -18,8 +18,7 @@ import casadi as ca
 
 from rotorfit.models.complexes import Complex, J, Number
 from rotorfit.models.model import Coordinate, Matrix
-from rotorfit.models.orthotropic import support_parameters, support_symbol
-from rotorfit.models.parameters import unknown_name
+from rotorfit.models.orthotropic import support_parameters, support_planes, support_symbol
 from rotorfit.models.shafts.turning import IMAGE, Turning, TurningFrame, shifted
 
 Line = tuple[int, bool]
@@ -67,12 +66,7 @@ class TurningOnSupports(Turning):
         self.rotor, self.terms, self.line_count = base, terms, 2 + 2 * terms
         if self.shaft is not None:
             raise ValueError(f"{base.base.name} has a known structure; on supports of two directions use Orthotropic")
-        self.at = ((at,) if isinstance(at, str) else tuple(at)) or base.planes[-1:]
-        for plane in self.at:
-            if plane not in base.planes:
-                raise ValueError(unknown_name(f"plane of {base.base.name}", plane, base.planes))
-        if len(set(self.at)) < len(self.at):
-            raise ValueError(f"at names a plane twice: {', '.join(self.at)}")
+        self.at = support_planes(at, base.base)
         self.parameters = (*base.parameters, *support_parameters(self.at))
 
     def options(self) -> dict[str, Any]:
