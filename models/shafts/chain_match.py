@@ -1,4 +1,11 @@
-"""The chain of masses and springs whose deflection lines come closest to given mode shapes (eqs 24 to 26)."""
+"""The chain of masses and springs whose deflection lines come closest to given mode shapes (eqs 24 to 26).
+
+Mode v of a chain in mass-scaled coordinates ``y_i = sqrt(M_i) z_i`` is row v of psi, and ``T = psi^T diag(w^2) psi`` is
+tridiagonal: the Lanczos relation, so psi follows from its first column, a direction on the unit sphere. T fixes the
+chain up to two numbers. Springs to ground at the ends alone mean that ``T d``, ``d_i = sqrt(M_i)``, vanishes at all
+inner masses, so ``d = inv(T) (a, 0, ..., 0, b)``; a : b shares the ground stiffness between the ends, and their size
+sets the total mass. T is an M-matrix: every a, b >= 0 gives positive masses and springs.
+"""
 
 from __future__ import annotations
 
@@ -285,10 +292,13 @@ def chain_modes(M: ArrayLike, K: ArrayLike) -> tuple[Float, Float]:
 
 
 def bidiagonal(frequencies: Float, weights: Float) -> Float:
-    """Upper bidiagonal B with ``psi^T diag(w^2) psi = B^T B`` for a given first column of psi. The modes are added in
-    descending order of frequency. Between two, the matrix ``L L^T``, ``L = B^T``, of those there, with w^2 counted from
-    the last one, is shifted by the positive gap to the next (stationary qd). The new mode then has w^2 = 0 and leaves
-    ``L^T L`` unchanged but for a row."""
+    """Upper bidiagonal B with ``psi^T diag(w^2) psi = B^T B`` for a given first column of psi. Lanczos' recursion, even
+    with full reorthogonalisation, loses what a mode has at the start below round-off, and modes of long chains are
+    often confined far from it. Here the qd algorithm adds one mode after the other without any subtraction (after D. P.
+    Laurie, J. Comput. Appl. Math. 112 (1999) 165), and the frequencies carry the round-off of w, not that of w^2. The
+    modes are added in descending order of frequency. Between two, the matrix ``L L^T``, ``L = B^T``, of those there,
+    with w^2 counted from the last one, is shifted by the positive gap to the next (stationary qd). The new mode then
+    has w^2 = 0 and leaves ``L^T L`` unchanged but for a row."""
     w, mass = frequencies.tolist(), weights.tolist()
     q, e = [0.0], [0.0]
     total = mass[-1]

@@ -62,29 +62,30 @@ class Terms:
         found = [self._condense(s[piece], speed[piece], scales[piece]) for piece in pieces]
         return np.concatenate([f[0] for f in found]), np.concatenate([f[1] for f in found], axis=1)
 
+    def kappa(self, weights: ComplexArray) -> ComplexArray:
+        """Dynamic stiffness of all coordinates by the numbers of each line, shape ``(L, N, N)``."""
+        return np.asarray((weights @ self.matrices.reshape(len(self.matrices), -1)).reshape(-1, self.size, self.size))
+
+    def following(self, kappa: ComplexArray) -> ComplexArray:
+        """Motion of all coordinates by that of the coordinates seen, the others free of force, shape ``(L, N, n)``."""
+        n = self.n
+        moved = np.zeros((len(kappa), self.size, n), dtype=complex)
+        moved[:, :n] = np.eye(n)
+        moved[:, n:] = -np.linalg.solve(kappa[:, n:, n:], kappa[:, n:, :n])
+        return moved
+
     def _condense(self, s: ComplexArray, speed: Float, scales: Float) -> tuple[ComplexArray, ComplexArray]:
-        size, n = self.size, self.n
-        flat = self.matrices.reshape(len(self.matrices), -1)
         weights = self.weights(s, speed, scales)
-        kappa = (weights @ flat).reshape(s.size, size, size)
-        inner = kappa[:, n:, n:]
-        right = np.zeros((s.size, size, n), dtype=complex)
-        right[:, :n] = np.eye(n)
-        right[:, n:] = -np.linalg.solve(inner, kappa[:, n:, :n])
-        values = kappa[:, :n] @ right
-        count = scales.shape[1]
-        slopes = np.empty((count, s.size, n, n), dtype=complex)
-        if count:
-            left = np.zeros((s.size, n, size), dtype=complex)
-            left[:, :, :n] = np.eye(n)
-            left[:, :, n:] = -np.swapaxes(
-                np.linalg.solve(np.swapaxes(inner, 1, 2), np.swapaxes(kappa[:, :n, n:], 1, 2)), 1, 2
-            )
-            for number in range(count):
-                own = slice(4 + 4 * number, 8 + 4 * number)
-                change = (weights[:, :4] @ flat[own]).reshape(s.size, size, size)
-                slopes[number] = left @ change @ right
-        return values, slopes
+        kappa = self.kappa(weights)
+        right = self.following(kappa)
+        slopes = np.empty((scales.shape[1], s.size, self.n, self.n), dtype=complex)
+        if len(slopes):
+            left = np.swapaxes(self.following(np.swapaxes(kappa, 1, 2)), 1, 2)
+            flat = self.matrices.reshape(len(self.matrices), -1)
+            for number in range(len(slopes)):
+                change = weights[:, :4] @ flat[4 + 4 * number : 8 + 4 * number]
+                slopes[number] = left @ change.reshape(kappa.shape) @ right
+        return kappa[:, : self.n] @ right, slopes
 
 
 class Reduction:
@@ -98,7 +99,9 @@ class Reduction:
         self._unit = np.linalg.cholesky(K + np.abs(s).max() ** 2 * M)
         self._basis = np.zeros((len(K), 0), dtype=complex)
         points = _corners(s, speed, limits)
-        some = _spread(s, speed)
+        order = np.lexsort((speed, s.imag))
+        most = 48  # lines among which the worst is looked for, over the whole range of frequencies
+        some = np.unique(order[np.linspace(0, order.size - 1, min(most, order.size)).astype(int)])
         training = _corners(s[some], speed[some], limits)
         self._add(training, np.array([0, some.size // 2]))
         last = np.inf
@@ -124,21 +127,17 @@ class Reduction:
     def _add(self, points: tuple[ComplexArray, Float, Float], where: Index) -> None:
         """Add exact solutions, right and left, at some points to the basis."""
         s, speed, scales = points[0][where], points[1][where], points[2][where]
-        flat = self._full.matrices.reshape(len(self._full.matrices), -1)
         n = self._full.n
-        for weights in self._full.weights(s, speed, scales):
-            kappa = (weights @ flat).reshape(self._full.matrices.shape[1:])
+        for kappa in self._full.kappa(self._full.weights(s, speed, scales)):
             right = np.linalg.solve(kappa[n:, n:], kappa[n:, :n])
             left = np.linalg.solve(kappa[n:, n:].conj().T, kappa[:n, n:].conj().T)
-            self._extend(self._unit.conj().T @ np.concatenate([right, left], axis=1))
+            directions = self._unit.conj().T @ np.concatenate([right, left], axis=1)
+            directions = directions / np.linalg.norm(directions, axis=0)
+            for _ in range(2):  # the second time against round-off
+                directions = directions - self._basis @ (self._basis.conj().T @ directions)
+            vectors, sizes, _ = np.linalg.svd(directions, full_matrices=False)
+            self._basis = np.concatenate([self._basis, vectors[:, sizes > _SMALLEST_DIRECTION]], axis=1)
         self._project()
-
-    def _extend(self, directions: ComplexArray) -> None:
-        directions = directions / np.linalg.norm(directions, axis=0)
-        for _ in range(2):  # the second time against round-off
-            directions = directions - self._basis @ (self._basis.conj().T @ directions)
-        vectors, sizes, _ = np.linalg.svd(directions, full_matrices=False)
-        self._basis = np.concatenate([self._basis, vectors[:, sizes > _SMALLEST_DIRECTION]], axis=1)
 
     def _project(self) -> None:
         """Matrices in the coordinates seen and those of the basis, and what measures the residuals."""
@@ -165,20 +164,13 @@ class Reduction:
     def _errors(self, s: ComplexArray, speed: Float, scales: Float) -> Float:
         """Estimated error of the stiffness over its largest entry, shape of ``s``."""
         weights = self._full.weights(s, speed, scales)
-        n, size = self.small.n, self.small.size
-        kappa = (weights @ self.small.matrices.reshape(len(self.small.matrices), -1)).reshape(s.size, size, size)
-        inner = kappa[:, n:, n:]
-        right, left = np.zeros((s.size, size, n), dtype=complex), np.zeros((s.size, size, n), dtype=complex)
-        right[:, :n] = left[:, :n] = np.eye(n)
-        right[:, n:] = -np.linalg.solve(inner, kappa[:, n:, :n])
-        left[:, n:] = -np.linalg.solve(_adjoint(inner), _adjoint(kappa[:, :n, n:]))
+        n, kappa = self.small.n, self.small.kappa(weights)
+        right = self.small.following(kappa)
+        left = self.small.following(np.swapaxes(kappa, 1, 2).conj())
         stiffness = np.abs(kappa[:, :n] @ right).max(axis=(1, 2))
-        smallest = np.linalg.svd(inner, compute_uv=False)[:, -1]
-        sizes = [
-            _sizes(factor, numbers, solution)
-            for factor, numbers, solution in ((self._right, weights, right), (self._left, weights.conj(), left))
-        ]
-        return np.asarray(sizes[0] * sizes[1] / smallest / stiffness)
+        smallest = np.linalg.svd(kappa[:, n:, n:], compute_uv=False)[:, -1]
+        misses = _sizes(self._right, weights, right) * _sizes(self._left, weights.conj(), left)
+        return np.asarray(misses / smallest / stiffness)
 
 
 def _sizes(factor: ComplexArray, weights: ComplexArray, solution: ComplexArray) -> Float:
@@ -188,23 +180,12 @@ def _sizes(factor: ComplexArray, weights: ComplexArray, solution: ComplexArray) 
     return np.asarray(np.linalg.norm(left, axis=(0, 2)))
 
 
-def _adjoint(matrices: ComplexArray) -> ComplexArray:
-    return np.asarray(np.swapaxes(matrices, 1, 2).conj())
-
-
 def _corners(s: ComplexArray, speed: Float, limits: Float) -> tuple[ComplexArray, Float, Float]:
     """Lines at the corners and in the middle of the limits of the factors."""
     low, high = limits
     corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, low.size)
     factors = np.concatenate([corners, np.sqrt(low * high)[None]])
-    return (np.tile(s, len(factors)), np.tile(speed, len(factors)), np.repeat(factors, s.size, axis=0))
-
-
-def _spread(s: ComplexArray, speed: Float) -> Index:
-    """Lines over the whole range of frequencies, ends included."""
-    order = np.lexsort((speed, s.imag))
-    most = 48  # lines among which the worst is looked for
-    return np.unique(order[np.linspace(0, order.size - 1, min(most, order.size)).astype(int)])
+    return np.tile(s, len(factors)), np.tile(speed, len(factors)), np.repeat(factors, s.size, axis=0)
 
 
 def _peaks(error: Float) -> Index:

@@ -58,37 +58,30 @@ def complex_matrices(matrices: Mapping[str, ArrayLike], dofs: Sequence[str]) -> 
     lateral = set(names) - {"axial", "torsion"}
     if len(set(names)) != len(names) or lateral not in ({"z"}, {"z", "r"}, {"x", "y"}, set(ROSS_4)):
         raise ValueError(f"dofs must hold z, perhaps with r, or x and y, perhaps with alpha and beta; got {names}")
-    real = "x" in names
-    given = {kind: _square(kind, value) for kind, value in matrices.items()}
+    given = {kind: np.asarray(value) for kind, value in matrices.items()}
+    for kind, matrix in given.items():
+        if kind not in MATRICES:
+            raise ValueError(unknown_name("matrix", kind, MATRICES))
+        largest = 1e100  # whose products stay finite
+        if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not (np.abs(matrix) < largest).all():
+            raise ValueError(f"{kind} must be a square matrix of finite numbers, got shape {matrix.shape}")
     size = len(next(iter(given.values())))
     if size % len(names) or any(len(matrix) != size for matrix in given.values()):
         sizes = ", ".join(f"{kind} {len(matrix)}" for kind, matrix in given.items())
         raise ValueError(f"matrices must be of one size, a multiple of the {len(names)} dofs of a node; got {sizes}")
     nodes = size // len(names)
-    convert = _from_real if real else _from_complex
-    zero = np.zeros((size, size))
-    parts = {kind: convert(kind, given.get(kind, zero), names, nodes) for kind in MATRICES}
+    whole = {kind: given.get(kind, np.zeros((size, size))) for kind in MATRICES}
+    if "x" in names:
+        parts = {kind: _from_real(kind, matrix, names, nodes) for kind, matrix in whole.items()}
+    else:
+        order = [names.index(name) for name in ("z", "r") if name in names]
+        keep = (np.arange(nodes)[:, None] * len(names) + order).ravel()
+        parts = {kind: matrix[np.ix_(keep, keep)].astype(complex) for kind, matrix in whole.items()}
+        parts["G"] = parts["G"] * np.complex128(-1j)
     slopes = "r" in names or "beta" in names
     place = np.full((nodes, 2), -1, dtype=np.intp)
     place[:, : 1 + slopes] = np.arange(nodes * (1 + slopes)).reshape(nodes, -1)
     return StructureMatrices(**parts), place
-
-
-def _square(kind: str, value: ArrayLike) -> NDArray[Any]:
-    if kind not in MATRICES:
-        raise ValueError(unknown_name("matrix", kind, MATRICES))
-    matrix = np.asarray(value)
-    largest = 1e100  # whose products stay finite
-    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not (np.abs(matrix) < largest).all():
-        raise ValueError(f"{kind} must be a square matrix of finite numbers, got shape {matrix.shape}")
-    return matrix
-
-
-def _from_complex(kind: str, matrix: NDArray[Any], names: tuple[str, ...], nodes: int) -> ComplexArray:
-    order = [names.index(name) for name in ("z", "r") if name in names]
-    keep = (np.arange(nodes)[:, None] * len(names) + order).ravel()
-    chosen: ComplexArray = matrix[np.ix_(keep, keep)].astype(complex)
-    return chosen * np.complex128(-1j) if kind == "G" else chosen
 
 
 def _from_real(kind: str, matrix: NDArray[Any], names: tuple[str, ...], nodes: int) -> ComplexArray:
@@ -101,9 +94,7 @@ def _from_real(kind: str, matrix: NDArray[Any], names: tuple[str, ...], nodes: i
     sign = np.tile([1.0, -1.0][: len(second)], nodes)
     others = np.setdiff1d(np.arange(len(matrix)), np.concatenate([u, v]))
     lateral = np.concatenate([u, v])
-    across = np.abs(matrix[np.ix_(lateral, others)]).max(initial=0) + np.abs(matrix[np.ix_(others, lateral)]).max(
-        initial=0
-    )
+    across = sum(np.abs(matrix[np.ix_(*way)]).max(initial=0) for way in ((lateral, others), (others, lateral)))
     if across > _ISOTROPY_TOLERANCE * np.abs(matrix).max(initial=0):
         raise ValueError(f"{kind} couples lateral motion with axial or torsional motion, which this model leaves out")
     uu, uv = matrix[np.ix_(u, u)], matrix[np.ix_(u, v)] * sign
@@ -217,14 +208,12 @@ class Shaft:
         ranges, place = np.unique(np.round(np.log(scales) / _LOG_SCALE_RANGE).astype(int), axis=0, return_inverse=True)
         for number, steps in enumerate(ranges):
             lines = np.flatnonzero(place.reshape(-1) == number)
-            terms = self._reduced(s[lines], speed[lines], steps) if lines.size >= _MANY_LINES else self.terms
+            terms = self.terms
+            if lines.size >= _MANY_LINES:  # reduced for these lines, unless that would not be exact
+                found = self._reductions.of(self._reduction, s[lines], speed[lines], steps)
+                terms = terms if found is None or found.error > REDUCTION_TOLERANCE else found.small
             values[lines], slopes[:, lines] = terms.condense(s[lines], speed[lines], scales[lines])
         return values, slopes
-
-    def _reduced(self, s: ComplexArray, speed: Float, steps: Index) -> Terms:
-        """The structure reduced for these lines and a range of scale factors; itself where that would not be exact."""
-        found = self._reductions.of(self._reduction, s, speed, steps)
-        return self.terms if found is None or found.error > REDUCTION_TOLERANCE else found.small
 
     def _reduction(self, s: ComplexArray, speed: Float, steps: Index) -> Reduction | None:
         try:

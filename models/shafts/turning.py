@@ -252,11 +252,15 @@ class Turning(RotorModel):
             return self.turning.coefficients(theta, speed)
         given = self.base.motion(self._round(theta), speed)
         Om = np.asarray(speed, dtype=float)[..., None, None]
-        ahead, behind = (
-            np.stack(_shifted_numbers(np.moveaxis(part, -3, 0), shift), axis=-3)
-            for part, shift in ((given, 1j * Om), (given.conj(), -1j * Om))
-        )
-        total = beside([ahead, behind])
+        sides = []
+        for part, shift in ((given, 1j * Om), (given.conj(), -1j * Om)):  # sum C_k (s + shift)^k by powers of s
+            powers = np.moveaxis(part, -3, 0)
+            low_to_high = [
+                np.asarray(sum(comb(k, low) * shift ** (k - low) * powers[k] for k in range(low, len(powers))))
+                for low in range(len(powers))
+            ]
+            sides.append(np.stack(low_to_high, axis=-3))
+        total = beside(sides)
         own = self.turning.coefficients(theta, speed)
         n = len(self.coordinates)
         first, second = self.shaft.at[:n], self.shaft.at[n:]
@@ -298,11 +302,3 @@ class Turning(RotorModel):
         columns_of = [np.concatenate(column) for column in zip(*parts, strict=True)]
         names = ("inputs", "powers", "rows", "columns", "values")
         return CoefficientJacobian(**dict(zip(names, columns_of, strict=True)))
-
-
-def _shifted_numbers(powers: ComplexArray, shift: ComplexArray) -> list[ComplexArray]:
-    """Coefficients of ``sum C_k (s + shift)^k`` by powers of s, the powers first."""
-    return [
-        np.asarray(sum(comb(k, low) * shift ** (k - low) * powers[k] for k in range(low, len(powers))))
-        for low in range(len(powers))
-    ]

@@ -138,7 +138,8 @@ class LinesFrame(TurningFrame):
         nothing = delta * 0.0
         rows: list[list[list[Complex]]] = [[[nothing] * len(self.lines) for _ in self.lines] for _ in powers]
         for i, (k, image) in enumerate(self.lines):
-            shift = J * (_turns(k, image) * speed) * (-1.0 if image else 1.0)
+            turns = 2 * k - 1 if image else 2 * k + 1  # multiple of Om beyond +-(w - Om)
+            shift = J * (turns * speed) * (-1.0 if image else 1.0)
             own = [m.conj() for m in powers] if image else powers
             for power, matrix in enumerate(shifted(own, shift)):
                 rows[power][i][i] = matrix
@@ -158,11 +159,6 @@ def chain(terms: int) -> tuple[Line, ...]:
     left = [(-(i // 2), True) if i % 2 == 0 else ((i + 1) // 2, False) for i in range(terms)]
     right = [(-(i // 2) - 1, False) if i % 2 == 0 else ((i + 1) // 2 + 1, True) for i in range(terms)]
     return ((0, False), (1, True), *(line for pair in zip(left, right, strict=True) for line in pair))
-
-
-def _turns(k: int, image: bool) -> int:
-    """Multiple of Om that a line has beyond +-(w - Om): w + 2k Om, -w + 2k Om."""
-    return 2 * k - 1 if image else 2 * k + 1
 
 
 def _suffix(line: Line) -> str:
