@@ -58,19 +58,10 @@ _UNARY = {
 }
 
 
-def _python_source(function: ca.Function) -> str:
-    """Write the scalar instructions of a CasADi SX function as Python source. The source defines ``kernel(v0, v1, ...,
-    out)``: one argument for each scalar input (the nonzeros of all inputs in order) and ``out``, indexed by the running
-    number of the output nonzero. It holds arithmetic and NumPy ufuncs only, so that it runs on arrays and compiles
-    under numba on scalars alike."""
-    n_inputs = sum(function.nnz_in(i) for i in range(function.n_in()))
-    lines = statements(function, "v{}".format, "out[{}] = {}".format)
-    arguments = ", ".join([f"v{i}" for i in range(n_inputs)] + ["out"])
-    return f"def kernel({arguments}):\n    " + "\n    ".join(lines or ["pass"]) + "\n"
-
-
 def statements(function: ca.Function, read: Callable[[int], str], write: Callable[[int, str], str]) -> list[str]:
-    """Statements of :func:`_python_source`, with inputs and outputs spelled by the caller."""
+    """The scalar instructions of a CasADi SX function as Python statements, with inputs and outputs, by the running
+    numbers of their nonzeros, spelled by the caller. They are arithmetic and NumPy ufuncs only, so that they run on
+    arrays and compile under numba on scalars alike."""
     offsets_in = np.cumsum([0] + [function.nnz_in(i) for i in range(function.n_in())])
     offsets_out = np.cumsum([0] + [function.nnz_out(i) for i in range(function.n_out())])
     lines = []
@@ -95,7 +86,10 @@ def statements(function: ca.Function, read: Callable[[int], str], write: Callabl
 def array_function(function: ca.Function) -> Callable[[Sequence[Float]], Float]:
     """A CasADi SX function on arrays: inputs one by one that broadcast to ``S``, outputs ``(n_outputs, *S)``."""
     namespace: dict[str, object] = {"np": np, "inf": np.inf, "nan": np.nan}  # as constants are written
-    exec(compile(_python_source(function), f"<casadi {function.name()}>", "exec"), namespace)
+    lines = statements(function, "v{}".format, "out[{}] = {}".format) or ["pass"]
+    arguments = "".join(f"v{i}, " for i in range(sum(function.nnz_in(i) for i in range(function.n_in()))))
+    source = f"def kernel({arguments}out):\n    " + "\n    ".join(lines) + "\n"
+    exec(compile(source, f"<casadi {function.name()}>", "exec"), namespace)
     kernel = namespace["kernel"]
     size = sum(function.nnz_out(i) for i in range(function.n_out()))
 

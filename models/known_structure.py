@@ -329,7 +329,14 @@ class KnownStructure(RotorModel):
             (int(place), part.coefficients(speed))
             for place, part in zip(self._scale_places, self.shaft.parts, strict=True)
         ]
-        changes += self._control_changes(vector)
+        size = self.shaft.matrices.K.shape[0]
+        for late, (plane, (Kp, Kd, tau)) in enumerate(zip(self.magnetic, self._control.tolist(), strict=True), size):
+            now = self.shaft.at[self.planes.index(plane)]
+            change = np.zeros((3, 3, *[size + len(self.magnetic)] * 2), dtype=complex)  # by gains and the delay
+            change[0, 0, now, late] = change[1, 1, now, late] = 1.0
+            change[2, 1, late, [late, now]] = self.late_row / 2
+            change[2, 2, late, [late, now]] = np.array([1, -1]) * self.late_row * vector[tau] / 6
+            changes += list(zip((Kp, Kd, tau), change, strict=True))
         entries = [(place, change, np.nonzero(change)) for place, change in changes]
         return CoefficientJacobian(
             inputs=np.concatenate([added.inputs[own], *(np.full(w[0].size, place) for place, _, w in entries)]),
@@ -338,19 +345,6 @@ class KnownStructure(RotorModel):
             columns=np.concatenate([self.shaft.at[added.columns[own]], *(where[2] for _, _, where in entries)]),
             values=np.concatenate([added.values[own], *(change[where] for _, change, where in entries)]),
         )
-
-    def _control_changes(self, vector: Float) -> list[tuple[int, ComplexArray]]:
-        """Derivatives of :meth:`motion` by gains and delays."""
-        found = []
-        size = self.shaft.matrices.K.shape[0]
-        for late, (plane, (Kp, Kd, tau)) in enumerate(zip(self.magnetic, self._control.tolist(), strict=True), size):
-            now = self.shaft.at[self.planes.index(plane)]
-            change = np.zeros((3, 3, *[size + len(self.magnetic)] * 2), dtype=complex)
-            change[0, 0, now, late] = change[1, 1, now, late] = 1.0
-            change[2, 1, late, [late, now]] = self.late_row / 2
-            change[2, 2, late, [late, now]] = np.array([1, -1]) * self.late_row * vector[tau] / 6
-            found += list(zip((Kp, Kd, tau), change, strict=True))
-        return found
 
 
 def _named(symbol: str, plane: str, all_planes: Sequence[str]) -> str:

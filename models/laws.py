@@ -146,13 +146,15 @@ class EvenPolynomial(Law):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """See :attr:`Law.parameters`."""
-        return (
-            *(Parameter(f"K0_{k}", "N/m", f"fluid radial stiffness, factor of eps^{k}", 1e4) for k in self._powers),
-            *(Parameter(f"D_{k}", "N s/m", f"fluid radial damping, factor of eps^{k}", 500.0) for k in self._powers),
-            *(
-                Parameter(f"lam_{k}", "1", f"relative change of the velocity ratio, factor of eps^{k}")
-                for k in self._powers
-            ),
+        kinds = (
+            ("K0", "N/m", "fluid radial stiffness", 1e4),
+            ("D", "N s/m", "fluid radial damping", 500.0),
+            ("lam", "1", "relative change of the velocity ratio", 1.0),
+        )
+        return tuple(
+            Parameter(f"{name}_{k}", unit, f"{meaning}, factor of eps^{k}", scale)
+            for name, unit, meaning, scale in kinds
+            for k in self._powers
         )
 
     def at(self, p: Any, eccentricity: Any) -> Fluid:
@@ -206,19 +208,15 @@ class MonotoneSpline(Law):
     def parameters(self) -> tuple[Parameter, ...]:
         """See :attr:`Law.parameters`."""
         at = [significant(node, 3) for node in self._nodes]
-        return (
-            *(
-                Parameter(f"K0_s{i}", "N/m", f"rise of the fluid radial stiffness around eps = {at[i]}", 1e4, 0.0)
-                for i in self._spline
-            ),
-            *(
-                Parameter(f"D_s{i}", "N s/m", f"rise of the fluid radial damping around eps = {at[i]}", 500.0, 0.0)
-                for i in self._spline
-            ),
-            *(
-                Parameter(f"lam_s{i}", "1", f"relative fall of the velocity ratio around eps = {at[i]}", 0.2, 0.0)
-                for i in (0, *self._spline)
-            ),
+        kinds = (
+            ("K0", "N/m", "rise of the fluid radial stiffness", 1e4, self._spline),
+            ("D", "N s/m", "rise of the fluid radial damping", 500.0, self._spline),
+            ("lam", "1", "relative fall of the velocity ratio", 0.2, (0, *self._spline)),
+        )
+        return tuple(
+            Parameter(f"{name}_s{i}", unit, f"{meaning} around eps = {at[i]}", scale, 0.0)
+            for name, unit, meaning, scale, numbers in kinds
+            for i in numbers
         )
 
     def at(self, p: Any, eccentricity: Any) -> Fluid:

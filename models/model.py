@@ -441,7 +441,16 @@ class CompiledModel:
         self.graph = ca.Function("coefficients", [inputs], [parts])
         self._values = array_function(self.graph)
         jacobian = ca.jacobian(parts, inputs)
-        self._jacobian_pattern(jacobian.sparsity(), size)
+        # Real and imaginary nonzeros of the Jacobian are merged to complex entries (power, row, column, input).
+        row, column = (np.asarray(index, dtype=np.intp) for index in jacobian.sparsity().get_triplet())
+        power, rest = np.divmod(row, 2 * size * size)
+        imaginary, place = np.divmod(rest, size * size)
+        entries, entry = np.unique((column * len(matrices) + power) * size * size + place, return_inverse=True)
+        self._real, self._imag = np.flatnonzero(imaginary == 0), np.flatnonzero(imaginary == 1)
+        self.real_entry, self.imag_entry = entry[self._real], entry[self._imag]
+        self.inputs, rest = np.divmod(entries, len(matrices) * size * size)
+        self.powers, place = np.divmod(rest, size * size)
+        self.rows, self.columns = np.divmod(place, size)
         self.jacobian_graph = ca.Function("coefficient_jacobian", [inputs], [jacobian])
         self._jacobian = array_function(self.jacobian_graph)
         readout = ca.densify(ca.vertcat(*[part for f in factors for part in (f.re, f.im)]))
@@ -450,19 +459,6 @@ class CompiledModel:
         factor_jacobian = ca.densify(ca.jacobian(readout, theta))
         self._factor_jacobian = array_function(ca.Function("factor_jacobian", [inputs], [factor_jacobian]))
         self.has_probe_factors = bool(ca.depends_on(readout, theta))
-
-    def _jacobian_pattern(self, sparsity: ca.Sparsity, size: int) -> None:
-        """Merge the real and imaginary nonzeros of the Jacobian into complex entries (power, row, column, input)."""
-        row, column = (np.asarray(index, dtype=np.intp) for index in sparsity.get_triplet())
-        power, rest = np.divmod(row, 2 * size * size)
-        imaginary, place = np.divmod(rest, size * size)
-        key = (column * self._shape[0] + power) * size * size + place
-        entries, entry = np.unique(key, return_inverse=True)
-        self._real, self._imag = np.flatnonzero(imaginary == 0), np.flatnonzero(imaginary == 1)
-        self.real_entry, self.imag_entry = entry[self._real], entry[self._imag]
-        self.inputs, rest = np.divmod(entries, self._shape[0] * size * size)
-        self.powers, place = np.divmod(rest, size * size)
-        self.rows, self.columns = np.divmod(place, size)
 
     def _arguments(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> list[Float]:
         theta = np.asarray(theta, dtype=float)

@@ -38,18 +38,16 @@ def text_table(rows: Iterable[Sequence[str | Wide]], columns: str) -> list[str]:
             if not cell.remark:
                 before = sum(widths[at - cell.columns : at - 1])
                 widths[at - 1] = max(widths[at - 1], len(cell.text) + (specs[at - cell.columns][0] == ">") - before)
-    return [_line(row, specs, widths) for row in table]
-
-
-def _line(row: Sequence[Wide], specs: Sequence[tuple[str, int]], widths: Sequence[int]) -> str:
-    parts: list[str] = []
-    at = 0
-    for cell in row:
-        align = "<" if cell.remark else specs[at][0]
-        gap = "  " if at and align == "<" else ""
-        parts.append(f"{gap}{cell.text:{align}{sum(widths[at : at + cell.columns])}}")
-        at += cell.columns
-    return "".join(parts).rstrip()
+    lines = []
+    for row in table:
+        line, at = "", 0
+        for cell in row:
+            align = "<" if cell.remark else specs[at][0]
+            gap = "  " if at and align == "<" else ""
+            line += f"{gap}{cell.text:{align}{sum(widths[at : at + cell.columns])}}"
+            at += cell.columns
+        lines.append(line.rstrip())
+    return lines
 
 
 def text_html(text: str) -> str:

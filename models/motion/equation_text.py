@@ -101,19 +101,14 @@ def _polynomial(expression: ca.SX) -> Polynomial:  # noqa: PLR0911  one return a
 # ---- writing ---------------------------------------------------------------------------------
 
 
-def _split_symbol(name: str) -> tuple[str, str]:
-    """Letter and subscript of a name: ``lam_D`` is λ and D, ``K12`` is K and 12, ``Kxy_1`` is K and xy,1."""
+def symbol_mathml(name: str) -> str:
+    """A parameter's symbol in MathML: ``lam_D`` is λ and D, ``K12`` is K and 12, ``Kxy_1`` is K and xy,1."""
+    if not name.isidentifier():
+        return f"<mtext>{escape(name)}</mtext>"
     stem, _, index = name.partition("_")
     greek = re.fullmatch(rf"({'|'.join(sorted(_GREEK, key=len, reverse=True))})(\d*)", stem)
     letter, rest = (_GREEK[greek[1]], greek[2]) if greek else (stem[:1], stem[1:])
-    return letter, ",".join(part for part in (rest, *index.split("_")) if part)
-
-
-def symbol_mathml(name: str) -> str:
-    """A parameter's symbol in MathML."""
-    if not name.isidentifier():
-        return f"<mtext>{escape(name)}</mtext>"
-    letter, index = _split_symbol(name)
+    index = ",".join(part for part in (rest, *index.split("_")) if part)
     mi = f"<mi>{escape(letter)}</mi>"
     return mi if not index else f"<msub>{mi}<mtext>{escape(index)}</mtext></msub>"
 
@@ -125,10 +120,6 @@ def _power(base: str, exponent: int) -> str:
     return base if exponent == 1 else f"<msup>{base}<mn>{exponent}</mn></msup>"
 
 
-def _number(value: str) -> str:
-    return f"<mn>{value}</mn>"
-
-
 def to_mathml(part: Mapping[int, Polynomial], order: Sequence[str]) -> str:
     """Polynomial in the frequency as a row of MathML elements."""
     most_terms = 60  # terms beyond which an entry is not written out
@@ -138,7 +129,7 @@ def to_mathml(part: Mapping[int, Polynomial], order: Sequence[str]) -> str:
     for negative, body in _pieces(part, order):
         sign = _MINUS if negative else _PLUS if text else ""
         text += sign + body
-    return text or _number("0")
+    return text or "<mn>0</mn>"
 
 
 def _pieces(part: Mapping[int, Polynomial], order: Sequence[str]) -> Iterator[tuple[bool, str]]:
@@ -170,5 +161,5 @@ def _term(monomial: Monomial, value: float, more: Sequence[tuple[int, str]]) -> 
     factors = [_power(symbol_mathml(name), power) for name, power in names]
     factors += [_power(symbol_mathml(name), power) for power, name in more]
     if value != 1 or not factors:
-        factors.insert(0, _number(f"{value:g}"))
+        factors.insert(0, f"<mn>{value:g}</mn>")
     return _TIMES.join(factors)

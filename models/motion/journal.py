@@ -30,7 +30,9 @@ class Journal:
         self.clearance = model.clearance
         entries = [part for m in matrices for part in (m.re[self.at, self.at], m.im[self.at, self.at])]
         drive = ca.densify(ca.vertcat(*entries))
-        change = _change(drive, eccentricity)
+        centred = ca.substitute(drive, eccentricity, 0.0)  # exactly zero for what does not change
+        parts = [drive[i] - centred[i] if ca.depends_on(drive[i], eccentricity) else 0.0 for i in range(drive.numel())]
+        change = ca.densify(ca.vertcat(*parts))
         slope = ca.jacobian(drive, eccentricity)
         # F = C0(|z|/c) z has the derivative C0 + coupling (1 + exp(2 j phi) conj) by z, phi being the direction of z.
         coupling = ca.densify(slope[:2] * eccentricity / 2)
@@ -110,13 +112,6 @@ def _coordinate(model: RotorModel) -> int:
             f"{model.name}: eccentricity enters the stiffness at {len(places)} places; one diagonal entry is allowed"
         )
     return int(next(iter(places))[0])
-
-
-def _change(drive: ca.SX, eccentricity: ca.SX) -> ca.SX:
-    """Change against the centred journal; exactly zero for what does not."""
-    centred = ca.substitute(drive, eccentricity, 0.0)
-    parts = [drive[i] - centred[i] if ca.depends_on(drive[i], eccentricity) else 0.0 for i in range(drive.numel())]
-    return ca.densify(ca.vertcat(*parts))
 
 
 def _excess_graph(theta: ca.SX, speed: ca.SX, eccentricity: ca.SX, change: ca.SX) -> ca.Function:

@@ -19,9 +19,9 @@ class VibrationMode:
     # deflection of each coordinate, shape ``(n,)``, normalised to one at the coordinate that was asked for
     shape: ComplexArray
     # of the mode by itself, ``shape^T M shape`` and so on, kg, N/m, N s/m; NaN of a rotor that is not passive
-    mass: float
-    stiffness: float
-    damping: float
+    mass: float = np.nan
+    stiffness: float = np.nan
+    damping: float = np.nan
     turn: float = 1.0  # -1 of a mode in x and y that whirls backward
 
     @property
@@ -45,16 +45,7 @@ def vibration_modes(model: RotorModel, theta: Float, speed: float, *, normalised
         if np.isfinite(s) and not is_image(model, theta, speed, s):
             shape = mode_vectors(coefficients, np.asarray(s))[1][seats(model)]
             backward = model.frame == "xy" and not whirls_forward(model, theta, speed, np.array([s]))[0]
-            found.append(
-                VibrationMode(
-                    s=s,
-                    shape=shape / shape[normalised_at],
-                    mass=np.nan,
-                    stiffness=np.nan,
-                    damping=np.nan,
-                    turn=-1.0 if backward else 1.0,
-                )
-            )
+            found.append(VibrationMode(s=s, shape=shape / shape[normalised_at], turn=-1.0 if backward else 1.0))
     return found
 
 

@@ -14,13 +14,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import ComplexArray, Index
 from rotorfit.models.model import CoefficientJacobian, RotorModel
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.line_stiffness import known_structure, line_stiffness
 from rotorfit.models.motion.orbits import OrbitEquation, all_roots
 from rotorfit.models.motion.stability import SPEEDS, Threshold, first_growth, mode_vectors, seats, spectrum
 from rotorfit.models.shafts.angular_rates import angular_rate
+from rotorfit.models.shafts.turning import beside
 
 
 def static_equilibria(model: RotorModel, theta: ArrayLike, speed: float, load: ArrayLike) -> list[ComplexArray]:
@@ -62,20 +63,14 @@ def coupled_stiffness(
     n = forward.shape[0]
     total = np.zeros((2 * n, 2 * n, *forward.shape[2:]), dtype=complex)
     total[:n, :n], total[n:, n:] = forward, backward
-    if model.eccentricity_dependent:
+    if model.eccentricity_dependent:  # forward and backward motion are coupled at the journal
         seat = journal(model)
-        _couple(total, seat.coupling(theta, speed, eps), np.asarray(phi), seat.at)
+        at, other, N, turn = seat.at, seat.at + n, seat.coupling(theta, speed, eps), np.exp(2j * phi)
+        total[at, at] += N
+        total[at, other] += N * turn
+        total[other, at] += (N * turn).conj()
+        total[other, other] += N.conj()
     return np.moveaxis(total, (0, 1), (-2, -1))
-
-
-def _couple(total: ComplexArray, N: ComplexArray, attitude: Float, at: int) -> None:
-    """Add the coupling of forward and backward motion at the journal to matrices of shape ``(2n, 2n, ..., L)``."""
-    other = at + total.shape[0] // 2
-    turn = np.exp(2j * attitude)
-    total[at, at] += N
-    total[at, other] += N * turn
-    total[other, at] += (N * turn).conj()
-    total[other, other] += N.conj()
 
 
 def free_motion(model: RotorModel, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
@@ -86,8 +81,7 @@ def free_motion(model: RotorModel, theta: ArrayLike, speed: ArrayLike, eccentric
     if model.eccentricity_dependent:
         change = model.coefficients(theta, speed, eccentricity) - model.coefficients(theta, speed)
         C[..., places[:, None], places] += change
-    total = np.zeros((*C.shape[:-2], 2 * size, 2 * size), dtype=complex)
-    total[..., :size, :size], total[..., size:, size:] = C, C.conj()
+    total = beside([C, C.conj()])
     if model.eccentricity_dependent:
         seat = journal(model)
         at = int(places[seat.at])

@@ -143,9 +143,12 @@ def growth_rate(model: RotorModel, theta: ArrayLike, speed: ArrayLike, band: flo
 
 def fastest_growth(model: RotorModel, coefficients: ComplexArray, band: float = math.inf) -> Float:
     """Largest real part of the eigenvalues, as :func:`growth_rate`, with the coefficients of free motion at hand."""
-    s = spectrum(model, coefficients)
-    counted = np.isfinite(s) & (np.abs(s) <= band)
-    return np.asarray(np.where(counted, s.real, -np.inf).max(axis=-1))
+    return np.asarray(_growth(spectrum(model, coefficients), band).max(axis=-1))
+
+
+def _growth(s: ComplexArray, band: float) -> Float:
+    """Real parts of eigenvalues, minus infinity of those that do not count."""
+    return np.where(np.isfinite(s) & (np.abs(s) <= band), s.real, -np.inf)
 
 
 def stability_band(model: RotorModel, tested: float) -> float:
@@ -170,16 +173,11 @@ def decay_rate(model: RotorModel, theta: ArrayLike, speed: ArrayLike, band: floa
 
 
 def eigenvalue_gradient(
-    model: RotorModel, theta: ArrayLike, speed: ArrayLike, s: ArrayLike
+    model: RotorModel, theta: ArrayLike, speed: ArrayLike, s: ArrayLike, coefficients: ComplexArray | None = None
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Derivatives of simple eigenvalues by the speed, shape ``(...)``, and by the parameters, shape ``(..., P)``."""
-    return _gradient(model, theta, speed, np.asarray(s), model.motion(theta, speed))
-
-
-def _gradient(
-    model: RotorModel, theta: ArrayLike, speed: ArrayLike, s: ComplexArray, coefficients: ComplexArray
-) -> tuple[ComplexArray, ComplexArray]:
-    """See :func:`eigenvalue_gradient`, with the coefficients of free motion at hand."""
+    """Derivatives of simple eigenvalues by the speed, shape ``(...)``, and by the parameters, shape ``(..., P)``; the
+    coefficients of free motion are worked out where they are not at hand."""
+    coefficients, s = model.motion(theta, speed) if coefficients is None else coefficients, np.asarray(s)
     u, v, by_s = mode_vectors(coefficients, s)
     jacobian = model.motion_jacobian(theta, speed)
     entries = s[..., None] ** jacobian.powers * u[..., jacobian.rows] * v[..., jacobian.columns] * jacobian.values
@@ -195,11 +193,11 @@ def least_stable(
     """The least stable eigenvalue of many rotors, NaN where none counts, and its slopes by speed and parameters."""
     coefficients = model.motion(theta, speed)
     s = spectrum(model, coefficients)
-    growth = np.where(np.isfinite(s) & (np.abs(s) <= band), s.real, -np.inf)
+    growth = _growth(s, band)
     rows, place = np.arange(len(s)), growth.argmax(axis=-1)
     counted = np.isfinite(growth[rows, place])
     least = s[rows, place]
-    by_speed, by_theta = _gradient(model, theta, speed, np.where(counted, least, 1j), coefficients)
+    by_speed, by_theta = eigenvalue_gradient(model, theta, speed, np.where(counted, least, 1j), coefficients)
     return np.where(counted, least, np.nan), by_speed, by_theta
 
 
@@ -377,8 +375,7 @@ def threshold_speeds(model: RotorModel, theta: ArrayLike, *, band: float = math.
         root = find_root(rate, bracket, args=(bracketed.astype(float),), tolerances={"xrtol": 1e-10})
         onset[bracketed] = root.x
     s = eigenvalues(model, theta[found], onset[found])
-    growth = np.where(np.isfinite(s) & (np.abs(s) <= band), s.real, -np.inf)
-    whirl[found] = np.take_along_axis(s.imag, growth.argmax(axis=-1)[:, None], axis=-1)[:, 0]
+    whirl[found] = np.take_along_axis(s.imag, _growth(s, band).argmax(axis=-1)[:, None], axis=-1)[:, 0]
     if model.turns:
         whirl[found] += onset[found]
     return onset, whirl

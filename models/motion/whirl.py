@@ -74,11 +74,8 @@ def whirl_branch(model: RotorModel, theta: ArrayLike, *, max_speed: float | None
     scale = np.array([abs(onset.whirl_frequency), onset.speed, 1.0])
     here = _Point(model, values, np.array([onset.whirl_frequency, onset.speed, 0.0]), scale, seat.at)
     points, along, stride = [here], here.tangent(np.array([0.0, 0.0, 1.0])), 0.01
-    most, least_stride, largest_stride = (
-        2000,
-        1e-6,
-        0.02,
-    )  # points; arc lengths, in units of the onset and the clearance
+    most = 2000  # points
+    least_stride, largest_stride = 1e-6, 0.02  # arc lengths, in units of the onset and the clearance
     while len(points) < most and stride > least_stride:
         found = _corrected(here, along, stride, seat.at)
         if found is None or found.x[2] < 0:
