@@ -14,7 +14,7 @@ Several pulses a turn carry the same errors of spacing every turn: a pattern wit
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -23,7 +23,7 @@ from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 
 from rotorfit.estimators.signals.local_response import POOLED_FREEDOM
-from rotorfit.estimators.signals.pulses import NumberedPulses
+from rotorfit.estimators.signals.pulse_numbers import NumberedPulses
 from rotorfit.models.array_types import Bool, Float, Index
 
 SPLINE_DEGREE = 5
@@ -195,93 +195,65 @@ def _scatter(times: Float, speed: Float, squares: Float, left: Float) -> Float:
         cost = float(np.sum(left * np.log(variance)))
         if cost < least:
             best, least = variance, cost
-    return np.asarray(np.sqrt(best * _pooled(times, squares / best, left)))
+    groups = np.array_split(np.arange(times.size), max(times.size // POOLED_FREEDOM, 1))
+    means = np.array([(squares / best)[group].sum() / left[group].sum() for group in groups])
+    means = np.maximum(means, max(1e-4 * float(means.max()), 1e-30))
+    return np.asarray(np.sqrt(best * np.interp(times, [times[group].mean() for group in groups], means)))
 
 
 def _posed(
     times: Float, angle: Float, weight: Float, duration: float, size: int, tooth: Index
 ) -> tuple[_Problem, float]:
     """The problem on some knots and the log10 of its best penalty."""
-    posed = _Problem.build(times, angle, weight, duration, size, tooth)
+    posed = _Problem(times, angle, weight, duration, size, tooth)
+
+    def criterion(log_penalty: float) -> float:
+        return posed.solve(log_penalty).criterion
+
     grid = np.linspace(-4.0, 12.0, 17)  # the criterion has a second minimum where an uneven sweep passes for jitter
-    best = int(np.argmin([posed.criterion(log_penalty) for log_penalty in grid]))
+    best = int(np.argmin([criterion(log_penalty) for log_penalty in grid]))
     bounds = (grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)])
-    return posed, float(minimize_scalar(posed.criterion, bounds=bounds, method="bounded").x)
+    return posed, float(minimize_scalar(criterion, bounds=bounds, method="bounded").x)
 
 
-def _pooled(times: Float, squares: Float, left: Float) -> Float:
-    """Squares over what the spline has left of them, by groups of neighbouring pulses, straight lines in between."""
-    groups = np.array_split(np.arange(times.size), max(times.size // POOLED_FREEDOM, 1))
-    means = np.array([squares[group].sum() / left[group].sum() for group in groups])
-    floor = max(1e-4 * float(means.max()), 1e-30)
-    return np.asarray(np.interp(times, [float(times[group].mean()) for group in groups], np.maximum(means, floor)))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Solution:
+class _Solution(NamedTuple):
     coefficients: Float
     pattern: Float
     sigma: float  # of one pulse's angle at the median speed, rad
-    criterion: float
+    criterion: float  # minus twice the restricted log-likelihood, constants left out
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class _Problem:
     """Normal equations of the penalised spline in banded storage (upper form), pattern columns beside them."""
 
-    knots: Float
-    trend: Float  # coefficients of the quadratic taken out first: what is left is small, which keeps its digits
-    normal: Float  # (SPLINE_DEGREE + 1, m)
-    penalty: Float  # (4, m) in the last rows of the same storage
-    right: Float  # (m,)
-    squares: float
-    cross: Float  # (m, P - 1): spline with pattern
-    teeth: Float  # (P - 1, P - 1)
-    teeth_right: Float  # (P - 1,)
-    size: int  # pulses
-
-    @classmethod
-    def build(cls, times: Float, angle: Float, weight: Float, duration: float, pieces: int, tooth: Index) -> _Problem:
-        h = duration / pieces
-        knots = np.asarray(h * np.arange(-SPLINE_DEGREE, pieces + SPLINE_DEGREE + 1), dtype=float)
+    def __init__(self, times: Float, angle: Float, weight: Float, duration: float, pieces: int, tooth: Index) -> None:
         m = pieces + SPLINE_DEGREE
+        self.knots: Float = duration / pieces * np.arange(-SPLINE_DEGREE, m + 1, dtype=float)
+        # A quadratic is taken out first: what is left is small, which keeps its digits.
         quadratic = np.polynomial.Polynomial.fit(times, angle, 2, w=np.sqrt(weight))
-        trend = _blossom(quadratic, np.lib.stride_tricks.sliding_window_view(knots[1:-1], SPLINE_DEGREE))
+        self.trend = _blossom(quadratic, np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], SPLINE_DEGREE))
         y = angle - quadratic(times)
-        per_turn = int(tooth.max()) + 1
-        contrast = np.vstack(
-            [-np.eye(per_turn - 1), np.ones((1, per_turn - 1))]
-        )  # sums to zero; angle = spline - pattern
-        normal, right = np.zeros((SPLINE_DEGREE + 1, m)), np.zeros(m)
-        cross, teeth = np.zeros((m, per_turn - 1)), np.zeros((per_turn - 1, per_turn - 1))
-        teeth_right = np.zeros(per_turn - 1)
+        count = int(tooth.max())  # teeth of a turn less one: the pattern sums to zero; angle = spline - pattern
+        contrast = np.vstack([-np.eye(count), np.ones((1, count))])
+        self.normal, self.right = np.zeros((SPLINE_DEGREE + 1, m)), np.zeros(m)
+        self.cross, self.teeth, self.teeth_right = np.zeros((m, count)), np.zeros((count, count)), np.zeros(count)
         at_once = 100_000  # pulses turned into equations at once
         for begin in range(0, times.size, at_once):
             part = slice(begin, begin + at_once)
-            design = BSpline.design_matrix(times[part], knots, SPLINE_DEGREE, extrapolate=True).tocsr()
-            _add_normal(normal, design, weight[part])
+            design = BSpline.design_matrix(times[part], self.knots, SPLINE_DEGREE, extrapolate=True).tocsr()
+            _add_normal(self.normal, design, weight[part])
             indicator = contrast[tooth[part]]
             weighted = weight[part, None] * indicator
-            right += design.T @ (weight[part] * y[part])
-            cross += design.T @ weighted
-            teeth += indicator.T @ weighted
-            teeth_right += weighted.T @ y[part]
-        return cls(
-            knots=knots,
-            trend=trend,
-            normal=normal,
-            penalty=_third_differences(m),
-            right=right,
-            squares=float(weight @ y**2),
-            cross=cross,
-            teeth=teeth,
-            teeth_right=teeth_right,
-            size=times.size,
-        )
-
-    def criterion(self, log_penalty: float) -> float:
-        """Minus twice the restricted log-likelihood, constants left out."""
-        return self.solve(log_penalty).criterion
+            self.right += design.T @ (weight[part] * y[part])
+            self.cross += design.T @ weighted
+            self.teeth += indicator.T @ weighted
+            self.teeth_right += weighted.T @ y[part]
+        # D^T D of third differences, in the last four rows of the same storage.
+        self.penalty, row = np.zeros((4, m)), np.array([-1.0, 3.0, -3.0, 1.0])
+        for i in range(4):
+            for k in range(i, 4):
+                self.penalty[3 - (k - i), k : m - 3 + k] += row[i] * row[k]
+        self.squares, self.size = float(weight @ y**2), times.size
 
     def solve(self, log_penalty: float) -> _Solution:
         penalty = 10.0**log_penalty
@@ -332,16 +304,6 @@ def _add_normal(normal: Float, design: Any, weight: Float) -> None:
         for k in range(i, SPLINE_DEGREE + 1):
             product = weight * values[:, i] * values[:, k]
             normal[SPLINE_DEGREE - (k - i)] += np.bincount(first + k, product, normal.shape[1])
-
-
-def _third_differences(m: int) -> Float:
-    """``D^T D`` of third differences, upper banded storage of 4 rows."""
-    band = np.zeros((4, m))
-    row = np.array([-1.0, 3.0, -3.0, 1.0])
-    for i in range(4):
-        for k in range(i, 4):
-            band[3 - (k - i), k : m - 3 + k] += row[i] * row[k]
-    return band
 
 
 def _blossom(quadratic: np.polynomial.Polynomial, knots: Float) -> Float:

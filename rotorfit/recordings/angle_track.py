@@ -8,15 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorfit.data.findings import Finding, listed
-from rotorfit.estimators.signals.pulses import (
-    NumberedPulses,
-    PulseLevels,
-    find_edges,
-    find_levels,
-    from_index,
-    number_pulses,
-    uneven_turns,
-)
+from rotorfit.estimators.signals.pulse_numbers import NumberedPulses, from_index, number_pulses, uneven_turns
+from rotorfit.estimators.signals.pulses import PulseLevels, find_edges, find_levels
 from rotorfit.estimators.signals.shaft_angle import SmoothAngle, smooth_angle
 from rotorfit.estimators.signals.spectral_lines import steady_angle
 from rotorfit.models.array_types import Float, Index

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.estimators.signals.pulses import find_edges, find_levels, number_pulses
+from rotorfit.estimators.signals.pulse_numbers import number_pulses
+from rotorfit.estimators.signals.pulses import find_edges, find_levels
 from rotorfit.estimators.signals.spectral_lines import full_spectrum
 from rotorfit.models.array_types import Float, Index
 from rotorfit.models.parameters import unknown_name
