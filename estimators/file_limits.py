@@ -165,20 +165,14 @@ def _check_heaps(path: Path) -> None:
             at = content.find(_HEAP, 0, _SCANNED)
             while at >= 0:
                 (size,) = struct.unpack_from("<Q", content[at : at + 16].ljust(16, b"\0"), 8)
-                if not _sound_heap(content[at + 16 : min(at + size, len(content))]):
-                    raise ValueError(f"{path.name} is not a readable HDF5 file: a heap of its text is damaged")
+                piece, end = at + 16, min(at + size, len(content))
+                while piece + 16 <= end:
+                    number, _, length = struct.unpack_from("<HHxxxxQ", content, piece)
+                    step = 16 + -(-length // 8) * 8 if number else length
+                    if step < 1 or piece + step > end:
+                        raise ValueError(f"{path.name} is not a readable HDF5 file: a heap of its text is damaged")
+                    piece += step
                 at = content.find(_HEAP, at + 1, _SCANNED)
-
-
-def _sound_heap(heap: bytes) -> bool:
-    at = 0
-    while at + 16 <= len(heap):
-        number, _, length = struct.unpack_from("<HHxxxxQ", heap, at)
-        step = 16 + -(-length // 8) * 8 if number else length
-        if step < 1 or at + step > len(heap):
-            return False
-        at += step
-    return True
 
 
 # ---- MAT ---------------------------------------------------------------------------------------
@@ -198,21 +192,17 @@ def check_mat(path: Path) -> None:
         major, _ = matfile_version(stream)
     content = np.memmap(path, dtype=np.uint8, mode="r").data
     if major == 0:
-        _check_version_4(path.name, content)
+        order = "<" if 0 <= struct.unpack_from("<i", content)[0] < 5000 else ">"
+        at = 0
+        while at + 20 <= len(content):
+            kind, rows, columns, is_complex, letters = struct.unpack_from(f"{order}5i", content, at)
+            length = rows * columns * _WIDTHS[min(kind // 10 % 10, 5)] * (2 if is_complex else 1)
+            at += 20 + letters + length
+            if min(rows, columns, letters) < 0 or at > len(content):
+                raise ValueError(f"{path.name} is not a readable MAT file: a variable is longer than the file")
     elif major == 1:
         order = "<" if bytes(content[126:128]) == b"IM" else ">"
         _check_elements(path.name, content[128:], order, len(content), inside=False)
-
-
-def _check_version_4(name: str, content: memoryview) -> None:
-    order = "<" if 0 <= struct.unpack_from("<i", content)[0] < 5000 else ">"
-    at = 0
-    while at + 20 <= len(content):
-        kind, rows, columns, is_complex, letters = struct.unpack_from(f"{order}5i", content, at)
-        length = rows * columns * _WIDTHS[min(kind // 10 % 10, 5)] * (2 if is_complex else 1)
-        at += 20 + letters + length
-        if min(rows, columns, letters) < 0 or at > len(content):
-            raise ValueError(f"{name} is not a readable MAT file: a variable is longer than the file")
 
 
 def _check_elements(name: str, content: memoryview, order: str, size: int, *, inside: bool) -> None:

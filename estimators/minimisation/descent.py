@@ -14,11 +14,6 @@ HANDOVER_OFFSET = 1e-3  # relative offset, its square the relative excess cost, 
 COST_FLOOR = 1e-40  # of the starting cost: keeps the logarithm finite on zero-residual problems
 
 
-def exact_scale(scale: Vector) -> Vector:
-    """Powers of two near the sizes given: scaling by them is exact and commutes with the bounds."""
-    return np.asarray(np.exp2(np.round(np.log2(scale))))
-
-
 @dataclass(frozen=True)
 class _Point:
     """One evaluation with derivatives, in scaled variables and divided by the cost (so cost = 1)."""
@@ -27,30 +22,6 @@ class _Point:
     cost: float
     gradient: Vector
     matrix: Matrix
-
-
-def _box_step(gradient: Vector, matrix: Matrix, low: Vector, high: Vector) -> Vector:
-    """Minimiser of gᵀd + dᵀHd/2 for low <= d <= high, by correcting a guess of the bounds it rests on."""
-    n = gradient.size
-    step = _solve(matrix, -gradient)
-    if not ((step < low) | (step > high)).any():
-        return step
-    # An interior-point iterate is near its bounds, not on them: those near and pressed on start the guess.
-    near = 1e-3 * np.abs(step)
-    at_low, at_high = (low >= -near) & (gradient > 0), (high <= near) & (gradient < 0)
-    for _ in range(2 * n):
-        free = np.flatnonzero(~(at_low | at_high))
-        step = np.where(at_low, low, np.where(at_high, high, 0.0))
-        if free.size:
-            right = -gradient[free] - matrix[free] @ step
-            step[free] = _solve(matrix[np.ix_(free, free)], right)
-        slope = gradient + matrix @ step
-        low_next = (at_low & (slope > 0)) | (step < low)
-        high_next = (at_high & (slope < 0)) | (step > high)
-        if (low_next == at_low).all() and (high_next == at_high).all():
-            break
-        at_low, at_high = low_next, high_next
-    return np.clip(step, low, high)
 
 
 def _solve(matrix: Matrix, right: Vector) -> Vector:
@@ -175,8 +146,28 @@ class Minimisation:
     # -- convergence ---------------------------------------------------------------------------------------
 
     def _newton_step(self, point: _Point, matrix: Matrix) -> Vector:
-        """Step to the minimum of the local quadratic model inside the bounds."""
-        return _box_step(point.gradient, matrix, self.low - point.u, self.high - point.u)
+        """Step to the minimum of the local quadratic model inside the bounds, gᵀd + dᵀHd/2 for low <= d <= high, by
+        correcting a guess of the bounds it rests on."""
+        gradient, low, high = point.gradient, self.low - point.u, self.high - point.u
+        step = _solve(matrix, -gradient)
+        if not ((step < low) | (step > high)).any():
+            return step
+        # An interior-point iterate is near its bounds, not on them: those near and pressed on start the guess.
+        near = 1e-3 * np.abs(step)
+        at_low, at_high = (low >= -near) & (gradient > 0), (high <= near) & (gradient < 0)
+        for _ in range(2 * gradient.size):
+            free = np.flatnonzero(~(at_low | at_high))
+            step = np.where(at_low, low, np.where(at_high, high, 0.0))
+            if free.size:
+                right = -gradient[free] - matrix[free] @ step
+                step[free] = _solve(matrix[np.ix_(free, free)], right)
+            slope = gradient + matrix @ step
+            low_next = (at_low & (slope > 0)) | (step < low)
+            high_next = (at_high & (slope < 0)) | (step > high)
+            if (low_next == at_low).all() and (high_next == at_high).all():
+                break
+            at_low, at_high = low_next, high_next
+        return np.clip(step, low, high)
 
     def assess(self, point: _Point) -> _Candidate:
         """The step that remains, relative to the misfit or to the parameters, whichever is smaller."""

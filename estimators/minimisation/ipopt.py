@@ -6,7 +6,8 @@ It asks a :class:`~rotorfit.estimators.minimisation.descent.Minimisation` for nu
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import casadi as ca
@@ -194,14 +195,16 @@ def descend_on_graph(run: Minimisation, graph: ca.Function) -> None:
 _pool: dict[tuple[int, Options], list[Engine]] = {}
 
 
-def borrow(n: int, options: Options) -> Engine:
-    """An idle engine.  ``list.pop`` and ``append`` are atomic: threads and nested fits never share one."""
+@contextmanager
+def borrowed(n: int, options: Options) -> Iterator[Engine]:
+    """An idle engine, for the next minimisation of the same size after that. ``list.pop`` and ``append`` are atomic:
+    threads and nested fits never share one."""
+    idle = _pool.setdefault((n, options), [])
     try:
-        return _pool.setdefault((n, options), []).pop()
+        engine = idle.pop()
     except IndexError:
-        return Engine(n, options)
-
-
-def give_back(engine: Engine, n: int, options: Options) -> None:
-    """Return an engine for the next minimisation of the same size."""
-    _pool.setdefault((n, options), []).append(engine)
+        engine = Engine(n, options)
+    try:
+        yield engine
+    finally:
+        idle.append(engine)

@@ -25,8 +25,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.estimators.minimisation.descent import HANDOVER_OFFSET, Minimisation, exact_scale
-from rotorfit.estimators.minimisation.ipopt import borrow, descend_on_graph, give_back
+from rotorfit.estimators.minimisation.descent import HANDOVER_OFFSET, Minimisation
+from rotorfit.estimators.minimisation.ipopt import borrowed, descend_on_graph
 from rotorfit.estimators.minimisation.objective import Objective, Options, Solution, Status, Vector
 
 _DEFAULTS = Options()
@@ -61,7 +61,8 @@ def minimise(
             raise ValueError(f"scale is {scales.tolist()}; every entry must be finite and positive")
     else:
         scales = _default_scale(objective, x)
-    run = Minimisation(objective, x, bounds, exact_scale(scales), options)
+    # Scaling by powers of two near the sizes is exact and commutes with the bounds.
+    run = Minimisation(objective, x, bounds, np.exp2(np.round(np.log2(scales))), options)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # a trial point may well be absurd
         status = _descend(run, graph)
         if status is Status.STALLED:  # where the exact Hessian leads nowhere, as between kinks of a robust loss
@@ -125,8 +126,7 @@ def _descend(run: Minimisation, graph: ca.Function | None) -> Status:
             status = run.status()
             if status is Status.CONVERGED or (status is Status.SINGULAR and run.singular_throughout()):
                 return status
-    engine = borrow(run.start.size, run.options)
-    try:
+    with borrowed(run.start.size, run.options) as engine:
         engine.descend(run, run.start)
         run.refine()
         if run.options.hessian != "auto":
@@ -142,5 +142,3 @@ def _descend(run: Minimisation, graph: ca.Function | None) -> Status:
             run.refine()
             status = run.status()
         return status
-    finally:
-        give_back(engine, run.start.size, run.options)

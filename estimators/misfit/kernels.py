@@ -121,8 +121,20 @@ class Kernels:
         self._functions["slopes"](
             x, *self._fixed, target_re, target_im, self._data[2], re, im, cost, gradient, seed_re, seed_im
         )
-        if self._has_gains:
-            gradient += self._gain_gradient(x, seed_re + 1j * seed_im)
+        if not self._has_gains:
+            return
+        # The slope by the gains (by re + j by im) is chained to the vector.
+        plan, space, functions = self._plan, self.problem.space, self.problem.space.model.functions
+        pulled = (seed_re - 1j * seed_im) * self._gains(x)
+        gradient[:, len(space.names) :] += (pulled @ plan.nuisance).real
+        if functions.has_probe_factors:
+            theta = space.theta(x)
+            factor = functions.factors(theta)[:, plan.gain_group, plan.gain_coordinate]
+            by_theta = functions.factor_jacobian(theta)[:, plan.gain_group, plan.gain_coordinate]
+            pull = ((pulled / factor)[:, :, None] * by_theta).real
+            for g, row in enumerate(plan.gain_group):
+                free = np.flatnonzero(space.index[row] >= 0)
+                np.add.at(gradient.T, space.index[row, free], pull[:, g, free].T)
 
     # ---- gains: nuisance entries and probe factors -------------------------------------------------------------------
 
@@ -142,23 +154,6 @@ class Kernels:
         if functions.has_probe_factors:
             gain = gain * functions.factors(self.problem.space.theta(x))[:, plan.gain_group, plan.gain_coordinate]
         return np.asarray(gain, dtype=complex)
-
-    def _gain_gradient(self, x: Float, slope: ComplexArray) -> Float:
-        """Chain the slope of the cost with respect to the gains (by re + j by im) to the vector, shape ``(W, p)``."""
-        plan, space = self._plan, self.problem.space
-        result = np.zeros_like(x)
-        gain = self._gains(x)
-        result[:, len(space.names) :] = ((slope.conj() * gain) @ plan.nuisance).real
-        functions = space.model.functions
-        if functions.has_probe_factors:
-            theta = self.problem.space.theta(x)
-            factor = functions.factors(theta)[:, plan.gain_group, plan.gain_coordinate]
-            by_theta = functions.factor_jacobian(theta)[:, plan.gain_group, plan.gain_coordinate]
-            pull = ((slope.conj() * gain / factor)[:, :, None] * by_theta).real
-            for g, row in enumerate(plan.gain_group):
-                free = np.flatnonzero(space.index[row] >= 0)
-                np.add.at(result.T, space.index[row, free], pull[:, g, free].T)
-        return result
 
     # ---- numba -------------------------------------------------------------------------------------------------------
 
@@ -184,11 +179,7 @@ class Kernels:
 
     @cached_property
     def _functions(self) -> dict[str, accelerator.Kernel]:
-        return accelerator.compile_kernels(self._source)
-
-    @cached_property
-    def _source(self) -> str:
-        return codegen.source(self.problem.space.model, self._patterns[0])
+        return accelerator.compile_kernels(codegen.source(self.problem.space.model, self._patterns[0]))
 
     @cached_property
     def _fixed(self) -> tuple[Any, ...]:

@@ -48,11 +48,8 @@ class ParameterSpace:
     def theta(self, x: Float) -> Float:
         """Parameter vectors of the groups, shape ``(..., G, P)``, of fitted vectors of shape ``(..., p)``."""
         free, entries = self._free
-        if x.ndim == 1:
-            theta = self.template.copy()
-            theta[free] = x[entries]
-            return theta
-        theta = np.broadcast_to(self.template, (*x.shape[:-1], *self.template.shape)).copy()
+        theta = np.empty((*x.shape[:-1], *self.template.shape))
+        theta[:] = self.template
         theta[..., free] = x[..., entries]
         return theta
 

@@ -80,10 +80,10 @@ def fit_ramp(speed: Float, response: ComplexArray) -> Ramp | None:
     peak, first, rate = beat
     near = w < 2 * first - peak + 0.5 * (first - peak)
     early = w < first
-    steady = _solve(w[early], y[early], np.array([peak, 0.03]), lambda v, p: steady_response(v, p[0], p[1]))
+    steady = _solve(w[early], y[early], np.array([peak, 0.03]), steady_response)
     factor_range = 4.0  # ramps tried about that of the beat, each way, as a factor
     tries = [
-        _solve(w[near], y[near], np.array([peak - 0.02 * k * peak, 0.02, rate * factor]), _ramp_shape)
+        _solve(w[near], y[near], np.array([peak - 0.02 * k * peak, 0.02, rate * factor]), ramp_response)
         for k in (0, 1, 2)
         for factor in np.geomspace(1 / factor_range, factor_range, 3)
     ]
@@ -99,19 +99,13 @@ def fit_ramp(speed: Float, response: ComplexArray) -> Ramp | None:
     )
 
 
-def _ramp_shape(w: Float, p: Float) -> ComplexArray:
-    return ramp_response(w, float(p[0]), float(p[1]), float(p[2]))
-
-
-def _solve(
-    w: Float, y: ComplexArray, start: Float, shape: Callable[[Float, Float], ComplexArray]
-) -> tuple[Float, Float, float]:
+def _solve(w: Float, y: ComplexArray, start: Float, shape: Callable[..., ComplexArray]) -> tuple[Float, Float, float]:
     """Nonlinear numbers with standard errors, and the squares that remain."""
 
     from scipy.optimize import least_squares  # takes long to import, and few tests are run-ups
 
     def miss(u: Float) -> Float:
-        basis = np.column_stack([shape(w, u * start), np.ones(w.size)])
+        basis = np.column_stack([shape(w, *(u * start).tolist()), np.ones(w.size)])
         left = y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
         return np.asarray(left).view(float)
 

@@ -62,7 +62,12 @@ def _decays(time: Float, signals: Float, modes: int, steady: Float) -> Iterator[
     top = min(2 * (modes + extra) + 1, time.size // 4)
     waves = columns_of_sum(time, np.zeros(0, dtype=complex), np.zeros(0), steady)[:, :-1]
     moving = signals - (waves @ np.linalg.lstsq(waves, signals.T, rcond=None)[0]).T if steady.size else signals
-    directions = _directions(moving)
+    # Directions of windows of the signals by their strength, strongest first, one a row.
+    longest, most_windows = 120, 1500  # windows of the pencil: longer ones, and more, cost more and gain nothing
+    width = min(time.size // 3, longest)
+    stride = max(1, (time.size - width) // most_windows)
+    windows = np.lib.stride_tricks.sliding_window_view(moving, width + 1, axis=1)[:, ::stride].reshape(-1, width + 1)
+    directions = np.linalg.svd(windows, full_matrices=False)[2]
     for count in range(2 * modes, top + 1):
         # Ratios of successive samples of as many exponentials as directions, the strongest that x and y share.
         V = directions[:count].T
@@ -77,17 +82,6 @@ def _decays(time: Float, signals: Float, modes: int, steady: Float) -> Iterator[
             # The real exponential nearest to a constant is the constant. A centred journal has none, or noise for it.
             real = np.delete(real, np.argmin(np.abs(real))) if real.size else real
             yield _refine(time, signals, vibrating, real, steady)
-
-
-def _directions(signals: Float) -> Float:
-    """Directions of windows of the signals by their strength, strongest first, one a row."""
-    n = signals.shape[1]
-    longest = 120  # longest window of the pencil: longer ones cost more and gain nothing
-    width = min(n // 3, longest)
-    most_windows = 1500  # windows of the pencil
-    stride = max(1, (n - width) // most_windows)
-    windows = np.lib.stride_tricks.sliding_window_view(signals, width + 1, axis=1)[:, ::stride].reshape(-1, width + 1)
-    return np.asarray(np.linalg.svd(windows, full_matrices=False)[2])
 
 
 def _refine(time: Float, signals: Float, s: ComplexArray, real: Float, steady: Float) -> Decay:

@@ -44,7 +44,15 @@ class ClosedForm:
     def covar(self) -> Float:
         """Covariance from the propagated noise, shape ``(p, p)``, NaN where unweighted."""
         size = self.x.size - len(self.open)
-        found = np.full((size, size), np.nan) if self.root is None else _covariance(*self.root)
+        found = np.full((size, size), np.nan)
+        if self.root is not None:
+            jacobian, information = self.root  # of the lumped coefficients, and on them
+            of_parameters = jacobian.T @ information @ jacobian
+            # Unit diagonal first: masses and stiffnesses are many decades apart.
+            diagonal = np.sqrt(np.maximum(np.diag(of_parameters), 0.0))
+            scale = 1 / np.where(diagonal > 0, diagonal, 1.0)
+            unit = of_parameters * np.outer(scale, scale)
+            found = np.linalg.pinv(unit, rcond=1e-15, hermitian=True) * np.outer(scale, scale)
         for entry in self.open:
             found = np.insert(np.insert(found, entry, 0.0, axis=0), entry, 0.0, axis=1)
         return found
@@ -74,21 +82,17 @@ def closed_forms(
     steady = tuple(block.at_set_speed() if isinstance(block, Responses) else block for block in blocks)
     if any(own is not block for own, block in zip(steady, blocks, strict=True)):
         rough = next(_closed_forms(space, steady, weighted, (min(passes),)))
-        steady = _without_wander(space.theta(np.append(rough.x, np.zeros(len(space.nuisance)))), blocks, steady)
+        theta = space.theta(np.append(rough.x, np.zeros(len(space.nuisance))))
+        found: list[Block] = []  # with the readings that a rotor of about the same values would have given there
+        for block, own in zip(blocks, steady, strict=True):
+            if own is block or not isinstance(own, Responses):
+                found.append(own)
+                continue
+            here = block.predict(theta)
+            factor = np.divide(own.predict(theta), here, out=np.ones_like(here), where=here != 0)
+            found.append(replace(own, measured=block.measured * factor))
+        steady = tuple(found)
     yield from _closed_forms(space, steady, weighted, passes)
-
-
-def _without_wander(theta: Float, blocks: tuple[Block, ...], steady: tuple[Block, ...]) -> tuple[Block, ...]:
-    """Blocks at set speeds, with the readings that a rotor of about the same values would have given there."""
-    found: list[Block] = []
-    for block, own in zip(blocks, steady, strict=True):
-        if own is block or not isinstance(own, Responses):
-            found.append(own)
-            continue
-        here = block.predict(theta)
-        factor = np.divide(own.predict(theta), here, out=np.ones_like(here), where=here != 0)
-        found.append(replace(own, measured=block.measured * factor))
-    return tuple(found)
 
 
 def _closed_forms(
@@ -164,16 +168,6 @@ def _passes(lumped: Lumped, blocks: list[Responses], typical: Float) -> Iterator
         solution = solve_projected(projected, information)
 
 
-def _covariance(jacobian: Float, information: Float) -> Float:
-    """Covariance of the parameters from the information on the lumped coefficients."""
-    of_parameters = jacobian.T @ information @ jacobian
-    # Unit diagonal first: masses and stiffnesses are many decades apart.
-    size = np.sqrt(np.maximum(np.diag(of_parameters), 0.0))
-    scale = 1 / np.where(size > 0, size, 1.0)
-    scaled = of_parameters * np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(scaled, rcond=1e-15, hermitian=True) * np.outer(scale, scale))
-
-
 def _determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses]) -> bool:
     """True if such a test can give all independent lumped coefficients, judged on exact responses of a typical rotor.
     Noise hides the defect: the force balance of a plane that is never forced is homogeneous, and noisy data "solve" it
@@ -183,12 +177,8 @@ def _determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses]) 
         where = b.coordinate if b.imposed else np.round(b.force.T / np.abs(b.force.T).max(axis=0), 6)
         for part in (b.condition[0], b.speed != 0, b.frequency, where):
             key = crc32(np.ascontiguousarray(part).data, key)
-    if key not in lumped.determined:
-        lumped.determined[key] = _is_determined(space, lumped, blocks)
-    return lumped.determined[key]
-
-
-def _is_determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses]) -> bool:
+    if key in lumped.determined:
+        return lumped.determined[key]
     rng = np.random.default_rng(1)
     x = typical_values(space) * rng.uniform(0.8, 1.25, len(space.names))
     theta = space.theta(np.concatenate([x, np.zeros(len(space.nuisance))]))
@@ -201,10 +191,9 @@ def _is_determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses
         designs.append(one_by_one(equations.sensitivities(amplitude, weight)))
     design = np.concatenate(designs, axis=1)
     norm = np.linalg.norm(design, axis=1, keepdims=True)
-    if not norm.all():
-        return False
-    power = np.linalg.svd(design / norm, compute_uv=False)
-    return bool(power[-1] > 1e-9 * power[0])
+    power = np.linalg.svd(design / np.where(norm > 0, norm, 1.0), compute_uv=False)
+    lumped.determined[key] = bool(norm.all() and power[-1] > 1e-9 * power[0])
+    return lumped.determined[key]
 
 
 def _with_convention(

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.response import inverse, known_lines
-from rotorfit.estimators.starting.lumped import Lumped, Place
+from rotorfit.estimators.starting.lumped import Lumped
 from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import ComplexArray, Float
 
 _SMALLEST_PIVOT = 1e-8
 """Square of what is left of a column of unit length by those before it, down to which normal equations do."""
@@ -39,7 +39,14 @@ class ForceBalance:
         self._mine = mine = mine[np.lexsort([place.column[mine], place.row[mine]])]
         n = self.amplitude.shape[1]
         entry = place.row[mine] * n + place.column[mine]
-        self._column, self._factor = place.column[mine], _factors(place, mine, block)
+        self._column = place.column[mine]
+        # Factors of the coefficients at each line, zero where they do not hold, shape ``(E, L)``.
+        condition, group, speed = block.condition
+        coefficient = place.unit[mine, None] * _powers(speed, place.speed_power.max())[place.speed_power[mine]]
+        here = np.isnan(place.speed[mine, None]) | (place.speed[mine, None] == speed)
+        coefficient *= here & (place.group[mine, None] == group)
+        self._factor = _powers(block.s, place.power.max())[place.power[mine]]
+        self._factor *= coefficient if speed.size == 1 else coefficient[:, condition]
         edges = np.searchsorted(entry, np.arange(n * n + 1)).tolist()
         self._entries = [slice(*pair) for pair in pairwise(edges)]
         combine = np.vstack([lumped.spread[mine].T, lumped.offset[mine]])
@@ -112,17 +119,6 @@ class ForceBalance:
             sides[:, -1] += stiffness.kappa[:, :, column].T
             systems.append(np.ascontiguousarray(sides).view(float))
         return np.concatenate(systems, axis=-1)
-
-
-def _factors(place: Place, mine: Index, block: Responses) -> ComplexArray:
-    """Factors of lumped coefficients at each line, zero where they do not hold, shape ``(E, L)``."""
-    number, group, speed = block.condition
-    coefficient = place.unit[mine, None] * _powers(speed, place.speed_power.max())[place.speed_power[mine]]
-    here = np.isnan(place.speed[mine, None]) | (place.speed[mine, None] == speed)
-    coefficient *= here & (place.group[mine, None] == group)
-    factor = _powers(block.s, place.power.max())[place.power[mine]]
-    factor *= coefficient if speed.size == 1 else coefficient[:, number]
-    return factor
 
 
 def _powers(values: NDArray[Any], most: int) -> NDArray[Any]:

@@ -17,7 +17,7 @@ import numpy as np
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import COLLINEAR, Bool, ComplexArray, Float, Index
+from rotorfit.models.array_types import COLLINEAR, ComplexArray, Float, Index
 from rotorfit.models.compiled import array_function
 
 _NEITHER, _LINEAR, _RECIPROCAL = 0, 1, 2
@@ -113,7 +113,12 @@ class Lumped:
         with np.errstate(divide="ignore", invalid="ignore"):
             while unknown.any() and np.isfinite(point).all():
                 now, slopes = self._evaluate(point)
-                alone = self._single(unknown)
+                key = unknown.tobytes()
+                if key not in self._alone:  # derivatives by what is the only unknown in a coefficient, and solvable
+                    among = unknown[self._columns]
+                    count = np.bincount(self._rows[among], minlength=self.place.row.size)
+                    self._alone[key] = np.flatnonzero(among & (count[self._rows] == 1) & (self._kind != _NEITHER))
+                alone = self._alone[key]
                 alone = alone[slopes[alone] != 0]
                 if not alone.size:
                     break
@@ -130,15 +135,6 @@ class Lumped:
                 for i in np.flatnonzero(share >= (1 - 1e-12) * np.nanmax(share))[::-1].tolist():
                     point[column[i]], unknown[column[i]] = solved[i], False
         return np.where(unknown, np.nan, point)
-
-    def _single(self, unknown: Bool) -> Index:
-        """Derivatives of coefficients by what is the only unknown in them, and can be solved for."""
-        key = unknown.tobytes()
-        if key not in self._alone:
-            count = np.bincount(self._rows[unknown[self._columns]], minlength=self.place.row.size)
-            alone = unknown[self._columns] & (count[self._rows] == 1) & (self._kind != _NEITHER)
-            self._alone[key] = np.flatnonzero(alone)
-        return self._alone[key]
 
 
 @lru_cache(maxsize=32)

@@ -14,7 +14,7 @@ from typing import Self
 
 import numpy as np
 
-from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.motion.journal import Journal
 
 LARGEST_ECCENTRICITY = 1.0 - 1e-9
@@ -79,19 +79,8 @@ class OrbitEquation:
 def nearest_orbits(journal: Journal, equation: OrbitEquation, target: Float) -> tuple[Float, ComplexArray]:
     """Root nearest to a target for each line, and the change of the drive-point stiffness there, shape ``(..., L)``.
     Where the orbit would pass the clearance there is no root and the answer is :data:`LARGEST_ECCENTRICITY`."""
-    found, change, certain = _strides(journal, equation, target)
-    if not certain.all():
-        rest = np.nonzero(~certain)
-        part, aim = equation.select(rest), np.broadcast_to(target, found.shape)[rest]
-        roots = zip(all_roots(journal, part), aim, strict=True)
-        found[rest] = [each[np.argmin(np.abs(each - near))] for each, near in roots]
-        change[rest] = part.change(journal, found[rest])
-    return found, change
-
-
-def _strides(journal: Journal, equation: OrbitEquation, target: Float) -> tuple[Float, ComplexArray, Bool]:
-    """Newton steps of all lines, and where they lead to the nearest root without doubt: beyond the target, where
-    another as near would be, the slope changes by about as much again as up to it; twice that change leaves none."""
+    # Newton steps lead to the nearest root without doubt where no other is as near: beyond the target, where that would
+    # be, the slope changes by about as much again as up to it; twice that change leaves none.
     eps = np.clip(target, 0.0, LARGEST_ECCENTRICITY)
     newton_steps = 3  # Newton steps from a measured eccentricity that all lines take together
     tolerance = 1e-7  # last step whose square is round-off: convergence is quadratic
@@ -102,12 +91,18 @@ def _strides(journal: Journal, equation: OrbitEquation, target: Float) -> tuple[
             eps = np.clip(eps - here[0] / here[1], 0.0, LARGEST_ECCENTRICITY)
             here = equation.at(journal, eps)
         step = here[0] / here[1]
-        eps = eps - step
-        settled = (np.abs(step) < tolerance) & (eps >= 0) & (eps < LARGEST_ECCENTRICITY)
-        alone = (np.abs(eps - target) <= _NEAR_TARGET) & (first < -2 * np.abs(here[1] - first))
-        change = np.empty(eps.shape, dtype=complex)
+        found = eps - step
+        settled = (np.abs(step) < tolerance) & (found >= 0) & (found < LARGEST_ECCENTRICITY)
+        alone = (np.abs(found - target) <= _NEAR_TARGET) & (first < -2 * np.abs(here[1] - first))
+        change = np.empty(found.shape, dtype=complex)
         change.real, change.imag = here[2] - here[4] * step, here[3] - here[5] * step
-    return eps, change, settled & alone
+    if not (settled & alone).all():
+        rest = np.nonzero(~(settled & alone))
+        part, aim = equation.select(rest), np.broadcast_to(target, found.shape)[rest]
+        roots = zip(all_roots(journal, part), aim, strict=True)
+        found[rest] = [each[np.argmin(np.abs(each - near))] for each, near in roots]
+        change[rest] = part.change(journal, found[rest])
+    return found, change
 
 
 def all_roots(journal: Journal, equation: OrbitEquation) -> list[Float]:
