@@ -44,7 +44,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.fitting.structure.law_ranking import LawComparison as LawComparison
     from rotorfit.fitting.structure.law_ranking import compare_laws as compare_laws
     from rotorfit.fitting.structure.law_ranking import fit_law as fit_law
-    from rotorfit.fitting.structure.modes_to_disks import two_disk_from_modes as two_disk_from_modes
+    from rotorfit.fitting.structure.modes import two_disk_from_modes as two_disk_from_modes
     from rotorfit.fitting.structure.mountings import Mountings as Mountings
     from rotorfit.fitting.structure.mountings import mountings as mountings
     from rotorfit.fitting.structure.refine import Refinement as Refinement
@@ -142,7 +142,7 @@ _HOME = {
     "Refinement": "rotorfit.fitting.structure.refine",
     "one_lam_test": "rotorfit.fitting.structure.refine",
     "refine": "rotorfit.fitting.structure.refine",
-    "two_disk_from_modes": "rotorfit.fitting.structure.modes_to_disks",
+    "two_disk_from_modes": "rotorfit.fitting.structure.modes",
     "write_report": "rotorfit.report.write",
     "write_campaign_report": "rotorfit.report.campaign",
     "FitResult": "rotorfit.fitting.result",

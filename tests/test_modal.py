@@ -116,7 +116,7 @@ def test_wrong_options_are_refused_in_words(options: dict[str, object]) -> None:
 
 def test_published_modes_give_the_published_damping() -> None:
     """Modal masses, frequencies, dampings and shapes of the paper; D is rounded to 0.1, shapes to two digits."""
-    from rotorfit.fitting.structure.modes_to_disks import disk_values
+    from rotorfit.fitting.structure.modes import disk_values
 
     model = rf.models.Modal(("inboard", "outboard"), modes=2, gains="plane")
     values = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -195,6 +196,8 @@ def balance(
     limit = _limits(chosen, limits)
     found = correct(coefficients, covariance, importance, limit)
     mounting = np.nan_to_num(solved.mounting[cells])
+    weights = dict(zip(chosen, found.weight.tolist(), strict=True))
+    given_holes = {} if holes is None else _by_plane("holes", holes, chosen)
     at_limit = tuple(plane for plane, there in zip(chosen, found.at_limit.tolist(), strict=True) if there)
     return Balance(
         planes=chosen,
@@ -208,7 +211,7 @@ def balance(
         importance=importance,
         stderr=np.hypot(found.left_error, mounting),
         at_limit=at_limit,
-        holes=_split(chosen, found, holes),
+        holes={plane: _over_holes(plane, weights[plane], _angles(plane, some)) for plane, some in given_holes.items()},
         remarks=(*remarks, *_unknown(found, solved.mounting)),
     )
 
@@ -280,11 +283,18 @@ def _read_now(
     return cells, np.column_stack([values, coefficients[cells, 1:]]), covariance, remarks
 
 
-def _limits(planes: Sequence[str], limits: Limits | None) -> Float:
-    given = limits if isinstance(limits, Mapping) else dict.fromkeys(planes, np.inf if limits is None else limits)
-    for plane, limit in given.items():
+def _by_plane(option: str, given: Any, planes: Sequence[str]) -> Mapping[str, Any]:
+    """What was given for all planes or by plane, by plane."""
+    found = given if isinstance(given, Mapping) else dict.fromkeys(planes, given)
+    for plane in found:
         if plane not in planes:
-            raise ValueError(f"limits: {unknown_name('plane', plane, planes)}")
+            raise ValueError(f"{option}: {unknown_name('plane', plane, planes)}")
+    return found
+
+
+def _limits(planes: Sequence[str], limits: Limits | None) -> Float:
+    given = _by_plane("limits", np.inf if limits is None else limits, planes)
+    for plane, limit in given.items():
         if not limit > 0:
             raise ValueError(
                 f"limits: the largest mass-radius product at {plane} must be above zero, kg m; got {limit}"
@@ -319,18 +329,6 @@ def _unknown(found: Correction, mounting: Float) -> tuple[str, ...]:
             "known without one more angle or weight than there are unknowns",
         )
     return ()
-
-
-def _split(planes: Sequence[str], found: Correction, holes: Holes | None) -> dict[str, tuple[tuple[float, float], ...]]:
-    """Angles and amounts of the two weights that stand for each correction weight."""
-    if holes is None:
-        return {}
-    given = holes if isinstance(holes, Mapping) else dict.fromkeys(planes, holes)
-    for plane in given:
-        if plane not in planes:
-            raise ValueError(f"holes: {unknown_name('plane', plane, planes)}")
-    weights = dict(zip(planes, found.weight.tolist(), strict=True))
-    return {plane: _over_holes(plane, weights[plane], _angles(plane, some)) for plane, some in given.items()}
 
 
 def _angles(plane: str, holes: int | Sequence[float]) -> Float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -29,20 +29,13 @@ def findings_of(fit: FitResult) -> tuple[Finding, ...]:
     datum = fit.params[DATUM].value if DATUM in fit.params else 0.0
     experiments = at_common_zero(fit.experiments, datum) if datum else fit.experiments
     sources = [test.source or test.title for test in experiments]
-    shown = _with_weight(fit, attributed([check(test) for test in experiments], sources))
+    shown = attributed([check(test) for test in experiments], sources)
+    if fit.model.frame == "z" and fit.success and len(fit.thetas) == 1:
+        # Anisotropy is a warning where an isotropic fit does not bear it, and nothing where it does.
+        weighty = any(entry.name.startswith(Kind.PAIR.value) for entry in fit.assumed.entries)
+        uneven = [replace(one, severity="warning") if one.code == UNEVEN else one for one in shown]
+        shown = [one for one in uneven if one.code != UNEVEN or weighty]
     return (*other_rig(fit), *explained(_as_given(fit), {finding.code for finding in shown}), *shown)
-
-
-def _with_weight(fit: FitResult, shown: Sequence[Finding]) -> list[Finding]:
-    """Findings, of which anisotropy is a warning where an isotropic fit does not bear it, and nothing where it does."""
-    if fit.model.frame != "z" or not fit.success or len(fit.thetas) > 1:
-        return list(shown)
-    weighty = any(entry.name.startswith(Kind.PAIR.value) for entry in fit.assumed.entries)
-    return [
-        replace(finding, severity="warning") if finding.code == UNEVEN else finding
-        for finding in shown
-        if finding.code != UNEVEN or weighty
-    ]
 
 
 def _as_given(fit: FitResult) -> FitResult:

@@ -69,7 +69,10 @@ def exchanged_axes(test: PerturbationTest) -> Iterator[Finding]:
             continue
         rows = own[pairs[:, 0]]
         amplitude = test.response[own[pairs]]
-        force = np.array([_along_axes(test, row) for row in rows.tolist()])
+        force = np.zeros((rows.size, 2), dtype=complex)
+        for k, row in enumerate(rows.tolist()):
+            for _, size, along in [("", test.force[row], test.force_direction[row]), *test.further_forces[row]]:
+                force[k, "xy".index(along)] += size
         power = np.sum(np.abs(force) ** 2, axis=0)
         mass = _moving_mass(test.frequency[rows], amplitude, force) if power.min() > 0.05 * power.max() else None
         if mass is None or not -2 < mass[0] / mass[1] < -0.5:
@@ -84,25 +87,18 @@ def exchanged_axes(test: PerturbationTest) -> Iterator[Finding]:
         yield Finding("error", "axes", text, rows_of(np.isin(np.arange(len(test)), own[pairs])))
 
 
-def _along_axes(test: PerturbationTest, row: int) -> list[complex]:
-    """Forces along x and y of one reading, N."""
-    acting = [(test.force[row], test.force_direction[row]), *((f, axis) for _, f, axis in test.further_forces[row])]
-    return [complex(sum(force for force, along in acting if along == axis)) for axis in "xy"]
-
-
 def _moving_mass(w: Float, amplitude: ComplexArray, force: ComplexArray) -> tuple[float, float, float] | None:
     """Lesser and greater principal value of the inertia in ``F = (K + jw C - w^2 M) A``, kg, and its part that couples
     x with y; None where these matrices do not stand for the plane."""
     columns = np.hstack([amplitude, 1j * w[:, None] * amplitude, -(w[:, None] ** 2) * amplitude])
-    design = np.vstack([columns.real, columns.imag])
+    design, wanted = np.vstack([columns.real, columns.imag]), np.vstack([force.real, force.imag])
     scale = np.linalg.norm(design, axis=0)
-    wanted = np.vstack([force.real, force.imag])
-    found, _, rank, _ = np.linalg.lstsq(design / np.where(scale > 0, scale, 1.0), wanted, rcond=1e-8)
-    left = wanted - design / np.where(scale > 0, scale, 1.0) @ found
-    poor = 0.1  # share of the forces' power that is left, or that moves the mass
+    design = design / np.where(scale > 0, scale, 1.0)
+    found, _, rank, _ = np.linalg.lstsq(design, wanted, rcond=1e-8)
+    poor = 0.1 * np.sum(wanted**2)  # power of the forces that is left, or that moves the mass
     inertia = (found / scale[:, None])[4:].T
     moving = np.sum(np.abs(columns[:, 4:] @ inertia.T) ** 2)
-    if rank < design.shape[1] or np.sum(left**2) > poor * np.sum(wanted**2) or moving < poor * np.sum(wanted**2):
+    if rank < design.shape[1] or np.sum((wanted - design @ found) ** 2) > poor or moving < poor:
         return None
     low, high = np.linalg.eigvalsh((inertia + inertia.T) / 2)
     return float(low), float(high), float(inertia[0, 1] + inertia[1, 0]) / 2

@@ -60,17 +60,14 @@ class Orbits:
         """Rotative speed that each was set to, rad/s."""
         return self.test.set_speed[self.first]
 
-    def x(self, at: Index) -> ComplexArray:
+    def x(self, at: Index, probe: int = 0) -> ComplexArray:
         """Reading x of some, NaN where there is none."""
-        return self._read(0, at)
+        rows = self.rows[at, probe]
+        return np.where(rows >= 0, self.test.response[rows], np.nan)
 
     def y(self, at: Index) -> ComplexArray:
         """Reading y of some, NaN where there is none."""
-        return self._read(1, at)
-
-    def _read(self, probe: int, at: Index) -> ComplexArray:
-        rows = self.rows[at, probe]
-        return np.where(rows >= 0, self.test.response[rows], np.nan)
+        return self.x(at, 1)
 
     @cached_property
     def paired(self) -> NDArray[np.bool_]:

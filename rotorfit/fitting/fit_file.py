@@ -39,11 +39,17 @@ def fit_to_json(fit: FitResult) -> str:
 
     _check(fit, build_problem(fit.model, fit.experiments, fit.settings), "the result")
     names = [f.name for f in fields(fit) if f.name not in ("model", "problem")]
+    own = fit.model
+    model = {"name": own.name, "planes": list(own.planes), "parameters": list(own.parameter_names)}
+    try:
+        model["own"] = encode(own)
+    except UserDefinedError:  # the reader will have to give it
+        model["class"] = type(own).__name__
     content = {
         "format": _FORMAT,
         "schema": SCHEMA,
         "rotorfit": __version__,
-        "model": _model_entry(fit.model),
+        "model": model,
         **{name: encode(getattr(fit, name)) for name in names},
         # Its settings hold what the study found already.
         "noise": encode(None if fit.noise is None else replace(fit.noise, found=None)),
@@ -131,14 +137,6 @@ def _read_fit(text: str, model: RotorModel | None, source: str) -> FitResult:
     return fit
 
 
-def _model_entry(model: RotorModel) -> dict[str, Any]:
-    shape = {"name": model.name, "planes": list(model.planes), "parameters": list(model.parameter_names)}
-    try:
-        return {**shape, "own": encode(model)}
-    except UserDefinedError:  # the reader will have to give it
-        return {**shape, "class": type(model).__name__}
-
-
 def _read_model(entry: Mapping[str, Any], given: RotorModel | None) -> RotorModel:
     if given is None:
         if "own" not in entry:
@@ -148,13 +146,10 @@ def _read_model(entry: Mapping[str, Any], given: RotorModel | None) -> RotorMode
             )
         made: RotorModel = decode(entry["own"])
         return made
-    for what, mine, theirs in (
-        ("name", given.name, entry["name"]),
-        ("planes", list(given.planes), entry["planes"]),
-        ("parameters", list(given.parameter_names), entry["parameters"]),
-    ):
-        if mine != theirs:
-            raise ValueError(f"the model given has the {what} {mine}, but the fit was made with {theirs}")
+    shape = {"name": given.name, "planes": list(given.planes), "parameters": list(given.parameter_names)}
+    for what, mine in shape.items():
+        if mine != entry[what]:
+            raise ValueError(f"the model given has the {what} {mine}, but the fit was made with {entry[what]}")
     return given
 
 

@@ -27,8 +27,7 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.parameters import unknown_name
 from rotorfit.observing.baseline import with_baseline
 from rotorfit.observing.clearance import usable
-from rotorfit.observing.influences import correlated
-from rotorfit.observing.observations import observe_any
+from rotorfit.observing.observations import correlated, observe_any
 
 
 def as_tuple(experiments: Experiment | Sequence[Experiment]) -> tuple[Experiment, ...]:

@@ -53,14 +53,10 @@ class ObservedStiffness(Printed):
 
     def __str__(self) -> str:
         head = f"{self.date or self.source or 'test'}: force at {self.force_plane}, motion at {self.plane}"
+        columns = (self.speed * RPM_PER_RAD_S, self.stiffness.real, self.stiffness.imag)
         rows: list[list[str | Wide]] = [
-            [
-                significant(speed * RPM_PER_RAD_S, 5),
-                significant(kappa.real, 5),
-                significant(kappa.imag, 5),
-                significant(sigma, 2),
-            ]
-            for speed, kappa, sigma in zip(self.speed, self.stiffness, self.sigma, strict=True)
+            [*(significant(value, 5) for value in row), significant(sigma, 2)]
+            for *row, sigma in zip(*columns, self.sigma, strict=True)
         ]
         lines = [
             f"  {name} {significant(value, 5)} +- {significant(error, 2)} {MATRIX_UNITS[name]}"

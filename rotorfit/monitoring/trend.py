@@ -201,14 +201,12 @@ def _percent(share: float, sign: str = "-") -> str:
 def _dated(test: ObservedStiffness | DatedValues) -> DatedValues:
     if isinstance(test, DatedValues):
         return test
-    values: Mapping[str, tuple[float, float]] = test.observed
-    units: Mapping[str, str] = MATRIX_UNITS
+    values, units = dict(test.observed), dict(MATRIX_UNITS)
     if not values:
-        values, units = {}, {}
         for speed, kappa, sigma in zip(test.speed, test.stiffness, test.sigma, strict=True):
             rpm = speed * RPM_PER_RAD_S
-            values |= {f"direct at {rpm:.6g} rpm": (kappa.real, sigma)}
-            values |= {f"quadrature at {rpm:.6g} rpm": (kappa.imag, sigma)}
+            values[f"direct at {rpm:.6g} rpm"] = (kappa.real, sigma)
+            values[f"quadrature at {rpm:.6g} rpm"] = (kappa.imag, sigma)
         units = dict.fromkeys(values, "N/m")
     place = f"force at {test.force_plane}, motion at {test.plane}"
     return DatedValues(date=test.date, values=values, units=units, place=place, source=test.source)
@@ -230,18 +228,6 @@ def _sorted(entries: list[DatedValues]) -> list[DatedValues]:
     return [entries[i] for i in np.argsort(np.array(times, dtype="datetime64[us]"), kind="stable")]
 
 
-def _common(entries: list[DatedValues]) -> tuple[list[str], list[list[str]]]:
-    """Names that every date has, and under which name each date has them: speeds need not be the same to the digit."""
-    first = entries[0].values
-    names, found = [], []
-    for name in first:
-        mine = [_matching(name, entry.values) for entry in entries]
-        if all(mine):
-            names.append(name)
-            found.append([str(m) for m in mine])
-    return names, found
-
-
 def _matching(name: str, values: Mapping[str, tuple[float, float]]) -> str | None:
     if name in values:
         return name
@@ -257,7 +243,10 @@ def _matching(name: str, values: Mapping[str, tuple[float, float]]) -> str | Non
 
 
 def _place(place: str, entries: list[DatedValues], level: float, orders: int, seed: int) -> PlaceTrend:
-    names, found = _common(entries)
+    # Names that every date has, and under which name each date has them: speeds need not be the same to the digit.
+    matching = {name: [_matching(name, entry.values) for entry in entries] for name in entries[0].values}
+    common = {name: [str(one) for one in own] for name, own in matching.items() if all(own)}
+    names, found = list(common), list(common.values())
     if not names:
         raise ValueError(
             f"{place or 'the tests'}: the tests have no value in common; {entries[0].source or 'the first'} has "
@@ -325,17 +314,13 @@ def dated_anisotropy(fit: FitResult, date: str = "") -> DatedValues:
     name, value = (RATIO, found.ratio) if whole else ("dK", found.dK)
     if not found.dK.stderr < math.inf:
         raise ValueError(f"{where} does not determine dK/K: the image at 2 Om - w, or the 2x line, was not measured")
+    dates = {str(d) for e in fit.experiments if "date" in e.attributes for d in set(e.attributes["date"].tolist())}
+    if len(dates) > 1 and not date:
+        raise ValueError(f"{where} has tests of several dates: {', '.join(sorted(dates))}; fit each date by itself")
     return DatedValues(
-        date=date or _date_of(fit, where),
+        date=date or "".join(dates),
         values={name: (value.value, value.stderr)},
         units={name: value.unit},
         place=PLACE,
         source=where,
     )
-
-
-def _date_of(fit: FitResult, where: str) -> str:
-    dates = {str(d) for e in fit.experiments if "date" in e.attributes for d in set(e.attributes["date"].tolist())}
-    if len(dates) > 1:
-        raise ValueError(f"{where} has tests of several dates: {', '.join(sorted(dates))}; fit each date by itself")
-    return dates.pop() if dates else ""

@@ -42,15 +42,9 @@ def check_planes(
 ) -> None:
     """Refuse planes that the model does not have."""
     if not (set(planes) <= set(model.read_planes) and set(forced) <= set(model.planes)):
+        fewer = "; of so many planes it takes only those chosen (where=, --where plane=A --where force_plane=A)"
+        fewer = fewer if len({*planes, *forced}) > len(model.planes) else ""
         raise ValueError(
             f"{test.source or test.title} has planes {', '.join(planes)} and {forces} {', '.join(forced)}, the model "
-            f"{model.name} has {', '.join(model.read_planes)}. Map names (planes=, --planes)"
-            f"{_or_fewer(len({*planes, *forced}), model)}"
+            f"{model.name} has {', '.join(model.read_planes)}. Map names (planes=, --planes){fewer}"
         )
-
-
-def _or_fewer(planes: int, model: RotorModel) -> str:
-    """Advice where a test has more planes than the model."""
-    if planes <= len(model.planes):
-        return ""
-    return "; of so many planes it takes only those chosen (where=, --where plane=A --where force_plane=A)"

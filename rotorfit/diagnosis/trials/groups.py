@@ -79,17 +79,14 @@ def _of_group(readings: Readings, group: _Group, missed: float) -> Iterator[tupl
         seen = np.where(one.rows, own * (readings.s / readings.middle) ** power, 1.0)
         problem = readings.corrected(seen)
         left, x = trial(problem)
-        if _others_agree(replace(readings, problem=problem), one.rows, np.concatenate(problem.predict(x)), own):
-            yield one, _explanation(one, power, own, left / missed)
-
-
-def _others_agree(corrected: Readings, rows: Bool, expected: ComplexArray, factor: complex) -> bool:
-    """True if the runs beside the one that was corrected are as expected: where all differ, none has the error."""
-    others = np.unique(corrected.run[~rows]).tolist()
-    if np.unique(corrected.run[rows]).size > 1 or len(others) < _FEWEST_OTHER_RUNS:
-        return True
-    apart = (abs(np.log(_factor(corrected, corrected.run == run, expected, (0,))[1])) for run in others)
-    return bool(max(apart) < abs(np.log(factor)) / _LEAST_DIFFERENCE_RATIO)
+        # Runs beside the one that was corrected are as expected: where all differ, none has the error.
+        others = np.unique(readings.run[~one.rows]).tolist()
+        if np.unique(readings.run[one.rows]).size == 1 and len(others) >= _FEWEST_OTHER_RUNS:
+            corrected, expected = replace(readings, problem=problem), np.concatenate(problem.predict(x))
+            apart = (abs(np.log(_factor(corrected, readings.run == run, expected, (0,))[1])) for run in others)
+            if max(apart) >= abs(np.log(own)) / _LEAST_DIFFERENCE_RATIO:
+                continue
+        yield one, _explanation(one, power, own, left / missed)
 
 
 def _levels(readings: Readings, known: Sequence[str]) -> Iterator[list[_Group]]:

@@ -61,20 +61,13 @@ class TurningAnisotropy:
     def __str__(self) -> str:
         if not math.isfinite(self.interval[1]):
             return "not determined by these data"
-        if not math.isfinite(self.ratio.value):
-            low, high = self.interval
-            return self._with_angle(
-                f"dK = {self.dK} ({significant(100 * self.level, 4)} % interval {significant(low, 5)} to "
-                f"{significant(high, 5)} N/m)"
-            )
-        low, high = (100 * value for value in self.ratio_interval)
-        share = (
-            f"dK/K = {significant(100 * self.ratio.value, 4)} % ({significant(100 * self.level, 4)} % "
-            f"interval {significant(low, 4)} to {significant(high, 4)} %)"
-        )
-        return self._with_angle(f"dK = {self.dK}, {share}")
-
-    def _with_angle(self, size: str) -> str:
+        level = f"{significant(100 * self.level, 4)} % interval"
+        if math.isfinite(self.ratio.value):
+            low, high = (significant(100 * value, 4) for value in self.ratio_interval)
+            size = f"dK = {self.dK}, dK/K = {significant(100 * self.ratio.value, 4)} % ({level} {low} to {high} %)"
+        else:
+            low, high = (significant(value, 5) for value in self.interval)
+            size = f"dK = {self.dK} ({level} {low} to {high} N/m)"
         if not self.significant:
             return f"{size}: a round shaft is not ruled out"
         degrees = math.degrees(self.angle.value), math.degrees(self.angle.stderr)
@@ -100,27 +93,22 @@ def turning_anisotropy(
     covar = _covariance(fit, at)
     over_K = np.column_stack([np.eye(2) / K, -v / K**2])
     size = float(np.hypot(*v))
-    if not np.isfinite(covar).all():
-        open_ends = (0.0, math.inf)
-        return TurningAnisotropy(
-            dK=Quantity(size, math.inf, "N/m"),
-            ratio=Quantity(size / K, math.inf, "1"),
-            angle=Quantity(0.5 * math.atan2(v[1], v[0]), math.inf, "rad"),
-            interval=open_ends,
-            ratio_interval=open_ends,
-            level=level,
-        )
-    error, share = covar[:2, :2], over_K @ covar @ over_K.T
-    along = v / size if size else np.array([1.0, 0.0])
-    across = np.array([-along[1], along[0]])
-    interval = magnitude_interval(v, error, level)
-    turn = float(standard_error(across, error)) / (2 * size) if interval[0] > 0 else math.inf
+    interval = ratio_interval = (0.0, math.inf)
+    error = share_error = turn = math.inf
+    if np.isfinite(covar).all():
+        own, share = covar[:2, :2], over_K @ covar @ over_K.T
+        along = v / size if size else np.array([1.0, 0.0])
+        interval = magnitude_interval(v, own, level)
+        ratio_interval = magnitude_interval(v / K, share, level) if math.isfinite(K) else (math.nan, math.nan)
+        error, share_error = (float(standard_error(along, one)) for one in (own, share))
+        across = float(standard_error(np.array([-along[1], along[0]]), own))
+        turn = across / (2 * size) if interval[0] > 0 else math.inf
     return TurningAnisotropy(
-        dK=Quantity(size, float(standard_error(along, error)), "N/m"),
-        ratio=Quantity(size / K, float(standard_error(along, share)), "1"),
+        dK=Quantity(size, error, "N/m"),
+        ratio=Quantity(size / K, share_error, "1"),
         angle=Quantity(0.5 * math.atan2(v[1], v[0]), turn, "rad"),
         interval=interval,
-        ratio_interval=magnitude_interval(v / K, share, level) if math.isfinite(K) else (math.nan, math.nan),
+        ratio_interval=ratio_interval,
         level=level,
     )
 
@@ -129,15 +117,13 @@ def _covariance(fit: FitResult, at: Mapping[str, Any] | None) -> Float:
     """Covariance of dK_cos, dK_sin and K; known ones have none, those that the data leave open an infinite one."""
     index = fit.problem.space.index[fit.group(at)]
     names = fit.model.parameter_names
-    entries = [int(index[names.index(name)]) if name in names else -1 for name in ("dK_cos", "dK_sin", "K")]
-    covar = np.zeros((3, 3))
-    for i, a in enumerate(entries):
-        for k, b in enumerate(entries):
-            if a >= 0 and b >= 0:
-                covar[i, k] = fit.covar[a, b]
-        if a >= 0 and not fit.params[fit.var_names[a]].resolved:
+    entries = np.array([int(index[names.index(name)]) if name in names else -1 for name in ("dK_cos", "dK_sin", "K")])
+    known = entries < 0
+    covar = np.where(known[:, None] | known, 0.0, fit.covar[np.ix_(entries, entries)])
+    for i in np.flatnonzero(~known).tolist():
+        if not fit.params[fit.var_names[entries[i]]].resolved:
             covar[i, i] = math.inf
-    return covar
+    return np.asarray(covar)
 
 
 def magnitude_interval(v: Float, covar: Float, level: float) -> tuple[float, float]:

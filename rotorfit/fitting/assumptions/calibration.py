@@ -190,20 +190,18 @@ def _force_columns(given: Uncertainty, pairs: Sequence[tuple[PerturbationTest, R
     columns: list[_Column] = []
     for plane in planes:
         if given.get(plane):
-            parts = [_forced_at(plane, block) for _, block in pairs]
+            parts = []
+            for _, block in pairs:
+                at = [c.plane == plane for c in block.model.coordinates]
+                forced = np.asarray(block.force[:, at].any(axis=1))
+                if (forced & ~acts_alone(block)).any():
+                    raise ValueError(
+                        f"mr names {plane}, where forces act at once with others: how far one of them moves a reading "
+                        "is not in the reading; give one number for all forces"
+                    )
+                parts.append(np.asarray(forced[block.line], dtype=complex))
             columns.append((f"mr[{plane}]", float(given[plane]), parts))
     return columns
-
-
-def _forced_at(plane: str, block: Responses) -> ComplexArray:
-    at = [i for i, coordinate in enumerate(block.model.coordinates) if coordinate.plane == plane]
-    forced = np.abs(block.force[:, at]).sum(axis=1) > 0
-    if (forced & ~acts_alone(block)).any():
-        raise ValueError(
-            f"mr names {plane}, where forces act at once with others: how far one of them moves a reading is not in "
-            "the reading; give one number for all forces"
-        )
-    return np.asarray(forced[block.line], dtype=complex)
 
 
 def _refuse_unknown(option: str, given: Mapping[str, Any], names: Sequence[str]) -> None:

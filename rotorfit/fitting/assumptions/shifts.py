@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
+from rotorfit.data.linear_force import directional
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
@@ -29,7 +31,9 @@ from rotorfit.estimators.inference.smooth_causes import (
     UNITS,
     Cause,
     Kind,
+    Part,
     beyond,
+    cause_change,
     changed_values,
     changes_with_speed,
 )
@@ -37,13 +41,16 @@ from rotorfit.estimators.misfit.losses import robust_weights
 from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN, Assumption, Assumptions
 from rotorfit.fitting.assumptions.onset import onset_with
-from rotorfit.fitting.assumptions.supports import uneven_supports
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import Threshold
-from rotorfit.models.array_types import Bool, Float
+from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.models.laws import Muszynska
 from rotorfit.models.motion.neglected_terms import LeftOut, fluid_coordinates, onset_shift, terms_left_out
 from rotorfit.models.structure import block_parameters
+from rotorfit.observing.circular import Places
+
+if TYPE_CHECKING:
+    from rotorfit.fitting.result import FitResult
 
 _RESULTS = ("K0", "D", "lam", "lam_D", "lam_M", "Mf", "n_K", "n_D", "b")
 _PLAUSIBLE = {
@@ -74,9 +81,19 @@ def assumptions_of(fit: FitResult, priors: Mapping[str, float] | None = None) ->
         raise ValueError(
             "assumptions are tested where all tests share their parameters; these were fitted per attribute"
         )
+    linear = _linear(fit)
+    moving = any(base.frequency.any() for base in linear)  # constant loads alone see no inertia
+    divided = any(isinstance(block, OrbitResponses | OffCentreResponses) for block in fit.problem.blocks)
+    params = [fit.params.get(name) for name in fit.model.parameter_names]
     terms: list[Term] = [
-        *_structure(fit), *_offsets(fit), *_clearance(fit), *_known(fit), *_gains(fit), *_rest(fit), *_causes(fit)
-    ]  # fmt: skip
+        *(term for term in (terms_left_out(fit.model) if linear else ()) if moving or term.power == 0),
+        *_offsets(fit, linear),
+        *([Clearance()] if divided and fit.model.clearance else []),
+        *(place for place, p in enumerate(params) if p is not None and not p.vary and p.value),
+        *_gains(fit),
+        *_rest(fit),
+        *_causes(fit),
+    ]
     # An isotropic fit bears what pairs of probes show of the supports where it moves nothing by half its error.
     pair = Kind.PAIR.value
     entries = [e for e in _entries(fit, terms) if not e.name.startswith(pair) or e.weight >= _LARGEST_SHIFT]
@@ -112,15 +129,8 @@ def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
     described = [_described(fit, term) for term in terms]
     rivals: dict[int, tuple[int, float, float]] = {}
     if found.any():
-
-        def asked(some: Bool) -> Scores:
-            """Score tests of all terms beside some of them."""
-            wider = np.hstack([jacobian, columns[:, some]])
-            return score_tests(residuals, wider, columns, np.concatenate([prior, np.zeros(int(some.sum()))]))
-
-        beside = asked(found)
         largest = [_LARGEST_RIVAL * plausible if name.startswith("g[") else 0.0 for name, *_, plausible in described]
-        rivals = _rivals(asked, found, np.array(largest))
+        beside, rivals = _beside(residuals, jacobian, columns, prior, found, np.array(largest))
     onset = fit.onset(0) if fit.model.speed_dependent else None
     errors = {name: fit.params[name].stderr for name in _RESULTS if name in fit.var_names}
     if not errors:
@@ -159,9 +169,16 @@ def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
     return entries
 
 
-def _rivals(asked: Callable[[Bool], Scores], found: Bool, largest: Float) -> dict[int, tuple[int, float, float]]:
-    """Terms up to a size that explain the residuals as well as a cause that was found: in the place of which of the
-    terms, and with which estimate and standard error."""
+def _beside(
+    residuals: ComplexArray, jacobian: ComplexArray, columns: ComplexArray, prior: Float, found: Bool, largest: Float
+) -> tuple[Scores, dict[int, tuple[int, float, float]]]:
+    """Score tests of terms beside causes that were found; and those up to a size that explain the residuals as well as
+    a cause, in its place: of which of the terms, and with which estimate and standard error."""
+
+    def asked(some: Bool) -> Scores:
+        wider = np.hstack([jacobian, columns[:, some]])
+        return score_tests(residuals, wider, columns, np.concatenate([prior, np.zeros(int(some.sum()))]))
+
     rivals, some = {}, SIGNIFICANT_ERRORS**2
     for cause in np.flatnonzero(found).tolist():
         scores = asked(found & (np.arange(found.size) != cause))
@@ -169,7 +186,7 @@ def _rivals(asked: Callable[[Bool], Scores], found: Bool, largest: Float) -> dic
         alike = (gain > max(gain[cause], 2 * some) - some) & (np.abs(scores.estimate) < largest)
         for term in np.flatnonzero(alike & ~found).tolist():
             rivals[term] = (cause, float(scores.estimate[term]), float(scores.stderr[term]))
-    return rivals
+    return asked(found), rivals
 
 
 def _onset_change(fit: FitResult, onset: Threshold | None, term: Term, shift: Float) -> float:
@@ -187,21 +204,15 @@ def _onset_change(fit: FitResult, onset: Threshold | None, term: Term, shift: Fl
     return change + (float(onset.gradient[term]) if isinstance(term, int) else 0.0)
 
 
-def _structure(fit: FitResult) -> list[LeftOut]:
-    """Terms of the equation of motion, for responses of a linear rotor; constant loads alone see no inertia."""
-    linear = _linear(fit)
-    moving = any(base.frequency.any() for base in linear)
-    return [term for term in terms_left_out(fit.model) if moving or term.power == 0] if linear else []
-
-
 def _linear(fit: FitResult) -> list[Responses]:
+    """Responses of a linear rotor."""
     found = (responses_of(block) for block in fit.problem.blocks if is_linear(block))
     return [base for base in found if base is not None]
 
 
-def _offsets(fit: FitResult) -> list[Offset]:
+def _offsets(fit: FitResult, blocks: Sequence[Responses]) -> list[Offset]:
     """Probes and forces that are not at their planes, towards the next plane."""
-    size, blocks = len(fit.model.planes), _linear(fit)
+    size = len(fit.model.planes)
     if size < 2 or fit.model.frame != "z":
         return []
     read = {int(k) for base in blocks for k in np.unique(base.coordinate)}
@@ -212,12 +223,6 @@ def _offsets(fit: FitResult) -> list[Offset]:
         for at in sorted(places)
         if at < size
     ]
-
-
-def _clearance(fit: FitResult) -> list[Clearance]:
-    """The clearance, where positions are divided by it."""
-    divided = any(isinstance(block, OrbitResponses | OffCentreResponses) for block in fit.problem.blocks)
-    return [Clearance()] if divided and fit.model.clearance else []
 
 
 def _rest(fit: FitResult) -> list[Rest]:
@@ -258,12 +263,6 @@ def _causes(fit: FitResult) -> list[Cause]:
     found = [] if fit.noise is None else list(fit.noise.causes)
     there = {cause.name for cause in found}
     return [*found, *(c for c in (*uneven_supports(fit), *changes_with_speed(fit.problem)) if c.name not in there)]
-
-
-def _known(fit: FitResult) -> list[int]:
-    """Places of known parameters that are not zero."""
-    params = [fit.params.get(name) for name in fit.model.parameter_names]
-    return [place for place, p in enumerate(params) if p is not None and not p.vary and p.value]
 
 
 def _described(fit: FitResult, term: Term) -> tuple[str, str, str, float]:
@@ -333,3 +332,33 @@ def _levels(fit: FitResult) -> tuple[float, float, float]:
     frequency = max(float(np.abs(b.frequency).max()) for b in blocks)
     speed = max(float(b.speed.max()) for b in blocks)
     return stiffness, frequency, speed if speed > 1.0 else max(frequency, 1.0)
+
+
+_NEAR_PEAK = math.sqrt(0.5)
+"""Motion over the largest from which a reading counts as at the peak: half the power."""
+
+
+def uneven_supports(fit: FitResult) -> list[Cause]:
+    """Supports by what pairs of probes show, those of the plane that shows most; none without pairs."""
+    if fit.model.frame != "z" or any(c.axis != "z" for c in fit.model.coordinates):
+        return []
+    largest, found = 0.0, []
+    for test, block in zip(fit.experiments, fit.problem.blocks, strict=True):
+        base = responses_of(block)
+        if base is None or not isinstance(test, PerturbationTest) or not is_linear(block) or test.linear.any():
+            continue
+        places = Places.of(fit.model, test)
+        if places.coordinate.size != base.measured.size:
+            continue  # readings that the model leaves out
+        wrong = directional(test.response, places.rows, places.backward)[1]
+        for at in np.unique(base.coordinate[np.isfinite(wrong)]).tolist():
+            size = np.where(np.isfinite(wrong) & (base.coordinate == at), np.abs(base.measured), 0.0)
+            peak = size > _NEAR_PEAK * size.max()
+            against = float(np.sum(np.abs(wrong[peak]) ** 2 - 2 * base.sigma[peak] ** 2))  # less that of the noise
+            share = against / float(np.sum(size[peak] ** 2))
+            if share > largest:
+                part = Part(kind=Kind.SUPPORT, at=at, plane=fit.model.coordinates[at].plane)
+                unit = cause_change(block, fit.thetas, Cause(parts=(part,)))
+                square = against / float(np.sum(np.abs(unit[peak]) ** 2))
+                largest, found = share, [Cause(parts=(replace(part, kind=Kind.PAIR),), sizes=(square,))]
+    return found

@@ -173,7 +173,10 @@ def linearise(problem: Problem, x: Float) -> LinearisedFit | None:
     predicted = np.concatenate([block.measured for block in problem.blocks]) + r * sigma
     runs, rows = _runs_of(problem)
     columns = effects_of_runs(problem, x, predicted / sigma, J) if runs else {}
-    offsets = _offset_entries(problem) if runs else {}
+    # Entries of the fitted vector that offset the phase reference of a run without a prior, and the run.
+    first, bound = len(problem.space.names), {prior.entry for prior in problem.priors}
+    parts = enumerate((name.partition("[") for name in problem.space.nuisance if runs), first)
+    offsets = {entry: run[:-1] for entry, (kind, _, run) in parts if kind == "phase" and entry not in bound}
     for entry, run in offsets.items():
         own = rows[runs.index(run)]
         r[own] -= columns["run_phase"][own] * x[entry]
@@ -216,14 +219,6 @@ def effects_of_runs(problem: Problem, x: Float, whitened: ComplexArray, J: Compl
     if {"run_K0", "run_D"} <= set(columns):
         columns["run_fluid"] = columns["run_K0"] + columns["run_D"]
     return columns
-
-
-def _offset_entries(problem: Problem) -> dict[int, str]:
-    """Entries of the fitted vector that offset the phase reference of a run without a prior, and the run."""
-    first = len(problem.space.names)
-    bound = {prior.entry for prior in problem.priors}
-    parts = [name.partition("[") for name in problem.space.nuisance]
-    return {first + i: run[:-1] for i, (kind, _, run) in enumerate(parts) if kind == "phase" and first + i not in bound}
 
 
 def channels_of(problem: Problem) -> tuple[list[Index], ...]:

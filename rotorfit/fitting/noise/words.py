@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -36,26 +35,59 @@ _KINDS = {
     "run_fluid": "viscosity (K0 and D together)",
 }
 
-_REMEDY = {
-    Kind.PROBE: "Check the probe's characteristic, or test with less motion",
-    Kind.FLUID: "Fit a law of eccentricity (law=, --law), or test with less motion",
-    Kind.DELAY: "Undo the delay or filter of the channels, or give phase_offsets where the reference drifted",
-    Kind.CLOCK: (
-        "Sample marks and probes by one clock, or say how fast that of the marks is: clock_ppm in [shaft] and "
-        "[perturbator] of rig.toml, less the growth over the duration of the sweep"
+_SPEED_FIRST = (
+    'Fit it with the law of speed (law=rf.models.LinearInSpeed(("{value}",)), --law linear-in-speed), which the '
+    'threshold speed follows, or with a value for each speed (per={{"{value}": "speed_rpm"}})'
+)
+_CAUSES = {
+    Kind.PROBE: (
+        "a probe{at} that is not linear, reading {percent} % at the largest amplitude",
+        "Check the probe's characteristic, or test with less motion",
     ),
-    Kind.DRIFT: "Let temperatures settle, and repeat the sweep the other way",
-    Kind.HYSTERESIS: "A model with viscous damping alone follows it at one frequency only",
-    Kind.SUPPORT: "Read both probes, x and y, or fit the model Anisotropic",
-    Kind.PAIR: "Fit the model Anisotropic",
-    Kind.ELSEWHERE: "Fit a model that has a fluid there too",
-    Kind.LOAD: "Take the load off, or fit small motion about the place that the journal has under it (x_um, y_um)",
+    Kind.FLUID: (
+        "a fluid{at} that changes with amplitude, K0 {first} N/m, D {second} N s/m, D lam {third} N s/m at the largest",
+        "Fit a law of eccentricity (law=, --law), or test with less motion",
+    ),
+    Kind.DELAY: (
+        "a delay, filter or drifting phase reference of {channels}, {ms} ms",
+        "Undo the delay or filter of the channels, or give phase_offsets where the reference drifted",
+    ),
+    Kind.CLOCK: (
+        "a delay of all channels that grows along the sweep, by {two_ms} ms from end to end, as where the marks are "
+        "sampled by a clock of their own",
+        "Sample marks and probes by one clock, or say how fast that of the marks is: clock_ppm in [shaft] and "
+        "[perturbator] of rig.toml, less the growth over the duration of the sweep",
+    ),
+    Kind.DRIFT: (
+        "a drift along the sweep, D by {percent} % from its middle to its end",
+        "Let temperatures settle, and repeat the sweep the other way",
+    ),
+    Kind.HYSTERESIS: (
+        "damping that does not grow with frequency (hysteresis){at}, {first} N/m",
+        "A model with viscous damping alone follows it at one frequency only",
+    ),
+    Kind.SUPPORT: (
+        "stiffness unequal in x and y{at}, by {twice} N/m",
+        "Read both probes, x and y, or fit the model Anisotropic",
+    ),
+    Kind.PAIR: ("stiffness unequal in x and y{at}, by {twice_root} N/m", "Fit the model Anisotropic"),
+    Kind.LOAD: (
+        "a static load{at} of about {root} N, which moves the orbits off the centre",
+        "Take the load off, or fit small motion about the place that the journal has under it (x_um, y_um)",
+    ),
     Kind.RESIDUAL: (
+        "residual unbalance{at} of {size} kg m, which these start-ups hold beside their weight",
         "Remove it: start up once more with the weight moved by 180 degrees, or without it, and fit the differences "
-        "(in Python, rf.difference_synchronous)"
+        "(in Python, rf.difference_synchronous)",
+    ),
+    Kind.ELSEWHERE: ("a fluid{at} too, D lam {size} N s/m", "Fit a model that has a fluid there too"),
+    Kind.SPEED: ("{value} that changes with speed, by {percent} % when the mean tested speed doubles", _SPEED_FIRST),
+    Kind.BEND: (
+        "{value} that does not change in proportion to the speed, by {percent} % when the mean tested speed doubles",
+        'Fit it with a value for each speed (per={{"{value}": "speed_rpm"}}), or test nearer to the threshold',
     ),
 }
-"""Advice for each fixed cause."""
+"""Each fixed cause with its size, and advice."""
 
 _IN_ERRORS = "Standard errors include that, and intervals have the quantile of Student's t"
 
@@ -89,73 +121,18 @@ def causes(found: Sequence[Cause], *, whole: bool) -> tuple[str, ...]:
     """Fixed causes that explain what a fit misses, each a warning."""
     share = "The results are those of the model without it; their systematic share includes the shift"
     begin = f"{'the misfit' if whole else 'most of the misfit'} is explained by"
-    return tuple(f"{begin} {_cause(cause)}. {share}. {_remedy(cause)}" for cause in found)
-
-
-def _cause(cause: Cause) -> str:
-    """A cause and its size in words."""
-    part, size = cause.parts[0], cause.size
-    where = f" at {part.plane}" if part.plane else ""
-    match cause.kind:
-        case Kind.PROBE:
-            words = (
-                f"a probe{where} that is not linear, reading {significant(100 * size, 2, sign=True)} % at "
-                "the largest amplitude"
-            )
-        case Kind.FLUID:
-            K, D, cross = cause.sizes
-            change = (
-                f"K0 {significant(K, 2, sign=True)} N/m, D {significant(D, 2, sign=True)} N s/m, D lam "
-                f"{significant(cross, 2, sign=True)} N s/m"
-            )
-            words = f"a fluid{where} that changes with amplitude, {change} at the largest"
-        case Kind.DELAY:
-            who = f"the channels{where}" if where else "all channels"
-            words = f"a delay, filter or drifting phase reference of {who}, {significant(1e3 * size, 2, sign=True)} ms"
-        case Kind.CLOCK:
-            words = (
-                f"a delay of all channels that grows along the sweep, by {significant(2e3 * size, 2, sign=True)} ms "
-                "from end to end, as where the marks are sampled by a clock of their own"
-            )
-        case Kind.DRIFT:
-            words = (
-                f"a drift along the sweep, D by {significant(100 * size, 2, sign=True)} % from its middle to its end"
-            )
-        case Kind.HYSTERESIS:
-            words = (
-                f"damping that does not grow with frequency (hysteresis){where}, {significant(size, 2, sign=True)} N/m"
-            )
-        case Kind.SUPPORT | Kind.PAIR:
-            dK = math.hypot(*cause.sizes) if cause.kind is Kind.SUPPORT else math.sqrt(abs(size))
-            words = f"stiffness unequal in x and y{where}, by {significant(2 * dK, 2)} N/m"
-        case Kind.LOAD:
-            words = (
-                f"a static load{where} of about {significant(math.sqrt(abs(size)), 2)} N, which moves the "
-                "orbits off the centre"
-            )
-        case Kind.RESIDUAL:
-            words = (
-                f"residual unbalance{where} of {significant(size, 2)} kg m, which these start-ups hold "
-                "beside their weight"
-            )
-        case Kind.ELSEWHERE:
-            words = f"a fluid{where} too, D lam {significant(size, 2)} N s/m"
-        case _:
-            how = "changes with speed" if cause.kind is Kind.SPEED else "does not change in proportion to the speed"
-            words = (
-                f"{part.value} that {how}, by {significant(100 * size, 2, sign=True)} % when the mean "
-                "tested speed doubles"
-            )
-    return words
-
-
-def _remedy(cause: Cause) -> str:
-    value = cause.parts[0].value
-    each = f'with a value for each speed (per={{"{value}": "speed_rpm"}})'
-    if cause.kind is Kind.SPEED:
-        law = f'law=rf.models.LinearInSpeed(("{value}",)), --law linear-in-speed'
-        return f"Fit it with the law of speed ({law}), which the threshold speed follows, or {each}"
-    return f"Fit it {each}, or test nearer to the threshold" if cause.kind is Kind.BEND else _REMEDY[cause.kind]
+    said = []
+    for cause in found:
+        size, at = cause.size, f" at {cause.parts[0].plane}" if cause.parts[0].plane else ""
+        signed = {"first": size, "percent": 100 * size, "ms": 1e3 * size, "two_ms": 2e3 * size}
+        signed |= dict(zip(("second", "third"), cause.sizes[1:], strict=False))
+        plain = {"size": size, "twice": 2 * size, "root": abs(size) ** 0.5, "twice_root": 2 * abs(size) ** 0.5}
+        words = {name: significant(value, 2, sign=True) for name, value in signed.items()}
+        words |= {name: significant(value, 2) for name, value in plain.items()}
+        words |= {"at": at, "channels": f"the channels{at}" if at else "all channels", "value": cause.parts[0].value}
+        what, remedy = (text.format(**words) for text in _CAUSES[cause.kind])
+        said.append(f"{begin} {what}. {share}. {remedy}")
+    return tuple(said)
 
 
 def differences(effects: Sequence[RunEffect]) -> tuple[str, ...]:
@@ -164,7 +141,7 @@ def differences(effects: Sequence[RunEffect]) -> tuple[str, ...]:
         sizes = " or ".join(f"{_kind(effect)} by {_amount(effect, effect.sd)}" for effect in effects)
         both = f"runs differ in {sizes} (standard deviations, by how likely each is: two runs hardly separate them)"
         return (f"{both}. {_IN_ERRORS}",)
-    return tuple(f"{_difference(effect)}. {_IN_ERRORS}{_of_one_run(effect)}" for effect in effects)
+    return tuple(map(_difference, effects))
 
 
 def _kind(effect: RunEffect) -> str:
@@ -176,18 +153,14 @@ def _difference(effect: RunEffect) -> str:
     phase = "the phase reference, that of the first run included, differs from run to run"
     who = phase if effect.kind == "phase" else f"runs differ in {_kind(effect)}"
     between = f"standard deviation between {len(effect.runs)} runs, {significant(effect.freedom, 2)} degrees of freedom"
-    return f"{who} by {_amount(effect, effect.sd)} ({between})"
-
-
-def _of_one_run(effect: RunEffect) -> str:
-    """The run that has nearly all of an effect; empty where several share it."""
+    found = f"{who} by {_amount(effect, effect.sd)} ({between}). {_IN_ERRORS}"
     if len(effect.values) < FEWEST_RUNS:
-        return ""
+        return found
     size = np.abs(np.array(effect.values) - np.median(effect.values))  # an effect of one run shifts the mean of all
     first = int(np.argmax(size))
     if size[first] <= _SINGLE_RUN_RATIO * np.sqrt(np.mean(np.delete(size, first) ** 2)):
-        return ""
-    return f". Nearly all of it is in run {effect.runs[first]}, by {_amount(effect, size[first])}"
+        return found
+    return f"{found}. Nearly all of it is in run {effect.runs[first]}, by {_amount(effect, size[first])}"
 
 
 def _amount(effect: RunEffect, value: float) -> str:
