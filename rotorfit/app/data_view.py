@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence, Set
+from collections.abc import Callable, Sequence, Set
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import panel as pn
+from bokeh.layouts import column
+from bokeh.models import ColumnDataSource, HoverTool
 
 from rotorfit.app.forms import SetupForm, read_form
 from rotorfit.app.parts import (
@@ -46,7 +48,9 @@ class DataView:
         self._signals: SignalsView | None = None
         self._looked = pn.Column(**WIDE)
         self._shown = pn.Column(**WIDE)
-        self.parts = [heading("What was recognised"), *self._tests(), *self._forms(), *self._recorded()]
+        entries = enumerate(self._session.content["files"])
+        forms = [read_form(page, number) for number, entry in entries if "path" in entry_table(entry)]
+        self.parts = [heading("What was recognised"), *self._tests(), *forms, *self._recorded()]
 
     # ---- tests ----------------------------------------------------------------------------------------------------
 
@@ -70,12 +74,12 @@ class DataView:
         brushed: set[int] = set()
         skipped = self._session.skipped(number)
         change, session = self._page.change, self._session
-        leave, back = (
-            button(
-                "Leave out what is brushed", lambda: change(lambda: session.with_skipped(number, skipped | brushed))
-            ),
-            button("Take it again", lambda: change(lambda: session.with_skipped(number, skipped - brushed))),
-        )
+
+        def skip(rows: Callable[[], Set[int]]) -> None:
+            change(lambda: session.with_skipped(number, rows()))
+
+        leave = button("Leave out what is brushed", lambda: skip(lambda: skipped | brushed))
+        back = button("Take it again", lambda: skip(lambda: skipped - brushed))
         leave.disabled = back.disabled = True
 
         def on_brush(rows: set[int]) -> None:
@@ -91,11 +95,6 @@ class DataView:
         colours = colours_of_runs(data.experiments[number])
         key = colour_key("Draw a box or a lasso around readings to leave them out.", colours)
         return pn.Column(key, figures_beside(figures), in_a_row(leave, back), *out, **WIDE)
-
-    def _forms(self) -> list[Any]:
-        """A form for each test file; it is open where the files could not be read as they are."""
-        entries = enumerate(self._session.content["files"])
-        return [read_form(self._page, number) for number, entry in entries if "path" in entry_table(entry)]
 
     # ---- recordings -----------------------------------------------------------------------------------------------
 
@@ -132,7 +131,11 @@ class DataView:
         self._look(records[0], records[0].planes[0])
         parts: list[Any] = []
         for record in records:
-            parts += self._summary(record)
+            try:
+                words = [line for line in summary(record).splitlines() if "[" not in line or "] " not in line]
+                parts += [markup(element("pre", "\n".join(words))), *map(markup, map(finding_words, record.findings))]
+            except ValueError as problem:
+                parts.append(message(sentence(problem), "error"))
             self._looked.objects = parts
 
     def _look(self, record: Recording, plane: str) -> None:
@@ -141,13 +144,6 @@ class DataView:
         self._signals = shown = SignalsView(record, plane, at)
         self._shown.objects = [shown.view]
         shown.complete()
-
-    def _summary(self, record: Recording) -> list[Any]:
-        try:
-            words = [line for line in summary(record).splitlines() if "[" not in line or "] " not in line]
-            return [markup(element("pre", "\n".join(words))), *(markup(finding_words(f)) for f in record.findings)]
-        except ValueError as problem:
-            return [message(sentence(problem), "error")]
 
 
 _BRUSHED = "#b34700"
@@ -163,7 +159,9 @@ def readings_figures(test: Experiment, skipped: Set[int], on_brush: Callable[[se
         return []
     brushed: dict[str, Sequence[int]] = {}
     found = []
-    for channel, rows in _channels(test):
+    channels = np.char.add(np.char.add(test.plane, " "), test.direction)
+    for channel in dict.fromkeys(channels.tolist()):
+        rows = np.flatnonzero(channels == channel)
         source = _source(test, rows, skipped)
 
         def brush(_: str, __: Any, indices: list[int], channel: str = channel, rows: Any = rows) -> None:
@@ -181,15 +179,7 @@ def colours_of_runs(test: Experiment) -> dict[str, str]:
     return {run: colour_of(number, len(runs)) for number, run in enumerate(runs)}
 
 
-def _channels(test: PerturbationTest) -> Iterator[tuple[str, Any]]:
-    names = np.char.add(np.char.add(test.plane, " "), test.direction)
-    for name in dict.fromkeys(names.tolist()):
-        yield name, np.flatnonzero(names == name)
-
-
 def _source(test: PerturbationTest, rows: Any, skipped: Set[int]) -> Any:
-    from bokeh.models import ColumnDataSource
-
     colours = colours_of_runs(test)
     unit = 1e6  # micrometres, or microradians
     return ColumnDataSource(
@@ -208,9 +198,6 @@ def _source(test: PerturbationTest, rows: Any, skipped: Set[int]) -> Any:
 
 
 def _pair(channel: str, source: Any, test: PerturbationTest) -> Any:
-    from bokeh.layouts import column
-    from bokeh.models import HoverTool
-
     unit = "µrad" if channel.rpartition(" ")[2].startswith("r") else "µm"
     tips = [
         ("reading", "@number"),
@@ -222,10 +209,7 @@ def _pair(channel: str, source: Any, test: PerturbationTest) -> Any:
         ("phase lead", "@phase{0.0}°"),
     ]
     across = "speed, rpm" if test.synchronous else "frequency, rpm (backward < 0 < forward)"
-    common: dict[str, Any] = {
-        "tools": f"box_select,lasso_select,{TOOLS}",
-        "active_drag": "box_select",
-    }
+    common: dict[str, Any] = {"tools": f"box_select,lasso_select,{TOOLS}", "active_drag": "box_select"}
     top = framed(channel, 220, "", f"{unit} 0-peak", y_axis_type="log", **common)
     bottom = framed("", 190, across, "phase lead, °", x_range=top.x_range, **common)
     bottom.y_range.start, bottom.y_range.end = -190, 190

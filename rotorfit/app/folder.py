@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,16 +59,17 @@ class Folder:
 
     def _named(self, suffixes: Sequence[str]) -> list[str]:
         most_files = 500  # files that a list shows. Chosen: more are no list to choose from
-        return sorted(name for name, _ in zip(self._walk(suffixes), range(most_files), strict=False))
-
-    def _walk(self, suffixes: Sequence[str]) -> Iterator[str]:
+        found: list[str] = []
         for place, folders, files in os.walk(self.root):
             folders[:] = sorted(name for name in folders if not name.startswith("."))
             for file in sorted(files):
                 if not file.startswith(".") and Path(file).suffix.lower() in suffixes:
                     path = Path(place, file)
                     if Path(os.path.realpath(path)).is_relative_to(self.root):
-                        yield path.relative_to(self.root).as_posix()
+                        found.append(path.relative_to(self.root).as_posix())
+                if len(found) == most_files:
+                    return sorted(found)
+        return sorted(found)
 
 
 def folder_of(files: Sequence[Path]) -> tuple[Folder, tuple[str, ...]]:

@@ -10,6 +10,7 @@ from time import sleep
 from typing import Any
 
 import panel as pn
+from bokeh.plotting import figure
 
 from rotorfit.data.findings import Finding
 from rotorfit.report.html import Html, element, join
@@ -120,8 +121,6 @@ TOOLS = "pan,box_zoom,wheel_zoom,reset,save"
 
 def framed(title: str, height: int, across: str, up: str, **options: Any) -> Any:
     """An empty figure as wide as its place, with labels of its axes."""
-    from bokeh.plotting import figure
-
     if "tools" not in options:
         options |= {"tools": TOOLS, "active_drag": "box_zoom"}
     plot = figure(

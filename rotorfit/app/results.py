@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import panel as pn
+from bokeh.layouts import column
+from bokeh.models import BoxAnnotation, ColumnDataSource, HoverTool
 
 from rotorfit.app.parts import (
     WIDE,
@@ -26,7 +28,7 @@ from rotorfit.app.parts import (
 from rotorfit.app.session import Session, toml_of
 from rotorfit.diagnosis.trials.data_errors import PHASE_ZEROS
 from rotorfit.fitting.fit_file import fit_to_json
-from rotorfit.fitting.quantities import THRESHOLD, FittedParameter
+from rotorfit.fitting.quantities import THRESHOLD
 from rotorfit.io.files import to_dataframe
 from rotorfit.io.tables.result_tables import frame_csv
 from rotorfit.models.digits import interval, significant, with_error
@@ -38,7 +40,6 @@ from rotorfit.studies.wording import sentence
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
-    from rotorfit.data.experiments import Experiment
     from rotorfit.data.findings import Finding
     from rotorfit.fitting.result import FitResult
     from rotorfit.studies.study import Outcome
@@ -52,36 +53,32 @@ def result_parts(outcome: Outcome, undo: Callable[[Finding], None]) -> list[Any]
         if outcome.failure
         else message(f"Fit: {fit.message}.", "warning" if fit.identifiability.unresolved else "good")
     )
+    findings: list[Any] = []
+    for found in fit.findings:
+        findings.append(markup(finding_words(found)))
+        if found.correction is not None or found.code == PHASE_ZEROS:  # the data can be corrected as they stand
+            findings.append(button("Undo this and fit again", partial(undo, found)))
     return [
         heading("Result"),
         went,
         markup(parameter_table(fit), *_notes(fit)),
-        *[part for found in fit.findings for part in _finding(found, undo)],
+        *findings,
         *[message(text, "warning") for text in fit.warnings],
         _figures(fit),
     ]
 
 
-def _finding(found: Finding, undo: Callable[[Finding], None]) -> list[Any]:
-    """A finding, and a button where the data can be corrected as they stand."""
-    if found.correction is None and found.code != PHASE_ZEROS:
-        return [markup(finding_words(found))]
-    return [markup(finding_words(found)), button("Undo this and fit again", lambda: undo(found))]
-
-
 def parameter_table(fit: FitResult) -> Html:
     """Parameters with standard errors and intervals that hold the systematic share too."""
     head = ["parameter", "value", "standard error", "95 % interval", "unit", "", "meaning"]
-    return table(head, [_row(p) for p in fit.params.values()], numeric=(1, 2, 3), whole=(4,))
-
-
-def _row(p: FittedParameter) -> Sequence[str]:
-    unit = "" if p.unit == "1" else p.unit
-    if not p.vary or not p.resolved or p.moved_by:
-        shown = f"{p.value:.10g}" if not p.vary else ""
-        return [p.name, shown, "", "", unit, status(p), p.meaning]
-    value, error = with_error(p.value, math.hypot(p.stderr, p.systematic))
-    return [p.name, value, error, interval(*p.interval()), unit, "" if status(p) == "fitted" else status(p), p.meaning]
+    rows = []
+    for p in fit.params.values():
+        shown, said = [f"{p.value:.10g}" if not p.vary else "", "", ""], status(p)
+        if p.vary and p.resolved and not p.moved_by:
+            shown = [*with_error(p.value, math.hypot(p.stderr, p.systematic)), interval(*p.interval())]
+            said = "" if said == "fitted" else said
+        rows.append([p.name, *shown, "" if p.unit == "1" else p.unit, said, p.meaning])
+    return table(head, rows, numeric=(1, 2, 3), whole=(4,))
 
 
 def _notes(fit: FitResult) -> list[Html]:
@@ -100,56 +97,36 @@ def _notes(fit: FitResult) -> list[Html]:
 
 
 def _figures(fit: FitResult) -> Any:
-    """A tab for each kind of figure; what is not shown is not sent."""
+    """A tab for each kind of figure, with one for each pair of probe and force; what is not shown is not sent."""
     tabs = pn.Tabs(dynamic=True, **WIDE)
-    colours = colours_of_conditions(fit)
-    for name, draw in (("Bode", bode), ("Polar", polar), ("Residuals", residuals)):
-        figures = fit_figures(fit, draw)
-        if figures:
-            tabs.append((name, pn.Column(colour_key("", colours), figures_beside(figures), **WIDE)))
+    try:
+        conditions, found = curves(fit)
+    except ValueError:  # of tests without turning forces there is nothing over frequency
+        return tabs
+    sweeps, colours = joined(found), {condition.name: condition.colour for condition in conditions}
+    pairs = sorted({(curve.coordinate, curve.force_plane) for curve in sweeps})
+    for name, draw in (("Bode", bode), ("Polar", polar), ("Residuals", residuals)) if pairs else ():
+        figures = []
+        for probe, force in pairs:
+            own = [curve for curve in sweeps if (curve.coordinate, curve.force_plane) == (probe, force)]
+            unit = "µrad/N" if fit.model.coordinates[probe].axis == "r" else "µm/N"
+            figures.append(draw(own, panel_name(fit, probe, force), unit))
+        tabs.append((name, pn.Column(colour_key("", colours), figures_beside(figures), **WIDE)))
     return tabs
-
-
-Draw = Callable[[Sequence[SweepCurve], str, str], Any]
-
-
-def fit_figures(fit: FitResult, draw: Draw) -> list[Any]:
-    """A figure of one kind for each pair of probe and force; none of a fit without turning forces."""
-    try:
-        _, found = curves(fit)
-    except ValueError:  # of other tests there is nothing over frequency
-        return []
-    pairs = dict.fromkeys((curve.coordinate, curve.force_plane) for curve in joined(found))
-    figures = []
-    for probe, force in sorted(pairs):
-        own = [curve for curve in joined(found) if (curve.coordinate, curve.force_plane) == (probe, force)]
-        unit = "µrad/N" if fit.model.coordinates[probe].axis == "r" else "µm/N"
-        figures.append(draw(own, panel_name(fit, probe, force), unit))
-    return figures
-
-
-def colours_of_conditions(fit: FitResult) -> dict[str, str]:
-    """Colour of each condition of the rotor that the figures tell apart."""
-    try:
-        return {condition.name: condition.colour for condition in curves(fit)[0]}
-    except ValueError:  # as above
-        return {}
 
 
 def bode(found: Sequence[SweepCurve], title: str, unit: str) -> Any:
     """Amplitude and phase of a response to a unit force: points measured, lines fitted, with their 95 % bands."""
-    from bokeh.layouts import column
-
     top = framed(title, 260, "", unit, y_axis_type="log")
     bottom = framed("", 200, _FREQUENCY, "phase lead, °", x_range=top.x_range)
     bottom.y_range.start, bottom.y_range.end = -190, 190
     for curve in found:
-        x, fine = curve.frequency * RPM_PER_RAD_S, curve.fine * RPM_PER_RAD_S
+        fine, band = curve.fine * RPM_PER_RAD_S, {"color": curve.condition.colour, "alpha": 0.2}
         size, (relative, turn) = 1e6 * np.abs(curve.fitted), curve.band
         reach, angle = np.exp(np.minimum(relative, 5.0)), broken_phase(curve.fitted)
-        _band(top, fine, size / reach, size * reach, curve.condition.colour)
-        _band(bottom, fine, angle - np.degrees(turn), angle + np.degrees(turn), curve.condition.colour)
-        points = _measured(curve, x)
+        top.varea(fine, size / reach, size * reach, **band)
+        bottom.varea(fine, angle - np.degrees(turn), angle + np.degrees(turn), **band)
+        points = _measured(curve)
         for plot, name, fitted in ((top, "amplitude", size), (bottom, "phase", angle)):
             plot.line(fine, fitted, color=curve.condition.colour, line_width=1.4)
             drawn = plot.scatter("rpm", name, source=points, color=curve.condition.colour, size=3.5, alpha=0.6)
@@ -164,7 +141,7 @@ def polar(found: Sequence[SweepCurve], title: str, unit: str) -> Any:
     for curve in found:
         fitted = 1e6 * curve.fitted
         plot.line(fitted.real, fitted.imag, color=curve.condition.colour, line_width=1.4)
-        points = _measured(curve, curve.frequency * RPM_PER_RAD_S)
+        points = _measured(curve)
         drawn = plot.scatter("real", "imag", source=points, color=curve.condition.colour, size=3.5, alpha=0.6)
         _point_at(plot, drawn, unit)
     return plot
@@ -172,12 +149,10 @@ def polar(found: Sequence[SweepCurve], title: str, unit: str) -> Any:
 
 def residuals(found: Sequence[SweepCurve], title: str, unit: str) -> Any:
     """Residuals over their noise: dots real, crosses imaginary; noise alone leaves 95 % in the band."""
-    from bokeh.models import BoxAnnotation
-
     plot = framed(title, 240, _FREQUENCY, "residual / noise")
     plot.add_layout(BoxAnnotation(bottom=-2, top=2, fill_color="#d5dbe1", fill_alpha=0.5, level="underlay"))
     for curve in found:
-        points = _measured(curve, curve.frequency * RPM_PER_RAD_S)
+        points = _measured(curve)
         look = {"source": points, "color": curve.condition.colour, "alpha": 0.7}
         drawn = plot.scatter("rpm", "missed_real", size=3.5, **look)
         plot.scatter("rpm", "missed_imag", marker="x", size=5, **look)
@@ -188,35 +163,27 @@ def residuals(found: Sequence[SweepCurve], title: str, unit: str) -> Any:
 _FREQUENCY = "frequency, rpm (backward < 0 < forward)"
 
 
-def _measured(curve: SweepCurve, rpm: Any) -> Any:
-    from bokeh.models import ColumnDataSource
-
+def _measured(curve: SweepCurve) -> Any:
     value = 1e6 * curve.measured
     return ColumnDataSource(
         {
-            "rpm": rpm,
+            "rpm": curve.frequency * RPM_PER_RAD_S,
             "amplitude": np.abs(value),
             "phase": np.degrees(np.angle(value)),
             "real": value.real,
             "imag": value.imag,
             "missed_real": curve.whitened.real,
             "missed_imag": curve.whitened.imag,
-            "condition": [curve.condition.name] * rpm.size,
+            "condition": [curve.condition.name] * value.size,
         }
     )
 
 
 def _point_at(plot: Any, drawn: Any, unit: str) -> None:
     """Text of a point under the mouse."""
-    from bokeh.models import HoverTool
-
     tips = [("", "@condition"), ("frequency", "@rpm{0.0} rpm"), ("amplitude", f"@amplitude{{0.0000}} {unit}"),
             ("phase lead", "@phase{0.0}°"), ("residual / noise", "@missed_real{0.0} @missed_imag{+0.0}j")]  # fmt: skip
     plot.add_tools(HoverTool(tooltips=tips, renderers=[drawn], visible=False))
-
-
-def _band(plot: Any, x: Any, low: Any, high: Any, colour: str) -> None:
-    plot.varea(x, low, high, color=colour, alpha=0.2)
 
 
 class Takeaway:
@@ -229,8 +196,9 @@ class Takeaway:
             download("fit.json", partial(fit_to_json, outcome.best)),
         ]
         for number, test in enumerate(outcome.experiments, 1):
+            as_csv = partial(lambda own: frame_csv(to_dataframe(own)), test)
             name = "data.csv" if len(outcome.experiments) == 1 else f"data-{number}.csv"
-            files.append(download(name, partial(_as_csv, test)))
+            files.append(download(name, as_csv))
         self._report = pn.Column(message("drawing the report ..."), width=220)
         free = session.folder.free_name("study.toml")
         name = pn.widgets.TextInput(name="Or keep the study in the folder, as", value=free, width=220)
@@ -254,7 +222,3 @@ class Takeaway:
             self._kept.objects = [message(sentence(problem), "error")]
         else:
             self._kept.objects = [message(f"{name} is written; rotorfit run {name} repeats the fit.", "good")]
-
-
-def _as_csv(test: Experiment) -> str:
-    return frame_csv(to_dataframe(test))

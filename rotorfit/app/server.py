@@ -38,7 +38,10 @@ def serve(files: Sequence[Path], *, port: int = 0, on_ready: Callable[[str], Non
     pn.extension(notifications=False)
     pn.config.nthreads = 4  # what one tab waits for does not hold up another
     token = secrets.token_urlsafe(24)
-    port = port or _free_port()
+    if not port:
+        with socket.socket() as probe:
+            probe.bind((LOOPBACK, 0))
+            port = int(probe.getsockname()[1])
     server = pn.serve(
         {f"/{token}": lambda: page(folder, names)},
         address=LOOPBACK,
@@ -64,9 +67,3 @@ def _but_closed_tabs(loop: Any, context: dict[str, Any]) -> None:
 
     if not isinstance(context.get("exception"), StreamClosedError | WebSocketClosedError):
         loop.default_exception_handler(context)
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind((LOOPBACK, 0))
-        return int(probe.getsockname()[1])

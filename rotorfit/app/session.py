@@ -78,8 +78,11 @@ class Session:
     def with_data(self, data: Data) -> Session:
         """The session with its files read, and a model that has their planes unless one is chosen."""
         read = replace(self, data=data)
-        chosen = read if "model" in self.content else read.with_option("model", _model_for(data.experiments))
-        return chosen._prepared()
+        if "model" not in self.content:
+            planes = {plane for experiment in data.experiments for plane in experiment.planes}
+            fitting = [name for name, model in MODELS.items() if set(model().planes) == planes]
+            read = read.with_option("model", (fitting or list(MODELS))[0])
+        return read._prepared()
 
     def with_undone(self, finding: Finding) -> Session:
         """The session with the error of the data that a finding names undone."""
@@ -194,21 +197,9 @@ def toml_of(session: Session, *, absolute: bool) -> str:
 
     content = dict(session.content)
     if absolute:
-        content["files"] = [_placed(entry, session.folder.root) for entry in content["files"]]
+        root, content["files"] = session.folder.root, [entry_table(entry) for entry in content["files"]]
+        for table in content["files"]:
+            table.update({key: str(root / table[key]) for key in ("path", "setup") if key in table})
+            if "recordings" in table:
+                table["recordings"] = [str(root / name) for name in table["recordings"]]
     return str(tomli_w.dumps(content))
-
-
-def _placed(entry: Any, root: Path) -> dict[str, Any]:
-    """An entry of ``files`` with absolute paths."""
-    table = entry_table(entry)
-    paths: dict[str, Any] = {key: str(root / table[key]) for key in ("path", "setup") if key in table}
-    if "recordings" in table:
-        paths["recordings"] = [str(root / name) for name in table["recordings"]]
-    return {**table, **paths}
-
-
-def _model_for(experiments: Sequence[Experiment]) -> str:
-    """A model whose planes are those of the data, else the first."""
-    planes = {plane for experiment in experiments for plane in experiment.planes}
-    fitting = [name for name, model in MODELS.items() if set(model().planes) == planes]
-    return (fitting or list(MODELS))[0]

@@ -8,6 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import panel as pn
+from bokeh.events import RangesUpdate, Tap
+from bokeh.layouts import column
+from bokeh.models import ColumnDataSource, HoverTool, Range1d, RangeTool, Span
+from bokeh.plotting import figure
 
 from rotorfit.app.parts import WIDE, figures_beside, framed, message, small_legend
 from rotorfit.models.digits import significant
@@ -82,10 +86,6 @@ class _TimeFigure:
     """The time base, which scrolls, below the whole recording."""
 
     def __init__(self, record: Recording, probes: Sequence[Any], start: float, stop: float) -> None:
-        from bokeh.events import RangesUpdate
-        from bokeh.models import ColumnDataSource, Range1d, RangeTool, Span
-        from bokeh.plotting import figure
-
         self._record, self._probes = record, probes
         self.figure = framed(
             f"{record.name}: time base", 230, "time, s", "µm", tools="xpan,xwheel_zoom,xbox_zoom,reset,tap,save",
@@ -125,8 +125,6 @@ class _TimeFigure:
 
     def on_tap(self, call: Any) -> None:
         """Call with the time that is tapped on."""
-        from bokeh.events import Tap
-
         for plot in (self.figure, self.overview):
             plot.on_event(Tap, lambda event: call(event.x))
 
@@ -148,8 +146,6 @@ class _OrbitFigure:
     """Orbit about the cursor, as recorded and filtered to each mark, with a dot at every pulse."""
 
     def __init__(self, record: Recording, plane: str) -> None:
-        from bokeh.models import ColumnDataSource
-
         self._record, self._plane = record, plane
         self.figure = framed("orbit", 340, "x, µm", "y, µm", match_aspect=True)
         names = ["as recorded", *(f"turning with the {name}" for name in record.marks.present)]
@@ -177,8 +173,6 @@ class _SpectrumFigure:
     """Full spectrum about the cursor."""
 
     def __init__(self, record: Recording, plane: str) -> None:
-        from bokeh.models import ColumnDataSource, HoverTool
-
         self._record, self._plane = record, plane
         self.figure = framed("full spectrum", 340, "frequency, Hz (backward < 0 < forward)", "µm 0-peak")
         self._source = ColumnDataSource({"f": [], "a": []})
@@ -205,8 +199,6 @@ class _VectorFigure:
     """Vectors of the probes of a plane over the recording."""
 
     def __init__(self, vectors: OrderVectors, plane: str, mark: AngleTrack) -> None:
-        from bokeh.models import ColumnDataSource
-
         self._vectors, self._mark = vectors, mark
         own = [(angle, row) for (at, angle), row in zip(vectors.probes, vectors.phasors, strict=True) if at == plane]
         self.rpm = np.abs(vectors.speed) * RPM_PER_RAD_S
@@ -218,7 +210,12 @@ class _VectorFigure:
 
     def move(self, at: float) -> None:
         """Show the time of the cursor."""
-        i = self._nearest(at)
+        vectors = self._vectors
+        apart = np.abs(vectors.t - at)
+        if np.isnan(vectors.t).all():  # of a sweep, whose vectors have no times: that of the mark's speed then
+            apart = np.abs(np.abs(vectors.speed) - abs(float(self._mark.speed(np.array([at]))[0])))
+        there = np.flatnonzero(np.isfinite(list(self.rows.values())).all(axis=0))
+        i = int(there[np.argmin(apart[there])]) if there.size else 0
         values = np.array([row[i] for row in self.rows.values()])
         self.cursor.data = {
             "x": np.full(values.size, self.across[i]),
@@ -228,22 +225,11 @@ class _VectorFigure:
             "im": values.imag,
         }
 
-    def _nearest(self, at: float) -> int:
-        """The vector of that time; in a sweep, whose vectors have none, of the mark's speed then."""
-        vectors = self._vectors
-        apart = np.abs(vectors.t - at)
-        if np.isnan(vectors.t).all():
-            apart = np.abs(np.abs(vectors.speed) - abs(float(self._mark.speed(np.array([at]))[0])))
-        there = np.flatnonzero(np.isfinite(list(self.rows.values())).all(axis=0))
-        return int(there[np.argmin(apart[there])]) if there.size else 0
-
 
 class _BodeFigure(_VectorFigure):
     """Amplitude and phase of the vectors."""
 
     def __init__(self, vectors: OrderVectors, plane: str, mark: AngleTrack) -> None:
-        from bokeh.layouts import column
-
         super().__init__(vectors, plane, mark)
         what = "1x" if vectors.reference == "shaft" else "at the perturbation frequency"
         top = framed(f"vectors {what}", 180, "", "µm 0-peak")
@@ -276,8 +262,6 @@ class _CascadeFigure:
     """Full spectra one above the other, as levels of grey, with the orders of the marks."""
 
     def __init__(self, record: Recording, found: Cascade) -> None:
-        from bokeh.models import Span
-
         self._record, self._found = record, found
         scale, label = (1.0, "time, s") if found.over == "time" else (RPM_PER_RAD_S, f"{_NAMES[found.over]}, rpm")
         position, order = found.position * scale, np.argsort(found.position)
