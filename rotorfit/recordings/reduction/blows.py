@@ -12,7 +12,6 @@ import numpy as np
 from rotorfit.data.findings import Finding, listed
 from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.models.digits import significant
-from rotorfit.recordings.channel_statistics import ChannelStatistics
 from rotorfit.recordings.reduction.reduced_record import HIGHEST_ORDER, ReducedRecord
 from rotorfit.recordings.signals import SAMPLES_OF_A_PIECE
 
@@ -163,7 +162,7 @@ def blow_findings(record: Recording, found: list[Blow]) -> Iterator[Finding]:
             "where both blows cancel they are worse by what the errors say. Strike again if these lines matter.",
         )
     for channel, each in record.statistics.items():
-        if not each.clipped and _overloaded(each):
+        if not each.clipped and each.flat_low + each.flat_high > 0:  # it stays at an extreme even once
             yield Finding(
                 "error",
                 "channel-clipped",
@@ -171,8 +170,3 @@ def blow_findings(record: Recording, found: list[Blow]) -> Iterator[Finding]:
                 f"{significant(each.high, 4)} "
                 f"{each.unit}: amplitudes there are too small. Set the input range wider, or leave the probe out.",
             )
-
-
-def _overloaded(each: ChannelStatistics) -> bool:
-    """True if a channel stays at one of its extremes even once."""
-    return each.flat_low + each.flat_high > 0

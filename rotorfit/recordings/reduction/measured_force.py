@@ -59,7 +59,10 @@ def look_at_force(record: Recording, *, struck: bool = False) -> MeasuredForce:
     The noise is taken for white: a force that is swept or that strikes is at each frequency only for a while, so that
     the median over time of the power there is that of the noise, and the level that of most lines.
     """
-    noise = _noise(record)
+    noise_window = 0.25  # length of the windows that show the noise, s
+    fewest = 8  # windows, half over one another; those of a shorter recording are shorter
+    power, _ = _powers(record, min(noise_window, record.duration / fewest))
+    noise = np.median(np.median(power, axis=0) / np.log(2), axis=1)  # which is exponentially distributed, N^2 s
     window = 2.0  # length of the windows in which the band is looked for, s
     power, step = _powers(record, window, over_ends=struck)
     mean = power.mean(axis=0).sum(axis=0)
@@ -76,14 +79,6 @@ def look_at_force(record: Recording, *, struck: bool = False) -> MeasuredForce:
     return MeasuredForce(
         low=float(ends[0] * step), high=float(ends[1] * step), noise_x=float(noise[0]), noise_y=float(noise[1])
     )
-
-
-def _noise(record: Recording) -> Float:
-    """Density of the noise of the two channels, N^2 s, shape ``(2,)``."""
-    window = 0.25  # length of the windows that show the noise, s
-    fewest = 8  # windows, half over one another; those of a shorter recording are shorter
-    power, _ = _powers(record, min(window, record.duration / fewest))
-    return np.asarray(np.median(np.median(power, axis=0) / np.log(2), axis=1))  # noise is exponentially distributed
 
 
 def _powers(record: Recording, length: float, *, over_ends: bool = False) -> tuple[Float, float]:

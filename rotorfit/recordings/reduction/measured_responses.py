@@ -32,7 +32,6 @@ from rotorfit.recordings.reduction.response_lines import Report, clear_lines, es
 
 if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording
-    from rotorfit.recordings.reduction.reduced_record import ReducedRecord
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +58,15 @@ class _Driven:
 def measured_responses(recordings: Sequence[Recording], report: Report) -> PerturbationTest:
     """Responses to measured forces. What the noise of their channels does to the motion that they predict is left over
     by the local fits, and so in sigma."""
-    driven = [_driven_by(record, report) for record in recordings]
+    driven = []
+    for record in recordings:
+        struck = blows(record)
+        force = reduce_measured(record, struck=bool(struck))
+        for finding in blow_findings(record, struck):
+            report(finding)
+        found, cut_off = _forced(force, struck, report)
+        across = force_across(force, found)
+        driven.append(_Driven(force=force, found=found, cut_off=cut_off, across=across, struck=bool(struck)))
     tests = []
     while driven:
         first = driven.pop(0)
@@ -70,16 +77,6 @@ def measured_responses(recordings: Sequence[Recording], report: Report) -> Pertu
             driven.remove(partner)
             tests += _of_both(first, partner, report)
     return join(tests)
-
-
-def _driven_by(record: Recording, report: Report) -> _Driven:
-    struck = blows(record)
-    force = reduce_measured(record, struck=bool(struck))
-    for finding in blow_findings(record, struck):
-        report(finding)
-    found, cut_off = _forced(force, struck, report)
-    across = force_across(force, found)
-    return _Driven(force=force, found=found, cut_off=cut_off, across=across, struck=bool(struck))
 
 
 def _belong_together(one: _Driven, other: _Driven) -> bool:
@@ -113,12 +110,15 @@ def _alone(driven: _Driven, report: Report) -> PerturbationTest:
 def _rows(driven: _Driven, found: LocalResponse, clear: Bool, report: Report) -> PerturbationTest:
     """Readings at clear lines, with their coherence."""
     record, reduced = driven.force.record.record, driven.force.record
+    speed: Float | float = record.speed or 0.0
+    if reduced.shaft_speed:
+        speed = shaft_speed_at(reduced.without_orders(), found.frequency, found.width / (SMOOTH_DEGREE + 1))
     test = rows(
         readings(record, reduced.whirl, found, np.zeros(found.noise.shape)),
         clear,
         run=record.name,
         frequency=reduced.whirl * found.frequency,
-        speed=_speed_at(reduced, found),
+        speed=speed,
         force_plane=record.force.plane if record.force else "",
         force=np.full(found.frequency.size, driven.size, dtype=complex),
         attributes=record.attributes,
@@ -127,13 +127,6 @@ def _rows(driven: _Driven, found: LocalResponse, clear: Bool, report: Report) ->
     coherent = coherence(test, found, reduced, clear)
     report(coherence_note(test, coherent))
     return replace(test, attributes={**test.attributes, "coherence": coherent})
-
-
-def _speed_at(reduced: ReducedRecord, found: LocalResponse) -> Float | float:
-    """Speed of each line, or the one given for all."""
-    if not reduced.shaft_speed:
-        return reduced.record.speed or 0.0
-    return shaft_speed_at(reduced.without_orders(), found.frequency, found.width / (SMOOTH_DEGREE + 1))
 
 
 def _with_across(test: PerturbationTest, driven: _Driven, ratio: ComplexArray) -> PerturbationTest:
@@ -174,7 +167,8 @@ def _of_both(one: _Driven, other: _Driven, report: Report) -> list[PerturbationT
         replace(
             found,
             response=np.einsum("jl,jpl->pl", acting[:, k], found.response)[None],
-            sigma=found.noise[None] * np.sqrt(_power_of(acting[:, k], found.covariance) / 2),
+            sigma=found.noise[None]
+            * np.sqrt(np.einsum("jl,jml,ml->l", acting[:, k], found.covariance, acting[:, k].conj()).real / 2),
         )
         for k in (0, 1)
     ]
@@ -198,11 +192,6 @@ def _independent_forces(covariance: ComplexArray) -> ComplexArray:
     nearly = 0.05  # of a force: tests along the axes then err independently to a tenth
     small = np.median(np.abs(forces[[1, 0], [0, 1]])) < nearly
     return np.repeat(np.eye(2, dtype=complex)[:, :, None], forces.shape[2], axis=2) if small else forces
-
-
-def _power_of(force: ComplexArray, covariance: ComplexArray) -> Float:
-    """Variance of the response to forces, shape ``(L,)``."""
-    return np.asarray(np.einsum("jl,jkl,kl->l", force, covariance, force.conj()).real)
 
 
 def _forced(driven: ReducedForce, struck: Sequence[Blow], report: Report) -> tuple[LocalResponse, float]:

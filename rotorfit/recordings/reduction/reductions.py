@@ -12,7 +12,7 @@ from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding
 from rotorfit.data.synchronous import DIFFERENCED
 from rotorfit.estimators.signals.local_response import SMOOTH_DEGREE, LocalResponse
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import ComplexArray
 from rotorfit.recordings.reduction.measured_responses import measured_responses
 from rotorfit.recordings.reduction.reduced_record import ReducedRecord, is_pair, reduce_record
 from rotorfit.recordings.reduction.response_lines import (
@@ -217,23 +217,17 @@ def swept_vectors(record: Recording) -> OrderVectors | None:
     for number, (plane, direction) in enumerate(channels):
         rows = (test.plane == plane) & (test.direction == direction)
         phasors[number, np.searchsorted(frequency, np.abs(test.frequency[rows]))] = test.response[rows]
-    speed, phasors = _interrupted(frequency, phasors)
-    return OrderVectors(
-        reference="perturbator",
-        t=np.full(speed.size, np.nan),
-        speed=speed,
-        phasors=phasors,
-        probes=tuple((plane, {"y": np.pi / 2}.get(direction, 0.0)) for plane, direction in channels),
-        forward={},
-        backward={},
-    )
-
-
-def _interrupted(frequency: Float, phasors: ComplexArray) -> tuple[Float, ComplexArray]:
-    """The same with nothing where lines are left out."""
     steps = np.diff(frequency)
     # Steps between lines, over the usual step, from which a curve is interrupted: one line is left out, or more
     gap = 2.5
     gaps = np.flatnonzero(steps > gap * np.median(steps)) if steps.size else np.zeros(0, dtype=np.intp)
-    middle = (frequency[gaps] + frequency[gaps + 1]) / 2
-    return np.insert(frequency, gaps + 1, middle), np.insert(phasors, gaps + 1, np.nan, axis=1)
+    speed = np.insert(frequency, gaps + 1, (frequency[gaps] + frequency[gaps + 1]) / 2)
+    return OrderVectors(
+        reference="perturbator",
+        t=np.full(speed.size, np.nan),
+        speed=speed,
+        phasors=np.insert(phasors, gaps + 1, np.nan, axis=1),
+        probes=tuple((plane, {"y": np.pi / 2}.get(direction, 0.0)) for plane, direction in channels),
+        forward={},
+        backward={},
+    )

@@ -138,7 +138,9 @@ def checked_responses(
     for each in reduced:
         for finding in each.findings:
             on_finding(finding)
-    test = join(_alike([each.test for each in reduced]))
+    shared = set.intersection(*(set(each.test.attributes) for each in reduced))
+    own = [{name: v for name, v in each.test.attributes.items() if name in shared} for each in reduced]
+    test = join([replace(each.test, attributes=kept) for each, kept in zip(reduced, own, strict=True)])
     if forces[0].reference == "shaft" and turns:
         test = differenced(test)
     return replace(test, source=source_of(records))
@@ -193,12 +195,6 @@ def _refuse_alone(pairs: Sequence[tuple[Recording, Force]]) -> None:
         "its channel in [perturbator], or say steady = true where it has no mark; vectors at one speed: turns = 24 "
         "(--windows 24)"
     )
-
-
-def _alike(tests: Sequence[PerturbationTest]) -> list[PerturbationTest]:
-    """Tests with the attributes that all of them have."""
-    shared = set.intersection(*(set(test.attributes) for test in tests))
-    return [replace(t, attributes={k: v for k, v in t.attributes.items() if k in shared}) for t in tests]
 
 
 def _datum_finding(records: Sequence[Recording]) -> Finding:

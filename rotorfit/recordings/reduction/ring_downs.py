@@ -11,7 +11,7 @@ import numpy as np
 
 from rotorfit.data.experiments import RingDownTest
 from rotorfit.executors import carry_out, executor_of
-from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.recording import Recording, named_apart
 from rotorfit.recordings.reduction.blows import AVERAGING_TIME, quiet_part
@@ -65,10 +65,11 @@ def ring_downs(
     listed = named_apart(records)
     columns: dict[str, list[Float]] = {name: [] for name in ("speed", "time", "x", "y")}
     runs: list[str] = []
-    jobs = [
-        _Struck(record=record, plane=_plane(record, plane), highest_hz=_highest(record, highest_hz))
-        for record in listed
-    ]
+    jobs = []
+    for record in listed:
+        said = record.rig.impulse.highest if record.rig.impulse is not None else None
+        highest = highest_hz if highest_hz is not None else HIGHEST_HZ if said is None else said / (2 * np.pi)
+        jobs.append(_Struck(record=record, plane=_plane(record, plane), highest_hz=highest))
     for job, (mean, blows) in zip(jobs, carry_out(_reduced, jobs, executor_of(executor, client)), strict=True):
         for number, (speed, time, z, settled) in enumerate(blows, start=1):
             runs += [f"{job.record.name}, blow {number}"] * time.size
@@ -98,19 +99,11 @@ class _Struck:
 
 def _reduced(job: _Struck) -> tuple[complex | None, list[_Blow]]:
     """Mean position where it is known, and the motion after each blow."""
-    return _mean_position(job.record, job.plane), list(_blows(job.record, job.plane, job.highest_hz))
-
-
-def _highest(record: Recording, asked: float | None) -> float:
-    said = record.rig.impulse.highest if record.rig.impulse is not None else None
-    return asked if asked is not None else HIGHEST_HZ if said is None else said / (2 * np.pi)
-
-
-def _mean_position(record: Recording, plane: str) -> complex | None:
-    """Mean position from the bearing's centre, m, where the setup says what voltages belong to that."""
-    if any(probe.centre is None for probe in record.probes if probe.plane == plane):
-        return None
-    return next((complex(rest.z.mean()) for rest in rest_positions(record)[0] if rest.plane == plane), None)
+    record, plane = job.record, job.plane
+    mean = None
+    if all(probe.centre is not None for probe in record.probes if probe.plane == plane):  # voltages of the centre
+        mean = next((complex(rest.z.mean()) for rest in rest_positions(record)[0] if rest.plane == plane), None)
+    return mean, list(_blows(record, plane, job.highest_hz))
 
 
 def _plane(record: Recording, asked: str | None) -> str:
@@ -142,7 +135,10 @@ def _blows(record: Recording, plane: str, highest_hz: float) -> Iterator[_Blow]:
     left, level, size, noise, quiet = found.left, found.level, found.size, found.noise, found.quiet
     width = max(int(AVERAGING_TIME * rate), 1)
     loud = size > BLOW_OVER_MEDIAN * noise
-    begins = _after_quiet(np.flatnonzero(loud[1:] & ~loud[:-1]) + 1, quiet)
+    begins: list[int] = []
+    for rise in (np.flatnonzero(loud[1:] & ~loud[:-1]) + 1).tolist():
+        if not begins or quiet[begins[-1] : rise].any():  # a motion that dies out may rise again
+            begins.append(rise)
     if not begins:
         raise ValueError(f"{record.name}: no blow stands out of the motion of {plane}")
     speed = float(np.mean(shaft.speed(time)))
@@ -153,12 +149,3 @@ def _blows(record: Recording, plane: str, highest_hz: float) -> Iterator[_Blow]:
         settled = complex(np.mean(left[last:end] if end - last > 5 * width else level[first:following]))
         if last - first > 16:
             yield speed, time[first:last] - time[first], left[first:last] - settled, settled
-
-
-def _after_quiet(rises: Index, quiet: Bool) -> list[int]:
-    """Those before which it was quiet: a motion that dies out may rise again."""
-    begins: list[int] = []
-    for rise in rises.tolist():
-        if not begins or quiet[begins[-1] : rise].any():
-            begins.append(rise)
-    return begins

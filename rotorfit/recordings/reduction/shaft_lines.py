@@ -110,7 +110,8 @@ def _lines_of(record: Recording, runout_um: float | None, supports: bool) -> lis
     if runout_um is not None:
         found += [_steady(record, swept, motion, name, runout_um * 1e-6) for name in ("1x", "2x")]
     if record.rig.twist is not None and not supports:
-        whirl = _band_passed(motion, swept)
+        spectrum, w = np.fft.fft(motion), 2 * np.pi * np.fft.fftfreq(motion.size, swept.time[1] - swept.time[0])
+        whirl = np.fft.ifft(np.where((w >= swept.low) & (w <= swept.high), spectrum, 0.0))  # the motion at w alone
         drives = {"w-Om": f / turn, "w-2Om": f / turn**2, "2w-2Om": whirl**2 / turn**2}
         # phi = Re(Phi exp(j nu t)) has half of Phi at +nu.
         found += _fit(record, swept, 2.0 * record.twist, "twist", drives, found[0])
@@ -223,20 +224,8 @@ def _spectrum(signal: ComplexArray | Float) -> ComplexArray:
     return np.asarray(np.fft.fftshift(np.fft.fft(signal)) / signal.size)
 
 
-def _mirrored(spectrum: ComplexArray) -> ComplexArray:
-    """Spectrum of the conjugate of a signal."""
-    return np.asarray(np.fft.fftshift(np.roll(np.fft.ifftshift(spectrum)[::-1], 1)).conj())
-
-
 def _frequencies(record: Recording) -> Float:
     return np.asarray(2 * np.pi * np.fft.fftshift(np.fft.fftfreq(record.size, 1 / record.sample_rate)))
-
-
-def _band_passed(motion: ComplexArray, swept: _Swept) -> ComplexArray:
-    """The motion at w alone: the part of the spectrum that was swept."""
-    spectrum = np.fft.fft(motion)
-    w = 2 * np.pi * np.fft.fftfreq(motion.size, swept.time[1] - swept.time[0])
-    return np.asarray(np.fft.ifft(np.where((w >= swept.low) & (w <= swept.high), spectrum, 0.0)))
 
 
 def _order_of(direction: str, name: str) -> Order:
@@ -269,12 +258,14 @@ def _fit(
         {name: (_ends(direction, name, swept), _spectrum(d)) for name, d in drives.items()},
     )
     if not np.iscomplexobj(signal):  # every line of a real signal has a twin at minus its frequency
-        spectra |= {f"-{k}": ((-high, -low), _mirrored(d)) for k, ((low, high), d) in spectra.items()}
+        for k, ((low, high), d) in list(spectra.items()):
+            mirrored = np.fft.fftshift(np.roll(np.fft.ifftshift(d)[::-1], 1)).conj()  # that of the conjugate
+            spectra[f"-{k}"] = (-high, -low), mirrored
     orders = np.array([_spectrum(swept.turn**k) for k in _ORDERS])
     found = []
     for name in drives:
         (low, high), own = spectra[name]
-        others = [drive for k, (ends, drive) in spectra.items() if k != name and _overlap((low, high), ends)]
+        others = [drive for k, ((a, b), drive) in spectra.items() if k != name and max(low, a) < min(high, b)]
         response = local_response(
             [RecordSpectra(frequency=w, outputs=output[None], forces=np.array([own, *others]), others=orders)],
             low,
@@ -305,10 +296,6 @@ def _square_rows(
     spread = np.hypot(sigma * np.abs(motion) ** 2, 2 * np.abs(response * motion**2) * error)
     known = spread <= _LARGEST_ERROR_RATIO * np.median(spread)
     return _columns(swept, "twist", "2w-2Om", w[known], force[known], (response * motion**2)[known], spread[known])
-
-
-def _overlap(one: tuple[float, float], other: tuple[float, float]) -> bool:
-    return max(one[0], other[0]) < min(one[1], other[1])
 
 
 def _rows(

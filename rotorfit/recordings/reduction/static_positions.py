@@ -234,8 +234,11 @@ def _rest(record: Recording, plane: str, probes: Sequence[Probe]) -> RestPositio
                 raise ValueError(
                     f"{record.name}: {significant(end - begin, 3)} s are too short to tell a mean voltage and its error"
                 )
-            level, error = _mean(volts[inside], reduced.time[inside], shaft)
-            mean[p, s], variance[p, s] = (level - (probe.centre or 0.0)) / scale, (error + rounding) / scale**2
+            parts = np.array_split(np.flatnonzero(inside), _PARTS_OF_RECORD)
+            levels = np.array([_level(volts[part], reduced.time[part], shaft) for part in parts])
+            # where voltages drift, longer parts scatter more than their length says
+            error = max(each.var(ddof=1) / each.size for each in (levels, levels.reshape(-1, 2).mean(axis=1)))
+            mean[p, s], variance[p, s] = (levels.mean() - (probe.centre or 0.0)) / scale, (error + rounding) / scale**2
     x, y = record.resolved(plane, mean)
     return RestPosition(
         record=record, plane=plane, speed=speeds, z=x + 1j * y, variance=record.resolved_variance(plane, variance)
@@ -253,15 +256,8 @@ def _stretches(record: Recording, shaft: AngleTrack | None) -> tuple[list[tuple[
     return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)), np.asarray(mean)
 
 
-def _mean(volts: Float, time: Float, shaft: AngleTrack | None) -> tuple[float, float]:
-    """Mean voltage without the shaft's orders, and its variance from the scatter over parts of the time."""
-    parts = np.array_split(np.arange(volts.size), _PARTS_OF_RECORD)
-    levels = np.array([_level(volts[part], time[part], shaft) for part in parts])
-    pairs = levels.reshape(-1, 2).mean(axis=1)  # where voltages drift, longer parts scatter more than their length says
-    return float(levels.mean()), float(max(levels.var(ddof=1) / levels.size, pairs.var(ddof=1) / pairs.size))
-
-
 def _level(volts: Float, time: Float, shaft: AngleTrack | None) -> float:
+    """Mean voltage without the shaft's orders."""
     basis = [np.ones(volts.size)]
     if shaft is not None:
         angle = shaft.angle(time)
