@@ -41,7 +41,7 @@ def test_of_dwells(stepped: list[rf.Recording]) -> rf.PerturbationTest:
 def test_dwells_are_told_from_sweeps() -> None:
     t = np.arange(0, 30, 1e-3)
     speeds = [50.0, 80.0, 200.0, 190.0]
-    steps = Dwells.at(speeds, 6.0)
+    steps = Dwells(speeds=np.asarray(speeds, dtype=float), each=6.0)
     found = dwells(t[t < steps.duration], steps.angle(t[t < steps.duration]), steps.speed(t[t < steps.duration]))
     assert [steps.speed(t[part]).mean() for part in found] == pytest.approx(speeds, rel=1e-3)
     assert len(dwells(t, 100.0 * t + 0.05 * np.sin(t), 100.0 + 0.05 * np.cos(t))) == 1

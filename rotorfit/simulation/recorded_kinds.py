@@ -63,7 +63,7 @@ def dwell(
     for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
         rig.decay(rpm * RPM)
         for plane, direction, run in product(some_planes(rig.model, planes), directions, runs):
-            turning = Dwells.at(run.tolist(), duration)
+            turning = Dwells(speeds=run, each=duration)
             played = _perturbed(rig, turning, turning.duration, rpm, plane, direction, unbalance)
             if mark:
                 yield replace(played, name=f"{played.name}-dwells")

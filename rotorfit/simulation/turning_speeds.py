@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -18,19 +17,25 @@ RAMP_TIME = 1.0
 class Rotation(Protocol):
     """Angle, speed and acceleration over time."""
 
+    def moves(self, t: Float) -> tuple[Float, Float, Float]:
+        """Angle (rad), speed (rad/s) and acceleration (rad/s^2) at some times, shape ``(N,)`` each."""
+
     def angle(self, t: Float) -> Float:
         """Angle, rad, shape ``(N,)``."""
+        return self.moves(t)[0]
 
     def speed(self, t: Float) -> Float:
         """Speed, rad/s, shape ``(N,)``."""
+        return self.moves(t)[1]
 
     def acceleration(self, t: Float) -> Float:
         """Acceleration, rad/s^2, shape ``(N,)``."""
+        return self.moves(t)[2]
 
     def force(self, t: Float, heavy_spot: float) -> ComplexArray:
         """Force of one kg m as seen from x turning with it, N, shape ``(N,)``."""
-        turned = np.exp(1j * (self.angle(t) + heavy_spot))
-        return np.asarray((self.speed(t) ** 2 - 1j * self.acceleration(t)) * turned)
+        angle, speed, acceleration = self.moves(t)
+        return np.asarray((speed**2 - 1j * acceleration) * np.exp(1j * (angle + heavy_spot)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,25 +53,13 @@ class Wander(Rotation):
         rates, phases = rng.uniform([[0.2], [0.0]], [[3.0], [2 * np.pi]], (2, 6))
         return cls(mean=mean, share=share, rates=rates, phases=phases)
 
-    def _waves(self, t: Float) -> ComplexArray:
-        """The waves, each of size one, shape ``(N, W)``."""
-        return np.asarray(np.exp(1j * (np.multiply.outer(t, self.rates) + self.phases)))
-
-    @property
-    def _size(self) -> float:
-        return self.mean * self.share * math.sqrt(2 / self.rates.size)
-
-    def angle(self, t: Float) -> Float:
-        """See :meth:`Rotation.angle`."""
-        return np.asarray(self.mean * t + self._size * (self._waves(t).real / self.rates).sum(axis=-1))
-
-    def speed(self, t: Float) -> Float:
-        """See :meth:`Rotation.speed`."""
-        return np.asarray(self.mean - self._size * self._waves(t).imag.sum(axis=-1))
-
-    def acceleration(self, t: Float) -> Float:
-        """See :meth:`Rotation.acceleration`."""
-        return np.asarray(-self._size * (self._waves(t).real * self.rates).sum(axis=-1))
+    def moves(self, t: Float) -> tuple[Float, Float, Float]:
+        """See :meth:`Rotation.moves`."""
+        size = self.mean * self.share * math.sqrt(2 / self.rates.size)
+        waves = np.exp(1j * (np.multiply.outer(t, self.rates) + self.phases))
+        angle = self.mean * t + size * (waves.real / self.rates).sum(axis=-1)
+        speed = self.mean - size * waves.imag.sum(axis=-1)
+        return angle, speed, -size * (waves.real * self.rates).sum(axis=-1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,24 +76,12 @@ class Sweep(Rotation):
         """Mean acceleration, rad/s^2."""
         return (self.last - self.first) / self.duration
 
-    @property
-    def _wave(self) -> tuple[float, float]:
-        return abs(self.last - self.first) * self.uneven, 2 * np.pi * 7.3 / self.duration
-
-    def angle(self, t: Float) -> Float:
-        """See :meth:`Rotation.angle`."""
-        size, rate = self._wave
-        return np.asarray(self.first * t + self.slope * t**2 / 2 - size / rate * (np.cos(rate * t) - 1))
-
-    def speed(self, t: Float) -> Float:
-        """See :meth:`Rotation.speed`."""
-        size, rate = self._wave
-        return np.asarray(self.first + self.slope * t + size * np.sin(rate * t))
-
-    def acceleration(self, t: Float) -> Float:
-        """See :meth:`Rotation.acceleration`."""
-        size, rate = self._wave
-        return np.asarray(self.slope + size * rate * np.cos(rate * t))
+    def moves(self, t: Float) -> tuple[Float, Float, Float]:
+        """See :meth:`Rotation.moves`."""
+        size, rate = abs(self.last - self.first) * self.uneven, 2 * np.pi * 7.3 / self.duration
+        wave = np.exp(1j * rate * t)
+        angle = self.first * t + self.slope * t**2 / 2 - size / rate * (wave.real - 1)
+        return angle, self.first + self.slope * t + size * wave.imag, self.slope + size * rate * wave.real
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,38 +91,18 @@ class Dwells(Rotation):
     speeds: Float  # of each dwell, rad/s, shape ``(D,)``
     each: float  # how long it lasts, s
 
-    @classmethod
-    def at(cls, speeds: Sequence[float], each: float) -> Dwells:
-        """Dwells one after the other."""
-        return cls(speeds=np.asarray(speeds, dtype=float), each=each)
-
     @property
     def duration(self) -> float:
         """Of all, ramps included, s."""
         return self.speeds.size * self.each + (self.speeds.size - 1) * RAMP_TIME
 
-    def _corners(self) -> tuple[Float, Float, Float]:
-        """Times and speeds at which a dwell begins or ends, and the angles there."""
+    def moves(self, t: Float) -> tuple[Float, Float, Float]:
+        """See :meth:`Rotation.moves`."""
         begin = np.arange(self.speeds.size) * (self.each + RAMP_TIME)
-        time = np.stack([begin, begin + self.each], axis=1).ravel()
+        time = np.stack([begin, begin + self.each], axis=1).ravel()  # at which a dwell begins or ends
         speed = np.repeat(self.speeds, 2)
         angle = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(time))])
-        return time, speed, angle
-
-    def speed(self, t: Float) -> Float:
-        """See :meth:`Rotation.speed`."""
-        time, speed, _ = self._corners()
-        return np.interp(t, time, speed)
-
-    def acceleration(self, t: Float) -> Float:
-        """See :meth:`Rotation.acceleration`."""
-        time, speed, _ = self._corners()
         slope = np.append(np.diff(speed) / np.diff(time), 0.0)
-        return np.asarray(slope[np.clip(np.searchsorted(time, t, side="right") - 1, 0, slope.size - 1)])
-
-    def angle(self, t: Float) -> Float:
-        """See :meth:`Rotation.angle`."""
-        time, speed, angle = self._corners()
         at = np.clip(np.searchsorted(time, t, side="right") - 1, 0, time.size - 1)
         into = t - time[at]
-        return np.asarray(angle[at] + speed[at] * into + self.acceleration(t) * into**2 / 2)
+        return angle[at] + speed[at] * into + slope[at] * into**2 / 2, np.interp(t, time, speed), slope[at]

@@ -168,21 +168,8 @@ def _start_up(record: Recording) -> list[dict[str, NDArray[Any]]]:
         known = found.sigma[0, 0] <= _LARGEST_ERROR_RATIO * np.median(found.sigma)
         speed, response, sigma = (x[known] for x in (found.frequency / order, found.response[0, 0], found.sigma[0, 0]))
         turned = order * np.abs(response) * shaft.stderr(time_at(reduced, speed))
-        none = np.zeros(speed.size)
-        parts.append(
-            {
-                "run": np.full(speed.size, record.name),
-                "speed": speed,
-                "frequency": none,
-                "force_plane": np.full(speed.size, plane),
-                "force": none.astype(complex),
-                "plane": np.full(speed.size, plane),
-                "direction": np.full(speed.size, "z"),
-                "line": np.full(speed.size, f"{order}x"),
-                "response": response,
-                "sigma": np.hypot(sigma, turned),
-            }
-        )
+        none, place = np.zeros(speed.size), (record.name, plane, speed, "z", f"{order}x")
+        parts.append(_columns(place, none, none.astype(complex), response, np.hypot(sigma, turned)))
     return parts
 
 
@@ -295,7 +282,8 @@ def _square_rows(
     motion = force / stiffness
     spread = np.hypot(sigma * np.abs(motion) ** 2, 2 * np.abs(response * motion**2) * error)
     known = spread <= _LARGEST_ERROR_RATIO * np.median(spread)
-    return _columns(swept, "twist", "2w-2Om", w[known], force[known], (response * motion**2)[known], spread[known])
+    place = (swept.name, swept.plane, swept.speed, "twist", "2w-2Om")
+    return _columns(place, w[known], force[known], (response * motion**2)[known], spread[known])
 
 
 def _rows(
@@ -314,23 +302,24 @@ def _rows(
     force = np.asarray(swept.mr * w**2, dtype=complex)  # its angles are in the drives
     response, sigma = response * force, sigma * np.abs(force)
     known = sigma <= _LARGEST_ERROR_RATIO * np.median(sigma)
-    found = _columns(swept, direction, name, w[known], force[known], response[known], sigma[known])
-    return found | {"speed": speed[known]}
+    place = (swept.name, swept.plane, speed[known], direction, name)
+    return _columns(place, w[known], force[known], response[known], sigma[known])
 
 
 def _columns(
-    swept: _Swept, direction: str, name: str, w: Float, force: ComplexArray, response: ComplexArray, sigma: Float
+    place: tuple[str, str, Float | float, str, str], w: Float, force: ComplexArray, response: ComplexArray, sigma: Float
 ) -> dict[str, NDArray[Any]]:
-    count = w.size
+    """Columns of a line test: ``place`` is run, plane of probes and force, speed, direction and line."""
+    run, plane, speed, direction, line = (np.broadcast_to(values, w.shape) for values in place)
     return {
-        "run": np.full(count, swept.name),
-        "speed": np.full(count, swept.speed),
+        "run": run,
+        "speed": speed,
         "frequency": w,
-        "force_plane": np.full(count, swept.plane),
+        "force_plane": plane,
         "force": force,
-        "plane": np.full(count, swept.plane),
-        "direction": np.full(count, direction),
-        "line": np.full(count, name),
+        "plane": plane,
+        "direction": direction,
+        "line": line,
         "response": response,
         "sigma": sigma,
     }
@@ -368,4 +357,5 @@ def _steady(
     near = np.abs(_spectrum(motion))[[*range(at - beside, at - 4), *range(at + 5, at + beside + 1)]]
     sigma = float(np.hypot(np.median(near) / np.sqrt(2 * np.log(2)), runout / np.sqrt(2)))
     none = np.zeros(1)
-    return _columns(swept, "z", name, none, none.astype(complex), np.array([amplitude]), np.array([sigma]))
+    place = (swept.name, swept.plane, swept.speed, "z", name)
+    return _columns(place, none, none.astype(complex), np.array([amplitude]), np.array([sigma]))
