@@ -49,6 +49,9 @@ RECORDINGS = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet", ".npz", ".uf5
 """Suffixes that only recordings of raw signals have."""
 
 
+_CORRECTIONS = ("gains", "delays", "slow_roll", "slow_roll_below_rpm", "probe_angles")
+
+
 def read(
     path: str | Path | DataFrame,
     *,
@@ -122,16 +125,10 @@ def read(
     test = _read_raw(path, {"speed": speed, "axes": axes}, table, callbacks, speed_tolerance)
     _check_sizes(test)
     test = selected(test, where=where, exclude=exclude, drop_near_1x=drop_near_1x)
-    options: dict[str, Any] = {
-        "gains": gains,
-        "delays": delays,
-        "slow_roll": slow_roll,
-        "slow_roll_below_rpm": slow_roll_below_rpm,
-        "probe_angles": probe_angles,
-    }
-    given = {name: value for name, value in options.items() if value is not None}
+    corrections = (gains, delays, slow_roll, slow_roll_below_rpm, probe_angles)
+    given = {name: value for name, value in zip(_CORRECTIONS, corrections, strict=True) if value is not None}
     if isinstance(test, PerturbationTest):
-        test = _corrected(test, **given)
+        test = _corrected(test, given)
         if difference and test.synchronous:
             apart = differenced(test)
             if apart is not test:
@@ -170,28 +167,21 @@ def _tell_uneven(test: PerturbationTest, on_finding: Callable[[Finding], None] |
         on_finding(Finding("warning", "uneven-weights", message))
 
 
-def _corrected(
-    test: PerturbationTest,
-    *,
-    gains: Mapping[Channel, complex] | None = None,
-    delays: Mapping[Channel, float] | None = None,
-    slow_roll: Mapping[Channel, complex] | None = None,
-    slow_roll_below_rpm: float | None = None,
-    probe_angles: Mapping[str, tuple[float, float]] | None = None,
-) -> PerturbationTest:
-    """Probe readings with their corrections, in the order of the arguments; see :func:`read`."""
+def _corrected(test: PerturbationTest, given: Mapping[str, Any]) -> PerturbationTest:
+    """Probe readings with their corrections, in the order of the arguments of :func:`read`."""
+    gains, delays, slow_roll, below_rpm, angles = (given.get(name) for name in _CORRECTIONS)
     if gains or delays:
         test = correct_channels(test, gains or {}, delays or {})
-    if slow_roll is not None and slow_roll_below_rpm is not None:
+    if slow_roll is not None and below_rpm is not None:
         raise ValueError("slow_roll and slow_roll_below_rpm are both given; choose one")
     if slow_roll:
         check_channels(test, slow_roll, "slow_roll")
         if not all(np.isfinite(value) for value in slow_roll.values()):
             raise ValueError("slow_roll: a run-out vector must be finite, m (rad for slopes), complex")
         test = test.subtract_slow_roll(slow_roll)
-    if slow_roll_below_rpm is not None:
-        test = subtract_measured_slow_roll(test, slow_roll_below_rpm * RAD_S_PER_RPM)
-    return resolve_probe_angles(test, probe_angles) if probe_angles else test
+    if below_rpm is not None:
+        test = subtract_measured_slow_roll(test, below_rpm * RAD_S_PER_RPM)
+    return resolve_probe_angles(test, angles) if angles else test
 
 
 _FORMATS = {

@@ -12,7 +12,7 @@ from rotorfit.estimators.signals.pulse_numbers import NumberedPulses, from_index
 from rotorfit.estimators.signals.pulses import PulseLevels, find_edges, find_levels
 from rotorfit.estimators.signals.shaft_angle import SmoothAngle, smooth_angle
 from rotorfit.estimators.signals.spectral_lines import steady_angle
-from rotorfit.models.array_types import Float, Index
+from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.rig.setup import Reference
 from rotorfit.recordings.signals import Signals
@@ -74,12 +74,24 @@ def track(record: Signals, reference: Reference) -> AngleTrack:
         )
     except ValueError as problem:
         raise ValueError(f"{where}: {problem}") from problem
-    findings = [*_edge(where, reference, levels), *_mended(where, pulses, smooth), *_ends(where, record, smooth)]
+    findings = [*_of_pulses(where, pulses, smooth), *_of_ends(where, record, smooth)]
+    if reference.edge is None and levels.duty > 0.4:
+        taken = "falling" if levels.falling else "rising"
+        text = (
+            f"the pulse lasts {levels.duty:.0%} of a turn, so its leading edge is not clear; the {taken} edge was taken"
+        )
+        findings.insert(0, _warning("keyphasor-edge", f'{where}: {text}. Say edge = "falling" or "rising".'))
     if per_turn > 1:
         findings.append(_wheel(where, smooth, per_turn, gap))
     used = ~np.isin(pulses.times, smooth.outlying)
-    findings += _uneven(where, pulses.times[used], np.diff(pulses.numbers[used]))
     kept = pulses.times[used]
+    uneven = uneven_turns(kept, np.diff(pulses.numbers[used]))  # of lengths that no shaft makes: counted wrong
+    if uneven.size:
+        text = (
+            f"{where}: turns jump in length at {_times(uneven)}: pulses are missing or double there, and the turns "
+            "cannot be counted for sure. Set the trigger level anew (level_V), or cut that part of the record off."
+        )
+        findings.append(Finding("error", "pulses-uneven", text))
     return AngleTrack(smooth=smooth, pulses=kept, pulses_per_turn=per_turn, levels=levels, findings=tuple(findings))
 
 
@@ -93,17 +105,7 @@ def _sample(record: Signals, channel: str) -> Float:
     return np.concatenate([record.channel(channel, int(s), int(s) + length) for s in starts])
 
 
-def _edge(where: str, reference: Reference, levels: PulseLevels) -> Iterator[Finding]:
-    if reference.edge is None and levels.duty > 0.4:
-        taken = "falling" if levels.falling else "rising"
-        yield _warning(
-            "keyphasor-edge",
-            f"{where}: the pulse lasts {levels.duty:.0%} of a turn, so its leading edge is not clear; the {taken} edge "
-            'was taken. Say edge = "falling" or "rising".',
-        )
-
-
-def _mended(where: str, pulses: NumberedPulses, smooth: SmoothAngle) -> Iterator[Finding]:
+def _of_pulses(where: str, pulses: NumberedPulses, smooth: SmoothAngle) -> Iterator[Finding]:
     if pulses.missing.size:
         count, longest = int(pulses.missing_count.sum()), int(pulses.missing_count.max())
         text = f"{count} pulses missing, after {_times(pulses.missing)}; the angle runs on through the gaps."
@@ -135,23 +137,11 @@ def _mended(where: str, pulses: NumberedPulses, smooth: SmoothAngle) -> Iterator
             yield Finding("error", "pulses-noisy", f"{where}: {text}")
 
 
-def _uneven(where: str, times: Float, turns: Index) -> Iterator[Finding]:
-    """Turns of lengths that no shaft makes: counted wrong beside missing or double pulses."""
-    uneven = uneven_turns(times, turns)
-    if uneven.size:
-        yield Finding(
-            "error",
-            "pulses-uneven",
-            f"{where}: turns jump in length at {_times(uneven)}: pulses are missing or double there, and the turns "
-            "cannot be counted for sure. Set the trigger level anew (level_V), or cut that part of the record off.",
-        )
-
-
 def _warning(code: str, message: str) -> Finding:
     return Finding("warning", code, message)
 
 
-def _ends(where: str, record: Signals, smooth: SmoothAngle) -> Iterator[Finding]:
+def _of_ends(where: str, record: Signals, smooth: SmoothAngle) -> Iterator[Finding]:
     """A shaft that stood still at one end of the record, or a mark that failed there."""
     ends = (
         (smooth.begin, smooth.begin, "before the first"),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.models.array_types import Bool, Float, Index
+from rotorfit.models.array_types import Float, Index
 from rotorfit.recordings.rig.setup import Probe
 from rotorfit.recordings.signals import Signals
 
@@ -208,18 +208,12 @@ class _Extreme:
             self.value, self.stretches, self.samples = float(extreme), 0, 0
         if extreme == self.value:
             at = piece == extreme
-            self.stretches += _entered(piece, at, step)
+            # Stretches of three and more samples that begin or end with a jump of several counts: the crest of a slow
+            # and quiet signal stays on one count too, but comes there count by count.
+            edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]]).astype(np.int8)))
+            begin, end = edges[::2], edges[1::2]
+            here = piece[begin].astype(float)
+            before, after = piece[np.maximum(begin - 1, 0)], piece[np.minimum(end, piece.size - 1)]
+            jump = np.maximum(np.abs(here - before), np.abs(here - after))
+            self.stretches += int(np.sum((end - begin >= 3) & (jump > _JUMP_COUNTS * step)))
             self.samples += int(at.sum())
-
-
-def _entered(piece: NDArray[Any], at: Bool, step: float) -> int:
-    """Stretches of three and more samples at the extreme that begin or end with a jump of several counts.
-
-    The crest of a slow and quiet signal stays on one count too, but comes there count by count.
-    """
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]]).astype(np.int8)))
-    begin, end = edges[::2], edges[1::2]
-    here = piece[begin].astype(float)
-    before, after = piece[np.maximum(begin - 1, 0)], piece[np.minimum(end, piece.size - 1)]
-    jump = np.maximum(np.abs(here - before), np.abs(here - after))
-    return int(np.sum((end - begin >= 3) & (jump > _JUMP_COUNTS * step)))

@@ -21,11 +21,6 @@ SAMPLES_OF_A_PIECE = 1 << 20
 """Samples read at once where a channel is gone through from end to end: 8 MB in double precision."""
 
 
-def _wide(piece: NDArray[Any]) -> type:
-    """Type in which a piece is added up without overflow or loss."""
-    return np.float64 if piece.dtype.kind == "f" else np.int64
-
-
 def source_of(records: Sequence[Signals]) -> str:
     """Where a test came from: the files of its recordings and their setup."""
     setup = records[0].setup.source if records[0].setup is not None else ""
@@ -152,7 +147,9 @@ class Signals:
         means = self.__dict__.setdefault("_means", {})
         if name not in means:
             factor, offset = self.rig.scales[name]
-            total = sum(float(piece.sum(dtype=_wide(piece))) for piece in self.stored_pieces(name))
+            wide = {"f": np.float64}  # what adds up without overflow or loss; of counts whole numbers
+            pieces = self.stored_pieces(name)
+            total = sum(float(piece.sum(dtype=wide.get(piece.dtype.kind, np.int64))) for piece in pieces)
             means[name] = total / self.size * factor + offset
         return float(means[name])
 

@@ -407,7 +407,8 @@ def _sheet(path: Path, sheet: str | None) -> Iterator[_Row]:
             cell_bytes = 8
             taken += cell_bytes * len(row)
             check_unpacked(path.name, taken, size)
-            cells = [_cell_text(value) for value in row]
+            # a whole number that Excel holds as a float keeps no point
+            cells = ["" if c is None else f"{c:.17g}" if isinstance(c, float) else str(c).strip() for c in row]
             if any(cells) and not cells[0].startswith("#"):
                 yield line, cells
         book.close()
@@ -434,15 +435,6 @@ def _workbook(path: Path, stream: BinaryIO) -> Any:
             else "it is no workbook; a text file is named .csv or .txt"
         )
         raise ValueError(f"{path.name} is not a readable Excel file: {advice}") from reason
-
-
-def _cell_text(value: Any) -> str:
-    """A cell of a sheet as text; a whole number that Excel holds as a float keeps no point."""
-    if value is None:
-        return ""
-    if isinstance(value, float):
-        return f"{value:.17g}"
-    return str(value).strip()
 
 
 def _pointed(cells: Sequence[str], source: str, name: str) -> Sequence[str] | None:

@@ -156,7 +156,7 @@ def completed(table: Table, *, forced: bool) -> Table:
         added["force_plane"] = [planes[0]] * len(table.lines)
     by = "force_plane" if forced else "plane"
     if "run" not in cells and by in {*cells, *added}:
-        if forced:
+        if forced and "force_plane" in table.cells:
             _refuse_same_readings(table)
         added["run"] = _runs(table, cells.get(by) or added[by])
     return table.with_columns(added)
@@ -164,8 +164,6 @@ def completed(table: Table, *, forced: bool) -> Table:
 
 def _refuse_same_readings(table: Table) -> None:
     """Refuse one reading under forces at two planes in a table without runs: in one run they act at once."""
-    if "force_plane" not in table.cells:
-        return
     names = [name for name in table.cells if name != "force_plane" and name.partition("_")[0] not in _FORCE]
     first: dict[tuple[str, ...], int] = {}
     for row, key in enumerate(zip(*[table.cells[name] for name in names], strict=True)):

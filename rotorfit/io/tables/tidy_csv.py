@@ -124,7 +124,12 @@ def _start_up(table: Table) -> tuple[Table, list[Finding]]:
     weighted = any(name.startswith("mr_") for name in table.cells)
     if len(speeds) != 1 or any(name.startswith("frequency") for name in table.cells) or (forced and not weighted):
         return table, []
-    if "direction" not in table.cells or (not weighted and not _sweeps_speed(table, speeds[0])):
+    if "direction" not in table.cells:
+        return table, []
+    places = [table.cells[name] for name in ("run", "plane", "direction") if name in table.cells]
+    rows = list(zip(*places, table.cells[speeds[0]], strict=True))
+    once_a_speed = len(set(rows)) == len(rows) > len(set(zip(*places, strict=True)))  # of several
+    if not weighted and not once_a_speed:
         return table, []
     of_weights = [key for key in table.cells if key.startswith((*_OF_WEIGHTS, "mr_"))]
     if weighted and "run" not in table.cells:  # one for each weight
@@ -134,13 +139,6 @@ def _start_up(table: Table) -> tuple[Table, list[Finding]]:
 
 
 _OF_WEIGHTS = ("force_plane", "force_phase", "force_angle")
-
-
-def _sweeps_speed(table: Table, speed: str) -> bool:
-    """True if each probe was read once at each of several speeds."""
-    places = [table.cells[name] for name in ("run", "plane", "direction") if name in table.cells]
-    rows = list(zip(*places, table.cells[speed], strict=True))
-    return len(set(rows)) == len(rows) > len(set(zip(*places, strict=True)))
 
 
 def _opened(

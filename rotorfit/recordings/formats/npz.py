@@ -34,15 +34,9 @@ def open_file(path: Path) -> RawFile:
                     f"of their own, or as text: {name}=json.dumps(...)"
                 ) from problem
             value = held(values[()] if values.ndim == 0 else values)
-            said = _entries(value) if isinstance(value, str) else None
-            tree |= {name: value} if said is None else said
+            try:
+                said = json.loads(value) if isinstance(value, str) else None
+            except json.JSONDecodeError:
+                said = None
+            tree |= said if isinstance(said, dict) else {name: value}
     return file_of(path.name, tree)
-
-
-def _entries(text: str) -> dict[str, Any] | None:
-    """Entries of a text of JSON that holds a table; None of any other text."""
-    try:
-        found = json.loads(text)
-    except json.JSONDecodeError:
-        return None
-    return found if isinstance(found, dict) else None

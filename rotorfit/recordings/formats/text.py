@@ -87,8 +87,12 @@ def _head(path: Path) -> _Head:
     trailing = width > 1 and all(not line.cells[-1] for line in numbers)
     width -= trailing
     for line in above:
-        if len([cell for cell in line.cells if cell]) == 2:
-            attributes.update(_rate_said(line.cells[0], line.cells[1]))
+        # the sampling rate, where an instrument says it in a line of its heading: ``Sample rate;3200 Hz``
+        name, value = line.cells[:2] if len([cell for cell in line.cells if cell]) == 2 else ("", "")
+        match = re.fullmatch(r"([0-9.eE+]+) *(k?)(?:Hz|S/s|Sa/s)?", value)
+        number = _plain(match[1]) if match and rate_of({name: 1.0}) is not None else ""
+        if match and isinstance(number, float):
+            attributes[name] = number * (1e3 if match[2] else 1.0)
     fitting = [line.cells[:width] for line in above if len(line.cells) in (width, width + trailing)]
     names = next((cells for cells in fitting if "" not in cells and len(set(cells)) == width), None)
     below = fitting[fitting.index(names) + 1 :] if names in fitting else []
@@ -150,15 +154,6 @@ def _first_numbers(path: Path, lines: list[_Line]) -> int:
     if mixed:
         raise ValueError(f"{path.name}: line {mixed[0].number + 1} holds what is not a number: {mixed[0].text[:80]}")
     raise ValueError(f"{path.name} holds no signals: there are no numbers in columns in it")
-
-
-def _rate_said(name: str, value: str) -> dict[str, float | str]:
-    """The sampling rate, where an instrument says it in a line of its heading: ``Sample rate;3200 Hz``."""
-    match = re.fullmatch(r"([0-9.eE+]+) *(k?)(?:Hz|S/s|Sa/s)?", value)
-    if match is None or rate_of({name: 1.0}) is None:
-        return {}
-    number = _plain(match[1])
-    return {name: number * (1e3 if match[2] else 1.0)} if isinstance(number, float) else {}
 
 
 def _encoding(path: Path) -> str:

@@ -36,7 +36,9 @@ def open_file(path: Path) -> RawFile:
     records = {i: file.read_sets(i, header_only=True) for i in numbers}
     channels: dict[str, RawChannel] = {}
     for i, record in records.items():
-        if not _is_time_record(record) or record["num_pts"] < FEWEST:
+        of_time = record["func_type"] == _GENERAL and record.get("abscissa_spec_data_type") == _TIME
+        real = record["ord_data_type"] in (2, 4)
+        if not (record["func_type"] == _TIME_RESPONSE or (of_time and real)) or record["num_pts"] < FEWEST:
             continue
         name = _name(record)
         name = name if name not in channels else f"{name} ({i + 1})"
@@ -48,12 +50,6 @@ def open_file(path: Path) -> RawFile:
             unit=str(record.get("ordinate_axis_units_lab") or "").strip(),
         )
     return RawFile(name=path.name, channels=channels)
-
-
-def _is_time_record(record: dict[str, Any]) -> bool:
-    of_no_type = record["func_type"] == _GENERAL and record.get("abscissa_spec_data_type") == _TIME
-    real = record["ord_data_type"] in (2, 4)
-    return record["func_type"] == _TIME_RESPONSE or (of_no_type and real)
 
 
 def _name(record: dict[str, Any]) -> str:

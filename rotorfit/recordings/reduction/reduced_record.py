@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +20,6 @@ from rotorfit.models.digits import significant
 if TYPE_CHECKING:
     from rotorfit.recordings.angle_track import AngleTrack
     from rotorfit.recordings.recording import Recording
-    from rotorfit.recordings.rig.setup import Probe
 
 Signal = Float | ComplexArray
 
@@ -254,15 +253,10 @@ def reduced_times(
 def motion_at(record: Recording, reduced: ReducedRate, part: slice, plane: str) -> ComplexArray:
     """Motion of one plane about its mean: ``x + jy``, or the reading of a single probe in the real part, m."""
     probes = [probe for probe in record.probes if probe.plane == plane]
-    along = np.stack([_towards(record, probe, reduced)[part] for probe in probes])
+    volts = [reduced.reduce(partial(record.without_run_out, probe)).real[part] for probe in probes]
+    along = np.stack([v / float(probe.sensitivity or 1.0) for v, probe in zip(volts, probes, strict=True)])
     along -= along.mean(axis=1, keepdims=True)
     if len(probes) == 1:
         return np.asarray(along[0], dtype=complex)
     x, y = record.resolved(plane, along)
     return np.asarray(x + 1j * y)
-
-
-def _towards(record: Recording, probe: Probe, reduced: ReducedRate) -> Float:
-    """Motion towards a probe, m, from where its voltage is zero."""
-    volts = reduced.reduce(lambda first, last: record.without_run_out(probe, first, last))
-    return np.asarray(volts.real / float(probe.sensitivity or 1.0))

@@ -29,12 +29,13 @@ def template(path: str | Path) -> str:
     """Text of a ``rig.toml`` for a recording: what the file says is a comment, what is missing is to be filled in."""
     raw = open_raw(path)
     own = file_setup(raw)
+    rate = raw.sample_rate or next((c.sample_rate for c in raw.channels.values() if c.sample_rate), None)
     parts = [
         f"# Setup of the rig for {raw.name}. Lines marked FILL IN wait for a value: take the '#' away and write it.",
         "# What the recording says itself need not be written; a value here goes before it.",
         "",
         'rotation = "ccw"                 # "ccw": the shaft turns from x towards y; "cw": the other way',
-        _line("sample_rate_hz", raw.sample_rate or _channel_rate(raw), 6400.0, "samples a second"),
+        _line("sample_rate_hz", rate, 6400.0, "samples a second"),
         _line("speed_rpm", own.speed and own.speed / RAD_S_PER_RPM, 1500.0, "nominal speed", must=False),
         *_reference("shaft", own.shaft, raw, "the shaft's Keyphasor"),
         *_reference("perturbator", own.perturbator, raw, "the perturbator's mark; leave out for a start-up"),
@@ -60,17 +61,9 @@ def _quoted(name: str) -> str:
     return json.dumps(name, ensure_ascii=False)
 
 
-def _channel_rate(raw: RawFile) -> float | None:
-    return next((channel.sample_rate for channel in raw.channels.values() if channel.sample_rate), None)
-
-
-def _listed(raw: RawFile) -> str:
-    return ", ".join(raw.channels)
-
-
 def _reference(table: str, known: Reference | None, raw: RawFile, words: str) -> list[str]:
     if known is None or known.channel is None:
-        return ["", f"{f'# [{table}]':<32} # {words}", f"{'# channel = ...':<32} # one of: {_listed(raw)}"]
+        return ["", f"{f'# [{table}]':<32} # {words}", f"{'# channel = ...':<32} # one of: {', '.join(raw.channels)}"]
     edge = f'edge = "{known.edge}" by the recording' if known.edge else 'edge = "falling" or "rising", else found'
     return [
         "",
@@ -99,7 +92,7 @@ def _probe(probe: Probe, own: RigSetup, raw: RawFile) -> list[str]:
 
 
 def _unknown_probes(raw: RawFile) -> list[str]:
-    lines = ["", f"# FILL IN one table a displacement probe; the channels are: {_listed(raw)}"]
+    lines = ["", f"# FILL IN one table a displacement probe; the channels are: {', '.join(raw.channels)}"]
     for name in raw.channels:
         lines += [
             "# [[probe]]",
