@@ -16,12 +16,8 @@ LOOPBACK = "127.0.0.1"
 
 
 def serve(files: Sequence[Path], *, port: int = 0, on_ready: Callable[[str], None]) -> None:
-    """Serve the front until interrupted.
-
-    Args:
-        files: what is opened; the folder that holds them is all that the server reads from and writes to.
-        port: of the server; 0: any that is free.
-        on_ready: called with the address.
+    """Serve the front until interrupted; the folder that holds the files is all that is read from and written to.
+    ``on_ready`` is called with the address, at that port or, where it is 0, at any that is free.
     """
     folder, names = folder_of(files)
     try:

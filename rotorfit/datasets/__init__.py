@@ -33,25 +33,25 @@ def truth(name: str) -> dict[str, Any]:
     return loaded
 
 
-def rig_open() -> Experiment:
-    """Disk/journal rig in a fluid-lubricated bearing, 56-degree-of-freedom finite-element rotor, 1 % noise."""
+def _read(file: Path) -> Experiment:
     from rotorfit.io.files import read
 
-    return read(path("rig_open.csv"))
+    return read(file)
+
+
+def rig_open() -> Experiment:
+    """Disk/journal rig in a fluid-lubricated bearing, 56-degree-of-freedom finite-element rotor, 1 % noise."""
+    return _read(path("rig_open.csv"))
 
 
 def rig_lumped() -> Experiment:
     """Disk/journal rig in a fluid-lubricated bearing, two masses as in eq. (18), 1 % noise."""
-    from rotorfit.io.files import read
-
-    return read(path("rig_lumped.csv"))
+    return _read(path("rig_lumped.csv"))
 
 
 def two_disk() -> Experiment:
     """Two-disk rotor, synchronous start-ups with a calibration weight at 0 and 180 degrees in each plane."""
-    from rotorfit.io.files import read
-
-    return read(path("two_disk.csv"))
+    return _read(path("two_disk.csv"))
 
 
 def published_two_disk() -> dict[str, float]:
@@ -64,16 +64,12 @@ def published_two_disk() -> dict[str, float]:
 def rk4() -> Experiment:
     """Measured 1x vectors of a Bently Nevada RK-4 rotor kit: known weights on two disks, mounted again and again.
     Source and licence: ``rk4_LICENSE.txt`` beside the file."""
-    from rotorfit.io.files import read
-
-    return read(path("rk4_sync.csv"))
+    return _read(path("rk4_sync.csv"))
 
 
 def rk4_runup() -> Experiment:
     """Measured run-up of the same kit through its first critical speed: one probe, unbalance unknown (1 g mm)."""
-    from rotorfit.io.files import read
-
-    return read(path("rk4_runup.csv"))
+    return _read(path("rk4_runup.csv"))
 
 
 def volts() -> list[Path]:

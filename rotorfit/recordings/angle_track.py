@@ -36,6 +36,10 @@ class AngleTrack:
         """Speed, rad/s."""
         return self.smooth.speed(t)
 
+    def speeds(self, count: int = 200) -> Float:
+        """Speed at even times from the first pulse to the last, rad/s."""
+        return self.smooth.speed(np.linspace(self.begin, self.end, count))
+
     def acceleration(self, t: Float) -> Float:
         """Acceleration, rad/s^2."""
         return self.smooth.acceleration(t)
@@ -183,9 +187,7 @@ def steady_track(record: Signals, shaft: AngleTrack | None, whirl: int) -> Angle
     z = max(
         (np.asarray(record.motion(plane, 0, stop), dtype=complex) for plane in planes), key=lambda m: float(np.std(m))
     )
-    turning = (
-        0.0 if shaft is None else float(np.mean(shaft.speed(np.linspace(shaft.begin, shaft.end, 200)))) / (2 * np.pi)
-    )
+    turning = 0.0 if shaft is None else float(np.mean(shaft.speeds())) / (2 * np.pi)
     orders = [k * turning for k in range(-10, 11)] if turning else [0.0]
     try:
         smooth = steady_angle(z, record.sample_rate, whirl, orders)

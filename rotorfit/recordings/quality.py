@@ -189,10 +189,9 @@ def _out_of_range(probe: Probe, each: ChannelStatistics, where: str) -> Iterator
 
 def direction_findings(record: Signals, shaft: AngleTrack | None, perturbator: AngleTrack | None) -> Iterator[Finding]:
     """Probes that are exchanged and a perturbator that turns the other way, by what turns with which mark."""
-    pairs = [plane for plane in record.planes if sum(probe.plane == plane for probe in record.probes) > 1]
     whirl = 0 if record.force is None or record.force.measured else record.force.whirl
     backward, opposite, judged = [], [], []
-    for plane in pairs:
+    for plane in record.pairs:
         reversed_shaft = reversed_force = None
         if shaft is not None:
             reversed_shaft = _reversed(record, plane, shaft, 1)
@@ -203,7 +202,7 @@ def direction_findings(record: Signals, shaft: AngleTrack | None, perturbator: A
         if reversed_force is not None and not reversed_shaft:
             judged.append(plane)
             opposite += [plane] if reversed_force else []
-    if backward and len(backward) == len(pairs) > 1:
+    if backward and len(backward) == len(record.pairs) > 1:
         yield Finding(
             "error",
             "rotation-sense",
@@ -316,7 +315,7 @@ def speed_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
     """A shaft whose marks do not come at the speed that file or setup say."""
     if record.speed is None or record.speed == 0:
         return
-    speeds = shaft.speed(np.linspace(shaft.begin, shaft.end, 200))
+    speeds = shaft.speeds()
     middle = float(np.median(speeds))
     if np.ptp(speeds) < 0.05 * abs(middle) and abs(middle - abs(record.speed)) > 0.03 * abs(record.speed):
         marks, given = middle * RPM_PER_RAD_S, record.speed * RPM_PER_RAD_S
@@ -354,12 +353,9 @@ def setting_findings(record: Signals) -> Iterator[Finding]:
 
 def mark_findings(record: Signals, shaft: AngleTrack, perturbator: AngleTrack) -> Iterator[Finding]:
     """Marks that are exchanged: the shaft's speed sweeps while the perturbator's is steady."""
-    sweeps, steady = (
-        float(np.ptp(speeds) / np.abs(speeds).mean())
-        for speeds in (angle.speed(np.linspace(angle.begin, angle.end, 200)) for angle in (shaft, perturbator))
-    )
+    sweeps, steady = (np.ptp(angle.speeds()) / np.abs(angle.speeds()).mean() for angle in (shaft, perturbator))
     if sweeps > _SWEPT_RANGE and steady < _STEADY_RANGE:
-        turning = float(np.mean(perturbator.speed(np.linspace(perturbator.begin, perturbator.end, 200))))
+        turning = float(np.mean(perturbator.speeds()))
         given = record.speed is not None and abs(turning - abs(record.speed)) < 0.03 * abs(record.speed)
         yield Finding(
             "error" if given else "warning",

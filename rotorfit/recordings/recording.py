@@ -389,10 +389,9 @@ class Recording(Signals):
         return self.planes if plane is None else (plane,)
 
     def _pairs(self, plane: str | None) -> tuple[str, ...]:
-        pairs = tuple(p for p in self.planes if sum(probe.plane == p for probe in self.probes) > 1)
         if plane is not None:
             self.motion(plane, 0, 0)  # refuses a plane that there is not
-        chosen = pairs if plane is None else tuple(p for p in pairs if p == plane)
+        chosen = self.pairs if plane is None else tuple(p for p in self.pairs if p == plane)
         if not chosen:
             lacking = f"{plane} has one probe" if plane else "no plane has two probes"
             raise ValueError(f"{self.name}: {lacking}; an orbit or a centreline needs two")

@@ -73,6 +73,11 @@ class Signals:
         return tuple(dict.fromkeys(probe.plane for probe in self.probes))
 
     @property
+    def pairs(self) -> tuple[str, ...]:
+        """Planes that have two probes or more, so that the orbit is known."""
+        return tuple(plane for plane in self.planes if len(self._probes_of(plane)) > 1)
+
+    @property
     def force(self) -> Force | None:
         """Force that drives the rotor; None where neither file nor setup says."""
         return self.rig.force
@@ -88,11 +93,7 @@ class Signals:
         return self.rig.attributes
 
     def channel(self, name: str, start: int = 0, stop: int | None = None) -> Float:
-        """Voltage of a channel.
-
-        Returns:
-            V, shape ``(stop - start,)``; of a probe whose channel comes late at the times of the others.
-        """
+        """Voltage of a channel, shape ``(stop - start,)``; of a probe whose channel comes late at the others' times."""
         if name not in self.rig.scales:
             raise ValueError(f"{self.name}: {unknown_name('channel', name, self.rig.scales)}")
         first, last, _ = slice(start, stop).indices(self.size)

@@ -83,7 +83,7 @@ def cascade_times(record: Signals, marks: Marks, over: str | None, spectra: int)
         over = "time"
         for name, angle in (("speed", marks.shaft), ("perturbation", marks.perturbator)):
             if angle is not None:
-                speed = angle.speed(np.linspace(angle.begin, angle.end, 50))
+                speed = angle.speeds(50)
                 over = name if np.ptp(speed) > 0.1 * np.abs(speed).max() else over
     if over not in ("time", "speed", "perturbation"):
         raise ValueError(unknown_name("axis of a cascade", over, ("time", "speed", "perturbation")))

@@ -110,9 +110,7 @@ def vectors_over_time(
     centres = np.linspace(main.begin, main.end, windows)
     speed = main.speed(centres)
     phasors = np.full((len(record.probes), windows), np.nan + 0j)
-    pairs = [plane for plane in record.planes if sum(probe.plane == plane for probe in record.probes) > 1]
-    forward = {plane: np.full(windows, np.nan + 0j) for plane in pairs}
-    backward = {plane: np.full(windows, np.nan + 0j) for plane in pairs}
+    forward, backward = ({plane: np.full(windows, np.nan + 0j) for plane in record.pairs} for _ in range(2))
     for i, (middle, rate) in enumerate(zip(centres, speed, strict=True)):
         length = turns * 2 * np.pi / max(abs(rate), 1e-3)
         if middle - length / 2 < main.begin or middle + length / 2 > main.end:
@@ -122,7 +120,7 @@ def vectors_over_time(
         angles = [*(angle.angle(t) for angle in others), main.angle(t)]  # who comes last must stand apart from the rest
         along = np.stack([record.displacement(probe, start, stop) for probe in record.probes]).astype(complex)
         phasors[:, i] = 2 * order_vectors(along, angles, 2)[-1, 3]
-        for plane in pairs:
+        for plane in record.pairs:
             x, y = record.resolved(plane, phasors[[p.plane == plane for p in record.probes], i])
             forward[plane][i], backward[plane][i] = (x + 1j * y) / 2, np.conj(x - 1j * y) / 2
     sites = tuple((probe.plane, float(probe.angle or 0.0)) for probe in record.probes)
@@ -168,16 +166,10 @@ _BLOCK = 512
 
 
 def envelope(record: Signals, probe: Probe, start: float, stop: float, points: int) -> tuple[Float, Float]:
-    """Displacement of the shaft along a probe from one time to another, thinned out by least and largest.
+    """Displacement of the shaft along a probe from one time (s) to another, thinned out to so many pieces at most.
 
-    Args:
-        record: the recording.
-        probe: one of its probes.
-        start, stop: s.
-        points: pieces at most; where there are hardly more samples, all of them are given.
-
-    Returns:
-        times, s, and displacements about the mean, m; of a piece its least and its largest, one after the other.
+    Times, s, and displacements about the mean, m: of a piece its least and its largest, one after the other; where
+    there are hardly more samples, all of them.
     """
     first = int(np.clip(np.floor(start * record.sample_rate), 0, record.size - 1))
     last = int(np.clip(np.ceil(stop * record.sample_rate) + 1, first + 1, record.size))

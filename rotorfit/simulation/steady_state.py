@@ -45,24 +45,20 @@ def steady_state(
     parts = {name: np.zeros_like(force) for name in Steady._fields}
     # Where nothing acts a stable rotor is at rest, of no size to which steps could be held.
     driven = (force != 0).any(axis=1) | (load != 0).any(axis=1) | (motion.imposed is not None)
-    for lines in _of_like_frequency(np.abs(frequency), np.flatnonzero(driven), 2 * force.shape[1]):
+    # Lines within an octave go together, so that windows of whole periods are of like length.
+    w, left = np.abs(frequency), np.flatnonzero(driven)
+    octave = np.floor(np.log2(w[left] / w.min())) if left.size else left
+    groups: list[Index] = []
+    for number in np.unique(octave):
+        mine = left[octave == number]
+        count = -(-mine.size * 2 * force.shape[1] // _STATES_TOGETHER)
+        groups += np.array_split(mine[np.argsort(w[mine], kind="stable")], count)
+    for lines in groups:
         chosen = (motion.select(lines), frequency[lines], force[lines], load[lines], decay[lines])
         found = _settle(*chosen, z[lines], v[lines], tolerance)
         for name, values in found._asdict().items():
             parts[name][lines] = values
     return Steady(**parts)
-
-
-def _of_like_frequency(frequency: Float, lines: Index, states: int) -> list[Index]:
-    """Lines that go together: within an octave, so that windows of whole periods are of like length, and no more than
-    fill :data:`_STATES_TOGETHER`, each with so many states."""
-    octave = np.floor(np.log2(frequency[lines] / frequency.min()))
-    groups = []
-    for number in np.unique(octave):
-        mine = lines[octave == number]
-        parts = -(-mine.size * states // _STATES_TOGETHER)
-        groups += np.array_split(mine[np.argsort(frequency[mine], kind="stable")], parts)
-    return groups
 
 
 def rest_position(

@@ -36,14 +36,11 @@ def structure_options(
     speed: float | None,
     dofs: Sequence[str],
 ) -> dict[str, Any]:
-    """Arguments of :class:`~rotorfit.models.KnownStructure` from a rotor or a file.
+    """Arguments of :class:`~rotorfit.models.KnownStructure` from a ``ross.Rotor`` or a path, with the node of each
+    plane, or the tag of an element there.
 
-    Args:
-        rotor: a ``ross.Rotor``, or a path.
-        planes: node, or tag of an element, of each plane.
-        taken_out: by option (``fluid``, ``supports``, ``damping``), planes or tags of elements that the fit replaces.
-        speed: rotative speed at which elements whose coefficients change with speed are taken, rad/s.
-        dofs: coordinates of each node of a file that does not say.
+    ``taken_out`` has by option (``fluid``, ``supports``, ``damping``) planes or tags that the fit replaces; elements
+    whose coefficients change with speed are taken at ``speed``, rad/s; ``dofs`` are those of a file that does not say.
     """
     if isinstance(rotor, str | Path):
         path = Path(rotor)

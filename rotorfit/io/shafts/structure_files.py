@@ -41,14 +41,8 @@ class Structure:
 def read_structure(path: Path, dofs: Sequence[str] = ()) -> Structure:
     """Matrices M, C, G, K from a MAT or npz file, or from a folder of M.csv, K.csv and so on.
 
-    Args:
-        path: the file or folder. ``nodes``, the positions of the nodes along the shaft, m, tells how many coordinates a
-            node has; ROSS's ``rotor.save_mat`` writes it.
-        dofs: coordinates of each node in their order; left out, they follow from ``nodes`` or ``dofs`` in the file.
-
-    Raises:
-        ValueError: a file of something else, or matrices missing; what there is and what is needed.
-        OSError: no such file.
+    The coordinates of a node in their order are ``dofs``, else those of the file, else they follow from ``nodes``, the
+    positions of the nodes along the shaft, m, which ROSS's ``rotor.save_mat`` writes.
     """
     source = path.name
     if path.is_dir():

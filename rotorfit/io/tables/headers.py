@@ -113,11 +113,7 @@ def _meaning(rest: str, *, tilt: bool) -> tuple[str, float] | None:
 
 
 def with_force_rows(table: Table) -> Table:
-    """The table with a row for each force in place of columns for each axis; as it is without such columns.
-
-    Raises:
-        ValueError: a force without its phase, or columns of the usual force beside them.
-    """
+    """The table with a row for each force in place of columns for each axis; as it is without such columns."""
     given = {axis: found for axis in "xy" if (found := _force_columns(table, axis)) is not None}
     if not given:
         return table

@@ -117,11 +117,7 @@ def _motion(columns: Columns, name: str, direction: Text) -> tuple[Float, Index]
 
 
 def _noise_of_coherence(columns: Columns, size: Float) -> Float:
-    """Standard deviation of real and of imaginary part of readings of a size; NaN where the coherence is blank.
-
-    Raises:
-        ValueError: coherences that are none, or say nothing of noise, averages that are missing, few or no numbers.
-    """
+    """Standard deviation of real and of imaginary part of readings of a size; NaN where the coherence is blank."""
     table = columns.table
     if columns.has("sigma"):
         raise ValueError(f"{table.source}: both sigma and coherence are given, two sources of the noise; keep one")

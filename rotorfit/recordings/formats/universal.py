@@ -40,7 +40,13 @@ def open_file(path: Path) -> RawFile:
         real = record["ord_data_type"] in (2, 4)
         if not (record["func_type"] == _TIME_RESPONSE or (of_time and real)) or record["num_pts"] < FEWEST:
             continue
-        name = _name(record)
+        words = [str(record.get(key) or "").strip() for key in ("rsp_ent_name", "id1")]
+        entity, title = ("" if word.upper() in ("NONE", "") else word for word in words)
+        axis, place = (
+            _AXES.get(int(record["rsp_dir"])),
+            entity or (str(record["rsp_node"]) if record["rsp_node"] else ""),
+        )
+        name = f"{place}_{axis}" if axis and place else title or place or "signal"
         name = name if name not in channels else f"{name} ({i + 1})"
         channels[name] = RawChannel(
             name=name,
@@ -50,14 +56,6 @@ def open_file(path: Path) -> RawFile:
             unit=str(record.get("ordinate_axis_units_lab") or "").strip(),
         )
     return RawFile(name=path.name, channels=channels)
-
-
-def _name(record: dict[str, Any]) -> str:
-    words = [str(record.get(key) or "").strip() for key in ("rsp_ent_name", "id1")]
-    entity, title = ("" if word.upper() in ("NONE", "") else word for word in words)
-    axis = _AXES.get(int(record["rsp_dir"]))
-    place = entity or (str(record["rsp_node"]) if record["rsp_node"] else "")
-    return f"{place}_{axis}" if axis and place else title or place or "signal"
 
 
 def _rate(path: Path, number: int, record: dict[str, Any]) -> float | None:

@@ -15,24 +15,18 @@ from rotorfit.recordings.formats.raw_file import RawArray, RawChannel, RawFile
 
 def open_file(path: Path) -> RawFile:
     """Content of a WAV file: integer samples of 16, 24 or 32 bits, or floating-point ones, which are volts."""
-    try:
-        return _integers(path)
+    try:  # by the standard library, which seeks and so reads pieces of 24-bit files too
+        with wave.open(str(path), "rb") as file:
+            rate, count, width, size = file.getframerate(), file.getnchannels(), file.getsampwidth(), file.getnframes()
     except (wave.Error, EOFError) as problem:
-        return _any(path, problem)
-
-
-def _integers(path: Path) -> RawFile:
-    """By the standard library, which seeks and so reads pieces of 24-bit files too."""
-    with wave.open(str(path), "rb") as file:
-        rate, count, width, size = file.getframerate(), file.getnchannels(), file.getsampwidth(), file.getnframes()
+        return _floating(path, problem)
     if width == 1:
         raise ValueError(f"{path.name} has samples of 8 bits, too coarse for vibration; export 16 or 24 bits")
     if path.stat().st_size < size * count * width:
         raise ValueError(f"{path.name} is not a whole WAV file: it ends before its {size} samples a channel")
     channels = {}
     for i in range(count):
-        name = f"channel_{i + 1}"
-        read = partial(_read, path, i, count, width)
+        name, read = f"channel_{i + 1}", partial(_read, path, i, count, width)
         channels[name] = RawChannel(name=name, size=size, samples=read, full_count=2.0 ** (8 * width - 1) - 1)
     return RawFile(name=path.name, channels=channels, sample_rate=float(rate))
 
@@ -46,7 +40,7 @@ def _read(path: Path, column: int, count: int, width: int, start: int, stop: int
     return padded.reshape(-1).view("<i4") >> (8 * (4 - width))
 
 
-def _any(path: Path, problem: Exception) -> RawFile:
+def _floating(path: Path, problem: Exception) -> RawFile:
     """Floating-point samples, by SciPy's memory map."""
     from scipy.io import wavfile
 

@@ -66,16 +66,8 @@ def _level(values: ComplexArray, width: int) -> ComplexArray:
     return np.asarray(sum(factor * part for factor, part in zip((1, 1j), parts, strict=True)))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Rest:
-    """The rotor before blows and after them."""
-
-    quiet: Bool  # when all its planes are quiet, shape ``(N,)``
-    left_out: float  # share of a blow's motion that goes on beyond the ends of the recording; zero where it rests there
-
-
-def rest_of(reduced: ReducedRecord, struck: Sequence[Blow]) -> Rest:
-    """When a rotor under blows is quiet, and how much of its motion the recording cuts off.
+def rest_of(reduced: ReducedRecord, struck: Sequence[Blow]) -> tuple[Bool, float]:
+    """When all planes of a rotor under blows are quiet, and the share of a blow's motion that the recording cuts off.
 
     Of a mode that decays, what is cut off of its spectrum has the size over the whole that the motion at the end has
     over that at the beginning.
@@ -93,7 +85,7 @@ def rest_of(reduced: ReducedRecord, struck: Sequence[Blow]) -> Rest:
     quiet = np.asarray(np.all([part.quiet for part in parts], axis=0))
     at_ends = [max(part.size[0], part.size[-1]) * np.sqrt(2) / part.size.max() for part in parts]  # half a window
     rests = begins_quiet and all(part.quiet[0] and part.quiet[-1] for part in parts)
-    return Rest(quiet=quiet, left_out=0.0 if rests else float(max(at_ends)) / len(struck))
+    return quiet, 0.0 if rests else float(max(at_ends)) / len(struck)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -209,29 +209,29 @@ def _forced(driven: ReducedForce, struck: Sequence[Blow], report: Report) -> tup
         more = [] if driven.across is None else [reduced.spectrum(driven.across)]
         return replace(spectra, force_noise=noise, outputs=np.array([*spectra.outputs, *more]))
 
-    rest = rest_of(reduced, struck) if struck else None
+    quiet, left_out = rest_of(reduced, struck) if struck else (np.zeros(1, dtype=bool), 0.0)
     many_blows = 3  # blows whose spectrum is not smooth, so that it is distinguished from a transient
-    if rest is None or (rest.quiet.mean() < QUIET_SHARE and len(struck) >= many_blows):
+    if not struck or (quiet.mean() < QUIET_SHARE and len(struck) >= many_blows):
         spectra = reduced.without_orders().spectra(unit, reduced.orders())
         return estimated([record], [noisy(spectra)], *reduced.band), 0.0
-    if rest.quiet.mean() < QUIET_SHARE and reduced.shaft_angle is not None:
+    if quiet.mean() < QUIET_SHARE and reduced.shaft_angle is not None:
         raise ValueError(
-            f"{record.name}: the rotor is quiet in {rest.quiet.mean():.0%} of the "
+            f"{record.name}: the rotor is quiet in {quiet.mean():.0%} of the "
             f"{significant(np.ptp(reduced.time), 3)} s between "
             "the first mark of the shaft and the last, too little to tell the shaft's own orders from the blow: record "
             "some turns before it, and until the rotor rests"
         )
-    calm = reduced.without_orders(rest.quiet).spectra(unit, [])
+    calm = reduced.without_orders(quiet).spectra(unit, [])
     found = estimated([record], [noisy(calm)], *reduced.band, transient=False)
-    if rest.left_out:
+    if left_out:
         report(
             Finding(
                 "warning",
                 "moving-at-ends",
                 f"{record.name}: the rotor moves when the recording begins or ends, by "
-                f"{significant(rest.left_out, 2)} of its "
+                f"{significant(left_out, 2)} of its "
                 "motion after the blow; errors are wider by that share of each response. Record some turns before the "
                 "blow, and until the rotor rests.",
             )
         )
-    return found, rest.left_out
+    return found, left_out

@@ -80,11 +80,7 @@ class ReducedRate:
         return (np.arange(self.count) + self._half) * self.factor / self.full_rate
 
     def reduce(self, read: Callable[[int, int], Signal]) -> Signal:
-        """A signal at the reduced rate.
-
-        Returns:
-            shape ``(count,)``.
-        """
+        """A signal at the reduced rate, shape ``(count,)``."""
         blocks, width = self._filter.shape[1], self.factor
         at_once = 1 << 18  # samples of the file read at once
         step = max(at_once // width, 1)
@@ -154,7 +150,7 @@ class ReducedRecord:
         outputs: list[ComplexArray] = []
         for plane, z in self.motion.items():
             plus, minus = self.spectrum(z), self.spectrum(z.conj())
-            if not is_pair(self.record, plane):
+            if plane not in self.record.pairs:
                 outputs.append(2 * plus)
                 continue
             along, against = (plus, minus) if self.whirl > 0 else (minus, plus)
@@ -196,11 +192,6 @@ class ReducedRecord:
             for z, part in zip(left.values(), found, strict=True):
                 z[piece] -= part
         return replace(self, motion=left)
-
-
-def is_pair(record: Recording, plane: str) -> bool:
-    """True if a plane has two probes, so that the orbit is known."""
-    return sum(probe.plane == plane for probe in record.probes) > 1
 
 
 def reduce_record(record: Recording, drive: AngleTrack, whirl: int) -> ReducedRecord:

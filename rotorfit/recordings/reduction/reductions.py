@@ -14,7 +14,7 @@ from rotorfit.data.synchronous import DIFFERENCED
 from rotorfit.estimators.signals.local_response import SMOOTH_DEGREE, LocalResponse
 from rotorfit.models.array_types import ComplexArray
 from rotorfit.recordings.reduction.measured_responses import measured_responses
-from rotorfit.recordings.reduction.reduced_record import ReducedRecord, is_pair, reduce_record
+from rotorfit.recordings.reduction.reduced_record import ReducedRecord, reduce_record
 from rotorfit.recordings.reduction.response_lines import (
     Report,
     clear_lines,
@@ -174,7 +174,7 @@ def image_seen(reduced: ReducedRecord, found: LocalResponse) -> bool:
     drives = [reduced.spectrum(signal) for signal in (image, image.conj())]  # of z and of its conjugate
     row = 0
     for plane in reduced.record.planes:
-        pair = is_pair(reduced.record, plane)
+        pair = plane in reduced.record.pairs
         # Share of what the responses leave over that is the image, from which it stands out of the noise
         image_share = 0.4
         if pair and _share(found, row, drives) > image_share:

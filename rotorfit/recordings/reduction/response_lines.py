@@ -14,7 +14,6 @@ from rotorfit.data.findings import Finding
 from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra, local_response
 from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.models.digits import significant
-from rotorfit.recordings.reduction.reduced_record import is_pair
 
 if TYPE_CHECKING:
     from rotorfit.estimators.signals.local_response import LocalResponse
@@ -133,7 +132,7 @@ def readings(record: Recording, whirl: int, found: LocalResponse, disturbance: F
     listed: list[ProbeResponses] = []
     row = 0
     for plane in record.planes:
-        if not is_pair(record, plane):
+        if plane not in record.pairs:
             sigma = np.sqrt(variance[row] + disturbance[row] ** 2 / 2)
             axis, factor = single_direction(record, plane, whirl)
             listed.append(ProbeResponses(plane=plane, direction=axis, response=factor * response[row], sigma=sigma))

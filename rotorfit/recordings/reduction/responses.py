@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -34,13 +35,6 @@ if TYPE_CHECKING:
 
 _KINDS = {"perturbator": "a perturbator", "shaft": "the shaft itself", "": "a measured force"}
 _BALANCE = "the shaft itself, at steady speeds"
-
-
-class Reduced(NamedTuple):
-    """Recordings that were reduced together: their test, and the findings on the way."""
-
-    test: PerturbationTest  # the responses
-    findings: tuple[Finding, ...]  # what was odd
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,12 +129,11 @@ def checked_responses(
         reduced = carry_out(
             _reduced, jobs, executor, lambda job, _: tell(f"reduced {', '.join(r.name for r in job.records)}")
         )
-    for each in reduced:
-        for finding in each.findings:
+    for _, findings in reduced:
+        for finding in findings:
             on_finding(finding)
-    shared = set.intersection(*(set(each.test.attributes) for each in reduced))
-    own = [{name: v for name, v in each.test.attributes.items() if name in shared} for each in reduced]
-    test = join([replace(each.test, attributes=kept) for each, kept in zip(reduced, own, strict=True)])
+    shared = set.intersection(*(set(each.attributes) for each, _ in reduced))
+    test = join([replace(t, attributes={k: v for k, v in t.attributes.items() if k in shared}) for t, _ in reduced])
     if forces[0].reference == "shaft" and turns:
         test = differenced(test)
     return replace(test, source=source_of(records))
@@ -150,11 +143,17 @@ def _together(
     records: Sequence[Recording], forces: Sequence[Force], turns: int | None
 ) -> list[tuple[tuple[Recording, ...], int]]:
     """Recordings that are reduced together, and how many such groups their runs without a weight are part of."""
+    pairs = list(zip(records, forces, strict=True))
     if forces[0].reference == "":
-        return [(group, 1) for group in _shaken_alike(records, forces)]
+        groups: dict[
+            object, list[Recording]
+        ] = {}  # along both axes at one plane, in one state of the rig; others alone
+        for record, force in pairs:
+            state = (force.plane, record.speed, tuple(sorted(record.attributes.items())))
+            groups.setdefault(state if all(force.channels) else record.name, []).append(record)
+        return [(tuple(group), 1) for group in groups.values()]
     if forces[0].reference == "perturbator" and all(force.mr for force in forces):
         return [((record,), 1) for record in records]
-    pairs = list(zip(records, forces, strict=True))
     bare = [record for record, force in pairs if not force.mr]
     if forces[0].reference == "perturbator":
         raise ValueError(f"{bare[0].name}: a perturbator without unbalance (mr = 0) drives nothing")
@@ -172,15 +171,6 @@ def _together(
     ]
 
 
-def _shaken_alike(records: Sequence[Recording], forces: Sequence[Force]) -> list[tuple[Recording, ...]]:
-    """Recordings of forces that were measured along both axes at one plane, in one state of the rig; others alone."""
-    groups: dict[object, list[Recording]] = {}
-    for record, force in zip(records, forces, strict=True):
-        state = (force.plane, record.speed, tuple(sorted(record.attributes.items())))
-        groups.setdefault(state if all(force.channels) else record.name, []).append(record)
-    return [tuple(group) for group in groups.values()]
-
-
 def _refuse_alone(pairs: Sequence[tuple[Recording, Force]]) -> None:
     """Refuse runs at steady speed of which nothing tells what the weight does."""
     weights = {(force.plane, force.mr * round(force.angle, 3), force.mr) for _, force in pairs}
@@ -188,7 +178,7 @@ def _refuse_alone(pairs: Sequence[tuple[Recording, Force]]) -> None:
         return
     record = pairs[0][0]
     shaft = record.shaft_angle()
-    rpm = float(np.mean(shaft.speed(np.linspace(shaft.begin, shaft.end, 200)))) * RPM_PER_RAD_S
+    rpm = float(np.mean(shaft.speeds())) * RPM_PER_RAD_S
     raise ValueError(
         f"{record.name}: the shaft keeps its speed, {rpm:.0f} rpm, so this is no start-up; and no run without a weight "
         "(mr = 0) or with one elsewhere is beside it, so it is no balance run. If a perturbator drives the rotor, name "
@@ -214,15 +204,17 @@ def _datum_finding(records: Sequence[Recording]) -> Finding:
     )
 
 
-def _reduced(job: _Job, tell: Callable[[str], None] = lambda stage: None) -> Reduced:
-    """The responses of recordings that belong together."""
+def _reduced(
+    job: _Job, tell: Callable[[str], None] = lambda stage: None
+) -> tuple[PerturbationTest, tuple[Finding, ...]]:
+    """The responses of recordings that belong together, and what was odd."""
     found: list[Finding] = []
     report = found.append
     tell(f"responses of {', '.join(record.name for record in job.records)}")
     usable = [_usable(record, report) for record in job.records]
     test = reduced_responses(usable, job.turns, report, job.groups)
     own = [finding for record in job.records for finding in record.findings] if job.checked else []
-    return Reduced(test, (*found, *own))
+    return test, (*found, *own)
 
 
 def _usable(record: Recording, report: Report) -> Recording:
@@ -305,11 +297,7 @@ def recorded_tests(
             if blows
             else static_positions(same, executor=executor, on_finding=report)
         )
-        for findings in carry_out(_findings, same, executor):
+        for findings in carry_out(attrgetter("findings"), same, executor):
             for finding in findings:
                 report(finding)
     return tuple(tests)
-
-
-def _findings(record: Recording) -> tuple[Finding, ...]:
-    return record.findings

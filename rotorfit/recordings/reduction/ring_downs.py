@@ -15,7 +15,7 @@ from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.recording import Recording, named_apart
 from rotorfit.recordings.reduction.blows import AVERAGING_TIME, quiet_part
-from rotorfit.recordings.reduction.reduced_record import ReducedRate, is_pair, motion_at
+from rotorfit.recordings.reduction.reduced_record import ReducedRate, motion_at
 from rotorfit.recordings.reduction.static_positions import rest_positions
 from rotorfit.recordings.signals import source_of
 
@@ -114,7 +114,7 @@ def _plane(record: Recording, asked: str | None) -> str:
         raise ValueError(f"{record.name}: {unknown_name('plane', found, record.planes)}")
     if asked is None and len(record.planes) > 1 and found != "journal":
         raise ValueError(f"{record.name}: say which plane: {', '.join(record.planes)}")
-    if not is_pair(record, found):
+    if found not in record.pairs:
         raise ValueError(f"{record.name}: {found} has one probe; free vibration needs x and y")
     return found
 

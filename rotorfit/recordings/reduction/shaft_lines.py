@@ -21,7 +21,7 @@ from rotorfit.estimators.signals.start_up_lines import StartUp, start_up_lines
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.shafts.combination_lines import LATERAL, TWIST, Order
 from rotorfit.recordings.recording import Recording, named_apart
-from rotorfit.recordings.reduction.reduced_record import is_pair, reduce_record
+from rotorfit.recordings.reduction.reduced_record import reduce_record
 from rotorfit.recordings.reduction.response_lines import time_at
 from rotorfit.recordings.signals import source_of
 
@@ -123,7 +123,7 @@ def _is_start_up(record: Recording) -> bool:
     if record.rig.perturbator is not None or (record.force is not None and record.force.measured):
         return False
     shaft = record.shaft_angle()
-    speed = shaft.speed(np.linspace(shaft.begin, shaft.end, 1001))
+    speed = shaft.speeds(1001)
     # Highest speed over the lowest from which a recording without a perturbator is a start-up
     start_up_speed_ratio = 1.2
     return bool(speed.max() > start_up_speed_ratio * speed.min())
@@ -148,7 +148,7 @@ def _start_up(record: Recording) -> list[dict[str, NDArray[Any]]]:
         raise ValueError(
             f"{record.name} has the planes {', '.join(record.planes)}; name that of the disk as plane in [force]"
         )
-    if not is_pair(record, plane):
+    if plane not in record.pairs:
         raise ValueError(f"{record.name}: {plane} has one probe; 1x and 2x of a start-up need motion in x and in y")
     shaft = record.shaft_angle()
     reduced = reduce_record(record, shaft, 1)

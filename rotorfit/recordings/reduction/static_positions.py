@@ -16,7 +16,7 @@ from rotorfit.executors import carry_out, executor_of
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.digits import significant
 from rotorfit.recordings.recording import Recording, named_apart
-from rotorfit.recordings.reduction.reduced_record import HIGHEST_ORDER, ReducedRate, is_pair
+from rotorfit.recordings.reduction.reduced_record import HIGHEST_ORDER, ReducedRate
 from rotorfit.recordings.reduction.response_lines import Report
 from rotorfit.recordings.signals import source_of
 from rotorfit.units import RPM_PER_RAD_S
@@ -205,7 +205,7 @@ def rest_positions(record: Recording) -> tuple[list[RestPosition], list[str]]:
     for plane in record.planes:
         probes = [probe for probe in record.probes if probe.plane == plane]
         clipped = [probe.channel for probe in probes if record.statistics[probe.channel].clipped]
-        if not is_pair(record, plane):
+        if plane not in record.pairs:
             left_out.append(f"{plane} has one probe")
         elif clipped:
             left_out.append(f"{', '.join(clipped)} of {plane} is clipped")
@@ -219,7 +219,7 @@ def rest_positions(record: Recording) -> tuple[list[RestPosition], list[str]]:
 def _rest(record: Recording, plane: str, probes: Sequence[Probe]) -> RestPosition:
     shaft = record.shaft_angle() if record.rig.shaft is not None else None
     edges, speeds = _stretches(record, shaft)
-    fastest = 0.0 if shaft is None else float(np.abs(shaft.speed(np.linspace(shaft.begin, shaft.end, 200))).max())
+    fastest = 0.0 if shaft is None else float(np.abs(shaft.speeds()).max())
     highest = 20.0  # highest frequency that matters of a shaft without marks, Hz
     reduced = ReducedRate.for_band(max(HIGHEST_ORDER * fastest / (2 * np.pi), highest), record.sample_rate, record.size)
     mean, variance = np.empty((2, len(probes), speeds.size))
@@ -249,7 +249,7 @@ def _stretches(record: Recording, shaft: AngleTrack | None) -> tuple[list[tuple[
     """Times from and to, and mean speeds, of what counts as one position each."""
     if shaft is None:
         return [(0.0, record.duration)], np.array([abs(record.speed or 0.0)])
-    speeds = shaft.speed(np.linspace(shaft.begin, shaft.end, 400))
+    speeds = shaft.speeds(400)
     count = 1 if np.ptp(speeds) <= STEADY_SPEED_RANGE * np.abs(speeds).mean() else POSITIONS
     edges = np.linspace(shaft.begin, shaft.end, count + 1)
     mean = np.diff(shaft.angle(edges)) / np.diff(edges)

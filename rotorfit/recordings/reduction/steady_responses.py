@@ -16,7 +16,6 @@ from rotorfit.estimators.signals.dwells import DwellResponse, dwell_response, dw
 from rotorfit.estimators.signals.local_response import LocalResponse
 from rotorfit.estimators.signals.tracking import track_windows
 from rotorfit.models.array_types import Bool, Float, Index
-from rotorfit.recordings.reduction.reduced_record import is_pair
 from rotorfit.recordings.reduction.response_lines import (
     ProbeResponses,
     apart_from_orders,
@@ -128,7 +127,7 @@ def window_responses(reduced: ReducedRecord, force: Force, turns: int) -> Pertur
     against = found.against.conj() if reduced.whirl > 0 else found.against
     probes = []
     for p, plane in enumerate(record.planes):
-        if not is_pair(record, plane):
+        if plane not in record.pairs:
             axis, factor = single_direction(record, plane, reduced.whirl)
             single, sigma = factor * (along[p] + against[p]) / newton, 2 * found.sigma[p] / np.abs(newton)
             probes.append(ProbeResponses(plane=plane, direction=axis, response=single, sigma=sigma))

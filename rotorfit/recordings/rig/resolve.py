@@ -298,17 +298,7 @@ def _force(raw: RawFile, setup: RigSetup, perturbator: Reference | None, planes:
         if force.plane is None or sensitivity is None:
             lacking = "plane" if force.plane is None else "sensitivity_V_per_N, or unit"
             raise ValueError(f"{raw.name}: the measured force needs its {lacking} in [force]")
-        nan = math.nan
-        return Force(
-            plane=force.plane,
-            mr=nan,
-            angle=0.0,
-            datum_known=True,
-            whirl=force.whirl or 1,
-            reference="",
-            channels=channels,
-            sensitivity=sensitivity,
-        )
+        return Force(plane=force.plane, whirl=force.whirl or 1, channels=channels, sensitivity=sensitivity)
     if force.mr is None:
         return None
     if perturbator is not None and force.whirl is None:

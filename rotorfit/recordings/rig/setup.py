@@ -322,11 +322,7 @@ class RigSetup:
     source: str = ""
 
     def of_file(self, name: str) -> RigSetup:
-        """The setup for one file: what its ``[[run]]`` says goes before what is said for all.
-
-        Args:
-            name: of the file, without its folder.
-        """
+        """The setup for one file, by its name without folder: its ``[[run]]`` goes before what is said for all."""
         stem = name.rpartition(".")[0] or name
         run = next((r for key, r in self.runs.items() if key in (name, stem)), None)
         return self if run is None else prefer(run, replace(self, runs={}))
@@ -355,13 +351,15 @@ class Force:
     """Force that drives the rotor in one recording, complete."""
 
     plane: str  # where the force acts
-    mr: float  # unbalance, kg m; NaN for a measured force
-    angle: float  # heavy spot ahead of the mark in the direction it turns, rad
-    datum_known: bool  # whether ``angle`` counts from the mark; otherwise the fit needs ``phase_offsets="common"``
+    mr: float = math.nan  # unbalance, kg m; NaN for a measured force
+    angle: float = 0.0  # heavy spot ahead of the mark in the direction it turns, rad
+    datum_known: bool = (
+        True  # whether ``angle`` counts from the mark; otherwise the fit needs ``phase_offsets="common"``
+    )
     whirl: int  # +1 turns with the shaft, -1 against it
-    reference: str  # ``"perturbator"`` or ``"shaft"``, the mark that the force is locked to
+    reference: str = ""  # ``"perturbator"`` or ``"shaft"``, the mark that it is locked to; none of a measured force
     channels: tuple[str, str] = ("", "")  # channels of the force along x and y where it was measured
-    sensitivity: float = float("nan")  # of these channels, V/N; NaN without
+    sensitivity: float = math.nan  # of these channels, V/N; NaN without
 
     @property
     def measured(self) -> bool:
