@@ -76,7 +76,11 @@ class Instruments(Probes):
     ac_coupled: bool = False
 
     def time(self, duration: float) -> Float:
-        """Times of the samples of a recording of so many s, s."""
+        """Times of the samples, s.
+
+        Args:
+            duration: of the recording, s.
+        """
         return np.arange(int(duration * self.sample_rate)) / self.sample_rate
 
 

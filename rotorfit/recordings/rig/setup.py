@@ -322,7 +322,11 @@ class RigSetup:
     source: str = ""
 
     def of_file(self, name: str) -> RigSetup:
-        """The setup for one file, by its name without folder: its ``[[run]]`` goes before what is said for all."""
+        """The setup for one file: what its ``[[run]]`` says goes before what is said for all.
+
+        Args:
+            name: of the file, without its folder.
+        """
         stem = name.rpartition(".")[0] or name
         run = next((r for key, r in self.runs.items() if key in (name, stem)), None)
         return self if run is None else prefer(run, replace(self, runs={}))
