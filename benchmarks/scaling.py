@@ -31,8 +31,8 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import closed_form
+from rotorfit.estimators.starting.force_balance import stiffness_matrices
 from rotorfit.estimators.starting.starts import find_start
-from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
 
 LINES = (100, 1000, 10_000, 100_000, 1_000_000)
 PLANES = (2, 3, 5, 8, 12, 16, 20)

@@ -15,10 +15,9 @@ from rotorfit.models.orthotropic import Orthotropic
 from rotorfit.models.parameters import Parameter
 from rotorfit.models.shafts.anisotropic_shaft import AnisotropicShaft
 from rotorfit.models.shafts.chain_match import ChainFromModes, chain_from_modes, chain_modes
-from rotorfit.models.shafts.harmonic_set import HarmonicSet, harmonic_set
 from rotorfit.models.shafts.shaft import ROSS_4, ROSS_6
 from rotorfit.models.shafts.turning import Turning, TurningFrame, unstable_bands
-from rotorfit.models.shafts.turning_on_supports import TurningOnSupports
+from rotorfit.models.shafts.turning_on_supports import HarmonicSet, TurningOnSupports, harmonic_set
 from rotorfit.models.structure import BLOCKS
 
 MODELS: dict[str, type[RotorModel]] = {

@@ -12,7 +12,7 @@ from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.models import RotorModel
-from rotorfit.models.shafts.plane_forces import COEFFICIENTS, plane_force
+from rotorfit.models.coefficient_tables import COEFFICIENTS, plane_force
 
 RPM = np.pi / 30
 FLUIDS: list[tuple[RotorModel, dict[str, float]]] = [

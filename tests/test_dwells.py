@@ -13,7 +13,7 @@ from unreliable import Unreliable
 
 import rotorfit as rf
 from rotorfit.cli.main import main
-from rotorfit.estimators.signals.dwells import dwells
+from rotorfit.estimators.signals.tracking import dwells
 from rotorfit.simulation.turning_speeds import Dwells, Sweep
 
 RIG = rf.models.WhirlWhip()

@@ -16,8 +16,7 @@ from slow_cases import slow_but
 import rotorfit as rf
 from rotorfit.estimators.inference.covariance import inverse_curvature
 from rotorfit.estimators.inference.log_posterior import LogPosterior
-from rotorfit.estimators.noise.correlation import line_scatter, memory, scatter
-from rotorfit.estimators.noise.noise_levels import fit_probes
+from rotorfit.estimators.noise.residuals import fit_probes, line_scatter, memory, scatter
 from rotorfit.estimators.noise.run_effects import MixedModel, select_effects, shared_variances
 from rotorfit.estimators.noise.sweep_noise import deviations_of_repeats
 from rotorfit.fitting.noise.error_bars import effect_entries, shares_of_possible_effects

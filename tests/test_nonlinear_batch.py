@@ -16,8 +16,7 @@ from rotorfit.estimators.misfit.kernels import Batch
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
-from rotorfit.models.motion.journal import journal
-from rotorfit.models.motion.line_stiffness import line_stiffness
+from rotorfit.models.motion.journal import journal, line_stiffness
 from rotorfit.models.motion.orbits import OrbitEquation, all_roots, nearest_orbits
 
 LAW = rf.models.Muszynska()

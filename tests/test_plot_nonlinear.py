@@ -13,7 +13,7 @@ from sentences import refuses
 from slow_cases import slow_but
 
 import rotorfit as rf
-from rotorfit.models.motion.law_curves import law_curves
+from rotorfit.models.coefficient_tables import law_curves
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues
 from rotorfit.plots.eccentricity import plot_law, plot_nonlinear_stiffness
 from rotorfit.plots.journal import drive_stiffness, half_width

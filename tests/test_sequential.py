@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from rotorfit.estimators.sequential import FEWEST_FREEDOM, SHIFTS, change_evidence, low_evidence, without_any
+from rotorfit.estimators.change import FEWEST_FREEDOM, SHIFTS, change_evidence, low_evidence, without_any
 from rotorfit.monitoring.alarms import WatchedValues, watch_rules
 
 

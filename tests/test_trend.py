@@ -12,7 +12,7 @@ from trend_detection import CHANGE, history, judged
 
 import rotorfit as rf
 from rotorfit.cli.main import main
-from rotorfit.estimators.change_point import find_change
+from rotorfit.estimators.change import find_change
 from rotorfit.studies.folder import CONTENTS
 
 SPEED = np.linspace(30.0, 80.0, 12)

@@ -13,8 +13,7 @@ from rotorfit.estimators.blocks.observations import OnResponses, Responses
 from rotorfit.estimators.blocks.response import inverse, read_by_probes, read_by_probes_jacobian
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
-from rotorfit.models.motion.journal import Journal, journal
-from rotorfit.models.motion.line_stiffness import known_structure, line_stiffness
+from rotorfit.models.motion.journal import Journal, journal, known_structure, line_stiffness
 from rotorfit.models.motion.orbits import LARGEST_ECCENTRICITY, OrbitEquation, followed_roots, nearest_orbits
 from rotorfit.models.shafts.shaft import KnownStiffness
 

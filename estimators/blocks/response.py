@@ -18,7 +18,7 @@ import numpy as np
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.modal import Modal
 from rotorfit.models.model import CompiledModel, RotorModel
-from rotorfit.models.motion.line_stiffness import known_structure
+from rotorfit.models.motion.journal import known_structure
 from rotorfit.models.shafts.shaft import KnownStiffness
 
 if TYPE_CHECKING:

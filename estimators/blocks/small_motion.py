@@ -10,8 +10,7 @@ from rotorfit.estimators.blocks.nonlinear import eccentricity_of_reading, invers
 from rotorfit.estimators.blocks.observations import Observed
 from rotorfit.estimators.blocks.response import read_by_probes, read_by_probes_jacobian
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
-from rotorfit.models.motion.journal import journal
-from rotorfit.models.motion.line_stiffness import known_structure, line_stiffness
+from rotorfit.models.motion.journal import journal, known_structure, line_stiffness
 from rotorfit.models.motion.off_centre import coupled_stiffness, off_centre_eigenvalues, off_centre_gradient
 
 

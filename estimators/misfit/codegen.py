@@ -18,7 +18,7 @@ import casadi as ca
 from rotorfit.estimators.misfit.losses import LOSS_SCALE, Loss
 from rotorfit.models import RotorModel
 from rotorfit.models.compiled import statements
-from rotorfit.models.motion.line_stiffness import at_frequency
+from rotorfit.models.motion.journal import at_frequency
 
 LARGEST_UNROLLED = 2
 """Models with more coordinates are not unrolled: their kernels factorise numerically."""

@@ -19,6 +19,7 @@ from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.misfit.problem import READINGS_OF_A_PIECE
 from rotorfit.estimators.starting.force_balance import (
     ForceBalance,
+    complete_lines,
     one_by_one,
     products,
     solve,
@@ -27,7 +28,6 @@ from rotorfit.estimators.starting.force_balance import (
     weigh,
 )
 from rotorfit.estimators.starting.lumped import Lumped, LumpedStructure, lumped_coefficients
-from rotorfit.estimators.starting.stiffness_inversion import complete_lines
 from rotorfit.models.array_types import ComplexArray, Float
 
 

@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import ComplexArray, Index
 from rotorfit.models.model import CoefficientJacobian, RotorModel
-from rotorfit.models.motion.journal import journal
-from rotorfit.models.motion.line_stiffness import known_structure, line_stiffness
+from rotorfit.models.motion.journal import journal, known_structure, line_stiffness
 from rotorfit.models.motion.orbits import OrbitEquation, all_roots
 from rotorfit.models.motion.stability import SPEEDS, Threshold, first_growth, mode_vectors, seats, spectrum
 from rotorfit.models.shafts.angular_rates import angular_rate

@@ -16,7 +16,7 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.inference.smooth_causes import Kind
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
-from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
+from rotorfit.estimators.starting.force_balance import stiffness_matrices
 from rotorfit.fitting.fit import fitted
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float

@@ -1,7 +1,7 @@
 """Alarms of a machine that is tested again and again: values that changed, a margin that is not held.
 
 The false-alarm rate that is asked for is the probability that a machine which does not change, or just holds its
-margin, ever raises one, however often it is tested: see :mod:`rotorfit.estimators.sequential`.
+margin, ever raises one, however often it is tested: see :mod:`rotorfit.estimators.change`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from rotorfit.estimators.sequential import change_evidence, low_evidence, without_any
+from rotorfit.estimators.change import change_evidence, low_evidence, without_any
 from rotorfit.models.array_types import Bool, Float
 
 MARGIN = "margin"

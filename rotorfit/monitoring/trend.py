@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Unpack
 import numpy as np
 
 from rotorfit.data.figure_keywords import PlotKeywords
-from rotorfit.estimators.change_point import Change, along, fewest_dates, find_change
+from rotorfit.estimators.change import Change, along, fewest_dates, find_change
 from rotorfit.estimators.significance import P_CHANCE
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Float

@@ -9,7 +9,7 @@ import numpy as np
 
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.several_forces import refuse_several
-from rotorfit.estimators.starting.stiffness_inversion import StiffnessMatrices, stiffness_matrices
+from rotorfit.estimators.starting.force_balance import StiffnessMatrices, stiffness_matrices
 from rotorfit.models import Anisotropic, RotorModel
 from rotorfit.observing.circular import observe
 

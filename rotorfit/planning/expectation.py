@@ -16,7 +16,7 @@ from rotorfit.estimators.blocks.small_motion import FreeVibrations
 from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.inference.identifiability import Identifiability, diagnose
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.noise.correlation import scatter
+from rotorfit.estimators.noise.residuals import scatter
 from rotorfit.estimators.noise.run_effects import real_rows
 from rotorfit.fitting.noise.noise_fit import channels_of, lines_in
 from rotorfit.fitting.problem_setup import build_problem

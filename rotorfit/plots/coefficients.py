@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.fitting.structure.coefficients import UNITS, CoefficientRows, Coefficients
 from rotorfit.fitting.structure.frequency_coefficients import ENTRIES, FrequencyRows
-from rotorfit.models.shafts.plane_forces import COEFFICIENTS
+from rotorfit.models.coefficient_tables import COEFFICIENTS
 from rotorfit.plots.style import colour_of, draw_curve, grid, legend_below, looked, per_rad_s, prefix, rate_unit
 
 _MARKERS = "os^Dv<>P"

@@ -14,7 +14,7 @@ from rotorfit.estimators.blocks.observations import Responses, acts_alone
 from rotorfit.estimators.blocks.response import probe_factors
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.significance import CHANCE_ERRORS
-from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
+from rotorfit.estimators.starting.force_balance import stiffness_matrices
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.digits import significant
 from rotorfit.models.parameters import unknown_name

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.models.array_types import Index
-from rotorfit.models.motion.law_curves import law_curves, law_of
+from rotorfit.models.coefficient_tables import law_curves, law_of
 from rotorfit.plots.journal import (
     JournalLines,
     drive_stiffness,

@@ -19,9 +19,8 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.summary import natural
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index, Text
-from rotorfit.models.motion.journal import journal
-from rotorfit.models.motion.law_curves import law_changes_with_speed
-from rotorfit.models.motion.line_stiffness import line_stiffness
+from rotorfit.models.coefficient_tables import law_changes_with_speed
+from rotorfit.models.motion.journal import journal, line_stiffness
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from rotorfit.estimators.blocks.small_motion import FreeVibrations
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.models.motion.law_curves import law_curves, law_of
+from rotorfit.models.coefficient_tables import law_curves, law_of
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues
 from rotorfit.plots.journal import JournalLines, drive_stiffness, half_width, journal_lines, law_series
 from rotorfit.plots.style import (

@@ -9,7 +9,7 @@ import numpy as np
 
 from rotorfit.estimators.misfit.priors import CentredNormal, Prior
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.noise.correlation import line_scatter, scatter
+from rotorfit.estimators.noise.residuals import line_scatter, scatter
 from rotorfit.fitting.noise.noise_fit import channels_of, lines_in
 from rotorfit.fitting.noise.record import RUN_KINDS, FoundNoise, NoiseVerdict, is_run_effect
 from rotorfit.fitting.noise.residual_study import ResidualStudy

@@ -15,8 +15,7 @@ from rotorfit.estimators.blocks.row_keys import rows_by, words
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
 from rotorfit.estimators.inference.covariance import prior_curvature
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.noise.correlation import Memory, memory
-from rotorfit.estimators.noise.noise_levels import Shape, fit_probes, likelihood
+from rotorfit.estimators.noise.residuals import Memory, Shape, fit_probes, likelihood, memory
 from rotorfit.estimators.noise.run_effects import LEAST_RESIDUAL_SHARE, MixedModel, MixedSolution, Residuals
 from rotorfit.models.array_types import ComplexArray, Float, Index
 

@@ -16,8 +16,7 @@ from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.inference.smooth_causes import Cause
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.noise.correlation import Memory
-from rotorfit.estimators.noise.noise_levels import Shape
+from rotorfit.estimators.noise.residuals import Memory, Shape
 from rotorfit.estimators.noise.run_effects import MixedModel, odd_run, select_effects, shared_variances
 from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.fitting.noise.causes import fixed_causes, with_sizes

@@ -16,10 +16,10 @@ from rotorfit.fitting.quantities import Quantity
 from rotorfit.io.tables.result_tables import frame_csv
 from rotorfit.models import Anisotropic
 from rotorfit.models.array_types import Float
+from rotorfit.models.coefficient_tables import COEFFICIENTS, force_planes, plane_force
 from rotorfit.models.digits import plus_minus, significant
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.shafts.angular_rates import angular_rate
-from rotorfit.models.shafts.plane_forces import COEFFICIENTS, force_planes, plane_force
 from rotorfit.models.text_table import Printed, text_table
 from rotorfit.units import RPM_PER_RAD_S
 

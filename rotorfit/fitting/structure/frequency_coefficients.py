@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.estimators.inference.covariance import standard_error
-from rotorfit.estimators.starting.stiffness_inversion import stiffness_matrices
+from rotorfit.estimators.starting.force_balance import stiffness_matrices
 from rotorfit.fitting.structure.coefficients import Tabulated, coefficient_rows, of_a_rig
 from rotorfit.models.array_types import Float
 

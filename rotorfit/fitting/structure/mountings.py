@@ -19,8 +19,8 @@ import numpy as np
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.structure.coefficients import UNITS, Coefficients, Tabulated
 from rotorfit.models.array_types import Float
+from rotorfit.models.coefficient_tables import COEFFICIENTS
 from rotorfit.models.digits import plus_minus, significant
-from rotorfit.models.shafts.plane_forces import COEFFICIENTS
 from rotorfit.models.text_table import text_table
 
 if TYPE_CHECKING:

@@ -15,8 +15,8 @@ from rotorfit.estimators.atomic_file import whole_file
 from rotorfit.io.shafts.ross_rotor import SPEED_FROM, imported_ross, installed_ross, line_of
 from rotorfit.models import KnownStructure, Orthotropic, RotorModel
 from rotorfit.models.array_types import Float
+from rotorfit.models.coefficient_tables import force_planes, plane_force
 from rotorfit.models.digits import significant
-from rotorfit.models.shafts.plane_forces import force_planes, plane_force
 
 ElementKind: TypeAlias = Literal["bearing", "seal"]
 """Class of ROSS: BearingElement or SealElement."""

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.fft import prev_fast_len
 
-from rotorfit.estimators.signals.dwells import DwellResponse, dwell_response, dwells
 from rotorfit.estimators.signals.local_response import LocalResponse
-from rotorfit.estimators.signals.tracking import track_windows
+from rotorfit.estimators.signals.tracking import DwellResponse, dwell_response, dwells, track_windows
 from rotorfit.models.array_types import Bool, Float, Index
 from rotorfit.recordings.reduction.response_lines import (
     ProbeResponses,

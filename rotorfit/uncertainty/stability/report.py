@@ -14,9 +14,9 @@ from rotorfit.estimators.inference.identifiability import UNSEEN_CHANGE
 from rotorfit.fitting.quantities import THRESHOLD
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Float
+from rotorfit.models.coefficient_tables import loop_stiffness
 from rotorfit.models.digits import significant
 from rotorfit.models.parameters import unknown_name
-from rotorfit.models.shafts.plane_forces import loop_stiffness
 from rotorfit.uncertainty.derived import DERIVED_DRAWS, SHAFT_DRAWS
 from rotorfit.uncertainty.predict import extrapolation
 from rotorfit.uncertainty.stability.record import Criterion, StabilityReport

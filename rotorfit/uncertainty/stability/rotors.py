@@ -15,10 +15,10 @@ from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN, Assu
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import RotorModel, Threshold, eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.coefficient_tables import loop_stiffness
 from rotorfit.models.motion.neglected_terms import LeftOut, eigenvalues_with
 from rotorfit.models.motion.stability import counted, spectrum, whirls_forward
 from rotorfit.models.parameters import unknown_name
-from rotorfit.models.shafts.plane_forces import loop_stiffness
 
 _BLOCK = 200
 """Rotors whose responses at all speeds are computed together, some tens of megabytes."""
