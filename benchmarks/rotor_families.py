@@ -152,7 +152,7 @@ def case(name: str, rng: np.random.Generator, seed: Sequence[int]) -> dict[str, 
     covered = [
         abs(lam.value - p["lam"]) < NORMAL * lam.stderr, abs(onset.value - threshold) < NORMAL * onset.stderr
     ]  # fmt: skip
-    named = bool(found.missing) or best.model_limited or any(e.implied and not e.tested for e in found.entries)
+    named = bool(found.missing) or best.model_limited or any(e.implied and not e.narrowed for e in found.entries)
     if name == DAMPED:
         told = found.with_priors({"Ds[journal]": DAMPER})
         off = {"lam": lam.value - p["lam"], "D": best.params["D"].value - p["D"]}
@@ -161,6 +161,7 @@ def case(name: str, rng: np.random.Generator, seed: Sequence[int]) -> dict[str, 
     return {
         "refused": False,
         "lam": (lam.value - p["lam"]) / lam.stderr,
+        "printed lam": (lam.value - p["lam"]) / found.combined("lam"),
         "threshold": (onset.value - threshold) / onset.stderr,
         "relative": abs(onset.value / threshold - 1),
         "plain lam": (plain.params["lam"].value - p["lam"]) / plain.params["lam"].stderr,
@@ -181,13 +182,14 @@ def main() -> None:
         "# Families of rotors", "",
         f"Made with `python benchmarks/rotor_families.py --rigs {options.rigs} --seed {options.seed}`: "
         f"{options.rigs} rigs a family.",
-        "Covered: share of 95 % intervals that hold the truth, after rf.refine (lam of the plain fit first). "
+        "Covered: share of 95 % intervals that hold the truth, after rf.refine (lam of the plain fit first), by the "
+        "statistical errors alone; as printed, with the systematic share. "
         "Named: share of fits whose assumptions or warnings say that structure is missing. A damper at the journal "
         "cannot be told from the fluid by any data of this kind: the summary says so beside lam and D, the threshold "
         "stays right, and D and lam are named where they hold with that damping given as an uncertainty.", "",
-        "| family | lam plain | lam | threshold | median threshold error | named | both covered, or named | "
-        "false stable |",
-        "|---|---|---|---|---|---|---|---|",
+        "| family | lam plain | lam | lam, as printed | threshold | median threshold error | named | "
+        "both covered, or named | false stable |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]  # fmt: skip
     passed, hits, rigs = 0, 0, 0
     for number, name in enumerate(FAMILIES):
@@ -206,7 +208,8 @@ def main() -> None:
         passed += bool(told) and sum(right) >= ASKED * len(told)
         lines.append(
             f"| {name} | {share([within('plain lam', row) for row in told])} | "
-            f"{share([within('lam', row) for row in told])} | {share([within('threshold', row) for row in told])} | "
+            f"{share([within('lam', row) for row in told])} | {share([within('printed lam', row) for row in told])} | "
+            f"{share([within('threshold', row) for row in told])} | "
             f"{100 * np.nanmedian([float(row['relative']) for row in told] or [np.nan]):.2g} % | "
             f"{share([bool(row['named']) for row in told])} | {share(right)} | "
             f"{share([bool(row['false stable']) for row in told])} |"

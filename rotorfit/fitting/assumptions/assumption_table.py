@@ -41,9 +41,14 @@ class Assumption:
         return self.plausible if math.isnan(self.prior) else self.prior
 
     @property
+    def narrowed(self) -> bool:
+        """True if the data tell its size clearly better than its uncertainty does."""
+        return self.stderr * _NARROWED_RATIO <= self.uncertainty
+
+    @property
     def left(self) -> float:
         """Root mean square size that it may have by its uncertainty and the data together; the results assume none."""
-        if self.stderr * _NARROWED_RATIO > self.uncertainty:
+        if not self.narrowed:
             return self.uncertainty
         weight = 1 / (1 + (self.stderr / self.uncertainty) ** 2)  # weight of the data in the mean of a normal posterior
         return math.hypot(math.sqrt(weight) * self.stderr, weight * self.estimate)
@@ -225,7 +230,7 @@ class Assumptions(Printed):
             "There is coupling damping, so a damper acts somewhere, perhaps at the journal too and as strongly. These "
             f"data cannot separate {entry.name} from D and lam; see its row."
             for entry in self.entries
-            if entry.implied and not entry.tested
+            if entry.implied and not entry.narrowed
         ]
         shares = []
         for name in self.entries[0].errors if self.entries else ():
