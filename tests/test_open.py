@@ -171,12 +171,12 @@ def test_the_history_beside_a_store_is_shown_and_can_do_nothing(tmp_path: Path) 
 
 
 def test_the_cursor_of_a_sweep_stands_at_the_speed_of_its_time() -> None:
-    from rotorfit.app.signals import _BodeFigure
+    from rotorfit.app.signals import VectorFigures
     from rotorfit.plots.recordings import vectors_shown
 
     record = rf.read_recording(datasets.path(VOLTS[0]))
     mark = record.marks.named("perturbator", record)
-    figure = _BodeFigure(vectors_shown(record, record.marks, "perturbator", None), "disk", mark)
+    figure = VectorFigures(vectors_shown(record, record.marks, "perturbator", None), "disk", mark)
     for pulse in (100, 250, 380):
         begin, end = mark.pulses[pulse : pulse + 2]
         figure.move((begin + end) / 2)

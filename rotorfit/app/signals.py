@@ -61,7 +61,7 @@ class SignalsView:
         for part in parts:
             part.move(self.at)
         self._parts = parts
-        self._linked.objects = [figures_beside([part.figure for part in parts])]
+        self._linked.objects = [figures_beside([figure for part in parts for figure in part.figures])]
 
     def _figures(self) -> Iterator[Any]:
         record, marks = self.record, self.record.marks
@@ -70,8 +70,7 @@ class SignalsView:
         yield _SpectrumFigure(record, self._plane)
         if marks.present:
             vectors, mark = vectors_shown(record, marks, marks.main, None), marks.named(marks.main, record)
-            yield _BodeFigure(vectors, self._plane, mark)
-            yield _PolarFigure(vectors, self._plane, mark)
+            yield VectorFigures(vectors, self._plane, mark)
             yield _CascadeFigure(record, cascade(record, marks, self._plane))
 
     def move(self, at: float) -> None:
@@ -155,6 +154,7 @@ class _OrbitFigure:
         self._dots = ColumnDataSource({"x": [], "y": []})
         self.figure.scatter("x", "y", source=self._dots, size=6, color="black", legend_label="pulse of a mark")
         small_legend(self.figure)
+        self.figures = [self.figure]
 
     def move(self, at: float) -> None:
         """Show the time of the cursor."""
@@ -186,6 +186,7 @@ class _SpectrumFigure:
         self._half = min(_SPECTRUM_TURNS * np.pi / slowest, record.duration / 2)
         reach = 4 * max(turning, default=np.pi * record.sample_rate / 4) / (2 * np.pi)
         self.figure.x_range.start, self.figure.x_range.end = -reach, reach
+        self.figures = [self.figure]
 
     def move(self, at: float) -> None:
         """Show the time of the cursor."""
@@ -195,18 +196,34 @@ class _SpectrumFigure:
         self.figure.title.text = f"full spectrum, {significant(begin, 4)} to {significant(begin + 2 * self._half, 4)} s"
 
 
-class _VectorFigure:
-    """Vectors of the probes of a plane over the recording."""
+class VectorFigures:
+    """Vectors of the probes of a plane: amplitude and phase, and their locus, counted from the probe."""
 
     def __init__(self, vectors: OrderVectors, plane: str, mark: AngleTrack) -> None:
         self._vectors, self._mark = vectors, mark
         own = [(angle, row) for (at, angle), row in zip(vectors.probes, vectors.phasors, strict=True) if at == plane]
         self.rpm = np.abs(vectors.speed) * RPM_PER_RAD_S
-        self.changes = bool(np.ptp(self.rpm) > 0.05 * self.rpm.max())
-        self.across = self.rpm if self.changes else vectors.t
-        self.label = f"speed of the {vectors.reference}, rpm" if self.changes else "time, s"
-        self.rows = {f"probe at {np.degrees(angle):g}°": row * 1e6 for angle, row in own}
+        changes = bool(np.ptp(self.rpm) > 0.05 * self.rpm.max())
+        self._across = self.rpm if changes else vectors.t
+        self._rows = {f"probe at {np.degrees(angle):g}°": row * 1e6 for angle, row in own}
         self.cursor = ColumnDataSource({"x": [], "a": [], "p": [], "re": [], "im": []})
+        what = "1x" if vectors.reference == "shaft" else "at the perturbation frequency"
+        label = f"speed of the {vectors.reference}, rpm" if changes else "time, s"
+        top = framed(f"vectors {what}", 180, "", "µm 0-peak")
+        bottom = framed("", 160, label, "phase lead, °", x_range=top.x_range)
+        bottom.y_range.start, bottom.y_range.end = -190, 190
+        polar = framed("polar", 340, "in phase, µm", "quadrature, µm", match_aspect=True)
+        for number, (name, row) in enumerate(self._rows.items()):
+            colour = COLOURS[number % len(COLOURS)]
+            top.line(self._across, np.abs(row), color=colour, legend_label=name)
+            bottom.scatter(self._across, np.degrees(np.angle(row)), color=colour, size=2.5)
+            polar.line(row.real, row.imag, color=colour, legend_label=name)
+        for plot, x, y in ((top, "x", "a"), (bottom, "x", "p"), (polar, "re", "im")):
+            plot.scatter(x, y, source=self.cursor, size=9, color=None, line_color="black", line_width=2)
+        small_legend(top)
+        small_legend(polar)
+        bottom.toolbar_location = None
+        self.figures = [column(top, bottom, sizing_mode="stretch_width"), polar]
 
     def move(self, at: float) -> None:
         """Show the time of the cursor."""
@@ -214,48 +231,16 @@ class _VectorFigure:
         apart = np.abs(vectors.t - at)
         if np.isnan(vectors.t).all():  # of a sweep, whose vectors have no times: that of the mark's speed then
             apart = np.abs(np.abs(vectors.speed) - abs(float(self._mark.speed(np.array([at]))[0])))
-        there = np.flatnonzero(np.isfinite(list(self.rows.values())).all(axis=0))
+        there = np.flatnonzero(np.isfinite(list(self._rows.values())).all(axis=0))
         i = int(there[np.argmin(apart[there])]) if there.size else 0
-        values = np.array([row[i] for row in self.rows.values()])
+        values = np.array([row[i] for row in self._rows.values()])
         self.cursor.data = {
-            "x": np.full(values.size, self.across[i]),
+            "x": np.full(values.size, self._across[i]),
             "a": np.abs(values),
             "p": np.degrees(np.angle(values)),
             "re": values.real,
             "im": values.imag,
         }
-
-
-class _BodeFigure(_VectorFigure):
-    """Amplitude and phase of the vectors."""
-
-    def __init__(self, vectors: OrderVectors, plane: str, mark: AngleTrack) -> None:
-        super().__init__(vectors, plane, mark)
-        what = "1x" if vectors.reference == "shaft" else "at the perturbation frequency"
-        top = framed(f"vectors {what}", 180, "", "µm 0-peak")
-        bottom = framed("", 160, self.label, "phase lead, °", x_range=top.x_range)
-        bottom.y_range.start, bottom.y_range.end = -190, 190
-        for number, (name, row) in enumerate(self.rows.items()):
-            colour = COLOURS[number % len(COLOURS)]
-            top.line(self.across, np.abs(row), color=colour, legend_label=name)
-            bottom.scatter(self.across, np.degrees(np.angle(row)), color=colour, size=2.5)
-        for plot, name in ((top, "a"), (bottom, "p")):
-            plot.scatter("x", name, source=self.cursor, size=9, color=None, line_color="black", line_width=2)
-        small_legend(top)
-        bottom.toolbar_location = None
-        self.figure = column(top, bottom, sizing_mode="stretch_width")
-
-
-class _PolarFigure(_VectorFigure):
-    """The vectors in their plane, counted from the probe."""
-
-    def __init__(self, vectors: OrderVectors, plane: str, mark: AngleTrack) -> None:
-        super().__init__(vectors, plane, mark)
-        self.figure = framed("polar", 340, "in phase, µm", "quadrature, µm", match_aspect=True)
-        for number, (name, row) in enumerate(self.rows.items()):
-            self.figure.line(row.real, row.imag, color=COLOURS[number % len(COLOURS)], legend_label=name)
-        self.figure.scatter("re", "im", source=self.cursor, size=9, color=None, line_color="black", line_width=2)
-        small_legend(self.figure)
 
 
 class _CascadeFigure:
@@ -283,6 +268,7 @@ class _CascadeFigure:
         small_legend(self.figure)
         self._cursor = Span(dimension="width", line_color=COLOURS[1], line_width=1.5)
         self.figure.add_layout(self._cursor)
+        self.figures = [self.figure]
 
     def move(self, at: float) -> None:
         """Show the time of the cursor."""

@@ -63,7 +63,12 @@ def open_file(path: Path) -> RawFile:
     """Content of a text file of raw signals."""
     try:
         head = _head(path)
-        columns = _columns(path, head)
+        with path.open("rb") as binary:
+            lines = sum(block.count(b"\n") for block in iter(lambda: binary.read(1 << 24), b"")) + 1
+        width = len(head.names)
+        check_unpacked(path.name, 8.0 * lines * width, path.stat().st_size)
+        with path.open(encoding=head.encoding) as file:  # all cells go to the disk
+            columns = spooled(_rows(path, file, head), lines * width, np.float64).reshape(-1, width)
     except UnicodeError as problem:
         raise ValueError(f"{path.name} is not text; save it as CSV UTF-8") from problem
     rate = rate_of(head.attributes)
@@ -177,20 +182,10 @@ def _plain(text: str) -> float | str:
         return text.strip("\"'")
 
 
-def _columns(path: Path, head: _Head) -> NDArray[Any]:
-    """All cells, shape ``(rows, columns)``, on disk."""
-    with path.open("rb") as binary:
-        lines = sum(block.count(b"\n") for block in iter(lambda: binary.read(1 << 24), b"")) + 1
-    check_unpacked(path.name, 8.0 * lines * len(head.names), path.stat().st_size)
-    with path.open(encoding=head.encoding) as file:
-        for _ in range(head.lines):
-            file.readline()
-        flat = spooled(_rows(path, file, head), lines * len(head.names), np.float64)
-    return flat.reshape(-1, len(head.names))
-
-
 def _rows(path: Path, file: TextIOBase, head: _Head) -> Iterator[NDArray[Any]]:
     begin = head.lines
+    for _ in range(begin):
+        file.readline()
     while lines := list(islice(file, _ROWS)):
         if head.comma:
             lines = [line.replace(",", ".") for line in lines]
