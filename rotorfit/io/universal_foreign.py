@@ -8,15 +8,12 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.data.experiments import DERIVATIVES, MEASURED, PerturbationTest, perturbation_test
-from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.units import UNITS, find_unit
 
 DIRECTIONS = {1: ("x", 1.0), 2: ("y", 1.0), 5: ("rx", 1.0), 4: ("ry", -1.0)}
@@ -46,19 +43,9 @@ _ORDINATES = (DataType.DISPLACEMENT, DataType.VELOCITY, DataType.ACCELERATION)
 AXES = {1: "x", 2: "y"}
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Receptance:
-    """One FRF of a unidirectional test in SI units: response at a channel to a force along x or y."""
-
-    run: str
-    speed: float
-    plane: str
-    direction: str
-    force_plane: str
-    force_axis: str
-    frequency: Float
-    values: ComplexArray
-    measured: str
+_Row = dict[str, Any]
+"""Columns of one FRF of a unidirectional test in SI units, single values standing for all its lines: the response at a
+channel to a force of 1 N along ``force_direction``, x or y."""
 
 
 def turned(functions: Sequence[dict[str, Any]], axes: str) -> list[dict[str, Any]]:
@@ -92,7 +79,7 @@ def read_foreign(
         names = {node: str(node) for node in names}
     notes: list[str] = []
     found = [_receptance(record, names, scales, speed, source, notes) for record in frfs]
-    receptances = [frf for frf in found if frf is not None]
+    rows = [frf for frf in found if frf is not None]
     kinds: dict[str, list[str]] = {}  # of notes, with the functions concerned
     for note in notes:
         what, _, where = note.rpartition(": ")
@@ -100,22 +87,20 @@ def read_foreign(
     for what, places in kinds.items():
         more = f" and {len(places) - 3} more" if len(places) > 3 else ""
         warnings.warn(f"{source}: {what}: {', '.join(places[:3])}{more}", stacklevel=2)
-    by_run = _by_channel(receptances)
+    by_run = _by_channel(rows)
     if _lonely(by_run):  # the second ID line may be a remark that differs between the two directions of force
-        by_run = _by_channel([replace(frf, run="") for frf in receptances])
+        by_run = _by_channel([{**frf, "run": ""} for frf in rows])
     if not by_run:
         raise ValueError(
             f"{source} has no FRF to a force along x or y that is lateral; nothing to read. Where the shaft is not "
             "along z, say which directions are x and y (axes=, --axes yz)"
         )
     alone = _lonely(by_run)  # planes without one of the two references: their force does not turn
-    parts = [pair for key, (x, y) in by_run.items() if key[2] not in alone for pair in zip(x, y, strict=True)]
-    rows = list(_circular(parts, source))
-    rows += [
-        _cells(f, f.force_axis, f.force_axis, f.frequency, f.values) for f in receptances if f.force_plane in alone
-    ]
+    along = [_named(frf, frf["force_direction"]) for frf in rows if frf["force_plane"] in alone]
+    pairs_of_axes = [pair for key, xy in by_run.items() if key[2] not in alone for pair in zip(*xy, strict=True)]
+    whole = [row for x, y in pairs_of_axes for row in _circular(x, y, source)] + along
     joined: dict[str, Any] = {
-        name: np.concatenate(cells) for name, cells in zip(_COLUMNS, zip(*rows, strict=True), strict=True)
+        name: np.concatenate([np.broadcast_to(row[name], row["frequency"].shape) for row in whole]) for name in whole[0]
     }
     if not joined["frequency"].size:
         raise ValueError(f"{source}: no readings at frequencies above zero")
@@ -124,16 +109,16 @@ def read_foreign(
     return perturbation_test(**joined, force=1.0, attributes=attributes, source=source)
 
 
-def _by_channel(frfs: Sequence[_Receptance]) -> dict[tuple[Any, ...], tuple[list[_Receptance], list[_Receptance]]]:
+def _by_channel(frfs: Sequence[_Row]) -> dict[tuple[Any, ...], tuple[list[_Row], list[_Row]]]:
     """FRFs to forces along x and along y of each channel in each run; repeats in order of appearance."""
-    found: dict[tuple[Any, ...], tuple[list[_Receptance], list[_Receptance]]] = {}
+    found: dict[tuple[Any, ...], tuple[list[_Row], list[_Row]]] = {}
     for frf in frfs:
-        key = (frf.run, frf.speed, frf.force_plane, frf.plane, frf.direction)
-        found.setdefault(key, ([], []))["xy".index(frf.force_axis)].append(frf)
+        key = tuple(frf[name] for name in ("run", "speed", "force_plane", "plane", "direction"))
+        found.setdefault(key, ([], []))["xy".index(frf["force_direction"])].append(frf)
     return found
 
 
-def _lonely(channels: dict[tuple[Any, ...], tuple[list[_Receptance], list[_Receptance]]]) -> set[str]:
+def _lonely(channels: dict[tuple[Any, ...], tuple[list[_Row], list[_Row]]]) -> set[str]:
     """Planes of forces whose partner along the other axis is missing."""
     return {key[2] for key, (x, y) in channels.items() if len(x) != len(y)}
 
@@ -145,7 +130,7 @@ def _receptance(
     speed: float | None,
     source: str,
     notes: list[str],
-) -> _Receptance | None:
+) -> _Row | None:
     """One FRF in SI units, None for directions along the shaft and torsion; what is worth a word goes to ``notes``."""
     what = f"{source}, FRF {record['rsp_node']}:{record['rsp_dir']} over {record['ref_node']}:{record['ref_dir']}"
     if abs(record["rsp_dir"]) not in DIRECTIONS or abs(record["ref_dir"]) not in (1, 2):
@@ -169,17 +154,17 @@ def _receptance(
     force = _scale(record, "orddenom", _FORCES, 1 / scales.get("force", 1.0), what, notes)
     keep = (w > 0) & np.isfinite(record["data"])  # velocity and acceleration say nothing at zero frequency
     values = np.asarray(record["data"], dtype=complex)[keep] / (1j * w[keep]) ** _ORDINATES.index(kind)
-    return _Receptance(
-        run="" if record["id2"].upper() == "NONE" else record["id2"],
-        speed=_speed(record, speed, what),
-        plane=names[record["rsp_node"]],
-        direction=direction,
-        force_plane=names[record["ref_node"]],
-        force_axis=AXES[abs(record["ref_dir"])],
-        frequency=w[keep],
-        values=values * (sign * length / force),
-        measured=DERIVATIVES[_ORDINATES.index(kind)],
-    )
+    return {
+        "run": "" if record["id2"].upper() == "NONE" else record["id2"],
+        "speed": _speed(record, speed, what),
+        "frequency": w[keep],
+        "force_plane": names[record["ref_node"]],
+        "force_direction": AXES[abs(record["ref_dir"])],
+        "plane": names[record["rsp_node"]],
+        "direction": direction,
+        "response": values * (sign * length / force),
+        MEASURED: DERIVATIVES[_ORDINATES.index(kind)],
+    }
 
 
 _LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "mil": 25.4e-6, "g": 9.80665, "gn": 9.80665}
@@ -223,24 +208,19 @@ def _speed(record: dict[str, Any], speed: float | None, what: str) -> float:
     return float(record["z_axis_value"] * _rate(record, "z_axis"))
 
 
-def _circular(pairs: Sequence[tuple[_Receptance, _Receptance]], source: str) -> Iterator[_Cells]:
+def _circular(x: _Row, y: _Row, source: str) -> Iterator[_Row]:
     """Responses to a circular force of 1 N, eq. (2): ``Fx = 1``, ``Fy = -j`` forward and ``+j`` backward."""
-    for x, y in pairs:
-        same = x.frequency.shape == y.frequency.shape and np.allclose(x.frequency, y.frequency, rtol=1e-5, atol=0)
-        if not same:
-            raise ValueError(
-                f"{source}: the FRFs of {x.plane} {x.direction} to forces along x and y at {x.force_plane} have "
-                "different frequency lines; measure or export them on the same lines"
-            )
-        for sign, name in ((1.0, "fwd"), (-1.0, "bwd")):
-            yield _cells(x, name, "circular", sign * x.frequency, x.values - sign * 1j * y.values)
+    w = x["frequency"]
+    if w.shape != y["frequency"].shape or not np.allclose(w, y["frequency"], rtol=1e-5, atol=0):
+        raise ValueError(
+            f"{source}: the FRFs of {x['plane']} {x['direction']} to forces along x and y at {x['force_plane']} have "
+            "different frequency lines; measure or export them on the same lines"
+        )
+    for sign, name in ((1.0, "fwd"), (-1.0, "bwd")):
+        response = x["response"] - sign * 1j * y["response"]
+        yield {**_named(x, name), "frequency": sign * w, "force_direction": "circular", "response": response}
 
 
-_COLUMNS = ("run", "speed", "frequency", "force_plane", "force_direction", "plane", "direction", "response", MEASURED)
-_Cells = list[NDArray[Any]]
-
-
-def _cells(frf: _Receptance, name: str, along: str, frequency: Float, response: ComplexArray) -> _Cells:
-    run = f"{frf.run or 'frf'}-{frf.force_plane}-{name}"
-    row = (run, frf.speed, frequency, frf.force_plane, along, frf.plane, frf.direction, response, frf.measured)
-    return [np.broadcast_to(np.asarray(values), frequency.shape) for values in row]
+def _named(frf: _Row, way: str) -> _Row:
+    """An FRF with the name of its run: that of the file, the plane and the way of the force."""
+    return {**frf, "run": f"{frf['run'] or 'frf'}-{frf['force_plane']}-{way}"}

@@ -8,7 +8,6 @@ import math
 import re
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TextIO, overload
@@ -94,13 +93,9 @@ def lacking(cells: Sequence[str], words: Sequence[str] = ("",)) -> Bool:
     return np.array([cell in blank for cell in cells], dtype=bool)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Cells:
-    """A table as it stands in a file."""
-
-    header: Sequence[str]  # names of the columns
-    columns: Sequence[Sequence[str]]  # cells of each column, stripped of blanks
-    lines: Index  # line of the file, or row of the sheet, of each row
+Cells = tuple[Sequence[str], Sequence[Sequence[str]], Index]
+"""A table as it stands in a file: names of the columns, cells of each, stripped of blanks, and the line of the file, or
+row of the sheet, of each row."""
 
 
 class _Text(dict[str, str]):
@@ -221,7 +216,7 @@ def read_cells(
         return read_cells(path, sheet, lambda name: name in lost or is_text(name), is_unit, progress)
     numbered = np.concatenate(lines) if lines else np.zeros(0, dtype=np.intp)
     _refuse_thousands(path.name, columns, numbered)
-    return Cells(header=header[:width], columns=[column.finished(path.name) for column in columns], lines=numbered)
+    return header[:width], [column.finished(path.name) for column in columns], numbered
 
 
 def frame_cells(frame: DataFrame, is_text: Callable[[str], bool]) -> Cells:
@@ -233,8 +228,7 @@ def frame_cells(frame: DataFrame, is_text: Callable[[str], bool]) -> Cells:
             column.add(tuple(values.where(values.notna(), "").astype(str)))
     lines = np.arange(2, len(frame) + 2)
     _refuse_thousands("DataFrame", columns, lines)
-    header = [column.name.strip() for column in columns]
-    return Cells(header=header, columns=[column.finished("DataFrame") for column in columns], lines=lines)
+    return [column.name.strip() for column in columns], [column.finished("DataFrame") for column in columns], lines
 
 
 def _even(source: str, batch: Sequence[_Row], width: int) -> tuple[Sequence[int], Sequence[Sequence[str]]]:

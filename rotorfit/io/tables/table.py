@@ -138,10 +138,10 @@ def read_table(
         source, found = "DataFrame", frame_cells(path, is_text)
     if found is None:
         raise ValueError(f"{source} is empty; a tidy CSV has a header and rows. Known columns: {PERTURBATION_COLUMNS}")
-    header = found.header
-    if not found.lines.size:
+    header, columns, lines = found
+    if not lines.size:
         raise ValueError(f"{source} has one line, {','.join(header)[:80]!r}, and no rows below it; nothing to read")
     names = {name.replace("µ", "u").replace("μ", "u").lower(): name for name in header}
     if len(names) < len(header) or "" in names:
         raise ValueError(f"{source}: every column needs a name of its own, the header is {', '.join(header)}")
-    return Table(source=source, cells=dict(zip(names, found.columns, strict=True)), lines=found.lines, names=names)
+    return Table(source=source, cells=dict(zip(names, columns, strict=True)), lines=lines, names=names)

@@ -30,19 +30,12 @@ _TOP_SHARE, _LARGEST_TOP_SHARE = 5e-3, 0.2
 blow lasts: half sines and their squares have 0.1."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class QuietPart:
-    """A motion between blows; arrays of shape ``(N,)``."""
-
-    left: ComplexArray  # without the shaft's orders, m
-    level: ComplexArray  # where it settles, m
-    size: Float  # of what is left, averaged over some hundredths of a second, m
-    noise: float  # that size where it is quiet, m
-    quiet: Bool  # where nothing is left of a blow
-
-
-def quiet_part(z: ComplexArray, angle: Float | None, rate: float, before: Bool | None = None) -> QuietPart:
-    """Where a motion is quiet (first guess: ``before``), and the motion less the orders that the shaft has there."""
+def quiet_part(
+    z: ComplexArray, angle: Float | None, rate: float, before: Bool | None = None
+) -> tuple[ComplexArray, ComplexArray, Float, float, Bool]:
+    """A motion between blows, arrays of shape ``(N,)``: less the orders that the shaft has where it is quiet, m; where
+    it settles, m; the size of what is left, averaged over some hundredths of a second, and that where it is quiet, m;
+    and when nothing is left of a blow, first guess ``before``."""
     turning = [n for n in range(-HIGHEST_ORDER, HIGHEST_ORDER + 1) if n] if angle is not None else []
     orders = np.exp(1j * np.array(turning)[:, None] * (0.0 if angle is None else angle)).T
     width = max(int(AVERAGING_TIME * rate), 1)
@@ -55,7 +48,7 @@ def quiet_part(z: ComplexArray, angle: Float | None, rate: float, before: Bool |
         size = np.sqrt(np.convolve(np.abs(left - level) ** 2, np.ones(width) / width, mode="same"))
         noise = float(np.median(size[quiet]))
         quiet = size < 3 * noise
-    return QuietPart(left=left, level=level, size=size, noise=noise, quiet=quiet)
+    return left, level, size, noise, quiet
 
 
 def _level(values: ComplexArray, width: int) -> ComplexArray:
@@ -82,9 +75,9 @@ def rest_of(reduced: ReducedRecord, struck: Sequence[Blow]) -> tuple[Bool, float
     turns = float(np.sum(before)) / reduced.rate * reduced.shaft_speed / (2 * np.pi)
     begins_quiet = bool(np.sum(before) > 2 * AVERAGING_TIME * reduced.rate) and (angle is None or turns >= QUIET_TURNS)
     parts = [quiet_part(z, angle, reduced.rate, before if begins_quiet else None) for z in reduced.motion.values()]
-    quiet = np.asarray(np.all([part.quiet for part in parts], axis=0))
-    at_ends = [max(part.size[0], part.size[-1]) * np.sqrt(2) / part.size.max() for part in parts]  # half a window
-    rests = begins_quiet and all(part.quiet[0] and part.quiet[-1] for part in parts)
+    quiet = np.asarray(np.all([calm for *_, calm in parts], axis=0))
+    at_ends = [max(size[0], size[-1]) * np.sqrt(2) / size.max() for _, _, size, _, _ in parts]  # half a window
+    rests = begins_quiet and bool(quiet[0] and quiet[-1])
     return quiet, 0.0 if rests else float(max(at_ends)) / len(struck)
 
 

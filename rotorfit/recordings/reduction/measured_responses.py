@@ -114,14 +114,13 @@ def _rows(driven: _Driven, found: LocalResponse, clear: Bool, report: Report) ->
     if reduced.shaft_speed:
         speed = shaft_speed_at(reduced.without_orders(), found.frequency, found.width / (SMOOTH_DEGREE + 1))
     test = rows(
+        record,
         readings(record, reduced.whirl, found, np.zeros(found.noise.shape)),
         clear,
-        run=record.name,
         frequency=reduced.whirl * found.frequency,
         speed=speed,
         force_plane=record.force.plane if record.force else "",
         force=np.full(found.frequency.size, driven.size, dtype=complex),
-        attributes=record.attributes,
         force_direction=driven.force.direction,
     )
     coherent = coherence(test, found, reduced, clear)

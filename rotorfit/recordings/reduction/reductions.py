@@ -104,14 +104,13 @@ def _sweep(reduced: ReducedRecord, report: Report) -> PerturbationTest:
             )
         )
     return rows(
+        record,
         readings(record, force.whirl, found, np.abs(found.response[0]) * turned),
         clear_lines(reduced, found, 4, report),
-        run=record.name,
         frequency=force.whirl * w,
         speed=shaft_speed_at(calm, w, found.width / (SMOOTH_DEGREE + 1)),
         force_plane=force.plane,
         force=force.mr * w**2 * np.exp(1j * force.angle),
-        attributes=record.attributes,
     )
 
 
@@ -151,16 +150,17 @@ def _start_ups(records: Sequence[Recording], groups: int, report: Report) -> Per
     moved = np.abs(np.einsum("rj,jpl->rpl", inputs, found.response)) ** 2
     turned = np.array([record.shaft_angle().stderr(time_at(r, w)) for record, r in zip(records, reduced, strict=True)])
     error = np.sqrt(np.einsum("r,rl,rpl->pl", shared, turned**2, moved))
-    return rows(
+    test = rows(
+        records[0],
         readings(records[0], 1, found, error),
         driven(found, 4),
-        run=" minus ".join(record.name for record in records),
         frequency=w,
         speed=w,
         force_plane=forces[heaviest].plane,
         force=reference * w**2,
-        attributes={**records[0].attributes, DIFFERENCED: float(differenced)},
     )
+    run = np.full(len(test), " minus ".join(record.name for record in records))
+    return replace(test, run=run, attributes={**test.attributes, DIFFERENCED: np.full(len(test), float(differenced))})
 
 
 def image_seen(reduced: ReducedRecord, found: LocalResponse) -> bool:

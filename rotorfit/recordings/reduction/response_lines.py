@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -112,14 +111,9 @@ def apart_from_orders(reduced: ReducedRecord, w: Float) -> Bool:
     return np.asarray(np.abs(w - order * reduced.shaft_speed) > resolution + order * wander)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ProbeResponses:
-    """Responses of one probe, output over force."""
-
-    plane: str  # plane of the probe
-    direction: str  # direction of the probe
-    response: ComplexArray  # shape ``(L,)``
-    sigma: Float  # standard deviation of its real part and of its imaginary part, shape ``(L,)``
+ProbeResponses = tuple[str, str, ComplexArray, Float]
+"""Plane and direction of a probe, its responses, output over force, shape ``(L,)``, and the standard deviation of their
+real part and of their imaginary part."""
 
 
 def readings(record: Recording, whirl: int, found: LocalResponse, disturbance: Float) -> list[ProbeResponses]:
@@ -135,17 +129,13 @@ def readings(record: Recording, whirl: int, found: LocalResponse, disturbance: F
         if plane not in record.pairs:
             sigma = np.sqrt(variance[row] + disturbance[row] ** 2 / 2)
             axis, factor = single_direction(record, plane, whirl)
-            listed.append(ProbeResponses(plane=plane, direction=axis, response=factor * response[row], sigma=sigma))
+            listed.append((plane, axis, factor * response[row], sigma))
             row += 1
             continue
         right = variance[row] + disturbance[row] ** 2 / 2
         widening = np.sqrt(np.maximum(1.0, right / ((variance[row + 2] + variance[row + 3]) / 4)))
-        listed += [
-            ProbeResponses(
-                plane=plane, direction=axis, response=response[row + at], sigma=np.sqrt(variance[row + at]) * widening
-            )
-            for at, axis in ((2, "x"), (3, "y"))
-        ]
+        for at, axis in ((row + 2, "x"), (row + 3, "y")):
+            listed.append((plane, axis, response[at], np.sqrt(variance[at]) * widening))
         row += 4
     return listed
 
@@ -164,37 +154,36 @@ def single_direction(record: Recording, plane: str, whirl: int) -> tuple[str, co
 
 
 def rows(
+    record: Recording,
     probes: Sequence[ProbeResponses],
     kept: Bool,
     *,
-    run: str,
     frequency: Float,
     speed: Float | float,
     force_plane: str,
     force: ComplexArray,
-    attributes: Mapping[str, float | str],
     force_direction: str = "circular",
     unit: Float | None = None,
 ) -> PerturbationTest:
-    """A test of one run."""
+    """A test of one run, with the name and the attributes of its recording."""
     reference = force if unit is None else unit.astype(complex)
-    speeds = np.broadcast_to(speed, frequency.shape)
-    names = [(probe.plane, probe.direction) for probe in probes for _ in range(int(kept.sum()))]
+    planes, directions, responses, sigmas = zip(*probes, strict=True)
+    count = int(kept.sum())
 
     def each(values: NDArray[np.generic]) -> NDArray[np.generic]:
         return np.tile(values[kept], len(probes))
 
     return perturbation_test(
-        run=run,
-        speed=each(speeds),
+        run=record.name,
+        speed=each(np.broadcast_to(speed, frequency.shape)),
         frequency=each(frequency),
         force_plane=force_plane,
         force=each(force),
-        plane=[plane for plane, _ in names],
-        direction=[direction for _, direction in names],
-        response=np.concatenate([(probe.response * reference)[kept] for probe in probes]),
-        sigma=np.concatenate([(probe.sigma * np.abs(reference))[kept] for probe in probes]),
-        attributes={name: np.full(len(names), value) for name, value in attributes.items()},
+        plane=np.repeat(planes, count),
+        direction=np.repeat(directions, count),
+        response=np.concatenate([(response * reference)[kept] for response in responses]),
+        sigma=np.concatenate([(sigma * np.abs(reference))[kept] for sigma in sigmas]),
+        attributes={name: np.full(len(probes) * count, value) for name, value in record.attributes.items()},
         force_direction=force_direction,
-        source=run,
+        source=record.name,
     )

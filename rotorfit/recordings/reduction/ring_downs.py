@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -69,10 +68,12 @@ def ring_downs(
     for record in listed:
         said = record.rig.impulse.highest if record.rig.impulse is not None else None
         highest = highest_hz if highest_hz is not None else HIGHEST_HZ if said is None else said / (2 * np.pi)
-        jobs.append(_Struck(record=record, plane=_plane(record, plane), highest_hz=highest))
-    for job, (mean, blows) in zip(jobs, carry_out(_reduced, jobs, executor_of(executor, client)), strict=True):
+        jobs.append((record, _plane(record, plane), highest))
+    for (record, _, _), (mean, blows) in zip(
+        jobs, carry_out(_reduced, jobs, executor_of(executor, client)), strict=True
+    ):
         for number, (speed, time, z, settled) in enumerate(blows, start=1):
-            runs += [f"{job.record.name}, blow {number}"] * time.size
+            runs += [f"{record.name}, blow {number}"] * time.size
             at = z + (position if position is not None else 0.0 if mean is None else mean + settled)
             for name, values in zip(columns, (np.full(time.size, speed), time, at.real, at.imag), strict=True):
                 columns[name].append(values)
@@ -88,22 +89,13 @@ def ring_downs(
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Struck:
-    """One recording with blows, the plane that is looked at and the frequency above which nothing is of interest."""
-
-    record: Recording
-    plane: str
-    highest_hz: float
-
-
-def _reduced(job: _Struck) -> tuple[complex | None, list[_Blow]]:
-    """Mean position where it is known, and the motion after each blow."""
-    record, plane = job.record, job.plane
+def _reduced(job: tuple[Recording, str, float]) -> tuple[complex | None, list[_Blow]]:
+    """Mean position where it is known, and the motion after each blow, of a recording, plane and highest frequency."""
+    record, plane, highest_hz = job
     mean = None
     if all(probe.centre is not None for probe in record.probes if probe.plane == plane):  # voltages of the centre
         mean = next((complex(rest.z.mean()) for rest in rest_positions(record)[0] if rest.plane == plane), None)
-    return mean, list(_blows(record, plane, job.highest_hz))
+    return mean, list(_blows(record, plane, highest_hz))
 
 
 def _plane(record: Recording, asked: str | None) -> str:
@@ -131,8 +123,7 @@ def _blows(record: Recording, plane: str, highest_hz: float) -> Iterator[_Blow]:
     time, rate = reduced.time[part], reduced.rate
     angle = shaft.angle(time)
     z = motion_at(record, reduced, part, plane)
-    found = quiet_part(z, angle, rate)
-    left, level, size, noise, quiet = found.left, found.level, found.size, found.noise, found.quiet
+    left, level, size, noise, quiet = quiet_part(z, angle, rate)
     width = max(int(AVERAGING_TIME * rate), 1)
     loud = size > BLOW_OVER_MEDIAN * noise
     begins: list[int] = []

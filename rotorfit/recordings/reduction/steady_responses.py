@@ -83,14 +83,13 @@ def dwell_responses(
         frequency=w, response=response[None], sigma=sigma[None], noise=noise, width=np.zeros(w.size), residual=()
     )
     test = rows(
+        record,
         readings(record, reduced.whirl, local, np.abs(response) * error),
         clear,
-        run=record.name,
         frequency=force.whirl * w,
         speed=w if synchronous else np.array([part.shaft_speed for part in parts])[order],
         force_plane=force.plane,
         force=force.mr * w**2 * np.exp(1j * force.angle),
-        attributes=record.attributes,
         unit=w**2,
     )
     return test, clear
@@ -124,28 +123,27 @@ def window_responses(reduced: ReducedRecord, force: Force, turns: int) -> Pertur
     # phasors relative to exp(+j|w|t): what turns backward is conjugated
     along = found.along if reduced.whirl > 0 else found.along.conj()
     against = found.against.conj() if reduced.whirl > 0 else found.against
-    probes = []
+    probes: list[ProbeResponses] = []
     for p, plane in enumerate(record.planes):
         if plane not in record.pairs:
             axis, factor = single_direction(record, plane, reduced.whirl)
             single, sigma = factor * (along[p] + against[p]) / newton, 2 * found.sigma[p] / np.abs(newton)
-            probes.append(ProbeResponses(plane=plane, direction=axis, response=single, sigma=sigma))
+            probes.append((plane, axis, single, sigma))
             continue
         sigma = np.sqrt(2) * found.sigma[p] / np.abs(newton)
         for axis, phasor in (
             ("x", along[p] + against[p]),
             ("y", -1j * reduced.whirl * (along[p] - against[p])),
         ):
-            probes.append(ProbeResponses(plane=plane, direction=axis, response=phasor / newton, sigma=sigma))
+            probes.append((plane, axis, phasor / newton, sigma))
     return rows(
+        record,
         probes,
         found.clear,
-        run=record.name,
         frequency=force.whirl * w,
         speed=w if synchronous else _shaft_speeds(reduced, found.centre),
         force_plane=force.plane,
         force=force.mr * w**2 * np.exp(1j * force.angle),
-        attributes=record.attributes,
         unit=newton,
     )
 
