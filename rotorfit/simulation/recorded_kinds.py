@@ -40,8 +40,7 @@ def perturbation(
     """A perturbator is swept at constant rotative speed, in each plane and direction."""
     chosen = some_planes(rig.model, planes)
     sweep = Sweep(first=sweep_rpm[0] * RPM, last=sweep_rpm[1] * RPM, duration=duration)
-    for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
-        rig.decay(rpm * RPM)  # refuses an unstable rotor
+    for rpm in _speeds(rig, speed_rpm):
         for plane, direction in product(chosen, directions):
             yield _perturbed(rig, sweep, duration, rpm, plane, direction, unbalance)
 
@@ -60,8 +59,7 @@ def dwell(
     """A perturbator dwells at one frequency after the other; without a mark each dwell is a recording of its own."""
     steps = np.abs(rates_rpm("frequency_rpm", frequency_rpm)) * RPM
     runs = [steps] if mark else np.split(steps, steps.size)
-    for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
-        rig.decay(rpm * RPM)
+    for rpm in _speeds(rig, speed_rpm):
         for plane, direction, run in product(some_planes(rig.model, planes), directions, runs):
             turning = Dwells(speeds=run, each=duration)
             played = _perturbed(rig, turning, turning.duration, rpm, plane, direction, unbalance)
@@ -86,20 +84,15 @@ def _perturbed(
         turned = unbalance * turning.force(t, spot + mark)
         return turned if direction == "forward" else turned.conj()
 
-    shaft = rig.shaft(rpm * RPM)
-    return Played(
-        name=f"{plane}-{'fwd' if direction == 'forward' else 'bwd'}-{rpm:g}",
-        motion=rig.path(shaft.speed, {plane: force}, time.size),
-        shaft=shaft.angle(time),
-        perturbator=turning.angle(time) + mark,
-        attributes={
-            "force_plane": plane,
-            "whirl": direction,
-            "mr_kg_m": unbalance,
-            "speed_rpm": rpm,
-            "heavy_spot_deg_ahead_of_mark": float(np.degrees(spot)),
-        },
-    )
+    said: dict[str, str | float] = {
+        "force_plane": plane,
+        "whirl": direction,
+        "mr_kg_m": unbalance,
+        "speed_rpm": rpm,
+        "heavy_spot_deg_ahead_of_mark": float(np.degrees(spot)),
+    }
+    name = f"{plane}-{'fwd' if direction == 'forward' else 'bwd'}-{rpm:g}"
+    return rig.run(name, rig.shaft(rpm * RPM), {plane: force}, time, said, perturbator=turning.angle(time) + mark)
 
 
 def synchronous(
@@ -124,13 +117,7 @@ def synchronous(
             last=speed_rpm[1] * RPM * float(rig.rng.uniform(1 - spread, 1 + spread)),
             duration=duration,
         )
-        forces = {plane: partial(_turning, sweep, weight) for plane, weight in weights.items()}
-        yield Played(
-            name=name,
-            motion=rig.path(sweep.speed, forces, time.size),
-            shaft=sweep.angle(time),
-            attributes=said,
-        )
+        yield rig.run(name, sweep, _turning(sweep, weights), time, said)
 
 
 def balance(
@@ -146,18 +133,11 @@ def balance(
 ) -> Iterator[Played]:
     """Runs at steady speeds without a weight and with one in each of the planes, as balancing records them."""
     time = rig.instruments.time(duration)
-    for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
-        rig.decay(rpm * RPM)
+    speeds = list(_speeds(rig, speed_rpm))
     for name, weights, said in _weighted(rig, unbalance, planes, hole_zero_deg, hole_deg, reference):
-        for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
+        for rpm in speeds:
             shaft = rig.shaft(rpm * RPM)
-            forces = {plane: partial(_turning, shaft, weight) for plane, weight in weights.items()}
-            yield Played(
-                name=f"{name}-{rpm:g}",
-                motion=rig.path(shaft.speed, forces, time.size),
-                shaft=shaft.angle(time),
-                attributes={**said, "speed_rpm": rpm},
-            )
+            yield rig.run(f"{name}-{rpm:g}", shaft, _turning(shaft, weights), time, {**said, "speed_rpm": rpm})
 
 
 def _weighted(
@@ -199,18 +179,18 @@ def measured_force(
             raise ValueError(f"directions are {', '.join(_ACTS)}, got {direction!r}")
         acts = partial(_ACTS[direction], force, sweep)
         newton = acts(time)
-        shaft = rig.shaft(speed_rpm * RPM)
-        yield Played(
-            name=f"{plane}-{direction}",
-            motion=rig.path(shaft.speed, {plane: acts}, time.size),
-            shaft=shaft.angle(time),
-            forces={"force_X": newton.real, "force_Y": newton.imag},
-            attributes={"speed_rpm": speed_rpm, "force_plane": plane},
-        )
+        said: dict[str, str | float] = {"speed_rpm": speed_rpm, "force_plane": plane}
+        measured = {"force_X": newton.real, "force_Y": newton.imag}
+        yield rig.run(f"{plane}-{direction}", rig.shaft(speed_rpm * RPM), {plane: acts}, time, said, forces=measured)
 
 
-def _turning(shaft: Rotation, weight: complex, t: Float) -> ComplexArray:
-    return weight * shaft.force(t, 0.0)
+def _turning(shaft: Rotation, weights: Mapping[str, complex]) -> dict[str, Force]:
+    """Forces of weights on the shaft, by plane."""
+
+    def force(weight: complex, t: Float) -> ComplexArray:
+        return weight * shaft.force(t, 0.0)
+
+    return {plane: partial(force, weight) for plane, weight in weights.items()}
 
 
 def impulse(
@@ -223,8 +203,7 @@ def impulse(
     apart: float = 2.0,
 ) -> Iterator[Played]:
     """Blows of a hammer, 4 ms each."""
-    for played, where, _ in _struck(rig, "blows", speed_rpm, impulse, plane, blows, apart):
-        yield replace(played, attributes={**played.attributes, "impulse_plane": where})
+    return _struck(rig, "blows", speed_rpm, impulse, plane, blows, apart)
 
 
 def hammer(
@@ -237,25 +216,19 @@ def hammer(
     apart: float = 2.0,
 ) -> Iterator[Played]:
     """Blows along x of a hammer whose force is measured."""
-    for played, where, force in _struck(rig, "hammer", speed_rpm, impulse, plane, blows, apart):
-        yield replace(played, forces={"force_X": force}, attributes={**played.attributes, "force_plane": where})
+    return _struck(rig, "hammer", speed_rpm, impulse, plane, blows, apart)
 
 
 def _struck(
     rig: RecordedRig, kind: str, speed_rpm: ArrayLike, size: float, plane: str | None, blows: int, apart: float
-) -> Iterator[tuple[Played, str, Float]]:
-    """Runs under blows along x, where they strike, and their force, N."""
-    where = plane or rig.model.planes[-1]
+) -> Iterator[Played]:
+    """Runs under blows along x, whose force is measured if a hammer gives them."""
+    where, measured = plane or rig.model.planes[-1], kind == "hammer"
     time, force = rig.instruments.time(apart * (blows + 1)), _blows(size, blows, apart, rig.rng)
     for rpm in _speeds(rig, speed_rpm):
-        shaft = rig.shaft(rpm * RPM)
-        played = Played(
-            name=f"{where}-{kind}-{rpm:g}",
-            motion=rig.path(shaft.speed, {where: force}, time.size),
-            shaft=shaft.angle(time),
-            attributes={"speed_rpm": rpm},
-        )
-        yield played, where, force(time).real
+        said: dict[str, str | float] = {"speed_rpm": rpm, "force_plane" if measured else "impulse_plane": where}
+        forces = {"force_X": force(time).real} if measured else {}
+        yield rig.run(f"{where}-{kind}-{rpm:g}", rig.shaft(rpm * RPM), {where: force}, time, said, forces=forces)
 
 
 def release(
@@ -278,15 +251,10 @@ def release(
         return np.where(t > duration / 2, -newton, 0.0)
 
     for rpm in _speeds(rig, speed_rpm):
-        shaft = rig.shaft(rpm * RPM)
-        moved = rig.path(shaft.speed, {where: gone}, time.size)
+        said: dict[str, str | float] = {"speed_rpm": rpm, "impulse_plane": where}
+        run = rig.run(f"{where}-release-{rpm:g}", rig.shaft(rpm * RPM), {where: gone}, time, said)
         rest = _rest(rig, rpm, newton, where)
-        yield Played(
-            name=f"{where}-release-{rpm:g}",
-            motion={each: z + rest[each] for each, z in moved.items()},
-            shaft=shaft.angle(time),
-            attributes={"speed_rpm": rpm, "impulse_plane": where},
-        )
+        yield replace(run, motion={each: z + rest[each] for each, z in run.motion.items()})
 
 
 def static_load(
@@ -314,7 +282,7 @@ def static_load(
 
 
 def _speeds(rig: RecordedRig, speed_rpm: ArrayLike) -> Iterator[float]:
-    """Speeds, rpm, at which the rotor is stable."""
+    """Speeds, rpm; at one where the rotor is unstable nothing can be recorded."""
     for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
         rig.decay(rpm * RPM)
         yield rpm

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -18,10 +19,10 @@ from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.digits import significant
 from rotorfit.models.motion.journal import journal
-from rotorfit.simulation.instruments import Instruments
+from rotorfit.simulation.instruments import Instruments, Played
 from rotorfit.simulation.integration import IntegrationError
 from rotorfit.simulation.rig import VirtualRig
-from rotorfit.simulation.turning_speeds import Wander
+from rotorfit.simulation.turning_speeds import Rotation, Wander
 
 Force = Callable[[Float], ComplexArray]
 
@@ -57,6 +58,19 @@ class RecordedRig(VirtualRig):
             return {c.plane: path[:, i] for i, c in enumerate(model.coordinates) if c.axis == "z"}
         axes = {(c.plane, c.axis): path[:, i].real for i, c in enumerate(model.coordinates)}
         return {plane: axes[plane, "x"] + 1j * axes[plane, "y"] for plane in model.planes}
+
+    def run(
+        self,
+        name: str,
+        shaft: Rotation,
+        acting: Mapping[str, Force],
+        time: Float,
+        attributes: Mapping[str, str | float],
+        **more: Any,
+    ) -> Played:
+        """A run under forces at some planes while the shaft turns."""
+        motion = self.path(shaft.speed, acting, time.size)
+        return Played(name=name, motion=motion, shaft=shaft.angle(time), attributes=attributes, **more)
 
     def shaft(self, speed: float) -> Wander:
         """The shaft's rotation at a speed, rad/s, that wanders as the instruments say."""
