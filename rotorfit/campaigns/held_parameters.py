@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.fitting.quantities import Assuming, FittedParameter
+from rotorfit.fitting.arithmetic import Source
+from rotorfit.fitting.quantities import FittedParameter
 
 _NUMBERS = ("value", "stderr", "stderr_noise", "init_value", "freedom")
 _COMMON = ("name", "unit", "meaning", "min", "max", "vary", "resolved", "at_bound")
@@ -19,7 +20,7 @@ class HeldParameters(Mapping[str, FittedParameter]):
 
     __slots__ = ("_common", "_fit", "_numbers")
 
-    def __init__(self, params: Mapping[str, FittedParameter], fit: Assuming) -> None:
+    def __init__(self, params: Mapping[str, FittedParameter], fit: Source) -> None:
         common = tuple(tuple(getattr(p, name) for name in _COMMON) for p in params.values())
         numbers = np.array([[getattr(p, name) for name in _NUMBERS] for p in params.values()])
         self.__setstate__((common, numbers, fit))

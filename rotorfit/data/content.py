@@ -46,16 +46,15 @@ def _hash(experiment: Experiment) -> str:
 
 def _numbered(values: NDArray[Any]) -> list[tuple[Index, list[str]]]:
     """A column as whole numbers, with the words that they stand for."""
-    if values.dtype.kind == "c":
-        size = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
-        return [(_steps(values.real, size), []), (_steps(values.imag, size), [])]
-    if values.dtype.kind in "fiub":
-        real = values.astype(float)
-        return [(_steps(real, float(np.abs(real[np.isfinite(real)]).max(initial=0.0))), [])]
+    if values.dtype.kind in "cfiub":
+        numbers = values if values.dtype.kind == "c" else values.astype(float)
+        size = float(np.abs(numbers[np.isfinite(numbers)]).max(initial=0.0))
+        parts = (numbers.real, numbers.imag) if values.dtype.kind == "c" else (numbers,)
+        return [(_steps(part, size), []) for part in parts]
     if not values.size:
         return [(np.zeros(0, dtype=np.int64), [])]
     entries, entry = words(values)
-    texts = entries if values.dtype.kind == "U" else list(map(_text, entries))
+    texts = entries if values.dtype.kind == "U" else [json.dumps(_rounded(record)) for record in entries]
     distinct, number = np.unique(np.array(texts, dtype=str), return_inverse=True)
     return [(np.asarray(number[entry], dtype=np.int64), distinct.tolist())]
 
@@ -68,12 +67,8 @@ def _steps(values: NDArray[np.floating[Any]], size: float) -> Index:
     return np.asarray(np.where(known, whole, _MISSING))
 
 
-def _text(item: Any) -> str:
-    """A record of a row, numbers with nine digits."""
-    return json.dumps(_rounded(item))
-
-
 def _rounded(value: Any) -> Any:
+    """A record of a row, numbers with nine digits."""
     if isinstance(value, complex | float):
         return f"{value:.9g}"
     return [_rounded(item) for item in value] if isinstance(value, list | tuple) else str(value)

@@ -295,11 +295,9 @@ class PerturbationTest(_Rows):
         """
         further = [list(pairs) for pairs in self.further_forces.tolist()]
         for k in range(max(map(len, further), default=0)):
-            own = [row for row, pairs in enumerate(further) if len(pairs) > k]
-            column = np.zeros(len(self), dtype=complex)
-            column[own] = [further[row][k][1] for row in own]
-            for row, force in zip(own, change(column)[own].tolist(), strict=True):
-                further[row][k] = (further[row][k][0], force, further[row][k][2])
+            column = np.array([pairs[k][1] if len(pairs) > k else 0 for pairs in further], dtype=complex)
+            for pairs, force in zip(further, change(column).tolist(), strict=True):
+                pairs[k : k + 1] = [(plane, force, axis) for plane, _, axis in pairs[k : k + 1]]
         return replace(self, force=change(self.force), further_forces=records(tuple(pairs) for pairs in further))
 
     @cached_property
@@ -663,25 +661,15 @@ def perturbation_test(
     spread: dict[str, Any] = {name: np.broadcast_to(column, shape).copy() for name, column in columns.items()}
     from rotorfit.data.several_forces import gathered
 
+    rows = zip(further_forces, spread["force_direction"].tolist(), strict=True) if len(further_forces) else ()
+    further = records(tuple((at, F, *(rest or [axis])) for at, F, *rest in acting) for acting, axis in rows)
     test = PerturbationTest(
         **spread,
         attributes={name: np.broadcast_to(np.asarray(v), shape).copy() for name, v in (attributes or {}).items()},
         source=source,
-        further_forces=_further(further_forces, spread["force_direction"]),
+        further_forces=further,
     )
     return test if len(further_forces) else gathered(test)
-
-
-def _further(given: Sequence[tuple[tuple[Any, ...], ...]] | Records, along: Text) -> Records:
-    """Further forces of each row with their directions."""
-    return (
-        records(
-            tuple((plane, force, *(rest or [axis])) for plane, force, *rest in acting)
-            for acting, axis in zip(given, along.tolist(), strict=True)
-        )
-        if len(given)
-        else records(())
-    )
 
 
 def _phasor(size: Any, angle: Any, frequency: Any, along: Any) -> ComplexArray:

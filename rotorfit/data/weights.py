@@ -181,7 +181,7 @@ def influence(test: PerturbationTest, speeds: ArrayLike | None = None) -> Influe
         mountings=mountings,
         weight=weight,
         measured=test,
-        by_name=tells_mountings(test),
+        by_name=MOUNTING in test.attributes or any(_REPEAT.fullmatch(run) for run in test.runs),
     )
 
 
@@ -306,11 +306,6 @@ def dwell_number(speed: Float) -> Index:
     values, inverse = np.unique(speed, return_inverse=True)
     steps = np.diff(values) > SPEED_TOLERANCE * values[1:]
     return np.asarray(np.concatenate([[0], np.cumsum(steps)])[inverse.reshape(-1)], dtype=np.intp)
-
-
-def tells_mountings(test: PerturbationTest) -> bool:
-    """True if the file says which runs are repeats of one mounting."""
-    return MOUNTING in test.attributes or any(_REPEAT.fullmatch(run) for run in test.runs)
 
 
 def mountings(test: PerturbationTest) -> list[str]:

@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol, Self
 
+from rotorfit.estimators.blocks.correlated import quantile
 from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.models.digits import plus_minus, two_digits
 
@@ -25,10 +26,16 @@ def is_left_open(value: float, error: float, systematic: float) -> bool:
 
 
 class Source(Protocol):
-    """A result that knows how its parameters vary together."""
+    """A result that knows how its parameters vary together, and what they rest on."""
 
     def quantity(self, value: float, slopes: Mapping[str, float], unit: str) -> Quantity:
         """A quantity with its derivatives by the parameters, by name."""
+
+    def systematic(self, name: str) -> float:
+        """Standard uncertainty of a parameter by what the model leaves out or takes as known."""
+
+    def moved_by(self, name: str) -> str:
+        """What of it leaves the number open, in words; empty where the number stands."""
 
 
 class Number:
@@ -40,6 +47,7 @@ class Number:
 
     value: float
     unit: str
+    freedom: float
 
     if TYPE_CHECKING:  # fields of one kind of number, computed for the other
 
@@ -88,6 +96,25 @@ class Number:
     def __rtruediv__(self, other: float) -> Quantity:
         return self**-1.0 * other
 
+    def interval(self, level: float = 0.95, *, statistical: bool = False) -> tuple[float, float]:
+        """Confidence interval by ``stderr`` and ``systematic``, Student's t with the degrees of freedom of ``stderr``.
+
+        Args:
+            level: probability that such intervals hold the truth.
+            statistical: by ``stderr`` alone.
+
+        Raises:
+            ValueError: a level that is no probability.
+        """
+        if not 0 < level < 1:
+            raise ValueError(f"level is {level!r}; an interval has a probability between 0 and 1")
+        stderr, systematic = self.alone
+        wide, freedom = stderr if statistical else math.hypot(stderr, systematic), self.freedom
+        if wide > stderr > 0:
+            freedom *= (wide / stderr) ** 4  # Satterthwaite: the systematic share is taken as known
+        half = wide * quantile(level, freedom)
+        return self.value - half, self.value + half
+
     def sqrt(self) -> Quantity:
         """Square root, which NumPy asks for."""
         return self**0.5
@@ -127,8 +154,7 @@ def combined(a: Number, by_a: float, b: Number | float, by_b: float, value: floa
         return a.source.quantity(value, slopes, unit)
     shares = [(by_a + by_b, a.alone)] if b is a else [(by_a, a.alone), (by_b, b.alone)]
     stderr, systematic = (math.hypot(*(factor * share[i] for factor, share in shares)) for i in (0, 1))
-    freedom = min(getattr(number, "freedom", math.inf) for number in (a, b))
-    return Quantity(value, stderr, unit, freedom, systematic)
+    return Quantity(value, stderr, unit, min(a.freedom, b.freedom), systematic)
 
 
 def _value(number: Number | float) -> float:

@@ -53,7 +53,7 @@ def fit_warnings(
         )
     if noise is not None and noise.odd_run and redchi > MODEL_LIMITED_REDCHI:
         found.append(noise.odd_run)
-    if too_quiet(redchi, nfree):
+    if EXACT_REDCHI < redchi < min(_QUIET_REDCHI, 1 - _QUIET_DEVIATIONS * np.sqrt(2 / max(nfree, 1))):
         found.append(
             f"redchi is {significant(redchi, 2)}: the noise is overestimated, and standard errors are about "
             f"{significant(1 / np.sqrt(redchi), 2)} times too wide. Give the noise of the readings (sigma_um), "
@@ -80,12 +80,6 @@ def fit_warnings(
             "the image at 2x - w and in its twist. Of recordings rf.shaft_lines reads these lines, not rf.responses"
         )
     return found + _instability(problem, x, identifiability.unresolved)
-
-
-def too_quiet(redchi: Float | float, nfree: int) -> Bool:
-    """True if the noise is overestimated by more than is worth knowing, for one result or many."""
-    chance = np.sqrt(2 / max(nfree, 1))
-    return np.asarray((redchi > EXACT_REDCHI) & (redchi < min(_QUIET_REDCHI, 1 - _QUIET_DEVIATIONS * chance)))
 
 
 def _advice(problem: Problem, identifiability: Identifiability, rescaled: bool) -> str:

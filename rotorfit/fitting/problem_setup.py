@@ -21,7 +21,7 @@ from rotorfit.estimators.misfit.priors import CentredNormal, Prior, within_suppo
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.assumptions.calibration import nuisance_entries
 from rotorfit.fitting.noise.error_bars import with_noise, without_noise
-from rotorfit.fitting.settings import FitSettings, PhaseOffsets, check_phase_offsets
+from rotorfit.fitting.settings import FitSettings, PhaseOffsets
 from rotorfit.models import Modal, RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.parameters import unknown_name
@@ -72,17 +72,16 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
     spread = settings.noise is not None and any(effect.kind == "phase" for effect in settings.noise.effects)
     # Offsets of all runs about their mean, with a spread that was found, come with the noise.
     nuisance, parts = ((), []) if spread else _phase_entries(blocks, settings.phase_offsets)
-    errors = nuisance_entries(settings.calibration, several, blocks) if settings.calibration else None
-    if errors is not None:
-        nuisance = (*nuisance, *errors.names)
-        parts.append(errors.factors)
+    errors = nuisance_entries(settings.calibration, several, blocks) if settings.calibration else []
+    for name, _, columns in errors:
+        nuisance = (*nuisance, name)
+        parts.append(tuple(column[:, None] for column in columns))
     factors = tuple(np.hstack(own) for own in zip(*parts, strict=True)) if parts else (None,) * len(blocks)
     space = parameter_space(model, known=settings.known, bounds=settings.bounds, groups=suffixes, nuisance=nuisance)
     priors = make_priors(space, settings.priors)
     space = within_support(space, priors)
-    if errors is not None:
-        first = space.size - errors.sd.size
-        priors += tuple(Prior(first + i, CentredNormal(sd)) for i, sd in enumerate(errors.sd.tolist()))
+    first = space.size - len(errors)
+    priors += tuple(Prior(first + i, CentredNormal(sd)) for i, (_, sd, _) in enumerate(errors))
     problem = with_noise_scale(
         Problem(space=space, blocks=blocks, loss=settings.loss, priors=priors, factors=factors), settings.noise_scale
     )
@@ -134,7 +133,8 @@ def _phase_entries(
     blocks: Sequence[Block], offsets: PhaseOffsets
 ) -> tuple[tuple[str, ...], list[tuple[ComplexArray, ...]]]:
     """Names of the phases to fit, and for each block the sensitivities to them."""
-    check_phase_offsets(offsets)
+    if offsets not in (True, False, "common"):
+        raise ValueError(f"phase_offsets is {offsets!r}; allowed: False, True (one a run but the first), 'common'")
     if not offsets:
         return (), []
     turning = [block for block in blocks if _has_phase(block)]

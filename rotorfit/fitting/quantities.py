@@ -5,24 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
-from rotorfit.estimators.blocks.correlated import quantile
 from rotorfit.fitting.arithmetic import Number, Source, shown_unit
 from rotorfit.units import si_factor
 
 THRESHOLD = "threshold_speed"
 """Name of the threshold speed where a parameter could stand."""
-
-
-class Assuming(Source, Protocol):
-    """A result that knows how its parameters vary together, and what they rest on."""
-
-    def systematic(self, name: str) -> float:
-        """Standard uncertainty of a parameter by what the model leaves out or takes as known."""
-
-    def moved_by(self, name: str) -> str:
-        """What of it leaves the number open, in words; empty where the number stands."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -60,7 +48,7 @@ class FittedParameter(Number):
     resolved: bool = True
     at_bound: bool = False
     freedom: float = math.inf
-    fit: Assuming | None = field(default=None, init=False, compare=False, repr=False)
+    fit: Source | None = field(default=None, init=False, compare=False, repr=False)
 
     @property
     def source(self) -> Source | None:
@@ -88,14 +76,8 @@ class FittedParameter(Number):
         return "" if self.fit is None or not self.vary else self.fit.moved_by(self.name)
 
     def interval(self, level: float = 0.95, *, statistical: bool = False) -> tuple[float, float]:
-        """Confidence interval by ``stderr`` and ``systematic``, Student's t with the degrees of freedom of ``stderr``.
-
-        Args:
-            level: probability that such intervals hold the truth.
-            statistical: by ``stderr`` alone.
-        """
-        more = 0.0 if statistical or not 0 < self.stderr < math.inf else self.systematic
-        return _interval(self.value, self.stderr, more, self.freedom, level)
+        """As :meth:`Quantity.interval`; that of a known parameter, or of one left open, has no systematic share."""
+        return super().interval(level, statistical=statistical or not 0 < self.stderr < math.inf)
 
     def __str__(self) -> str:
         if self.moved_by:
@@ -135,15 +117,6 @@ class Quantity(Number):
         """Standard error and systematic share."""
         return self.stderr, self.systematic
 
-    def interval(self, level: float = 0.95, *, statistical: bool = False) -> tuple[float, float]:
-        """Confidence interval by ``stderr`` and ``systematic``, Student's t with the degrees of freedom of ``stderr``.
-
-        Args:
-            level: probability that such intervals hold the truth.
-            statistical: by ``stderr`` alone.
-        """
-        return _interval(self.value, self.stderr, 0.0 if statistical else self.systematic, self.freedom, level)
-
     def to(self, unit: str) -> Quantity:
         """The quantity in another unit of frequency: rpm, Hz, cpm or rad/s; 1/s is rad/s.
 
@@ -162,16 +135,6 @@ class Quantity(Number):
         value, stderr, systematic = (part * own / other for part in (self.value, self.stderr, self.systematic))
         slopes = {name: slope * own / other for name, slope in self.slopes.items()}
         return replace(self, value=value, stderr=stderr, systematic=systematic, unit=unit, slopes=slopes)
-
-
-def _interval(value: float, stderr: float, more: float, freedom: float, level: float) -> tuple[float, float]:
-    if not 0 < level < 1:
-        raise ValueError(f"level is {level!r}; an interval has a probability between 0 and 1")
-    wide = math.hypot(stderr, more)
-    if more and stderr:
-        freedom *= (wide / stderr) ** 4  # Satterthwaite: the systematic share is taken as known
-    half = wide * quantile(level, freedom)
-    return value - half, value + half
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,12 +19,6 @@ PhaseOffsets: TypeAlias = bool | Literal["common"]
 """An offset of the phase reference for every run but the first, one common to all, or none."""
 
 
-def check_phase_offsets(given: object) -> None:
-    """Refuse what is no choice of phase offsets."""
-    if given not in (True, False, "common"):
-        raise ValueError(f"phase_offsets is {given!r}; allowed: False, True (one a run but the first), 'common'")
-
-
 @dataclass(frozen=True, kw_only=True)
 class Onset:
     """Onset of instability by the best candidate model of a refinement."""

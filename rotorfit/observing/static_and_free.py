@@ -100,8 +100,7 @@ def journal_coefficients(model: RotorModel, test: CoefficientTable, group: Index
         )
     floor = 1e-9 * np.abs(values).max(axis=0)
     error = np.maximum(test.sigma[:, None] * np.abs(values), floor)
-    mass = test.sigma * np.abs(test.mxx)
-    spread = np.concatenate([error[:, 0:2], error[:, 2:4], np.column_stack([error[:, 4], np.maximum(mass, floor[4])])])
+    spread = np.concatenate([error[:, 0:2], error[:, 2:4], error[:, [4, 4]]])  # of stiffness, damping and mass
     parts = np.concatenate([values[:, 0:2], values[:, 2:4], np.column_stack([test.mxx, np.zeros(len(test))])])
     names = [f"{run} / {what}" for what in ("stiffness", "damping", "mass") for run in test.run.tolist()]
     labels, label = words(np.array(names))

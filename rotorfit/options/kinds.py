@@ -215,15 +215,12 @@ def number_word(word: str) -> float:
         raise ValueError(f"{word!r} is not a number") from None
 
 
-def two_numbers(word: str) -> tuple[float, float]:
-    """Two numbers with a colon between."""
-    first, second = _two(word)
-    return number_word(first), number_word(second)
-
-
-def _range_word(word: str) -> tuple[float, float]:
-    low, high = _two(word)
-    return number_word(low or "-inf"), number_word(high or "inf")
+def two_numbers(word: str, low: str = "", high: str = "") -> tuple[float, float]:
+    """Two numbers with a colon between; ``low`` and ``high`` in place of those that are left out."""
+    first, colon, second = word.partition(":")
+    if not colon:
+        raise ValueError("give two numbers with a colon between")
+    return number_word(first or low), number_word(second or high)
 
 
 def _common_word(word: str) -> str:
@@ -244,13 +241,6 @@ def _shares_word(word: str) -> dict[str, float]:
         if term:
             shares[plane.strip()] = number_word(share)
     return shares
-
-
-def _two(word: str) -> tuple[str, str]:
-    first, colon, second = word.partition(":")
-    if not colon:
-        raise ValueError("give two numbers with a colon between")
-    return first, second
 
 
 def pairs(option: str, given: Sequence[str], parse: Callable[[str], Any]) -> dict[str, Any]:
@@ -308,7 +298,7 @@ KINDS: Mapping[str, Kind] = {
     ),
     "Mapping[str, tuple[float, float]]": Kind(
         toml=table(pair),
-        word=_range_word,
+        word=lambda word: two_numbers(word, "-inf", "inf"),
         written=lambda value: ":".join("" if math.isinf(end) else f"{end:.10g}" for end in value),
         paired=True,
     ),

@@ -16,7 +16,7 @@ import numpy as np
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.estimators.blocks.observations import Block, Responses, acts_alone
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import ComplexArray
 from rotorfit.models.parameters import unknown_name
 
 Uncertainty = float | Mapping[str, float]
@@ -82,19 +82,17 @@ def calibration_of(values: Mapping[str, Any]) -> Calibration | None:
     return Calibration(**values)
 
 
-@dataclass(frozen=True, eq=False)
-class Nuisance:
-    """Nuisance entries of a problem."""
-
-    names: tuple[str, ...]  # ``gain[disk]``, ``probe_phase[disk]``, ``mr``, ``keyphasor``
-    sd: Float  # standard deviations of their normal priors, shape ``(n,)``; 1 for relative ones, rad for phases
-    # for each block, sensitivities of the logarithm of its predictions, shape ``(R, n)``
-    factors: tuple[ComplexArray, ...]
+_Column = tuple[str, float, list[ComplexArray]]
+"""A nuisance entry: its name, the standard deviation of its normal prior, 1 or rad, and for each block by how much it
+changes the logarithm of predictions, shape ``(R,)``."""
 
 
-def nuisance_entries(calibration: Calibration, experiments: Sequence[Experiment], blocks: Sequence[Block]) -> Nuisance:
-    """Lay a calibration out as nuisance entries. An isotropic model sees the mean of the x and the y probe of a plane:
-    the errors of both are then one entry, with the uncertainty of their mean."""
+def nuisance_entries(
+    calibration: Calibration, experiments: Sequence[Experiment], blocks: Sequence[Block]
+) -> list[_Column]:
+    """Lay a calibration out as nuisance entries ``gain[disk]``, ``probe_phase[disk]``, ``mr``, ``keyphasor``. An
+    isotropic model sees the mean of the x and the y probe of a plane: the errors of both are then one entry, with the
+    uncertainty of their mean."""
     pairs = [_checked(experiment, block) for experiment, block in zip(experiments, blocks, strict=True)]
     probes = [_probes(test, block) for test, block in pairs]
     columns = [
@@ -104,14 +102,7 @@ def nuisance_entries(calibration: Calibration, experiments: Sequence[Experiment]
     ]
     if calibration.keyphasor_deg:
         columns.append(("keyphasor", math.radians(calibration.keyphasor_deg), [block.by_phase for _, block in pairs]))
-    return Nuisance(
-        tuple(name for name, _, _ in columns),
-        np.array([sd for _, sd, _ in columns]),
-        tuple(np.column_stack([parts[i] for _, _, parts in columns]) for i in range(len(pairs))),
-    )
-
-
-_Column = tuple[str, float, list[ComplexArray]]
+    return columns
 
 
 def _checked(experiment: Experiment, block: Block) -> tuple[PerturbationTest, Responses]:

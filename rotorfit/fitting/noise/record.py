@@ -9,14 +9,14 @@ from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import bare_name
 
 RUN_KINDS = {
-    "run_force": ("1", "relative error of the force in this run"),
-    "run_phase": ("rad", "error of the phase reference in this run"),
-    "run_K0": ("1", "relative change of K0 in this run"),
-    "run_D": ("1", "relative change of D in this run"),
-    "run_lam": ("1", "relative error of the speed label, or change of lam, in this run"),
-    "run_fluid": ("1", "relative change of K0 and D together (viscosity) in this run"),
+    "run_force": "force or gain",
+    "run_phase": "their phase reference",
+    "run_K0": "K0",
+    "run_D": "D",
+    "run_lam": "speed label or lam",
+    "run_fluid": "viscosity (K0 and D together)",
 }
-"""Unit and meaning of each kind of nuisance entry that stands for a difference from run to run, ``kind[run]``."""
+"""Quantity in which runs differ by each kind of nuisance entry ``kind[run]``; relative, but for phases in rad."""
 
 
 def is_run_effect(name: str) -> bool:

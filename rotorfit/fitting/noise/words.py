@@ -8,7 +8,7 @@ import numpy as np
 
 from rotorfit.estimators.inference.smooth_causes import Cause, Kind
 from rotorfit.estimators.noise.run_effects import FEWEST_RUNS
-from rotorfit.fitting.noise.record import Miss, NoiseVerdict, RunEffect
+from rotorfit.fitting.noise.record import RUN_KINDS, Miss, NoiseVerdict, RunEffect
 from rotorfit.models.digits import significant
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -24,15 +24,6 @@ VERDICTS = {
     NoiseVerdict.MISFIT: (
         "the residuals are correlated along the sweeps and larger than the noise: the model does not fit"
     ),
-}
-
-_KINDS = {
-    "run_force": "force or gain",
-    "run_phase": "their phase reference",
-    "run_K0": "K0",
-    "run_D": "D",
-    "run_lam": "speed label or lam",
-    "run_fluid": "viscosity (K0 and D together)",
 }
 
 _SPEED_FIRST = (
@@ -137,7 +128,7 @@ def causes(found: Sequence[Cause], *, whole: bool) -> tuple[str, ...]:
 
 def differences(effects: Sequence[RunEffect]) -> tuple[str, ...]:
     """Differences from run to run, each a warning; two runs do not say of which of several kinds theirs is."""
-    if len(effects) > 1 and all(len(effect.runs) == 2 and effect.kind in _KINDS for effect in effects):
+    if len(effects) > 1 and all(len(effect.runs) == 2 and effect.kind in RUN_KINDS for effect in effects):
         sizes = " or ".join(f"{_kind(effect)} by {_amount(effect, effect.sd)}" for effect in effects)
         both = f"runs differ in {sizes} (standard deviations, by how likely each is: two runs hardly separate them)"
         return (f"{both}. {_IN_ERRORS}",)
@@ -146,7 +137,7 @@ def differences(effects: Sequence[RunEffect]) -> tuple[str, ...]:
 
 def _kind(effect: RunEffect) -> str:
     """Quantity in which runs differ; no speed label is that far off."""
-    return "lam" if effect.kind == "run_lam" and effect.sd > _LARGEST_LABEL_ERROR else _KINDS[effect.kind]
+    return "lam" if effect.kind == "run_lam" and effect.sd > _LARGEST_LABEL_ERROR else RUN_KINDS[effect.kind]
 
 
 def _difference(effect: RunEffect) -> str:
