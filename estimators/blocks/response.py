@@ -164,16 +164,15 @@ def _sensitivities(block: Responses, theta: Float, left: ComplexArray, right: Co
     return Sensitivities(products, numbers)
 
 
-def _read(block: Responses, values: ComplexArray) -> ComplexArray:
-    """Readings, shape ``(..., R)``, of what every coordinate does in every line, shape ``(n, ..., L)``."""
-    beside = values if values.ndim == 2 else np.moveaxis(values, 0, -2)
+def _read(block: Responses, values: ComplexArray, axis: int = 0) -> ComplexArray:
+    """Readings, shape ``(..., R)``, of what every coordinate, along an axis, does in every line, ``(n, ..., L)``."""
+    beside = values if values.ndim == axis + 2 else np.moveaxis(values, axis, -2)
     return beside.reshape(*beside.shape[:-2], -1).take(block.place, axis=-1)
 
 
 def _rows(block: Responses, H: ComplexArray) -> ComplexArray:
     """The row of H that each reading is of, shape ``(n, ..., R)``."""
-    beside = H if H.ndim == 3 else np.moveaxis(H, 1, -2)
-    return beside.reshape(*beside.shape[:-2], -1).take(block.place, axis=-1)
+    return _read(block, H, axis=1)
 
 
 def _receptance(block: Responses, theta: Float) -> ComplexArray:
@@ -253,25 +252,21 @@ def read_by_probes_jacobian(
 
 def displacement_to_force(block: Responses, theta: Float) -> ComplexArray:
     """Force at the plane of an imposed orbit while the other planes are free (eqs 14 to 17), shape ``(..., R)``."""
-    return _imposed(block) / _drive_point(block, _receptance(block, theta))
+    return block.force[block.line, block.coordinate] / _drive_point(block, _receptance(block, theta))
 
 
 def displacement_to_force_jacobian(block: Responses, theta: Float) -> tuple[ComplexArray, ComplexArray]:
     """Force for an imposed motion and its derivatives, as :func:`respond_jacobian`."""
     H = _receptance(block, theta)
     drive = _drive_point(block, H)
-    predicted = _imposed(block) / drive
+    predicted = block.force[block.line, block.coordinate] / drive
     by_drive = _derivatives(block, theta, _rows(block, H), _rows(block, np.swapaxes(H, 0, 1)))
     return predicted, by_drive * (-predicted / drive)[..., None, :]
 
 
-def _imposed(block: Responses) -> ComplexArray:
-    return np.asarray(block.force[block.line, block.coordinate])
-
-
 def _drive_point(block: Responses, H: ComplexArray) -> ComplexArray:
     """Receptance of each reading's own coordinate, shape ``(..., R)``."""
-    return _read(block, np.array([H[i, i] for i in range(len(H))]))
+    return _read(block, np.einsum("ii...->i...", H))
 
 
 def _amplitude(block: Responses, H: ComplexArray) -> ComplexArray:

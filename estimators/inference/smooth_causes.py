@@ -48,32 +48,19 @@ class Kind(StrEnum):
 
 
 MEANINGS = {
-    Kind.PROBE: "probe that is not linear, share at the largest amplitude",
-    Kind.FLUID: "change of K0 at the largest amplitude, of D and D lam with it",
-    Kind.DELAY: "delay, filter or drifting phase reference",
-    Kind.CLOCK: "growth of a delay along a sweep, from its middle to its end",
-    Kind.DRIFT: "drift along a sweep, share from its middle to its end",
-    Kind.HYSTERESIS: "damping that does not grow with frequency",
-    Kind.SUPPORT: "half the difference of stiffness in x and y, seen by one probe",
-    Kind.PAIR: "square of half the difference of stiffness in x and y, by both probes",
-    Kind.ELSEWHERE: "D lam of a fluid where the model has none",
-    Kind.LOAD: "square of a constant load, which moves the journal off the centre",
-    Kind.RESIDUAL: "unbalance of the rotor itself, which start-ups hold beside their weight",
+    Kind.PROBE: ("probe that is not linear, share at the largest amplitude", "1"),
+    Kind.FLUID: ("change of K0 at the largest amplitude, of D and D lam with it", "N/m"),
+    Kind.DELAY: ("delay, filter or drifting phase reference", "s"),
+    Kind.CLOCK: ("growth of a delay along a sweep, from its middle to its end", "s"),
+    Kind.DRIFT: ("drift along a sweep, share from its middle to its end", "1"),
+    Kind.HYSTERESIS: ("damping that does not grow with frequency", "N/m"),
+    Kind.SUPPORT: ("half the difference of stiffness in x and y, seen by one probe", "N/m"),
+    Kind.PAIR: ("square of half the difference of stiffness in x and y, by both probes", "N^2/m^2"),
+    Kind.ELSEWHERE: ("D lam of a fluid where the model has none", "N s/m"),
+    Kind.LOAD: ("square of a constant load, which moves the journal off the centre", "N^2"),
+    Kind.RESIDUAL: ("unbalance of the rotor itself, which start-ups hold beside their weight", "kg m"),
 }
-"""Quantity that the size of a cause refers to."""
-
-UNITS = {
-    Kind.FLUID: "N/m",
-    Kind.ELSEWHERE: "N s/m",
-    Kind.DELAY: "s",
-    Kind.CLOCK: "s",
-    Kind.HYSTERESIS: "N/m",
-    Kind.SUPPORT: "N/m",
-    Kind.PAIR: "N^2/m^2",
-    Kind.LOAD: "N^2",
-    Kind.RESIDUAL: "kg m",
-}
-"""Unit of a size that is no share."""
+"""Quantity that the size of a cause refers to, and its unit."""
 
 _SHOWN_PLACE = 0.1  # eccentricity by a static load whose effect is taken for that of its square
 

@@ -80,11 +80,8 @@ def solve_influence(readings: Readings) -> Influence:
     speed = np.bincount(readings.dwell, readings.speed) / np.bincount(readings.dwell)
     value = readings.value * _to_common_speed(readings, speed)
     design = np.column_stack([np.ones(len(readings.unbalance)), readings.unbalance])
-    cells: list[MountingFit] = []
-    places: list[tuple[int, int]] = []
+    found: list[_Cell] = []
     left_out: list[tuple[int, int]] = []
-    given: list[float] = []
-    freedoms: list[float] = []
     for channel, dwell in sorted(set(zip(readings.channel.tolist(), readings.dwell.tolist(), strict=True))):
         rows = np.flatnonzero((readings.channel == channel) & (readings.dwell == dwell))
         mean, count = _means(value[rows], readings.mounting[rows], len(design))
@@ -93,27 +90,23 @@ def solve_influence(readings: Readings) -> Influence:
             continue
         repeat, within = _repeat(readings, value, rows)
         cell = solve(mean, count, design, repeat)
-        cells.append(cell)
-        places.append((channel, dwell))
-        given.append(float(np.sqrt(np.mean(readings.sigma[rows] ** 2))))
-        freedoms.append(2.0 * cell.freedom if cell.freedom else within)
-    if not cells:
+        given = float(np.sqrt(np.mean(readings.sigma[rows] ** 2)))
+        found.append((channel, dwell, cell, given, 2.0 * cell.freedom if cell.freedom else within))
+    if not found:
         raise UndeterminedError(
             "the weights do not determine an influence: each forced plane needs a second angle, another weight, or a "
             "run without one, at the same speed"
         )
-    return _assembled(cells, places, left_out, speed, given, min(freedoms))
+    return _assembled(found, left_out, speed)
 
 
-def _assembled(
-    cells: list[MountingFit],
-    places: list[tuple[int, int]],
-    left_out: list[tuple[int, int]],
-    speed: Float,
-    given: list[float],
-    freedom: float,
-) -> Influence:
-    channel, dwell = np.array(places, dtype=np.intp).T
+_Cell = tuple[int, int, MountingFit, float, float]
+"""Channel, dwell, fit, noise that was given, and real degrees of freedom of one cell."""
+
+
+def _assembled(found: list[_Cell], left_out: list[tuple[int, int]], speed: Float) -> Influence:
+    channels, dwells, fits, given, freedoms = zip(*found, strict=True)
+    channel, dwell, cells, freedom = np.array(channels), np.array(dwells), list(fits), min(freedoms)
     size = np.sqrt([cell.mean for cell in cells])
     known = all(cell.freedom for cell in cells)
     between = scatter(cells) if known else np.diag(size**2).astype(complex)
@@ -236,7 +229,11 @@ class ModesSeen:
 
 
 def modes_seen(influence: Influence) -> ModesSeen | None:
-    """Shapes and poles in influences; None where one speed only, or gaps, leave nothing to compare."""
+    """How many modes influences at a few dwell speeds show: shapes by singular values against noise, poles by a pencil;
+    None where one speed only, or gaps, leave nothing to compare. A mode contributes ``g phi^T w^2 / (wn^2 - w^2 + 2 j
+    zeta wn w)`` to the matrix of influences. Between two speeds each mode grows by a factor of its own, an eigenvalue
+    of the pencil of the two matrices, and the factor tells its natural frequency; a mode far above the speeds grows as
+    w^2 and leaves its frequency open."""
     dwells = np.unique(influence.dwell).tolist()
     channels = sorted(set.intersection(*[set(influence.channel[influence.dwell == d].tolist()) for d in dwells]))
     size = influence.influence.shape[1]
@@ -249,7 +246,11 @@ def modes_seen(influence: Influence) -> ModesSeen | None:
     covariance = influence.covariance[np.ix_(rows, rows)]
     sd = np.sqrt(np.real(np.diag(covariance))).reshape(values.shape)
     scale = np.maximum(sd.mean(axis=(0, 2)), 1e-30)[:, None]
-    noise = _draws(covariance, values.shape) / scale
+    rng = np.random.default_rng(0)
+    power, vectors = np.linalg.eigh(covariance)
+    draws = 400  # of noise of this covariance
+    raw = rng.standard_normal((draws, power.size)) + 1j * rng.standard_normal((draws, power.size))
+    noise = (raw @ (vectors * np.sqrt(np.maximum(power, 0.0))).T).reshape(draws, *values.shape) / scale
     values = values / scale
     reach = np.quantile([np.linalg.svd(np.hstack(list(draw)), compute_uv=False)[0] for draw in noise], 1 - P_CHANCE)
     singular = np.linalg.svd(np.hstack(list(values)), compute_uv=False) / max(float(reach), 1e-30)
@@ -266,15 +267,6 @@ def modes_seen(influence: Influence) -> ModesSeen | None:
         if found:
             break
     return ModesSeen(singular=tuple(float(v) for v in singular), frequencies=tuple(sorted(found)), shapes=shapes)
-
-
-def _draws(covariance: ComplexArray, shape: tuple[int, ...]) -> ComplexArray:
-    rng = np.random.default_rng(0)
-    values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    draws = 400
-    raw = rng.standard_normal((draws, values.size)) + 1j * rng.standard_normal((draws, values.size))
-    return np.asarray((raw @ root.T).reshape(draws, *shape))
 
 
 def _poles(low: ComplexArray, high: ComplexArray, w1: float, w2: float, rank: int) -> Float:

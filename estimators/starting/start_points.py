@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -72,8 +73,7 @@ PRIOR_SIZES = 100.0
 """Multiples of a parameter's size by which a short fit may move it, so that what the data leave open does not drift."""
 
 
-@dataclass(frozen=True, eq=False)
-class ShortFits:
+class ShortFits(NamedTuple):
     """Ends of short fits."""
 
     x: Float  # vectors, shape ``(W, p)``

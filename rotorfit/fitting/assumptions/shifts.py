@@ -28,7 +28,6 @@ from rotorfit.estimators.inference.score_tests import (
 )
 from rotorfit.estimators.inference.smooth_causes import (
     MEANINGS,
-    UNITS,
     Cause,
     Kind,
     Part,
@@ -307,7 +306,8 @@ def _described_cause(fit: FitResult, cause: Cause) -> tuple[str, str, str, float
             slope = fit.params[f"{part.value}_speed"].value
             plausible = abs(slope * (1 - slope)) / 2
         return cause.name, meaning, "1", max(plausible, abs(cause.size) if cause.sizes else 0.0)
-    return cause.name, f"{MEANINGS[cause.kind]}{shown}", UNITS.get(cause.kind, "1"), abs(cause.size)
+    meaning, unit = MEANINGS[cause.kind]
+    return cause.name, f"{meaning}{shown}", unit, abs(cause.size)
 
 
 def _damper(fit: FitResult) -> float:
