@@ -82,16 +82,6 @@ class _Metric:
         return steps, remaining
 
 
-@dataclass
-class _State:
-    x: Float
-    cost: Float
-    gradient: Float
-    remaining: Float
-    step: Float
-    damping: Float
-
-
 def batch_fit(
     problem: Problem,
     measured: ComplexArray,
@@ -117,69 +107,68 @@ def batch_fit(
         return batch.cost_and_gradient(points, readings.of(members))
 
     with np.errstate(all="ignore"):  # a trial point may well be absurd
-        state, converged = _descend(problem, measured, x.copy(), evaluate)
-    alone = np.flatnonzero(~converged)
-    for b in alone:
+        end = _Descent(problem, measured, x.copy(), evaluate)
+    alone = ~end.converged
+    for b in np.flatnonzero(alone).tolist():
         own = with_measured(problem, measured[b])
-        begin = state.x[b] if np.isfinite(state.cost[b]) else x[b]
+        begin = end.x[b] if np.isfinite(end.cost[b]) else x[b]
         found = minimise(own, begin, lower=problem.space.lower, upper=problem.space.upper, options=options)
-        state.x[b], state.cost[b] = found.x, found.cost
-        converged[b] = found.success or found.status is Status.SINGULAR  # a minimum along a whole line is one
-    return BatchFit(state.x, state.cost, converged, np.isin(np.arange(x.shape[0]), alone))
+        end.x[b], end.cost[b] = found.x, found.cost
+        end.converged[b] = found.success or found.status is Status.SINGULAR  # a minimum along a whole line is one
+    return BatchFit(end.x, end.cost, end.converged, alone)
 
 
-def _descend(
-    problem: Problem, measured: ComplexArray, x: Float, evaluate: Callable[[Float, Index], tuple[Float, Float]]
-) -> tuple[_State, Bool]:
-    space, count = problem.space, x.shape[0]
-    middle = x.mean(axis=0)
-    metric = _Metric(problem.gauss_newton(np.clip(middle, space.lower, space.upper))[2], count)
-    cost, gradient = evaluate(x, np.arange(count))
-    step, remaining = metric.step(np.arange(count), gradient, np.zeros(count))
-    state = _State(x, cost, gradient, remaining, step, np.zeros(count))
-    converged = remaining < STEP_TOLERANCE
-    active = np.flatnonzero(~converged & np.isfinite(cost))
-    for _ in range(60):
-        if not active.size:
-            break
-        trial = state.x[active] + state.step[active]
-        inside = ((trial > space.lower) & (trial < space.upper)).all(axis=1)
-        active, trial = active[inside], trial[inside]  # the others meet a bound: Ipopt's task
-        converged[active] = _advance(problem, measured, state, metric, active, trial, evaluate)
-        active = active[~converged[active] & (state.damping[active] < 1e12)]
-    return state, converged
+class _Descent:
+    """Damped Gauss-Newton steps of all members together."""
 
+    def __init__(
+        self,
+        problem: Problem,
+        measured: ComplexArray,
+        x: Float,
+        evaluate: Callable[[Float, Index], tuple[Float, Float]],
+    ) -> None:
+        self.problem, self.measured, self.x, self.evaluate = problem, measured, x, evaluate
+        everyone, space = np.arange(len(x)), problem.space
+        middle = np.clip(x.mean(axis=0), space.lower, space.upper)
+        self.metric = _Metric(problem.gauss_newton(middle)[2], len(x))
+        self.cost, self.gradient = evaluate(x, everyone)
+        self.damping = np.zeros(len(x))
+        self.step, self.remaining = self.metric.step(everyone, self.gradient, self.damping)
+        self.converged = self.remaining < STEP_TOLERANCE
+        active = np.flatnonzero(~self.converged & np.isfinite(self.cost))
+        for _ in range(60):
+            if not active.size:
+                break
+            trial = self.x[active] + self.step[active]
+            inside = ((trial > space.lower) & (trial < space.upper)).all(axis=1)
+            active, trial = active[inside], trial[inside]  # the others meet a bound: Ipopt's task
+            self._advance(active, trial)
+            active = active[~self.converged[active] & (self.damping[active] < 1e12)]
 
-def _advance(
-    problem: Problem,
-    measured: ComplexArray,
-    state: _State,
-    metric: _Metric,
-    active: Index,
-    trial: Float,
-    evaluate: Callable[[Float, Index], tuple[Float, Float]],
-) -> Bool:
-    """Take the steps that do not climb, damp the others; return who has converged."""
-    cost, gradient = evaluate(trial, active)
-    _, remaining = metric.step(active, gradient, np.zeros(active.size))
-    before = state.remaining[active]
-    # Below round-off of the cost, the gradient decides.
-    close = before**2 < 1e-9 * np.maximum(state.cost[active], 1.0)
-    good = np.where(close, remaining < before, cost <= state.cost[active])
-    round_off = 1e-5  # remaining step at which failure to shrink further is round-off
-    settled = ~good & close & (before < round_off)
-    taken = active[good]
-    state.x[taken], state.cost[taken], state.gradient[taken] = trial[good], cost[good], gradient[good]
-    state.remaining[taken] = remaining[good]
-    damping = state.damping[active]
-    state.damping[active] = np.where(good, np.where(damping < 1e-4, 0.0, damping / 10), np.maximum(10 * damping, 1e-3))
-    done = np.where(good, remaining < STEP_TOLERANCE, settled)
-    slow_shrinkage = 0.3  # shrinkage of the remaining step above which a member gets a matrix of its own
-    slow = ~done & (~good | (remaining > slow_shrinkage * before)) & (state.damping[active] < 1e6)
-    for b in active[slow]:
-        linear = problem if problem.loss == "linear" else with_measured(problem, measured[b])
-        matrix = linear.gauss_newton(state.x[b])[2]
-        if np.isfinite(matrix).all():
-            metric.own(int(b), matrix)
-    state.step[active], state.remaining[active] = metric.step(active, state.gradient[active], state.damping[active])
-    return np.asarray(done)
+    def _advance(self, active: Index, trial: Float) -> None:
+        """Take the steps that do not climb, damp the others."""
+        cost, gradient = self.evaluate(trial, active)
+        _, remaining = self.metric.step(active, gradient, np.zeros(active.size))
+        before, damping = self.remaining[active], self.damping[active]
+        # Below round-off of the cost, the gradient decides.
+        close = before**2 < 1e-9 * np.maximum(self.cost[active], 1.0)
+        good = np.where(close, remaining < before, cost <= self.cost[active])
+        round_off = 1e-5  # remaining step at which failure to shrink further is round-off
+        settled = ~good & close & (before < round_off)
+        taken = active[good]
+        self.x[taken], self.cost[taken], self.gradient[taken] = trial[good], cost[good], gradient[good]
+        self.remaining[taken] = remaining[good]
+        smaller, larger = np.where(damping < 1e-4, 0.0, damping / 10), np.maximum(10 * damping, 1e-3)
+        self.damping[active] = np.where(good, smaller, larger)
+        self.converged[active] = done = np.where(good, remaining < STEP_TOLERANCE, settled)
+        slow_shrinkage = 0.3  # shrinkage of the remaining step above which a member gets a matrix of its own
+        slow = ~done & (~good | (remaining > slow_shrinkage * before)) & (self.damping[active] < 1e6)
+        for b in active[slow].tolist():
+            linear = self.problem if self.problem.loss == "linear" else with_measured(self.problem, self.measured[b])
+            matrix = linear.gauss_newton(self.x[b])[2]
+            if np.isfinite(matrix).all():
+                self.metric.own(b, matrix)
+        self.step[active], self.remaining[active] = self.metric.step(
+            active, self.gradient[active], self.damping[active]
+        )
