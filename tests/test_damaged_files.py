@@ -15,9 +15,8 @@ import pytest
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.estimators import file_limits
-from rotorfit.estimators.file_limits import check_hdf5, check_mat
-from rotorfit.estimators.file_reading import reading
+from rotorfit.estimators import file_reading
+from rotorfit.estimators.file_reading import check_hdf5, check_mat, reading
 from rotorfit.recordings.formats.files import open_raw
 
 BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
@@ -99,10 +98,10 @@ def test_one_bit_in_a_netcdf_file_of_ours_is_found(tmp_path: Path) -> None:
 
 def test_a_file_over_which_the_library_loops_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By processor time, which the process that opens it first may spend whoever ended the one that waits for it."""
-    endless = file_limits._OPEN.replace("with h5py", "while True:\n    pass\nwith h5py")
-    monkeypatch.setattr(file_limits, "_OPEN", endless)
+    endless = file_reading._OPEN.replace("with h5py", "while True:\n    pass\nwith h5py")
+    monkeypatch.setattr(file_reading, "_OPEN", endless)
     with refuses(ValueError):
-        file_limits.refuse_deadly(tmp_path / "a.nc")
+        file_reading.refuse_deadly(tmp_path / "a.nc")
 
 
 def test_a_netcdf_file_that_others_changed_is_read(tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ FLOORS = (
 )
 """Rooms from the ground up; the third and fourth floor are files. Imports go down, none between rooms of a floor."""
 ESTIMATOR_FLOORS = (
-    ("atomic_file", "file_limits"),
+    ("atomic_file",),
     ("file_reading", "matching", "change", "significance"),
     ("blocks",),
     ("misfit",),

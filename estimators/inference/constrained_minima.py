@@ -12,8 +12,7 @@ import numpy as np
 
 from rotorfit.estimators.inference.log_posterior import box
 from rotorfit.estimators.minimisation.least_squares import Options, Status, minimise
-from rotorfit.estimators.misfit.block_term import Normal
-from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.misfit.problem import Normal, Problem
 from rotorfit.estimators.misfit.ratios import LogRatioProblem
 from rotorfit.models.array_types import Bool, Float, Index
 

@@ -14,8 +14,7 @@ import numpy as np
 from scipy.stats import multivariate_t
 
 from rotorfit.estimators.atomic_file import whole_file
-from rotorfit.estimators.file_limits import check_hdf5
-from rotorfit.estimators.file_reading import check_seal, reading, seal
+from rotorfit.estimators.file_reading import check_hdf5, check_seal, reading, seal
 from rotorfit.estimators.inference.log_posterior import LogPosterior
 from rotorfit.models.array_types import RANK_TOLERANCE, Float
 

@@ -19,6 +19,7 @@ from rotorfit.estimators.misfit.priors import normal_moments
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray
+from rotorfit.models.motion.journal import at_frequency
 
 
 def cost_graph(problem: Problem) -> ca.Function | None:
@@ -79,11 +80,7 @@ def _reading(model: RotorModel, *, imposed: bool) -> ca.Function:
     theta, speed, eccentricity, matrices, factors = model.symbolic
     n = len(model.coordinates)
     w, force, seen = ca.SX.sym("w"), ca.SX.sym("force", 2 * n), ca.SX.sym("seen", n)
-    real, imag = ca.SX(n, n), ca.SX(n, n)
-    for power, matrix in enumerate(matrices):
-        turned = 1j**power
-        real += w**power * (turned.real * matrix.re - turned.imag * matrix.im)
-        imag += w**power * (turned.real * matrix.im + turned.imag * matrix.re)
+    real, imag = at_frequency([(matrix.re, matrix.im) for matrix in matrices], w)
     stiffness = ca.vertcat(ca.horzcat(real, -imag), ca.horzcat(imag, real))
     stiffness = ca.substitute(stiffness, eccentricity, 0.0)
     answer = stiffness @ force if imposed else ca.solve(ca.densify(stiffness), force)

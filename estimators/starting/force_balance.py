@@ -230,7 +230,8 @@ def stiffness_matrices(block: Responses) -> StiffnessMatrices:
     order = np.argsort(index.reshape(-1), kind="stable")
     size = np.bincount(index.reshape(-1))
     begin = np.cumsum(size) - size
-    parts = []
+    kappa, error = np.empty((0, n, n), dtype=complex), np.empty((0, n, n))
+    parts = [(np.empty(0, dtype=np.intp), kappa, error)]
     for count in np.unique(size[size >= n]).tolist():
         lines = order[begin[size == count][:, None] + np.arange(count)]
         A, F = np.swapaxes(amplitude[lines], 1, 2), np.swapaxes(block.force[lines], 1, 2)
@@ -242,11 +243,6 @@ def stiffness_matrices(block: Responses) -> StiffnessMatrices:
         # d kappa = -kappa dA A^+, readings independent.
         variance = np.abs(k) ** 2 @ np.swapaxes(sigma[lines] ** 2, 1, 2) @ np.abs(back) ** 2
         parts.append((lines[:, 0], k, np.sqrt(variance)))
-    if not parts:
-        kappa, error = np.empty((0, n, n), dtype=complex), np.empty((0, n, n))
-        return StiffnessMatrices(
-            frequency=np.empty(0), speed=np.empty(0), kappa=kappa, sigma=error, first_line=np.empty(0, dtype=np.intp)
-        )
     first, kappa, error = (np.concatenate(column) for column in zip(*parts, strict=True))
     sort = np.lexsort([w[first], block.speed[first], block.group[first]])
     first = first[sort]

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.campaigns.runs import Run, RunFit, Workers
-from rotorfit.estimators.inference.covariance import bends, score_scatter, widening
-from rotorfit.estimators.inference.schur import Curvature, Parts, shared_covariance
+from rotorfit.estimators.inference.covariance import Curvature, Parts, bends, score_scatter, shared_covariance, widening
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel

@@ -8,8 +8,7 @@ import zlib
 from collections.abc import Mapping
 from typing import Any
 
-from rotorfit.estimators.file_limits import decompressed
-from rotorfit.estimators.file_reading import reading
+from rotorfit.estimators.file_reading import decompressed, reading
 from rotorfit.fitting.json_values import decode, encode
 from rotorfit.models import RotorModel
 from rotorfit.version import __version__

@@ -20,8 +20,13 @@ import numpy as np
 
 from rotorfit.campaigns.joint_errors import FittedRun, JointErrors, OwnErrors, joint_errors
 from rotorfit.campaigns.runs import Run, RunFit, Workers, fit_run
-from rotorfit.estimators.inference.covariance import prior_curvature
-from rotorfit.estimators.inference.schur import Curvature, Parts, inverse_information, shared_covariance
+from rotorfit.estimators.inference.covariance import (
+    Curvature,
+    Parts,
+    inverse_information,
+    prior_curvature,
+    shared_covariance,
+)
 from rotorfit.estimators.minimisation.least_squares import Options
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import ClosedFormError

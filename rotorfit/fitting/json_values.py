@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.file_limits import check_text
-from rotorfit.estimators.file_reading import shown
+from rotorfit.estimators.file_reading import check_text, shown
 from rotorfit.models import RotorModel
 
 _HOMES = (

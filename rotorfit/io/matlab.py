@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
-from rotorfit.estimators.file_limits import check_mat, check_unpacked
-from rotorfit.estimators.file_reading import reading
+from rotorfit.estimators.file_reading import check_mat, check_unpacked, reading
 from rotorfit.io.columns import as_stored, build, column_types, shown_words
 from rotorfit.io.tables.table import Table
 from rotorfit.io.tables.tidy_csv import experiment_of

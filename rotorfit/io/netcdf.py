@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rotorfit.data.experiments import Experiment
-from rotorfit.estimators.file_limits import check_hdf5, refuse_deadly
-from rotorfit.estimators.file_reading import check_seal, is_sealed, reading, seal, shown
+from rotorfit.estimators.file_reading import check_hdf5, check_seal, is_sealed, reading, refuse_deadly, seal, shown
 from rotorfit.io.columns import as_stored, build, column_types, shown_words
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import find_unit, units_of

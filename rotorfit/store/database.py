@@ -19,8 +19,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-from rotorfit.estimators.file_limits import decompressed
-from rotorfit.estimators.file_reading import reading
+from rotorfit.estimators.file_reading import decompressed, reading
 
 SCHEMA = 1
 """Version of the tables; raised when older readers would misread them."""

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.atomic_file import note_input
-from rotorfit.estimators.file_limits import check_archive, check_unpacked
-from rotorfit.estimators.file_reading import reading
+from rotorfit.estimators.file_reading import check_archive, check_unpacked, reading
 from rotorfit.io.matlab import mat_content
 from rotorfit.models.shafts.shaft import DOFS, MATRICES, ROSS_4, ROSS_6
 

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TextIO, overload
 
 import numpy as np
 
-from rotorfit.estimators.file_limits import check_archive, check_text, check_unpacked
-from rotorfit.estimators.file_reading import shown
+from rotorfit.estimators.file_reading import check_archive, check_text, check_unpacked, shown
 from rotorfit.models.array_types import Bool, Float, Index
 from rotorfit.models.parameters import unknown_name
 

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.atomic_file import note_input
-from rotorfit.estimators.file_limits import check_unpacked
-from rotorfit.estimators.file_reading import reading, shown
+from rotorfit.estimators.file_reading import check_unpacked, reading, shown
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.estimators.file_limits import check_hdf5, check_mat
+from rotorfit.estimators.file_reading import check_hdf5, check_mat
 from rotorfit.io.sampling import FEWEST, rate_of, rate_of_times, time_factor
 from rotorfit.recordings.formats.raw_file import RawArray, RawChannel, RawFile, plain, spooled, unit_said
 

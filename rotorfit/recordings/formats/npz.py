@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.estimators.file_limits import check_archive
+from rotorfit.estimators.file_reading import check_archive
 from rotorfit.recordings.formats.matlab import file_of, held
 from rotorfit.recordings.formats.raw_file import RawFile
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.file_limits import check_unpacked
+from rotorfit.estimators.file_reading import check_unpacked
 from rotorfit.io.sampling import FEWEST, rate_of, rate_of_times, time_factor
 from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count, once, spooled, unit_said
 
