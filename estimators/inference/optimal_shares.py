@@ -106,10 +106,9 @@ class Shares:
             return "the time is spread evenly over all lines"
         verdict = "optimal" if self.optimal else "not optimal"
         return (
-            f"shares {verdict} by the equivalence theorem (gap {significant(self.gap, 2)} after {self.steps} "
-            "steps); with "
-            f"{self.even:.0%} of the time spread evenly they have at least {self.efficiency:.0%} of the information of "
-            "the best shares"
+            f"shares {verdict} by the equivalence theorem (gap {significant(self.gap, 2)} after {self.steps} steps); "
+            f"with {self.even:.0%} of the time spread evenly they have at least {self.efficiency:.0%} of the "
+            "information of the best shares"
         )
 
 

@@ -109,9 +109,8 @@ def local_response(
     needed = smooth + spare + (_usually_seen(records, inside) if transient else 0)
     if fewest < needed:
         raise ValueError(
-            f"{fewest} spectral lines lie in the tested band, {significant(low, 4)} to {significant(high, 4)} "
-            f"rad/s, {needed} are needed: the "
-            "record is too short for the band it sweeps"
+            f"{fewest} spectral lines lie in the tested band, {significant(low, 4)} to {significant(high, 4)} rad/s, "
+            f"{needed} are needed: the record is too short for the band it sweeps"
         )
     most = 512  # narrowest bands of a record; longer records have wider ones
     count = min(fewest // needed, most)

@@ -53,9 +53,8 @@ def find_levels(voltage: Float, *, edge: str = "", level: float | None = None) -
     scatter = float(np.hypot(lower.std(), upper.std()) / np.sqrt(2))
     if high - low < NOISE_STEP_OVER_SCATTER * scatter:
         raise ValueError(
-            f"no pulses: the voltage, {significant(bottom, 4)} to {significant(top, 4)} V, does not jump "
-            "between two levels; is it the channel "
-            "of the Keyphasor?"
+            f"no pulses: the voltage, {significant(bottom, 4)} to {significant(top, 4)} V, does not jump between two "
+            "levels; is it the channel of the Keyphasor?"
         )
     if level is not None and not low < level < high:
         raise ValueError(

@@ -269,10 +269,9 @@ def harmonic_set(
         if change <= tolerance:
             return HarmonicSet(frequency=frequency, speed=speed, ahead=now[0], behind=now[1], error=change)
     raise ValueError(
-        f"{2 * most + 1} pairs of lines leave a change of {significant(change, 2)} of the largest, more than "
-        "the tolerance "
-        f"{significant(tolerance, 2)}: the anisotropies are too large for lines that fall off, or the motion is "
-        "unstable"
+        f"{2 * most + 1} pairs of lines leave a change of {significant(change, 2)} of the largest, more than the "
+        f"tolerance {significant(tolerance, 2)}: the anisotropies are too large for lines that fall off, or the "
+        "motion is unstable"
     )
 
 
