@@ -95,10 +95,6 @@ class Complex:
         """Complex conjugate."""
         return Complex(self.re, -self.im)
 
-    def abs2(self) -> ca.SX:
-        """Squared modulus, elementwise."""
-        return self.re**2 + self.im**2
-
 
 J = Complex(0.0, 1.0)
 """The imaginary unit."""

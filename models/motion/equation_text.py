@@ -133,33 +133,32 @@ def to_mathml(part: Mapping[int, Polynomial], order: Sequence[str]) -> str:
 
 
 def _pieces(part: Mapping[int, Polynomial], order: Sequence[str]) -> Iterator[tuple[bool, str]]:
+
+    def rank(term: tuple[Monomial, float]) -> tuple[int, int, list[int]]:
+        powers = dict(term[0])
+        places = [order.index(name) if name in order else len(order) for name in powers]
+        return powers.get(SPEED, 0), sum(powers.values()), sorted(places)
+
     for power in sorted(part):
-        terms = sorted(part[power].items(), key=lambda item: _rank(item[0], order))
+        terms = sorted(part[power].items(), key=rank)
         if power == 0:
             for monomial, value in terms:
-                yield value < 0, _term(monomial, abs(value), ())
+                yield value < 0, _term(monomial, abs(value))
         elif len(terms) == 1:
-            yield terms[0][1] < 0, _term(terms[0][0], abs(terms[0][1]), ((power, "omega"),))
+            yield terms[0][1] < 0, _term(terms[0][0], abs(terms[0][1]), (("omega", power),))
         else:
             negative = terms[0][1] < 0
             inner = ""
             for monomial, value in terms:
                 opposite = (value < 0) != negative
-                inner += (_MINUS if opposite else _PLUS if inner else "") + _term(monomial, abs(value), ())
+                inner += (_MINUS if opposite else _PLUS if inner else "") + _term(monomial, abs(value))
             yield negative, f"<mo>(</mo>{inner}<mo>)</mo>" + _TIMES + _power(symbol_mathml("omega"), power)
 
 
-def _rank(monomial: Monomial, order: Sequence[str]) -> tuple[int, int, list[int]]:
-    powers = dict(monomial)
-    places = [order.index(name) if name in order else len(order) for name in powers]
-    return powers.get(SPEED, 0), sum(powers.values()), sorted(places)
-
-
-def _term(monomial: Monomial, value: float, more: Sequence[tuple[int, str]]) -> str:
+def _term(monomial: Monomial, value: float, more: Monomial = ()) -> str:
     # Omega comes last among the symbols, then the frequency.
-    names = [item for item in monomial if item[0] != SPEED] + [item for item in monomial if item[0] == SPEED]
-    factors = [_power(symbol_mathml(name), power) for name, power in names]
-    factors += [_power(symbol_mathml(name), power) for power, name in more]
+    names = sorted(monomial, key=lambda item: item[0] == SPEED)
+    factors = [_power(symbol_mathml(name), power) for name, power in (*names, *more)]
     if value != 1 or not factors:
         factors.insert(0, f"<mn>{value:g}</mn>")
     return _TIMES.join(factors)

@@ -77,7 +77,7 @@ def whirl_branch(model: RotorModel, theta: ArrayLike, *, max_speed: float | None
     most = 2000  # points
     least_stride, largest_stride = 1e-6, 0.02  # arc lengths, in units of the onset and the clearance
     while len(points) < most and stride > least_stride:
-        found = _corrected(here, along, stride, seat.at)
+        found = here.ahead(along, stride)
         if found is None or found.x[2] < 0:
             stride /= 2
             continue
@@ -90,7 +90,7 @@ def whirl_branch(model: RotorModel, theta: ArrayLike, *, max_speed: float | None
         eccentricity=np.array([p.x[2] for p in points]),
         speed=np.array([p.x[1] for p in points]),
         frequency=np.array([p.x[0] for p in points]),
-        stable=np.array([_is_stable(p.coefficients, p.x[0], seat.at, p.coupling) for p in points]),
+        stable=np.array([p.is_stable() for p in points]),
         orbit=np.array([p.shape * p.x[2] * seat.clearance for p in points]),
         gradient=np.array([p.normal() for p in points]),
     )
@@ -101,7 +101,7 @@ class _Point:
     v`` has the derivatives of the singularity."""
 
     def __init__(self, model: RotorModel, theta: Float, x: Float, scale: Float, at: int) -> None:
-        self.model, self.theta, self.x, self.scale = model, theta, x, scale
+        self.model, self.theta, self.x, self.scale, self.at = model, theta, x, scale, at
         w, speed, eps = x.tolist()
         self.coefficients = model.coefficients(theta, speed, eps)
         orders = np.arange(len(self.coefficients))
@@ -134,38 +134,36 @@ class _Point:
         right = np.vstack([-self.by_theta, np.zeros(self.theta.size)])
         return np.asarray((np.linalg.lstsq(system, right, rcond=None)[0] * self.scale[:, None])[1:])
 
+    def ahead(self, along: Float, stride: float) -> _Point | None:
+        """The point of the branch a stride ahead, by Newton across the branch; None where it does not settle."""
+        x = self.x + stride * along * self.scale
+        for _ in range(12):
+            if not 0 <= x[2] < 1 or not x[1] > 0:
+                return None
+            point = _Point(self.model, self.theta, x, self.scale, self.at)
+            if point.miss <= 1e-11 * point.size:
+                return point
+            system = np.vstack([point.slope, along])
+            step = np.linalg.lstsq(system, np.array([-point.miss, 0.0, 0.0]), rcond=None)[0]
+            if np.abs(step).max() > 0.5:
+                return None
+            x = x + step * self.scale
+        return None
 
-def _corrected(here: _Point, along: Float, stride: float, at: int) -> _Point | None:
-    """The point of the branch a stride ahead, by Newton's method across the branch; None where it does not settle."""
-    x = here.x + stride * along * here.scale
-    for _ in range(12):
-        if not 0 <= x[2] < 1 or not x[1] > 0:
-            return None
-        point = _Point(here.model, here.theta, x, here.scale, at)
-        if point.miss <= 1e-11 * point.size:
-            return point
-        system = np.vstack([point.slope, along])
-        step = np.linalg.lstsq(system, np.array([-point.miss, 0.0, 0.0]), rcond=None)[0]
-        if np.abs(step).max() > 0.5:
-            return None
-        x = x + step * here.scale
-    return None
-
-
-def _is_stable(coefficients: ComplexArray, w: float, at: int, coupling: complex) -> bool:
-    """True if all small motions about an orbit die out but the one along it."""
-    order, n = len(coefficients) - 1, coefficients.shape[-1]
-    turning = np.zeros((order + 1, 2 * n, 2 * n), dtype=complex)
-    away = 0.5 * abs(w)  # the polynomial is written about a point that is no eigenvalue, as zero is one
-    for k in range(order + 1):
-        for low in range(k + 1):
-            share = math.comb(k, low)
-            turning[low, :n, :n] += share * (away + 1j * w) ** (k - low) * coefficients[k]
-            turning[low, n:, n:] += share * (away - 1j * w) ** (k - low) * coefficients[k].conj()
-    for row, value in ((at, coupling), (n + at, coupling.conjugate())):
-        turning[0, row, at] += value
-        turning[0, row, n + at] += value
-    s = roots(turning)
-    s = s[np.isfinite(s)] + away
-    others = np.delete(s, np.argmin(np.abs(s)))
-    return bool((others.real < 1e-9 * abs(w)).all())
+    def is_stable(self) -> bool:
+        """True if all small motions about the orbit die out but the one along it."""
+        C, w, at = self.coefficients, float(self.x[0]), self.at
+        n = C.shape[-1]
+        turning = np.zeros((len(C), 2 * n, 2 * n), dtype=complex)
+        away = 0.5 * abs(w)  # the polynomial is written about a point that is no eigenvalue, as zero is one
+        for k in range(len(C)):
+            for low in range(k + 1):
+                share = math.comb(k, low)
+                turning[low, :n, :n] += share * (away + 1j * w) ** (k - low) * C[k]
+                turning[low, n:, n:] += share * (away - 1j * w) ** (k - low) * C[k].conj()
+        for row, value in ((at, self.coupling), (n + at, self.coupling.conjugate())):
+            turning[0, row, [at, n + at]] += value
+        s = roots(turning)
+        s = s[np.isfinite(s)] + away
+        others = np.delete(s, np.argmin(np.abs(s)))
+        return bool((others.real < 1e-9 * abs(w)).all())

@@ -171,8 +171,11 @@ class AnisotropicShaft(RotorModel):
         Raises:
             ValueError: the shaft has no such line.
         """
-        for kind in kinds:
-            self._check(*kind)
+        for direction, order in kinds:
+            if order not in (TWIST if direction == "twist" else LATERAL).values():
+                raise ValueError(f"{self.name} has no line of orders {order} in the direction {direction}")
+            if direction == "twist" and self.torsion is None:
+                raise ValueError(f"{self.name} with torsion=None does not twist: leave readings of the twist out")
         vectors = np.asarray(theta, dtype=float)
         count = vectors.shape[-1]
         others = [np.asarray(frequency, dtype=float), np.asarray(speed, dtype=float), np.asarray(force, dtype=complex)]
@@ -192,12 +195,6 @@ class AnisotropicShaft(RotorModel):
                 if line.slope is not None:
                     found[1:, k, piece] = line.slope[:, 0]
         return np.asarray(found.reshape(*found.shape[:2], *shape))
-
-    def _check(self, direction: str, order: Order) -> None:
-        if order not in (TWIST if direction == "twist" else LATERAL).values():
-            raise ValueError(f"{self.name} has no line of orders {order} in the direction {direction}")
-        if direction == "twist" and self.torsion is None:
-            raise ValueError(f"{self.name} with torsion=None does not twist: leave readings of the twist out")
 
     def _lines(
         self,

@@ -154,19 +154,6 @@ def _check(w: Float, shapes: Float, modal_masses: ArrayLike | None, total_mass: 
         raise ValueError(f"total_mass must be positive, got {total_mass}")
 
 
-def _orthogonalised(lines: Float, inverse_mass: Float | None) -> tuple[Float, Float]:
-    """Square roots of masses and given shapes in mass-scaled coordinates, made orthogonal: ``sum_v g_v phi_iv phi_jv``,
-    g the inverse modal masses, vanishes off the diagonal and is 1/M_i on it."""
-    n = lines.shape[0]
-    if inverse_mass is None:
-        rows, columns = np.triu_indices(n, 1)
-        inverse_mass = np.abs(np.linalg.svd(np.vstack([lines[rows] * lines[columns], np.zeros(n)]))[2][-1])
-    scaled = lines * np.sqrt(inverse_mass)
-    inverse_root = np.linalg.norm(scaled, axis=1)
-    left, _, right = np.linalg.svd(scaled / inverse_root[:, None])
-    return 1 / inverse_root, np.asarray(left @ right)
-
-
 def _near_chain(w: Float, d: Float, modes: Float) -> tuple[Float, Float] | None:
     """Masses and springs read off the shapes, then moved by Newton on logarithms as little as gives the frequencies:
     these grow with a spring's share of potential energy and fall with a mass's of kinetic. None without settling."""
@@ -235,7 +222,16 @@ class _Search:
     def best(self, inverse_mass: Float | None) -> _Masses:
         """Masses (up to a factor), springs and psi of the best match from three starts: a chain read off the shapes,
         their first row, and the chain that is its own mirror image, in closed form."""
-        d, modes = _orthogonalised(self.lines, inverse_mass)
+        # Square roots of masses and given shapes in mass-scaled coordinates, made orthogonal: sum_v g_v phi_iv phi_jv,
+        # g the inverse modal masses, vanishes off the diagonal and is 1/M_i on it.
+        if inverse_mass is None:
+            rows, others = np.triu_indices(self.w.size, 1)
+            products = np.vstack([self.lines[rows] * self.lines[others], np.zeros(self.w.size)])
+            inverse_mass = np.abs(np.linalg.svd(products)[2][-1])
+        scaled = self.lines * np.sqrt(inverse_mass)
+        inverse_root = np.linalg.norm(scaled, axis=1)
+        left, _, right = np.linalg.svd(scaled / inverse_root[:, None])
+        d, modes = 1 / inverse_root, left @ right
         gaps = np.abs(self.w[:, None] - self.w) * (self.w[:, None] + self.w) + np.eye(self.w.size)
         smallest = 1e-30  # deflection taken in place of zero at the first mass, where no mode of a chain vanishes
         columns = [2 * np.log(np.maximum(np.abs(modes[0]), smallest)), -np.log(gaps).sum(axis=0)]
