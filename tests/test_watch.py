@@ -185,7 +185,7 @@ def test_tests_stay_in_order_of_arrival_where_the_clock_is_set_back(
 ) -> None:
     watch = watch_of(inbox)
     for number, file in enumerate(days(tmp_path, 3)):
-        monkeypatch.setattr("rotorfit.store.store.time.time_ns", lambda hours=number: 10**18 - hours * 36 * 10**11)
+        monkeypatch.setattr("rotorfit.store.adding.time.time_ns", lambda hours=number: 10**18 - hours * 36 * 10**11)
         shutil.copy(file, inbox)
         looked(watch)
     assert [test.date for test, _ in watch.store.history()] == ["2026-03-01", "2026-03-02", "2026-03-03"]

@@ -191,15 +191,8 @@ def distinct(runs: Sequence[Run]) -> Iterator[Run]:
 def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mapping[str, float]) -> RunFit:
     """The fit of one run; of data that cannot be fitted, a result that says why."""
     try:
-        found = fit(
-            model,
-            run.experiment,
-            known=settings.known,
-            bounds=settings.bounds,
-            priors=settings.priors,
-            loss=settings.loss,
-            start=start,
-        )
+        given = {name: getattr(settings, name) for name in ("known", "bounds", "priors", "loss")}
+        found = fit(model, run.experiment, start=start, **given)
     except (ValueError, KeyError, np.linalg.LinAlgError) as problem:
         reason = problem.args[0] if isinstance(problem, KeyError) and problem.args else problem
         return RunFit(name=run.name, attributes=run.attributes, message=f"not fitted: {reason}")

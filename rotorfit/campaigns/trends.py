@@ -222,11 +222,8 @@ def _middle(trends: Sequence[Trend]) -> float:
 
 
 def _far(trends: Sequence[Trend]) -> list[str]:
-    return [
-        f"far from the line of the others{f' with {t.group}' if t.group else ''}: {listed(t.far)}"
-        for t in trends
-        if t.far
-    ]
+    words = "far from the line of the others"
+    return [f"{words}{f' with {t.group}' if t.group else ''}: {listed(t.far)}" for t in trends if t.far]
 
 
 def _comparisons(trends: Sequence[Trend], middle: float) -> list[str]:

@@ -138,10 +138,5 @@ def _plain(found: Balance) -> dict[str, Any]:
         plane: [{"angle_deg": float(np.degrees(angle)), "mr_g_mm": mr * 1e6} for angle, mr in pair]
         for plane, pair in found.holes.items()
     }
-    return {
-        "weights": _weights(found),
-        "holes": holes,
-        "readings": _readings(found),
-        "freedom": found.freedom,
-        "remarks": found.remarks,
-    }
+    more = {name: getattr(found, name) for name in ("freedom", "remarks")}
+    return {"weights": _weights(found), "holes": holes, "readings": _readings(found), **more}

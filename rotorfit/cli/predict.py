@@ -105,10 +105,6 @@ def _tested(fit: FitResult) -> Any:
 
 
 def _plain(found: Prediction) -> dict[str, Any]:
-    return {
-        "speed_rpm": sorted(set((found.speed * RPM_PER_RAD_S).round(6).tolist())),
-        "level": found.level,
-        "whole": found.whole,
-        "notes": found.notes,
-        "points": found.to_dataframe().to_dict("records"),
-    }
+    speeds = sorted(set((found.speed * RPM_PER_RAD_S).round(6).tolist()))
+    more = {name: getattr(found, name) for name in ("level", "whole", "notes")}
+    return {"speed_rpm": speeds, **more, "points": found.to_dataframe().to_dict("records")}

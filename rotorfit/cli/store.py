@@ -92,14 +92,8 @@ def _add(options: argparse.Namespace) -> Answer:
     with progress_line(options) as progress:
         store = Store(options.store)
         with workers_of(options) as executor:
-            added = store.add(
-                options.files,
-                options.study,
-                machine=options.machine,
-                setup=options.setup,
-                executor=executor,
-                progress=progress,
-            )
+            given = {"machine": options.machine, "setup": options.setup, "progress": progress}
+            added = store.add(options.files, options.study, executor=executor, **given)
     fits = {fit.number: fit for fit in store.fits}
     made = [fits[one.fit] for one in added if one.fit is not None]
     refusals = [one.refusal for one in added if one.refusal]
@@ -135,12 +129,8 @@ def _fit_words(fit: StoredFit) -> str:
 
 def added_json(added: Added, fits: dict[int, StoredFit]) -> dict[str, Any]:
     """The outcome for a file, for JSON."""
-    found: dict[str, Any] = {
-        "source": added.source,
-        "test": added.test,
-        "new_test": added.new_test,
-        "refusal": added.refusal or None,
-    }
+    found: dict[str, Any] = {name: getattr(added, name) for name in ("source", "test", "new_test")}
+    found["refusal"] = added.refusal or None
     return found if added.fit is None else {**found, "new_fit": added.new_fit, "fit": fits[added.fit]}
 
 

@@ -94,11 +94,9 @@ def _candidates(task: Task, tests: Sequence[PerturbationTest]) -> list[tuple[Per
     )
     whole = candidate_test(like, model, theta, task.band)
     there = {
-        (plane, round(speed, 4), frequency > 0)
+        (plane, speed, forward)
         for test in tests
-        for plane, speed, frequency in zip(
-            test.force_plane.tolist(), test.speed.tolist(), test.frequency.tolist(), strict=True
-        )
+        for plane, speed, forward in zip(test.force_plane, np.round(test.speed, 4), test.frequency > 0, strict=True)
     }
     found = []
     for name in whole.runs:
@@ -155,11 +153,8 @@ def _settled(plan: Plan, tried: Sequence[Addition], asked: bool) -> list[str]:
     if asked:
         settling = [one.name for one in tried if one.open < count]
         it = "it" if count == 1 else "some of it"
-        sentences.append(
-            f"One run more would settle {it}: {'; '.join(settling[:NAMED])}."
-            if settling
-            else "No further run of rotating forces at these speeds settles it."
-        )
+        none = "No further run of rotating forces at these speeds settles it."
+        sentences.append(f"One run more would settle {it}: {'; '.join(settling[:NAMED])}." if settling else none)
     return sentences
 
 

@@ -96,15 +96,9 @@ def with_differences(problem: Problem, x: Float, runs: Mapping[str, float]) -> t
             allowed = (name for name, column in _RUN_SHARES.items() if column in columns)
             raise ValueError(unknown_name(f"difference of runs of {problem.space.model.name}", kind, allowed))
         sensitivity = columns[_RUN_SHARES[kind]] * sigma / predicted
-        effects.append(
-            RunEffect(
-                kind=_RUN_SHARES[kind],
-                sd=float(sd),
-                freedom=np.inf,
-                runs=names,
-                sensitivities=tuple(np.split(sensitivity, stops)),
-            )
-        )
+        parts = tuple(np.split(sensitivity, stops))
+        column = _RUN_SHARES[kind]
+        effects.append(RunEffect(kind=column, sd=float(sd), freedom=np.inf, runs=names, sensitivities=parts))
     same: tuple[Any, ...] = tuple(np.ones(block.measured.size) for block in problem.blocks)
     wider = with_noise(problem, FoundNoise(factors=same, effects=tuple(effects), before=x))
     return wider, np.concatenate([x, np.zeros(wider.space.size - x.size)])

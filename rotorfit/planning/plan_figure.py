@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.figure import Figure
 
+from rotorfit.planning.record import Plan
 from rotorfit.plots.style import colour_of, grid, legend_below, literal, looked, per_rad_s, rate_unit
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from rotorfit.planning.record import Plan
 
 
 @looked

@@ -138,11 +138,7 @@ def errors_of(found: Expectation, targets: Mapping[str, Target]) -> dict[str, Ex
 
 
 def _with_ranges(
-    expected: Mapping[str, ExpectedError],
-    targets: Mapping[str, Target],
-    lines: Lines,
-    weight: Float,
-    draws: Float,
+    expected: Mapping[str, ExpectedError], targets: Mapping[str, Target], lines: Lines, weight: Float, draws: Float
 ) -> dict[str, ExpectedError]:
     """The errors with their ranges over the draws."""
     if len(draws) == 1:
@@ -169,14 +165,9 @@ def _table(found: Expectation, first: int) -> PlannedLines:
             if start + reading >= first:
                 rows.append((str(block.run[reading]), *_place(block, reading)))
         start += block.measured.size
-    nothing = np.full(len(rows), np.nan)
-    return PlannedLines(
-        run=tuple(row[0] for row in rows),
-        speed=np.array([row[1] for row in rows]),
-        frequency=np.array([row[2] for row in rows]),
-        settle=nothing,
-        average=nothing,
-    )
+    nothing, (runs, speed, frequency) = np.full(len(rows), np.nan), zip(*rows, strict=True)
+    numbers = {"speed": np.array(speed), "frequency": np.array(frequency)}
+    return PlannedLines(run=runs, settle=nothing, average=nothing, **numbers)
 
 
 def _place(block: Any, reading: int) -> tuple[float, float]:

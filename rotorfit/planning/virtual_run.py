@@ -72,13 +72,8 @@ def _readings(model: RotorModel, thetas: Float, test: PerturbationTest, line: In
             model=model, theta=np.array(values), noise=0.0, tolerance=_TOLERANCE, rng=np.random.default_rng(0)
         )
         decay[number.reshape(-1) == i] = rig.decay(at_speed)
-    steady = steady_state(
-        Motion(model=model, theta=thetas, speed=speed),
-        w if model.frame == "z" else np.abs(w),
-        force,
-        decay,
-        tolerance=_TOLERANCE,
-    )
+    motion, turning = Motion(model=model, theta=thetas, speed=speed), w if model.frame == "z" else np.abs(w)
+    steady = steady_state(motion, turning, force, decay, tolerance=_TOLERANCE)
     factors = model.functions.factors(thetas[0])
     read: dict[Any, ComplexArray] = {}
     for i, coordinate in enumerate(model.coordinates):

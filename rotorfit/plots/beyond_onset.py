@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Polygon
 
+from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Float
 from rotorfit.models.digits import significant
 from rotorfit.models.motion.journal import journal
@@ -26,11 +28,6 @@ from rotorfit.plots.style import (
     rate_unit,
 )
 from rotorfit.units import RAD_S_PER_RPM
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from rotorfit.fitting.result import FitResult
 
 _STABLE, _UNSTABLE = COLOURS[0], COLOURS[1]
 
@@ -63,15 +60,11 @@ def plot_whirl(fit: FitResult, *, group: int = 0, max_speed_rpm: float | None = 
         axis.axvline(speed[0], color=GREY, lw=0.9, ls=":")
     across = [half_width(fit, group, branch.gradient[:, place]) for place in (0, 1)]
     signs = np.sign(np.gradient(branch.eccentricity)), -np.sign(np.gradient(branch.speed))  # to one side of the branch
-    edges = [
-        np.column_stack(
-            [
-                speed + side * signs[0] * across[0] * per_rad_s(),
-                (branch.eccentricity + side * signs[1] * across[1]) * clearance * factor,
-            ]
-        )
-        for side in (1, -1)
-    ]
+    edges = []
+    for side in (1, -1):
+        x = speed + side * signs[0] * across[0] * per_rad_s()
+        y = (branch.eccentricity + side * signs[1] * across[1]) * clearance * factor
+        edges.append(np.column_stack([x, y]))
     radius.add_patch(Polygon(np.concatenate([edges[0], edges[1][::-1]]), color=_STABLE, alpha=BAND, lw=0))
     radius.axhline(clearance * factor, color=GREY, lw=0.8)
     radius.set_ylabel(f"radius of the journal's orbit, {unit}")

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.digits import significant
 from rotorfit.models.parameters import unknown_name
@@ -33,11 +35,6 @@ from rotorfit.plots.style import (
     rate_unit,
 )
 from rotorfit.plots.sweeps import SweepCondition, SweepCurve, curves, forced_planes, joined
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from rotorfit.fitting.result import FitResult
 
 
 def panels_of(

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
+from matplotlib.figure import Figure
 
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Responses, acts_alone
@@ -15,6 +16,7 @@ from rotorfit.estimators.blocks.response import probe_factors
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.estimators.starting.force_balance import stiffness_matrices
+from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.digits import significant
 from rotorfit.models.parameters import unknown_name
@@ -32,12 +34,6 @@ from rotorfit.plots.style import (
     rate_words,
 )
 from rotorfit.plots.sweeps import SweepCondition, sweeps
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from rotorfit.fitting.result import FitResult
-
 
 _FITTED_LINES = 3  # drawing order of fitted lines, above what was measured
 
@@ -118,11 +114,8 @@ def plot_dynamic_stiffness(fit: FitResult, *, against: str = "frequency") -> Fig
         raise ValueError("against='ratio' needs a constant rotative speed; of start-ups frequency is the speed")
     n = len(fit.model.coordinates)
     full = any(p.row != p.column for s in shown for p in s.points) or n == 1
-    entries = (
-        [(i, j) for i in range(n) for j in range(n)]
-        if full
-        else sorted({(p.row, p.column) for s in shown for p in s.points})
-    )
+    measured = sorted({(p.row, p.column) for s in shown for p in s.points})
+    entries = list(np.ndindex(n, n)) if full else measured
     kind = "Dynamic stiffness" if full else "Drive-point dynamic stiffness, other planes free"
     together = full and n > 2 and against != "square"
     rows, columns, size = (n, n, (3.6, 2.4)) if together else (len(entries), 2, (5.4, 2.2))
@@ -163,12 +156,8 @@ def _shown(fit: FitResult) -> list[_Shown]:
     conditions, parts = sweeps(fit)
     found = []
     for number, condition in enumerate(conditions):
-        mine = [
-            (part, keep)
-            for part in parts
-            for keep in [(part.condition == number) & (part.responses.frequency != 0)]
-            if keep.any()
-        ]
+        kept = [(part, (part.condition == number) & (part.responses.frequency != 0)) for part in parts]
+        mine = [(part, keep) for part, keep in kept if keep.any()]
         w = np.concatenate([part.responses.frequency[keep] for part, keep in mine])
         w = w if fit.model.frame == "z" else np.abs(w)
         points = [p for part, keep in mine for p in _measured(_motion(part.responses.lines(keep), fit), fit)]
@@ -219,16 +208,9 @@ def drive_points(block: Responses) -> list[Points]:
         line, value, sigma = block.line[rows], block.measured[rows], block.sigma[rows]
         drive = block.force[line, p]
         kappa = value / drive if block.imposed else drive / value
-        points.append(
-            Points(
-                row=p,
-                column=p,
-                frequency=block.frequency[line],
-                speed=block.speed[line],
-                kappa=kappa,
-                sigma=sigma / np.abs(drive) if block.imposed else sigma * np.abs(kappa / value),
-            )
-        )
+        sigma = sigma / np.abs(drive) if block.imposed else sigma * np.abs(kappa / value)
+        w, speed = block.frequency[line], block.speed[line]
+        points.append(Points(row=p, column=p, frequency=w, speed=speed, kappa=kappa, sigma=sigma))
     return points
 
 
@@ -363,7 +345,8 @@ def _readings(
     direct = f"at 0: {_symbols(fit, 0, row, column)}{number_words(C[0].real * stiffness)} {unit}"
     if len(C) > 2 and abs(C[2].real) > 0:
         named = "−slope" if against == "square" else "−curvature/2"
-        direct += f"\n{named}: {_symbols(fit, 2, row, column)}{number_words(C[2].real)} {_mass_unit(fit, row, column)}"
+        mass = ("kg", "kg m", "kg m²")[[fit.model.coordinates[k].axis for k in (row, column)].count("r")]
+        direct += f"\n{named}: {_symbols(fit, 2, row, column)}{number_words(C[2].real)} {mass}"
     damping = _unit(fit, row, column).replace("N", "N s", 1)
     quadrature = f"slope: {number_words(C[1].real)} {damping}" if abs(C[1].real) > 0 else ""
     box = {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": "0.8", "alpha": 0.85}
@@ -396,12 +379,9 @@ def _symbols(fit: FitResult, power: int, row: int, column: int) -> str:
     words = str(entry).strip("()")
     longest = 16  # letters of an expression that is read at a glance
     plain = len(words) <= longest and not set(words) & set("@*/?(")
-    return f"{literal(_spaced(words))} = " if plain and any(name in words for name in model.parameter_names) else ""
-
-
-def _spaced(words: str) -> str:
     sign = "−" if words.startswith("-") else ""
-    return sign + words.removeprefix("-").replace("+", " + ").replace("-", " − ")
+    spaced = sign + words.removeprefix("-").replace("+", " + ").replace("-", " − ")
+    return f"{literal(spaced)} = " if plain and any(name in words for name in model.parameter_names) else ""
 
 
 def _mark_whirl(fit: FitResult, shown: Sequence[_Shown], axis: Any, row: int, column: int, against: str) -> None:
@@ -438,11 +418,6 @@ def _mark_whirl(fit: FitResult, shown: Sequence[_Shown], axis: Any, row: int, co
 def _unit(fit: FitResult, row: int, column: int) -> str:
     axes = fit.model.coordinates[row].axis == "r", fit.model.coordinates[column].axis == "r"
     return {(False, False): "N/m", (False, True): "N/rad", (True, False): "N", (True, True): "N m/rad"}[axes]
-
-
-def _mass_unit(fit: FitResult, row: int, column: int) -> str:
-    tilts = [fit.model.coordinates[k].axis for k in (row, column)].count("r")
-    return ("kg", "kg m", "kg m²")[tilts]
 
 
 def _name(fit: FitResult, row: int, column: int) -> str:

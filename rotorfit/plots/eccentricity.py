@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Index
 from rotorfit.models.coefficient_tables import law_curves, law_of
 from rotorfit.plots.journal import (
@@ -36,11 +38,6 @@ from rotorfit.plots.style import (
 )
 from rotorfit.plots.sweeps import levels
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from rotorfit.fitting.result import FitResult
-
 
 @looked
 def plot_law(fit: FitResult) -> Figure:
@@ -70,16 +67,13 @@ def plot_law(fit: FitResult) -> Figure:
         ticks = {"color": GREY, "ms": 7, "mew": 0.6, "transform": axis.get_xaxis_transform()}
         axis.plot(measured, np.zeros(measured.size), "|", **ticks)
     axes[-1, 0].set_xlabel("eccentricity of the journal over clearance")
-    names = [_series_label(fit, group, speed) for group, speed in series]
+    speeds = ["" if speed is None else rate_words(speed) for _, speed in series]
+    groups = [literal(group_label(fit, group)) for group, _ in series]
+    names = [", ".join(filter(None, both)) for both in zip(groups, speeds, strict=True)]
     entries = in_colours(names) if len(names) > 1 else {}
     entries |= {"fit and 95 % band": {"lw": 1.4}, "beyond the data": {"lw": 1.4, "ls": ":"}}
     legend_below(figure, entries | {"eccentricities of the data": {"ls": "", "marker": "|", "ms": 7}})
     return figure
-
-
-def _series_label(fit: FitResult, group: int, speed: float | None) -> str:
-    words = [literal(group_label(fit, group)), "" if speed is None else f"{rate_words(speed)}"]
-    return ", ".join(word for word in words if word)
 
 
 @looked

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from rotorfit.data.experiments import PerturbationTest
 from rotorfit.models.array_types import ComplexArray, Float
@@ -13,19 +14,7 @@ from rotorfit.models.parameters import unknown_name
 from rotorfit.observing.circular import observe
 from rotorfit.observing.measured_stiffness import dynamic_stiffness, isotropic_planes
 from rotorfit.plots.dynamic_stiffness import AGAINST, abscissa_words, drive_points, places
-from rotorfit.plots.style import (
-    colour_of,
-    grid,
-    in_colours,
-    legend_below,
-    literal,
-    looked,
-    prefix,
-    rate_words,
-)
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from rotorfit.plots.style import colour_of, grid, in_colours, legend_below, literal, looked, prefix, rate_words
 
 _Entry = tuple[str, Float, Float, ComplexArray, Float]
 """Name of an entry, its frequencies and speeds, rad/s, values and their noise, N/m."""

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.figure import Figure
 
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.estimators.starting.modal_start import stabilisation
+from rotorfit.fitting.result import FitResult
 from rotorfit.models import Modal
+from rotorfit.models.array_types import Float
 from rotorfit.plots.style import (
     colour_of,
     decade_ticks,
@@ -21,12 +22,6 @@ from rotorfit.plots.style import (
     rate_unit,
     rate_words,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from rotorfit.fitting.result import FitResult
-    from rotorfit.models.array_types import Float
 
 
 def _modal(fit: FitResult) -> Modal:

@@ -28,6 +28,7 @@ from rotorfit.plots.style import (
     looked,
     per_rad_s,
     position_unit,
+    positions,
     rate_unit,
     rate_words,
     square_axis,
@@ -324,9 +325,7 @@ def plot_cascade(
     edge = _worth_seeing(cascade.frequency, cascade.amplitude.max(axis=0)) if limit is None else limit
     inside = np.abs(cascade.frequency) <= edge
     frequency, amplitude = cascade.frequency[inside], cascade.amplitude[:, inside] * length()[0]
-    scale, label = (
-        (1.0, "time, s") if cascade.over == "time" else (per_rad_s(), f"{_position_of(cascade)}, {rate_unit()}")
-    )
+    scale, label = positions(cascade.over)
     position = cascade.position * scale
     spacing = np.ptp(position) / max(position.size - 1, 1) or 1.0
     height = 7 * spacing / float(amplitude.max(initial=1e-9))
@@ -346,10 +345,6 @@ def plot_cascade(
     axis.plot([right, right], [foot, foot + bar * height], color="black", zorder=999)
     axis.text(right - 0.025 * edge, foot, f"{bar:g} {amplitude_unit()}", fontsize=8, ha="right", zorder=999)
     return figure
-
-
-def _position_of(cascade: Cascade) -> str:
-    return "speed of the shaft" if cascade.over == "speed" else "perturbation frequency"
 
 
 def _order_lines(

@@ -3,27 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.digits import significant
-from rotorfit.plots.bode import (
-    cell_title,
-    condition_legend,
-    direction_marks,
-    frequency_label,
-    panels_of,
-    response_unit,
-)
+from rotorfit.plots.bode import cell_title, condition_legend, direction_marks, frequency_label, panels_of, response_unit
 from rotorfit.plots.style import GREY, SMALL_TYPE, looked, per_rad_s, rate_unit, square_axis
 from rotorfit.plots.sweeps import SweepCurve, curves, joined
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from rotorfit.fitting.result import FitResult
 
 
 @looked

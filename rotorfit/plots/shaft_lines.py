@@ -5,13 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from rotorfit.data.experiments import LineTest
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses, is_image_line
+from rotorfit.fitting.result import FitResult
 from rotorfit.models import AnisotropicShaft, Turning, TurningOnSupports, eigenvalues, unstable_bands
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.motion.stability import growing_bands
@@ -35,11 +37,6 @@ from rotorfit.plots.style import (
     rate_unit,
     rate_words,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from rotorfit.fitting.result import FitResult
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -124,19 +121,12 @@ def _curves(fit: FitResult) -> Iterator[_Curve]:
                 here = here[np.argsort(block.frequency[here])]
                 if here.size:
                     drive = np.abs(block.force[here])
-                    fine, fitted = _fitted_line(fit, block, here)
+                    fine, line = _fitted_line(fit, block, here)
                     unit = "rad/N" if block.direction[rows[0]] == "twist" else "m/N"
-                    yield _Curve(
-                        title=title,
-                        unit=unit,
-                        speed=speed,
-                        frequency=block.frequency[here],
-                        measured=block.measured[here] / drive,
-                        sigma=block.sigma[here] / drive,
-                        fitted=predicted[here] / drive,
-                        fine=fine,
-                        line_fitted=fitted,
-                    )
+                    measured, fitted, sigma = (c[here] / drive for c in (block.measured, predicted, block.sigma))
+                    given = {"title": title, "unit": unit, "speed": speed, "frequency": block.frequency[here]}
+                    numbers = {"measured": measured, "sigma": sigma, "fitted": fitted, "fine": fine}
+                    yield _Curve(line_fitted=line, **given, **numbers)
 
 
 def _run_up(fit: FitResult, block: LineResponses, title: str, rows: Index, predicted: ComplexArray) -> _Curve:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.matching import cheapest_rows
-from rotorfit.fitting.quantities import THRESHOLD
+from rotorfit.fitting.quantities import THRESHOLD, Quantity
+from rotorfit.fitting.result import FitResult
 from rotorfit.models import AnisotropicShaft, Turning, eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.digits import interval as interval_words
@@ -19,13 +21,6 @@ from rotorfit.models.motion.stability import whirls_forward
 from rotorfit.plots.journal import group_label
 from rotorfit.plots.shaft_lines import mark_speeds, plot_turning_stability
 from rotorfit.plots.style import COLOURS, GREY, grid, legend_below, literal, looked, per_rad_s, rate_unit, rate_words
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from rotorfit.fitting.quantities import Quantity
-    from rotorfit.fitting.result import FitResult
-
 
 _THRESHOLD = COLOURS[1]
 _MODES = tuple(c for c in COLOURS if c != _THRESHOLD)
@@ -46,7 +41,9 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
     )
     onset = onset if onset is not None and np.isfinite(onset.value) else None
     tested = _tested_speeds(fit, group)
-    top = _highest_speed(fit, np.nan if onset is None else onset.value)
+    # Shows the threshold with some room, or the tested speeds where there is none.
+    fastest = max(float(np.max(experiment.speed, initial=0.0)) for experiment in fit.experiments)
+    top = 1.5 * max(fastest, 1.0) if onset is None else 1.25 * max(onset.value, fastest)
     speeds = np.union1d(np.linspace(0.0, top, 400), tested[-1:])  # at which the legend and tables name frequencies
     s = _tracked(eigenvalues(fit.model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds))
     s = np.where(np.abs(s) <= fit.stability_band, s, complex(np.nan, np.nan))
@@ -180,12 +177,6 @@ def _mode_names(s: ComplexArray, speeds: Float, at: float) -> list[str]:
         f"{way} mode, {rate_words(f)} at {rate_words(at)}" if np.isfinite(f) else "mode beyond the tested band"
         for way, f in zip(whirl, np.abs(row.imag).tolist(), strict=True)
     ]
-
-
-def _highest_speed(fit: FitResult, onset: float) -> float:
-    """Speed axis that shows the threshold with some room, or the tested speeds where there is none."""
-    tested = max(float(np.max(experiment.speed, initial=0.0)) for experiment in fit.experiments)
-    return 1.25 * max(onset, tested) if np.isfinite(onset) else 1.5 * max(tested, 1.0)
 
 
 def _tracked(s: ComplexArray) -> ComplexArray:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from rotorfit.estimators.blocks.small_motion import FreeVibrations
+from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.coefficient_tables import law_curves, law_of
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues
@@ -25,12 +27,6 @@ from rotorfit.plots.style import (
     prefix,
     rate_words,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from rotorfit.fitting.result import FitResult
-
 
 _POINTS = {"fmt": "o", "ms": 3.5, "elinewidth": 0.7}  # look of readings with their errors
 

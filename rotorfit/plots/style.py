@@ -279,6 +279,13 @@ def draw_curve(axis: Any, x: Float, y: Float, half: Float, colour: str, style: s
     axis.fill_between(x, y - half, y + half, color=colour, alpha=BAND, lw=0)
 
 
+def positions(over: str) -> tuple[float, str]:
+    """Factor and name of the axis along which spectra stand above one another."""
+    if over == "time":
+        return 1.0, "time, s"
+    return per_rad_s(), f"{'speed of the shaft' if over == 'speed' else 'perturbation frequency'}, {rate_unit()}"
+
+
 def draw_cascade(axis: Any, x: Float, heights: Float, levels: Float) -> None:
     """Spectra above one another, those in front hiding those behind."""
     for rank, row in enumerate(np.argsort(-levels, kind="stable")):

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,16 +15,13 @@ from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
+from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.summary import natural
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.digits import significant
 from rotorfit.plots.journal import group_label, half_width
 from rotorfit.plots.style import colour_of, literal, rate_unit, rate_words
-
-if TYPE_CHECKING:
-    from rotorfit.fitting.result import FitResult
-
 
 _SWEPT_SPEED = -1.0  # speed of a key whose speed is swept
 
@@ -72,38 +69,28 @@ def sweeps(fit: FitResult) -> tuple[list[SweepCondition], list[Sweeps]]:
     if not found:
         raise ValueError("this fit has no responses to a circular force to plot")
     keyed = _keys([clean for _, clean, _ in found], nonlinear=fit.model.eccentricity_dependent)
-    distinct = sorted({key for keys in keyed for key in keys}, key=lambda k: _sorting(fit, k))
+    distinct = sorted(
+        {key for keys in keyed for key in keys},
+        key=lambda k: (natural(group_label(fit, k.group)), k.speed, natural(k.level)),
+    )
     names = _names(fit, distinct)
-    conditions = [
-        SweepCondition(
-            group=key.group,
-            speed=math.nan if key.speed == _SWEPT_SPEED else key.speed,
-            name=name,
-            colour=colour_of(i, len(distinct)),
-        )
-        for i, (key, name) in enumerate(zip(distinct, names, strict=True))
-    ]
-    parts = [
-        Sweeps(
-            number=number,
-            responses=clean,
-            block=block,
-            condition=np.array([distinct.index(key) for key in keys], dtype=np.intp),
-        )
-        for (number, clean, block), keys in zip(found, keyed, strict=True)
-    ]
+    conditions = []
+    for i, (key, name) in enumerate(zip(distinct, names, strict=True)):
+        speed, colour = math.nan if key.speed == _SWEPT_SPEED else key.speed, colour_of(i, len(distinct))
+        conditions.append(SweepCondition(group=key.group, speed=speed, name=name, colour=colour))
+    parts = []
+    for (number, clean, block), keys in zip(found, keyed, strict=True):
+        places = np.array([distinct.index(key) for key in keys], dtype=np.intp)
+        parts.append(Sweeps(number=number, responses=clean, block=block, condition=places))
     return conditions, parts
-
-
-def _at_1x(base: Responses) -> bool:
-    """True if all lines are at once-per-turn frequency, so that few dwell speeds are one curve as a start-up is."""
-    return bool(once_per_turn(base.frequency, base.speed).all())
 
 
 def _keys(blocks: Sequence[Responses], *, nonlinear: bool) -> list[list[_Key]]:
     """Keys that distinguish the lines of each block; equal speeds of several blocks have equal keys."""
     most_steady = 12  # distinct speeds of a block beyond which the speed is swept, as in a start-up
-    swept = [np.unique(base.set_speed).size > most_steady or _at_1x(base) for base in blocks]
+    # Few dwell speeds are one curve as a start-up is, if all lines are at once-per-turn frequency.
+    at_1x = [bool(once_per_turn(base.frequency, base.speed).all()) for base in blocks]
+    swept = [np.unique(base.set_speed).size > most_steady or one for base, one in zip(blocks, at_1x, strict=True)]
     same_speed = 2e-3  # relative difference of speeds that were meant to be the same
     steady = _rounded(
         np.concatenate([np.zeros(0) if s else b.set_speed for s, b in zip(swept, blocks, strict=True)]), same_speed
@@ -144,27 +131,15 @@ def _rounded(values: Float, tolerance: float) -> Float:
     return out
 
 
-def _sorting(fit: FitResult, key: _Key) -> tuple[object, ...]:
-    return (natural(group_label(fit, key.group)), key.speed, natural(key.level))
-
-
 def _names(fit: FitResult, keys: Sequence[_Key]) -> list[str]:
     """Words for the legend: speed, force, and the group where these do not tell it."""
     several = len({(k.speed, k.level) for k in keys}) < len(keys)
-    return [
-        literal(
-            ", ".join(
-                part
-                for part in (
-                    "synchronous" if k.speed == _SWEPT_SPEED else f"{rate_words(k.speed)}",
-                    k.level,
-                    group_label(fit, k.group) if several else "",
-                )
-                if part
-            )
-        )
-        for k in keys
-    ]
+    found = []
+    for k in keys:
+        speed = "synchronous" if k.speed == _SWEPT_SPEED else rate_words(k.speed)
+        parts = (speed, k.level, group_label(fit, k.group) if several else "")
+        found.append(literal(", ".join(filter(None, parts))))
+    return found
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -220,28 +195,18 @@ def joined(found: Sequence[SweepCurve]) -> list[SweepCurve]:
     parts: dict[tuple[int, int, SweepCondition], list[SweepCurve]] = {}
     for curve in found:
         parts.setdefault((curve.coordinate, curve.force_plane, curve.condition), []).append(curve)
-    return [
-        SweepCurve(
-            coordinate=coordinate,
-            force_plane=force_plane,
-            condition=condition,
-            block=np.concatenate([c.block for c in same]),
-            reading=np.concatenate([c.reading for c in same]),
-            frequency=np.concatenate([c.frequency for c in same]),
-            measured=np.concatenate([c.measured for c in same]),
-            whitened=np.concatenate([c.whitened for c in same]),
-            signed=same[0].signed,
-            fine=_broken([c.fine for c in same]),
-            fitted=_broken([c.fitted for c in same]),
-            band=(_broken([c.band[0] for c in same]), _broken([c.band[1] for c in same])),
-        )
-        for (coordinate, force_plane, condition), same in parts.items()
-    ]
 
+    def broken(lines: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        return np.concatenate([np.append(line, np.nan) for line in lines])[:-1]
 
-def _broken(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Parts of a line in one, NaN between them."""
-    return np.concatenate([np.append(part, np.nan) for part in parts])[:-1]
+    whole = []
+    for same in parts.values():
+        names = ("block", "reading", "frequency", "measured", "whitened")
+        joint: dict[str, Any] = {name: np.concatenate([getattr(c, name) for c in same]) for name in names}
+        joint |= {name: broken([getattr(c, name) for c in same]) for name in ("fine", "fitted")}
+        band = (broken([c.band[0] for c in same]), broken([c.band[1] for c in same]))
+        whole.append(replace(same[0], band=band, **joint))
+    return whole
 
 
 def _curves(fit: FitResult, conditions: Sequence[SweepCondition], part: Sweeps) -> Iterator[SweepCurve]:

@@ -10,18 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rotorfit.models.array_types import Float
-from rotorfit.plots.style import (
-    COLOURS,
-    PAGE,
-    SMALL_TYPE,
-    draw_cascade,
-    grid,
-    literal,
-    looked,
-    per_rad_s,
-    prefix,
-    rate_unit,
-)
+from rotorfit.plots.style import COLOURS, PAGE, SMALL_TYPE, draw_cascade, grid, literal, looked, positions, prefix
 from rotorfit.recordings.spectra import TwistView
 
 _ORDERS = {"w − Ω": (1, -1), "w − 2Ω": (1, -2), "2(w − Ω)": (2, -2), "1x": (0, 1), "2x": (0, 2)}
@@ -36,7 +25,7 @@ def plot_twist(
 
     ``marks``: frequencies to mark, rad/s, by name, as the torsional natural frequency and its half (Fig. 38).
     """
-    scale, label = (1.0, "time, s") if view.over == "time" else (per_rad_s(), _axis_label(view))
+    scale, label = positions(view.over)
     position = view.position * scale
     lines = {key: np.abs(m * view.perturbation + n * view.shaft) / (2 * np.pi) for key, (m, n) in _ORDERS.items()}
     highest = max((float(np.nanmax(at)) for at in lines.values() if np.isfinite(at).any()), default=np.inf)
@@ -59,10 +48,6 @@ def plot_twist(
     cascade.set_xlabel("frequency, Hz")
     cascade.set_ylabel(label)
     return figure
-
-
-def _axis_label(view: TwistView) -> str:
-    return f"speed of the shaft, {rate_unit()}" if view.over == "speed" else f"perturbation frequency, {rate_unit()}"
 
 
 def _cascade(axis: Any, view: TwistView, position: Float, edge: float) -> None:

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from rotorfit.models.array_types import Float
-from rotorfit.plots.style import COLOURS, GREY, SMALL_TYPE, few_ticks, grid, literal, looked, per_rad_s, rate_unit
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
+from rotorfit.plots.style import COLOURS, SMALL_TYPE, few_ticks, grid, literal, looked
 
 _LABEL = SMALL_TYPE
 _ROOM_FOR_OFFSET = SMALL_TYPE + 4
@@ -104,36 +101,4 @@ def plot_traces(chain: Float, names: Sequence[str]) -> Figure:
         axes[i, 0].set_ylabel(literal(name), fontsize=7, rotation=0, ha="right", va="center")
         axes[i, 0].tick_params(labelsize=SMALL_TYPE, labelbottom=i == len(names) - 1)
     axes[-1, 0].set_xlabel("step", fontsize=8)
-    return figure
-
-
-@looked
-def plot_profile(
-    values: Float,
-    rise: Float,
-    *,
-    label: str,
-    measure: str,
-    estimate: float,
-    stderr: float,
-    goal: float,
-    ends: Sequence[float],
-) -> Figure:
-    """Rise of chi-squared when a parameter is held at other values, beside the parabola of its standard error."""
-    figure, axes = grid(1, 1, "", size=(3.45, 2.5))  # two of them side by side in a report
-    axis = axes[0, 0]
-    factor, shown = (per_rad_s(), rate_unit()) if measure == "rad/s" else (1.0, measure)
-    values = values * factor
-    axis.plot(values, rise, color=COLOURS[0], marker=".", ms=4, lw=1.3, label="profile")
-    if np.isfinite(stderr) and stderr > 0:
-        x = np.linspace(values[0], values[-1], 200)
-        axis.plot(x, ((x / factor - estimate) / stderr) ** 2, color=GREY, ls="--", lw=1.0, label="standard error")
-    axis.axhline(goal, color=COLOURS[1], lw=0.9, label="level of the interval")
-    for end in ends:
-        if np.isfinite(end):
-            axis.axvline(end * factor, color=COLOURS[1], lw=0.9, ls=":")
-    axis.set_ylim(0, 1.15 * max(goal, float(rise[np.isfinite(rise)].max(initial=0.0))))
-    axis.set_xlabel(literal(label if measure == "1" else f"{label}, {shown}"), fontsize=8)
-    axis.set_ylabel("rise of chi-squared", fontsize=8)
-    axis.legend(fontsize=7, frameon=False, loc="upper center")
     return figure

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from rotorfit.report.html import Html, table
+from rotorfit.report.material import ReportInput
 from rotorfit.report.parts import note, section
-
-if TYPE_CHECKING:
-    from rotorfit.report.material import ReportInput
 
 
 def assumptions_section(material: ReportInput) -> Html:

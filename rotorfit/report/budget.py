@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from rotorfit.models.parameters import bare_name
 from rotorfit.report.html import Html, element, join, table
+from rotorfit.report.material import ReportInput
 from rotorfit.report.numbers import plain, with_error
 from rotorfit.report.parts import note, section, symbol, unit_shown
+from rotorfit.uncertainty.budget import Share
 from rotorfit.units import RPM_PER_RAD_S
-
-if TYPE_CHECKING:
-    from rotorfit.report.material import ReportInput
-    from rotorfit.uncertainty.budget import Share
 
 
 def budget_section(material: ReportInput) -> Html:

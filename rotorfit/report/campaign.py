@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotorfit.campaigns.campaign import Campaign
+from rotorfit.campaigns.trends import Trend
 from rotorfit.models.digits import plus_minus
 from rotorfit.report.html import Html, bullets, paragraph, picture, table
 from rotorfit.report.numbers import plain, with_error
 from rotorfit.report.page import page, write_whole
 from rotorfit.report.parts import note, section, sentence, symbol, unit_shown
-
-if TYPE_CHECKING:
-    from rotorfit.campaigns.campaign import Campaign
-    from rotorfit.campaigns.trends import Trend
 
 
 def write_campaign_report(
@@ -112,13 +109,7 @@ def _trend_table(campaign: Campaign, trends: Sequence[Trend]) -> Html:
 
 def _runs(campaign: Campaign) -> Html:
     head = ["run", *campaign.attributes, *campaign.fitted, "redchi", ""]
-    rows = list(_run_rows(campaign))
-    numbers = range(1 + len(campaign.attributes), len(head) - 1)
-    units = ", ".join(f"{name} in {unit_shown(campaign.model.parameter(name).unit)}" for name in campaign.fitted)
-    return section("Runs", table(head, rows, numeric=numbers), note(f"Errors are one standard deviation; {units}."))
-
-
-def _run_rows(campaign: Campaign) -> Iterator[list[str]]:
+    rows = []
     for run in campaign.runs:
         conditions = [run.attributes.get(name, "") for name in campaign.attributes]
         cells = [value if isinstance(value, str) else f"{value:.6g}" for value in conditions]
@@ -126,4 +117,7 @@ def _run_rows(campaign: Campaign) -> Iterator[list[str]]:
             p = run.params.get(name)
             shown = "" if p is None else " ± ".join(with_error(p.value, p.stderr)) if p.resolved else "not determined"
             cells.append(shown)
-        yield [run.name, *cells, plain(run.redchi, 3) if run.params else "", run.remark]
+        rows.append([run.name, *cells, plain(run.redchi, 3) if run.params else "", run.remark])
+    numbers = range(1 + len(campaign.attributes), len(head) - 1)
+    units = ", ".join(f"{name} in {unit_shown(campaign.model.parameter(name).unit)}" for name in campaign.fitted)
+    return section("Runs", table(head, rows, numeric=numbers), note(f"Errors are one standard deviation; {units}."))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,13 +12,10 @@ from rotorfit.fitting.structure.refine import structure_name
 from rotorfit.models import Constant, Law
 from rotorfit.models.motion.equation_text import stiffness_entries, to_mathml
 from rotorfit.report.html import Html, element, paragraph, table
+from rotorfit.report.material import ReportInput
 from rotorfit.report.numbers import plain, speeds_in_words, with_error
 from rotorfit.report.parts import groups_of, section
 from rotorfit.units import RPM_PER_RAD_S
-
-if TYPE_CHECKING:
-    from rotorfit.report.material import ReportInput
-
 
 _FROM_READINGS = (
     "The noise was taken from the sigma given with the data, else estimated without a model from repeated sweeps, from "
@@ -52,13 +49,8 @@ def data_section(material: ReportInput) -> Html:
         else " Weights, misfit over noise (redchi) and standard errors refer to it; the residuals of the fit have no "
         "part in it."
     )
-    content.append(
-        paragraph(
-            f"{fit.ndata} real data (two for each complex reading) and {fit.nvarys} fitted values. "
-            + (_FROM_MOUNTINGS if fit.remarks else _FROM_READINGS)
-            + weights
-        )
-    )
+    count = f"{fit.ndata} real data (two for each complex reading) and {fit.nvarys} fitted values."
+    content.append(paragraph(f"{count} {_FROM_MOUNTINGS if fit.remarks else _FROM_READINGS}{weights}"))
     return section("Test and data", *content)
 
 
@@ -72,16 +64,8 @@ def _experiment_row(test: Experiment) -> list[str]:
     w = test.frequencies * RPM_PER_RAD_S
     span = f"{plain(float(w.min()), 5)} to {plain(float(w.max()), 5)} rpm" if w.size else ""
     forced = ", ".join(getattr(test, "forces", getattr(test, "force_planes", ())))
-    return [
-        test.source or "data in memory",
-        kind,
-        str(len(test)),
-        str(len(test.runs)),
-        speeds_in_words(test.set_speed),
-        span,
-        forced,
-        measured,
-    ]
+    source, counts = test.source or "data in memory", (str(len(test)), str(len(test.runs)))
+    return [source, kind, *counts, speeds_in_words(test.set_speed), span, forced, measured]
 
 
 def model_section(material: ReportInput) -> Html:
@@ -97,10 +81,11 @@ def model_section(material: ReportInput) -> Html:
         if model.frame == "z"
         else "phasors of x and y relative to exp(j|ω|t), forward and backward forces apart"
     )
+    axes = {"z": "displacement", "r": "slope", "x": "x", "y": "y"}
     content = [
         paragraph(
             f"Model “{model.name}” with coordinates ",
-            ", ".join(_coordinate_name(c) for c in model.coordinates),
+            ", ".join(f"{axes[c.axis]} at {c.plane}" for c in model.coordinates),
             f"; A are the responses and F the forces ({frame}). Ω is the rotative speed.",
         ),
         _equation(general),
@@ -121,18 +106,9 @@ def model_section(material: ReportInput) -> Html:
     if len(model.coordinates) > written_out:
         content.append(paragraph("The matrix is too large to be written out here."))
     else:
-        content += [
-            _equation(line)
-            for i, row in enumerate(stiffness_entries(model))
-            for k, entry in enumerate(row)
-            for line in [_entry_line(i, k, entry, model.parameter_names)]
-        ]
+        for i, row in enumerate(stiffness_entries(model)):
+            content += [_equation(_entry_line(i, k, entry, model.parameter_names)) for k, entry in enumerate(row)]
     return section("Model", *content)
-
-
-def _coordinate_name(coordinate: Any) -> str:
-    what = {"z": "displacement", "r": "slope", "x": "x", "y": "y"}[coordinate.axis]
-    return f"{what} at {coordinate.plane}"
 
 
 def _entry_line(row: int, column: int, entry: Any, names: tuple[str, ...]) -> str:
@@ -156,26 +132,17 @@ def refinement_section(material: ReportInput) -> Html:
     refinement = material.refinement
     if refinement is None:
         return Html("")
-    rows = [
-        [
-            structure_name(step.model),
-            str(step.nvarys),
-            plain(step.redchi, 4),
-            f"{step.aic:.1f}",
-            _threshold_cell(step),
-            "chosen" if step is refinement.best else "",
-        ]
-        for step in refinement.candidates
-    ]
+    rows = []
+    for step in refinement.candidates:
+        numbers = str(step.nvarys), plain(step.redchi, 4), f"{step.aic:.1f}", _threshold_cell(step)
+        rows.append([structure_name(step.model), *numbers, "chosen" if step is refinement.best else ""])
     words = (
         "Structural blocks that a lumped model leaves out (coupling mass, gyroscopic, damping between and within, "
         "out-of-band modes) were tried whole, each together with those already taken in. The smallest candidate is "
         "chosen whose Akaike information criterion the data cannot tell from the lowest one."
     )
-    if refinement.best.settings.noise_scale:
-        words += (
-            " The chosen model was then fitted again, each response weighted by its residuals; its row is that fit."
-        )
+    again = " The chosen model was then fitted again, each response weighted by its residuals; its row is that fit."
+    words += again if refinement.best.settings.noise_scale else ""
     if material.fit is not refinement.best:
         words += " This report is not of the chosen model."
     head = ["structure", "fitted values", "redchi", "AIC", "threshold, rpm", ""]

@@ -9,7 +9,8 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,16 +25,14 @@ from rotorfit.models.array_types import Float
 from rotorfit.models.digits import significant
 from rotorfit.models.parameters import bare_name
 from rotorfit.report.html import Html, element, join, paragraph, picture, table
+from rotorfit.report.material import ReportInput
 from rotorfit.report.numbers import plain, with_error
 from rotorfit.report.parts import at_of, groups_of, note, section, sentence, symbol, unit_shown
+from rotorfit.uncertainty.posterior import Posterior
 from rotorfit.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from rotorfit.report.material import ReportInput
-    from rotorfit.uncertainty.posterior import Posterior
-
 
 _CORNER = 8
 """Parameters a corner plot can show on a page."""
@@ -70,11 +69,9 @@ def _loads(block: object) -> bool:
 
 def _impulses(block: object) -> bool:
     """Frequencies and damping of free vibration off the centre, of a model with a law of eccentricity."""
-    return (
-        isinstance(block, FreeVibrations)
-        and block.model.eccentricity_dependent
-        and bool((block.eccentricity > 0).any())
-    )
+    if not isinstance(block, FreeVibrations) or not block.model.eccentricity_dependent:
+        return False
+    return bool((block.eccentricity > 0).any())
 
 
 def _of_modes(block: object) -> bool:
@@ -160,25 +157,19 @@ def figure_sections(material: ReportInput) -> tuple[list[Html], list[Html]]:
     """The two figures that carry the verdict, the first of the data and that of stability; the other figures."""
     fit = material.fit
     shown = [kind for kind in FIGURES if any(kind.shows(block) for block in fit.problem.blocks)]
-    of_data = [_of_data(material, kind) for kind in shown] if material.figure_format != "none" else []
-    first = [*of_data[:1], section("Stability", *_stability(material))]
-    return first, [*of_data[1:], *_quality_and_draws(material)]
-
-
-def _of_data(material: ReportInput, kind: ReportFigure) -> Html:
-    name = kind.draw.__name__.removeprefix("plot_")
-    drawn = embedded(material, name, partial(kind.draw, material.fit), kind.caption)
-    return section(kind.title, drawn, figure=True)
-
-
-def _quality_and_draws(material: ReportInput) -> Iterator[Html]:
-    """Misfit by response, profiles, posterior."""
-    if material.fit.responses:
-        yield section("Quality of fit", *_quality(material.fit))
+    of_data = []
+    for kind in shown if material.figure_format != "none" else ():
+        name = kind.draw.__name__.removeprefix("plot_")
+        drawn = embedded(material, name, partial(kind.draw, fit), kind.caption)
+        of_data.append(section(kind.title, drawn, figure=True))
+    first, further = [*of_data[:1], section("Stability", *_stability(material))], of_data[1:]
+    if fit.responses:
+        further.append(section("Quality of fit", *_quality(fit)))
     if material.profiles:
-        yield section("Profile likelihoods", element("div", *_profiles(material), class_="side"))
+        further.append(section("Profile likelihoods", element("div", *_profiles(material), class_="side")))
     if material.posterior is not None:
-        yield section("Posterior", *_posterior(material, material.posterior))
+        further.append(section("Posterior", *_posterior(material, material.posterior)))
+    return first, further
 
 
 def embedded(material: ReportInput, name: str, draw: Callable[[], Figure], caption: str) -> Html:
@@ -191,6 +182,12 @@ def embedded(material: ReportInput, name: str, draw: Callable[[], Figure], capti
     png = picture_of(figure)
     material.pictures[name] = png if material.figure_format == "png" else picture_of(figure, material.figure_format)
     return picture(png, caption, figure.get_figwidth())
+
+
+def _drawn(function: str, *arguments: Any, **options: Any) -> Callable[[], Figure]:
+    """A function of the room of plots, which is loaded when the figure is drawn."""
+    module, _, name = function.partition(".")
+    return lambda: getattr(import_module(f"rotorfit.plots.{module}"), name)(*arguments, **options)
 
 
 def _quality(fit: FitResult) -> Iterator[Html]:
@@ -211,7 +208,7 @@ def _stability(material: ReportInput) -> Iterator[Html]:
     for label, group in groups_of(fit):
         caption = "Modes of the fitted rotor against its speed" + (f", {label}." if label else ".")
         name = "stability" if group == 0 else f"stability_{group + 1}"
-        yield embedded(material, name, partial(_draw_stability, fit, group), caption)
+        yield embedded(material, name, _drawn("stability.plot_stability", fit, group=group), caption)
     rows = [row for label, group in groups_of(fit) for row in _mode_rows(fit, label, group)]
     head = ["group", "rotative speed, rpm", "damped frequency, rpm", "±", "damping ratio", "±"]
     if rows and not rows[0][0]:
@@ -254,24 +251,14 @@ def _criteria(material: ReportInput) -> Iterator[Html]:
     yield note(*map(sentence, (*([found.caution] if found.caution else []), *found.remarks)))
 
 
-def _draw_stability(fit: FitResult, group: int) -> Figure:
-    from rotorfit.plots.stability import plot_stability
-
-    return plot_stability(fit, group=group)
-
-
 def _mode_rows(fit: FitResult, label: str, group: int) -> Iterator[list[str]]:
     at = at_of(fit, group)
     speeds = fit.speeds if fit.model.speed_dependent else np.zeros(1)
     for speed in speeds.tolist():
         for frequency, damping in fit.natural_frequencies(speed, at):
             shown = f"{speed * RPM_PER_RAD_S:.0f}" if fit.model.speed_dependent else "any"
-            yield [
-                label,
-                shown,
-                *with_error(frequency.value * RPM_PER_RAD_S, frequency.stderr * RPM_PER_RAD_S),
-                *with_error(damping.value, damping.stderr),
-            ]
+            in_rpm = (RPM_PER_RAD_S * part for part in (frequency.value, frequency.stderr))
+            yield [label, shown, *with_error(*in_rpm), *with_error(damping.value, damping.stderr)]
 
 
 def _profiles(material: ReportInput) -> Iterator[Html]:
@@ -292,25 +279,14 @@ def _posterior(material: ReportInput, posterior: Posterior) -> Iterator[Html]:
     caption = "Posterior: margins with their 95 % interval, and pairs with contours of 68 and 95 %; lines: the optimum."
     if len(shown) < len(names):
         caption += f" {len(shown)} of {len(names)} parameters: the fluid's, and those most correlated with others."
-    yield embedded(material, "corner", partial(_draw_corner, samples[:, shown], labels, marks), caption)
+    corner = _drawn("uncertainty.plot_corner", samples[:, shown], labels, marks)
+    yield embedded(material, "corner", corner, caption)
     yield element("h3", "Health of the chains")
     yield paragraph(sentence(posterior.message))
     yield paragraph(sentence(posterior.treatment))
     yield _health(posterior)
-    traces = partial(_draw_traces, posterior.chain[..., shown], [names[i] for i in shown])
+    traces = _drawn("uncertainty.plot_traces", posterior.chain[..., shown], [names[i] for i in shown])
     yield embedded(material, "chains", traces, "Walkers' paths after burn-in.")
-
-
-def _draw_corner(samples: Float, labels: list[str], marks: dict[str, float]) -> Figure:
-    from rotorfit.plots.uncertainty import plot_corner
-
-    return plot_corner(samples, labels, marks)
-
-
-def _draw_traces(chain: Float, names: list[str]) -> Figure:
-    from rotorfit.plots.uncertainty import plot_traces
-
-    return plot_traces(chain, names)
 
 
 def _health(posterior: Posterior) -> Html:

@@ -6,16 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+from rotorfit.data.findings import Finding
 from rotorfit.estimators.significance import P_CHANCE
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.structure.refine import Refinement
+from rotorfit.uncertainty.bootstrap import Bootstrap
+from rotorfit.uncertainty.posterior import Posterior
+from rotorfit.uncertainty.profile import Profile
 
 if TYPE_CHECKING:
-    from rotorfit.data.findings import Finding
     from rotorfit.recordings.recording import Recording
-    from rotorfit.uncertainty.bootstrap import Bootstrap
-    from rotorfit.uncertainty.posterior import Posterior
-    from rotorfit.uncertainty.profile import Profile
 
 LEVEL = 1 - P_CHANCE
 """Probability of every interval in a report."""

@@ -33,22 +33,17 @@ def page(title: str, source: str, sections: Sequence[Html], scripted: Sequence[H
         element("title", title),
         Html(f"<style>{style}</style>"),
     )
+    found = re.findall(r'<section id="([\w-]+)".*?<h2>(.*?)</h2>', "".join(sections), re.DOTALL)
+    links = [element("a", Html(title), href=f"#{name}") for name, title in found]
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     banner = element(
         "header",
         element("h1", title),
         element("p", join([source, f"rotorfit {__version__}", when], " · "), class_="byline"),
-        _contents(sections),
+        element("nav", *links) if len(links) > 1 else Html(""),
     )
     whole = element("html", head, element("body", banner, element("main", *explained(sections))), lang="en")
     return Html("<!DOCTYPE html>\n" + whole + "\n")
-
-
-def _contents(sections: Sequence[str]) -> Html:
-    """Links to the sections, by their headings."""
-    found = re.findall(r'<section id="([\w-]+)".*?<h2>(.*?)</h2>', "".join(sections), re.DOTALL)
-    links = [element("a", Html(title), href=f"#{name}") for name, title in found]
-    return element("nav", *links) if len(links) > 1 else Html("")
 
 
 def write_whole(path: Path, content: bytes) -> Path:

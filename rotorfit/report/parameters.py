@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from rotorfit.estimators.blocks.correlated import quantile
+from rotorfit.estimators.inference.identifiability import Combination
 from rotorfit.fitting.noise.words import VERDICTS
-from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity
+from rotorfit.fitting.quantities import THRESHOLD, FittedParameter
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.summary import (
     combined,
@@ -22,6 +22,7 @@ from rotorfit.models import RotorModel
 from rotorfit.models.digits import significant
 from rotorfit.models.parameters import bare_name
 from rotorfit.report.html import Html, bullets, element, paragraph, table
+from rotorfit.report.material import ReportInput
 from rotorfit.report.numbers import interval, plain, with_errors
 from rotorfit.report.parts import (
     at_of,
@@ -34,12 +35,8 @@ from rotorfit.report.parts import (
     threshold_interval,
     unit_shown,
 )
+from rotorfit.uncertainty.profile import Profile
 from rotorfit.units import RPM_PER_RAD_S
-
-if TYPE_CHECKING:
-    from rotorfit.estimators.inference.identifiability import Combination
-    from rotorfit.report.material import ReportInput
-    from rotorfit.uncertainty.profile import Profile
 
 
 def parameter_section(material: ReportInput) -> Html:
@@ -113,11 +110,9 @@ def interval_section(material: ReportInput) -> Html:
         "readings. It is right where the errors are normal."
     ]
     if math.isfinite(degrees):
-        words = [
-            f"Laplace: estimate ± {significant(quantile(0.95, degrees), 3)} standard errors, Student's t with "
-            f"{degrees:.0f} "
-            "degrees of freedom, because the noise is estimated from few mountings."
-        ]
+        reach = f"estimate ± {significant(quantile(0.95, degrees), 3)} standard errors"
+        why = f"Student's t with {degrees:.0f} degrees of freedom, because the noise is estimated from few mountings"
+        words = [f"Laplace: {reach}, {why}."]
     if material.profiles:
         words.append(
             "Profile likelihood: where the best misfit at a fixed value of the parameter has risen by the 95 % point "
@@ -176,15 +171,9 @@ def _threshold_rows(material: ReportInput, profile: Profile | None) -> Iterator[
                 else "",
                 threshold_interval(material.posterior, at_of(fit, group)),
                 threshold_interval(material.bootstrap, at_of(fit, group)),
-                *_onset_shares(fit, onset),
+                *(plain(RPM_PER_RAD_S * share, 2) for share in (onset.stderr, fit.systematic(THRESHOLD))),
                 "rpm",
             ]
-
-
-def _onset_shares(fit: FitResult, onset: Quantity) -> tuple[str, str]:
-    """Random and systematic share of the threshold speed, rpm."""
-    random, systematic = (RPM_PER_RAD_S * share for share in (onset.stderr, fit.systematic(THRESHOLD)))
-    return plain(random, 2), plain(systematic, 2)
 
 
 # ---- identifiability ---------------------------------------------------------------------------
@@ -200,12 +189,9 @@ def identifiability_section(material: ReportInput) -> Html:
     """Determined combinations and correlated parameters."""
     fit = material.fit
     verdict = fit.identifiability
-    content = [
-        paragraph(
-            f"{verdict.rank} of {verdict.size} parameter combinations are determined by these data; the condition "
-            f"number of the scaled sensitivities is {plain(verdict.condition, 2)}."
-        )
-    ]
+    count = f"{verdict.rank} of {verdict.size} parameter combinations are determined by these data"
+    condition = f"the condition number of the scaled sensitivities is {plain(verdict.condition, 2)}"
+    content = [paragraph(f"{count}; {condition}.")]
     if verdict.combinations:
         content.append(bullets((_open(fit, c) for c in verdict.combinations), class_="warnings"))
     else:
@@ -213,10 +199,6 @@ def identifiability_section(material: ReportInput) -> Html:
     pairs = notable_correlations(fit)
     if pairs:
         listed = ", ".join(f"{a} and {b} ({plain(r, 2)})" for a, b, r in pairs)
-        content.append(
-            paragraph(
-                f"Estimates that are strongly correlated: {listed}. A prior or a known value of one would narrow the "
-                "other."
-            )
-        )
+        advice = "A prior or a known value of one would narrow the other."
+        content.append(paragraph(f"Estimates that are strongly correlated: {listed}. {advice}"))
     return section("Identifiability", *content)

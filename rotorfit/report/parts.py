@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,11 +15,9 @@ from rotorfit.models.motion.equation_text import symbol_mathml
 from rotorfit.plots.journal import group_label, groups_in_order
 from rotorfit.report.html import Html, element, join
 from rotorfit.report.numbers import interval, superscript
+from rotorfit.uncertainty.bootstrap import Bootstrap
+from rotorfit.uncertainty.posterior import Posterior
 from rotorfit.units import RPM_PER_RAD_S
-
-if TYPE_CHECKING:
-    from rotorfit.uncertainty.bootstrap import Bootstrap
-    from rotorfit.uncertainty.posterior import Posterior
 
 
 def section(title: str, *content: str, figure: bool = False, folded: bool = False) -> Html:

@@ -11,6 +11,7 @@ from rotorfit.data.experiments import LineTest
 from rotorfit.models.digits import significant
 from rotorfit.report.figures import embedded
 from rotorfit.report.html import Html, bullets, element, paragraph, table
+from rotorfit.report.material import ReportInput
 from rotorfit.report.numbers import plain
 from rotorfit.report.parts import note, section, sentence
 from rotorfit.units import RPM_PER_RAD_S
@@ -18,7 +19,6 @@ from rotorfit.units import RPM_PER_RAD_S
 if TYPE_CHECKING:
     from rotorfit.recordings.angle_track import AngleTrack
     from rotorfit.recordings.recording import Recording
-    from rotorfit.report.material import ReportInput
 
 _BY_BLOWS = (
     "Each free vibration after a blow or a release became a ring-down, with the shaft's own 1x and 2x beside its modes."
@@ -104,11 +104,8 @@ def _driven_by(record: Recording) -> str:
         return "blows" if record.rig.impulse is not None else "what the shaft itself brings"
     if force.measured:
         return f"measured force at {force.plane}, {', '.join(name for name in force.channels if name)}"
-    angle = (
-        f"{np.degrees(force.angle):.1f}° ahead of the mark".replace("-", "−")
-        if force.datum_known
-        else "at an angle not known"
-    )
+    ahead = f"{np.degrees(force.angle):.1f}° ahead of the mark".replace("-", "−")
+    angle = ahead if force.datum_known else "at an angle not known"
     whirl = "" if force.reference == "shaft" else " forward" if force.whirl > 0 else " backward"
     return f"m r = {plain(1e6 * force.mr, 4)} g mm{whirl} at {force.plane}, {angle}"
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,10 +20,8 @@ from rotorfit.models import LAWS, MODELS, KnownStructure, Law, Orthotropic, Roto
 from rotorfit.options.table import SHAFT, command_words
 from rotorfit.recordings.formats.files import ALWAYS_RAW
 from rotorfit.report.html import Html, element, paragraph
+from rotorfit.report.material import ReportInput
 from rotorfit.report.parts import section, sentence
-
-if TYPE_CHECKING:
-    from rotorfit.report.material import ReportInput
 
 _SAMPLER = ("ess", "walkers", "max_steps", "noise")
 """Settings of the sampler."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from rotorfit.fitting.structure.structure_error import caveats_of
 from rotorfit.models.motion.stability import growth_rate
 from rotorfit.models.parameters import bare_name
 from rotorfit.report.html import Html, bullets, element, join
+from rotorfit.report.material import ReportInput
 from rotorfit.report.numbers import interval, plain, with_error
 from rotorfit.report.parts import (
     at_of,
@@ -31,9 +31,6 @@ from rotorfit.report.parts import (
 )
 from rotorfit.units import RPM_PER_RAD_S
 
-if TYPE_CHECKING:
-    from rotorfit.report.material import ReportInput
-
 _FLUID = ("D", "lam", "lam_D", "lam_M", "Mf")
 _CARDS = 6
 
@@ -42,10 +39,7 @@ def verdict_section(material: ReportInput) -> Html:
     """Headline, figures that matter, warnings."""
     fit = material.fit
     cards = [*_stability_cards(material), _quality_card(fit), *_fluid_cards(fit)]
-    content = [
-        element("p", " ".join(_headline(material)), class_="headline"),
-        element("div", *cards, class_="cards"),
-    ]
+    content = [element("p", " ".join(_headline(material)), class_="headline"), element("div", *cards, class_="cards")]
     errors = data_errors(material)
     warnings = [f"error in the data: {words}" for words in errors]
     of_data = [found.words for found in _of_data(material) if found.severity == "warning"]
@@ -98,7 +92,8 @@ def _headline(material: ReportInput) -> Iterator[str]:
             "limits the result."
         )
     elif fit.problem.loss == "linear":
-        yield f"{sentence(_agreement(fit)).removesuffix('.')} ({_redchi(fit)}{_by_response(fit)})."
+        redchi = f"redchi {plain(fit.redchi, 3)}, by noise alone at most {plain(fit.largest_redchi, 3)}"
+        yield f"{sentence(_agreement(fit)).removesuffix('.')} ({redchi}{_by_response(fit)})."
         yield from ([] if fit.noise is None else (sentence(words) for words in fit.noise.notable))
     else:
         yield f"Outliers were given less weight ({fit.problem.loss} loss)."
@@ -118,11 +113,6 @@ def _agreement(fit: FitResult) -> str:
     more = f"the residuals are {plain(100 * (math.sqrt(fit.redchi) - 1), 2)} % larger than the noise"
     known = fit.noise is not None and fit.noise.verdict is not NoiseVerdict.AS_FOUND
     return f"{more}: {VERDICTS[fit.noise.verdict]}" if fit.noise is not None and known else more
-
-
-def _redchi(fit: FitResult) -> str:
-    """redchi beside what it may be by noise alone."""
-    return f"redchi {plain(fit.redchi, 3)}, by noise alone at most {plain(fit.largest_redchi, 3)}"
 
 
 def _by_response(fit: FitResult) -> str:
@@ -163,7 +153,7 @@ def _stability_words(material: ReportInput) -> Iterator[str]:
         yield f"These data do not determine the speed at which it becomes unstable{where}."
         return
     more = fit.systematic(THRESHOLD)
-    value, error = _in_rpm(lowest.value, math.hypot(lowest.stderr, more))
+    value, error = with_error(*(RPM_PER_RAD_S * part for part in (lowest.value, math.hypot(lowest.stderr, more))))
     margins = " and ".join(
         f"{plain(abs(100 * (lowest.value / speed - 1)), 3)} % {_side(lowest, speed)} the {what}"
         for what, speed in _reference_speeds(material)
@@ -174,11 +164,6 @@ def _stability_words(material: ReportInput) -> Iterator[str]:
     yield f"It becomes unstable at {value} ± {error} rpm{shares}{where}{', ' + margins if margins else ''}{beyond}."
     if note:
         yield sentence(note)
-
-
-def _in_rpm(value: float, error: float) -> tuple[str, str]:
-    """A speed and its error, rad/s, as they are shown."""
-    return with_error(value * RPM_PER_RAD_S, error * RPM_PER_RAD_S)
 
 
 def _unstable(fit: FitResult, group: int) -> bool:
@@ -242,7 +227,14 @@ def _stability_cards(material: ReportInput) -> Iterator[Html]:
         elif math.isnan(onset.value):
             yield _card(name, "none found", "the fitted rotor is stable at every speed searched")
         else:
-            lines = [*_threshold_intervals(material, onset, group), *_margins(material, onset)]
+            low, high = (RPM_PER_RAD_S * end for end in onset_interval(fit, onset))
+            lines = [f"95 % Laplace {interval(low, high)} rpm"]
+            posterior = threshold_interval(material.posterior, at_of(fit, group))
+            lines += [f"95 % posterior {posterior} rpm"] if posterior else []
+            for what, speed in _reference_speeds(material):
+                half_width = 100 * (onset_interval(fit, onset)[1] - onset.value) / speed
+                value, half = with_error(abs(100 * (onset.value / speed - 1)), half_width)
+                lines.append(f"{value} ± {half} % (95 %) {_side(onset, speed)} the {what}")
             if onset.value == 0:
                 yield _card(name, "0", "the fitted rotor is unstable from standstill on", unit="rpm", bad=True)
                 continue
@@ -255,21 +247,6 @@ def _stability_cards(material: ReportInput) -> Iterator[Html]:
                 unit="rpm",
                 bad=below,
             )
-
-
-def _threshold_intervals(material: ReportInput, onset: Quantity, group: int) -> Iterator[str]:
-    low, high = (RPM_PER_RAD_S * end for end in onset_interval(material.fit, onset))
-    yield f"95 % Laplace {interval(low, high)} rpm"
-    posterior = threshold_interval(material.posterior, at_of(material.fit, group))
-    if posterior:
-        yield f"95 % posterior {posterior} rpm"
-
-
-def _margins(material: ReportInput, onset: Quantity) -> Iterator[str]:
-    for what, speed in _reference_speeds(material):
-        half_width = onset_interval(material.fit, onset)[1] - onset.value
-        value, half = with_error(abs(100 * (onset.value / speed - 1)), 100 * half_width / speed)
-        yield f"{value} ± {half} % (95 %) {_side(onset, speed)} the {what}"
 
 
 def _quality_card(fit: FitResult) -> Html:

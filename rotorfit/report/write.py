@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rotorfit.data.findings import Finding
 from rotorfit.data.probes import at_common_zero
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.fitting.quantities import THRESHOLD
@@ -16,13 +17,12 @@ from rotorfit.fitting.structure.refine import Refinement
 from rotorfit.report.html import Html
 from rotorfit.report.material import LEVEL, FigureFormat, ReportInput
 from rotorfit.report.page import page, write_whole
+from rotorfit.uncertainty.bootstrap import Bootstrap
+from rotorfit.uncertainty.posterior import Posterior
+from rotorfit.uncertainty.profile import Profile
 
 if TYPE_CHECKING:
-    from rotorfit.data.findings import Finding
     from rotorfit.recordings.recording import Recording
-    from rotorfit.uncertainty.bootstrap import Bootstrap
-    from rotorfit.uncertainty.posterior import Posterior
-    from rotorfit.uncertainty.profile import Profile
 
 
 def write_report(
@@ -110,21 +110,16 @@ def title_of(fit: FitResult) -> str:
 
 def shares_of(fit: FitResult) -> Mapping[str, tuple[float, float]]:
     """Random and systematic standard uncertainty by parameter, by calibration and assumptions."""
-    calibrated = _calibration_shares(fit)
+    calibrated: Mapping[str, tuple[float, float]] = {}
+    if fit.settings.calibration is not None:
+        from rotorfit.uncertainty.budget import Budget
+
+        calibrated = Budget(fit, fit.settings.calibration).shares
     found = {}
     for name in fit.problem.space.names:
         random, systematic = calibrated.get(name, (fit.params[name].stderr, 0.0))
         found[name] = (random, math.hypot(systematic, fit.systematic(name)))
     return found
-
-
-def _calibration_shares(fit: FitResult) -> Mapping[str, tuple[float, float]]:
-    """Shares of a fit for which the calibration of its probes was given."""
-    if fit.settings.calibration is None:
-        return {}
-    from rotorfit.uncertainty.budget import Budget
-
-    return Budget(fit, fit.settings.calibration).shares
 
 
 def _check(material: ReportInput) -> None:

@@ -5,11 +5,8 @@ from __future__ import annotations
 import json
 import math
 import os
-import sqlite3
-import time
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,10 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 from rotorfit.data.content import content_hash
 from rotorfit.data.experiments import Experiment
-from rotorfit.data.findings import Finding
 from rotorfit.estimators.atomic_file import note_input, refuse_input
 from rotorfit.estimators.file_reading import reading
-from rotorfit.executors import carry_out, executor_of
+from rotorfit.executors import executor_of
 from rotorfit.fitting.fit_file import fit_from_json
 from rotorfit.fitting.json_values import decode
 from rotorfit.fitting.quantities import THRESHOLD
@@ -28,16 +24,15 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.models import RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.monitoring.trend import DatedValues, MachineTrend, trend
+from rotorfit.store.adding import add_tests, with_fit
 from rotorfit.store.claims import claimed
 from rotorfit.store.database import KIND, Database, unpacked
 from rotorfit.store.records import Added, StoredFit, StoredTest, StoredValue
-from rotorfit.store.rows import as_time, fit_row, insert, stored_findings, stored_fit, stored_test, test_row, values_of
+from rotorfit.store.rows import as_time, stored_fit, stored_test
 from rotorfit.store.settings import settings_key
-from rotorfit.store.sources import Source, continues, sources_of
+from rotorfit.store.sources import Source, sources_of
 from rotorfit.studies.data_files import StudyProgress, no_progress
-from rotorfit.studies.results import write_uncertainty
-from rotorfit.studies.run import identify
-from rotorfit.studies.study import Outcome, Study
+from rotorfit.studies.study import Study
 from rotorfit.studies.study_file import read_study, study_of
 from rotorfit.studies.study_model import check_model
 from rotorfit.version import __version__
@@ -143,45 +138,20 @@ class Store:
         """
         given = tuple(sources)
         with claimed(self.database, "tests"):  # two that find the same files would mix the order of what arrives
-            batch = self._next_batch()
-            added = [self._add(source, batch, machine, progress) for source in given]
+            added = add_tests(self.database, given, machine, progress)
         if executor is None:
-            return tuple(self._with_fit(source, one, progress) for source, one in zip(given, added, strict=True))
+            return tuple(with_fit(self, *pair, progress) for pair in zip(given, added, strict=True))
         in_flight = 32  # fits that are waited for at a time, each with its claim
         threads = ThreadPoolExecutor(in_flight)
         try:
             found = []
-            for one in threads.map(partial(self._with_fit, progress=no_progress, executor=executor), given, added):
+            fits = partial(with_fit, self, progress=no_progress, executor=executor)
+            for one in threads.map(fits, given, added):
                 found.append(one)
                 progress(f"{len(found)} of {len(given)} fits", len(found) / len(given))
             return tuple(found)
         finally:
             threads.shutdown(cancel_futures=True)
-
-    def _next_batch(self) -> int:
-        """The time, or where a clock was set back the next number: batches are in order of arrival."""
-        with self.database.look() as ask:
-            return max(time.time_ns(), int(ask("SELECT coalesce(max(batch), 0) FROM tests")[0][0]) + 1)
-
-    def _add(self, source: Source, batch: int, machine: str, progress: StudyProgress) -> Added:
-        name = str(source.path)
-        try:
-            test, is_new = self._test_of(source, batch, machine, progress)
-        except OSError as problem:  # a file that is locked, or a network that is down, may be there the next time
-            return Added(source=name, refusal=f"{problem.filename or source.path}: {problem.strerror or problem}")
-        except (ValueError, KeyError) as problem:
-            reason = str(problem.args[0] if isinstance(problem, KeyError) and problem.args else problem)
-            self._refuse(source, reason)
-            return Added(source=name, refusal=reason)
-        return Added(source=name, test=test, new_test=is_new)
-
-    def _with_fit(
-        self, source: Source, added: Added, progress: StudyProgress, executor: Executor | None = None
-    ) -> Added:
-        if source.study is None or added.test is None:
-            return added
-        fit, fitted = self._fit_of(added.test, source.study, progress, executor)
-        return replace(added, fit=fit, new_fit=fitted)
 
     def is_known(self, source: Source) -> bool:
         """True if nothing has changed since the source was last added, with its study, or refused.
@@ -201,102 +171,6 @@ class Store:
                 return bool(version == __version__)
             key = "" if source.study is None else settings_key(source.study)[0]
             return not key or bool(ask("SELECT 1 FROM fits WHERE test = ? AND settings = ?", (test, key)))
-
-    def _refuse(self, source: Source, reason: str) -> None:
-        try:
-            stamp = source.stamp()
-        except OSError:  # it is gone meanwhile, and looked at again when it is there again
-            return
-        with self.database.change() as connection:
-            row = {"path": source.name, "files": "[]", "stamp": stamp, "test": None, "refusal": reason}
-            insert(connection, "sources", {**row, "version": __version__})
-
-    def _test_of(self, source: Source, batch: int, machine: str, progress: StudyProgress) -> tuple[int, bool]:
-        """Number of the test, and whether it is new."""
-        stamp, identity = source.stamp(), source.identity()
-        with self.database.look() as ask:
-            known = ask(
-                "SELECT test FROM sources WHERE path = ? AND files = ? AND test NOT NULL", (source.name, identity)
-            )
-        row = None
-        if not known:
-            row = {"batch": batch, **test_row(source, machine, progress)}
-            if source.stamp() != stamp:
-                raise ValueError(f"{source.path} changed while it was read; it is read again when it stands still")
-        with self.database.change() as connection:
-            test = known[0][0] if known else None
-            is_new = False
-            if row is not None:
-                held = connection.execute("SELECT number FROM tests WHERE content = ?", (row["content"],)).fetchone()
-                is_new = held is None
-                test = insert(connection, "tests", row) if is_new else held[0]
-            connection.execute("UPDATE tests SET superseded = NULL WHERE number = ?", (test,))
-            self._supersede(connection, source, int(test or 0))
-            row = {"path": source.name, "files": identity, "stamp": stamp, "test": test, "refusal": ""}
-            insert(connection, "sources", {**row, "version": __version__})
-        return int(test or 0), is_new
-
-    def _supersede(self, connection: sqlite3.Connection, source: Source, test: int) -> None:
-        """Tests of earlier states of the source that it continues count no longer."""
-        earlier = connection.execute(
-            "SELECT DISTINCT test, files FROM sources WHERE path = ? AND test NOT NULL AND test != ?",
-            (source.name, test),
-        ).fetchall()
-        for other, identity in earlier:
-            if continues(source, json.loads(identity)[0]):
-                connection.execute("UPDATE tests SET superseded = ? WHERE number = ?", (test, other))
-
-    def _fit_of(self, test: int, study: Study, progress: StudyProgress, executor: Executor | None) -> tuple[int, bool]:
-        """Number of the fit of a test, and whether it had to be made."""
-        key, text = settings_key(study)
-        found = self._fit_number(test, key)
-        if found is not None:
-            return found, False
-        with claimed(self.database, f"fit {test} {key}"):
-            found = self._fit_number(test, key)  # another process may have made it while this one waited
-            if found is not None:
-                return found, False
-            work = partial(_fitted, progress=progress) if executor is None else _fitted
-            [made] = carry_out(work, [(study, self.experiments(test), self._findings(test))], executor)
-            return self._keep(test, key, text, study, *made), True
-
-    def _fit_number(self, test: int, key: str) -> int | None:
-        """Number of a fit; what could not be fitted is tried again by another version."""
-        with self.database.look() as ask:
-            rows = ask(
-                "SELECT number FROM fits WHERE test = ? AND settings = ? AND (result NOT NULL OR version = ?)",
-                (test, key, __version__),
-            )
-        return int(rows[0][0]) if rows else None
-
-    def _findings(self, test: int) -> tuple[tuple[Finding, ...], ...]:
-        with self.database.look() as ask:
-            text = ask("SELECT findings FROM tests WHERE number = ?", (test,))[0][0]
-        with reading(str(self.path), KIND):
-            return stored_findings(text)
-
-    def _keep(
-        self,
-        test: int,
-        key: str,
-        text: str,
-        study: Study,
-        row: dict[str, Any],
-        values: Sequence[Any],
-        files: Mapping[str, bytes],
-    ) -> int:
-        row = {**row, "test": test, "settings": key}
-        with self.database.change() as connection:
-            connection.execute("INSERT OR IGNORE INTO settings VALUES (?, ?, ?)", (key, study.model, text))
-            connection.execute("DELETE FROM fits WHERE test = ? AND settings = ?", (test, key))
-            number = insert(connection, "fits", row)
-            connection.executemany(
-                "INSERT INTO parameters VALUES (?, ?, ?, ?, ?, ?)", [(number, *value) for value in values]
-            )
-            connection.executemany(
-                "INSERT INTO uncertainty VALUES (?, ?, ?)", [(number, *one) for one in files.items()]
-            )
-        return number
 
     # ---- asking --------------------------------------------------------------------------------------------------
 
@@ -539,23 +413,6 @@ class Store:
             ]
             found += [f"fit {fit.number}: {', '.join(odd)} differ from the result"] * bool(odd)
         return tuple(found)
-
-
-def _fitted(
-    item: tuple[Study, tuple[Experiment, ...], tuple[tuple[Finding, ...], ...]], progress: StudyProgress = no_progress
-) -> tuple[dict[str, Any], Sequence[Any], dict[str, bytes]]:
-    """The fit of a test as a row, its values, and files of their uncertainty; here or on a worker."""
-    outcome: Outcome | str
-    try:
-        outcome = identify(*item, progress)
-    except (ValueError, KeyError) as problem:
-        outcome = str(problem.args[0] if isinstance(problem, KeyError) and problem.args else problem)
-    if isinstance(outcome, str):
-        return fit_row(outcome), (), {}
-    with TemporaryDirectory() as folder:
-        write_uncertainty(outcome, Path(folder))
-        files = {path.name: path.read_bytes() for path in Path(folder).iterdir()}
-    return fit_row(outcome), values_of(outcome.best), files
 
 
 def study_for_store(study: str | os.PathLike[str] | Mapping[str, Any] | Study | None) -> Study | None:

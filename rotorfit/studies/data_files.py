@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from rotorfit.data.experiments import Experiment
-from rotorfit.data.findings import PHASE_DATUM, errors_first, without_phases
+from rotorfit.data.findings import PHASE_DATUM, Finding, errors_first, without_phases
 from rotorfit.executors import carry_out
 from rotorfit.io.files import read
 from rotorfit.models.array_types import Index
 from rotorfit.studies.recording_files import RecordingFiles
-
-if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
-    from rotorfit.data.findings import Finding
 
 
 class StudyProgress(Protocol):

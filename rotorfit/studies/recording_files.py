@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rotorfit.data.experiments import Experiment
+from rotorfit.data.findings import Finding
 from rotorfit.data.selection import without
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
-    from rotorfit.data.experiments import Experiment
-    from rotorfit.data.findings import Finding
     from rotorfit.recordings.recording import Recording
 
 
@@ -46,10 +45,7 @@ class RecordingFiles:
         return named_apart(records)
 
     def read(
-        self,
-        on_finding: Callable[[Finding], None],
-        progress: Callable[[str], None],
-        executor: Executor | None = None,
+        self, on_finding: Callable[[Finding], None], progress: Callable[[str], None], executor: Executor | None = None
     ) -> tuple[Experiment, ...]:
         """Read the recordings and reduce them, each kind of test to an experiment."""
         from rotorfit.recordings.reduction.responses import recorded_tests

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,16 +21,14 @@ from rotorfit.fitting.structure.frequency_coefficients import measured_by_freque
 from rotorfit.fitting.structure.modes import own_modes
 from rotorfit.io.tables.result_tables import rows_csv
 from rotorfit.models.array_types import Float
+from rotorfit.report.material import FigureFormat
 from rotorfit.studies.data_files import StudyProgress
 from rotorfit.studies.json_text import json_text
 from rotorfit.studies.recording_files import RecordingFiles
 from rotorfit.studies.study import Outcome
 from rotorfit.studies.text import summary
+from rotorfit.uncertainty.profile import Profile
 from rotorfit.units import RPM_PER_RAD_S
-
-if TYPE_CHECKING:
-    from rotorfit.report.material import FigureFormat
-    from rotorfit.uncertainty.profile import Profile
 
 
 def write_outcome(

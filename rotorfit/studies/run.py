@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,8 +24,6 @@ from rotorfit.studies.study import Outcome, Study
 from rotorfit.studies.study_model import build_model, check_model
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
     from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress
 
 
@@ -65,12 +64,7 @@ def identify(
     closed: FitResult | str
     try:
         closed = closed_form(
-            model,
-            experiments,
-            known=study.known,
-            per=study.per,
-            baseline=baseline,
-            stator_mass_kg=study.stator_mass_kg,
+            model, experiments, known=study.known, per=study.per, baseline=baseline, stator_mass_kg=study.stator_mass_kg
         )
     except ClosedFormError as reason:
         closed = str(reason)

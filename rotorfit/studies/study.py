@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import Finding, attributed, error_sentence, errors_in, warnings_in
@@ -14,11 +13,9 @@ from rotorfit.fitting.structure.refine import Refinement
 from rotorfit.options.table import StudyOptions
 from rotorfit.studies.data_files import DataFile
 from rotorfit.studies.recording_files import RecordingFiles
-
-if TYPE_CHECKING:
-    from rotorfit.uncertainty.bootstrap import Bootstrap
-    from rotorfit.uncertainty.posterior import Posterior
-    from rotorfit.uncertainty.profile import Profile
+from rotorfit.uncertainty.bootstrap import Bootstrap
+from rotorfit.uncertainty.posterior import Posterior
+from rotorfit.uncertainty.profile import Profile
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -43,15 +43,9 @@ def _shaft_of_file(study: Study) -> KnownStructure:
     if not isinstance(study.planes, Mapping) and not (replaced and not study.planes):
         given = ", ".join(study.planes) or "none"
         raise ValueError(f"planes: with structure each plane has its node, disk=7,journal=14; got {given}")
-    return KnownStructure.from_ross(
-        study.structure,
-        planes=study.planes if isinstance(study.planes, Mapping) else {},
-        fluid=study.fluid,
-        supports=study.supports,
-        magnetic=study.magnetic,
-        damping=study.damping,
-        dofs=study.dofs,
-    )
+    planes = study.planes if isinstance(study.planes, Mapping) else {}
+    options = {name: getattr(study, name) for name in SHAFT if name != "structure"}
+    return KnownStructure.from_ross(study.structure, planes=planes, **options)
 
 
 def _has_start_up(test: LineTest) -> bool:
@@ -100,9 +94,5 @@ def modal_options(planes: Sequence[str], experiments: Sequence[Experiment]) -> d
     forced = tuple(dict.fromkeys(p for t in tests for p in t.force_plane[t.force != 0].tolist() if p in names))
     measured = tuple(dict.fromkeys(p for t in tests for p in t.planes if p in names))
     paired = all({"x", "y"} == set(t.direction[t.plane == p].tolist()) for t in tests for p in t.planes)
-    return {
-        **({"planes": names} if names else {}),
-        **({"force_planes": forced} if forced else {}),
-        **({"probe_planes": measured} if measured else {}),
-        "gains": "probe" if paired else "plane",
-    }
+    found = {"planes": names, "force_planes": forced, "probe_planes": measured}
+    return {"gains": "probe" if paired else "plane", **{name: some for name, some in found.items() if some}}

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rotorfit import datasets
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, StaticTest
+from rotorfit.data.findings import Finding
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.summary import fit_table
 from rotorfit.models.array_types import Float
@@ -19,20 +19,12 @@ from rotorfit.studies.study import Outcome
 from rotorfit.uncertainty.budget import Budget
 from rotorfit.units import RPM_PER_RAD_S
 
-if TYPE_CHECKING:
-    from rotorfit.data.findings import Finding
-
 
 def summary(outcome: Outcome, rig: str = "") -> str:
     """Data, check, fit and refinement as text for a terminal, and the truth of a simulated rig if one is named."""
     best = outcome.best
     parts = [f"ERROR in the data, no number below can be relied on: {message}" for message in outcome.data_errors]
-    parts += [
-        "\n".join(
-            describe_test(experiment, findings)
-            for experiment, findings in zip(outcome.experiments, outcome.findings, strict=True)
-        )
-    ]
+    parts.append("\n".join(map(describe_test, outcome.experiments, outcome.findings)))
     if isinstance(outcome.closed, str):
         parts.append(f"no closed form: {outcome.closed}")
     else:
@@ -68,11 +60,7 @@ def describe_test(test: Experiment, findings: Sequence[Finding]) -> str:
         lines.append(f"  measured at  {', '.join(_channels(test))}")
     elif test.planes:
         lines.append(f"  measured at  {', '.join(test.planes)}")
-    lines = [
-        f"{test.source or 'data'}: {kind}, {test.size_in_words}",
-        *lines,
-        f"  speed        {span}",
-    ]
+    lines = [f"{test.source or 'data'}: {kind}, {test.size_in_words}", *lines, f"  speed        {span}"]
     if w.size:
         turning = "" if (w > 0).all() or (w < 0).all() else " (negative: backward whirl)"
         lines.append(f"  frequency    {significant(w.min(), 5)} to {significant(w.max(), 5)} rpm{turning}")

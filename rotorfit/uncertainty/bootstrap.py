@@ -126,29 +126,14 @@ class Bootstrap(Draws):
                 continue
             low, high = self.interval(name)
             bias = math.nan if self._few else float(self.samples[:, self.names.index(name)].mean()) - p.value
-            value, error = with_error(p.value, p.stderr)
-            rows.append(
-                [
-                    name,
-                    value,
-                    error,
-                    significant(spread, 2),
-                    significant(bias, 2),
-                    interval(low, high),
-                    p.unit,
-                ]
-            )
+            spreads = significant(spread, 2), significant(bias, 2)
+            rows.append([name, *with_error(p.value, p.stderr), *spreads, interval(low, high), p.unit])
         head = f"parametric bootstrap: {len(self.samples)} simulated data sets, {self.failures} fits failed"
         return "\n".join([head, *text_table(rows, "<22 >14 >12 >12 >12 >28 <1"), self.message])
 
 
 def bootstrap(
-    fit: FitResult,
-    *,
-    n: int = 500,
-    seed: int = 0,
-    accelerate: bool | None = None,
-    executor: Executor | None = None,
+    fit: FitResult, *, n: int = 500, seed: int = 0, accelerate: bool | None = None, executor: Executor | None = None
 ) -> Bootstrap:
     """Simulate data from the fitted model with the noise of the data, fit each, and look at the spread.
 
@@ -161,7 +146,10 @@ def bootstrap(
     if n < 2:
         raise ValueError(f"n is {n}; a spread needs at least two simulated data sets")
     rng = np.random.default_rng(seed)
-    truth = _truths(fit, n, rng)
+    truth = np.tile(fit.x, (n, 1))  # nuisance entries with priors are drawn
+    for prior in fit.problem.priors:
+        if prior.entry >= len(fit.problem.space.names):
+            truth[:, prior.entry] = prior.distribution.rvs(size=n, random_state=rng)
     readings = 4_000_000  # readings simulated and fitted in one go
     step = max(1, readings // (fit.ndata // 2))
     samples, good = [], []
@@ -171,11 +159,8 @@ def bootstrap(
         samples.append(fit.x + x - part)
         good.append(found)
     converged = np.concatenate(good)
-    message = (
-        f"noise of the data times {significant(math.sqrt(fit.widening), 3)}"
-        if fit.widening > 1
-        else "noise of the data"
-    )
+    times = f" times {significant(math.sqrt(fit.widening), 3)}" if fit.widening > 1 else ""
+    message = f"noise of the data{times}"
     if not converged.all():
         message += f"; {n - converged.sum()} of {n} fits did not converge and are left out"
     if converged.sum() < 2:
@@ -211,16 +196,6 @@ def _fitted_elsewhere(text: str, accelerate: bool | None, measured: ComplexArray
 def _fit_of(text: str) -> FitResult:
     """The fit, which a worker keeps from part to part."""
     return fit_from_json(text)
-
-
-def _truths(fit: FitResult, n: int, rng: np.random.Generator) -> Float:
-    """Vectors to simulate from: the fit's, nuisance entries with priors about their own draws, shape ``(n, p)``."""
-    truth = np.tile(fit.x, (n, 1))
-    first = len(fit.problem.space.names)
-    for prior in fit.problem.priors:
-        if prior.entry >= first:
-            truth[:, prior.entry] = prior.distribution.rvs(size=n, random_state=rng)
-    return truth
 
 
 def _simulate(fit: FitResult, truth: Float, rng: np.random.Generator) -> ComplexArray:

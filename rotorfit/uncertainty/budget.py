@@ -200,10 +200,8 @@ class Budget(Printed):
                 continue
             p = self.fit.params[name]
             unit, factor = ("deg", 180 / math.pi) if p.unit == "rad" else ("%", 100.0)
-            found = (
-                f"found {significant(p.value * factor, 3, sign=True)} +- "
-                f"{significant(p.stderr * factor, 2)} {unit}, {NUISANCE_KINDS[kind][1]}"
-            )
+            value, error = significant(p.value * factor, 3, sign=True), significant(p.stderr * factor, 2)
+            found = f"found {value} +- {error} {unit}, {NUISANCE_KINDS[kind][1]}"
             rows.append(["", name, f"0 +- {significant(sd[i] * factor, 3)} {unit}", found])
         return "\n".join([*lines, *text_table(rows, "<0 <19 <12 <1")])
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
+from rotorfit.data.experiments import Experiment
 from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Float
@@ -54,9 +55,8 @@ class Comparison(Printed):
             row |= {"bic": fit.bic, "weight": self.weights[name], "success": fit.success}
             for parameter in self.parameters:
                 p = fit.params.get(parameter)
-                row |= {parameter: np.nan if p is None else p.value}
-                row |= {f"{parameter}_stderr": np.nan if p is None else p.stderr}
-                row |= {f"{parameter}_systematic": np.nan if p is None else p.systematic}
+                parts = {"": "value", "_stderr": "stderr", "_systematic": "systematic"}
+                row |= {f"{parameter}{end}": getattr(p, part, np.nan) for end, part in parts.items()}
             rows.append(row)
         return DataFrame(rows)
 
@@ -69,7 +69,7 @@ class Comparison(Printed):
         Example:
             >>> figure = rf.compare([fit]).plot()
         """
-        from rotorfit.uncertainty.comparison_figure import plot_comparison
+        from rotorfit.uncertainty.figures import plot_comparison
 
         return plot_comparison(self, **look)
 
@@ -138,20 +138,17 @@ def _named(fits: Sequence[FitResult]) -> dict[str, FitResult]:
 
 
 def _same_data(one: FitResult, other: FitResult) -> bool:
-    """True if both were fitted to the same readings."""
+    """True if both were fitted to the same readings: the numeric columns hold the same numbers."""
     if one.ndata != other.ndata or len(one.experiments) != len(other.experiments):
         return False
-    pairs = zip(one.experiments, other.experiments, strict=True)
-    return all(a is b or (type(a) is type(b) and _same_columns(vars(a), vars(b))) for a, b in pairs)
 
+    def same(a: Experiment, b: Experiment) -> bool:
+        if a is b or type(a) is not type(b):
+            return a is b
+        columns = ((v, vars(b)[n]) for n, v in vars(a).items() if isinstance(v, np.ndarray) and v.dtype.kind in "fc")
+        return all(isinstance(w, np.ndarray) and np.array_equal(v, w, equal_nan=True) for v, w in columns)
 
-def _same_columns(one: Mapping[str, object], other: Mapping[str, object]) -> bool:
-    """True if the numeric columns of two experiments hold the same numbers."""
-    numeric = {n: v for n, v in one.items() if isinstance(v, np.ndarray) and v.dtype.kind in "fc"}
-    return all(
-        isinstance(theirs := other.get(n), np.ndarray) and np.array_equal(v, theirs, equal_nan=True)
-        for n, v in numeric.items()
-    )
+    return all(map(same, one.experiments, other.experiments))
 
 
 def _shown(fit: FitResult, name: str) -> str:

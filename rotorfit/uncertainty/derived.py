@@ -130,16 +130,15 @@ def modes(model: RotorModel, theta: Float, speed: float, band: float) -> list[Mo
         leading = int(np.argmax(np.abs(_null_vector(model.motion(middle, speed), reference[k])[at])))
         vectors = _null_vector(coefficients, s[:, k])[:, at]
         vectors = vectors / vectors[:, leading : leading + 1]
-        rate = np.abs(s[:, k])
+        rate, decay = np.abs(s[:, k]), -s[:, k].real
+        ratio, shape = decay / np.where(rate > 0, rate, np.nan), f"mode shape {k + 1}"
         result.append(
             Mode(
                 frequency=Derived(name=f"natural frequency {k + 1}", unit="rad/s", samples=s[:, k].imag),
-                damping_ratio=Derived(
-                    name=f"damping ratio {k + 1}", unit="1", samples=-s[:, k].real / np.where(rate > 0, rate, np.nan)
-                ),
-                decay_rate=Derived(name=f"decay rate {k + 1}", unit="1/s", samples=-s[:, k].real),
-                amplitude=Derived(name=f"mode shape {k + 1}, amplitude", unit="1", samples=np.abs(vectors)),
-                phase=Derived(name=f"mode shape {k + 1}, phase", unit="rad", samples=np.angle(vectors)),
+                damping_ratio=Derived(name=f"damping ratio {k + 1}", unit="1", samples=ratio),
+                decay_rate=Derived(name=f"decay rate {k + 1}", unit="1/s", samples=decay),
+                amplitude=Derived(name=f"{shape}, amplitude", unit="1", samples=np.abs(vectors)),
+                phase=Derived(name=f"{shape}, phase", unit="rad", samples=np.angle(vectors)),
             )
         )
     return result

@@ -106,10 +106,7 @@ def datasets(posterior: Posterior) -> dict[str, xr.Dataset]:
         "seed": str(posterior.seed),
         "settings": json.dumps(asdict(posterior.settings)),
     }
-    return {
-        "posterior": xr.Dataset(draws, coords, header),
-        "sample_stats": xr.Dataset(stats, coords, header),
-    }
+    return {"posterior": xr.Dataset(draws, coords, header), "sample_stats": xr.Dataset(stats, coords, header)}
 
 
 def to_arviz(posterior: Posterior) -> Any:

@@ -156,9 +156,8 @@ def _planned(
     try:
         w, speeds = (np.array(values) for values in np.broadcast_arrays(w, speeds))
     except ValueError:
-        raise ValueError(
-            f"{w.size} frequencies and {speeds.size} speeds do not go together; give one of either"
-        ) from None
+        counts = f"{w.size} frequencies and {speeds.size} speeds"
+        raise ValueError(f"{counts} do not go together; give one of either") from None
     if w.ndim != 1 or not w.size or not (np.isfinite(w).all() and np.isfinite(speeds).all()):
         raise ValueError("frequency and speed are finite numbers or vectors of them, rad/s")
     if force is not None and mr is not None:
@@ -208,16 +207,14 @@ def _refuse_unstable(fit: FitResult, group: int, speeds: Float) -> None:
     """Refuse speeds at which a response would not be steady."""
     for value in speeds.tolist():
         if growth_rate(fit.model, fit.thetas[group], value, fit.stability_band) > 0:
-            onset = fit.threshold_of(group).value
+            onset = significant(fit.threshold_of(group).value * RPM_PER_RAD_S, 5)
             limit = (
-                f"; speeds are allowed below its threshold of {significant(onset * RPM_PER_RAD_S, 5)} rpm"
-                if onset > 0
-                else ""
+                f"; speeds are allowed below its threshold of {onset} rpm" if fit.threshold_of(group).value > 0 else ""
             )
+            at = f"{significant(value * RPM_PER_RAD_S, 5)} rpm ({significant(value, 5)} rad/s)"
             raise ValueError(
-                f"the fitted rotor is unstable at {significant(value * RPM_PER_RAD_S, 5)} rpm "
-                f"({significant(value, 5)} rad/s): it whirls by "
-                f"itself, and has no steady response to a force{limit}"
+                f"the fitted rotor is unstable at {at}: it whirls by itself, and has no steady response to a force"
+                f"{limit}"
             )
 
 

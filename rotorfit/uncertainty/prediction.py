@@ -159,7 +159,7 @@ class Prediction(Printed):
         Example:
             >>> figure = fit.predict([280.0, 300.0], 200.0, force_plane="disk", plane="journal").plot()
         """
-        from rotorfit.uncertainty.prediction_figure import plot_prediction
+        from rotorfit.uncertainty.figures import plot_prediction
 
         return plot_prediction(self, **look)
 
@@ -175,11 +175,7 @@ class Prediction(Printed):
                 for low, high in ends
             ]
             at = (self.speed[i] * RPM_PER_RAD_S, self.frequency[i] * RPM_PER_RAD_S)
-            numbers = [
-                significant(at[0], 5),
-                significant(at[1], 5),
-                significant(abs(self.response[i]) * 1e6, 4),
-            ]
+            numbers = [*(significant(one, 5) for one in at), significant(abs(self.response[i]) * 1e6, 4)]
             rows.append([*numbers, *cells, f"{np.rad2deg(np.angle(self.seen[i])):.1f}"])
         what = "of whole curves" if self.whole else "at each frequency"
         by = "statistical errors and what the model leaves out" if self.systematic.any() else "statistical errors"

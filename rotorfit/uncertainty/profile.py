@@ -89,31 +89,14 @@ class Profile(Printed):
         Args:
             **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
         """
-        from rotorfit.plots.uncertainty import plot_profile
+        from rotorfit.uncertainty.figures import plot_profile
 
-        return plot_profile(
-            self.values,
-            self.rise,
-            label=self.name.replace("_", " "),
-            measure=self.unit,
-            estimate=self.value,
-            stderr=self.stderr,
-            goal=self.goal,
-            ends=self.interval,
-            **look,
-        )
-
-    @property
-    def _shown(self) -> tuple[float, str]:
-        """Factor and unit for readers: speeds in rpm, as the summary has them."""
-        return (RPM_PER_RAD_S, "rpm") if self.unit == "rad/s" else (1.0, self.unit)
+        return plot_profile(self, **look)
 
     def __str__(self) -> str:
-        factor, unit = self._shown
-        value, ends = (
-            with_error(factor * self.value, factor * self.stderr)[0],
-            interval(factor * self.lower, factor * self.upper),
-        )
+        factor, unit = (RPM_PER_RAD_S, "rpm") if self.unit == "rad/s" else (1.0, self.unit)
+        value, _ = with_error(factor * self.value, factor * self.stderr)
+        ends = interval(factor * self.lower, factor * self.upper)
         text = f"{self.name}: {value}, {100 * self.level:g} % {ends}" + ("" if unit == "1" else f" {unit}")
         return f"{text}; {self.message}" if self.message else text
 
@@ -241,13 +224,6 @@ def _is_scaled(problem: Problem) -> bool:
     return problem.loss != "linear" or math.isfinite(freedom_of(problem.blocks))
 
 
-def _scale(fit: FitResult, name: str) -> float:
-    """Factor on the quantile."""
-    if _is_scaled(fit.problem):
-        return _robust_scale(fit, name)
-    return 1.0 if fit.problem.priors else fit.widening
-
-
 def _sizes(problem: Problem, x: Float) -> Float:
     """Sizes of the entries: their own, or what is typical of the parameter."""
     model, names = problem.space.model, problem.space.names
@@ -255,8 +231,11 @@ def _sizes(problem: Problem, x: Float) -> Float:
     return np.maximum(np.abs(x), typical)
 
 
-def _robust_scale(fit: FitResult, name: str) -> float:
-    """Variance as reported over that of the cost's own curvature: the rise then has mean one (Kent 1982)."""
+def _scale(fit: FitResult, name: str) -> float:
+    """Factor on the quantile; where the cost's own curvature is not the variance, that as reported over that of the
+    curvature: the rise then has mean one (Kent 1982)."""
+    if not _is_scaled(fit.problem):
+        return 1.0 if fit.problem.priors else fit.widening
     if name not in fit.var_names:
         return 1.0
     i = fit.var_names.index(name)
@@ -435,21 +414,20 @@ def _beyond_tests(fit: FitResult, at: Mapping[str, Any] | None) -> str:
 
 def _message(curve: Curve, ends: list[End], scale: float, unit: str, goal: float, beyond: str) -> str:
     unit = "" if unit == "1" else f" {unit}"
+
+    def rise(size: float) -> str:
+        return significant(size / scale, 3)
+
     parts = []
     for word, end in zip(("below", "above"), ends, strict=True):
+        where = f"open {word}: beyond {end.limit:.6g}{unit}"
         if math.isinf(end.value) and not end.exact:
-            parts.append(
-                f"open {word}: beyond {end.limit:.6g}{unit}, where chi-squared has risen by "
-                f"{significant(end.rise / scale, 3)}, no "
-                f"minimum was found; {significant(goal / scale, 3)} would end the interval"
-            )
+            found = f"where chi-squared has risen by {rise(end.rise)}, no minimum was found"
+            parts.append(f"{where}, {found}; {rise(goal)} would end the interval")
         elif math.isinf(end.value):
-            where = "its bound" if end.at_bound else "far beyond any sensible value,"
-            parts.append(
-                f"open {word}: up to {where} {end.limit:.6g}{unit} chi-squared rises by "
-                f"{significant(end.rise / scale, 3)} only, "
-                f"{significant(goal / scale, 3)} would end the interval"
-            )
+            limit = "its bound" if end.at_bound else "far beyond any sensible value,"
+            risen = f"chi-squared rises by {rise(end.rise)} only, {rise(goal)} would end the interval"
+            parts.append(f"open {word}: up to {limit} {end.limit:.6g}{unit} {risen}")
         elif not end.exact:
             parts.append(f"the end {word} was not found to full precision")
     if curve.unsettled:
@@ -457,8 +435,7 @@ def _message(curve: Curve, ends: list[End], scale: float, unit: str, goal: float
     round_off_fall = 1e-4  # fall of the scaled curve below its minimum that is more than round-off
     if curve.lowest / scale < -round_off_fall:
         parts.append(
-            f"chi-squared falls {significant(-curve.lowest / scale, 3)} below that of the fit on the way: the "
-            "fit did not end in "
-            "the lowest minimum, fit again from other start values"
+            f"chi-squared falls {rise(-curve.lowest)} below that of the fit on the way: the fit did not end in the "
+            "lowest minimum, fit again from other start values"
         )
     return "; ".join([*parts, *([beyond] if beyond else [])])

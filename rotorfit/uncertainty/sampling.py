@@ -81,10 +81,16 @@ def sample(
     """
     structure = ""
     if refine:
-        fit, structure = _refined(fit)
+        refinement = refine_fit(fit)
+        fit, tried = refinement.best, ", ".join(structure_name(step.model) for step in refinement.steps)
+        structure = f"structure chosen by AIC: {structure_name(fit.model)} (of: {tried}); "
     _refuse_unsampled(fit)
     typical_steps = 400  # of a well-behaved posterior, to judge whether compiling pays
-    target = _target(fit, noise, accelerate, max(ess, (walkers or WALKERS) * typical_steps))
+    work = max(ess, (walkers or WALKERS) * typical_steps)
+    # The level of the noise is unknown unless the loss has a scale of its own.
+    level: Noise = noise or ("marginal" if fit.settings.loss == "linear" else "fixed")
+    effects, inflation = effect_entries(fit.problem, fit.settings.noise), _inflation(fit, level)
+    target = LogPosterior(fit.problem, level, inflation=inflation, effects=effects, accelerate=accelerate, work=work)
     count = walkers or max(FEW_WALKERS if fit.model.shaft is not None else WALKERS, 2 * target.size)
     centre, covariance = target.laplace(fit.x)
     try:
@@ -127,13 +133,6 @@ def sample(
     )
 
 
-def _refined(fit: FitResult) -> tuple[FitResult, str]:
-    """The fit with the structure that AIC asks for, and a sentence on it."""
-    refinement = refine_fit(fit)
-    tried = ", ".join(structure_name(step.model) for step in refinement.steps)
-    return refinement.best, f"structure chosen by AIC: {structure_name(refinement.best.model)} (of: {tried}); "
-
-
 def _refuse_unsampled(fit: FitResult) -> None:
     """Refuse what has no optimum to start from, or no likelihood."""
     if fit.method != "least squares" or not fit.success:
@@ -145,14 +144,6 @@ def _refuse_unsampled(fit: FitResult) -> None:
             "covariance has too small a rank for a likelihood, and one that takes the noise as known would give "
             "intervals that are too narrow. Use params[...].interval(), which is Student's t, or profile"
         )
-
-
-def _target(fit: FitResult, noise: Noise | None, accelerate: bool | None, work: float) -> LogPosterior:
-    """The density to sample: noise of unknown level unless the loss has a scale of its own."""
-    level: Noise = noise or ("marginal" if fit.settings.loss == "linear" else "fixed")
-    inflation = _inflation(fit, level)
-    effects = effect_entries(fit.problem, fit.settings.noise)
-    return LogPosterior(fit.problem, level, inflation=inflation, effects=effects, accelerate=accelerate, work=work)
 
 
 def _inflation(fit: FitResult, level: Noise) -> float:
@@ -169,12 +160,19 @@ def _inflation(fit: FitResult, level: Noise) -> float:
 def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
     """Treatment of noise and model-form error, in words."""
     if not fit.model_limited:
-        words = (
-            "The uncertainty of the choice among candidate models, which standard errors hold, is not in these draws "
-            "of one model"
-        )
-        choice = "" if fit.model_uncertainty is None else f". {words}"
-        return _noise_words(fit, target, centre) + _between_runs(fit) + choice
+        words = _noise_words(fit, target, centre)
+        if fit.noise is not None and fit.noise.effects:
+            words += "; variances of what differs from run to run unknown and integrated out"
+        elif fit.noise is not None and fit.noise.possible_effects:
+            words += (
+                "; runs are taken to agree: what they may differ by, which standard errors allow for, is not in here"
+            )
+        if fit.model_uncertainty is not None:
+            words += (
+                ". The uncertainty of the choice among candidate models, which standard errors hold, is not in these"
+            )
+            words += " draws of one model"
+        return words
     if fit.settings.noise_scale:
         advice = "bring the shaft's matrices (KnownStructure)"
     elif not why_not_refined(fit.model, fit.identifiability):
@@ -182,19 +180,9 @@ def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
     else:
         advice = "a richer model is needed"
     return (
-        f"{_noise_words(fit, target, centre)}. redchi is {significant(fit.redchi, 3)}: the model, not the "
-        "noise, limits the fit. "
-        f"That widens the intervals, but parameters may be biased beyond them: {advice}"
+        f"{_noise_words(fit, target, centre)}. redchi is {significant(fit.redchi, 3)}: the model, not the noise, "
+        f"limits the fit. That widens the intervals, but parameters may be biased beyond them: {advice}"
     )
-
-
-def _between_runs(fit: FitResult) -> str:
-    """Treatment of differences of runs, in words."""
-    if fit.noise is not None and fit.noise.effects:
-        return "; variances of what differs from run to run unknown and integrated out"
-    if fit.noise is not None and fit.noise.possible_effects:
-        return "; runs are taken to agree: what they may differ by, which standard errors allow for, is not in here"
-    return ""
 
 
 def _noise_words(fit: FitResult, target: LogPosterior, centre: Float) -> str:
@@ -206,23 +194,17 @@ def _noise_words(fit: FitResult, target: LogPosterior, centre: Float) -> str:
             return f"noise as given with the data, {fit.settings.loss} loss"
         if target.inflation == 1.0:
             return "noise as given with the data"
-        return (
-            f"noise as given with the data, standard deviations widened by {significant(np.sqrt(target.inflation), 3)}"
-        )
+        wider = significant(np.sqrt(target.inflation), 3)
+        return f"noise as given with the data, standard deviations widened by {wider}"
     parameters = centre[None, : target.problem.space.size]
     level = np.sqrt((target.channel_sums(parameters)[0] + 1.0) / target.counts)
     level *= [fit.settings.noise_scale.get(name, 1.0) for name in fit.problem.channel_names]
     how = "integrated out" if target.noise == "marginal" else "sampled"
-    few = (
-        f"; variances are {significant(target.inflation, 2)} times as large, as readings are correlated"
-        if target.inflation != 1.0
-        else ""
-    )
-    return (
-        f"noise level of each channel unknown and {how}; at the optimum {significant(level.min(), 3)} to "
-        f"{significant(level.max(), 3)} "
-        f"times the noise given with the data{few}"
-    )
+    size = f"{significant(level.min(), 3)} to {significant(level.max(), 3)}"
+    words = f"noise level of each channel unknown and {how}; at the optimum {size} times the noise given with the data"
+    if target.inflation == 1.0:
+        return words
+    return f"{words}; variances are {significant(target.inflation, 2)} times as large, as readings are correlated"
 
 
 def _better_optimum(target: LogPosterior, centre: Float, log_density: Float) -> str:
@@ -232,9 +214,8 @@ def _better_optimum(target: LogPosterior, centre: Float, log_density: Float) -> 
     if not lead > largest_excess:
         return ""
     return (
-        f". The log density of the best draw is {significant(lead, 3)} above that of the optimum found from the "
-        "fit: the fit did "
-        "not end in the lowest minimum, fit again with start at the medians of these draws"
+        f". The log density of the best draw is {significant(lead, 3)} above that of the optimum found from the fit: "
+        "the fit did not end in the lowest minimum, fit again with start at the medians of these draws"
     )
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from rotorfit.models.array_types import Float
 from rotorfit.models.digits import significant
@@ -24,12 +25,7 @@ from rotorfit.plots.style import (
     rate_unit,
     rate_words,
 )
-from rotorfit.uncertainty.stability.record import SENSITIVITY, damping_ratio
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from rotorfit.uncertainty.stability.record import Curve, StabilityReport
+from rotorfit.uncertainty.stability.record import SENSITIVITY, Curve, StabilityReport, damping_ratio
 
 
 @looked

@@ -158,23 +158,13 @@ class StabilityReport(Printed):
         """
         from pandas import DataFrame
 
+        names = ["criterion", "case", "value", "low", "high", "unit", "limit", "sense", "probability", "met", "source"]
+        sense = {True: "at least", False: "at most"}
         rows = [
-            {
-                "criterion": c.name,
-                "case": c.case,
-                "value": c.value,
-                "low": c.interval[0],
-                "high": c.interval[1],
-                "unit": c.unit,
-                "limit": c.limit,
-                "sense": "at least" if c.at_least else "at most",
-                "probability": c.probability,
-                "met": c.met,
-                "source": c.source,
-            }
+            (c.name, c.case, c.value, *c.interval, c.unit, c.limit, sense[c.at_least], c.probability, c.met, c.source)
             for c in self.criteria
         ]
-        return DataFrame(rows)
+        return DataFrame(rows, columns=names)
 
     def plot(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Decrement against speed, unbalance response, decrement against cross-coupling, sensitivity, with their bands.
@@ -199,14 +189,8 @@ class StabilityReport(Printed):
             >>> fit.stability_report(max_speed_rpm=2000).rows()[1][4]
             'met'
         """
-        head = [
-            case or "as identified",
-            "value",
-            f"{significant(100 * self.level, 4)} % interval",
-            "limit",
-            "",
-            "probability",
-        ]
+        ends = f"{significant(100 * self.level, 4)} % interval"
+        head = [case or "as identified", "value", ends, "limit", "", "probability"]
         return [head, *(self._row(c) for c in self.criteria if c.case == case)]
 
     @property
@@ -228,13 +212,9 @@ class StabilityReport(Printed):
     def _row(self, c: Criterion) -> list[str]:
         low, high = c.interval
         ends = (
-            ""
-            if math.isinf(low)
-            else f"{significant(low, 4)} or more"
-            if math.isinf(high)
-            else f"{significant(low, 4)} to {significant(high, 4)}"
+            f"{significant(low, 4)} or more" if math.isinf(high) else f"{significant(low, 4)} to {significant(high, 4)}"
         )
-        ends = "not determined" if math.isnan(c.probability) else ends
+        ends = "not determined" if math.isnan(c.probability) else "" if math.isinf(low) else ends
         limit = f"{'>=' if c.at_least else '<='} {significant(c.limit, 4)} {c.unit}".rstrip()
         value = "none" if math.isinf(c.value) else significant(c.value, 4)
         return [c.name, value, ends, limit, "met" if c.met else "NOT MET", self._chance(c)]
@@ -251,18 +231,12 @@ class StabilityReport(Printed):
         return f"{100 * criterion.probability:.1f} %"
 
     def _mode_lines(self) -> list[str]:
-        rows = [
-            ["mode, rpm", "", "damping ratio", "log. decrement", f"{significant(100 * self.level, 4)} % interval", ""]
-        ]
+        ends = f"{significant(100 * self.level, 4)} % interval"
+        rows = [["mode, rpm", "", "damping ratio", "log. decrement", ends, ""]]
         for mode in self.modes:
-            ends = (
-                "" if mode.overdamped else f"{significant(mode.interval[0], 3)} to {significant(mode.interval[1], 3)}"
-            )
-            words = "overdamped, no resonance" if mode.overdamped else "unstable" if mode.decrement < 0 else ""
+            decrement, low, high = (significant(part, 3) for part in (mode.decrement, *mode.interval))
+            cells = [decrement, f"{low} to {high}", "unstable" if mode.decrement < 0 else ""]
+            cells = ["", "", "overdamped, no resonance"] if mode.overdamped else cells
             frequency = significant(abs(mode.frequency) * RPM_PER_RAD_S, 5)
-            ratio, decrement = (
-                significant(mode.damping_ratio, 3),
-                "" if mode.overdamped else significant(mode.decrement, 3),
-            )
-            rows.append([frequency, mode.direction, ratio, decrement, ends, words])
+            rows.append([frequency, mode.direction, significant(mode.damping_ratio, 3), *cells])
         return text_table(rows, ">10 <9 >13 >14 >20 <1")

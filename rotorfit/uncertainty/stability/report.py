@@ -24,6 +24,10 @@ from rotorfit.uncertainty.stability.rotors import Rotors, drawn_rotors, fitted_r
 from rotorfit.uncertainty.stability.task import Question, Task
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
+_LIMITS = (
+    "min_decrement", "min_threshold_ratio", "min_cross_coupling_ratio", "max_amplitude_um", "max_sensitivity",
+)  # fmt: skip
+
 
 def stability_report(
     fit: FitResult,
@@ -45,14 +49,8 @@ def stability_report(
     thetas: Float | None = None,
 ) -> StabilityReport:
     """Judge a fitted rotor, by the fit's covariance or over parameter vectors of draws, shape ``(W, P)``."""
-    limits = {
-        "min_decrement": min_decrement,
-        "min_threshold_ratio": min_threshold_ratio,
-        "min_cross_coupling_ratio": min_cross_coupling_ratio,
-        "max_amplitude_um": max_amplitude_um,
-        "max_sensitivity": max_sensitivity,
-    }
-    for name, limit in limits.items():
+    limits = min_decrement, min_threshold_ratio, min_cross_coupling_ratio, max_amplitude_um, max_sensitivity
+    for name, limit in zip(_LIMITS, limits, strict=True):
         if limit is not None and not (isinstance(limit, Real) and 0 < limit < math.inf):
             raise ValueError(f"{name} is {limit!r}; a limit is a positive, finite number")
     group = fit.group(at)
@@ -208,9 +206,8 @@ def _caution(fit: FitResult) -> str:
     if not fit.model_limited:
         return ""
     return (
-        f"CAUTION: the model misses the data beyond their noise (redchi {significant(fit.redchi, 3)}). The "
-        "rotor judged here may "
-        "be another one, intervals too narrow and probabilities too sure."
+        f"CAUTION: the model misses the data beyond their noise (redchi {significant(fit.redchi, 3)}). The rotor "
+        "judged here may be another one, intervals too narrow and probabilities too sure."
     )
 
 

@@ -1,0 +1,149 @@
+"""Tests and fits on their way into a store."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import time
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from rotorfit.data.experiments import Experiment
+from rotorfit.data.findings import Finding
+from rotorfit.estimators.file_reading import reading
+from rotorfit.executors import carry_out
+from rotorfit.store.claims import claimed
+from rotorfit.store.database import KIND, Database
+from rotorfit.store.records import Added
+from rotorfit.store.rows import fit_row, insert, stored_findings, test_row, values_of
+from rotorfit.store.settings import settings_key
+from rotorfit.store.sources import Source, continues
+from rotorfit.studies.data_files import StudyProgress, no_progress
+from rotorfit.studies.results import write_uncertainty
+from rotorfit.studies.run import identify
+from rotorfit.studies.study import Study
+from rotorfit.studies.wording import sentence
+from rotorfit.version import __version__
+
+if TYPE_CHECKING:
+    from rotorfit.store.store import Store
+
+
+def add_tests(database: Database, sources: Sequence[Source], machine: str, progress: StudyProgress) -> list[Added]:
+    """Add the tests of sources; what cannot be read is refused."""
+    with database.look() as ask:  # the time, or where a clock was set back the next number: in order of arrival
+        batch = max(time.time_ns(), int(ask("SELECT coalesce(max(batch), 0) FROM tests")[0][0]) + 1)
+    found = []
+    for source in sources:
+        name = str(source.path)
+        try:
+            test, is_new = _test_of(database, source, batch, machine, progress)
+            found.append(Added(source=name, test=test, new_test=is_new))
+        except OSError as problem:  # a file that is locked, or a network that is down, may be there the next time
+            words = f"{problem.filename or source.path}: {problem.strerror or problem}"
+            found.append(Added(source=name, refusal=words))
+        except (ValueError, KeyError) as problem:
+            _refuse(database, source, sentence(problem))
+            found.append(Added(source=name, refusal=sentence(problem)))
+    return found
+
+
+def _refuse(database: Database, source: Source, reason: str) -> None:
+    try:
+        stamp = source.stamp()
+    except OSError:  # it is gone meanwhile, and looked at again when it is there again
+        return
+    with database.change() as connection:
+        row = {"path": source.name, "files": "[]", "stamp": stamp, "test": None, "refusal": reason}
+        insert(connection, "sources", {**row, "version": __version__})
+
+
+def _test_of(database: Database, source: Source, batch: int, machine: str, progress: StudyProgress) -> tuple[int, bool]:
+    """Number of the test, and whether it is new."""
+    stamp, identity = source.stamp(), source.identity()
+    with database.look() as ask:
+        known = ask("SELECT test FROM sources WHERE path = ? AND files = ? AND test NOT NULL", (source.name, identity))
+    row = None
+    if not known:
+        row = {"batch": batch, **test_row(source, machine, progress)}
+        if source.stamp() != stamp:
+            raise ValueError(f"{source.path} changed while it was read; it is read again when it stands still")
+    with database.change() as connection:
+        test = known[0][0] if known else None
+        is_new = False
+        if row is not None:
+            held = connection.execute("SELECT number FROM tests WHERE content = ?", (row["content"],)).fetchone()
+            is_new = held is None
+            test = insert(connection, "tests", row) if is_new else held[0]
+        connection.execute("UPDATE tests SET superseded = NULL WHERE number = ?", (test,))
+        _supersede(connection, source, int(test or 0))
+        row = {"path": source.name, "files": identity, "stamp": stamp, "test": test, "refusal": ""}
+        insert(connection, "sources", {**row, "version": __version__})
+    return int(test or 0), is_new
+
+
+def _supersede(connection: sqlite3.Connection, source: Source, test: int) -> None:
+    """Tests of earlier states of the source that it continues count no longer."""
+    asked = "SELECT DISTINCT test, files FROM sources WHERE path = ? AND test NOT NULL AND test != ?"
+    for other, identity in connection.execute(asked, (source.name, test)).fetchall():
+        if continues(source, json.loads(identity)[0]):
+            connection.execute("UPDATE tests SET superseded = ? WHERE number = ?", (test, other))
+
+
+def with_fit(
+    store: Store, source: Source, added: Added, progress: StudyProgress, executor: Executor | None = None
+) -> Added:
+    """What was added with the fit by its study, which is made where the store does not have it."""
+    study, test = source.study, added.test
+    if study is None or test is None:
+        return added
+    key, text = settings_key(study)
+    found = _fit_number(store.database, test, key)
+    if found is not None:
+        return replace(added, fit=found)
+    with claimed(store.database, f"fit {test} {key}"):
+        found = _fit_number(store.database, test, key)  # another process may have made it while this one waited
+        if found is not None:
+            return replace(added, fit=found)
+        with store.database.look() as ask:
+            findings = ask("SELECT findings FROM tests WHERE number = ?", (test,))[0][0]
+        with reading(str(store.path), KIND):
+            looked_over = stored_findings(findings)
+        work = partial(_fitted, progress=progress) if executor is None else _fitted
+        [(row, values, files)] = carry_out(work, [(study, store.experiments(test), looked_over)], executor)
+        with store.database.change() as connection:
+            connection.execute("INSERT OR IGNORE INTO settings VALUES (?, ?, ?)", (key, study.model, text))
+            connection.execute("DELETE FROM fits WHERE test = ? AND settings = ?", (test, key))
+            number = insert(connection, "fits", {**row, "test": test, "settings": key})
+            rows = [(number, *value) for value in values]
+            connection.executemany("INSERT INTO parameters VALUES (?, ?, ?, ?, ?, ?)", rows)
+            kept = [(number, *one) for one in files.items()]
+            connection.executemany("INSERT INTO uncertainty VALUES (?, ?, ?)", kept)
+        return replace(added, fit=number, new_fit=True)
+
+
+def _fit_number(database: Database, test: int, key: str) -> int | None:
+    """Number of a fit; what could not be fitted is tried again by another version."""
+    asked = "SELECT number FROM fits WHERE test = ? AND settings = ? AND (result NOT NULL OR version = ?)"
+    with database.look() as ask:
+        rows = ask(asked, (test, key, __version__))
+    return int(rows[0][0]) if rows else None
+
+
+def _fitted(
+    item: tuple[Study, tuple[Experiment, ...], tuple[tuple[Finding, ...], ...]], progress: StudyProgress = no_progress
+) -> tuple[dict[str, Any], Sequence[Any], dict[str, bytes]]:
+    """The fit of a test as a row, its values, and files of their uncertainty; here or on a worker."""
+    try:
+        outcome = identify(*item, progress)
+    except (ValueError, KeyError) as problem:
+        return fit_row(sentence(problem)), (), {}
+    with TemporaryDirectory() as folder:
+        write_uncertainty(outcome, Path(folder))
+        files = {path.name: path.read_bytes() for path in Path(folder).iterdir()}
+    return fit_row(outcome), values_of(outcome.best), files
