@@ -32,9 +32,9 @@ from rotorfit.cli import main as cli
 from rotorfit.data.findings import Finding
 from rotorfit.fitting.result import FitResult
 from rotorfit.report import interactive
-from rotorfit.report.explained import SECTIONS, VERDICT
 from rotorfit.report.interactive import interactive_section
 from rotorfit.report.numbers import with_error
+from rotorfit.report.page import SECTIONS, VERDICT
 from rotorfit.report.write import document
 
 RPM = 30 / np.pi

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.campaigns.held_parameters import HeldParameters
-from rotorfit.campaigns.kept import from_bytes, key_of, run_key, to_bytes
+from rotorfit.campaigns.kept import HeldParameters, from_bytes, key_of, run_key, to_bytes
 from rotorfit.data.content import content_hash
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.blocks.row_keys import words

@@ -10,6 +10,7 @@ import argparse
 import os
 import sys
 import warnings
+import webbrowser
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import replace
@@ -18,25 +19,13 @@ from pathlib import Path
 from shutil import copyfile
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from rotorfit.cli import (
-    balance,
-    browser,
-    campaign,
-    judge,
-    laws,
-    plan,
-    predict,
-    recordings,
-    simulate,
-    store,
-    trend,
-    watch,
-)
+from rotorfit.cli import balance, history, recordings, rotors, several, simulate, watch
 from rotorfit.cli.answer import Answer, BadInputError, ExitCode, answered, checked, say
 from rotorfit.cli.arguments import (
     add_files,
     add_fit_options,
     add_jobs,
+    add_paths,
     add_report,
     data_files,
     fit_study,
@@ -248,25 +237,45 @@ def _completion(options: argparse.Namespace) -> Answer:
     return Answer(text=shtab.complete(build_parser(), options.shell))
 
 
+def _add_open(to: argparse.ArgumentParser) -> None:
+    words = "test files and recordings, or a folder of them [this folder]; nothing outside their folder is touched"
+    add_paths(to, words, "*")
+    option(to, "--port N", "port of the server [any free one]", int, default=0)
+    option(to, "--no-browser", "print the address and start no browser")
+
+
+def _open(options: argparse.Namespace) -> int:
+    """Serve until interrupted; returns the exit code."""
+    from rotorfit.app.server import serve
+
+    def tell(address: str) -> None:
+        print(f"rotorfit is at {address}\nCtrl-C ends it", flush=True)
+        if not options.no_browser:
+            webbrowser.open(address)
+
+    checked(lambda: serve(options.files, port=options.port, on_ready=tell))
+    return ExitCode.DONE
+
+
 COMMANDS: dict[str, tuple[str, Callable[[Any], None], Callable[[Any], int]]] = {
     "demo": ("identify the bundled rig and compare with its truth", _add_demo, _demo),
     "fit": ("fit a model to test files", _add_fit, _fit),
     "run": ("fit with the settings of a TOML file", _add_run, _run),
-    "campaign": (campaign.HELP, campaign.add_options, answered(campaign.answer)),
-    "compare-laws": (laws.HELP, laws.add_options, answered(laws.answer)),
+    "campaign": (several.CAMPAIGN_HELP, several.add_campaign, answered(several.campaign)),
+    "compare-laws": (several.LAWS_HELP, several.add_laws, answered(several.laws)),
     "simulate": (simulate.HELP, simulate.add_options, answered(simulate.answer)),
     "vectors": (recordings.VECTORS, recordings.add_vectors, answered(recordings.vectors)),
     "join": (recordings.JOIN, recordings.add_join, answered(recordings.join)),
     "balance": (balance.HELP, balance.add_options, answered(balance.answer)),
-    "predict": (predict.HELP, predict.add_options, answered(predict.answer)),
-    "plan": (plan.HELP, plan.add_options, answered(plan.answer)),
-    "judge": (judge.HELP, judge.add_options, answered(judge.answer)),
-    "store": (store.HELP, store.add_options, answered(store.answer)),
-    "open": (browser.HELP, browser.add_options, browser.run),
+    "predict": (rotors.PREDICT, rotors.add_predict, answered(rotors.predict)),
+    "plan": (rotors.PLAN, rotors.add_plan, answered(rotors.plan)),
+    "judge": (rotors.JUDGE, rotors.add_judge, answered(rotors.judge)),
+    "store": (history.STORE, history.add_store, answered(history.store)),
+    "open": ("view, fit and judge tests and recordings in a browser, on this machine only", _add_open, _open),
     "watch": (watch.HELP, watch.add_options, watch.run),
     "template": (recordings.TEMPLATE, recordings.add_template, answered(recordings.template)),
     "look": (recordings.LOOK, recordings.add_look, answered(recordings.look)),
-    "trend": (trend.HELP, trend.add_options, answered(trend.answer)),
+    "trend": (history.TREND, history.add_trend, answered(history.machine_trend)),
     "models": ("list the models and their parameters", _add_models, answered(_models)),
     "info": ("summarise a test file with its findings", add_files, answered(_info)),
     "completion": (

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 from rotorfit.cli.answer import ExitCode, checked, say
 from rotorfit.cli.arguments import add_false_alarm, add_jobs, check_false_alarm, option, workers_of
+from rotorfit.cli.history import add_followed, add_study, added_json, added_words
 from rotorfit.cli.progress import ProgressLine
-from rotorfit.cli.store import add_followed, add_study, added_json, added_words
 from rotorfit.options.kinds import positive_word, words
 from rotorfit.studies.json_text import json_text
 from rotorfit.studies.wording import sentence

@@ -21,8 +21,7 @@ from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float, Index
 from rotorfit.models.digits import significant
 from rotorfit.observing.circular import first_rows
-from rotorfit.planning.candidates import candidate_test, line_times
-from rotorfit.planning.design import Design
+from rotorfit.planning.design import Design, candidate_test, line_times
 from rotorfit.planning.expectation import Expectation, expect
 from rotorfit.planning.guesses import Values, guess
 from rotorfit.planning.noise import PlannedNoise

@@ -1,4 +1,4 @@
-"""Section of the report on the calibration: how much of the uncertainty comes from where."""
+"""Sections of the report on where uncertainty comes from: the calibration, terms left out, values taken as known."""
 
 from __future__ import annotations
 
@@ -72,3 +72,20 @@ def _calibration(material: ReportInput) -> list[Html]:
     )
     head = ["error", "assumed", "found", "unit", "meaning"]
     return [join([element("h3", "Calibration"), table(head, rows, numeric=(1, 2)), note(words)])]
+
+
+def assumptions_section(material: ReportInput) -> Html:
+    """Score tests of what the model leaves out, and the shift of each result."""
+    found = material.fit.assumed
+    if not found.entries:
+        return Html("")
+    least = 0.1  # of a standard error: less is seen in no digit that is printed
+    head, *rows = found.rows(least)
+    lighter = len(found.entries) - len(rows)
+    rest = f"{lighter} more of less than a tenth of a standard error: see fit.assumptions()."
+    return section(
+        "What these numbers rest on",
+        table(head, rows, numeric=range(1, len(head))),
+        *map(note, (*([rest] if lighter else []), *found.words)),
+        folded=True,
+    )

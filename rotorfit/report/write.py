@@ -154,8 +154,7 @@ def _check(material: ReportInput) -> None:
 
 def document(material: ReportInput, title: str) -> Html:
     """The whole page."""
-    from rotorfit.report.assumptions import assumptions_section
-    from rotorfit.report.budget import budget_section
+    from rotorfit.report.budget import assumptions_section, budget_section
     from rotorfit.report.data_and_model import data_section, model_section, refinement_section
     from rotorfit.report.figures import figure_sections
     from rotorfit.report.interactive import interactive_section

@@ -17,12 +17,9 @@ from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import Finding
 from rotorfit.estimators.file_reading import reading
 from rotorfit.executors import carry_out
-from rotorfit.store.claims import claimed
-from rotorfit.store.database import KIND, Database
-from rotorfit.store.records import Added
-from rotorfit.store.rows import fit_row, insert, stored_findings, test_row, values_of
-from rotorfit.store.settings import settings_key
-from rotorfit.store.sources import Source, continues
+from rotorfit.store.database import KIND, Database, claimed
+from rotorfit.store.records import Added, fit_row, insert, stored_findings, test_row, values_of
+from rotorfit.store.sources import Source, continues, settings_key
 from rotorfit.studies.data_files import StudyProgress, no_progress
 from rotorfit.studies.results import write_uncertainty
 from rotorfit.studies.run import identify

@@ -1,13 +1,29 @@
-"""Records of a store: tests, fits, and the outcome for a file."""
+"""Records of a store, tests, fits, and the outcome for a file; as rows of the tables, and back."""
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Mapping
+import sqlite3
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any
 
+from rotorfit.campaigns.runs import conditions
+from rotorfit.data.content import content_hash
+from rotorfit.data.findings import Finding, errors_in, warnings_in
 from rotorfit.fitting.arithmetic import shown_unit
+from rotorfit.fitting.fit_file import fit_to_json
+from rotorfit.fitting.json_values import encode
+from rotorfit.fitting.quantities import THRESHOLD
+from rotorfit.fitting.result import FitResult
 from rotorfit.models.digits import plus_minus
+from rotorfit.store.database import packed
+from rotorfit.store.sources import Source
+from rotorfit.studies.data_files import StudyProgress
+from rotorfit.studies.study import Outcome
+from rotorfit.version import __version__
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,3 +92,139 @@ class Added:
     new_test: bool = False  # new_test, new_fit: whether the store did not have them before
     new_fit: bool = False
     refusal: str = field(default="")  # why the file was refused, empty where it was not
+
+
+def insert(connection: sqlite3.Connection, table: str, row: Mapping[str, Any]) -> int:
+    """Add a row to a table; returns its number."""
+    marks = ", ".join(f":{column}" for column in row)
+    return int(connection.execute(f"INSERT INTO {table} ({', '.join(row)}) VALUES ({marks})", row).lastrowid or 0)
+
+
+def now() -> str:
+    """The time, ISO 8601."""
+    return datetime.now().isoformat(timespec="seconds")
+
+
+def as_time(text: str, what: str) -> datetime:
+    """A date of ISO 8601 as local time."""
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError:
+        raise ValueError(f"{what}: the date {text!r} cannot be read; write 2026-03-01 or 2026-03-01T14:30") from None
+    return time if time.tzinfo is None else time.astimezone().replace(tzinfo=None)
+
+
+def test_row(source: Source, machine: str, progress: StudyProgress) -> dict[str, Any]:
+    """The row of a test that has been read."""
+    experiments, findings = source.read(progress)
+    attributes: dict[str, float | str] = {}
+    for experiment in experiments:
+        attributes |= conditions(experiment)
+    own = str(attributes.get("machine", "")) or machine
+    dates = sorted(
+        {str(d) for e in experiments if "date" in e.attributes for d in e.attributes["date"].tolist()} - {""}
+    )
+    if dates:
+        as_time(dates[0], str(source.path))
+    return {
+        "content": content_hash(experiments),
+        "kind": ", ".join(dict.fromkeys(test.title for test in experiments)),
+        "readings": sum(map(len, experiments)),
+        "machine": own,
+        "date": dates[0] if dates else source.date(),
+        "date_given": bool(dates),
+        "conditions": json.dumps({n: v for n, v in attributes.items() if isinstance(v, str) or math.isfinite(v)}),
+        "findings": json.dumps([[[f.severity, f.code, f.message, f.source] for f in found] for found in findings]),
+        "data": packed(json.dumps(encode(list(experiments)), allow_nan=False, ensure_ascii=False)),
+        "added": now(),
+        "version": __version__,
+    }
+
+
+def fit_row(outcome: Outcome | str) -> dict[str, Any]:
+    """The row of a fit, or of the reason why there is none."""
+    common = {"added": now(), "version": __version__}
+    if isinstance(outcome, str):
+        none = json.dumps({"errors": [], "warnings": []})
+        return {**common, "success": False, "message": outcome, "redchi": None, "findings": none, "result": None}
+    best = outcome.best
+    said = {"errors": outcome.data_errors, "warnings": outcome.warnings}
+    return {
+        **common,
+        "success": best.success,
+        "message": best.message,
+        "redchi": best.redchi,
+        "findings": json.dumps(said),
+        "result": packed(fit_to_json(best)),
+    }
+
+
+def values_of(fit: FitResult) -> list[tuple[str, float | None, float | None, float | None, str]]:
+    """Name, value, standard error, systematic share and unit of what was fitted, and of the threshold speed."""
+    rows = [(p.name, p.value, p.stderr, p.systematic, p.unit, p.resolved) for p in fit.params.values() if p.vary]
+    if fit.model.speed_dependent and fit.success and fit.problem.space.index.shape[0] == 1:
+        onset = fit.threshold_speed()
+        known = math.isfinite(onset.value) and math.isfinite(onset.stderr)
+        rows.append((THRESHOLD, onset.value, onset.stderr, onset.systematic, "rad/s", known))
+    return [
+        (name, *((value, error, share) if known and math.isfinite(error) else (None, None, None)), unit)
+        for name, value, error, share, unit, known in rows
+    ]
+
+
+def _check(kind: type, *values: Any) -> None:
+    """Refuse what SQLite keeps in a column of another kind."""
+    for value in values:
+        if not isinstance(value, kind):
+            raise TypeError(f"{value!r} stands where there should be {kind.__name__}")
+
+
+def stored_findings(text: str) -> tuple[tuple[Finding, ...], ...]:
+    """Findings of the check of the data, experiment by experiment."""
+    return tuple(
+        tuple(Finding(severity, code, message, source=source) for severity, code, message, source in found)
+        for found in json.loads(text)
+    )
+
+
+def stored_test(row: Sequence[Any], paths: Sequence[str]) -> StoredTest:
+    """The record of a row and of the files it was found in."""
+    number, batch, content, kind, readings, machine, date, date_given, attributes, findings, superseded = row
+    said = [finding for found in stored_findings(findings) for finding in found]
+    _check(str, content, kind, machine, date, *paths, *(finding.message for finding in said))
+    _check(int, number, batch, readings)
+    return StoredTest(
+        number=number,
+        batch=batch,
+        content=content,
+        kind=kind,
+        readings=readings,
+        machine=machine,
+        date=date,
+        date_given=bool(date_given),
+        conditions=dict(json.loads(attributes)),
+        sources=tuple(paths),
+        findings=(*errors_in(said), *warnings_in(said)),
+        superseded=superseded,
+    )
+
+
+def stored_fit(row: Sequence[Any], params: Mapping[str, StoredValue]) -> StoredFit:
+    """The record of a row and of its parameters."""
+    number, test, model, settings, success, message, redchi, findings, version = row
+    said = json.loads(findings)
+    _check(str, model, settings, message, version, *said["errors"], *said["warnings"])
+    _check(int, number, test)
+    return StoredFit(
+        number=number,
+        test=test,
+        model=model,
+        settings=settings,
+        success=bool(success),
+        message=message,
+        redchi=math.nan if redchi is None else float(redchi),
+        errors=tuple(said["errors"]),
+        warnings=tuple(said["warnings"]),
+        params=params,
+        version=version,
+    )

@@ -25,12 +25,9 @@ from rotorfit.models import RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.monitoring.trend import DatedValues, MachineTrend, trend
 from rotorfit.store.adding import add_tests, with_fit
-from rotorfit.store.claims import claimed
-from rotorfit.store.database import KIND, Database, unpacked
-from rotorfit.store.records import Added, StoredFit, StoredTest, StoredValue
-from rotorfit.store.rows import as_time, stored_fit, stored_test
-from rotorfit.store.settings import settings_key
-from rotorfit.store.sources import Source, sources_of
+from rotorfit.store.database import KIND, Database, claimed, unpacked
+from rotorfit.store.records import Added, StoredFit, StoredTest, StoredValue, as_time, stored_fit, stored_test
+from rotorfit.store.sources import Source, settings_key, sources_of
 from rotorfit.studies.data_files import StudyProgress, no_progress
 from rotorfit.studies.study import Study
 from rotorfit.studies.study_file import read_study, study_of

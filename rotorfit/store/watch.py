@@ -17,7 +17,7 @@ from rotorfit.io.files import SUFFIXES
 from rotorfit.io.tables.cells import EXCEL
 from rotorfit.recordings.formats.files import ALWAYS_RAW, FORMATS
 from rotorfit.store.alarms import MachineState, Watching, alarm_json, machine_states
-from rotorfit.store.claims import claimed
+from rotorfit.store.database import claimed
 from rotorfit.store.records import Added
 from rotorfit.store.sources import Source, is_named
 from rotorfit.store.store import Store

@@ -22,8 +22,7 @@ from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.models.digits import interval, significant, with_error
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.text_table import Wide, text_table
-from rotorfit.uncertainty.derived import Derived, Draws
-from rotorfit.uncertainty.onsets import onsets_of
+from rotorfit.uncertainty.derived import Derived, Draws, onsets_of
 
 _MEMBERS_OF_A_PART = 32
 """Simulated tests sent to a worker at once. Chosen."""
@@ -105,7 +104,7 @@ class Bootstrap(Draws):
         return super().interval(name, probability)
 
     def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Derived:
-        """Threshold speed of every estimate, rad/s, see :class:`~rotorfit.uncertainty.onsets.Onsets`.
+        """Threshold speed of every estimate, rad/s, see :class:`~rotorfit.uncertainty.derived.Onsets`.
 
         Args:
             at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted

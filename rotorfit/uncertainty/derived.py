@@ -1,7 +1,8 @@
-"""Quantities that follow from the parameters, with the spread that a posterior leaves them."""
+"""Quantities that follow from the parameters, with the spread that draws leave them."""
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
@@ -9,9 +10,12 @@ from typing import Any
 import numpy as np
 
 from rotorfit.estimators.matching import matched
+from rotorfit.fitting.assumptions.onset import is_extrapolated
+from rotorfit.fitting.result import FitResult
 from rotorfit.models import RotorModel, eigenvalues
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.digits import interval, with_error
+from rotorfit.models.motion.stability import threshold_speeds
 from rotorfit.models.text_table import Printed
 
 DERIVED_DRAWS = 2000
@@ -149,3 +153,37 @@ def _null_vector(coefficients: ComplexArray, s: Any) -> ComplexArray:
     powers = np.asarray(s)[..., None] ** np.arange(coefficients.shape[-3])
     kappa = np.einsum("...k,...kij->...ij", powers, coefficients)
     return np.asarray(np.linalg.svd(kappa)[2][..., -1, :].conj())
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Onsets:
+    """Onset of instability of each draw."""
+
+    speed: Float  # rad/s, shape ``(N,)``
+    whirl_ratio: Float  # frequency of the whirl over the speed, NaN without an onset, shape ``(N,)``
+    note: str  # what limits the numbers, in words; empty where there is nothing
+
+
+def onsets_of(fit: FitResult, theta: Float, group: int, seed: int) -> Onsets:
+    """Threshold speeds of draws of one parameter group.
+
+    After refinement candidates differ by more than the draws of one of them do, where the onset lies beyond the
+    tested speeds or frequencies. As in :meth:`~rotorfit.FitResult.threshold_speed` that difference is an error of the
+    result: extrapolated draws are scattered by it, and those whose onset lies outside the band of a model that holds in
+    the band only are drawn from the onset of the candidate that holds beyond.
+    """
+    speed, whirl = threshold_speeds(fit.model, theta, band=fit.stability_band)
+    ratio = whirl / np.where(speed > 0, speed, np.nan)
+    found = np.isfinite(speed)
+    candidate = fit.settings.onsets[group] if fit.settings.onsets else None
+    limited = math.isfinite(fit.stability_band)
+    if limited and candidate is None and math.isnan(fit.threshold_of(group).value):
+        speed = np.full_like(speed, np.nan)
+    if candidate is not None:
+        normal = np.random.default_rng(seed).standard_normal(speed.size)
+        beyond = found & is_extrapolated(fit, speed, whirl)
+        speed[beyond] += candidate.difference * normal[beyond]
+        if limited and math.isfinite(candidate.speed):
+            speed[~found] = candidate.speed + math.hypot(candidate.stderr, candidate.difference) * normal[~found]
+            ratio[~found] = candidate.whirl_ratio
+    return Onsets(speed=speed, whirl_ratio=ratio, note=fit.onset_note(group))

@@ -17,8 +17,17 @@ from rotorfit.fitting.keywords import JudgeKeywords, PredictKeywords, check_keyw
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Float
 from rotorfit.models.shafts.angular_rates import angular_rate, angular_rates
-from rotorfit.uncertainty.derived import DERIVED_DRAWS, SHAFT_DRAWS, Derived, Draws, Mode, StiffnessBand, modes
-from rotorfit.uncertainty.onsets import Onsets, onsets_of
+from rotorfit.uncertainty.derived import (
+    DERIVED_DRAWS,
+    SHAFT_DRAWS,
+    Derived,
+    Draws,
+    Mode,
+    Onsets,
+    StiffnessBand,
+    modes,
+    onsets_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -131,7 +140,7 @@ class Posterior(Draws):
         return np.asarray(space.theta(samples[chosen, : space.size])[:, space.group(at)])
 
     def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Derived:
-        """Rotative speed at which the rotor becomes unstable, rad/s, see :class:`~rotorfit.uncertainty.onsets.Onsets`.
+        """Rotative speed at which the rotor becomes unstable, rad/s, see :class:`~rotorfit.uncertainty.derived.Onsets`.
 
         Args:
             at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted

@@ -14,7 +14,7 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Float
 from rotorfit.models.digits import significant
 from rotorfit.models.motion.stability import threshold_speeds, whirls_forward
-from rotorfit.uncertainty.onsets import onsets_of
+from rotorfit.uncertainty.derived import onsets_of
 from rotorfit.uncertainty.stability.record import SENSITIVITY, Curve, ModeDamping
 from rotorfit.uncertainty.stability.rotors import Rotors, decrement
 from rotorfit.uncertainty.stability.unbalance import Peaks, margin, margin_asked, peaks_near, peaks_of

@@ -1,4 +1,4 @@
-"""``rotorfit campaign``: fit every run of a campaign, print and draw the trends."""
+"""Several runs or several laws fitted: ``rotorfit campaign`` and ``compare-laws``."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli.answer import Answer
+from rotorfit.cli.answer import Answer, finite
 from rotorfit.cli.arguments import add_files, add_jobs, add_model, add_output, fit_study, option, workers_of
 from rotorfit.cli.progress import progress_line
-from rotorfit.options.kinds import count_word, words
-from rotorfit.options.table import CAMPAIGN
+from rotorfit.options.kinds import count_word, positive_word, words
+from rotorfit.options.table import CAMPAIGN, LAW_RANKING, PARAMETERS
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -19,12 +19,13 @@ if TYPE_CHECKING:
     from rotorfit.campaigns.campaign import Campaign
     from rotorfit.data.experiments import Experiment
     from rotorfit.fitting.quantities import FittedParameter, Quantity
+    from rotorfit.fitting.structure.law_ranking import LawComparison, LawFit
     from rotorfit.studies.study import Study
 
-HELP = "fit every run of a campaign and show how the parameters change with its conditions"
+CAMPAIGN_HELP = "fit every run of a campaign and show how the parameters change with its conditions"
 
 
-def add_options(to: argparse.ArgumentParser) -> None:
+def add_campaign(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
     add_files(to)
     add_model(to, CAMPAIGN)
@@ -40,7 +41,7 @@ def add_options(to: argparse.ArgumentParser) -> None:
     add_output(to, "runs.csv, summary.txt, report.html and trends.png", figures=True)
 
 
-def answer(options: argparse.Namespace) -> Answer:
+def campaign(options: argparse.Namespace) -> Answer:
     """Every run fitted, and the trends."""
     found, wrong, warned = _campaign(options)
     text = found.summary(options.follow, against=options.against, by=options.by, degree=options.degree)
@@ -56,8 +57,8 @@ def answer(options: argparse.Namespace) -> Answer:
         said.append(f"{what} did not converge{': ' + ', '.join(bad) if bad else ''}")
     return Answer(
         text=f"{table}\n\n{text}",
-        write=partial(_write, found, text, options),
-        plain=lambda: {**_plain(found, options), "warnings": warned},
+        write=partial(_write_campaign, found, text, options),
+        plain=lambda: {**_campaign_json(found, options), "warnings": warned},
         warned=warned,
         said=said,
         good=found.success and not wrong,
@@ -66,7 +67,7 @@ def answer(options: argparse.Namespace) -> Answer:
 
 def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
     """The fits of all runs, what is wrong with the data, and what their check warns of."""
-    from rotorfit.campaigns.campaign import campaign
+    from rotorfit.campaigns.campaign import campaign as fit_campaign
     from rotorfit.data.findings import attributed, error_sentence, errors_in, warnings_in
     from rotorfit.store.store import Store
     from rotorfit.studies.study_model import build_model, check_model
@@ -77,16 +78,12 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
     check_model(study)
     with workers_of(options) as executor, progress_line(options) as line:
         parts, first, findings = _data_of(study, options.lazy, executor)
-        found = campaign(
+        found = fit_campaign(
             build_model(study, first),
             parts,
             split=options.split,
             shared=options.shared,
-            known=study.known,
-            bounds=study.bounds,
-            priors=study.priors,
-            loss=study.loss,
-            start=study.start,
+            **{name: getattr(study, name) for name in (*PARAMETERS, "loss")},
             executor=executor,
             store=None if options.store is None else Store(options.store),
             progress=lambda done, total: line(f"{done} of {total} runs", done / total),
@@ -109,7 +106,7 @@ def _data_of(study: Study, lazy: bool, executor: Executor | None) -> tuple[Any, 
     return [file.read for file in files], (files[0].read(),), (findings, [file.path.name for file in files])
 
 
-def _write(found: Campaign, text: str, options: argparse.Namespace, folder: Path) -> None:
+def _write_campaign(found: Campaign, text: str, options: argparse.Namespace, folder: Path) -> None:
     from rotorfit.plots.style import picture_of
     from rotorfit.report.campaign import write_campaign_report
 
@@ -126,7 +123,7 @@ def _estimate(parameter: FittedParameter | Quantity) -> dict[str, Any]:
     return {"value": parameter.value, "stderr": parameter.stderr, "unit": parameter.unit}
 
 
-def _plain(found: Campaign, options: argparse.Namespace) -> dict[str, Any]:
+def _campaign_json(found: Campaign, options: argparse.Namespace) -> dict[str, Any]:
     """The campaign for JSON, numbers in SI units."""
     result: dict[str, Any] = {
         "model": found.model.name,
@@ -145,15 +142,111 @@ def _plain(found: Campaign, options: argparse.Namespace) -> dict[str, Any]:
     if options.against is not None:
         result["trends"] = [
             {
-                "parameter": t.parameter,
-                "group": t.group,
-                "against": t.against,
+                **{name: getattr(t, name) for name in ("parameter", "group", "against", "scatter")},
                 "runs": len(t.runs),
                 "slope": t.slope.value,
                 "slope_stderr": t.slope.stderr,
                 "coefficients": [_estimate(c) for c in t.coefficients],
-                "scatter": t.scatter,
             }
             for t in found.trends(options.follow, against=options.against, by=options.by, degree=options.degree)
         ]
     return result
+
+
+LAWS_HELP = "fit several laws of eccentricity to the same files and rank them by AIC and BIC"
+
+
+def add_laws(to: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    add_files(to)
+    add_model(to, LAW_RANKING)
+    option(to, "--clearance-um UM", "radial clearance at the fluid", positive_word, required=True)
+    help = "laws to compare: muszynska,collapse [constant, muszynska, two even polynomials, a spline]"
+    option(to, "--laws A,B", help, words)
+    add_output(to, "law_comparison.csv, summary.txt and law.png")
+
+
+def laws(options: argparse.Namespace) -> Answer:
+    """The ranking of the laws."""
+    found, wrong, warned = _comparison(options)
+    failed = [entry for entry in found.laws if entry.fit is not None and not entry.fit.success]
+    problems = [*([wrong] if wrong else []), *(f"{entry.law!r}: {entry.reason}" for entry in failed)]
+    return Answer(
+        text="\n".join([str(found), *warned]),
+        write=partial(_write_laws, found),
+        plain=lambda: {**_laws_json(found), "warnings": warned},
+        warned=warned,
+        said=problems,
+        good=not problems,
+    )
+
+
+def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str, list[str]]:
+    """The ranking, what is wrong with the data, and what their check warns of."""
+    from rotorfit.data.findings import attributed, error_sentence, errors_in, warnings_in
+    from rotorfit.fitting.structure.law_ranking import compare_laws
+    from rotorfit.models import LAWS
+    from rotorfit.models.parameters import unknown_name
+    from rotorfit.studies.data_files import no_progress, read_files
+    from rotorfit.studies.study_model import build_model, check_model
+
+    study = fit_study(options, LAW_RANKING)
+    check_model(study)
+    for name in options.laws or ():
+        if name not in LAWS:
+            raise ValueError(f"--laws: {unknown_name('law', name, LAWS)}")
+    tests, findings = read_files(study.files, no_progress)
+    found = compare_laws(
+        build_model(study, tests),
+        tests,
+        None if options.laws is None else [LAWS[name]() for name in options.laws],
+        clearance_um=options.clearance_um,
+        **{name: getattr(study, name) for name in (*PARAMETERS, "per", "loss", "phase_offsets")},
+    )
+    everything = attributed(findings, [test.source or test.title for test in tests])
+    return found, error_sentence(errors_in(everything)), warnings_in(everything)
+
+
+def _write_laws(found: LawComparison, folder: Path) -> None:
+    from rotorfit.io.tables.result_tables import records_csv
+
+    (folder / "law_comparison.csv").write_text(records_csv([_row(entry) for entry in found.laws]), encoding="utf-8")
+    # There is something to draw of a law that changes with eccentricity alone.
+    drawn = next((e.fit for e in found.laws if e.law.parameters and e.fit is not None and not e.reason), None)
+    note = "law.png: no law that changes with eccentricity could be fitted"
+    if drawn is not None:
+        from rotorfit.plots.style import picture_of
+
+        (folder / "law.png").write_bytes(picture_of(drawn.plot_law(), dpi=150))
+        note = f"law.png: {drawn.model.options()['law']!r}"
+    (folder / "summary.txt").write_text(f"{found}\n\n{note}\n\n{found.best.summary()}\n", encoding="utf-8")
+
+
+def _row(entry: LawFit) -> dict[str, Any]:
+    """One law of the ranking; what was not fitted is ``None``."""
+    return {
+        "law": repr(entry.law),
+        "fitted": entry.count,
+        "redchi": None if entry.fit is None else finite(entry.fit.redchi),
+        "aic": finite(entry.aic),
+        "bic": finite(entry.bic),
+        "weight": entry.weight,
+        "reason": entry.reason,
+    }
+
+
+def _laws_json(found: LawComparison) -> dict[str, Any]:
+    best = found.best
+    return {
+        "model": best.model.name,
+        "laws": [_row(entry) for entry in found.laws],
+        "best": repr(found.laws[0].law),
+        "parameters": {
+            p.name: {"value": p.value, "stderr": p.stderr, "unit": p.unit, "fitted": p.vary}
+            for p in best.params.values()
+        },
+        "nonlinear": found.nonlinear,
+        "nonlinear_stiffness": found.nonlinear_stiffness,
+        "stiffness_aic": found.stiffness,
+        "verdict": found.verdict,
+    }

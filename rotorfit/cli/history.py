@@ -1,35 +1,119 @@
-"""``rotorfit store``: tests and fits of machines in one file; add to it, list it, follow it, look for damage."""
+"""Machines over time: ``rotorfit trend``, and ``store``, which keeps tests and fits in one file."""
 
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.cli.answer import Answer
+from rotorfit.cli.answer import Answer, checked
 from rotorfit.cli.arguments import (
     add_false_alarm,
+    add_files,
     add_jobs,
     add_output,
     add_paths,
     check_false_alarm,
+    data_files,
     option,
     workers_of,
 )
 from rotorfit.cli.progress import progress_line
-from rotorfit.cli.trend import place_json
 from rotorfit.models.text_table import Wide, text_table
-from rotorfit.options.kinds import words
+from rotorfit.options.kinds import two_numbers, words
 
 if TYPE_CHECKING:
+    from rotorfit.monitoring.trend import DatedValues, MachineTrend, PlaceTrend
     from rotorfit.store.records import Added, StoredFit, StoredTest
     from rotorfit.store.store import Store
 
-HELP = "keep tests and their fits in one file: add to it, list it, follow it over time"
+TREND = (
+    "follow the observed stiffness, mass and damping of dated tests of one machine, or dK/K of saved fits (.json) of "
+    "a shaft that is not round, and report changes"
+)
+
+
+def add_trend(to: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    add_files(to)
+    option(to, "--speed-range LO:HI", "speeds to use, rpm; stay below the next critical")
+    add_false_alarm(to, "probability of reporting a change when there is none [%(default)g]")
+    add_output(to, "trend.csv, summary.txt and trend.png")
+
+
+def machine_trend(options: argparse.Namespace) -> Answer:
+    """Dated tests of one machine, and what changed."""
+    found = _followed(options)
+    return Answer(
+        text=str(found), write=partial(_write_trend, found), plain=lambda: [place_json(place) for place in found.places]
+    )
+
+
+def _followed(options: argparse.Namespace) -> MachineTrend:
+    from rotorfit.data.experiments import PerturbationTest
+    from rotorfit.monitoring.observed_stiffness import observed_stiffness
+    from rotorfit.monitoring.trend import trend
+    from rotorfit.studies.data_files import no_progress, read_files
+
+    check_false_alarm(options)
+    try:
+        limits = two_numbers(options.speed_range) if options.speed_range else None
+    except ValueError as problem:
+        raise ValueError(f"--speed-range {options.speed_range}: {problem}") from problem
+    if all(file.suffix == ".json" for file in options.files):
+        from rotorfit.fitting.fit_file import load_fit
+        from rotorfit.monitoring.trend import dated_anisotropy
+
+        def dated(file: Path) -> DatedValues:
+            return checked(lambda: dated_anisotropy(load_fit(file)), file)
+
+        return trend([dated(file) for file in options.files], false_alarm=options.false_alarm)
+    tests = []
+    for test in read_files(data_files(options), no_progress)[0]:
+        if not isinstance(test, PerturbationTest):
+            raise ValueError(f"{test.source}: a {test.title} has no observed stiffness: a synchronous test is needed")
+        tests += observed_stiffness(test, speed_rpm=limits)
+    return trend(tests, false_alarm=options.false_alarm)
+
+
+def _write_trend(found: MachineTrend, folder: Path) -> None:
+    from rotorfit.io.tables.result_tables import rows_csv
+    from rotorfit.plots.style import picture_of
+
+    rows: list[list[Any]] = [["place", "test", "quantity", "unit", "value", "stderr"]]
+    for place in found.places:
+        for i, date in enumerate(place.dates):
+            for j, name in enumerate(place.names):
+                rows.append([place.place, date, name, place.units[j], place.values[i, j], place.stderr[i, j]])
+    (folder / "trend.csv").write_text(rows_csv(rows), encoding="utf-8")
+    (folder / "summary.txt").write_text(f"{found}\n", encoding="utf-8")
+    (folder / "trend.png").write_bytes(picture_of(found.plot(), dpi=150))
+
+
+def place_json(place: PlaceTrend) -> dict[str, Any]:
+    """One place as JSON, SI units."""
+    change = place.change
+    return {
+        "place": place.place,
+        "tests": list(place.dates),
+        "changed": place.found,
+        "p_value": None if change is None else change.p_value,
+        "first_after": place.dates[change.index] if change is not None and place.found else None,
+        "before": dict(zip(place.names, change.before.tolist(), strict=True)) if change is not None else None,
+        "after": dict(zip(place.names, change.after.tolist(), strict=True)) if change is not None else None,
+        "causes": [
+            {"name": c.name, "change": c.size, "stderr": c.stderr, "probability": c.probability} for c in place.causes
+        ],
+        "said": place.sentences(),
+    }
+
+
+STORE = "keep tests and their fits in one file: add to it, list it, follow it over time"
 _VALUES_SHOWN = 6
 
 
-def add_options(to: argparse.ArgumentParser) -> None:
+def add_store(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
     group = to.add_subparsers(metavar="ACTION", required=True)
 
@@ -72,7 +156,7 @@ def add_followed(to: argparse.ArgumentParser) -> None:
     option(to, "--since DATE", "leave out tests before this date", default="")
 
 
-def answer(options: argparse.Namespace) -> Answer:
+def store(options: argparse.Namespace) -> Answer:
     """What the action gives."""
     found: Answer = options.action(options)
     return found
@@ -90,11 +174,11 @@ def _add(options: argparse.Namespace) -> Answer:
     from rotorfit.store.store import Store
 
     with progress_line(options) as progress:
-        store = Store(options.store)
+        tests = Store(options.store)
         with workers_of(options) as executor:
             given = {"machine": options.machine, "setup": options.setup, "progress": progress}
-            added = store.add(options.files, options.study, executor=executor, **given)
-    fits = {fit.number: fit for fit in store.fits}
+            added = tests.add(options.files, options.study, executor=executor, **given)
+    fits = {fit.number: fit for fit in tests.fits}
     made = [fits[one.fit] for one in added if one.fit is not None]
     refusals = [one.refusal for one in added if one.refusal]
     return Answer(
@@ -135,10 +219,10 @@ def added_json(added: Added, fits: dict[int, StoredFit]) -> dict[str, Any]:
 
 
 def _list(options: argparse.Namespace) -> Answer:
-    store = _opened(options)
-    tests, fits = store.tests, store.fits
+    opened = _opened(options)
+    tests, fits = opened.tests, opened.fits
     return Answer(
-        text="\n".join([repr(store)[1:-1], *_table(tests, fits)]), plain=lambda: {"tests": tests, "fits": fits}
+        text="\n".join([repr(opened)[1:-1], *_table(tests, fits)]), plain=lambda: {"tests": tests, "fits": fits}
     )
 
 
@@ -164,14 +248,14 @@ def _get(options: argparse.Namespace) -> Answer:
     from rotorfit.fitting.fit_file import save_fit
     from rotorfit.io.files import write
 
-    store = _opened(options)
-    fit = store.result(options.number)
+    opened = _opened(options)
+    fit = opened.result(options.number)
 
     def fill(folder: Path) -> None:
         save_fit(fit, folder / "fit.json")
         for number, test in enumerate(fit.experiments, 1):
             write(test, folder / f"test{number}.nc")
-        for name, data in store.uncertainty_files(options.number).items():
+        for name, data in opened.uncertainty_files(options.number).items():
             (folder / name).write_bytes(data)
 
     return Answer(text=fit.summary(), write=fill, plain=lambda: {"fit": options.number, "out": str(options.out)})
