@@ -15,22 +15,8 @@ from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
 
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class OwnErrors:
-    """Covariances of one run's own parameters, in the order of its ``var_names``, shapes ``(q, q)``."""
-
-    noise: Float  # as the noise alone makes it
-    covar: Float  # widened for a model that does not fit
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class JointErrors:
-    """Covariances of the joint fit."""
-
-    noise: Float  # of the shared parameters, as the noise alone makes it, shape ``(s, s)``
-    covar: Float  # of the shared parameters, widened for a model that does not fit, shape ``(s, s)``
-    own: tuple[OwnErrors, ...]  # of each run's own parameters
+Errors = tuple[Float, Float]
+"""Covariance as the noise alone makes it, and widened for a model that does not fit."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -43,8 +29,12 @@ class FittedRun:
     options: dict[str, Any]  # settings and point that the approximation was made with, for the workers
 
 
-def joint_errors(workers: Workers, fitted: Sequence[FittedRun], names: Sequence[str]) -> JointErrors:
-    """Errors of the joint fit to all runs."""
+def joint_errors(workers: Workers, fitted: Sequence[FittedRun], names: Sequence[str]) -> tuple[Errors, list[Errors]]:
+    """Errors of the joint fit to all runs.
+
+    Returns:
+        those of the shared parameters, shape ``(s, s)``, and of each run's own in the order of its ``var_names``.
+    """
     if fitted[0].options["settings"].loss != "linear":
         return _of_robust_loss(workers, fitted, names)
     free = sum(item.fit.ndata - len(item.fit.var_names) for item in fitted) - len(names)
@@ -54,8 +44,8 @@ def joint_errors(workers: Workers, fitted: Sequence[FittedRun], names: Sequence[
     own = []
     for item, more, more_wide in zip(fitted, added, wide, strict=True):
         variance = [item.fit.params[name].stderr_noise ** 2 for name in item.fit.var_names]
-        own.append(OwnErrors(noise=np.diag(variance) + more, covar=item.fit.covar + more_wide))
-    return JointErrors(noise=noise, covar=covar, own=tuple(own))
+        own.append((np.diag(variance) + more, np.asarray(item.fit.covar + more_wide)))
+    return (noise, covar), own
 
 
 def _by_squares(fitted: Sequence[FittedRun], names: Sequence[str], factor: float) -> tuple[Float, list[Float]]:
@@ -67,7 +57,7 @@ def _by_squares(fitted: Sequence[FittedRun], names: Sequence[str], factor: float
     ]
 
 
-def _of_robust_loss(workers: Workers, fitted: Sequence[FittedRun], names: Sequence[str]) -> JointErrors:
+def _of_robust_loss(workers: Workers, fitted: Sequence[FittedRun], names: Sequence[str]) -> tuple[Errors, list[Errors]]:
     """The sandwich of :func:`rotorfit.estimators.inference.covariance.information`, put together from the runs. Its
     filling is the scatter of each run's slope, which reaches the shared parameters directly and through those of the
     run's own that follow them. The scatter already shows a model that does not fit: nothing is widened."""
@@ -89,9 +79,9 @@ def _of_robust_loss(workers: Workers, fitted: Sequence[FittedRun], names: Sequen
     for item, part, scatter, direct in zip(fitted, parts, scatters, reached, strict=True):
         pull, follow = part.pull(inverse), part.follow @ inverse
         matrix = _own_order(item, names, pull @ scatter @ pull.T + follow @ (filling - direct) @ follow.T)
-        own.append(OwnErrors(noise=matrix, covar=matrix))
+        own.append((matrix, matrix))
     covar = inverse @ filling @ inverse
-    return JointErrors(noise=covar, covar=covar, own=tuple(own))
+    return (covar, covar), own
 
 
 def _own_order(item: FittedRun, names: Sequence[str], matrix: Float) -> Float:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.campaigns.joint_errors import FittedRun, JointErrors, OwnErrors, joint_errors
+from rotorfit.campaigns.joint_errors import Errors, FittedRun, joint_errors
 from rotorfit.campaigns.runs import Run, RunFit, Workers, fit_run
 from rotorfit.estimators.inference.covariance import (
     Curvature,
@@ -89,9 +89,8 @@ class _Joint:
         fits = self.workers(fit_run, self.runs, [{"settings": self.settings, "start": self.start}] * len(self.runs))
         refuse_none(fits)
         usable = [(run, fit) for run, fit in zip(self.runs, fits, strict=True) if fit.params]
-        options = [
-            {"settings": _with_noise(self.settings, fit), "at": _own_values(fit, self.start)} for _, fit in usable
-        ]
+        start = self.start
+        options = [{"settings": _with_noise(self.settings, fit), "at": _own_values(fit, start)} for _, fit in usable]
         quadratics = self.workers(_curvature, [run for run, _ in usable], options)
         taken = [quadratic for quadratic in quadratics if isinstance(quadratic, Curvature)]
         if not taken:
@@ -158,33 +157,26 @@ class _Joint:
     def result(self, fits: Sequence[RunFit], phi: Float, settled: bool) -> Shared:
         """The result, with the errors of the joint fit."""
         options, quadratics = self.options(fits, phi), self.profile(fits, phi).quadratics
-        fitted = [
-            FittedRun(
-                run=self.runs[number],
-                fit=fits[number],
-                quadratic=quadratic,
-                options={
-                    "settings": options[number]["settings"],
-                    "at": dict(zip(quadratic.names, quadratic.x.tolist(), strict=True)),
-                },
-            )
-            for number, quadratic in quadratics.items()
-        ]
-        errors = joint_errors(self.workers, fitted, self.names)
+        fitted = []
+        for number, quadratic in quadratics.items():
+            at = dict(zip(quadratic.names, quadratic.x.tolist(), strict=True))
+            given = {"settings": options[number]["settings"], "at": at}
+            fitted.append(FittedRun(run=self.runs[number], fit=fits[number], quadratic=quadratic, options=given))
+        errors, own_errors = joint_errors(self.workers, fitted, self.names)
         params = {name: self._parameter(i, float(phi[i]), errors) for i, name in enumerate(self.names)}
         done = list(fits)
-        for number, own in zip(quadratics, errors.own, strict=True):
+        for number, own in zip(quadratics, own_errors, strict=True):
             done[number] = _with_errors(done[number], own, self.names)
-        return Shared(runs=tuple(done), params=params, covar=errors.covar, success=settled)
+        return Shared(runs=tuple(done), params=params, covar=errors[1], success=settled)
 
-    def _parameter(self, i: int, value: float, errors: JointErrors) -> FittedParameter:
+    def _parameter(self, i: int, value: float, errors: Errors) -> FittedParameter:
         parameter = self.workers.model.parameter(self.names[i])
         low, high = self.limits[:, i].tolist()
         return FittedParameter(
             name=self.names[i],
             value=value,
-            stderr=float(np.sqrt(errors.covar[i, i])),
-            stderr_noise=float(np.sqrt(errors.noise[i, i])),
+            stderr=float(np.sqrt(errors[1][i, i])),
+            stderr_noise=float(np.sqrt(errors[0][i, i])),
             init_value=value,
             unit=parameter.unit,
             meaning=parameter.meaning,
@@ -231,13 +223,13 @@ def _with_noise(settings: FitSettings, fit: RunFit) -> FitSettings:
     return settings if fit.noise is None else replace(settings, noise=fit.noise)
 
 
-def _with_errors(fit: RunFit, errors: OwnErrors, names: Sequence[str]) -> RunFit:
+def _with_errors(fit: RunFit, errors: Errors, names: Sequence[str]) -> RunFit:
     params = {name: parameter for name, parameter in fit.params.items() if name not in names}
     for i, name in enumerate(fit.var_names):
         if params[name].resolved:
-            error, noise = np.sqrt(errors.covar[i, i]), np.sqrt(errors.noise[i, i])
-            params[name] = replace(params[name], stderr=float(error), stderr_noise=float(noise))
-    return replace(fit, params=params, covar=errors.covar)
+            noise, error = (float(np.sqrt(covar[i, i])) for covar in errors)
+            params[name] = replace(params[name], stderr=error, stderr_noise=noise)
+    return replace(fit, params=params, covar=errors[1])
 
 
 # ---- work on one run, here or elsewhere --------------------------------------------------------------------------

@@ -184,7 +184,7 @@ def _command(material: ReportInput) -> str:
     )
     if not expressible:
         return ""
-    asked = {
+    asked: dict[str, Any] = {
         "runout_um": next((r for r in map(_runout, fit.experiments) if r is not None), None),
         **options,
         "orthotropic": supports,
@@ -194,8 +194,13 @@ def _command(material: ReportInput) -> str:
         "calibration": {name: value for name, value in calibrated.items() if value},
         "refine": refined,
         "profile": tuple(p.name for p in material.profiles),
-        **_draws(material),
     }
+    simulated, posterior = material.bootstrap, material.posterior
+    if simulated is not None:
+        asked |= {"bootstrap": len(simulated.samples) + simulated.failures, "seed": simulated.seed}
+    if posterior is not None:
+        limits = posterior.settings
+        asked |= {"sample": True, "seed": posterior.seed, "ess": limits.ess, "max_steps": limits.max_steps}
     words = command_words(asked)
     if words is None:
         return ""
@@ -205,15 +210,3 @@ def _command(material: ReportInput) -> str:
         files += [*names, *(["--setup", setup] if setup else [])]
     named = [] if shaft else ["--model", model.name]
     return shlex.join(["rotorfit", "fit", *files, *named, *words, "--out", "results/"])
-
-
-def _draws(material: ReportInput) -> dict[str, Any]:
-    """Settings of what was simulated and sampled."""
-    simulated, posterior = material.bootstrap, material.posterior
-    asked: dict[str, Any] = {}
-    if simulated is not None:
-        asked |= {"bootstrap": len(simulated.samples) + simulated.failures, "seed": simulated.seed}
-    if posterior is not None:
-        limits = posterior.settings
-        asked |= {"sample": True, "seed": posterior.seed, "ess": limits.ess, "max_steps": limits.max_steps}
-    return asked

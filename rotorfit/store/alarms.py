@@ -59,7 +59,11 @@ class MachineState:
     def sentence(self, rule: Rule) -> str:
         """The state of a rule in words."""
         who = f"{self.machine}: " if self.machine else ""
-        what = _margin_words(rule) if rule.name == MARGIN else f"a change of {rule.name}"
+        what = f"a change of {rule.name}"
+        if rule.name == MARGIN:
+            what = f"threshold speed below {rule.required * RPM_PER_RAD_S:.6g} rpm"
+            if len(rule.evidence):
+                what += f", held with probability {significant(rule.probability, 2)} by the last test"
         said = (
             f"{significant(rule.evidence[-1], 2)} of {significant(rule.limit, 4)}" if len(rule.evidence) else "no test"
         )
@@ -67,12 +71,6 @@ class MachineState:
             return f"{who}no alarm, {what}: evidence {said} after {len(rule.evidence)} tests"
         test = self.test(rule.alarm)
         return f"{who}ALARM, {what}: by the test of {test.date} ({Path(test.sources[0]).name}), evidence now {said}"
-
-
-def _margin_words(rule: Rule) -> str:
-    required = rule.required * RPM_PER_RAD_S
-    held = f", held with probability {significant(rule.probability, 2)} by the last test" if len(rule.evidence) else ""
-    return f"threshold speed below {required:.6g} rpm{held}"
 
 
 def machine_states(store: Store, study: Study | Mapping[str, Any] | None, watching: Watching) -> list[MachineState]:

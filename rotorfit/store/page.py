@@ -29,14 +29,10 @@ def page_of(store: Store) -> Path:
 def write_page(store: Store, states: Sequence[MachineState], path: Path | None = None) -> Path:
     """Write the page of a store, whole or not at all; by default beside it."""
     target = page_of(store) if path is None else path
-    content = page(f"History of {store.path.stem}", str(store.path), [*_sections(states), *_refused(store)])
+    none = section("No test yet", paragraph("Nothing has been fitted by this study."))
+    sections = [part for state in states for part in _machine(state)] or [none]
+    content = page(f"History of {store.path.stem}", str(store.path), [*sections, *_refused(store)])
     return write_whole(target, content.encode("utf-8"))
-
-
-def _sections(states: Sequence[MachineState]) -> list[Html]:
-    if not states:
-        return [section("No test yet", paragraph("Nothing has been fitted by this study."))]
-    return [part for state in states for part in _machine(state)]
 
 
 def _machine(state: MachineState) -> list[Html]:

@@ -30,19 +30,14 @@ from rotorfit.studies.study import Study
 
 def settings_key(study: Study) -> tuple[str, str]:
     """Hash of the settings of a study, and the settings as JSON; files and folders do not count."""
-    given = {f.name: _sorted(encode(getattr(study, f.name))) for f in fields(StudyOptions) if _says(study, f.name)}
+    asked = {f.name: getattr(study, f.name) for f in fields(StudyOptions) if getattr(study, f.name) != f.default}
+    given = {name: _sorted(encode(value)) for name, value in asked.items() if is_set(value)}
     if study.structure:  # what the file holds counts, not where it is
         shaft = Path(study.structure)
         files = sorted(shaft.iterdir()) if shaft.is_dir() else [shaft]
         given["structure"] = _sha256("".join(digest_of(file)[1] for file in files if file.is_file()))
     text = json.dumps({"model": study.model, **given}, sort_keys=True, allow_nan=False)
     return _sha256(text), text
-
-
-def _says(study: Study, name: str) -> bool:
-    value = getattr(study, name)
-    default = next(f for f in fields(StudyOptions) if f.name == name).default
-    return is_set(value) and value != default
 
 
 def _sorted(value: Any) -> Any:

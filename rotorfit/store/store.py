@@ -293,7 +293,13 @@ class Store:
             KeyError: no such machine.
         """
         given = study_for_store(study)
-        key = self._only_settings() if given is None else settings_key(given)[0]
+        if given is None:
+            with self.database.look() as ask:
+                rows = ask("SELECT key, text FROM settings")
+            if len(rows) > 1:
+                texts = "; ".join(text for _, text in rows[:4])
+                raise ValueError(f"{self.path} holds fits by {len(rows)} settings, say which (study): {texts}")
+        key = settings_key(given)[0] if given is not None else str(rows[0][0]) if rows else ""
         first = as_time(since, "since") if since else None
         tests = {test.number: test for test in self.tests if test.superseded is None}
         machines = sorted({test.machine for test in tests.values()})
@@ -305,14 +311,6 @@ class Store:
             for test, fit in sorted(pairs, key=lambda pair: (pair[0].batch, pair[0].date, pair[0].number))
             if machine in (None, test.machine) and (first is None or as_time(test.date, test.sources[0]) >= first)
         )
-
-    def _only_settings(self) -> str:
-        with self.database.look() as ask:
-            rows = ask("SELECT key, text FROM settings")
-        if len(rows) > 1:
-            texts = "; ".join(text for _, text in rows[:4])
-            raise ValueError(f"{self.path} holds fits by {len(rows)} settings, say which (study): {texts}")
-        return str(rows[0][0]) if rows else ""
 
     def trend(
         self,

@@ -88,7 +88,8 @@ def _read_file(
         progress(f"checking {test.source}")
         checked = check(test)
         found += without_phases(checked) if any(f.code == PHASE_DATUM for f in found) else checked
-        found = _with_lines(found, lines, len(test))
+        if lines and lines[0].size == len(test):  # no runs were differenced, no rows chosen: each is a line of a table
+            found = [replace(f, lines=tuple(lines[0][list(f.rows)].tolist())) for f in found]
         findings.append(tuple(errors_first(found)))
         found = []  # findings about recordings of several kinds are reported with the first
     return tests, findings
@@ -123,10 +124,3 @@ def checked_again(
         stay = [finding for finding in own if (finding.code, finding.message) not in of_check]
         found.append(tuple(errors_first((*stay, *check(new)))))
     return tuple(found)
-
-
-def _with_lines(findings: list[Finding], lines: Sequence[Index], count: int) -> list[Finding]:
-    """Findings with the lines of the file that their rows stand in, where each row is a line of a table."""
-    if not lines or lines[0].size != count:  # runs were differenced, or rows chosen
-        return findings
-    return [replace(f, lines=tuple(lines[0][list(f.rows)].tolist())) for f in findings]

@@ -108,10 +108,6 @@ def _list(key: str, value: Any) -> tuple[float, ...]:
     return tuple(number(key, one) for one in (value if isinstance(value, list) else [value]))
 
 
-def _memory(key: str, value: Any) -> Any:
-    return _list(key, value) if isinstance(value, list) else number(key, value)
-
-
 _DESIGN: dict[str, Parser] = {
     "speed_rpm": _numbers,
     "frequency_rpm": _numbers,
@@ -154,7 +150,7 @@ _KEYS: dict[str, Parser] = {
     "noise_um": uncertainty,
     "noise_share": number,
     "common_share": number,
-    "memory": _memory,
+    "memory": lambda key, value: _list(key, value) if isinstance(value, list) else number(key, value),
     "runs": table(number),
     "even": number,
     "draws": count,

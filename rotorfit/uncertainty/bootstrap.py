@@ -107,8 +107,7 @@ class Bootstrap(Draws):
         """Threshold speed of every estimate, rad/s, see :class:`~rotorfit.uncertainty.derived.Onsets`.
 
         Args:
-            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
-                per attribute.
+            at: group of parameters, ``{"speed_rpm": 1000}``; needed where some were fitted per attribute.
         """
         space = self.fit.problem.space
         theta = np.asarray(space.theta(self.samples)[:, self.fit.group(at)])

@@ -134,8 +134,7 @@ class Budget(Printed):
         """Shares of the threshold speed, rad/s; NaN where the rotor is stable at every speed searched.
 
         Args:
-            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
-                per attribute.
+            at: group of parameters, ``{"speed_rpm": 1000}``; needed where some were fitted per attribute.
         """
         fit = self.fit
         group = fit.group(at)

@@ -64,8 +64,7 @@ class ModelAverage(Draws):
         """See :meth:`Posterior.threshold_speed`.
 
         Args:
-            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
-                per attribute.
+            at: group of parameters, ``{"speed_rpm": 1000}``; needed where some were fitted per attribute.
         """
         return self._mixed(lambda posterior: posterior.threshold_speed(at))
 
@@ -73,8 +72,7 @@ class ModelAverage(Draws):
         """See :meth:`Posterior.whirl_ratio`.
 
         Args:
-            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
-                per attribute.
+            at: group of parameters, ``{"speed_rpm": 1000}``; needed where some were fitted per attribute.
         """
         return self._mixed(lambda posterior: posterior.whirl_ratio(at))
 
@@ -83,8 +81,7 @@ class ModelAverage(Draws):
 
         Args:
             speed: rotative speed, rad/s.
-            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
-                per attribute.
+            at: group of parameters, ``{"speed_rpm": 1000}``; needed where some were fitted per attribute.
             name: velocity ratio to use, of models that have ``lam_D`` and ``lam_M``.
         """
         return self._mixed(lambda posterior: posterior.lam_speed(speed, at, name=name))
@@ -97,8 +94,7 @@ class ModelAverage(Draws):
         Args:
             frequency: signed perturbation frequencies, rad/s, shape ``(N,)``.
             speed: rotative speed, rad/s.
-            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
-                per attribute.
+            at: group of parameters, ``{"speed_rpm": 1000}``; needed where some were fitted per attribute.
         """
         bands = {id(p): p.dynamic_stiffness(frequency, speed, at) for p in self.posteriors}
         return StiffnessBand(

@@ -143,8 +143,7 @@ class Posterior(Draws):
         """Rotative speed at which the rotor becomes unstable, rad/s, see :class:`~rotorfit.uncertainty.derived.Onsets`.
 
         Args:
-            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
-                per attribute.
+            at: group of parameters, ``{"speed_rpm": 1000}``; needed where some were fitted per attribute.
         """
         found = self._onsets(at)
         return Derived(name="threshold speed", unit="rad/s", samples=found.speed, note=found.note)
@@ -175,8 +174,7 @@ class Posterior(Draws):
         """Frequency of the self-excited whirl at onset over the threshold speed, NaN for draws without a threshold.
 
         Args:
-            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
-                per attribute.
+            at: group of parameters, ``{"speed_rpm": 1000}``; needed where some were fitted per attribute.
         """
         found = self._onsets(at)
         return Derived(name="whirl ratio at onset", unit="1", samples=found.whirl_ratio, note=found.note)
@@ -196,8 +194,7 @@ class Posterior(Draws):
 
         Args:
             speed: rotative speed, rad/s.
-            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
-                per attribute.
+            at: group of parameters, ``{"speed_rpm": 1000}``; needed where some were fitted per attribute.
 
         Raises:
             ValueError: a speed that is no finite number.
@@ -209,8 +206,7 @@ class Posterior(Draws):
 
         Args:
             speed: rotative speed, rad/s.
-            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
-                per attribute.
+            at: group of parameters, ``{"speed_rpm": 1000}``; needed where some were fitted per attribute.
 
         Raises:
             ValueError: a speed that is no finite number.
@@ -222,7 +218,7 @@ class Posterior(Draws):
 
         Args:
             speed: rotative speed, rad/s.
-            at: group of parameters, where some were fitted per attribute.
+            at: group of parameters, ``{"speed_rpm": 1000}``; needed where some were fitted per attribute.
             name: velocity ratio to use, of models that have ``lam_D`` and ``lam_M``.
 
         Raises:
@@ -242,8 +238,7 @@ class Posterior(Draws):
         Args:
             frequency: signed perturbation frequencies, rad/s, shape ``(N,)``.
             speed: rotative speed, rad/s.
-            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
-                per attribute.
+            at: group of parameters, ``{"speed_rpm": 1000}``; needed where some were fitted per attribute.
 
         Raises:
             ValueError: a frequency or a speed that is no finite number.
