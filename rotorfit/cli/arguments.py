@@ -8,6 +8,9 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from rotorfit.models import KnownStructure
 from rotorfit.options.kinds import count_word, is_set, pairs, positive_word, two_numbers
 from rotorfit.options.table import FIT, MODEL, UNCERTAINTY
 from rotorfit.units import RAD_S_PER_RPM
@@ -152,7 +155,6 @@ def add_model(to: argparse.ArgumentParser, options: Iterable[str] = MODEL) -> No
 
 def model_name(options: argparse.Namespace) -> str:
     """The model, that of a shaft from a file where one is given."""
-    from rotorfit.models import KnownStructure
 
     if options.model is None and not options.structure:
         raise ValueError("--model is missing: one that `rotorfit models` lists, or --structure with a shaft's file")
@@ -276,7 +278,6 @@ def fit_study(options: argparse.Namespace, names: Iterable[str] = tuple(FIT)) ->
 
 def numbers(text: str) -> Float:
     """Numbers with commas between; ``LO:HI:N`` stands for N of them evenly spaced."""
-    import numpy as np
 
     parts = []
     for part in text.split(","):

@@ -19,6 +19,8 @@ from pathlib import Path
 from shutil import copyfile
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from numpy.linalg import LinAlgError
+
 from rotorfit.cli import balance, history, recordings, rotors, several, simulate, watch
 from rotorfit.cli.answer import Answer, BadInputError, ExitCode, answered, checked, say
 from rotorfit.cli.arguments import (
@@ -35,6 +37,7 @@ from rotorfit.cli.arguments import (
 from rotorfit.cli.progress import ProgressLine, progress_line
 from rotorfit.estimators.atomic_file import protected_inputs
 from rotorfit.estimators.file_reading import shown
+from rotorfit.models import MODELS, KnownStructure
 from rotorfit.studies.wording import sentence
 from rotorfit.version import __version__
 
@@ -81,12 +84,8 @@ def _carry_out(arguments: Sequence[str] | None) -> int:
     except BadInputError as problem:
         print(f"rotorfit: {shown(str(problem))}", file=sys.stderr)
         return ExitCode.BAD_INPUT
-    except ValueError as problem:
-        from numpy.linalg import LinAlgError  # late: help and completion do without NumPy
-
-        if not isinstance(problem, LinAlgError):
-            raise
-        print(f"rotorfit: {problem}", file=sys.stderr)  # equations of motion that cannot be solved, as known values are
+    except LinAlgError as problem:  # equations of motion that cannot be solved, as known values are
+        print(f"rotorfit: {problem}", file=sys.stderr)
         return ExitCode.BAD_INPUT
     except KeyboardInterrupt as stop:
         print(f"rotorfit: interrupted, {stop.args[0] if stop.args else 'nothing was written'}", file=sys.stderr)
@@ -198,7 +197,6 @@ def _add_models(to: argparse.ArgumentParser) -> None:
 
 
 def _models(options: argparse.Namespace) -> Answer:
-    from rotorfit.models import MODELS, KnownStructure
     from rotorfit.studies.study_model import check_model_name
 
     one = KnownStructure([[1.0]], None, None, [[1.0]], planes={"journal": 0}, fluid="journal", dofs=("z",))

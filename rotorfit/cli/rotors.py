@@ -7,8 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from rotorfit.cli.answer import Answer, checked, write_results
 from rotorfit.cli.arguments import add_group, add_output, group, numbers, option
+from rotorfit.data.findings import errors_in
 from rotorfit.options.kinds import number_word, pairs, positive_word
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
@@ -145,7 +148,6 @@ def _prediction(fit: FitResult, options: argparse.Namespace) -> Prediction:
 
 def _tested(fit: FitResult) -> Any:
     """Forward frequencies of the tested band, or backward ones where only these were tested, rad/s."""
-    import numpy as np
 
     from rotorfit.estimators.blocks.nonlinear import responses_of
 
@@ -190,7 +192,6 @@ def add_judge(to: argparse.ArgumentParser) -> None:
 
 def judge(options: argparse.Namespace) -> Answer:
     """The criteria, each with its probability."""
-    from rotorfit.data.findings import errors_in
     from rotorfit.fitting.fit_file import load_fit
 
     fit = load_fit(options.fit)

@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING, Any
 from rotorfit.cli.answer import Answer, finite
 from rotorfit.cli.arguments import add_files, add_jobs, add_model, add_output, fit_study, option, workers_of
 from rotorfit.cli.progress import progress_line
+from rotorfit.data.findings import attributed, error_sentence, errors_in, warnings_in
+from rotorfit.models import LAWS
+from rotorfit.models.parameters import unknown_name
 from rotorfit.options.kinds import count_word, positive_word, words
 from rotorfit.options.table import CAMPAIGN, LAW_RANKING, PARAMETERS
 
@@ -68,7 +71,6 @@ def campaign(options: argparse.Namespace) -> Answer:
 def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
     """The fits of all runs, what is wrong with the data, and what their check warns of."""
     from rotorfit.campaigns.campaign import campaign as fit_campaign
-    from rotorfit.data.findings import attributed, error_sentence, errors_in, warnings_in
     from rotorfit.store.store import Store
     from rotorfit.studies.study_model import build_model, check_model
 
@@ -183,10 +185,7 @@ def laws(options: argparse.Namespace) -> Answer:
 
 def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str, list[str]]:
     """The ranking, what is wrong with the data, and what their check warns of."""
-    from rotorfit.data.findings import attributed, error_sentence, errors_in, warnings_in
     from rotorfit.fitting.structure.law_ranking import compare_laws
-    from rotorfit.models import LAWS
-    from rotorfit.models.parameters import unknown_name
     from rotorfit.studies.data_files import no_progress, read_files
     from rotorfit.studies.study_model import build_model, check_model
 

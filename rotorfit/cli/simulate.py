@@ -6,8 +6,11 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from rotorfit.cli.answer import Answer, BadInputError
 from rotorfit.cli.arguments import add_model, given, model_name, numbers, option
+from rotorfit.models.parameters import unknown_name
 from rotorfit.options.kinds import number_word, pairs, whole_word
 from rotorfit.options.kinds import words as comma_words
 from rotorfit.options.table import LAW, MODEL
@@ -86,7 +89,6 @@ def answer(options: argparse.Namespace) -> Answer:
 
 def _simulated(options: argparse.Namespace) -> Experiment:
     from rotorfit.io.files import SUFFIXES
-    from rotorfit.models.parameters import unknown_name
     from rotorfit.simulation.options import check_options
     from rotorfit.simulation.simulate import SIMULATED, simulate
 
@@ -124,9 +126,6 @@ def _recorded(options: argparse.Namespace) -> list[str]:
     """Names of the recordings that were written."""
     from inspect import signature
 
-    import numpy as np
-
-    from rotorfit.models.parameters import unknown_name
     from rotorfit.simulation.instruments import Instruments
     from rotorfit.simulation.recordings import RECORDED, simulate_recordings
     from rotorfit.studies.folder import complete_folder
@@ -172,7 +171,6 @@ def _model(options: argparse.Namespace) -> RotorModel:
 
 def _settings(options: argparse.Namespace) -> dict[str, Any]:
     """The options given, by the names that the kinds have for it in Python."""
-    import numpy as np
 
     names = [name[2:].replace("-", "_") for name in (*_LISTS, *_NUMBERS, *_WORDS)]
     given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}

@@ -18,6 +18,7 @@ from rotorfit.cli.answer import ExitCode, checked, say
 from rotorfit.cli.arguments import add_false_alarm, add_jobs, check_false_alarm, option, workers_of
 from rotorfit.cli.history import add_followed, add_study, added_json, added_words
 from rotorfit.cli.progress import ProgressLine
+from rotorfit.estimators.atomic_file import refuse_input
 from rotorfit.options.kinds import positive_word, words
 from rotorfit.studies.json_text import json_text
 from rotorfit.studies.wording import sentence
@@ -95,7 +96,6 @@ def _round(watch: FolderWatch, *, wait: bool = False) -> list[MachineState]:
 
 
 def _watch(options: argparse.Namespace) -> FolderWatch:
-    from rotorfit.estimators.atomic_file import refuse_input
     from rotorfit.store.alarms import Watching
     from rotorfit.store.page import page_of
     from rotorfit.store.store import Store, study_for_store

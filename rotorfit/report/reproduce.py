@@ -22,6 +22,7 @@ from rotorfit.recordings.formats.files import ALWAYS_RAW
 from rotorfit.report.html import Html, element, paragraph
 from rotorfit.report.material import ReportInput
 from rotorfit.report.parts import section, sentence
+from rotorfit.version import __version__
 
 _SAMPLER = ("ess", "walkers", "max_steps", "noise")
 """Settings of the sampler."""
@@ -29,7 +30,6 @@ _SAMPLER = ("ess", "walkers", "max_steps", "noise")
 
 def reproduce_section(material: ReportInput) -> Html:
     """Versions and settings."""
-    from rotorfit.version import __version__
 
     fit = material.fit
     packages = ["casadi", "numpy", "scipy", "matplotlib", *(["emcee"] if material.posterior is not None else [])]

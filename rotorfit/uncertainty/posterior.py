@@ -16,6 +16,7 @@ from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.fitting.keywords import JudgeKeywords, PredictKeywords, check_keywords
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Float
+from rotorfit.models.parameters import unknown_name
 from rotorfit.models.shafts.angular_rates import angular_rate, angular_rates
 from rotorfit.uncertainty.derived import (
     DERIVED_DRAWS,
@@ -98,8 +99,6 @@ class Posterior(Draws):
             KeyError: no such entry; the message names the nearest.
         """
         if name not in self.names:
-            from rotorfit.models.parameters import unknown_name
-
             raise KeyError(unknown_name("sampled parameter", name, self.names))
         return Derived(name=name, unit=self.unit(name), samples=self.samples[:, self.names.index(name)])
 

@@ -20,6 +20,7 @@ from rotorfit.io.netcdf import load_dataset, write_dataset
 from rotorfit.models.digits import significant, with_error
 from rotorfit.models.text_table import text_table
 from rotorfit.uncertainty.posterior import Posterior, SampleSettings
+from rotorfit.version import __version__
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -78,8 +79,6 @@ def datasets(posterior: Posterior) -> dict[str, xr.Dataset]:
     Variables carry the names of the parameters, ``/`` written ``|``, and the name as it is in ``parameter``.
     """
     import xarray as xr
-
-    from rotorfit.version import __version__
 
     steps, walkers, _ = posterior.chain.shape
     coords = {"chain": np.arange(walkers), "draw": np.arange(steps)}
