@@ -1,6 +1,11 @@
-"""Figures of what the data leave open: estimates side by side, a prediction with its bands, a profile."""
+"""Figures of what the data leave open: estimates side by side, a prediction with its bands, a profile.
+
+Their records draw themselves by these functions, and are not imported here.
+"""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -25,13 +30,10 @@ from rotorfit.plots.style import (
     rate_unit,
     rate_words,
 )
-from rotorfit.uncertainty.comparison import Comparison
-from rotorfit.uncertainty.prediction import Prediction
-from rotorfit.uncertainty.profile import Profile
 
 
 @looked
-def plot_comparison(comparison: Comparison) -> Figure:
+def plot_comparison(comparison: Any) -> Figure:
     """A panel a parameter, with the 95 % interval of each fit."""
     fits = comparison.fits
     names = [n for n in comparison.parameters if sum(n in fit.params for fit in fits.values()) > 1 or len(fits) == 1]
@@ -59,7 +61,7 @@ def plot_comparison(comparison: Comparison) -> Figure:
 
 
 @looked
-def plot_prediction(prediction: Prediction) -> Figure:
+def plot_prediction(prediction: Any) -> Figure:
     """Amplitude and phase lead against the frequency of the force, or against speed where it is once per turn."""
     synchronous = np.array_equal(prediction.frequency, prediction.speed)
     speeds = np.unique(prediction.speed)
@@ -96,7 +98,7 @@ def plot_prediction(prediction: Prediction) -> Figure:
 
 
 @looked
-def plot_profile(profile: Profile) -> Figure:
+def plot_profile(profile: Any) -> Figure:
     """Rise of chi-squared when a parameter is held at other values, beside the parabola of its standard error."""
     figure, axes = grid(1, 1, "", size=(3.45, 2.5))  # two of them side by side in a report
     axis, rise, error = axes[0, 0], profile.rise, profile.stderr
