@@ -31,7 +31,14 @@ def selected(
     for name, unwanted in (exclude or {}).items():
         keep &= ~_matches(test, name, unwanted)
     if drop_near_1x:
-        keep &= ~_near_1x(test, drop_near_1x)
+        if not isinstance(test, PerturbationTest) or test.synchronous:
+            raise ValueError(
+                f"{test.source or 'the test'}: readings near 1x can be dropped from nonsynchronous perturbation tests "
+                "only"
+            )
+        if not 0 < drop_near_1x < 1:
+            raise ValueError(f"drop_near_1x is a fraction of the speed, above 0 and below 1; got {drop_near_1x:g}")
+        keep &= ~(np.abs(np.abs(test.frequency) - test.speed) < drop_near_1x * test.speed)
     return _kept(test, keep, "the selection")
 
 
@@ -88,13 +95,3 @@ def _matches(test: Experiment, name: str, wanted: Wanted) -> Bool:
             raise ValueError(f"{test.source or 'the test'}: {unknown_name(name, str(one), distinct[:40])}")
         found |= hit
     return found
-
-
-def _near_1x(test: Experiment, share: float) -> Bool:
-    if not isinstance(test, PerturbationTest) or test.synchronous:
-        raise ValueError(
-            f"{test.source or 'the test'}: readings near 1x can be dropped from nonsynchronous perturbation tests only"
-        )
-    if not 0 < share < 1:
-        raise ValueError(f"drop_near_1x is a fraction of the speed, above 0 and below 1; got {share:g}")
-    return np.asarray(np.abs(np.abs(test.frequency) - test.speed) < share * test.speed)

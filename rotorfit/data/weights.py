@@ -309,8 +309,9 @@ def dwell_number(speed: Float) -> Index:
 
 
 def mountings(test: PerturbationTest) -> list[str]:
-    """Name of the mounting of each row: the column, else the name of the run without the number of the repeat. Runs
-    whose weights differ are never one mounting, whatever their names."""
+    """Name of the mounting of each row: the column, else the name of the run without the number of the repeat: the
+    weight of ``A005-1`` and ``A005-2`` stayed where it was, another run is a mounting of its own. Runs whose weights
+    differ are never one mounting, whatever their names."""
     given = MOUNTING in test.attributes
     if given:
         names = [str(value) for value in test.attributes[MOUNTING].tolist()]

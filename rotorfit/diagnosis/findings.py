@@ -35,17 +35,13 @@ def findings_of(fit: FitResult) -> tuple[Finding, ...]:
         weighty = any(entry.name.startswith(Kind.PAIR.value) for entry in fit.assumed.entries)
         uneven = [replace(one, severity="warning") if one.code == UNEVEN else one for one in shown]
         shown = [one for one in uneven if one.code != UNEVEN or weighty]
-    return (*other_rig(fit), *explained(_as_given(fit), {finding.code for finding in shown}), *shown)
-
-
-def _as_given(fit: FitResult) -> FitResult:
-    """The fit before blocks were chosen for its model: they may follow an error of the data."""
-    if fit.model_uncertainty is None:
-        return fit
-    model, asked = fit.model.variant(blocks=()), fit.settings.asked
-    own = {name: prior for name, prior in asked.priors.items() if bare_name(name) in model.parameter_names}
-    known = {name: value for name, value in asked.known.items() if name in model.parameter_names}
-    return fitted(model, fit.experiments, replace(asked, known=known, priors=own, start={}))
+    given = fit
+    if fit.model_uncertainty is not None:  # blocks that were chosen for its model may follow an error of the data
+        model, asked = fit.model.variant(blocks=()), fit.settings.asked
+        own = {name: prior for name, prior in asked.priors.items() if bare_name(name) in model.parameter_names}
+        known = {name: value for name, value in asked.known.items() if name in model.parameter_names}
+        given = fitted(model, fit.experiments, replace(asked, known=known, priors=own, start={}))
+    return (*other_rig(fit), *explained(given, {finding.code for finding in shown}), *shown)
 
 
 _LARGEST_LOSS = 0.1
@@ -53,8 +49,8 @@ _LARGEST_LOSS = 0.1
 
 
 def other_rig(fit: FitResult) -> Iterator[Finding]:
-    """The dry run or stator mass of a fit, where more moves in it than in the test with fluid; or where less does, the
-    model has no mass of the fluid to make up for it, and misses the data."""
+    """The dry run or stator mass of a fit, where more moves in it than in the test with fluid, although a fluid adds
+    mass; or where less does, the model has no mass of the fluid to make up for it, and misses the data."""
     baseline = fit.settings.baseline
     for block in fit.problem.responses:
         if block.beside is None:

@@ -1,4 +1,4 @@
-"""Slips in tests without a turning force: positions under constant loads, free vibration after a blow."""
+"""Errors in tests of other kinds: positions under constant loads, free vibration after a blow, imposed orbits."""
 
 from __future__ import annotations
 

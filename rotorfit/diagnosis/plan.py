@@ -29,22 +29,18 @@ _REPEATED_SHARE = 0.9  # of them: each block of a table may have been continued 
 
 def plan(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     """Speeds, frequencies, planes and start-ups that a fit can do less with, which is no error."""
+    try:
+        influences = solved_together(test)
+    except ValueError:  # a fit says why; what else is odd about the test is worth knowing
+        influences = None
     yield from _filled(test)
     yield from _units(test)
-    yield from _frequencies(test)
+    yield from _frequencies(test, influences)
     if isinstance(test, PerturbationTest):
         yield from _planes(test)
         if test.synchronous:
-            yield from _start_ups(test)
+            yield from _start_ups(test, influences)
             yield from _ramps(test)
-
-
-def _influences(test: PerturbationTest | DisplacementTest) -> Influences | None:
-    """Influences of weights at dwell speeds, None where there are none to solve for."""
-    try:
-        return solved_together(test)
-    except ValueError:  # a fit says why; what else is odd about the test is worth knowing
-        return None
 
 
 def _filled(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
@@ -79,7 +75,7 @@ def _units(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
         yield Finding("warning", "frequency-unit", text, undo="frequency_hz, speed_hz")
 
 
-def _frequencies(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
+def _frequencies(test: PerturbationTest | DisplacementTest, influences: Influences | None) -> Iterator[Finding]:
     w, speed = np.abs(test.frequency), np.abs(test.speed)
     near = (speed != 0) & (np.abs(w - speed) <= SYNCHRONOUS_DISTANCE * speed)
     synchronous, both_ways = False, False
@@ -101,7 +97,7 @@ def _frequencies(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]
         yield Finding("warning", "one-direction", text)
     runs = rows_by(words(test.run)[1])
     single = [str(test.run[own[0]]) for own in runs if np.ptp(np.round(test.frequency[own], 6)) == 0]
-    if single and _influences(test) is None:
+    if single and influences is None:
         text = f"Runs with one frequency only: {listed(single)}; they cannot show how dynamic stiffness varies with it."
         yield Finding("warning", "single-frequency", text, rows_of(np.isin(test.run, single)))
 
@@ -126,8 +122,7 @@ def _planes(test: PerturbationTest) -> Iterator[Finding]:
         yield Finding("warning", "unconnected-planes", text)
 
 
-def _start_ups(test: PerturbationTest) -> Iterator[Finding]:
-    found = _influences(test)
+def _start_ups(test: PerturbationTest, found: Influences | None) -> Iterator[Finding]:
     if found is not None:
         yield Finding("note", "mountings", f"Weights are solved together: {'; '.join(found.remarks)}.")
         if found.modes_told:

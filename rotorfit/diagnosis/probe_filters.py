@@ -1,4 +1,5 @@
-"""One probe of a pair behind a filter: its ratio to the other one changes with frequency as that of no rotor does."""
+"""Effects of a channel on a displacement on its way into a file, integrators, filters, latencies and other units; and
+one probe of a pair behind a filter: its ratio to the other one changes with frequency as that of no rotor does."""
 
 from __future__ import annotations
 
@@ -10,83 +11,6 @@ import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.digits import significant
-
-_PROBES: tuple[Literal["x", "y"], ...] = ("x", "y")
-
-
-@dataclass(frozen=True, kw_only=True)
-class FilteredProbe:
-    """The probe of a pair that is behind a filter, and which."""
-
-    probe: Literal["x", "y"]  # which of the two
-    words: tuple[str, str]  # what is said of it, and how it is undone
-    kind: ChannelFilter | int  # the filter; a power of the frequency where there is none
-    value: float  # corner, rad/s, of the filter; frequency, rad/s, at which that power is one
-
-    def seen(self, s: ComplexArray) -> ComplexArray:
-        """Ratio of its readings to those of the other one."""
-        return (s / self.value) ** self.kind if isinstance(self.kind, int) else self.kind.seen(s, self.value)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Pair:
-    """Readings y of a plane beside what an isotropic rotor makes of x, shape ``(N,)``."""
-
-    w: Float  # size of the frequency, rad/s
-    expected: ComplexArray  # responses of the model, m
-    seen: ComplexArray  # responses measured, m
-    noise: Float  # of x and of y, m, shape ``(N, 2)``
-
-    def part(self, some: slice) -> Pair:
-        """Some of them."""
-        return Pair(**{name: values[some] for name, values in vars(self).items()})
-
-
-def filtered_probe(pair: Pair, limit: float) -> FilteredProbe | None:
-    """The probe of a pair behind a filter that explains how y differs from what x makes one expect, if one does."""
-    found = [one for one in _candidates(pair) if one[0] < limit]
-    return min(found, key=lambda one: one[0])[1] if found else None
-
-
-def _candidates(pair: Pair) -> Iterator[tuple[float, FilteredProbe]]:
-    s, middle = np.asarray(1j * pair.w), float(np.exp(np.mean(np.log(pair.w))))
-    count = 60  # corners; neighbours differ by a tenth
-    for probe in _PROBES:
-        for power, (_, *words) in POWERS.items():
-            if power < 0:
-                continue  # the other one gives velocities, rather
-            misfits, factors = _misfits(np.asarray((s / middle)[None] ** power), probe, pair)
-            if abs(np.angle(factors[0])) < INSTRUMENT_SCATTER:
-                value = middle / float(abs(factors[0])) ** (1 / power)
-                one = FilteredProbe(probe=probe, words=(words[0], words[1]), kind=power, value=value)
-                yield float(misfits[0]), one
-        for kind in CHANNEL_FILTERS:
-            if not kind.corner:
-                continue  # a probe that comes late is looked for by itself
-            tried = values_to_try(kind, pair.w, count)
-            for _ in range(4):  # the neighbours of the best are looked at more finely each time
-                filters = np.stack([kind.seen(s, value) for value in tried.tolist()])
-                misfits, factors = _misfits(filters, probe, pair)
-                at = int(np.argmin(misfits))
-                if not 0 < at < tried.size - 1:
-                    break
-                value, left, factor = float(tried[at]), float(misfits[at]), complex(factors[at])
-                tried = np.geomspace(tried[at - 1], tried[at + 1], 21)
-            else:
-                if abs(np.log(factor)) < INSTRUMENT_SCATTER:
-                    yield left, FilteredProbe(probe=probe, words=kind.words(value), kind=kind, value=value)
-
-
-def _misfits(filters: ComplexArray, probe: str, pair: Pair) -> tuple[Float, ComplexArray]:
-    """Mean squares over the noise with one probe behind each filter, ``(K, N)``, and the factors left, ``(K,)``."""
-    ratio = filters if probe == "y" else 1 / filters
-    own, noise = ratio * pair.expected, pair.noise
-    factor = np.ones(len(ratio), dtype=complex)
-    for _ in range(4):  # of weights that depend on the factor
-        weight = 1 / (noise[:, 1] ** 2 + np.abs(factor[:, None] * ratio) ** 2 * noise[:, 0] ** 2)
-        factor = np.sum(weight * own.conj() * pair.seen, axis=1) / np.sum(weight * np.abs(own) ** 2, axis=1)
-    left = np.mean(weight * np.abs(pair.seen - factor[:, None] * own) ** 2, axis=1) / 2
-    return np.asarray(left), np.asarray(factor if probe == "y" else 1 / factor)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,3 +100,81 @@ def likeness(factor: float) -> str:
     """Likely cause of readings that are so many times too large, as ", as by ..."; empty where nothing is likely."""
     like = [text for value, text in _LIKE.items() if abs(np.log(factor / value)) < SAME_FACTOR]
     return f", as by {like[0]}" if like else ""
+
+
+_PROBES: tuple[Literal["x", "y"], ...] = ("x", "y")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilteredProbe:
+    """The probe of a pair that is behind a filter, and which."""
+
+    probe: Literal["x", "y"]  # which of the two
+    words: tuple[str, str]  # what is said of it, and how it is undone
+    kind: ChannelFilter | int  # the filter; a power of the frequency where there is none
+    value: float  # corner, rad/s, of the filter; frequency, rad/s, at which that power is one
+
+    def seen(self, s: ComplexArray) -> ComplexArray:
+        """Ratio of its readings to those of the other one."""
+        return (s / self.value) ** self.kind if isinstance(self.kind, int) else self.kind.seen(s, self.value)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Pair:
+    """Readings y of a plane beside what an isotropic rotor makes of x, shape ``(N,)``."""
+
+    w: Float  # size of the frequency, rad/s
+    expected: ComplexArray  # responses of the model, m
+    seen: ComplexArray  # responses measured, m
+    noise: Float  # of x and of y, m, shape ``(N, 2)``
+
+    def part(self, some: slice) -> Pair:
+        """Some of them."""
+        return Pair(**{name: values[some] for name, values in vars(self).items()})
+
+
+def filtered_probe(pair: Pair, limit: float) -> FilteredProbe | None:
+    """The probe of a pair behind a filter that explains how y differs from what x makes one expect, if one does."""
+    found = [one for one in _candidates(pair) if one[0] < limit]
+    return min(found, key=lambda one: one[0])[1] if found else None
+
+
+def _candidates(pair: Pair) -> Iterator[tuple[float, FilteredProbe]]:
+    s, middle = np.asarray(1j * pair.w), float(np.exp(np.mean(np.log(pair.w))))
+    count = 60  # corners; neighbours differ by a tenth
+    for probe in _PROBES:
+        for power, (_, *words) in POWERS.items():
+            if power < 0:
+                continue  # the other one gives velocities, rather
+            misfits, factors = _misfits(np.asarray((s / middle)[None] ** power), probe, pair)
+            if abs(np.angle(factors[0])) < INSTRUMENT_SCATTER:
+                value = middle / float(abs(factors[0])) ** (1 / power)
+                one = FilteredProbe(probe=probe, words=(words[0], words[1]), kind=power, value=value)
+                yield float(misfits[0]), one
+        for kind in CHANNEL_FILTERS:
+            if not kind.corner:
+                continue  # a probe that comes late is looked for by itself
+            tried = values_to_try(kind, pair.w, count)
+            for _ in range(4):  # the neighbours of the best are looked at more finely each time
+                filters = np.stack([kind.seen(s, value) for value in tried.tolist()])
+                misfits, factors = _misfits(filters, probe, pair)
+                at = int(np.argmin(misfits))
+                if not 0 < at < tried.size - 1:
+                    break
+                value, left, factor = float(tried[at]), float(misfits[at]), complex(factors[at])
+                tried = np.geomspace(tried[at - 1], tried[at + 1], 21)
+            else:
+                if abs(np.log(factor)) < INSTRUMENT_SCATTER:
+                    yield left, FilteredProbe(probe=probe, words=kind.words(value), kind=kind, value=value)
+
+
+def _misfits(filters: ComplexArray, probe: str, pair: Pair) -> tuple[Float, ComplexArray]:
+    """Mean squares over the noise with one probe behind each filter, ``(K, N)``, and the factors left, ``(K,)``."""
+    ratio = filters if probe == "y" else 1 / filters
+    own, noise = ratio * pair.expected, pair.noise
+    factor = np.ones(len(ratio), dtype=complex)
+    for _ in range(4):  # of weights that depend on the factor
+        weight = 1 / (noise[:, 1] ** 2 + np.abs(factor[:, None] * ratio) ** 2 * noise[:, 0] ** 2)
+        factor = np.sum(weight * own.conj() * pair.seen, axis=1) / np.sum(weight * np.abs(own) ** 2, axis=1)
+    left = np.mean(weight * np.abs(pair.seen - factor[:, None] * own) ** 2, axis=1) / 2
+    return np.asarray(left), np.asarray(factor if probe == "y" else 1 / factor)

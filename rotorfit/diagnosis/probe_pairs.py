@@ -1,4 +1,4 @@
-"""Errors that a pair of probes shows by x and y: a gain, delay or filter of one, and anisotropy beyond the noise.
+"""Errors that a pair of probes shows by x and y, and a pair of planes by its answers to forces at the other.
 
 On an isotropic rotor y follows x by 90 degrees in the direction of the force, ``Y = -j X`` forward and ``Y = +j X``
 backward, at every frequency. A wrong gain multiplies one side by one number, a delay turns it in proportion to the

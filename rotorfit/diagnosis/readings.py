@@ -11,7 +11,7 @@ import numpy as np
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest
 from rotorfit.data.findings import NO_COPIES, Finding, listed
 from rotorfit.estimators.blocks.row_keys import combined, rows_by, words
-from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
+from rotorfit.models.array_types import Bool, Float, Index
 from rotorfit.models.digits import significant
 
 _IMPOSSIBLE_DISPLACEMENT, _SUSPECT_DISPLACEMENT, _SMALLEST_DISPLACEMENT = 0.025, 5e-3, 1e-6
@@ -134,7 +134,14 @@ def unread(test: PerturbationTest) -> Iterator[Finding]:
     holes: list[int] = []
     steps = _steps(channel, size, slice(_AMPLITUDES_COMPARED))
     for sweep in _sweeps(test, channel):
-        holes += _holes(sweep, test.response, steps[int(channel[sweep[0]])])
+        read, empty = np.flatnonzero(~zero[sweep]), np.flatnonzero(zero[sweep])
+        if not read.size:
+            continue
+        # Where readings beside do not turn through zero, as at an antiresonance.
+        after = np.searchsorted(read, empty)
+        before, behind = (test.response[sweep[read[np.clip(at, 0, read.size - 1)]]] for at in (after - 1, after))
+        step = steps[int(channel[sweep[0]])]
+        holes += sweep[empty[np.abs(before + behind) / 2 > _ROUNDING_STEPS * step]].tolist()
     if holes:
         text = (
             f"Zero: {len(holes)} readings are exactly zero where those beside them are not: cells that were empty, or "
@@ -196,18 +203,6 @@ def _steps(channel: Index, size: Float, some: slice) -> dict[int, float]:
         steps = np.diff(distinct)
         found[one] = float(steps[steps > _LAST_DIGIT * distinct[1:]].min(initial=np.inf))
     return {one: step if step < np.inf else 0.0 for one, step in found.items()}
-
-
-def _holes(sweep: Index, response: ComplexArray, step: float) -> list[int]:
-    """Rows of a sweep that are zero where those beside them do not turn through zero, as at an antiresonance."""
-    read, empty = np.flatnonzero(response[sweep] != 0), np.flatnonzero(response[sweep] == 0)
-    if not read.size:
-        return []
-    after = np.searchsorted(read, empty)
-    before, behind = (read[np.clip(at, 0, read.size - 1)] for at in (after - 1, after))
-    between = np.abs(response[sweep[before]] + response[sweep[behind]]) / 2
-    found: list[int] = sweep[empty[between > _ROUNDING_STEPS * step]].tolist()
-    return found
 
 
 def _flat_top(sweep: Index, size: Float, flat: Bool, step: float) -> bool:

@@ -40,6 +40,10 @@ _DRIVE = ("run", "plane", "force_plane")
 _SWEEP = ("plane", "force_plane", "speed")
 _TORN_LINES = 3  # lines of either kind from which a run is torn
 _RANK_CORRELATION = 0.8  # rank correlation with frequency from which quadrature falls throughout
+_LINES_BESIDE = 3  # lines on either side that have to be smooth
+_LARGEST_STEP = 0.3
+"""Change from line to line, over the response and scaled to the step of frequency at the jump, of a smooth response: at
+a resonance or an antiresonance between two lines it is one half at least."""
 
 
 def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
@@ -199,14 +203,13 @@ def _runs(orbits: Orbits, at: Index) -> list[str]:
     return list(dict.fromkeys(orbits.run[at].tolist()))
 
 
-_LINES_BESIDE = 3  # lines on either side that have to be smooth
-_LARGEST_STEP = 0.3
-"""Change from line to line, over the response and scaled to the step of frequency at the jump, of a smooth response: at
-a resonance or an antiresonance between two lines it is one half at least."""
-
-
 def half_turns(orbits: Orbits) -> Iterator[Finding]:
-    """Planes whose readings change their sign between two lines of a sweep."""
+    """Planes whose readings change their sign between two lines of a sweep, as no rotor's do.
+
+    A response changes its sign in one step where it passes zero, at an antiresonance, or through infinity, at a
+    resonance that hardly is damped: it then changes by as much as its own size between the lines beside that too.
+    Readings that are smooth on both sides, and of one size, were inverted on one of them.
+    """
     found: dict[tuple[str, float, float], list[Index]] = {}
     for (_, plane, _, _), at in orbits.groups("run", "plane", "force_plane", "speed"):
         for side in (at[orbits.frequency[at] > 0], at[orbits.frequency[at] < 0]):

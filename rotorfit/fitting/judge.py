@@ -197,7 +197,7 @@ def _standard_errors(
         noise = with_shares(noise, settings, problem, x, covar, possible)
         covar = np.sum([covar, *possible], axis=0)
     freedom = min(known, float(nfree)) if widening > 1 and np.isfinite(known) else known
-    degrees = (freedom,) * space.size if noise is None else noise.own_degrees(space.size)
+    degrees = (freedom,) * space.size if noise is None else noise.own_degrees()
     return scattered, covar, degrees, verdict, noise
 
 

@@ -106,16 +106,14 @@ def watch_rules(
         raise ValueError(f"false_alarm is a probability, between 0 and 1, got {false_alarm:g}")
     share = false_alarm / max(len(watched) + (margin is not None), 1)
     regressors = conditions or {}
-    rules = [_change_rule(one, regressors.get(one.name), 1 / share) for one in watched]
+    rules, limit = [], 1 / share
+    for one in watched:
+        given = regressors.get(one.name)
+        evidence = change_evidence(one.value, given)
+        for last in np.flatnonzero(evidence >= limit).tolist():  # no single test raises the alarm
+            until = slice(0, last + 1)
+            evidence[last] = without_any(one.value[until], None if given is None else given[until])
+            if evidence[last] >= limit:
+                break
+        rules.append(Rule(name=one.name, watched=one, evidence=evidence, limit=limit))
     return (*rules, *([] if margin is None else [margin_rule(*margin, share)]))
-
-
-def _change_rule(watched: WatchedValues, conditions: Float | None, limit: float) -> Rule:
-    """Has the level of a value changed? No single test raises the alarm."""
-    found = change_evidence(watched.value, conditions)
-    for last in np.flatnonzero(found >= limit).tolist():
-        until = slice(0, last + 1)
-        found[last] = without_any(watched.value[until], None if conditions is None else conditions[until])
-        if found[last] >= limit:
-            break
-    return Rule(name=watched.name, watched=watched, evidence=found, limit=limit)

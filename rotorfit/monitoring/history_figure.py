@@ -1,4 +1,4 @@
-"""Values of a machine over time: points with their errors, levels before and after a change."""
+"""Values of a machine over time: points with their errors, levels before and after a change, evidence of alarms."""
 
 from __future__ import annotations
 

@@ -172,10 +172,9 @@ def whole_word(word: str) -> int:
     """A whole number from zero."""
     if not word.strip().lstrip("+-").isdecimal():
         raise argparse.ArgumentTypeError(f"{word!r} is no whole number")
-    value = int(word)
-    if value < 0:
+    if int(word) < 0:
         raise argparse.ArgumentTypeError(f"{word} is below zero")
-    return value
+    return int(word)
 
 
 def count_word(word: str) -> int:
@@ -234,12 +233,11 @@ def _common_word(word: str) -> str:
 def _shares_word(word: str) -> dict[str, float]:
     """``0.6*disk+0.4*journal`` as shares by plane."""
     shares: dict[str, float] = {}
-    for term in word.replace("-", "+-").split("+"):
+    for term in filter(None, word.replace("-", "+-").split("+")):
         share, star, plane = term.partition("*")
-        if term and not (star and plane.strip()):
+        if not (star and plane.strip()):
             raise ValueError("give shares of planes, such as 0.6*disk+0.4*journal")
-        if term:
-            shares[plane.strip()] = number_word(share)
+        shares[plane.strip()] = number_word(share)
     return shares
 
 

@@ -339,7 +339,10 @@ _NEAR_PEAK = math.sqrt(0.5)
 
 
 def uneven_supports(fit: FitResult) -> list[Cause]:
-    """Supports by what pairs of probes show, those of the plane that shows most; none without pairs."""
+    """Supports that differ in x and y, by what pairs of probes show against the direction of the force, those of the
+    plane that shows most; none without pairs. Stiffness ``dK conj(z)`` couples w and -w: what appears against the force
+    is of first order in dK and shows its size; what it takes from the motion with the force is of second order and
+    moves an isotropic fit."""
     if fit.model.frame != "z" or any(c.axis != "z" for c in fit.model.coordinates):
         return []
     largest, found = 0.0, []

@@ -98,15 +98,10 @@ class ResidualStudy:
         """
         return _satterthwaite([float(gradient @ share @ gradient) for share in self.shares], self.freedom)
 
-    def own_degrees(self, count: int) -> tuple[float, ...]:
-        """The same of each entry of the fitted vector.
-
-        Args:
-            count: its length.
-        """
-        variances = [np.diag(share).tolist() for share in self.shares]
-        each = zip(*variances, strict=True) if variances else [()] * count
-        return tuple(_satterthwaite(parts, self.freedom) for parts in each)
+    def own_degrees(self) -> tuple[float, ...]:
+        """The same of each entry of the fitted vector."""
+        variances = (np.diag(share).tolist() for share in self.shares)
+        return tuple(_satterthwaite(parts, self.freedom) for parts in zip(*variances, strict=True))
 
     # ---- sentences -----------------------------------------------------------------------------------------------
 
