@@ -213,7 +213,15 @@ def check_mat(path: Path) -> None:
 
 def _check_elements(name: str, content: memoryview, order: str, size: int, *, inside: bool) -> None:
     """Elements one after the other, of a file of version 5 or inside one of its arrays."""
-    for number, (kind, part) in enumerate(_elements(name, content, order)):
+    at = number = 0
+    while at + 8 <= len(content):
+        kind, length = struct.unpack_from(f"{order}II", content, at)
+        short = kind >> 16
+        begin, length, kind = (at + 4, short, kind & 0xFFFF) if short else (at + 8, length, kind)
+        if begin + length > len(content):
+            raise ValueError(f"{name} is not a readable MAT file: an element of {length} bytes is longer than the file")
+        part = content[begin : begin + length]
+        at = at + 8 if short else begin + (length if kind == _COMPRESSED else -(-length // 8) * 8)
         if kind == _COMPRESSED:
             _check_elements(name, memoryview(decompressed(name, part, size)), order, size, inside=False)
         elif kind == _MATRIX:
@@ -223,19 +231,7 @@ def _check_elements(name: str, content: memoryview, order: str, size: int, *, in
                 raise ValueError(f"{name} is not a readable MAT file: a variable has fewer than two dimensions")
             shape = struct.unpack_from(f"{order}{len(part) // 4}i", part)
             check_unpacked(name, abs(float(np.prod(shape, dtype=float))) * _POINTER, size + len(content))
-
-
-def _elements(name: str, content: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
-    """Kind and content of elements."""
-    at = 0
-    while at + 8 <= len(content):
-        kind, length = struct.unpack_from(f"{order}II", content, at)
-        short = kind >> 16
-        begin, length, kind = (at + 4, short, kind & 0xFFFF) if short else (at + 8, length, kind)
-        if begin + length > len(content):
-            raise ValueError(f"{name} is not a readable MAT file: an element of {length} bytes is longer than the file")
-        yield kind, content[begin : begin + length]
-        at = at + 8 if short else begin + (length if kind == _COMPRESSED else -(-length // 8) * 8)
+        number += 1
 
 
 _WORDS = 160

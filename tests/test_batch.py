@@ -16,8 +16,8 @@ from rotorfit.estimators.minimisation.batch import batch_fit, with_measured
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit import accelerator
 from rotorfit.estimators.misfit.kernels import Batch
-from rotorfit.estimators.misfit.losses import LOSSES, robust_weights
 from rotorfit.estimators.misfit.priors import Prior
+from rotorfit.estimators.misfit.problem import LOSSES, robust_weights
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
 

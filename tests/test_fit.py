@@ -14,7 +14,7 @@ from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequenci
 
 import rotorfit as rf
 from rotorfit.data.experiments import DisplacementTest, perturbation_test
-from rotorfit.estimators.misfit.losses import LOSSES, robust_weights
+from rotorfit.estimators.misfit.problem import LOSSES, robust_weights
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.models import Anisotropic, OneMode, TwoDisk, WhirlWhip
 

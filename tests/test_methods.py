@@ -19,7 +19,7 @@ from test_shaft_lines import ALL, TORSION, VALUES, line_test
 
 import rotorfit as rf
 from rotorfit.estimators.misfit.cost_graph import cost_graph
-from rotorfit.estimators.misfit.losses import LOSSES, Loss
+from rotorfit.estimators.misfit.problem import LOSSES, Loss
 from rotorfit.models import (
     MODELS,
     Chain,

@@ -17,8 +17,7 @@ from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.inference.identifiability import covariance as inverse
 from rotorfit.estimators.inference.identifiability import natural_scales
-from rotorfit.estimators.misfit.losses import Loss, robust_weights
-from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.misfit.problem import Loss, Problem, robust_weights
 from rotorfit.estimators.noise.run_effects import LEAST_RESIDUAL_SHARE, real_rows
 from rotorfit.estimators.significance import P_CHANCE
 from rotorfit.models.array_types import RANK_TOLERANCE, ComplexArray, Float, Index

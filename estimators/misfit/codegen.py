@@ -15,7 +15,7 @@ from typing import Any
 
 import casadi as ca
 
-from rotorfit.estimators.misfit.losses import LOSS_SCALE, Loss
+from rotorfit.estimators.misfit.problem import LOSS_SCALE, Loss
 from rotorfit.models import RotorModel
 from rotorfit.models.compiled import statements
 from rotorfit.models.motion.journal import at_frequency
@@ -69,7 +69,7 @@ def _adjugate(kappa: list[list[tuple[ca.SX, ca.SX]]]) -> tuple[list[list[tuple[c
 
 
 def robust_cost(loss: Loss, size2: Any) -> Any:
-    """Robust cost of :func:`rotorfit.estimators.misfit.losses.robust_weights`, symbolically."""
+    """Robust cost of :func:`rotorfit.estimators.misfit.problem.robust_weights`, symbolically."""
     c2 = LOSS_SCALE**2
     if loss == "linear":
         return size2

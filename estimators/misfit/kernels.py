@@ -255,7 +255,7 @@ class Kernels:
         """See :meth:`Problem.channel_sums`."""
         x, out = np.ascontiguousarray(x, dtype=float), np.zeros((len(x), len(self.problem.channel_names)))
         if x.size:
-            self._functions["sums"](x, *self._fixed, *self._data, *self._gain_parts(x), self._plan.channel, out)
+            self._functions["sums"](x, *self._fixed, *self._data, *_split(self._gains(x)), self._plan.channel, out)
         return out
 
     def sorted(self, measured: ComplexArray) -> tuple[Float, Float]:
@@ -270,7 +270,7 @@ class Kernels:
     def add(self, x: Float, targets: tuple[Float, Float] | None, cost: Float, gradient: Float) -> None:
         """Add costs without priors, and their gradients."""
         x = np.ascontiguousarray(x, dtype=float)
-        re, im = self._gain_parts(x)
+        re, im = _split(self._gains(x))
         seed_re, seed_im = np.zeros_like(re), np.zeros_like(im)
         target_re, target_im = self._data[:2] if targets is None else targets
         self._functions["slopes"](
@@ -358,13 +358,6 @@ class Kernels:
     @cached_property
     def _data(self) -> tuple[Float, Float, Float]:
         return (*_split(self._plan.target[None, :]), np.ascontiguousarray(self._plan.weight))
-
-    @cached_property
-    def _unit_gains(self) -> tuple[Float, Float]:
-        return _split(np.ones((1, self._plan.gain_group.size), dtype=complex))
-
-    def _gain_parts(self, x: Float) -> tuple[Float, Float]:
-        return _split(self._gains(x)) if self._has_gains else self._unit_gains
 
 
 def _split(values: ComplexArray) -> tuple[Float, Float]:

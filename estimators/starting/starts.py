@@ -15,9 +15,8 @@ from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.small_motion import FreeVibrations, OffCentreResponses
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
-from rotorfit.estimators.misfit.losses import LOSS_SCALE
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
-from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.misfit.problem import LOSS_SCALE, Problem
 from rotorfit.estimators.starting.closed_form import ClosedForm, ClosedFormError, closed_form, closed_forms
 from rotorfit.estimators.starting.many_starts import FEW_STARTS, best_beside, best_of_many
 from rotorfit.estimators.starting.modal_start import modal_start

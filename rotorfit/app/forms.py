@@ -17,7 +17,7 @@ import panel as pn
 
 from rotorfit.app.parts import LONG_LABEL, WIDE, button, folded, in_a_row, markup, message, shown_in, side_by_side
 from rotorfit.app.session import entry_table, with_read_option
-from rotorfit.estimators.misfit.losses import LOSSES
+from rotorfit.estimators.misfit.problem import LOSSES
 from rotorfit.models import LAWS, MODELS
 from rotorfit.options.kinds import number_word, pairs, two_numbers
 from rotorfit.options.table import FIT

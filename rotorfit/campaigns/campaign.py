@@ -20,8 +20,8 @@ from rotorfit.data.experiments import Experiment
 from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.data.findings import listed
 from rotorfit.estimators.atomic_file import whole_file
-from rotorfit.estimators.misfit.losses import LOSSES, Loss
 from rotorfit.estimators.misfit.parameter_space import parameter_space
+from rotorfit.estimators.misfit.problem import LOSSES, Loss
 from rotorfit.executors import Kept, executor_of
 from rotorfit.fitting.fit import fit as fit_model
 from rotorfit.fitting.noise.residual_study import MODEL_LIMITED_REDCHI

@@ -15,8 +15,7 @@ from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.minimisation.objective import Method
 from rotorfit.estimators.misfit.cost_graph import cost_graph
-from rotorfit.estimators.misfit.losses import Loss
-from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.misfit.problem import Loss, Problem
 from rotorfit.estimators.misfit.ratios import LogRatioProblem, ratios_of
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.estimators.starting.closed_form import closed_form as solve_closed_form

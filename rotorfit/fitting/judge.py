@@ -13,9 +13,8 @@ from rotorfit.estimators.blocks.correlated import freedom_of
 from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.inference.identifiability import Identifiability, along_valley, diagnose
 from rotorfit.estimators.minimisation.least_squares import Solution, Status
-from rotorfit.estimators.misfit.losses import robust_weights
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
-from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.misfit.problem import Problem, robust_weights
 from rotorfit.estimators.starting.closed_form import ClosedForm
 from rotorfit.estimators.starting.start_points import Start
 from rotorfit.fitting.assumptions.calibration import NUISANCE_KINDS

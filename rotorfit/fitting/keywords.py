@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 
 from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.estimators.minimisation.objective import Method
-from rotorfit.estimators.misfit.losses import Loss
+from rotorfit.estimators.misfit.problem import Loss
 from rotorfit.fitting.settings import PhaseOffsets
 from rotorfit.models.parameters import unknown_name
 

@@ -15,10 +15,9 @@ from rotorfit.data.weights import Influences, weighed
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
-from rotorfit.estimators.misfit.losses import LOSSES
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace, parameter_space
 from rotorfit.estimators.misfit.priors import CentredNormal, Prior, within_support
-from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.misfit.problem import LOSSES, Problem
 from rotorfit.fitting.assumptions.calibration import nuisance_entries
 from rotorfit.fitting.noise.error_bars import with_noise, without_noise
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from rotorfit.estimators.minimisation.objective import Method
-from rotorfit.estimators.misfit.losses import Loss
+from rotorfit.estimators.misfit.problem import Loss
 from rotorfit.version import renamed
 
 if TYPE_CHECKING:

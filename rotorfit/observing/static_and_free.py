@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from rotorfit.data.experiments import CoefficientTable, ImpulseTest, StaticTest
-from rotorfit.estimators.blocks.coefficients import JournalCoefficients
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.row_keys import distinguished, words
-from rotorfit.estimators.blocks.small_motion import FreeVibrations
+from rotorfit.estimators.blocks.small_motion import FreeVibrations, JournalCoefficients
 from rotorfit.estimators.noise.sweep_noise import noise_from_smoothness
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index

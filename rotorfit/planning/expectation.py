@@ -9,10 +9,9 @@ import numpy as np
 
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, RingDownTest, StaticTest
 from rotorfit.data.weights import dwells
-from rotorfit.estimators.blocks.coefficients import JournalCoefficients
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block, OnResponses
-from rotorfit.estimators.blocks.small_motion import FreeVibrations
+from rotorfit.estimators.blocks.small_motion import FreeVibrations, JournalCoefficients
 from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.inference.identifiability import Identifiability, diagnose
 from rotorfit.estimators.misfit.problem import Problem

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.estimators.blocks.coefficients import JournalCoefficients
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.response import probe_factors
-from rotorfit.estimators.blocks.small_motion import FreeVibrations, OffCentreResponses
+from rotorfit.estimators.blocks.small_motion import FreeVibrations, JournalCoefficients, OffCentreResponses
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.fitting.result import FitResult

@@ -11,7 +11,7 @@ import numpy as np
 
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.inference.covariance import prior_curvature
-from rotorfit.estimators.misfit.losses import robust_weights
+from rotorfit.estimators.misfit.problem import robust_weights
 from rotorfit.estimators.noise.run_effects import FEWEST_RUNS
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.result import FitResult

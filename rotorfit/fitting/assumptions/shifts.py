@@ -36,7 +36,7 @@ from rotorfit.estimators.inference.smooth_causes import (
     changed_values,
     changes_with_speed,
 )
-from rotorfit.estimators.misfit.losses import robust_weights
+from rotorfit.estimators.misfit.problem import robust_weights
 from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN, Assumption, Assumptions
 from rotorfit.fitting.assumptions.onset import onset_with
