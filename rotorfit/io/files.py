@@ -35,15 +35,7 @@ from rotorfit.units import RAD_S_PER_RPM
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-SUFFIXES = {
-    ".csv": "csv",
-    ".txt": "csv",
-    ".tsv": "csv",
-    ".uff": "uff",
-    ".unv": "uff",
-    ".nc": "netcdf",
-    ".mat": "mat",
-}
+SUFFIXES = {".csv": "csv", ".txt": "csv", ".tsv": "csv", ".uff": "uff", ".unv": "uff", ".nc": "netcdf", ".mat": "mat"}
 """Format by suffix of the file."""
 RECORDINGS = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet", ".npz", ".uf58")
 """Suffixes that only recordings of raw signals have."""

@@ -33,10 +33,7 @@ def write_mat(experiment: Experiment, path: str | Path) -> None:
 
     experiment = as_stored(experiment)
     names = list(experiment.attributes)
-    variables: dict[str, Any] = {
-        "kind": type(experiment).__name__,
-        "attribute_names": np.array(names, dtype=object),
-    }
+    variables: dict[str, Any] = {"kind": type(experiment).__name__, "attribute_names": np.array(names, dtype=object)}
     for name in column_types(type(experiment)):
         variables[name] = _stored(getattr(experiment, name))
     for number, name in enumerate(names, 1):

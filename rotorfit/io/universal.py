@@ -25,13 +25,7 @@ from numpy.typing import NDArray
 from rotorfit.data.experiments import Experiment, PerturbationTest, perturbation_test
 from rotorfit.data.several_forces import refuse_several
 from rotorfit.estimators.file_reading import reading, shown
-from rotorfit.io.universal_foreign import (
-    AXES,
-    DataType,
-    FunctionType,
-    read_foreign,
-    turned,
-)
+from rotorfit.io.universal_foreign import AXES, DataType, FunctionType, read_foreign, turned
 from rotorfit.models.array_types import Float, Index
 from rotorfit.units import RAD_S_PER_RPM
 

@@ -45,9 +45,8 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
                 "error",
                 "channel-dead",
                 f"{where} is dead: it stays at {each.mean:.3f} {each.unit} and moves by "
-                f"{significant(each.deviation, 2)} "
-                f"{each.unit} rms, the others by up to {significant(largest, 3)}. Leave its plane out or repair "
-                "the probe.",
+                f"{significant(each.deviation, 2)} {each.unit} rms, the others by up to {significant(largest, 3)}. "
+                "Leave its plane out or repair the probe.",
             )
             continue
         if each.still:
@@ -113,9 +112,8 @@ def _sensitivity(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[
             "warning",
             "probe-sensitivity",
             f"{where}: {significant(said / 1e3, 3)} V/mm is no usual sensitivity of a probe, {low / 1e3:g} to "
-            f"{high / 1e3:g} V/mm; "
-            f"the shaft would move by {significant((each.high - each.low) / max(said, 1e-9) * 1e6, 3)} µm. Is "
-            "its unit right?",
+            f"{high / 1e3:g} V/mm; the shaft would move by "
+            f"{significant((each.high - each.low) / max(said, 1e-9) * 1e6, 3)} µm. Is its unit right?",
         )
 
 
@@ -322,10 +320,9 @@ def speed_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
         yield Finding(
             "warning",
             "speed-disagrees",
-            f"{record.name}: the marks say {significant(marks, 4)} rpm, file or setup {significant(given, 4)} "
-            "rpm: is pulses_per_turn right "
-            f"({record.rig.shaft.pulses_per_turn if record.rig.shaft else 1}), and the sampling rate "
-            f"({record.sample_rate:g} Hz)?",
+            f"{record.name}: the marks say {significant(marks, 4)} rpm, file or setup {significant(given, 4)} rpm: is "
+            f"pulses_per_turn right ({record.rig.shaft.pulses_per_turn if record.rig.shaft else 1}), and the sampling "
+            f"rate ({record.sample_rate:g} Hz)?",
         )
 
 

@@ -157,12 +157,7 @@ class Recording(Signals):
     # ---- figures: drawn in rotorfit.plots.recordings of the arrays of views and spectra ----
 
     def plot_timebase(
-        self,
-        plane: str | None = None,
-        *,
-        at: float | None = None,
-        turns: float = 6.0,
-        **look: Unpack[PlotKeywords],
+        self, plane: str | None = None, *, at: float | None = None, turns: float = 6.0, **look: Unpack[PlotKeywords]
     ) -> Figure:
         """x and y over time with a dot at every mark.
 

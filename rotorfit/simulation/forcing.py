@@ -10,13 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotorfit.data.experiments import (
-    DisplacementTest,
-    PerturbationTest,
-    none_further,
-    perturbation_test,
-    records,
-)
+from rotorfit.data.experiments import DisplacementTest, PerturbationTest, none_further, perturbation_test, records
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index, Records, Text
 from rotorfit.models.digits import significant
@@ -176,10 +170,7 @@ def displacement(
 ) -> DisplacementTest:
     """Constant circular displacement input (Figs 4, 16 and 17): an orbit is imposed, its force measured."""
     rig.need_circular("imposed orbits")
-    radii, speeds = (
-        positive("amplitude_um", amplitude_um) * 1e-6,
-        rates_rpm("speed_rpm", speed_rpm) * RAD_S_PER_RPM,
-    )
+    radii, speeds = (positive("amplitude_um", amplitude_um) * 1e-6, rates_rpm("speed_rpm", speed_rpm) * RAD_S_PER_RPM)
     cases = np.array(list(product(speeds, radii, rates_rpm("frequency_rpm", frequency_rpm) * RAD_S_PER_RPM)))
     speed, radius, w = cases.T
     at = rig.seat if plane is None else rig.model.coordinate(plane, "z")

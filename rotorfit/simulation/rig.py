@@ -60,8 +60,7 @@ class VirtualRig:
             limit = f"; centred it is stable below {significant(onset.speed * RPM_PER_RAD_S, 4)} rpm" if onset else ""
             raise ValueError(
                 f"{self.model.name} with these parameters is unstable {where} (vibration grows at "
-                f"{significant(rate, 3)} 1/s), so "
-                f"that nothing can be measured there{limit}"
+                f"{significant(rate, 3)} 1/s), so that nothing can be measured there{limit}"
             )
         return -rate
 

@@ -75,9 +75,8 @@ def rest_position(
         if (moved <= 10 * tolerance * np.abs(z).max(axis=1, keepdims=True)).all():
             return np.asarray(z)
     raise IntegrationError(
-        f"{motion.model.name}: the rotor has not come to rest after {significant(_MOST_WINDOWS * window, 3)} s; "
-        "it may be unstable "
-        f"under this load"
+        f"{motion.model.name}: the rotor has not come to rest after {significant(_MOST_WINDOWS * window, 3)} s; it may "
+        "be unstable under this load"
     )
 
 
@@ -123,10 +122,9 @@ def _settle(
         if not left.size:
             return Steady(**result)
     raise IntegrationError(
-        f"{motion.model.name}: the motion has not settled after {significant(time, 3)} s in {left.size} of "
-        f"{w.size} cases, the "
-        f"first at {significant(w[left[0]] * RPM_PER_RAD_S, 4)} rpm; the rotor may be unstable or vibrate with "
-        "more than one period"
+        f"{motion.model.name}: the motion has not settled after {significant(time, 3)} s in {left.size} of {w.size} "
+        f"cases, the first at {significant(w[left[0]] * RPM_PER_RAD_S, 4)} rpm; the rotor may be unstable or vibrate "
+        "with more than one period"
     )
 
 

@@ -114,9 +114,8 @@ def _refuse_fluid_in_file(structure: Structure, plane: str, node: int | str) -> 
     if damping or cross > ROUND_OFF * np.abs(structure.K).max():
         raise ValueError(
             f"{structure.source} has damping of {significant(damping, 4)} N s/m and cross-coupling of "
-            f"{significant(cross, 4)} N/m at node "
-            f"{node}, where the fluid that is fitted acts (plane {plane}): take the bearing or seal out of the rotor "
-            "before it is saved (rotor.save_mat)"
+            f"{significant(cross, 4)} N/m at node {node}, where the fluid that is fitted acts (plane {plane}): take "
+            "the bearing or seal out of the rotor before it is saved (rotor.save_mat)"
         )
 
 

@@ -130,9 +130,8 @@ def blow_findings(record: Recording, found: list[Blow]) -> Iterator[Finding]:
             "error",
             "force-clipped",
             f"{record.name}: the force of the blow at {listed([f'{b.begin:.3f} s' for b in cut])} is cut off at "
-            f"{listed([f'{significant(b.peak, 4)} N' for b in cut])}: its channel was overloaded, and responses "
-            "come out too "
-            "large. Leave the blow out, or strike again with a wider input range.",
+            f"{listed([f'{significant(b.peak, 4)} N' for b in cut])}: its channel was overloaded, and responses come "
+            "out too large. Leave the blow out, or strike again with a wider input range.",
         )
     bounce_time = 0.1  # time after a blow within which no one strikes on purpose, s: the hammer bounced
     again = [(first, second) for first, second in pairwise(found) if second.begin - first.end < bounce_time]

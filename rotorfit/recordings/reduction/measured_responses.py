@@ -215,10 +215,9 @@ def _forced(driven: ReducedForce, struck: Sequence[Blow], report: Report) -> tup
         return estimated([record], [noisy(spectra)], *reduced.band), 0.0
     if quiet.mean() < QUIET_SHARE and reduced.shaft_angle is not None:
         raise ValueError(
-            f"{record.name}: the rotor is quiet in {quiet.mean():.0%} of the "
-            f"{significant(np.ptp(reduced.time), 3)} s between "
-            "the first mark of the shaft and the last, too little to tell the shaft's own orders from the blow: record "
-            "some turns before it, and until the rotor rests"
+            f"{record.name}: the rotor is quiet in {quiet.mean():.0%} of the {significant(np.ptp(reduced.time), 3)} s "
+            "between the first mark of the shaft and the last, too little to tell the shaft's own orders from the "
+            "blow: record some turns before it, and until the rotor rests"
         )
     calm = reduced.without_orders(quiet).spectra(unit, [])
     found = estimated([record], [noisy(calm)], *reduced.band, transient=False)
@@ -227,10 +226,9 @@ def _forced(driven: ReducedForce, struck: Sequence[Blow], report: Report) -> tup
             Finding(
                 "warning",
                 "moving-at-ends",
-                f"{record.name}: the rotor moves when the recording begins or ends, by "
-                f"{significant(left_out, 2)} of its "
-                "motion after the blow; errors are wider by that share of each response. Record some turns before the "
-                "blow, and until the rotor rests.",
+                f"{record.name}: the rotor moves when the recording begins or ends, by {significant(left_out, 2)} of "
+                "its motion after the blow; errors are wider by that share of each response. Record some turns before "
+                "the blow, and until the rotor rests.",
             )
         )
     return found, left_out

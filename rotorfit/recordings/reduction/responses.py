@@ -228,9 +228,7 @@ def _usable(record: Recording, report: Report) -> Recording:
     if lost:
         report(
             Finding(
-                "warning",
-                "probe-left-out",
-                f"{record.name}: {', '.join(lost)} left out: dead, interrupted or clipped.",
+                "warning", "probe-left-out", f"{record.name}: {', '.join(lost)} left out: dead, interrupted or clipped."
             )
         )
     return replace(record, rig=replace(record.rig, probes=kept))

@@ -131,10 +131,7 @@ def window_responses(reduced: ReducedRecord, force: Force, turns: int) -> Pertur
             probes.append((plane, axis, single, sigma))
             continue
         sigma = np.sqrt(2) * found.sigma[p] / np.abs(newton)
-        for axis, phasor in (
-            ("x", along[p] + against[p]),
-            ("y", -1j * reduced.whirl * (along[p] - against[p])),
-        ):
+        for axis, phasor in (("x", along[p] + against[p]), ("y", -1j * reduced.whirl * (along[p] - against[p]))):
             probes.append((plane, axis, phasor / newton, sigma))
     return rows(
         record,
