@@ -40,7 +40,7 @@ import rotorfit as rf  # noqa: E402
 from rotorfit.data.experiments import Experiment  # noqa: E402
 from rotorfit.simulation.instruments import record  # noqa: E402
 from rotorfit.simulation.recorded_kinds import dwell  # noqa: E402
-from rotorfit.simulation.recorded_rig import RecordedRig  # noqa: E402
+from rotorfit.simulation.rig import RecordedRig  # noqa: E402
 
 LOW, HIGH = 0.9, 1.1
 """Ratio of the scatter to the standard error that a plan promises."""

@@ -18,9 +18,8 @@ from rotorfit.data.ring_down import ring_down_modes
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues, static_equilibria
 from rotorfit.observing.observations import observe_any
 from rotorfit.simulation.integration import IntegrationError
-from rotorfit.simulation.options import ExperimentOptions, RecordingOptions
 from rotorfit.simulation.recordings import RECORDED
-from rotorfit.simulation.simulate import SIMULATED
+from rotorfit.simulation.simulate import SIMULATED, ExperimentOptions, RecordingOptions
 
 RPM = np.pi / 30
 VALUES = ONE_MODE | POWER

@@ -17,7 +17,7 @@ from rotorfit.cli.main import main
 from rotorfit.models import EvenPolynomial, Muszynska, OneMode, WhirlWhip, whirl_branch
 from rotorfit.models.array_types import ComplexArray
 from rotorfit.simulation.integration import IntegrationError
-from rotorfit.simulation.recorded_rig import nonlinear_path
+from rotorfit.simulation.rig import nonlinear_path
 
 WHIP = WHIRL_WHIP | {"Ds": 3.0}
 """Lightly damped: its whirl becomes a whip."""

@@ -89,8 +89,7 @@ def answer(options: argparse.Namespace) -> Answer:
 
 def _simulated(options: argparse.Namespace) -> Experiment:
     from rotorfit.io.files import SUFFIXES
-    from rotorfit.simulation.options import check_options
-    from rotorfit.simulation.simulate import SIMULATED, simulate
+    from rotorfit.simulation.simulate import SIMULATED, check_options, simulate
 
     if options.out.suffix.lower() not in SUFFIXES:  # before the simulation, which may take long
         raise ValueError(f"--out {options.out.name}: {unknown_name('suffix', options.out.suffix, SUFFIXES)}")

@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.shafts.angular_rates import angular_rate
+from rotorfit.simulation.forcing import rest_under
 from rotorfit.simulation.instruments import Played
-from rotorfit.simulation.loads import rest_under
-from rotorfit.simulation.recorded_rig import Force, RecordedRig
-from rotorfit.simulation.rig import rates_rpm, some_planes
+from rotorfit.simulation.rig import Force, RecordedRig, rates_rpm, some_planes
 from rotorfit.simulation.turning_speeds import Dwells, Rotation, Sweep
 from rotorfit.units import RAD_S_PER_RPM as RPM
 

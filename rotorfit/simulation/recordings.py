@@ -13,7 +13,6 @@ from rotorfit.estimators.atomic_file import file_name, whole_file
 from rotorfit.models import RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.simulation.instruments import Instruments, Played, record
-from rotorfit.simulation.options import RecordingOptions, check_options
 from rotorfit.simulation.recorded_kinds import (
     balance,
     dwell,
@@ -25,7 +24,8 @@ from rotorfit.simulation.recorded_kinds import (
     static_load,
     synchronous,
 )
-from rotorfit.simulation.recorded_rig import RecordedRig
+from rotorfit.simulation.rig import RecordedRig
+from rotorfit.simulation.simulate import RecordingOptions, check_options
 
 RECORDED: Mapping[str, Callable[..., Iterator[Played]]] = {
     "perturbation": perturbation,

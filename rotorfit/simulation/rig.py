@@ -1,8 +1,15 @@
-"""A virtual rig: a model with its true parameters, probes with noise, and checks that it can be run at all."""
+"""Virtual rigs: a model with its true parameters, probes with noise, and one whose motion is recorded.
+
+The motion of a linear rotor under any force in time is found mode by mode, exact to round-off at a constant speed.
+``x' = A x + B f`` falls apart into modes ``q' = s q + b f``; over a step of h the solution is
+``q(t + h) = exp(s h) q(t) + int exp(s (h - u)) b f(t + u) du``, the integral by Gauss-Legendre quadrature with four
+points, whose error for a force of frequency w is of the order ``(w h)^8 / 10^7``. Where the speed changes and the rotor
+with it, the coefficients are those of the middle of a block, which is the shorter the faster the speed changes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +23,9 @@ from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues, static_equilibria
 from rotorfit.models.motion.stability import growth_rate
 from rotorfit.models.shafts.angular_rates import angular_rates, real_numbers
-from rotorfit.simulation.integration import Motion
+from rotorfit.simulation.instruments import Instruments, Played
+from rotorfit.simulation.integration import IntegrationError, Motion
+from rotorfit.simulation.turning_speeds import Rotation, Wander
 from rotorfit.units import RPM_PER_RAD_S
 
 
@@ -111,3 +120,157 @@ def some_planes(model: RotorModel, planes: str | Sequence[str] | None) -> tuple[
     if unknown or not chosen:
         raise ValueError(f"planes {', '.join(unknown) or '()'} unknown; {model.name} has {', '.join(model.planes)}")
     return chosen
+
+
+Force = Callable[[Float], ComplexArray]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RecordedRig(VirtualRig):
+    """A rotor with its instruments."""
+
+    noise: float = 0.0  # of readings; that of volts is the instruments'
+    tolerance: float = 1e-6
+    instruments: Instruments  # what measures it
+    residual: float  # unbalance of the rotor itself, kg m
+
+    def path(self, speed: Callable[[Float], Float], forces: Mapping[str, Force], count: int) -> dict[str, ComplexArray]:
+        """Motion of each plane under forces ``Fx + j Fy`` at some of them."""
+        model, theta = self.model, self.theta
+        integrated = nonlinear_path if model.eccentricity_dependent else linear_path
+
+        def generalised(t: Float) -> ComplexArray:
+            found = np.zeros((t.size, len(model.coordinates)), dtype=complex)
+            for plane, force in forces.items():
+                f = force(t)
+                if model.frame == "z":
+                    found[:, model.coordinate(plane, "z")] += f
+                else:
+                    found[:, model.coordinate(plane, "x")] += f.real
+                    found[:, model.coordinate(plane, "y")] += f.imag
+            return found
+
+        path = integrated(model, theta, speed=speed, force=generalised, rate=self.instruments.sample_rate, count=count)
+        path = path * model.functions.factors(theta)
+        if model.frame == "z":
+            return {c.plane: path[:, i] for i, c in enumerate(model.coordinates) if c.axis == "z"}
+        axes = {(c.plane, c.axis): path[:, i].real for i, c in enumerate(model.coordinates)}
+        return {plane: axes[plane, "x"] + 1j * axes[plane, "y"] for plane in model.planes}
+
+    def run(
+        self,
+        name: str,
+        shaft: Rotation,
+        acting: Mapping[str, Force],
+        time: Float,
+        attributes: Mapping[str, str | float],
+        **more: Any,
+    ) -> Played:
+        """A run under forces at some planes while the shaft turns."""
+        motion = self.path(shaft.speed, acting, time.size)
+        return Played(name=name, motion=motion, shaft=shaft.angle(time), attributes=attributes, **more)
+
+    def shaft(self, speed: float) -> Wander:
+        """The shaft's rotation at a speed, rad/s, that wanders as the instruments say."""
+        return Wander.drawn(speed, self.instruments.wander, self.rng)
+
+
+_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(4)
+
+
+def linear_path(
+    model: RotorModel,
+    theta: Float,
+    *,
+    speed: Callable[[Float], Float],
+    force: Callable[[Float], ComplexArray],
+    rate: float,
+    count: int,
+) -> ComplexArray:
+    """Displacements of all coordinates at equally spaced times, starting from rest, shape ``(count, n)``."""
+    from scipy.signal import lfilter
+
+    h, n = 1 / rate, len(model.coordinates)
+    inside = (_POINTS + 1) * h / 2
+    speeds = speed(np.arange(count, dtype=float) * h)
+    change = np.abs(np.diff(speeds)).max(initial=0.0) if model.speed_dependent else 0.0
+    # Share of the speed by which it may change within a block, whose coefficients are those of its middle
+    speed_change = 1e-4
+    block = int(np.clip(speed_change * np.abs(speeds).max() / change, 64, 1 << 15)) if change else 1 << 15
+    path = np.zeros((count, n), dtype=complex)
+    state = np.zeros(2 * n, dtype=complex)
+    for first in range(0, count - 1, block):
+        last = min(first + block, count - 1)
+        start = np.arange(first, last, dtype=float) * h
+        s, shapes, drive = _modes(model, theta, float(speed(np.array([(first + last) / 2 * h]))[0]))
+        forces = force((start[:, None] + inside).ravel()).reshape(start.size, 4, n) @ drive.T
+        kernel = np.exp(s * (h - inside[:, None])) * (_WEIGHTS * h / 2)[:, None]
+        steps = np.einsum("tkm,km->tm", forces, kernel)
+        q = np.linalg.solve(shapes, state)
+        motion = np.empty((start.size, s.size), dtype=complex)
+        for m, growth in enumerate(np.exp(s * h)):
+            motion[:, m] = lfilter([1.0], [1.0, -growth], steps[:, m], zi=[growth * q[m]])[0]
+        states = motion @ shapes.T
+        path[first + 1 : last + 1] = states[:, :n]
+        state = states[-1]
+    return path
+
+
+def _modes(model: RotorModel, theta: Float, speed: float) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Eigenvalues, right eigenvectors of displacements and velocities, and what a force gives each mode."""
+    stiffness, damping, mass = model.coefficients(theta, speed)
+    n = mass.shape[0]
+    companion = np.zeros((2 * n, 2 * n), dtype=complex)
+    companion[:n, n:] = np.eye(n)
+    companion[n:] = -np.linalg.solve(mass, np.hstack([stiffness, damping]))
+    s, shapes = np.linalg.eig(companion)
+    drive = np.linalg.solve(shapes, np.vstack([np.zeros((n, n)), np.linalg.inv(mass)]))
+    return s, shapes, drive
+
+
+_TOLERANCE = 1e-6  # error of a step as a share of the motion: far below the noise of probes
+
+
+def nonlinear_path(
+    model: RotorModel,
+    theta: Float,
+    *,
+    speed: Callable[[Float], Float],
+    force: Callable[[Float], ComplexArray],
+    rate: float,
+    count: int,
+) -> ComplexArray:
+    """Displacements of all coordinates at equally spaced times, starting from rest, shape ``(count, n)``.
+
+    The fluid is that at the speed and at the eccentricity of the moment, so that the path goes on beyond the onset of
+    instability, on the whirl that the law limits.
+    """
+    from scipy.integrate import solve_ivp
+
+    seat, n = journal(model), len(model.coordinates)
+
+    def slope(t: float, state: ComplexArray) -> ComplexArray:
+        z, velocity, at = state[:n], state[n:], np.array([t])
+        eccentricity = float(abs(z[seat.at]) / seat.clearance)
+        stiffness, damping, mass = model.functions.values(theta, float(speed(at)[0]), eccentricity)
+        push = np.linalg.solve(mass, force(at)[0] - stiffness @ z - damping @ velocity)
+        return np.concatenate([velocity, push])
+
+    times = np.arange(count) / rate
+    smallest = _TOLERANCE * 1e-3 * seat.clearance  # of displacements; of velocities at 100 rad/s
+    absolute = np.repeat([smallest, 100.0 * smallest], n)
+    with np.errstate(all="ignore"):  # a trial step beyond the clearance gives NaN and is cut
+        found = solve_ivp(
+            slope,
+            (0.0, float(times[-1])),
+            np.zeros(2 * n, dtype=complex),
+            method="DOP853",
+            t_eval=times,
+            rtol=_TOLERANCE,
+            atol=absolute,
+        )
+    path = np.asarray(found.y[:n].T, dtype=complex)
+    if not found.success or np.abs(path[:, seat.at]).max() >= seat.clearance:
+        where = f"{model.name}: the journal touches the wall after {significant(found.t[-1], 3)} s"
+        raise IntegrationError(f"{where}; take a smaller force or a lower speed")
+    return path

@@ -19,7 +19,6 @@ from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.signals.local_response import SMOOTH_DEGREE, LocalResponse, RecordSpectra
 from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.models.digits import significant
-from rotorfit.recordings.reduction.blows import QUIET_SHARE, Blow, blow_findings, blows, rest_of
 from rotorfit.recordings.reduction.measured_force import (
     ReducedForce,
     clear_of_noise,
@@ -29,6 +28,7 @@ from rotorfit.recordings.reduction.measured_force import (
     reduce_measured,
 )
 from rotorfit.recordings.reduction.response_lines import Report, clear_lines, estimated, readings, rows, shaft_speed_at
+from rotorfit.recordings.reduction.ring_downs import QUIET_SHARE, Blow, blow_findings, blows, rest_of
 
 if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording
