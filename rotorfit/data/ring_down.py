@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from rotorfit.data.experiments import ImpulseTest, RingDownTest
 from rotorfit.estimators.signals.ring_down import Decay, decay_of
-from rotorfit.models.array_types import Index
+from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.digits import significant
 
 _FEWEST_TURNS = 2.0  # of the shaft in a record that can tell vibration at its speed from a mode's
@@ -92,3 +94,18 @@ def _analyse(test: RingDownTest, rows: Index, run: str, modes: int) -> Decay:
                 "give longer records"
             )
     return found
+
+
+def ring_down_test(parts: Sequence[tuple[str, float, Float, ComplexArray]], source: str) -> RingDownTest:
+    """Records one after the other: run, speed (rad/s), times (s) and motion ``x + jy`` (m) of each."""
+    run, speed, time, motion = zip(*parts, strict=True)
+    size, z = [each.size for each in time], np.concatenate(motion)
+    return RingDownTest(
+        run=np.repeat(run, size),
+        speed=np.repeat(speed, size),
+        time=np.concatenate(time),
+        x=z.real,
+        y=z.imag,
+        eccentricity=np.full(z.size, np.nan),
+        source=source,
+    )

@@ -19,6 +19,7 @@ from rotorfit.data.experiments import (
     perturbation_test,
     records,
 )
+from rotorfit.data.ring_down import ring_down_test
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index, Records, Text
 from rotorfit.models.digits import significant
@@ -336,9 +337,8 @@ def impulse(
     rig.need_circular("impulses")
     speeds, loads = rates_rpm("speed_rpm", speed_rpm) * RAD_S_PER_RPM, np.atleast_1d(np.asarray(load, float))
     blow = rig.load(positive("impulse", impulse)[0] * np.exp(1j * np.radians(impulse_deg)), plane)
-    columns: dict[str, list[Float]] = {name: [] for name in ("speed", "time", "x", "y")}
     factor = rig.model.functions.factors(rig.theta)[rig.seat].real  # of the journal's probes
-    runs: list[str] = []
+    parts: list[tuple[str, float, Float, ComplexArray]] = []
     for speed, newton in product(speeds.tolist(), loads.tolist()):
         turned = newton * np.exp(1j * np.radians(load_deg))
         rest = np.zeros(blow.size, dtype=complex)
@@ -346,20 +346,9 @@ def impulse(
             rest = rest_under(rig, speed, np.array([turned]), plane)[0]
         time, z = _record(rig, speed, rig.load(turned, plane), rest, blow, duration, sampling_hz)
         size = rig.noise * float(np.sqrt(np.mean(np.abs(z - rest[rig.seat]) ** 2)))
-        z = factor * rig.noisy(z, np.full(z.size, size))
-        runs += [f"{speed * RPM_PER_RAD_S:.6g} rpm, {significant(newton, 4)} N"] * time.size
-        for name, values in zip(columns, (np.full(time.size, speed), time, z.real, z.imag), strict=True):
-            columns[name].append(values)
-    speed_of, instant, x, y = (np.concatenate(parts) for parts in columns.values())
-    return RingDownTest(
-        run=np.array(runs),
-        speed=speed_of,
-        time=instant,
-        x=x,
-        y=y,
-        eccentricity=np.full(len(runs), np.nan),
-        source="simulated",
-    )
+        run = f"{speed * RPM_PER_RAD_S:.6g} rpm, {significant(newton, 4)} N"
+        parts.append((run, speed, time, factor * rig.noisy(z, np.full(z.size, size))))
+    return ring_down_test(parts, "simulated")
 
 
 def _record(

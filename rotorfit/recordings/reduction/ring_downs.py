@@ -12,6 +12,7 @@ import numpy as np
 
 from rotorfit.data.experiments import RingDownTest
 from rotorfit.data.findings import Finding, listed
+from rotorfit.data.ring_down import ring_down_test
 from rotorfit.executors import carry_out, executor_of
 from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.models.digits import significant
@@ -206,8 +207,7 @@ def ring_downs(
         (3, 3)
     """
     listed = named_apart(records)
-    columns: dict[str, list[Float]] = {name: [] for name in ("speed", "time", "x", "y")}
-    runs: list[str] = []
+    parts: list[tuple[str, float, Float, ComplexArray]] = []
     jobs = []
     for record in listed:
         said = record.rig.impulse.highest if record.rig.impulse is not None else None
@@ -217,20 +217,9 @@ def ring_downs(
         jobs, carry_out(_reduced, jobs, executor_of(executor, client)), strict=True
     ):
         for number, (speed, time, z, settled) in enumerate(blows, start=1):
-            runs += [f"{record.name}, blow {number}"] * time.size
             at = z + (position if position is not None else 0.0 if mean is None else mean + settled)
-            for name, values in zip(columns, (np.full(time.size, speed), time, at.real, at.imag), strict=True):
-                columns[name].append(values)
-    speed_of, instant, x, y = (np.concatenate(parts) for parts in columns.values())
-    return RingDownTest(
-        run=np.array(runs),
-        speed=speed_of,
-        time=instant,
-        x=x,
-        y=y,
-        eccentricity=np.full(len(runs), np.nan),
-        source=source_of(listed),
-    )
+            parts.append((f"{record.name}, blow {number}", speed, time, at))
+    return ring_down_test(parts, source_of(listed))
 
 
 def _reduced(job: tuple[Recording, str, float]) -> tuple[complex | None, list[_Blow]]:

@@ -223,17 +223,14 @@ def _used(
 def _complete_probe(raw: RawFile, probe: Probe, setup: RigSetup, how: str) -> Probe:
     unit = _unit_of(raw, probe.channel, probe.unit, setup)
     sensitivity = probe.sensitivity if probe.sensitivity is not None else setup.sensitivity
-    if unit is not None and unit.quantity != "voltage":
-        sensitivity = _scaled(raw, probe.channel, unit, "length", sensitivity)
-        probe = replace(probe, unit=unit.name)
-    else:
-        probe = replace(probe, unit=None)
+    sensitivity = _scaled(raw, probe.channel, unit, "length", sensitivity)
     if probe.angle is None or sensitivity is None:
         lacking = "angle_deg" if probe.angle is None else "sensitivity_V_per_mm (or unit, of a channel that is scaled)"
         own = raw.channels[probe.channel].unit if probe.channel in raw.channels else ""
         unknown = f" (its unit in the file, {own!r}, is none of {ALLOWED})" if own and channel_unit(own) is None else ""
         raise ValueError(f"{raw.name}: nothing says the {lacking} of the probe {probe.channel}{unknown}; {how}")
-    return replace(probe, sensitivity=sensitivity)
+    name = unit.name if unit is not None and unit.quantity != "voltage" else None
+    return replace(probe, sensitivity=sensitivity, unit=name)
 
 
 def _unit_of(raw: RawFile, channel: str, said: str | None, setup: RigSetup) -> ChannelUnit | None:
@@ -257,8 +254,12 @@ _VECTORS = {"velocity": "velocity_mm_s", "acceleration": "acceleration_g"}
 """Columns of tables for vectors of sensors that read no motion."""
 
 
-def _scaled(raw: RawFile, channel: str, unit: ChannelUnit, quantity: str, sensitivity: float | None) -> float:
-    """Sensitivity, of unit for a metre or a newton, of a channel that is scaled already."""
+def _scaled(
+    raw: RawFile, channel: str, unit: ChannelUnit | None, quantity: str, sensitivity: float | None
+) -> float | None:
+    """Sensitivity of a channel: that of volts as it is given, else of unit for a metre or a newton."""
+    if unit is None or unit.quantity == "voltage":
+        return sensitivity
     if unit.quantity != quantity:
         column = _VECTORS.get(unit.quantity) if quantity == "length" else None
         way = (
@@ -322,16 +323,11 @@ def _force(raw: RawFile, setup: RigSetup, perturbator: Reference | None, planes:
 def _force_sensitivity(raw: RawFile, force: ForceSetup, setup: RigSetup) -> float | None:
     """Of the channels of a measured force, V/N, or of their unit for a newton."""
     channels = [channel for channel in (force.channel_x, force.channel_y) if channel]
-    units = [_unit_of(raw, channel, force.unit, setup) for channel in channels]
-    scaled = [
-        force.sensitivity
-        if unit is None or unit.quantity == "voltage"
-        else _scaled(raw, channel, unit, "force", force.sensitivity)
-        for channel, unit in zip(channels, units, strict=True)
-    ]
-    if len(set(scaled)) > 1:
+    units = {channel: _unit_of(raw, channel, force.unit, setup) for channel in channels}
+    scaled = {_scaled(raw, channel, unit, "force", force.sensitivity) for channel, unit in units.items()}
+    if len(scaled) > 1:
         raise ValueError(f"{raw.name}: the channels of the force, {' and '.join(channels)}, are in different units")
-    return scaled[0]
+    return scaled.pop()
 
 
 def _load(raw: RawFile, load: LoadSetup | None, planes: tuple[str, ...], rotation: int) -> Load | None:
