@@ -119,7 +119,7 @@ def test_sdist_holds_the_sources_once(built: Path) -> None:
     (sdist,) = built.glob("*.tar.gz")
     with tarfile.open(sdist) as archive:
         names = [name.partition("/")[2] for name in archive.getnames()]
-    modules = [name for name in names if name.endswith("lumped.py")]
+    modules = [name for name in names if name.endswith("models/lumped.py")]
     assert modules == ["models/lumped.py"]
     assert len(names) == len(set(names))
     assert not [name for name in names if name.startswith("tests/")]  # without what they need they would not run
