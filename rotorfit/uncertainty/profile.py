@@ -144,7 +144,7 @@ def profiles(
     ends = find_ends(curves, [line.searches for line in lines])
     values = [_grid(line.value, found, points) for line, found in zip(lines, ends, strict=True)]
     find_rises(curves, values)
-    return tuple(line.profile(level, found, some) for line, found, some in zip(lines, ends, values, strict=True))
+    return tuple(line.profile(found, some) for line, found, some in zip(lines, ends, values, strict=True))
 
 
 def _profiled(text: str, level: float, points: int, at: Mapping[str, Any] | None, name: str) -> Profile:
@@ -163,9 +163,14 @@ class _Line:
     step: float  # its guessed standard error
     reach: tuple[tuple[float, bool], ...]  # how far it can go downwards and upwards, and whether that is a bound
     scale: float  # factor on the quantile
-    goal: float  # rise at the ends
+    level: float  # probability of the interval
     beyond: str = ""  # what to say of it in any case
     shown: Callable[[float], float] = float
+
+    @property
+    def goal(self) -> float:
+        """Rise at the ends."""
+        return quantile(self.level, self.known.freedom) ** 2 * self.scale
 
     @property
     def searches(self) -> tuple[Search, ...]:
@@ -176,17 +181,19 @@ class _Line:
             for side, (limit, bound) in zip((-1, 1), self.reach, strict=True)
         )
 
-    def profile(self, level: float, ends: list[End], values: list[float]) -> Profile:
+    def profile(self, ends: list[End], values: list[float]) -> Profile:
         """The profile with the ends and the values of its curve."""
         places = sorted(set(values), key=self.shown)
-        ends = [replace(end, value=self._end(end.value), limit=self.shown(end.limit)) for end in ends]
-        if self._falls:
+        falls = self.shown(1.0) < self.shown(0.0)  # along the curve, as negative ones do along their logarithm
+        found = [self.shown(e.value) if math.isfinite(e.value) else -e.value if falls else e.value for e in ends]
+        ends = [replace(end, value=at, limit=self.shown(end.limit)) for end, at in zip(ends, found, strict=True)]
+        if falls:
             ends.reverse()
         return Profile(
             name=self.name,
             unit=self.known.unit,
             value=self.shown(self.value),
-            level=level,
+            level=self.level,
             lower=ends[0].value,
             upper=ends[1].value,
             values=np.array([self.shown(place) for place in places]),
@@ -195,16 +202,6 @@ class _Line:
             stderr=self.known.stderr,
             freedom=self.known.freedom,
         )
-
-    @property
-    def _falls(self) -> bool:
-        """True if the quantity falls along the curve, as negative ones do along their logarithm."""
-        return self.shown(1.0) < self.shown(0.0)
-
-    def _end(self, value: float) -> float:
-        if math.isfinite(value):
-            return self.shown(value)
-        return -value if self._falls else value
 
 
 def _settled(fit: FitResult) -> tuple[Problem, Float]:
@@ -261,19 +258,14 @@ def _threshold(fit: FitResult, problem: Problem, x: Float, level: float, at: Map
     error = float(standard_error(slope, covar))
     direction = covar @ slope / error**2 if error > 0 else np.zeros_like(x)
     curve = Curve(QuantityConstraint(problem, speed, _condition(fit, group)), value, x, problem.cost(x), direction)
-    known, scale = fit.threshold_speed(at), _scale(fit, THRESHOLD)
     step, reach = _reach(0.0, math.inf, value, value, error)
-    return _Line(
-        known=known,
-        name=THRESHOLD,
-        value=value,
-        curve=curve,
-        step=step,
-        reach=reach,
-        scale=scale,
-        goal=quantile(level, known.freedom) ** 2 * scale,
-        beyond=_beyond_tests(fit, at),
-    )
+    given: dict[str, Any] = {
+        "known": fit.threshold_speed(at),
+        "name": THRESHOLD,
+        "scale": _scale(fit, THRESHOLD),
+        "level": level,
+    }
+    return _Line(value=value, curve=curve, step=step, reach=reach, beyond=_beyond_tests(fit, at), **given)
 
 
 def _parameter(fit: FitResult, held: EntryConstraint, problem: Problem, x: Float, name: str, level: float) -> _Line:
@@ -283,26 +275,18 @@ def _parameter(fit: FitResult, held: EntryConstraint, problem: Problem, x: Float
             raise ValueError(f"{name} is known here, so nothing is fitted that could have a profile")
         raise KeyError(unknown_name("fitted parameter", name, (*fit.var_names, THRESHOLD)))
     i = fit.var_names.index(name)
-    known, scale, value = fit.params[name], _scale(fit, name), float(x[i])
+    known, value = fit.params[name], float(x[i])
+    given: dict[str, Any] = {"known": known, "name": name, "scale": _scale(fit, name), "level": level}
     covar = fit.covar / fit.widening
     error = math.sqrt(max(float(covar[i, i]), 0.0)) if known.resolved else 0.0
-    goal = quantile(level, known.freedom) ** 2 * scale
     ratios = _leading(ratios_of(problem), i, x, known, covar)
     if ratios is not None:
-        return _along_ratios(problem, ratios, x, known, error, scale, goal)
+        return _along_ratios(problem, ratios, x, error, given)
     direction = covar[:, i] / covar[i, i] if error > 0 else np.zeros_like(x)
     lower, upper = box(problem)
     step, reach = _reach(lower[i], upper[i], value, float(_sizes(problem, x)[i]), error)
-    return _Line(
-        known=known,
-        name=name,
-        value=value,
-        curve=Curve(held, value, x, problem.cost(x), direction, i),
-        step=step,
-        reach=reach,
-        scale=scale,
-        goal=goal,
-    )
+    curve = Curve(held, value, x, problem.cost(x), direction, i)
+    return _Line(value=value, curve=curve, step=step, reach=reach, **given)
 
 
 def _leading(ratios: Ratios | None, i: int, x: Float, known: FittedParameter, covar: Float) -> Ratios | None:
@@ -318,24 +302,19 @@ def _leading(ratios: Ratios | None, i: int, x: Float, known: FittedParameter, co
     return ratios.led_by(i, x) if error < largest_ratio_error else None
 
 
-def _along_ratios(
-    problem: Problem, ratios: Ratios, x: Float, known: FittedParameter, error: float, scale: float, goal: float
-) -> _Line:
+def _along_ratios(problem: Problem, ratios: Ratios, x: Float, error: float, given: Mapping[str, Any]) -> _Line:
     """Profile of a parameter to which others are ratios, by its logarithm: they stay the same, over four decades."""
     y = ratios.of(x)
     held = EntryConstraint(LogRatioProblem(problem, ratios), np.where(y == 0, 1.0, np.abs(y)))
     value, (lower, upper) = float(y[ratios.entry]), (float(bound[ratios.entry]) for bound in held.bounds)
     low, high = value - _INERTIA_DECADES * math.log(10), value + _INERTIA_DECADES * math.log(10)
     return _Line(
-        known=known,
-        name=known.name,
         value=value,
         curve=Curve(held, value, y, problem.cost(x), np.zeros_like(y), ratios.entry),
         step=min(error / abs(float(x[ratios.entry])), 1.0) if error > 0 else 1.0,
         reach=((max(low, lower), lower >= low), (min(high, upper), upper <= high)),
-        scale=scale,
-        goal=goal,
         shown=lambda place: ratios.size * math.exp(place),
+        **given,
     )
 
 
