@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from rotorfit.studies.study import Outcome, Study
 from rotorfit.studies.wording import sentence
@@ -18,16 +18,14 @@ if TYPE_CHECKING:
     from rotorfit.data.findings import Finding
 
 
-@dataclass(frozen=True, kw_only=True)
-class Stage:
+class Stage(NamedTuple):
     """Step that the work has reached."""
 
     words: str  # the stage in a few words
     done: float | None  # share of it that is done, where that is known
 
 
-@dataclass(frozen=True, kw_only=True)
-class Refusal:
+class Refusal(NamedTuple):
     """Why the work came to nothing."""
 
     words: str  # the command line's sentence
@@ -41,15 +39,13 @@ class Data:
     findings: tuple[tuple[Finding, ...], ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Report:
+class Report(NamedTuple):
     """The report of an outcome."""
 
     text: str
 
 
-@dataclass(frozen=True, kw_only=True)
-class End:
+class End(NamedTuple):
     """Nothing more is sent."""
 
 

@@ -54,7 +54,7 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
         if each.clipped:
             yield _clips(each, where)
         if probe.unit:
-            yield from _far(probe, each, where)
+            yield from _sensitivity(probe, each, where)
             coupled += [probe.channel] if each.without_gap else []
             continue
         highest_voltage = 50.0  # no probe or input card gives so many volts
@@ -104,29 +104,21 @@ def _clips(each: ChannelStatistics, where: str) -> Finding:
 
 
 def _sensitivity(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[Finding]:
-    """A sensitivity that was written in another unit."""
+    """A sensitivity, or the unit of a motion, that was written in another unit."""
     low, high = _EDDY_CURRENT_SENSITIVITIES if _USUAL_RANGE[0] <= each.mean <= _USUAL_RANGE[1] else _SENSITIVITIES
     said = abs(float(probe.sensitivity or 0.0))
-    if not low <= said <= high:
-        yield Finding(
-            "warning",
-            "probe-sensitivity",
-            f"{where}: {significant(said / 1e3, 3)} V/mm is no usual sensitivity of a probe, {low / 1e3:g} to "
-            f"{high / 1e3:g} V/mm; the shaft would move by "
-            f"{significant((each.high - each.low) / max(said, 1e-9) * 1e6, 3)} µm. Is its unit right?",
-        )
-
-
-def _far(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[Finding]:
-    """Motion in another unit than was said."""
-    moves = (each.high - each.low) / abs(float(probe.sensitivity or 1.0))
+    moves = (each.high - each.low) / max(said, 1e-9)  # m, peak to peak
     largest_motion = 0.01  # no shaft moves so far within its bearings, m, peak to peak
-    if moves > largest_motion:
-        yield Finding(
-            "warning",
-            "probe-sensitivity",
-            f"{where}: the shaft would move by {significant(moves * 1e3, 3)} mm in {probe.unit}. Is its unit right?",
+    words = ""
+    if probe.unit and moves > largest_motion:
+        words = f"the shaft would move by {significant(moves * 1e3, 3)} mm in {probe.unit}. Is its unit right?"
+    elif not probe.unit and not low <= said <= high:
+        words = (
+            f"{significant(said / 1e3, 3)} V/mm is no usual sensitivity of a probe, {low / 1e3:g} to {high / 1e3:g} "
+            f"V/mm; the shaft would move by {significant(moves * 1e6, 3)} µm. Is its unit right?"
         )
+    if words:
+        yield Finding("warning", "probe-sensitivity", f"{where}: {words}")
 
 
 def _largest(found: Mapping[str, ChannelStatistics], unit: str) -> float:

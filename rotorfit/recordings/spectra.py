@@ -1,4 +1,10 @@
-"""Full spectra of a recording: one of a stretch, and cascades of them over time or speed."""
+"""Full spectra of a recording: one of a stretch, and cascades of them over time or speed; and the twist of the shaft.
+
+The twist is read from a torsion channel in volts, or from tooth wheels at two planes. A tooth wheel gives an angle at
+every tooth. The wheel at the evenly turning end is smoothed as any mark is; the other wheel's teeth, against that
+angle, are samples of the twist. Errors of the spacing of teeth repeat every turn and are taken out as a pattern, and
+with them what of the twist is locked to the shaft.
+"""
 
 from __future__ import annotations
 

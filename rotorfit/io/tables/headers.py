@@ -2,6 +2,14 @@
 
 Only what is left in no doubt is taken: a quantity or a probe that is named, in a unit that is named. Columns of probes
 that are in doubt are refused, not kept as attributes: a reading would be missing without a word.
+
+Columns of a probe, ``<plane>_<x|y>_<unit>`` (amplitude) with ``<plane>_<x|y>_lag_deg`` or ``_deg``, or
+``<plane>_<x|y>_real_<unit>`` and ``_imag_<unit>``, become the rows of a tidy table; z (already combined), rx and ry as
+well. Accelerometers have ``<plane>_<x|y>_acceleration_g``, sensors of velocity ``_velocity_mm_s``, and each probe may
+have its ``_coherence``. All other columns are repeated for each probe. A row with ``force_x_N, force_x_phase_deg,
+force_y_N, force_y_phase_deg`` is one reading under two forces that are measured at once (two shakers, a magnetic
+bearing, cross-talk of the other shaker), which the tidy table has as two rows that differ in force and
+``force_direction``.
 """
 
 from __future__ import annotations

@@ -156,24 +156,19 @@ def completed(table: Table, *, forced: bool) -> Table:
         added["force_plane"] = [planes[0]] * len(table.lines)
     by = "force_plane" if forced else "plane"
     if "run" not in cells and by in {*cells, *added}:
-        if forced and "force_plane" in table.cells:
-            _refuse_same_readings(table)
+        names = [name for name in cells if name != "force_plane" and name.partition("_")[0] not in _FORCE]
+        first: dict[tuple[str, ...], int] = {}  # row by reading; in one run forces at two planes act at once
+        readings = zip(*[cells[name] for name in names], strict=True) if forced and "force_plane" in cells else ()
+        for row, key in enumerate(readings):
+            other = first.setdefault(key, row)
+            one, two = (cells["force_plane"][k] for k in (other, row))
+            if one != two:
+                raise ValueError(
+                    f"{table.source}: lines {table.lines[other]} and {table.lines[row]} have the same reading under "
+                    f"forces at {one} and at {two}; add a column run that says whether they acted at once, in one run"
+                )
         added["run"] = _runs(table, cells.get(by) or added[by])
     return table.with_columns(added)
-
-
-def _refuse_same_readings(table: Table) -> None:
-    """Refuse one reading under forces at two planes in a table without runs: in one run they act at once."""
-    names = [name for name in table.cells if name != "force_plane" and name.partition("_")[0] not in _FORCE]
-    first: dict[tuple[str, ...], int] = {}
-    for row, key in enumerate(zip(*[table.cells[name] for name in names], strict=True)):
-        other = first.setdefault(key, row)
-        planes = [table.cells["force_plane"][k] for k in (other, row)]
-        if planes[0] != planes[1]:
-            raise ValueError(
-                f"{table.source}: lines {table.lines[other]} and {table.lines[row]} have the same reading under forces "
-                f"at {planes[0]} and at {planes[1]}; add a column run that says whether they acted at once, in one run"
-            )
 
 
 def _runs(table: Table, forced: Sequence[str]) -> list[str]:

@@ -44,8 +44,15 @@ def template(path: str | Path) -> str:
         *_force(own.force),
         *_SLOW_ROLL,
         *_CLEARANCE,
-        *_counts(raw),
     ]
+    for channel in raw.channels.values():
+        if channel.full_count is not None and channel.volts_per_count is None:
+            parts += [
+                "",
+                "[[channel]]                      # it holds counts",
+                f"name = {_quoted(channel.name)}",
+                "# full_scale_V = 10.0            # FILL IN: volts of the largest count, or volts_per_count",
+            ]
     return "\n".join(parts) + "\n"
 
 
@@ -118,16 +125,3 @@ def _force(known: ForceSetup | None) -> list[str]:
     if known is not None:
         return ["", "# [force]                        # said by the recording:", *lines]
     return ["", "# [force]                        # FILL IN if the rotor is driven, else leave out", *lines]
-
-
-def _counts(raw: RawFile) -> list[str]:
-    lines = []
-    for channel in raw.channels.values():
-        if channel.full_count is not None and channel.volts_per_count is None:
-            lines += [
-                "",
-                "[[channel]]                      # it holds counts",
-                f"name = {_quoted(channel.name)}",
-                "# full_scale_V = 10.0            # FILL IN: volts of the largest count, or volts_per_count",
-            ]
-    return lines
