@@ -41,18 +41,12 @@ def fluid_force(K0: Any, D: Any, Mf: Any, lam_D: Any, lam_M: Any, speed: Any) ->
 def fluid_parameters(two_lam: bool) -> tuple[Parameter, ...]:
     """K0, D, lam (or lam_D and lam_M) and Mf; K0 has no lower limit, as near stall the radial stiffness is negative."""
     ratio = "circumferential average velocity ratio"
-    lams = (
-        (
-            Parameter("lam_D", "1", f"{ratio} of the damping force", scale=0.5, lower=-2.0, upper=2.0),
-            Parameter("lam_M", "1", f"{ratio} of the inertia force", scale=0.5, lower=-2.0, upper=2.0),
-        )
-        if two_lam
-        else (Parameter("lam", "1", f"fluid {ratio}", scale=0.5, lower=-2.0, upper=2.0),)
-    )
+    apart = (("lam_D", f"{ratio} of the damping force"), ("lam_M", f"{ratio} of the inertia force"))
+    lams = apart if two_lam else (("lam", f"fluid {ratio}"),)
     return (
         Parameter("K0", "N/m", "fluid radial stiffness", scale=1e4),
         Parameter("D", "N s/m", "fluid radial damping", scale=500.0),
-        *lams,
+        *(Parameter(name, "1", meaning, scale=0.5, lower=-2.0, upper=2.0) for name, meaning in lams),
         Parameter("Mf", "kg", "fluid inertia", scale=0.3),
     )
 

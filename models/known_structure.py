@@ -20,13 +20,15 @@ from rotorfit.models.model import CoefficientJacobian, Coordinate, Matrix, Rotor
 from rotorfit.models.parameters import Parameter
 from rotorfit.models.shafts.shaft import KnownStiffness, Shaft, StructureMatrices, complex_matrices
 
+_SUPPORT = (("Ks", "N/m", "support stiffness", 1e5, -math.inf),)
+_DAMPER = (("Ds", "N s/m", "external damping", 5.0, -math.inf),)
 _MAGNETIC = (
     ("Km", "N/m", "stiffness of the magnets without control, negative,", 1e5, -math.inf),
     ("Kp", "N/m", "stiffness by the controller's proportional gain", 1e6, -math.inf),
     ("Kd", "N s/m", "damping by the controller's derivative gain", 1e3, -math.inf),
     ("tau", "s", "delay of sensor, controller and amplifier", 1e-4, 0.0),
 )
-"""Parameters of a magnetic bearing: name, unit, meaning, typical size, lower limit."""
+"""Parameters of a support, a damper and a magnetic bearing: name, unit, meaning, typical size, lower limit."""
 
 
 class KnownStructure(RotorModel):
@@ -126,18 +128,11 @@ class KnownStructure(RotorModel):
 
     def _all_parameters(self, scales: Iterable[str]) -> tuple[Parameter, ...]:
         """Supports, dampers, fluids, the law and the factors of the structure."""
-        springs = (
-            Parameter(_named("Ks", plane, self.supports), "N/m", f"support stiffness at the {plane}", scale=1e5)
-            for plane in self.supports
-        )
-        dampers = (
-            Parameter(_named("Ds", plane, self.dampers), "N s/m", f"external damping at the {plane}", scale=5.0)
-            for plane in self.dampers
-        )
-        magnets = (
-            Parameter(_named(name, plane, self.magnetic), unit, f"{meaning} at the {plane}", scale=scale, lower=lower)
-            for plane in self.magnetic
-            for name, unit, meaning, scale, lower in _MAGNETIC
+        own = (
+            Parameter(_named(name, plane, planes), unit, f"{meaning} at the {plane}", scale, lower)
+            for kinds, planes in ((_SUPPORT, self.supports), (_DAMPER, self.dampers), (_MAGNETIC, self.magnetic))
+            for plane in planes
+            for name, unit, meaning, scale, lower in kinds
         )
         fluids = (
             replace(q, name=_named(q.name, plane, self.fluid))
@@ -148,7 +143,7 @@ class KnownStructure(RotorModel):
             Parameter(name, "1", "scale factor of the known structure", lower=0.0, default=1.0, nominal=1.0)
             for name in scales
         )
-        return (*springs, *dampers, *magnets, *fluids, *self.law.parameters, *factors)
+        return (*own, *fluids, *self.law.parameters, *factors)
 
     @property
     def nodes(self) -> dict[str, int]:

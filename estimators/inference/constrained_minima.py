@@ -117,9 +117,7 @@ class QuantityConstraint:
         def step(x: Float, gradient: Float, matrix: Float, members: Index) -> tuple[Float, Float]:
             missing, slope, by_value = condition(x, values[members])
             down, turned = _solved(matrix, -gradient, slope)
-            with np.errstate(
-                divide="ignore", invalid="ignore"
-            ):  # of what does not move with the vector nothing is found
+            with np.errstate(all="ignore"):  # of what does not move with the vector nothing is found
                 turned /= np.einsum("wi,wi->w", slope, turned)[:, None]
             return down + turned * (missing - np.einsum("wi,wi->w", slope, down))[:, None], -turned * by_value[:, None]
 

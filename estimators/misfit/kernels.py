@@ -339,21 +339,9 @@ class Kernels:
     @cached_property
     def _fixed(self) -> tuple[Any, ...]:
         plan, space = self._plan, self.problem.space
-        arrays = (
-            space.template,
-            space.index,
-            plan.group,
-            plan.speed,
-            plan.frequency,
-            plan.segments,
-            self._patterns[1],
-            plan.datum,
-            plan.gain,
-            plan.direction,
-            plan.directions.real,
-            plan.directions.imag,
-        )
-        return tuple(np.ascontiguousarray(a) for a in arrays)
+        conditions = (space.template, space.index, plan.group, plan.speed, plan.frequency)
+        entries = (plan.segments, self._patterns[1], plan.datum, plan.gain, plan.direction)
+        return tuple(map(np.ascontiguousarray, (*conditions, *entries, plan.directions.real, plan.directions.imag)))
 
     @cached_property
     def _data(self) -> tuple[Float, Float, Float]:

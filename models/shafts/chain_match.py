@@ -24,13 +24,8 @@ from rotorfit.models.text_table import text_table
 _Masses: TypeAlias = tuple[Float, Float, Float]  # masses, springs, psi
 
 _MISSING_SPRING = 1e-2  # share of the ground stiffness below which an end is tried without a spring
-_EXACT: dict[str, Any] = {
-    "xtol": 1e-15,
-    "ftol": 1e-15,
-    "gtol": 1e-15,
-    "x_scale": "jac",
-    "max_nfev": 60,
-}  # exact shapes are to give back their chain to round-off
+# Exact shapes are to give back their chain to round-off.
+_EXACT: dict[str, Any] = {"xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15, "x_scale": "jac", "max_nfev": 60}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
