@@ -35,8 +35,10 @@ class Complex:
         return Complex(value)
 
     @staticmethod
-    def matrix(rows: Sequence[Sequence[Number]]) -> Complex:
-        """Build a matrix from nested sequences of scalars."""
+    def matrix(rows: Complex | Sequence[Sequence[Number]]) -> Complex:
+        """Build a matrix from nested sequences of scalars; one that is a matrix already stays as it is."""
+        if isinstance(rows, Complex):
+            return rows
         return Complex.block([[Complex.of(entry) for entry in row] for row in rows])
 
     @staticmethod

@@ -403,7 +403,7 @@ def _symbolic(model: RotorModel) -> Symbolic:
     theta = ca.SX.sym("theta", len(model.parameters))
     speed, eccentricity = ca.SX.sym("speed"), ca.SX.sym("eccentricity")
     p = SimpleNamespace(**{name: theta[i] for i, name in enumerate(model.parameter_names)})
-    matrices = [m if isinstance(m, Complex) else Complex.matrix(m) for m in model.equation(p, speed, eccentricity)]
+    matrices = [Complex.matrix(m) for m in model.equation(p, speed, eccentricity)]
     if model.probes:
         matrices = with_probes(matrices, model.planes, model.probes)
     size = len(model.coordinates)

@@ -108,9 +108,8 @@ class Orthotropic(RotorModel):
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """See :meth:`RotorModel.equation`."""
-        given = self.base.equation(p, speed, 0.0)
         powers = []  # the real matrices for x and y of the complex ones for z = x + jy
-        for matrix in (m if isinstance(m, Complex) else Complex.matrix(m) for m in given):
+        for matrix in map(Complex.matrix, self.base.equation(p, speed, 0.0)):
             powers.append(Complex(ca.vertcat(ca.horzcat(matrix.re, -matrix.im), ca.horzcat(matrix.im, matrix.re))))
         while len(powers) < 2:
             powers.append(powers[0] * 0.0)

@@ -67,7 +67,7 @@ def block_parameters(blocks: Sequence[str], size: int) -> tuple[Parameter, ...]:
 def add_blocks(matrices: Sequence[Any], blocks: Sequence[str], p: Any, speed: Any) -> list[Complex]:
     """Add blocks to coefficients by powers of s = j w. They are ``-w^2 m``, ``+w Om g``, ``+j w c``, ``+j (w - Om)
     ci``, ``+w^4 q``, ``-w^6 r``, ``+w^3 Om h``, ``-w^2 Om^2 e`` and ``-j w^3 d``."""
-    result = [Complex.matrix(m) if not isinstance(m, Complex) else m for m in matrices]
+    result = [Complex.matrix(m) for m in matrices]
     size = result[0].shape[0]
     for block in blocks:
         values: list[list[Any]] = [[0.0] * size for _ in range(size)]

@@ -36,7 +36,7 @@ def stiffness_entries(model: RotorModel) -> list[list[Entry]]:
     """Entries of the dynamic stiffness matrix, row by row; what a known shaft adds is not in them."""
     p = SimpleNamespace(**{name: ca.SX.sym(name) for name in model.parameter_names})
     equation = model.equation(p, ca.SX.sym(SPEED), ca.SX.sym(ECCENTRICITY))
-    matrices = [m if isinstance(m, Complex) else Complex.matrix(m) for m in equation]
+    matrices = [Complex.matrix(m) for m in equation]
     size = range(len(model.coordinates) - len(model.probes))
     return [[_entry(matrices, row, column) for column in size] for row in size]
 

@@ -71,10 +71,8 @@ class TurningFrame(RotorModel):
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """Powers of ``s`` in ``sum C_k (s + j Om)^k`` and, for the image, ``sum conj(C_k) (s - j Om)^k``."""
-        given = self.base.equation(p, speed, eccentricity)
-        powers = [m if isinstance(m, Complex) else Complex.matrix(m) for m in given]
-        turning = self.base.turning_stiffness(p)
-        delta = turning if isinstance(turning, Complex) else Complex.matrix(turning)
+        powers = [Complex.matrix(m) for m in self.base.equation(p, speed, eccentricity)]
+        delta = Complex.matrix(self.base.turning_stiffness(p))
         ahead = shifted(powers, J * speed)
         behind = shifted([matrix.conj() for matrix in powers], -J * speed)
         nothing = delta * 0.0

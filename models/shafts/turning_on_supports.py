@@ -135,12 +135,10 @@ class LinesFrame(TurningFrame):
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """Powers of ``s = j (w - Om)``: the rotor at each line, and what couples neighbours in the chain."""
-        given = self.base.equation(p, speed, eccentricity)
-        powers = [m if isinstance(m, Complex) else Complex.matrix(m) for m in given]
+        powers = [Complex.matrix(m) for m in self.base.equation(p, speed, eccentricity)]
         while len(powers) < 2:
             powers.append(powers[0] * 0.0)
-        turning = self.base.turning_stiffness(p)
-        delta = turning if isinstance(turning, Complex) else Complex.matrix(turning)
+        delta = Complex.matrix(self.base.turning_stiffness(p))
         stiffness, damping = self.rotor.support_coupling(p)
         nothing = delta * 0.0
         rows: list[list[list[Complex]]] = [[[nothing] * len(self.lines) for _ in self.lines] for _ in powers]
@@ -278,8 +276,7 @@ def harmonic_set(
 def _turning(model: RotorModel, theta: Float) -> ComplexArray:
     """The matrix that turns, at a parameter vector."""
     p = SimpleNamespace(**dict(zip(model.parameter_names, theta.tolist(), strict=True)))
-    found = model.turning_stiffness(p)
-    matrix = found if isinstance(found, Complex) else Complex.matrix(found)
+    matrix = Complex.matrix(model.turning_stiffness(p))
     return np.asarray(ca.DM(matrix.re).full() + 1j * ca.DM(matrix.im).full())
 
 
