@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 SENSITIVITY = "sensitivity function"
-_CITED_SENSITIVITY = "limit of the sensitivity function: 3 is cited as zone A of ISO 14839-3; the standard was not read"
-_CITED = "as code in public cites API 617 and 684; the standards were not read"
+_CITED_SENSITIVITY = "limit of the sensitivity function: 3 is cited as zone A of ISO 14839-3, not checked there"
+_CITED = "as published programs cite API 617 and 684, not checked against the standards"
 _OVERDAMPED = 1 / math.sqrt(2)
 """Damping ratio from which a mode has no resonance: the amplitude of a forced response has no peak."""
 
