@@ -137,8 +137,7 @@ class Recording(Signals):
     def findings(self) -> tuple[Finding, ...]:
         """Faults that were found or corrected: setup against file, pulses, channels."""
         found = [*(Finding("note", "file", text) for text in self.raw.remarks), *self.rig.findings]
-        shaft = None if self.rig.shaft is None else self._shaft
-        perturbator = self.perturbator_angle()
+        shaft, perturbator = self.marks.shaft, self.marks.perturbator
         found += [finding for angle in (shaft, perturbator) if angle is not None for finding in angle.findings]
         found += [*setting_findings(self)]
         found += [] if shaft is None else [*speed_findings(self, shaft), *folding_findings(self, shaft)]

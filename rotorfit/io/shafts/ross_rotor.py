@@ -17,7 +17,7 @@ import numpy as np
 
 from rotorfit.estimators.atomic_file import note_input
 from rotorfit.estimators.file_reading import read_toml, reading
-from rotorfit.io.shafts.structure_files import SAVED_ROTORS, Structure, read_structure
+from rotorfit.io.shafts.structure_files import SAVED_ROTORS, read_structure
 from rotorfit.models.array_types import ROUND_OFF
 from rotorfit.models.digits import significant
 from rotorfit.models.parameters import unknown_name
@@ -46,7 +46,7 @@ def structure_options(
         path = Path(rotor)
         note_input(path)
         if path.suffix.lower() not in SAVED_ROTORS or path.is_dir():
-            return _of_file(read_structure(path, dofs), planes, taken_out)
+            return _of_file(path.name, read_structure(path, dofs), planes, taken_out)
         rotor = _load_rotor(path)
     for name in ("M", "C", "G", "K", "bearing_elements", "nodes"):
         if not hasattr(rotor, name):
@@ -76,44 +76,40 @@ def structure_options(
 
 
 def _of_file(
-    structure: Structure, planes: Mapping[str, int | str], taken_out: Mapping[str, Sequence[str]]
+    source: str, content: dict[str, Any], planes: Mapping[str, int | str], taken_out: Mapping[str, Sequence[str]]
 ) -> dict[str, Any]:
     """Matrices alone: elements have no names there, and none can be taken out."""
     for plane, at in planes.items():
         if isinstance(at, str):
-            raise ValueError(f"plane {plane}: {structure.source} holds matrices only; give the number of the node")
+            raise ValueError(f"plane {plane}: {source} holds matrices only; give the number of the node")
     for option, names in taken_out.items():
         for name in names:
             if name not in planes:
                 raise ValueError(
-                    f"{option} names {name!r}, but the planes are {', '.join(planes)}. {structure.source} holds "
+                    f"{option} names {name!r}, but the planes are {', '.join(planes)}. {source} holds "
                     "matrices, which know no tags of elements: take the element out of the rotor before it is saved "
                     f"(rotor.save_mat), and give the plane where it stands"
                 )
     for plane in taken_out.get("fluid", ()):
-        _refuse_fluid_in_file(structure, plane, planes[plane])
-    return {
-        **{name: getattr(structure, name) for name in ("M", "C", "G", "K", "dofs")},
-        "planes": dict(planes),
-        **taken_out,
-    }
+        _refuse_fluid_in_file(source, content, plane, planes[plane])
+    return {"C": None, "G": None, **content, "planes": dict(planes), **taken_out}
 
 
-def _refuse_fluid_in_file(structure: Structure, plane: str, node: int | str) -> None:
+def _refuse_fluid_in_file(source: str, content: dict[str, Any], plane: str, node: int | str) -> None:
     """Refuse matrices with damping to the ground or cross-coupling at the plane of the fluid: it was left in them."""
-    count = len(structure.dofs)
-    own = [int(node) * count + k for k, name in enumerate(structure.dofs) if name in ("x", "y", "z")]
-    if not own or max(own) >= len(structure.K):
+    count, K, C = len(content["dofs"]), content["K"], content.get("C")
+    own = [int(node) * count + k for k, name in enumerate(content["dofs"]) if name in ("x", "y", "z")]
+    if not own or max(own) >= len(K):
         return  # no such node, which the model says
-    there = structure.K[np.ix_(own, own)]
+    there = K[np.ix_(own, own)]
     cross = np.abs(there - there.conj().T).max() / 2  # of a complex z the imaginary part
     damping = 0.0
-    if structure.C is not None:
-        elsewhere = np.delete(structure.C[own], own, axis=1)
-        damping = 0.0 if elsewhere.any() else float(np.abs(structure.C[np.ix_(own, own)]).max())
-    if damping or cross > ROUND_OFF * np.abs(structure.K).max():
+    if C is not None:
+        elsewhere = np.delete(C[own], own, axis=1)
+        damping = 0.0 if elsewhere.any() else float(np.abs(C[np.ix_(own, own)]).max())
+    if damping or cross > ROUND_OFF * np.abs(K).max():
         raise ValueError(
-            f"{structure.source} has damping of {significant(damping, 4)} N s/m and cross-coupling of "
+            f"{source} has damping of {significant(damping, 4)} N s/m and cross-coupling of "
             f"{significant(cross, 4)} N/m at node {node}, where the fluid that is fitted acts (plane {plane}): take "
             "the bearing or seal out of the rotor before it is saved (rotor.save_mat)"
         )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,20 +24,8 @@ _POSITIONS = ("nodes", "nodes_pos")
 """Names of the nodes' positions: ROSS's in a file, and that of its attribute."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Structure:
-    """Matrices of a shaft, SI units, those that were not given being None."""
-
-    M: NDArray[Any]
-    C: NDArray[Any] | None
-    G: NDArray[Any] | None
-    K: NDArray[Any]
-    dofs: tuple[str, ...]  # coordinates of each node
-    source: str  # the file, as messages give it
-
-
-def read_structure(path: Path, dofs: Sequence[str] = ()) -> Structure:
-    """Matrices M, C, G, K from a MAT or npz file, or from a folder of M.csv, K.csv and so on.
+def read_structure(path: Path, dofs: Sequence[str] = ()) -> dict[str, Any]:
+    """Matrices M, C, G, K, as far as they are given, from a MAT or npz file, or a folder of M.csv, K.csv and so on.
 
     The coordinates of a node in their order are ``dofs``, else those of the file, else they follow from ``nodes``, the
     positions of the nodes along the shaft, m, which ROSS's ``rotor.save_mat`` writes.
@@ -72,9 +59,7 @@ def read_structure(path: Path, dofs: Sequence[str] = ()) -> Structure:
     if len(shapes) > 1 or len({size for shape in shapes for size in shape}) > 1:
         sizes = ", ".join(f"{name} {matrix.shape[0]} x {matrix.shape[1]}" for name, matrix in matrices.items())
         raise ValueError(f"{source}: matrices of a shaft are square and of one size; here are {sizes}")
-    coordinates = tuple(dofs) or _dofs(content, len(matrices["K"]), source)
-    found: dict[str, Any] = dict.fromkeys(MATRICES) | matrices
-    return Structure(**found, dofs=coordinates, source=source)
+    return {**matrices, "dofs": tuple(dofs) or _dofs(content, len(matrices["K"]), source)}
 
 
 def _dofs(content: Mapping[str, NDArray[Any]], size: int, source: str) -> tuple[str, ...]:
