@@ -258,21 +258,26 @@ class PerturbationTest(_Rows):
     def forces(self) -> tuple[str, ...]:
         """Planes of the force in order of appearance, with the axis of those that do not turn: ``disk along x``; of
         forces that act at once all: ``disk + journal``."""
-        columns = (self.force_plane, self.force_direction, self.further_forces)
-        first, _ = distinguished(*columns)
-        distinct = dict.fromkeys(
-            ((plane, along), *[(at, axis) for at, _, axis in further])
-            for plane, along, further in zip(*[column[first].tolist() for column in columns], strict=True)
+        first, _ = distinguished(self.force_plane, self.force_direction, self.further_forces)
+        words = (
+            [at if axis == "circular" else f"{at} along {axis}" for at, _, axis in self.acting(row)]
+            for row in first.tolist()
         )
-        return tuple(
-            " + ".join(plane if axis == "circular" else f"{plane} along {axis}" for plane, axis in acting)
-            for acting in distinct
-        )
+        return tuple(dict.fromkeys(map(" + ".join, words)))
 
     @cached_property
     def several(self) -> Bool:
         """Rows on which several forces act at once, shape ``(R,)``."""
         return np.array([bool(further) for further in self.further_forces.tolist()], dtype=bool)
+
+    def acting(self, row: int) -> list[tuple[str, complex, str]]:
+        """Plane, phasor (N) and direction of each force that acts on a row.
+
+        Args:
+            row: its number, from 0.
+        """
+        own = (str(self.force_plane[row]), complex(self.force[row]), str(self.force_direction[row]))
+        return [own, *self.further_forces[row]]
 
     @cached_property
     def forces_by_plane(self) -> ComplexArray:

@@ -73,8 +73,7 @@ def _in_plane(test: PerturbationTest, rows: Index) -> PerturbationTest:
     along, further = part.force_direction.copy(), part.further_forces.copy()
     axes = np.char.lstrip(part.direction, "r")
     for row in np.flatnonzero(part.several).tolist():
-        acting = [(plane[row], force[row], along[row]), *further[row]]
-        mine = [(at, size, "circular") for at, size, axis in acting if axis == axes[row] and size != 0]
+        mine = [(at, size, "circular") for at, size, axis in part.acting(row) if axis == axes[row] and size != 0]
         if mine:
             (plane[row], force[row], _), *rest = mine
             along[row], further[row] = axes[row], tuple(rest)

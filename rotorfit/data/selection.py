@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeVar, cast
+from typing import TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.models.array_types import Bool
@@ -60,16 +59,12 @@ def without(test: Test, numbers: Sequence[int]) -> Test:
     return _kept(test, keep, "skip")
 
 
-def _values(test: Experiment, name: str) -> NDArray[Any]:
+def _matches(test: Experiment, name: str, wanted: Wanted) -> Bool:
     own = [n for n in ("plane", "direction", "force_plane") if hasattr(test, n)]
     known = ["run", "speed_rpm", *own, *test.attributes]
     if name not in known:
         raise ValueError(f"{test.source or 'the test'}: {unknown_name('attribute', name, known)}")
-    return np.asarray(getattr(test, name)) if name in own else np.asarray(test.attribute(name))
-
-
-def _matches(test: Experiment, name: str, wanted: Wanted) -> Bool:
-    values = _values(test, name)
+    values = np.asarray(getattr(test, name) if name in own else test.attribute(name))
     numeric = np.issubdtype(values.dtype, np.number)
     if isinstance(wanted, tuple) and len(wanted) == 2 and not any(isinstance(end, str) for end in wanted):
         if not numeric:

@@ -71,8 +71,8 @@ def written_per_force(test: PerturbationTest) -> PerturbationTest:
         return test
     rows: list[int] = []
     forces: list[tuple[str, complex, str]] = []
-    for row, further in enumerate(test.further_forces.tolist()):
-        own = [(str(test.force_plane[row]), complex(test.force[row]), str(test.force_direction[row])), *further]
+    for row in range(len(test)):
+        own = test.acting(row)
         rows += [row] * len(own)
         forces += own
     spread = test.select(np.array(rows, dtype=np.intp))

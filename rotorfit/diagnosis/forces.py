@@ -71,7 +71,7 @@ def exchanged_axes(test: PerturbationTest) -> Iterator[Finding]:
         amplitude = test.response[own[pairs]]
         force = np.zeros((rows.size, 2), dtype=complex)
         for k, row in enumerate(rows.tolist()):
-            for _, size, along in [("", test.force[row], test.force_direction[row]), *test.further_forces[row]]:
+            for _, size, along in test.acting(row):
                 force[k, "xy".index(along)] += size
         power = np.sum(np.abs(force) ** 2, axis=0)
         mass = _moving_mass(test.frequency[rows], amplitude, force) if power.min() > 0.05 * power.max() else None

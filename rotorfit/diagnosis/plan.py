@@ -53,9 +53,8 @@ def _filled(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     names, number = words(test.run)
     of = number[1:][inside]
     count, by_one = (np.bincount(of, own, len(names)) for own in (None, ones[inside]))
-    filled = (count >= _FEWEST_STEPS) & (by_one > _REPEATED_SHARE * count)
-    if filled.any():
-        runs = np.array(names)[filled].tolist()
+    runs = np.array(names)[(count >= _FEWEST_STEPS) & (by_one > _REPEATED_SHARE * count)].tolist()
+    if runs:
         text = (
             f"The speed rises by one from row to row in {listed(runs)}, as where a spreadsheet continued the number "
             "downwards instead of copying it. Check the column of the speed."

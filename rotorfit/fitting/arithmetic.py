@@ -64,21 +64,21 @@ class Number:
             """Standard error and systematic share."""
 
     def __add__(self, other: Number | float) -> Quantity:
-        return combined(self, 1.0, other, 1.0, _value(self) + _value(other), _same_unit(self, other))
+        return combined(self, 1.0, other, 1.0, float(self) + float(other), _same_unit(self, other))
 
     def __sub__(self, other: Number | float) -> Quantity:
-        return combined(self, 1.0, other, -1.0, _value(self) - _value(other), _same_unit(self, other))
+        return combined(self, 1.0, other, -1.0, float(self) - float(other), _same_unit(self, other))
 
     def __mul__(self, other: Number | float) -> Quantity:
-        a, b = _value(self), _value(other)
+        a, b = float(self), float(other)
         return combined(self, b, other, a, a * b, unit_of((self, 1), (other, 1)))
 
     def __truediv__(self, other: Number | float) -> Quantity:
-        a, b = _value(self), _value(other)
+        a, b = float(self), float(other)
         return combined(self, 1 / b, other, -a / b**2, a / b, unit_of((self, 1), (other, -1)))
 
     def __pow__(self, power: float) -> Quantity:
-        a = _value(self)
+        a = float(self)
         return combined(self, power * a ** (power - 1), 0.0, 0.0, a**power, unit_of((self, power)))
 
     def __neg__(self) -> Quantity:
@@ -155,10 +155,6 @@ def combined(a: Number, by_a: float, b: Number | float, by_b: float, value: floa
     shares = [(by_a + by_b, a.alone)] if b is a else [(by_a, a.alone), (by_b, b.alone)]
     stderr, systematic = (math.hypot(*(factor * share[i] for factor, share in shares)) for i in (0, 1))
     return Quantity(value, stderr, unit, min(a.freedom, b.freedom), systematic)
-
-
-def _value(number: Number | float) -> float:
-    return float(number)
 
 
 def _same_unit(a: Number, b: Number | float) -> str:

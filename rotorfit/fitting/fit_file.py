@@ -103,38 +103,34 @@ def load_fit(path: str | os.PathLike[str], *, model: RotorModel | None = None) -
 def fit_from_json(text: str, *, model: RotorModel | None = None, source: str = "the text") -> FitResult:
     """The result that :func:`fit_to_json` wrote."""
     with reading(source, _KIND):
-        return _read_fit(text, model, source)
-
-
-def _read_fit(text: str, model: RotorModel | None, source: str) -> FitResult:
-    try:
-        content = json.loads(text)
-    except json.JSONDecodeError as reason:
-        raise ValueError(f"{source} is not JSON, so not a fit saved by rotorfit: {reason}") from reason
-    if not isinstance(content, dict) or content.get("format") != _FORMAT:
-        raise ValueError(f"{source} is not a fit saved by rotorfit: it does not say 'format': {_FORMAT!r}")
-    if content.get("schema") != SCHEMA:
-        raise ValueError(
-            f"{source} has schema {content.get('schema')!r}, written by rotorfit {content.get('rotorfit', '?')}; "
-            f"this version reads schema {SCHEMA}"
-        )
-    content = {_EARLIER.get(name, name): item for name, item in content.items()}
-    names = [f.name for f in fields(FitResult) if f.name not in ("model", "problem")]
-    missing = [name for name in ("model", *names) if name not in content and name not in _LATER]
-    if missing:
-        raise ValueError(f"{source} is incomplete: it has no {', '.join(missing)}")
-    try:
-        own = _read_model(content["model"], model)
-        entries = {name: decode(content[name]) for name in names if name in content}
-        check_types(FitResult, entries)
-        if entries.get("noise") is not None:
-            entries["noise"] = replace(entries["noise"], found=entries["settings"].noise)
-        problem = build_problem(own, entries["experiments"], entries["settings"])
-        fit = FitResult(model=own, problem=problem, **entries)
-        _check(fit, problem, f"written by rotorfit {content['rotorfit']}")
-    except ValueError as reason:
-        raise ValueError(f"{source}: {reason}") from reason
-    return fit
+        try:
+            content = json.loads(text)
+        except json.JSONDecodeError as reason:
+            raise ValueError(f"{source} is not JSON, so not a fit saved by rotorfit: {reason}") from reason
+        if not isinstance(content, dict) or content.get("format") != _FORMAT:
+            raise ValueError(f"{source} is not a fit saved by rotorfit: it does not say 'format': {_FORMAT!r}")
+        if content.get("schema") != SCHEMA:
+            raise ValueError(
+                f"{source} has schema {content.get('schema')!r}, written by rotorfit {content.get('rotorfit', '?')}; "
+                f"this version reads schema {SCHEMA}"
+            )
+        content = {_EARLIER.get(name, name): item for name, item in content.items()}
+        names = [f.name for f in fields(FitResult) if f.name not in ("model", "problem")]
+        missing = [name for name in ("model", *names) if name not in content and name not in _LATER]
+        if missing:
+            raise ValueError(f"{source} is incomplete: it has no {', '.join(missing)}")
+        try:
+            own = _read_model(content["model"], model)
+            entries = {name: decode(content[name]) for name in names if name in content}
+            check_types(FitResult, entries)
+            if entries.get("noise") is not None:
+                entries["noise"] = replace(entries["noise"], found=entries["settings"].noise)
+            problem = build_problem(own, entries["experiments"], entries["settings"])
+            fit = FitResult(model=own, problem=problem, **entries)
+            _check(fit, problem, f"written by rotorfit {content['rotorfit']}")
+        except ValueError as reason:
+            raise ValueError(f"{source}: {reason}") from reason
+        return fit
 
 
 def _read_model(entry: Mapping[str, Any], given: RotorModel | None) -> RotorModel:

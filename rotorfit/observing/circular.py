@@ -221,9 +221,8 @@ def _force_noise(model: RotorModel, test: PerturbationTest, first: Index) -> Com
         return None
     found = np.zeros((first.size, len(model.coordinates), len(model.coordinates)), dtype=complex)
     for line, row in enumerate(first.tolist()):
-        acting = [(test.force_plane[row], 0.0, test.force_direction[row]), *test.further_forces[row]]
-        for plane, _, axis in acting:
-            share = model.force_vector(str(plane), test.frequency[row : row + 1], np.array([sigma[line]]), str(axis))[0]
+        for plane, _, axis in test.acting(row):
+            share = model.force_vector(plane, test.frequency[row : row + 1], np.array([sigma[line]]), axis)[0]
             found[line] += np.outer(share, share.conj())
     return found
 

@@ -81,20 +81,16 @@ class Option:
     word: str  # its name there
 
 
-def _options() -> dict[str, Option]:
-    return {
-        f.name: Option(
-            name=f.name,
-            kind=KINDS[str(f.type)],
-            help=f.metadata["help"],
-            metavar=f.metadata["metavar"] or None,
-            word=f.metadata["word"] or "--" + f.name.replace("_", "-"),
-        )
-        for f in fields(StudyOptions)
-    }
-
-
-FIT: Mapping[str, Option] = _options()
+FIT: Mapping[str, Option] = {
+    f.name: Option(
+        name=f.name,
+        kind=KINDS[str(f.type)],
+        help=f.metadata["help"],
+        metavar=f.metadata["metavar"] or None,
+        word=f.metadata["word"] or "--" + f.name.replace("_", "-"),
+    )
+    for f in fields(StudyOptions)
+}
 """Options of ``rotorfit fit`` and of a study, by name."""
 SHAFT = ("structure", "fluid", "supports", "magnetic", "damping", "dofs")
 """Options of a shaft from a file."""

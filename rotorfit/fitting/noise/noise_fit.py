@@ -48,18 +48,10 @@ class LinearisedFit:
         """All sweeps."""
         return [sweep for sweeps in self.channels for sweep in sweeps]
 
-    def name(self, kind: int) -> str:
-        """How a kind of effect is called in the fitted vector."""
-        return "phase" if kind in self.forced else self.kinds[kind]
-
     def weighed(self, sigma: Float) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
         """Residuals, derivatives and effects in units of another noise."""
         scale = (sigma / self.sigma)[:, None]
         return self.r / scale[:, 0], self.J / scale, self.Z / scale
-
-    def sensitivity(self, kind: int) -> ComplexArray:
-        """Change of the logarithm of the predictions by a unit of an effect."""
-        return np.asarray(self.Z[:, kind] * self.sigma / self.predicted)
 
 
 def linearise(problem: Problem, x: Float) -> LinearisedFit | None:

@@ -12,8 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.estimators.blocks.nonlinear import responses_of
-from rotorfit.estimators.blocks.observations import Block
+from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.inference.smooth_causes import Cause
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.residuals import Memory, Shape
@@ -168,12 +167,12 @@ def _run_effects(
     freedom = MixedModel.of(r, J, Z[:, kinds], data.rows, data.prior).freedom(both[kinds])
     effects = [
         RunEffect(
-            kind=data.name(kind),
+            kind="phase" if kind in data.forced else data.kinds[kind],
             sd=float(np.sqrt(both[kind])),
             freedom=float(own),
             runs=data.runs,
             values=tuple(fit.solution.own[:, chosen.index(kind)].tolist()) if kind in chosen else (),
-            sensitivities=tuple(problem.by_block(data.sensitivity(kind))),
+            sensitivities=tuple(problem.by_block(data.Z[:, kind] * data.sigma / data.predicted)),
         )
         for kind, own in zip(kinds.tolist(), freedom, strict=True)
     ]
@@ -203,7 +202,7 @@ def _labels(problem: Problem) -> NDArray[np.str_]:
 
 def _response_noise(problem: Problem, shapes: Sequence[Shape]) -> tuple[ResponseNoise, ...]:
     labels = _labels(problem)
-    units = np.concatenate([_units(block) for block in problem.blocks])
+    units = np.concatenate([_units(block) for block in problem.responses])
     return tuple(
         ResponseNoise(
             responses=tuple(dict.fromkeys(labels[shape.rows].tolist())),
@@ -216,19 +215,12 @@ def _response_noise(problem: Problem, shapes: Sequence[Shape]) -> tuple[Response
     )
 
 
-def _units(block: Block) -> NDArray[np.str_]:
+def _units(block: Responses) -> NDArray[np.str_]:
     """Unit of each reading of a block."""
-    responses = responses_of(block)
-    if responses is None:
-        return np.full(block.label.size, "")
-    of = [
-        ("N m" if c.axis == "r" else "N") if responses.imposed else ("rad" if c.axis == "r" else "m")
-        for c in responses.model.coordinates
-    ]
-    units = np.array(of)[responses.coordinate]
-    if responses.derivative is None:
-        return units
-    return np.char.add(units, np.array(["", "/s", "/s^2"])[responses.derivative])
+    along, tilt = ("N", "N m") if block.imposed else ("m", "rad")
+    units = np.array([tilt if c.axis == "r" else along for c in block.model.coordinates])[block.coordinate]
+    rates = np.array(["", "/s", "/s^2"])
+    return units if block.derivative is None else np.char.add(units, rates[block.derivative])
 
 
 def _misses(problem: Problem, data: LinearisedFit) -> tuple[Miss, ...]:

@@ -120,18 +120,17 @@ class LawComparison(Printed):
     def __str__(self) -> str:
         """The ranking as a table, and the verdict."""
         head: list[str | Wide] = ["law", "fitted", "redchi", "AIC", "dAIC", "dBIC", "weight"]
-        lowest = min(entry.bic for entry in self.laws)
-        rows: list[list[str | Wide]] = [head, *(_row(entry, self.laws[0].aic, lowest) for entry in self.laws)]
+        aic, bic = self.laws[0].aic, min(entry.bic for entry in self.laws)
+        rows: list[list[str | Wide]] = [head]
+        for entry in self.laws:
+            row: list[str | Wide] = [repr(entry.law), Wide("not ranked", 2)]
+            if entry.fit is not None and not entry.reason:
+                row = [repr(entry.law), str(entry.count), significant(entry.fit.redchi, 4), f"{entry.aic:.1f}"]
+                row += [f"{entry.aic - aic:.1f}", f"{entry.bic - bic:.1f}", f"{entry.weight:.3f}"]
+            rows.append(row)
         lines = text_table(rows, "<44 >7 >10 >12 >10 >10 >9")
         lines += [f"{entry.law!r}: {entry.reason}" for entry in self.laws if entry.reason]
         return "\n".join([*lines, self.verdict])
-
-
-def _row(entry: LawFit, aic: float, bic: float) -> list[str | Wide]:
-    if entry.reason or entry.fit is None:
-        return [repr(entry.law), Wide("not ranked", 2)]
-    differences = f"{entry.aic:.1f}", f"{entry.aic - aic:.1f}", f"{entry.bic - bic:.1f}"
-    return [repr(entry.law), str(entry.count), significant(entry.fit.redchi, 4), *differences, f"{entry.weight:.3f}"]
 
 
 def _fit_of(entry: LawFit) -> FitResult:

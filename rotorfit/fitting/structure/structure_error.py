@@ -37,12 +37,8 @@ def caveats_of(fit: FitResult) -> list[str]:
     """Sentences that belong beside the numbers of a fit: those of its model, and the error of a reduced structure."""
     tilts = [k for k, coordinate in enumerate(fit.model.coordinates) if coordinate.axis == "r"]
     read = any(np.isin(base.coordinate, tilts).any() for base in fit.problem.responses)
-    reduced = structure_error(fit)
-    return [
-        *fit.model.caveats,
-        *(() if read else fit.model.caveats_without_tilts),
-        *([str(reduced)] if reduced else []),
-    ]
+    caveats, reduced = [*fit.model.caveats, *(() if read else fit.model.caveats_without_tilts)], structure_error(fit)
+    return [*caveats, str(reduced)] if reduced else caveats
 
 
 def structure_error(fit: FitResult) -> StructureError | None:
