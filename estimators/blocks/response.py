@@ -89,7 +89,9 @@ def known_lines(block: Responses, theta: Float) -> KnownStiffness | None:
         return shaft
     beside = np.moveaxis(block.beside, 0, -1)
     beside = beside.reshape(*beside.shape[:2], *(1,) * (theta.ndim - 2), -1)
-    return KnownStiffness.of_values(beside) if shaft is None else replace(shaft, values=shaft.values + beside)
+    if shaft is None:  # nothing with scale factors
+        return KnownStiffness(beside, np.zeros(0, dtype=np.intp), np.zeros((0, *beside.shape), dtype=complex))
+    return replace(shaft, values=shaft.values + beside)
 
 
 @dataclass(frozen=True, eq=False)

@@ -109,7 +109,9 @@ def _closed_forms(
     if not _determined(space, lumped, chosen):
         yield from _with_convention(space, blocks, weighted, passes)
         return
-    typical = space.template if space.model.shaft is None else typical_theta(space)
+    typical = space.template
+    if space.model.shaft is not None:  # whose scale factors are not linear here
+        typical = space.theta(np.concatenate([typical_values(space), np.zeros(len(space.nuisance))]))
     if weighted:
         yield from _weighted(space, lumped, chosen, typical, passes)
         return
@@ -262,11 +264,6 @@ def typical_values(space: ParameterSpace) -> Float:
     guess = np.array([p.scale if p.nominal is None else p.nominal for p in parameters])
     inside = np.clip(guess, space.lower[:size], space.upper[:size])
     return np.where(inside == 0, 1e-3, inside)
-
-
-def typical_theta(space: ParameterSpace) -> Float:
-    """All parameters of a model with the free ones at typical values."""
-    return space.theta(np.concatenate([typical_values(space), np.zeros(len(space.nuisance))]))
 
 
 def _one_step(lumped: Lumped, values: Float, information: Float, x: Float) -> Float:

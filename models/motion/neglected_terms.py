@@ -65,7 +65,8 @@ def terms_left_out(model: RotorModel) -> tuple[LeftOut, ...]:
                 found += [_beyond(expansion, blocks, where, both) for expansion in _BEYOND]
     if len(planes) == 1 and "Ds" in model.parameter_names:
         found.append(_internal(f"[{planes[0]}]", ((0, 0, 1.0),)))
-    for i in externally_undamped(model):
+    fluid, external = _damping_coordinates(model)
+    for i in sorted(fluid - external):
         meaning = "external damping beside the fluid's, counted in D and lam"
         found.append(_term(f"Ds[{planes[i]}]", meaning, "N s/m", ((i, i, 1.0),), 1))
     return tuple(found)
@@ -107,12 +108,6 @@ def _beyond(expansion: _Expansion, blocks: Sequence[str], where: str, entries: E
 def fluid_coordinates(model: RotorModel) -> list[int]:
     """Coordinates at which fluid damping D acts."""
     return sorted(_damping_coordinates(model)[0])
-
-
-def externally_undamped(model: RotorModel) -> list[int]:
-    """Those of them without external damping of the model's own."""
-    fluid, external = _damping_coordinates(model)
-    return sorted(fluid - external)
 
 
 def _damping_coordinates(model: RotorModel) -> tuple[set[int], set[int]]:

@@ -127,11 +127,6 @@ class KnownStiffness:
     inputs: Index  # places of the structure's scale factors in the model's parameter vector, shape ``(S,)``
     slopes: ComplexArray  # derivatives by these, shape ``(S, L, n, n)``
 
-    @classmethod
-    def of_values(cls, values: ComplexArray) -> KnownStiffness:
-        """The shaft of a structure without scale factors."""
-        return cls(values, np.zeros(0, dtype=np.intp), np.zeros((0, *values.shape), dtype=complex))
-
 
 class SeenShaft(Protocol):
     """A known structure as free motion needs it."""
