@@ -107,7 +107,15 @@ def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, Bool]:
     covar = kept @ kept.T
     null = np.zeros((scales.size, 0))
     if lost.any() or silent.any():  # covariance seen across the null space: leave that space out
-        null = _null_basis(unseen[:, lost], silent)
+        # Orthonormal basis of null directions, parameters without any influence each on an axis of its own.
+        others = unseen[:, lost].copy()
+        length = np.linalg.norm(others, axis=0)
+        others[silent] = 0.0
+        others = others[:, np.linalg.norm(others, axis=0) > 1e-8 * length]
+        if others.shape[1]:
+            u, s, _ = np.linalg.svd(others / np.linalg.norm(others, axis=0), full_matrices=False)
+            others = u[:, s > 1e-8]
+        null = np.concatenate([np.eye(scales.size)[:, silent], others], axis=1)
         across = np.eye(scales.size) - null @ null.T
         covar = across @ covar @ across
     variance, directions = np.linalg.eigh(covar)
@@ -115,19 +123,6 @@ def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, Bool]:
     stderr = np.concatenate([np.full(null.shape[1], np.inf), np.sqrt(np.maximum(variance[::-1], 0.0))[:rest]])
     directions = np.concatenate([null, directions[:, ::-1][:, :rest]], axis=1)
     return covar * (scales[:, None] * scales), stderr, directions, stderr > UNRESOLVED_ERROR
-
-
-def _null_basis(directions: Float, silent: Bool) -> Float:
-    """Orthonormal basis of null directions, parameters without any influence each on an axis of its own."""
-    axes = np.eye(silent.size)[:, silent]
-    others = directions.copy()
-    others[silent] = 0.0
-    rest = np.linalg.norm(others, axis=0) > 1e-8 * np.linalg.norm(directions, axis=0)
-    others = others[:, rest]
-    if others.shape[1]:
-        u, s, _ = np.linalg.svd(others / np.linalg.norm(others, axis=0), full_matrices=False)
-        others = u[:, s > 1e-8]
-    return np.concatenate([axes, others], axis=1)
 
 
 def diagnose(

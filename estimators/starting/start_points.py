@@ -14,7 +14,7 @@ import numpy as np
 
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.models.array_types import Bool, Float
+from rotorfit.models.array_types import Float
 
 CLOSED_FORM = "closed form"  # eqs 5 to 9, weighted
 SHORT_FIT = "short fit"  # the best end of a few steps from several closed forms
@@ -89,7 +89,7 @@ def short_fits(problem: Problem, starts: Float) -> ShortFits:
     """Fit from every start, shape ``(W, p)``, held loosely there, until little more is to be gained."""
     lower, upper = problem.space.lower, problem.space.upper
     sizes = np.abs(starts) + (starts == 0)
-    count = len(problem.space.names)
+    count, every = len(problem.space.names), np.arange(starts.shape[1])
     sizes[:, :count] = np.maximum(np.abs(starts[:, :count]), problem.space.typical)
     smallest_damping, largest_damping = 1e-3, 1e10
     damping = np.full(len(starts), smallest_damping)
@@ -100,7 +100,11 @@ def short_fits(problem: Problem, starts: Float) -> ShortFits:
         active = np.flatnonzero(np.isfinite(cost))
         for _ in range(25):
             inside = (x[active] > lower) | (slope[active] <= 0), (x[active] < upper) | (slope[active] >= 0)
-            step, promise = _steps(slope[active], matrix[active], damping[active], inside[0] & inside[1])
+            free = inside[0] & inside[1]
+            down, normal = np.where(free, slope[active], 0.0), matrix[active] * (free[:, :, None] & free[:, None, :])
+            normal[:, every, every] = normal[:, every, every] * (1 + damping[active, None]) + ~free
+            step = -np.linalg.solve(normal, down[..., None])[..., 0]
+            promise = -(down * step).sum(axis=1) / 2
             going = (promise > tolerance * cost[active]) & (damping[active] < largest_damping)
             active, step = active[going], step[going]
             if not active.size:
@@ -124,14 +128,3 @@ def _evaluate(problem: Problem, x: Float, starts: Float, sizes: Float) -> tuple[
     cost = cost + 0.5 * (moved**2).sum(axis=1)
     cost = np.where(np.isfinite(cost + slope.sum(axis=1) + matrix.sum(axis=(1, 2))), cost, np.inf)
     return cost, slope + moved / PRIOR_SIZES, matrix
-
-
-def _steps(slope: Float, matrix: Float, damping: Float, free: Bool) -> tuple[Float, Float]:
-    """Damped Gauss-Newton steps of the free entries, and the fall of the cost that they promise."""
-    every = np.arange(slope.shape[1])
-    slope = np.where(free, slope, 0.0)
-    matrix = np.where(free[:, :, None] & free[:, None, :], matrix, 0.0)
-    matrix[:, every, every] *= 1 + damping[:, None]
-    matrix[:, every, every] += ~free
-    step = -np.linalg.solve(matrix, slope[..., None])[..., 0]
-    return np.asarray(step, dtype=float), np.asarray(-(slope * step).sum(axis=1) / 2)

@@ -295,8 +295,15 @@ def bidiagonal(frequencies: Float, weights: Float) -> Float:
     total = mass[-1]
     for v in range(len(w) - 2, -1, -1):
         q, e = _shifted(q, e, (w[v + 1] - w[v]) * (w[v + 1] + w[v]))
-        q, e = _with_zero(q, e, mass[v] / (total + mass[v]))
+        # An eigenvalue zero is added, which has its share of the weight.
         total += mass[v]
+        share = mass[v] / total
+        rest, new_q, new_e = q[0] * share, [q[0] * (1.0 - share)], []
+        for below, square in zip(e, [*q[1:], 0.0], strict=True):
+            new_e.append(below + rest)
+            new_q.append(square * (below / new_e[-1]))
+            rest = square * (rest / new_e[-1])
+        q, e = new_q, [*new_e, 0.0]
     q, e = _shifted(q, e, w[0] ** 2)
     return np.asarray(np.diag(np.sqrt(q)) - np.diag(np.sqrt(e[:-1]), 1))
 
@@ -310,18 +317,6 @@ def _shifted(q: list[float], e: list[float], shift: float) -> tuple[list[float],
         new_e.append(below * (square / pivot))
         above = shift + above * (below / pivot)
     return new_q, new_e
-
-
-def _with_zero(q: list[float], e: list[float], share: float) -> tuple[list[float], list[float]]:
-    """Squares of the factor with an eigenvalue zero added, which has ``share`` of the weight."""
-    new_q, new_e = [q[0] * (1.0 - share)], []
-    rest = q[0] * share
-    for below, square in zip(e, [*q[1:], 0.0], strict=True):
-        total = below + rest
-        new_e.append(total)
-        new_q.append(square * (below / total))
-        rest = square * (rest / total)
-    return new_q, [*new_e, 0.0]
 
 
 def chain_of(B: Float, end: float) -> tuple[Float, Float, Float]:
