@@ -166,12 +166,11 @@ def _wheel(where: str, smooth: SmoothAngle, per_turn: int, gap: int) -> Finding:
     zero = "the record's first pulse, which differs from record to record"
     if gap:
         zero = f"the first tooth after the gap of {gap} that every turn has"
-    return Finding(
-        "note",
-        "tooth-pattern",
+    words = (
         f"{where}: spacing of the {per_turn} pulses a turn is off by up to {degrees:.3f} degrees; the pattern is taken "
-        f"out. Angle zero is {zero}.",
+        f"out. Angle zero is {zero}."
     )
+    return Finding("note", "tooth-pattern", words)
 
 
 def _times(times: Float) -> str:

@@ -30,24 +30,22 @@ _ONE_SIDED_POWER_RATIO = 4.0
 def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> Iterator[Finding]:
     """Clipped, dead, interrupted, AC-coupled and out-of-range probes."""
     if not record.probes:
-        yield Finding(
-            "error",
-            "no-probes",
+        words = (
             f"{record.name}: none of its channels ({listed(tuple(record.raw.channels))}) is known as a probe: name the "
-            "probes in [[probe]] of the setup.",
+            "probes in [[probe]] of the setup."
         )
+        yield Finding("error", "no-probes", words)
     coupled = []
     for probe in record.probes:
         each, where = found[probe.channel], f"{record.name}, channel {probe.channel}"
         largest = _largest(found, each.unit)
         if _dead(each, largest):
-            yield Finding(
-                "error",
-                "channel-dead",
+            words = (
                 f"{where} is dead: it stays at {each.mean:.3f} {each.unit} and moves by "
                 f"{significant(each.deviation, 2)} {each.unit} rms, the others by up to {significant(largest, 3)}. "
-                "Leave its plane out or repair the probe.",
+                "Leave its plane out or repair the probe."
             )
+            yield Finding("error", "channel-dead", words)
             continue
         if each.still:
             yield _stops(each, where)
@@ -59,12 +57,11 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
             continue
         highest_voltage = 50.0  # no probe or input card gives so many volts
         if max(abs(each.low), abs(each.high)) > highest_voltage:
-            yield Finding(
-                "error",
-                "channel-scale",
+            words = (
                 f"{where}: {each.low:.6g} to {each.high:.6g} V are no voltages of a probe: counts, or millivolts? Say "
-                f'volts_per_count in [[channel]] name = "{probe.channel}", or unit = "um" in [[probe]] of a motion.',
+                f'volts_per_count in [[channel]] name = "{probe.channel}", or unit = "um" in [[probe]] of a motion.'
             )
+            yield Finding("error", "channel-scale", words)
             continue
         yield from _sensitivity(probe, each, where)
         if each.without_gap:
@@ -72,22 +69,20 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
         elif not each.clipped:
             yield from _out_of_range(probe, each, where)
     if coupled:
-        yield Finding(
-            "note",
-            "ac-coupled",
+        words = (
             f"{record.name}: {listed(coupled)}: no gap voltage (mean near zero): AC-coupled? There is no shaft "
-            "centreline and no eccentricity, and whether the probe is in its linear range cannot be seen.",
+            "centreline and no eccentricity, and whether the probe is in its linear range cannot be seen."
         )
+        yield Finding("note", "ac-coupled", words)
 
 
 def _stops(each: ChannelStatistics, where: str) -> Finding:
     when = listed([f"{low:.2f} to {high:.2f} s" for low, high in each.still])
-    return Finding(
-        "error",
-        "channel-stops",
+    words = (
         f"{where} stays on one count from {when}, and carries noise before or after: a loose cable, or samples that "
-        "were lost and held or filled. Measure again, cut these times out of the file, or leave the probe out.",
+        "were lost and held or filled. Measure again, cut these times out of the file, or leave the probe out."
     )
+    return Finding("error", "channel-stops", words)
 
 
 def _clips(each: ChannelStatistics, where: str) -> Finding:
@@ -95,12 +90,11 @@ def _clips(each: ChannelStatistics, where: str) -> Finding:
     limit = " and ".join(
         f"{v:.3f} {each.unit}" for v, n in ((each.low, each.flat_low), (each.high, each.flat_high)) if n >= 3
     )
-    return Finding(
-        "error",
-        "channel-clipped",
+    words = (
         f"{where} is clipped at {limit} ({share:.1%} of the samples): amplitudes there are too small. Set the input "
-        "range wider and measure again, or leave the probe out.",
+        "range wider and measure again, or leave the probe out."
     )
+    return Finding("error", "channel-clipped", words)
 
 
 def _sensitivity(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[Finding]:
@@ -169,12 +163,11 @@ def _out_of_range(probe: Probe, each: ChannelStatistics, where: str) -> Iterator
         return
     if each.low < low or each.high > high:
         said = "the setup's" if probe.linear_range else "the usual"
-        yield Finding(
-            "warning",
-            "probe-range",
+        words = (
             f"{where}: {each.low:.2f} to {each.high:.2f} V leaves {said} linear range, {low:g} to {high:g} V: there "
-            "the probe reads wrong amplitudes. Say linear_range_V in [[probe]] where another range holds.",
+            "the probe reads wrong amplitudes. Say linear_range_V in [[probe]] where another range holds."
         )
+        yield Finding("warning", "probe-range", words)
 
 
 def direction_findings(record: Signals, shaft: AngleTrack | None, perturbator: AngleTrack | None) -> Iterator[Finding]:
@@ -193,27 +186,24 @@ def direction_findings(record: Signals, shaft: AngleTrack | None, perturbator: A
             judged.append(plane)
             opposite += [plane] if reversed_force else []
     if backward and len(backward) == len(record.pairs) > 1:
-        yield Finding(
-            "error",
-            "rotation-sense",
+        words = (
             f"{record.name}: once-per-turn motion is mostly backward in every plane: the shaft turns the other way "
-            f"than rotation says ({'ccw' if record.rig.rotation > 0 else 'cw'}), or all its probes are exchanged.",
+            f"than rotation says ({'ccw' if record.rig.rotation > 0 else 'cw'}), or all its probes are exchanged."
         )
+        yield Finding("error", "rotation-sense", words)
     elif backward:
-        yield Finding(
-            "error",
-            "probes-exchanged",
+        words = (
             f"{record.name}: once-per-turn motion is mostly backward in {listed(backward)}: are its two probes "
-            "exchanged, or is their angle_deg wrong?",
+            "exchanged, or is their angle_deg wrong?"
         )
+        yield Finding("error", "probes-exchanged", words)
     if opposite and len(opposite) * 2 > len(judged):
         said = "forward" if whirl > 0 else "backward"
-        yield Finding(
-            "error",
-            "whirl-reversed",
+        words = (
             f"{record.name}: the response in {listed(opposite)} turns against the perturbation, said to be {said}, "
-            "while the once-per-turn motion is forward: the perturbator turns the other way than whirl says.",
+            "while the once-per-turn motion is forward: the perturbator turns the other way than whirl says."
         )
+        yield Finding("error", "whirl-reversed", words)
 
 
 def _reversed(record: Signals, plane: str, angle: AngleTrack, direction: int) -> bool | None:
@@ -262,20 +252,18 @@ def hum_findings(record: Signals, shaft: AngleTrack | None) -> Iterator[Finding]
             elif near.all() and (orders == 1).all():
                 hidden.setdefault(float(round(frequency)), []).append(probe.channel)
     for frequency, channels in sorted(hidden.items()):
-        yield Finding(
-            "note",
-            "hum-on-order",
+        words = (
             f"{record.name}: the shaft turns at {frequency:g} Hz, where mains hum would stand too: what of the 1x in "
-            f"{listed(channels)} is hum cannot be decided. Record at another speed, or with the shaft at rest.",
+            f"{listed(channels)} is hum cannot be decided. Record at another speed, or with the shaft at rest."
         )
+        yield Finding("note", "hum-on-order", words)
     for frequency, seen in sorted(lines.items()):
         worst = max(amplitude for _, amplitude in seen)
-        yield Finding(
-            "warning",
-            "hum",
+        words = (
             f"{record.name}: mains hum at {frequency:g} Hz, seen in {listed([name for name, _ in seen])} with up to "
-            f"{significant(abs(worst) * 1e6, 3)} µm: lines of the response at that frequency are spoiled.",
+            f"{significant(abs(worst) * 1e6, 3)} µm: lines of the response at that frequency are spoiled."
         )
+        yield Finding("warning", "hum", words)
 
 
 def folding_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
@@ -292,13 +280,12 @@ def folding_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
         ):
             seen.setdefault(order, []).append((probe.channel, frequency))
     for order, lines in seen.items():
-        yield Finding(
-            "warning",
-            "aliasing",
+        words = (
             f"{record.name}: the line at {lines[0][1]:.2f} Hz in {listed([name for name, _ in lines])} is order "
             f"{order} of the shaft ({order * turning:.1f} Hz) folded by sampling at {record.sample_rate:g} Hz: use an "
-            "anti-aliasing filter or sample faster.",
+            "anti-aliasing filter or sample faster."
         )
+        yield Finding("warning", "aliasing", words)
 
 
 def speed_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
@@ -309,35 +296,32 @@ def speed_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
     middle = float(np.median(speeds))
     if np.ptp(speeds) < 0.05 * abs(middle) and abs(middle - abs(record.speed)) > 0.03 * abs(record.speed):
         marks, given = middle * RPM_PER_RAD_S, record.speed * RPM_PER_RAD_S
-        yield Finding(
-            "warning",
-            "speed-disagrees",
+        words = (
             f"{record.name}: the marks say {significant(marks, 4)} rpm, file or setup {significant(given, 4)} rpm: is "
             f"pulses_per_turn right ({record.rig.shaft.pulses_per_turn if record.rig.shaft else 1}), and the sampling "
-            f"rate ({record.sample_rate:g} Hz)?",
+            f"rate ({record.sample_rate:g} Hz)?"
         )
+        yield Finding("warning", "speed-disagrees", words)
 
 
 def setting_findings(record: Signals) -> Iterator[Finding]:
     """A sampling rate and an unbalance that were written in another unit."""
     lowest_rate = 100.0  # sampling rate, Hz, at which no turning shaft is recorded
     if record.sample_rate < lowest_rate:
-        yield Finding(
-            "error",
-            "sampling-slow",
+        words = (
             f"{record.name}: {significant(record.sample_rate, 4)} Hz is no sampling rate for a turning shaft: "
-            "are the times in ms?",
+            "are the times in ms?"
         )
+        yield Finding("error", "sampling-slow", words)
     force = record.force
     # Unbalance, kg m, beyond that of any trial weight: a rotor of 50 t, balanced to G 2.5 at 3000 rpm, has 0.4
     largest_unbalance = 1.0
     if force is not None and force.mr > largest_unbalance:
-        yield Finding(
-            "error",
-            "unbalance-large",
+        words = (
             f"{record.name}: an unbalance of {force.mr:g} kg m is that of no trial weight: is its unit right (mr_kg_m, "
-            "mr_g_mm)?",
+            "mr_g_mm)?"
         )
+        yield Finding("error", "unbalance-large", words)
 
 
 def mark_findings(record: Signals, shaft: AngleTrack, perturbator: AngleTrack) -> Iterator[Finding]:

@@ -207,9 +207,8 @@ def coherence_note(test: PerturbationTest, coherent: Float) -> Finding:
         if poor.size
         else ""
     )
-    return Finding(
-        "note",
-        "coherence",
+    words = (
         f"{test.run[0]}: coherence {np.median(coherent):.4f} in the median of {len(test)} readings{where}; the column "
-        "coherence has it by reading.",
+        "coherence has it by reading."
     )
+    return Finding("note", "coherence", words)

@@ -222,13 +222,10 @@ def _forced(driven: ReducedForce, struck: Sequence[Blow], report: Report) -> tup
     calm = reduced.without_orders(quiet).spectra(unit, [])
     found = estimated([record], [noisy(calm)], *reduced.band, transient=False)
     if left_out:
-        report(
-            Finding(
-                "warning",
-                "moving-at-ends",
-                f"{record.name}: the rotor moves when the recording begins or ends, by {significant(left_out, 2)} of "
-                "its motion after the blow; errors are wider by that share of each response. Record some turns before "
-                "the blow, and until the rotor rests.",
-            )
+        words = (
+            f"{record.name}: the rotor moves when the recording begins or ends, by {significant(left_out, 2)} of "
+            "its motion after the blow; errors are wider by that share of each response. Record some turns before "
+            "the blow, and until the rotor rests."
         )
+        report(Finding("warning", "moving-at-ends", words))
     return found, left_out

@@ -94,15 +94,12 @@ def _sweep(reduced: ReducedRecord, report: Report) -> PerturbationTest:
     w = found.frequency
     turned = 0.0 if reduced.drive is None else reduced.drive.stderr(time_at(reduced, w))
     if image_seen(reduced, found):
-        report(
-            Finding(
-                "warning",
-                "shaft-lines",
-                f"{record.name}: the shaft answers at twice its speed less the perturbation (2x - w) too, as one does "
-                "whose stiffness turns with it. Responses hold the motion at w alone: rf.shaft_lines reads all lines "
-                "of the recording, for AnisotropicShaft or Turning.",
-            )
+        words = (
+            f"{record.name}: the shaft answers at twice its speed less the perturbation (2x - w) too, as one does "
+            "whose stiffness turns with it. Responses hold the motion at w alone: rf.shaft_lines reads all lines "
+            "of the recording, for AnisotropicShaft or Turning."
         )
+        report(Finding("warning", "shaft-lines", words))
     return rows(
         record,
         readings(record, force.whirl, found, np.abs(found.response[0]) * turned),
@@ -125,14 +122,11 @@ def _start_ups(records: Sequence[Recording], groups: int, report: Report) -> Per
     weights = np.array([force.mr * np.exp(1j * force.angle) for force in forces])
     differenced = np.ptp(weights.real) + np.ptp(weights.imag) > 1e-6 * np.abs(weights).max()
     if not differenced:
-        report(
-            Finding(
-                "warning",
-                "not-differenced",
-                f"{', '.join(r.name for r in records)}: no second run with the weight "
-                "elsewhere or taken off, so residual unbalance, bow and run-out are in the response.",
-            )
+        words = (
+            f"{', '.join(r.name for r in records)}: no second run with the weight "
+            "elsewhere or taken off, so residual unbalance, bow and run-out are in the response."
         )
+        report(Finding("warning", "not-differenced", words))
     drives = [np.array([weight, 1.0]) if differenced else np.array([weight]) for weight in weights]
     spectra = [r.spectra(drive, r.orders(2)) for r, drive in zip(reduced, drives, strict=True)]
     low = max(r.band[0] for r in reduced)

@@ -48,14 +48,11 @@ def clear_lines(reduced: ReducedRecord, found: LocalResponse, power: int, report
 def say_lost(record: Recording, lost: int, count: int, seconds: float, report: Report) -> None:
     """Say how many lines an order of the shaft takes."""
     if lost:
-        report(
-            Finding(
-                "note",
-                "lines-at-orders",
-                f"{record.name}: {lost} of {count} lines left out: closer to "
-                f"an order of the shaft than {significant(seconds, 3)} s can separate.",
-            )
+        words = (
+            f"{record.name}: {lost} of {count} lines left out: closer to "
+            f"an order of the shaft than {significant(seconds, 3)} s can separate."
         )
+        report(Finding("note", "lines-at-orders", words))
 
 
 def driven(found: LocalResponse, power: int) -> Bool:

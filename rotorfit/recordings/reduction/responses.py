@@ -190,18 +190,16 @@ def _refuse_alone(pairs: Sequence[tuple[Recording, Force]]) -> None:
 def _datum_finding(records: Sequence[Recording]) -> Finding:
     unmarked = [r.name for r in records if r.rig.perturbator is not None and r.rig.perturbator.channel is None]
     if len(unmarked) > 1:
-        return Finding(
-            "error",
-            PHASE_DATUM,
+        words = (
             f"{listed(unmarked)} have no mark of the perturbator: the phases of each count "
-            "from a datum of its own that nothing tells, so that a fit cannot take them together. Give it a mark.",
+            "from a datum of its own that nothing tells, so that a fit cannot take them together. Give it a mark."
         )
-    return Finding(
-        "note",
-        PHASE_DATUM,
+        return Finding("error", PHASE_DATUM, words)
+    words = (
         "the angle between weight and mark is not known; fit with "
-        'phase_offsets="common" (--phase-offsets common), one angle for all runs.',
+        'phase_offsets="common" (--phase-offsets common), one angle for all runs.'
     )
+    return Finding("note", PHASE_DATUM, words)
 
 
 def _reduced(
@@ -226,11 +224,8 @@ def _usable(record: Recording, report: Report) -> Recording:
         all_lost = f"{record.name}: all probes are dead, interrupted or clipped: {listed(lost)}. " if lost else ""
         raise ValueError(all_lost + first)
     if lost:
-        report(
-            Finding(
-                "warning", "probe-left-out", f"{record.name}: {', '.join(lost)} left out: dead, interrupted or clipped."
-            )
-        )
+        words = f"{record.name}: {', '.join(lost)} left out: dead, interrupted or clipped."
+        report(Finding("warning", "probe-left-out", words))
     return replace(record, rig=replace(record.rig, probes=kept))
 
 

@@ -133,34 +133,31 @@ def blow_findings(record: Recording, found: list[Blow]) -> Iterator[Finding]:
     """Blows that bounced, and those that went beyond the range of the force's channel or of a probe's."""
     cut = [blow for blow in found if blow.cut]
     if cut:
-        yield Finding(
-            "error",
-            "force-clipped",
+        words = (
             f"{record.name}: the force of the blow at {listed([f'{b.begin:.3f} s' for b in cut])} is cut off at "
             f"{listed([f'{significant(b.peak, 4)} N' for b in cut])}: its channel was overloaded, and responses come "
-            "out too large. Leave the blow out, or strike again with a wider input range.",
+            "out too large. Leave the blow out, or strike again with a wider input range."
         )
+        yield Finding("error", "force-clipped", words)
     bounce_time = 0.1  # time after a blow within which no one strikes on purpose, s: the hammer bounced
     again = [(first, second) for first, second in pairwise(found) if second.begin - first.end < bounce_time]
     if again:
         when = listed(
             [f"{a.begin:.3f} s and again {significant((b.begin - a.begin) * 1e3, 3)} ms later" for a, b in again]
         )
-        yield Finding(
-            "warning",
-            "double-hit",
+        words = (
             f"{record.name}: the hammer struck at {when}. The responses hold, for all of the force was measured, but "
-            "where both blows cancel they are worse by what the errors say. Strike again if these lines matter.",
+            "where both blows cancel they are worse by what the errors say. Strike again if these lines matter."
         )
+        yield Finding("warning", "double-hit", words)
     for channel, each in record.statistics.items():
         if not each.clipped and each.flat_low + each.flat_high > 0:  # it stays at an extreme even once
-            yield Finding(
-                "error",
-                "channel-clipped",
+            words = (
                 f"{record.name}, channel {channel} is clipped after a blow, at {significant(each.low, 4)} or "
                 f"{significant(each.high, 4)} "
-                f"{each.unit}: amplitudes there are too small. Set the input range wider, or leave the probe out.",
+                f"{each.unit}: amplitudes there are too small. Set the input range wider, or leave the probe out."
             )
+            yield Finding("error", "channel-clipped", words)
 
 
 _Blow: TypeAlias = tuple[float, Float, ComplexArray, complex]
