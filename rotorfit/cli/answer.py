@@ -90,7 +90,7 @@ def give(answer: Answer, options: argparse.Namespace) -> ExitCode:
     return ExitCode.DONE if answer.good else ExitCode.NOT_CONVERGED
 
 
-def write_results(found: Any, folder: Path, text: str, options: argparse.Namespace, *, table: str, figure: str) -> None:
+def write_results(found: Any, text: str, options: argparse.Namespace, table: str, figure: str, folder: Path) -> None:
     """Table, summary and figure of a result in a folder."""
     from rotorfit.io.tables.result_tables import frame_csv
     from rotorfit.plots.style import picture_of

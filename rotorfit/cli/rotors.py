@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,7 +44,7 @@ def plan(options: argparse.Namespace) -> Answer:
     def write(folder: Path) -> None:
         if found.test is not None:
             found.to_csv(folder / "plan.csv")
-        write_results(found, folder, str(found), options, table="lines", figure="plan")
+        write_results(found, str(found), options, "lines", "plan", folder)
 
     return Answer(text=str(found), write=write, plain=lambda: _plan_json(found), warned=found.notes)
 
@@ -105,12 +106,9 @@ def predict(options: argparse.Namespace) -> Answer:
     fit = load_fit(options.fit)
     found = _prediction(fit, options)
 
-    def write(folder: Path) -> None:
-        write_results(found, folder, str(found), options, table="prediction", figure="prediction")
-
     return Answer(
         text=str(found),
-        write=write,
+        write=partial(write_results, found, str(found), options, "prediction", "prediction"),
         plain=lambda: _prediction_json(found),
         warned=found.notes,
         said=[] if fit.success else [f"the fit did not converge: {fit.message}"],
@@ -214,12 +212,9 @@ def judge(options: argparse.Namespace) -> Answer:
     errors = errors_in(fit.findings)
     text = "\n".join([*(f"ERROR in the data, nothing below can be relied on: {words}" for words in errors), str(found)])
 
-    def write(folder: Path) -> None:
-        write_results(found, folder, text, options, table="stability", figure="stability")
-
     return Answer(
         text=text,
-        write=write,
+        write=partial(write_results, found, text, options, "stability", "stability"),
         plain=lambda: {"errors": list(errors), **_criteria_json(found)},
         warned=(*([found.caution] if found.caution else []), *found.notes),
         said=[f"error in the data: {words}" for words in errors],
