@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 from sentences import hear
 
 import rotorfit as rf
-from rotorfit.estimators.signals.ramp import find_beat, fit_ramp, ramp_response, steady_response
+from rotorfit.estimators.signals.ring_down import find_beat, fit_ramp, ramp_response, steady_response
 
 RPM = np.pi / 30
 

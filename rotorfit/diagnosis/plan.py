@@ -13,7 +13,7 @@ from rotorfit.data.weights import Influences, solved_together
 from rotorfit.diagnosis.orbits import SYNCHRONOUS_DISTANCE
 from rotorfit.diagnosis.readings import rows_of
 from rotorfit.estimators.blocks.row_keys import rows_by, words
-from rotorfit.estimators.signals.ramp import fit_ramp
+from rotorfit.estimators.signals.ring_down import fit_ramp
 from rotorfit.models.digits import significant
 from rotorfit.units import RPM_PER_RAD_S
 
