@@ -120,5 +120,7 @@ def _carry_out(task: Task, study: Study, sender: Connection) -> None:
     try:
         task(study, sender.send)
         sender.send(End())
+    except BrokenPipeError:
+        return  # the server has ended, and nobody waits any more
     except (ValueError, KeyError, OSError) as problem:
         sender.send(Refusal(words=sentence(problem)))
