@@ -110,7 +110,14 @@ class Balance(Printed):
             (_, high), (_, late) = self.interval(plane)
             reach, turn = high * 1e6 - size, float(np.degrees(late)) - angle
             reached = "" if plane in self.at_limit else _reach(reach)
-            row = [plane, significant(size, 4), reached, f"{angle % 360:.1f}", _angle(turn), f"{-angle % 360:.1f}"]
+            row = [
+                plane,
+                significant(size, 4),
+                reached,
+                f"{angle % 360:.1f}",
+                _reach(turn, 180.0),
+                f"{-angle % 360:.1f}",
+            ]
             rows.append([*row, "at its limit" if plane in self.at_limit else ""])
         return rows
 
@@ -124,14 +131,11 @@ class Balance(Printed):
         return rows
 
 
-def _reach(value: float) -> str:
-    return f"+- {significant(value, 2)}" if np.isfinite(value) else "+- ?"
-
-
-def _angle(degrees: float) -> str:
-    if not np.isfinite(degrees):
+def _reach(value: float, turn: float = np.inf) -> str:
+    """Half of an interval, which says nothing where it is as large as ``turn``."""
+    if not np.isfinite(value):
         return "+- ?"
-    return f"+- {significant(degrees, 2)}" if degrees < 180 else "any"
+    return f"+- {significant(value, 2)}" if value < turn else "any"
 
 
 def balance(
