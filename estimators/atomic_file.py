@@ -12,8 +12,6 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 
-_OLD_DRAFT = 24 * 3600.0
-"""Seconds after which a draft is no longer being written. Chosen."""
 _inputs: ContextVar[set[tuple[int, int]] | None] = ContextVar("inputs", default=None)
 """Device and inode of the files read, while these are protected."""
 
@@ -74,10 +72,11 @@ def end_of_name(name: str) -> str:
 
 def sweep(folder: Path, drafts: str) -> None:
     """Remove the drafts, of names that match an expression, that a kill left in a folder a day ago or earlier."""
+    old_draft = 24 * 3600.0  # seconds after which a draft is no longer being written. Chosen.
     for name in [entry.name for entry in os.scandir(folder) if re.fullmatch(drafts, entry.name)]:
         draft = folder / name
         with suppress(OSError):  # of another user, or swept by another process meanwhile
-            if time.time() - draft.lstat().st_mtime > _OLD_DRAFT:
+            if time.time() - draft.lstat().st_mtime > old_draft:
                 if draft.is_dir() and not draft.is_symlink():
                     shutil.rmtree(draft)
                 else:

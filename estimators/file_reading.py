@@ -24,16 +24,6 @@ import numpy as np
 from rotorfit.estimators.atomic_file import note_input
 from rotorfit.models.digits import significant
 
-_ALWAYS = 1 << 26
-"""Bytes that any file may unpack to."""
-_RATIO = 100
-"""Bytes that a byte of a larger file may unpack to; signals and tables are packed to a tenth or so."""
-_CELL = 32767
-"""Characters of a cell, as many as Excel allows."""
-_NESTING = 64
-"""Parts of a key of a TOML file."""
-_SCANNED = 1 << 28
-"""Bytes at the beginning of an HDF5 file in which its heaps of text are looked at."""
 _HEAP = b"GCOL\x01\0\0\0"
 """How a heap of an HDF5 file begins."""
 
@@ -51,7 +41,9 @@ def _factor() -> float:
 
 def allowed_bytes(size: int) -> int:
     """Bytes that a file, or text, of this many bytes may unpack to."""
-    return int(_factor() * max(_ALWAYS, _RATIO * size))
+    always_allowed = 1 << 26  # bytes that any file may unpack to
+    packing_ratio = 100  # bytes that a byte of a larger file may unpack to; signals are packed to a tenth or so
+    return int(_factor() * max(always_allowed, packing_ratio * size))
 
 
 def check_unpacked(name: str, declared: float, size: int) -> None:
@@ -81,8 +73,9 @@ def decompressed(name: str, packed: bytes | memoryview, size: int) -> bytes:
 def check_text(name: str, cells: Sequence[str]) -> None:
     """Refuse a column of text with a cell too long: an array takes the room of its longest cell for every row."""
     longest = max(map(len, set(cells)), default=0)
-    if longest > _factor() * _CELL:
-        raise ValueError(f"{name}: a cell of {longest} characters; up to {_factor() * _CELL:.0f} are allowed")
+    longest_cell = 32767  # characters of a cell, as many as Excel allows
+    if longest > _factor() * longest_cell:
+        raise ValueError(f"{name}: a cell of {longest} characters; up to {_factor() * longest_cell:.0f} are allowed")
     room = 4 * len(cells) * longest
     if room > allowed_bytes(0) and room > allowed_bytes(sum(map(len, cells))):
         raise ValueError(
@@ -93,8 +86,9 @@ def check_text(name: str, cells: Sequence[str]) -> None:
 
 def check_dots(name: str, text: str) -> None:
     """Refuse a TOML file with keys of very many parts, whose reading takes their square of memory."""
-    if any(piece.count(".") > _factor() * _NESTING for piece in re.split(r"[=,{}\[\]\n]", text)):
-        raise ValueError(f"{name}: a key of more than {_factor() * _NESTING:.0f} parts")
+    most_parts = 64  # parts of a key of a TOML file
+    if any(piece.count(".") > _factor() * most_parts for piece in re.split(r"[=,{}\[\]\n]", text)):
+        raise ValueError(f"{name}: a key of more than {_factor() * most_parts:.0f} parts")
 
 
 def check_archive(path: Path) -> None:
@@ -164,11 +158,12 @@ def check_hdf5(path: Path) -> None:
 
 def _check_heaps(path: Path) -> None:
     """Refuse a free piece of no length, over which the library would loop."""
+    scanned = 1 << 28  # bytes at the beginning of an HDF5 file in which its heaps of text are looked at
     with path.open("rb") as stream:
         if not path.stat().st_size:
             return
         with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            at = content.find(_HEAP, 0, _SCANNED)
+            at = content.find(_HEAP, 0, scanned)
             while at >= 0:
                 (size,) = struct.unpack_from("<Q", content[at : at + 16].ljust(16, b"\0"), 8)
                 piece, end = at + 16, min(at + size, len(content))
@@ -178,16 +173,12 @@ def _check_heaps(path: Path) -> None:
                     if step < 1 or piece + step > end:
                         raise ValueError(f"{path.name} is not a readable HDF5 file: a heap of its text is damaged")
                     piece += step
-                at = content.find(_HEAP, at + 1, _SCANNED)
+                at = content.find(_HEAP, at + 1, scanned)
 
 
 # ---- MAT ---------------------------------------------------------------------------------------
 
 _DIMENSIONS, _MATRIX, _COMPRESSED = (5, 6), 14, 15  # SciPy takes dimensions with and without a sign
-_POINTER = 16
-"""Bytes of memory that an element of an array takes at most before its content is read."""
-_WIDTHS = (8, 4, 4, 2, 2, 1)
-"""Bytes of a number of version 4, by its type."""
 
 
 def check_mat(path: Path) -> None:
@@ -197,12 +188,13 @@ def check_mat(path: Path) -> None:
     with path.open("rb") as stream:
         major, _ = matfile_version(stream)
     content = np.memmap(path, dtype=np.uint8, mode="r").data
+    widths = (8, 4, 4, 2, 2, 1)  # bytes of a number of version 4, by its type
     if major == 0:
         order = "<" if 0 <= struct.unpack_from("<i", content)[0] < 5000 else ">"
         at = 0
         while at + 20 <= len(content):
             kind, rows, columns, is_complex, letters = struct.unpack_from(f"{order}5i", content, at)
-            length = rows * columns * _WIDTHS[min(kind // 10 % 10, 5)] * (2 if is_complex else 1)
+            length = rows * columns * widths[min(kind // 10 % 10, 5)] * (2 if is_complex else 1)
             at += 20 + letters + length
             if min(rows, columns, letters) < 0 or at > len(content):
                 raise ValueError(f"{path.name} is not a readable MAT file: a variable is longer than the file")
@@ -214,6 +206,7 @@ def check_mat(path: Path) -> None:
 def _check_elements(name: str, content: memoryview, order: str, size: int, *, inside: bool) -> None:
     """Elements one after the other, of a file of version 5 or inside one of its arrays."""
     at = number = 0
+    pointer = 16  # bytes of memory that an element of an array takes at most before its content is read
     while at + 8 <= len(content):
         kind, length = struct.unpack_from(f"{order}II", content, at)
         short = kind >> 16
@@ -230,7 +223,7 @@ def _check_elements(name: str, content: memoryview, order: str, size: int, *, in
             if len(part) < 8:  # SciPy ends the process over text without dimensions
                 raise ValueError(f"{name} is not a readable MAT file: a variable has fewer than two dimensions")
             shape = struct.unpack_from(f"{order}{len(part) // 4}i", part)
-            check_unpacked(name, abs(float(np.prod(shape, dtype=float))) * _POINTER, size + len(content))
+            check_unpacked(name, abs(float(np.prod(shape, dtype=float))) * pointer, size + len(content))
         number += 1
 
 

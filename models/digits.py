@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import math
 
-_LARGEST_END_RATIO = 100.0  # ratio of an interval's ends
-
 
 def with_error(value: float, error: float) -> tuple[str, str]:
     """Value and error, both to the second significant digit of the error."""
@@ -81,7 +79,8 @@ def interval(low: float, high: float) -> str:
     width = (high - low) / 4
     if not width > 0 or math.isinf(width):
         return f"[{significant(low, 6)}, {significant(high, 6)}]"
-    if low * high > 0 and max(low / high, high / low) > _LARGEST_END_RATIO:
+    largest_end_ratio = 100.0  # ratio of an interval's ends
+    if low * high > 0 and max(low / high, high / low) > largest_end_ratio:
         return f"[{significant(low, 2)}, {significant(high, 2)}]"
     exponent = _exponent(max(abs(low), abs(high)))
     tail, scale = (f"e{exponent}", 10.0**exponent) if exponent else ("", 1.0)

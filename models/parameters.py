@@ -55,13 +55,10 @@ def bare_name(name: str) -> str:
     return name.partition("[")[0]
 
 
-_LONGEST = 80
-"""Characters of an unknown name that are compared and shown."""
-
-
 def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> str:
     """Sentence for an error: the unknown name, the nearest known one, and all that is allowed."""
-    allowed, name = list(allowed), name[:_LONGEST]
+    longest = 80  # characters of an unknown name that are compared and shown
+    allowed, name = list(allowed), name[:longest]
     near = difflib.get_close_matches(name, allowed, n=1, cutoff=0.5)
     if not near:
         near = [other for other in allowed if other.lower() == name.lower()]

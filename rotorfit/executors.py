@@ -21,14 +21,6 @@ T = TypeVar("T")
 PATIENCE = 300.0
 """Seconds without any result after which workers count as lost: a cluster scaled to zero, a scheduler that is gone.
 Well above what the longest piece of work takes. Chosen."""
-_ATTEMPTS = 3
-"""Times that an item is sent before it is worked on here. Chosen."""
-_IN_FLIGHT = 256
-"""Items that are sent and not answered at a time, so that no machine holds all of them. Chosen."""
-_LOOK = 5.0
-"""Seconds between looks at a cluster that does not answer. Chosen."""
-_CONNECTING = 15.0
-"""Seconds that a scheduler may take to answer. Chosen."""
 
 
 class Kept(Protocol):
@@ -57,7 +49,8 @@ def carry_out(
     results: dict[int, T] = {}
     left = list(range(len(items)))
     sent = _Sent(work, items, results, done, patience)
-    for _ in range(0 if executor is None else _ATTEMPTS):
+    attempts = 3  # times that an item is sent before it is worked on here. Chosen.
+    for _ in range(0 if executor is None else attempts):
         left = sent.round(left, executor)  # type: ignore[arg-type]
         if not left or sent.stalled:
             break
@@ -89,10 +82,11 @@ class _Sent:
         waiting: dict[Future[Any], int] = {}
         lost: list[int] = []
         left = iter(numbers)
+        in_flight = 256  # items that are sent and not answered at a time, so that no machine holds all of them. Chosen.
         while not self.stalled:
             for number in left:
                 self._send(number, executor, waiting, lost)
-                if len(waiting) >= _IN_FLIGHT:
+                if len(waiting) >= in_flight:
                     break
             if not waiting:
                 break
@@ -107,8 +101,9 @@ class _Sent:
     def _answered(self, waiting: Mapping[Future[Any], int], executor: Executor) -> set[Future[Any]]:
         """What has come to an end, nothing where no answer is to be expected any more."""
         end = time.monotonic() + self.patience
+        between_looks = 5.0  # seconds between looks at a cluster that does not answer. Chosen.
         while not _is_closed(executor) and (left := end - time.monotonic()) > 0:
-            finished = wait(waiting, timeout=min(left, _LOOK), return_when=FIRST_COMPLETED).done
+            finished = wait(waiting, timeout=min(left, between_looks), return_when=FIRST_COMPLETED).done
             if finished:
                 return finished
         closed = _is_closed(executor)
@@ -193,8 +188,9 @@ def cluster(address: str) -> Iterator[Executor | None]:
         with LocalCluster(n_workers=int(rest), threads_per_worker=1, **quiet) as workers, Client(workers) as client:
             yield executor_of(None, client)
         return
+    time_to_connect = 15.0  # seconds that a scheduler may take to answer. Chosen.
     try:
-        found = Client(address, timeout=_CONNECTING)
+        found = Client(address, timeout=time_to_connect)
     except OSError as problem:
         raise OSError(f"no Dask scheduler answers at {address}: {problem}") from problem
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what is lost is said where it is done again

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from rotorfit.models.array_types import Index
 
-_MOST = int(np.iinfo(np.intp).max) // 2
-
 
 def numbers(column: NDArray[Any]) -> Index:
     """Number of each entry among the distinct ones: of numbers in ascending order, of others in the order of the rows.
@@ -138,9 +136,10 @@ def combined(*columns: Index) -> Index:
     """One number for each row that is equal where all columns are."""
     key: Index = np.zeros(columns[0].shape, dtype=np.intp)
     width = 1
+    most = int(np.iinfo(np.intp).max) // 2
     for column in columns:
         own = int(column.max()) + 1 if column.size else 1
-        if width * own >= _MOST:  # too many digits: number what there is so far
+        if width * own >= most:  # too many digits: number what there is so far
             key = _ranks(key)
             width = int(key.max(initial=0)) + 1
         if own > 1:

@@ -9,12 +9,6 @@ from rotorfit.models.array_types import Bool, Float, Index
 SPEED_TOLERANCE = 0.005
 """Speeds closer than this fraction are one constant speed that jitters; see :func:`set_speeds`."""
 
-_SYNCHRONOUS_TOLERANCE = 1e-4
-"""A reading is 1x when its frequency equals its speed to this fraction of the speed."""
-
-_WANDER_TOLERANCES = 10
-"""Tolerances that the speed of one run may wander over: 5 %, more than a drive without a governor slips under load."""
-
 
 def set_speeds(speed: Float, frequency: Float, run: Index, tolerance: float = SPEED_TOLERANCE) -> Float:
     """The constant speed that each logged one belongs to, a mean, rad/s. Sorted speeds of a run without a gap of more
@@ -36,7 +30,8 @@ def set_speeds(speed: Float, frequency: Float, run: Index, tolerance: float = SP
 
 def once_per_turn(frequency: Float, speed: Float) -> Bool:
     """Readings at once-per-turn frequency."""
-    return np.abs(frequency - speed) <= _SYNCHRONOUS_TOLERANCE * np.abs(speed)
+    synchronous_tolerance = 1e-4  # A reading is 1x when its frequency equals its speed to this fraction of the speed
+    return np.abs(frequency - speed) <= synchronous_tolerance * np.abs(speed)
 
 
 def _of_runs(speed: Float, run: Index, tolerance: float) -> Float:
@@ -49,7 +44,9 @@ def _of_runs(speed: Float, run: Index, tolerance: float) -> Float:
     size = np.diff(np.r_[begin, speed.size])
     low, high = ordered[begin], ordered[begin + size - 1]
     mean = low + np.add.reduceat(ordered - np.repeat(low, size), begin) / size  # of equal speeds to the last digit
-    steady = np.repeat(high - low <= _WANDER_TOLERANCES * tolerance * np.abs(high), size)
+    # Tolerances that the speed of one run may wander over: 5 %, more than a drive without a governor slips under load
+    wander_tolerances = 10
+    steady = np.repeat(high - low <= wander_tolerances * tolerance * np.abs(high), size)
     found = np.empty_like(speed)
     found[order] = np.where(steady, np.repeat(mean, size), ordered)
     return found

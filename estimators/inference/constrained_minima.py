@@ -20,11 +20,6 @@ ValueAndGradient = Callable[[Float], tuple[float, Float]]
 """Value of a quantity and its gradient, shape ``(p,)``, at a fitted vector."""
 
 _OPTIONS = Options(max_iterations=60, hessian="gauss-newton")
-_COST_TOLERANCE = 1e-9
-"""Error of the cost that the quadratic model of a last step may have.
-
-It misses the share of the step's square, in standard errors, by which Gauss-Newton steps contract.
-"""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -166,6 +161,9 @@ def _full_steps(
     cost, slope, found = np.full(len(x), np.inf), np.zeros_like(x), np.zeros(len(x), dtype=bool)
     active, before, slowest = np.arange(len(x)), np.full(len(x), np.inf), np.zeros(len(x))
     step_tolerance = 1e-16  # squared step that remains, in standard errors, against chi-squared
+    # Error of the cost that the quadratic model of a last step may have. It misses the share of the step's square, in
+    # standard errors, by which Gauss-Newton steps contract.
+    cost_tolerance = 1e-9
     for _ in range(15):
         here = x[active]
         value, gradient, matrix = normal(here)
@@ -175,7 +173,7 @@ def _full_steps(
         slowest[active] = np.where(good, np.maximum(slowest[active], size / before[active]), slowest[active])
         end = here + way
         inside = np.asarray(((end >= lower[active]) & (end <= upper[active])).all(axis=1))
-        last = good & (size <= np.maximum(_COST_TOLERANCE / contraction[active], step_tolerance * value))
+        last = good & (size <= np.maximum(cost_tolerance / contraction[active], step_tolerance * value))
         ended = active[last]
         found[ended], slope[ended] = True, along[last]
         x[ended] = np.where(inside[last, None], end[last], here[last])

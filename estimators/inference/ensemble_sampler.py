@@ -22,8 +22,6 @@ RESOLVED_TIMES = 100.0
 """Length of a chain, in autocorrelation times, from which that time is trusted: twice emcee's rule, so that split
 R-hat, which exceeds one by the autocorrelation time over the length, comes down to 1.01."""
 
-_SPREAD_OF_MEANS = 4.0  # spread of 32 means over its expectation, beyond all chance (chi-squared over 31: p < 1e-12)
-
 
 @dataclass(frozen=True, kw_only=True)
 class SamplerProgress:
@@ -193,6 +191,7 @@ def _tau(chain: Float) -> Float:
     still = np.ptp(chain, axis=0).max(axis=0) == 0
     tau = np.full(chain.shape[2], np.inf)
     timed_walkers = 16  # of them enough to estimate the autocorrelation time from
+    spread_of_means = 4.0  # spread of 32 means over its expectation, beyond all chance (chi-squared over 31: p < 1e-12)
     if (~still).any():
         # Centred and scaled, so that products keep their digits.
         moving = chain[:, :, ~still]
@@ -201,7 +200,7 @@ def _tau(chain: Float) -> Float:
         with np.errstate(invalid="ignore"):  # a walker that never moves: NaN here, infinite below
             inner = emcee.autocorr.integrated_time(timed, tol=0, has_walkers=True)
         between = chain.shape[0] * moving.mean(axis=0).var(axis=0, ddof=1)
-        tau[~still] = np.where(between > _SPREAD_OF_MEANS * np.maximum(inner, 1.0), between, inner)
+        tau[~still] = np.where(between > spread_of_means * np.maximum(inner, 1.0), between, inner)
     return np.where(np.isfinite(tau), np.maximum(tau, 1.0), np.inf)
 
 

@@ -17,12 +17,8 @@ from rotorfit.models.digits import significant
 
 UNRESOLVED_ERROR = 1.0
 """A direction is unresolved when its standard error exceeds this multiple of the parameters' own size."""
-_UNSEEN_SHARE = 1e-6  # share in an unseen direction that is more than round-off
 UNSEEN_CHANGE = 1e-4
 """Relative change of a result, by parameters' own sizes that no datum notices, from which it is left open."""
-_TOLERATED_ERROR_RATIO = 2.0  # factor by which the error bar along a valley may be too short
-_LARGEST_CHANGE = 0.5  # change along a valley, over its value, from which a parameter has none of its own
-_NAMED_SHARE = 0.02  # entries of an unresolved direction below this fraction of the largest are not named
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,8 +129,9 @@ def diagnose(
     determined = bool(np.isfinite(stderr).all()) and stderr.min() > 0
     errors, basis = stderr[open_], directions[:, open_]
     combinations = []
+    named_share = 0.02  # entries of an unresolved direction below this fraction of the largest are not named
     for vector in _sparse_basis(basis).T:
-        chosen = np.flatnonzero(np.abs(vector) > _NAMED_SHARE * np.abs(vector).max()).tolist()
+        chosen = np.flatnonzero(np.abs(vector) > named_share * np.abs(vector).max()).tolist()
         along = basis.T @ vector
         blind = (np.isinf(errors) & (np.abs(along) > 1e-9)).any()
         error = np.inf if blind else float(np.linalg.norm(along * np.minimum(errors, 1e100)))
@@ -150,7 +147,8 @@ def diagnose(
         )
     # Entries that a direction without any information moves, or that the weak ones leave too wide an error.
     none, weak = np.isinf(stderr), open_ & np.isfinite(stderr)
-    moved = np.abs(directions[:, none]).max(axis=1, initial=0.0) > _UNSEEN_SHARE
+    unseen_share = 1e-6  # share in an unseen direction that is more than round-off
+    moved = np.abs(directions[:, none]).max(axis=1, initial=0.0) > unseen_share
     wide = np.linalg.norm(directions[:, weak] * stderr[weak], axis=1) > 0.5 * UNRESOLVED_ERROR
     return covar, Identifiability(
         rank=int(np.sum(~open_)),
@@ -260,8 +258,10 @@ def _open_along(
     """The combination that is open along a valley, its first entry in front, None where that is no longer than said."""
     entry, names = valley[0], problem.space.names
     lower, upper = box(problem)
-    reach = _TOLERATED_ERROR_RATIO * OPEN_ERRORS * float(np.sqrt(max(variance, 0.0)))
+    tolerated_error_ratio = 2.0  # factor by which the error bar along a valley may be too short
+    reach = tolerated_error_ratio * OPEN_ERRORS * float(np.sqrt(max(variance, 0.0)))
     cost, held = problem.cost(x), EntryConstraint(problem, np.where(x == 0, 1.0, np.abs(x)))
+    largest_change = 0.5  # change along a valley, over its value, from which a parameter has none of its own
     for end in (float(x[entry]) + reach, float(x[entry]) - reach):
         if not max(0.0, lower[entry]) < end < upper[entry]:
             continue
@@ -271,7 +271,7 @@ def _open_along(
         rise = 2 * (there - cost)
         if rise >= OPEN_ERRORS**2:
             continue
-        chosen = [i for i in valley if abs(found[i] - x[i]) > _LARGEST_CHANGE * abs(x[i])]
+        chosen = [i for i in valley if abs(found[i] - x[i]) > largest_change * abs(x[i])]
         moved, own = ((found - x) / scales)[chosen], [names[i] for i in chosen]
         length, unit = float(np.linalg.norm(moved)), problem.space.model.parameter(problem.space.base[entry]).unit
         together = f"{', '.join(own)} only as ratios" if len(own) > 1 else f"{names[entry]} is open"

@@ -21,7 +21,6 @@ from rotorfit.models.digits import significant
 
 GAP = 0.01
 """Excess of the largest phi over the mean of measured lines at which a search ends: variances are the least to 1 %."""
-_MOST_STEPS = 2000  # the gap falls with the number of steps; a rig takes some tens to hundreds
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -117,12 +116,13 @@ def optimal_shares(lines: Lines, even: float) -> Shares:
     count = lines.count
     free = np.full(count, 1.0 / count)
     step = 0
+    most_steps = 2000  # the gap falls with the number of steps; a rig takes some tens to hundreds
     while True:
         share = even / count + (1 - even) * free
         phi = lines.phi(count * share) * count
         inside = float(free @ phi)
         gap = float(phi.max()) - inside
-        if gap <= GAP or even == 1 or step == _MOST_STEPS:
+        if gap <= GAP or even == 1 or step == most_steps:
             break
         free = free * np.sqrt(phi / inside)
         free /= free.sum()

@@ -16,8 +16,6 @@ import numpy as np
 from rotorfit.estimators.inference.constrained_minima import Constraint, Minima
 from rotorfit.models.array_types import Float
 
-_END_TOLERANCE = 1e-9  # relative error of the ends, in half-widths
-
 
 @dataclass(frozen=True, kw_only=True)
 class End:
@@ -190,15 +188,16 @@ def _solve(
     as no minimum is found beyond, it is the last place before that."""
     (u, f), (v, g), kept = a, b, 0
     short = f  # root minus goal at u, which f is not where it was halved
+    end_tolerance = 1e-9  # relative error of the ends, in half-widths
     for _ in range(steps):
         if g == 0:
             return v, g, True
         # halved where nothing fits on the far side
         w = v - g * (v - u) / (g - f) if math.isfinite(g) else (u + v) / 2
         h = _root((yield centre + side * w)) - goal
-        if abs(h) <= _END_TOLERANCE * goal:
+        if abs(h) <= end_tolerance * goal:
             return w, h, True
-        if abs(v - u) <= _END_TOLERANCE * abs(v):
+        if abs(v - u) <= end_tolerance * abs(v):
             return (w, h, True) if math.isfinite(g) else (u, short, False)
         if (h < 0) == (f < 0):
             u, f, short, g, kept = w, h, h, (g / 2 if kept < 0 and math.isfinite(g) else g), -1

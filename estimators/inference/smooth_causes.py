@@ -62,7 +62,6 @@ MEANINGS = {
 }
 """Quantity that the size of a cause refers to, and its unit."""
 
-_SHOWN_PLACE = 0.1  # eccentricity by a static load whose effect is taken for that of its square
 
 _AT_PROBES = ((Kind.PROBE, 1), (Kind.DELAY, 1), (Kind.SUPPORT, 2), (Kind.PAIR, 1))
 """Causes at planes that are read, and their columns."""
@@ -223,8 +222,9 @@ def onset_terms(cause: Cause, whirl: float) -> list[LeftOut]:
 def _changes(block: Block, theta: Float, parts: Sequence[Part]) -> ComplexArray:
     """Change of the predictions of a block by a unit of each part, shape ``(parts, R)``."""
     base = _base(block)
+    shown_place = 0.1  # eccentricity by a static load whose effect is taken for that of its square
     if isinstance(block, OrbitResponses) and all(part.kind is Kind.LOAD for part in parts):
-        loads = [_SHOWN_PLACE * part.reach for part in parts]
+        loads = [shown_place * part.reach for part in parts]
         return np.array([load_change(block, theta, load) / load**2 for load in loads])
     if base is None:
         return np.zeros((len(parts), block.measured.size), dtype=complex)

@@ -15,15 +15,8 @@ import numpy as np
 from rotorfit.estimators.noise.sweep_noise import SMOOTH_CORRELATION
 from rotorfit.models.array_types import COLLINEAR, ComplexArray, Float, Index
 
-_LIKELIHOOD_OF_ALTERNATIVES = 1.5
-"""Log likelihood below that of the best kind within which another is possible: its weight is a fifth, exp(-1.5)."""
-
 FEWEST_RUNS = 3
 """Runs among which one may be the odd one: of two runs either may."""
-_MISFIT_FALLS = 3.0
-"""Times by which the misfit must fall without the odd run: far beyond the scatter of redchi."""
-_MISFIT_FALLS_WITHOUT_ANOTHER = 1.5
-"""Times by which it may fall without any other."""
 
 LEAST_RESIDUAL_SHARE = 0.02
 """Least 1 - leverage: a reading that alone determines something has no residual to judge by."""
@@ -216,7 +209,9 @@ def shared_variances(model: MixedModel) -> Float:
     parts = [model.part([kind]) for kind in range(model.gram.shape[1])]
     alone = [_one(part, np.zeros(1), 0) for part in parts]
     gain = np.array([p.log_likelihood(v) if v[0] > 0 else -np.inf for p, v in zip(parts, alone, strict=True)])
-    weight = np.where(gain.max() - gain < _LIKELIHOOD_OF_ALTERNATIVES, np.exp(gain - gain.max()), 0.0)
+    # Log likelihood below that of the best kind within which another is possible: its weight is a fifth, exp(-1.5)
+    likelihood_of_alternatives = 1.5
+    weight = np.where(gain.max() - gain < likelihood_of_alternatives, np.exp(gain - gain.max()), 0.0)
     return np.asarray(np.concatenate(alone) * weight / weight.sum())
 
 
@@ -307,7 +302,9 @@ def odd_run(
     now = float(np.vdot(r, r).real) / max(2 * r.size - prior.size, 1)
     left = misfit_without(r, J, prior, runs)
     first, second = np.argsort(left)[:2].tolist()
-    if left[first] * _MISFIT_FALLS > now or left[second] * _MISFIT_FALLS_WITHOUT_ANOTHER < now:
+    misfit_falls = 3.0  # times by which the misfit must fall without the odd run: far beyond the scatter of redchi
+    misfit_falls_without_another = 1.5  # times by which it may fall without any other
+    if left[first] * misfit_falls > now or left[second] * misfit_falls_without_another < now:
         return None
     # An error of a whole run leaves residuals that follow one another; one that jitters more than others is but noisy.
     own = [sweep for sweep in sweeps if np.isin(sweep[0], runs[first])]

@@ -34,14 +34,6 @@ READINGS_OF_NOISE = 0.39
 """Readings behind an estimate of their noise, a share of them: windows of 13 lines leave 8 to it, and the median of
 windows has 2/pi of the efficiency of their mean."""
 
-_SPREAD_OF_PROPORTIONAL = 0.8
-"""Spread of the logarithm of proportional noise over that of constant noise below which it is preferred; else the
-amplitude hardly varies."""
-_MEAN_OVER_MEDIAN = 2.0
-"""Mean over median-based power from which there are outliers: noise alone exceeds it in 30 samples once in 1000."""
-_REPEATS_OVER_SMOOTHNESS = 2.5
-"""Times the noise of each sweep by itself up to which the differences of repeats are noise."""
-
 
 def estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool, condition: Index | None = None) -> Float:
     """Standard deviation of either part of each reading, ``(R,)``: from repeated sweeps, else the wrong direction, else
@@ -133,6 +125,8 @@ def _repeated(block: Responses, w: Float, condition: Sequence[Float | Index]) ->
         upward = int(np.sign(np.sum(np.sign(np.diff(np.abs(w[rows]))))))
         rows = rows[np.argsort(number[rows], kind="stable")]
         sweeps.setdefault((upward, *number[rows].tolist()), []).append(rows)
+    # Times the noise of each sweep by itself up to which the differences of repeats are noise
+    repeats_over_smoothness = 2.5
     for repeated in sweeps.values():
         if len(repeated) < 2:
             continue
@@ -147,7 +141,7 @@ def _repeated(block: Responses, w: Float, condition: Sequence[Float | Index]) ->
         pairs = zip(deviations, ordered, strict=True)
         levels = np.array([noise_from_samples(deviation, block.measured[rows]) for deviation, rows in pairs])
         own = np.sqrt(np.mean(levels**2, axis=0))
-        if float(np.median(own)) <= _REPEATS_OVER_SMOOTHNESS * max(alone) and not any(map(_is_smooth, deviations)):
+        if float(np.median(own)) <= repeats_over_smoothness * max(alone) and not any(map(_is_smooth, deviations)):
             yield from ((rows, own) for rows in ordered)
 
 
@@ -175,7 +169,10 @@ def noise_from_samples(noise: ComplexArray, amplitude: ComplexArray, sizes: Sequ
     # weigh the same in both.
     safe = np.maximum(np.abs(noise), floor)
     ends = np.cumsum(sizes or [size.size])
-    if _spread_within(np.log(safe / size), ends) < _SPREAD_OF_PROPORTIONAL * _spread_within(np.log(safe), ends):
+    # Spread of the logarithm of proportional noise over that of constant noise below which it is preferred; else the
+    # amplitude hardly varies
+    spread_of_proportional = 0.8
+    if _spread_within(np.log(safe / size), ends) < spread_of_proportional * _spread_within(np.log(safe), ends):
         return np.asarray(np.maximum(_level(noise / size) * size, floor))
     return found
 
@@ -194,7 +191,9 @@ def _level(noise: ComplexArray) -> float:
     if power.size < fewest:
         return float(np.sqrt(mean))
     median = float(np.median(power)) / (2 * np.log(2))
-    return float(np.sqrt(median if mean > _MEAN_OVER_MEDIAN * median else mean))
+    # Mean over median-based power from which there are outliers: noise alone exceeds it in 30 samples once in 1000
+    mean_over_median = 2.0
+    return float(np.sqrt(median if mean > mean_over_median * median else mean))
 
 
 def noise_from_smoothness(frequency: Float, response: ComplexArray) -> float:

@@ -20,36 +20,16 @@ _MISSING_EDGE_PRICE = 0.1
 """Price of a doubled interval, and of each further doubling. To count it once costs twice the logarithm of 2."""
 _TURNS = np.arange(1.0, 5.0)
 """Turns that an interval may be of, besides those that the speed before it gives."""
-_LARGEST_CHANGE_OF_INTERVAL = 0.15
-"""Change of the logarithm of an interval from the last below which the two are of the same number of turns. Chosen."""
 EVEN_INTERVALS = 6
 """Such intervals in a row at which the count is certain. Chosen."""
-_SHORT_INTERVAL = 0.6
-"""Interval, in expected ones, below which one of its two edges is one too many."""
-_LARGEST_CHANGE_OF_TURN = 0.2
-"""Change of a turn against its neighbours that neither a shaft's speed makes within two turns nor the spacing of teeth,
-but an edge too many or too few among three, which changes it by a third."""
-_EDGES_BESIDE = 2 * (EVEN_INTERVALS + 2)
-"""Edges on either side of an odd one among which the steadiest count is looked for: two stretches that are beyond
-doubt, and an edge more beside each."""
 _MARGIN = 1
 """Pulses next to a stretch that are judged with it: one of them may be the edge too many."""
 _DEGREES = (3, 5)
 """Degrees of the polynomials that must agree: that of a smooth change of speed, and one with more freedom."""
 _SIDE = max(_DEGREES)
 """Pulses on either side: as many as tell both polynomials, the turns in between and the scatter."""
-_LARGEST_DOUBT = 0.25
-"""Doubt of a place, turns, up to which turns are counted: at half a turn two numbers are as likely."""
-_HARMLESS = 0.02
-"""Distance of a pulse from its place, turns, that does no harm."""
-_SCATTERS = 5.0
-"""Distance of a pulse from its place over its standard error, beyond which an edge is none."""
 CHATTER = 0.2
 """Share of a turn within which an edge is the second one of the same mark: one that chatters does so after its edge."""
-_LONGEST = 3 * _SIDE
-"""Turns across which pulses on either side tell those in between: an uneven speed shows within as many on each."""
-_MOST_DOUBTFUL = 10_000
-"""Turns in doubt that are counted so, half a millisecond each; a wheel with a gap has one every turn."""
 
 
 _Stretch = tuple[int, int]
@@ -103,7 +83,10 @@ def uneven_turns(times: Float, turns: Index) -> Float:
 
 def _uneven(times: Float, turns: Index) -> Bool:
     period = np.diff(times) / turns
-    return np.asarray(np.abs(period / _expected(period) - 1) > _LARGEST_CHANGE_OF_TURN)
+    # Change of a turn against its neighbours that neither a shaft's speed makes within two turns nor the spacing of
+    # teeth, but an edge too many or too few among three, which changes it by a third
+    largest_change_of_turn = 0.2
+    return np.asarray(np.abs(period / _expected(period) - 1) > largest_change_of_turn)
 
 
 def _by_neighbours(times: Float) -> tuple[Index, Index]:
@@ -123,13 +106,16 @@ def _settled(times: Float, kept: Index, turns: Index) -> tuple[Index, Index]:
     """The count with every disputed stretch of edges taken as its speed changes least."""
     extra = np.setdiff1d(np.arange(times.size), kept)
     odd = np.union1d(extra, np.searchsorted(times, uneven_turns(times[kept], turns)))
-    stretches = np.split(odd, np.flatnonzero(np.diff(odd) > 2 * _EDGES_BESIDE) + 1) if odd.size else []
+    # Edges on either side of an odd one among which the steadiest count is looked for: two stretches that are beyond
+    # doubt, and an edge more beside each
+    edges_beside = 2 * (EVEN_INTERVALS + 2)
+    stretches = np.split(odd, np.flatnonzero(np.diff(odd) > 2 * edges_beside) + 1) if odd.size else []
     most_edges = 100_000  # edges for which it is looked for at most, a quarter of a millisecond each
-    if sum(int(np.ptp(stretch)) + 2 * _EDGES_BESIDE for stretch in stretches) > most_edges:
+    if sum(int(np.ptp(stretch)) + 2 * edges_beside for stretch in stretches) > most_edges:
         return kept, turns
     for stretch in stretches[::-1]:  # the last first: places of pulses before it stay as they are
-        first = max(int(np.searchsorted(kept, stretch[0] - _EDGES_BESIDE)), 0)
-        last = min(int(np.searchsorted(kept, stretch[-1] + _EDGES_BESIDE)), kept.size - 1)
+        first = max(int(np.searchsorted(kept, stretch[0] - edges_beside)), 0)
+        last = min(int(np.searchsorted(kept, stretch[-1] + edges_beside)), kept.size - 1)
         edges = slice(kept[first], kept[last] + 1)
         own, counted = steadier(times[edges], kept[first : last + 1] - kept[first], turns[first:last])
         kept = np.concatenate([kept[:first], own + kept[first], kept[last + 1 :]])
@@ -179,12 +165,13 @@ def _continued(intervals: Float) -> Float:
 def _without_extra(times: Float) -> Float:
     """Edges without those that split a turn: of two too close, the one whose removal leaves the more even intervals."""
     kept = times
+    short_interval = 0.6  # interval, in expected ones, below which one of its two edges is one too many
     for _ in range(20):
         intervals = np.diff(kept)
         if intervals.size < 4:
             break
         turn = percentile_filter(intervals, 70, 7, mode="mirror")
-        short = np.flatnonzero(intervals < _SHORT_INTERVAL * turn)
+        short = np.flatnonzero(intervals < short_interval * turn)
         if not short.size:
             break
         bounce = short[intervals[short] < CHATTER * turn[short]]
@@ -230,7 +217,9 @@ class _Ways:
 def steadier(times: Float, kept: Index, turns: Index) -> tuple[Index, Index]:
     """A count of pulses, or the one on which the speed changes less; ends at which the shaft starts or stops stay."""
     intervals = np.diff(times)
-    alike = np.abs(np.log(intervals[1:] / intervals[:-1])) < _LARGEST_CHANGE_OF_INTERVAL
+    # Change of the logarithm of an interval from the last below which the two are of the same number of turns. Chosen.
+    largest_change_of_interval = 0.15
+    alike = np.abs(np.log(intervals[1:] / intervals[:-1])) < largest_change_of_interval
     clean = np.flatnonzero(np.convolve(alike, np.ones(EVEN_INTERVALS), mode="valid") == EVEN_INTERVALS)
     if not clean.size:
         return kept, turns
@@ -298,7 +287,9 @@ def bridged(times: Float, kept: Index, turns: Index, uneven: Bool) -> tuple[Inde
     """The count with short stretches in doubt taken as the turns on either side say. Each stretch is taken for itself,
     then those that are left together with their neighbours."""
     doubtful = np.flatnonzero((turns > 1) | (np.diff(kept) > 1) | uneven)
-    if not 0 < doubtful.size <= _MOST_DOUBTFUL:
+    # Turns in doubt that are counted so, half a millisecond each; a wheel with a gap has one every turn
+    most_doubtful = 10_000
+    if not 0 < doubtful.size <= most_doubtful:
         return kept, turns, []
     stretches = [(int(kept[i]), int(kept[i + 1])) for i in doubtful.tolist()]
     for clean in (2 * _MARGIN, _SIDE + 2 * _MARGIN):
@@ -352,7 +343,11 @@ def _between(times: Float, sides: Index, count: Float) -> tuple[Index, Index] | 
     behind = np.repeat([0.0, 1.0], _SIDE)
     across = [np.linalg.lstsq(np.c_[np.vander(at, n + 1), -behind], count, rcond=None)[0][-1] for n in _DEGREES]
     whole = int(np.rint(across[-1]))
-    if not 1 <= whole <= _LONGEST or np.abs(np.array(across) - whole).max() > _LARGEST_DOUBT:
+    # Doubt of a place, turns, up to which turns are counted: at half a turn two numbers are as likely
+    largest_doubt = 0.25
+    # Turns across which pulses on either side tell those in between: an uneven speed shows within as many on each
+    longest = 3 * _SIDE
+    if not 1 <= whole <= longest or np.abs(np.array(across) - whole).max() > largest_doubt:
         return None
     count = count + whole * behind
     simple, place = (np.linalg.lstsq(np.vander(at, n + 1), count, rcond=None)[0] for n in _DEGREES)
@@ -360,11 +355,13 @@ def _between(times: Float, sides: Index, count: Float) -> tuple[Index, Index] | 
     scatter = float(np.sqrt(left_over @ left_over / (at.size - place.size)))
     leverage = np.sum((np.vander(inner, place.size) @ np.linalg.pinv(np.vander(at, place.size))) ** 2, axis=1)
     turn = np.polyval(place, inner)
-    doubt = np.maximum(_SCATTERS * scatter * np.sqrt(1 + leverage), np.abs(turn - np.polyval(simple, inner)))
-    if doubt.max(initial=0.0) > _LARGEST_DOUBT:
+    scatters = 5.0  # distance of a pulse from its place over its standard error, beyond which an edge is none
+    doubt = np.maximum(scatters * scatter * np.sqrt(1 + leverage), np.abs(turn - np.polyval(simple, inner)))
+    if doubt.max(initial=0.0) > largest_doubt:
         return None
     number = np.rint(turn).astype(np.intp)
     off = np.abs(turn - number)
-    near = (off < np.maximum(_HARMLESS, doubt)) & (number > 0) & (number < whole)
+    harmless = 0.02  # distance of a pulse from its place, turns, that does no harm
+    near = (off < np.maximum(harmless, doubt)) & (number > 0) & (number < whole)
     best = near & (off <= np.array([off[near & (number == k)].min(initial=np.inf) for k in number]))
     return edges[best], np.diff(np.concatenate([[0], number[best], [whole]]))

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from rotorfit.models.array_types import ComplexArray, Float
 
-_NARROWEST_RESONANCE = 0.25  # half width of a resonance, in steps between readings, below which it is one of the noise
-
 
 def best_ratio(
     response: ComplexArray,
@@ -73,6 +71,8 @@ def ratio_through(x: Float, y: ComplexArray) -> Ratio | None:
     sigma, best, least = np.ones(x.size), None, np.inf
     most_modes = 4  # most modes that a curve is given
     readings_an_unknown = 2  # readings an unknown that a curve needs
+    # half width of a resonance, in steps between readings, below which it is one of the noise
+    narrowest_resonance = 0.25
     for poles in range(2, 2 * most_modes + 1, 2):
         unknowns = poles + 2 * (poles + 1)
         if 2 * x.size < readings_an_unknown * unknowns:
@@ -84,6 +84,6 @@ def ratio_through(x: Float, y: ComplexArray) -> Ratio | None:
         roots = np.polynomial.chebyshev.chebroots(denominator)
         inside = (roots.real > x.min() / top) & (roots.real < x.max() / top)
         score = 2 * x.size * np.log(2 * cost) + unknowns * np.log(2 * x.size) if cost > 0 else -np.inf
-        if score < least and not (np.abs(roots.imag[inside]) < _NARROWEST_RESONANCE * step).any():
+        if score < least and not (np.abs(roots.imag[inside]) < narrowest_resonance * step).any():
             best, least = Ratio(denominator=denominator, numerator=numerator, top=top), score
     return best

@@ -19,10 +19,6 @@ from rotorfit.models.array_types import ComplexArray, Float
 
 LARGEST_GROWTH = 1e6
 """Growth over the record beyond which an exponential is no motion of a rotor. Chosen."""
-_LEAST_DECAY_RATIO = 0.05  # ratio of successive samples of a decay that is seen at all
-_LEAST_RISE = 0.04  # rise on both sides of a minimum, as a fraction of the peak, that makes it one
-_LARGEST_UNEVENNESS = 0.25  # relative deviation from even steps in (Omega - peak)^2 that still is a beat; chosen
-_STEADY_DISTANCE = 0.05  # of a frequency: distance from it, decay included, at which a mode may be steady vibration
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -41,9 +37,10 @@ class Decay:
 def decay_of(time: Float, signals: Float, modes: int, steady: Float | None = None) -> Decay | None:
     """The sum of decaying vibrations whose order BIC prefers; None where the record shows none of so many modes."""
     found = list(_decays(time, signals, modes, np.zeros(0)))
+    steady_distance = 0.05  # of a frequency: distance from it, decay included, at which a mode may be steady vibration
     if steady is not None:  # one of the modes may be steady vibration
         apart = [np.abs(decay.s[:, None] - 1j * steady) for decay in found]
-        if any((distance < _STEADY_DISTANCE * steady).any() for distance in apart):
+        if any((distance < steady_distance * steady).any() for distance in apart):
             found += _decays(time, signals, modes, steady)
     # Forward and backward whirl of a nearly centred rotor lie so close that the pencil, in noise, sees one mode.
     shift = 0.1  # relative shift in frequency of the two modes that are looked for in the place of one
@@ -70,12 +67,13 @@ def _decays(time: Float, signals: Float, modes: int, steady: Float) -> Iterator[
     stride = max(1, (time.size - width) // most_windows)
     windows = np.lib.stride_tricks.sliding_window_view(moving, width + 1, axis=1)[:, ::stride].reshape(-1, width + 1)
     directions = np.linalg.svd(windows, full_matrices=False)[2]
+    least_decay_ratio = 0.05  # ratio of successive samples of a decay that is seen at all
     for count in range(2 * modes, top + 1):
         # Ratios of successive samples of as many exponentials as directions, the strongest that x and y share.
         V = directions[:count].T
         ratio = np.linalg.eigvals(np.linalg.lstsq(V[:-1], V[1:], rcond=None)[0]).astype(complex)
         size = np.abs(ratio) ** (time.size - 1)
-        if (np.abs(ratio) < _LEAST_DECAY_RATIO).any() or (size > LARGEST_GROWTH).any():
+        if (np.abs(ratio) < least_decay_ratio).any() or (size > LARGEST_GROWTH).any():
             continue  # more exponentials than the record holds: the rest of them are noise
         s = np.log(ratio) / step
         vibrating = np.asarray(s[s.imag > 1e-9 / step], dtype=complex)
@@ -272,7 +270,8 @@ def find_beat(speed: Float, response: ComplexArray) -> tuple[float, float, float
 
     size = np.abs(response)
     peak = int(np.argmax(size))
-    least = peak + find_peaks(-size[peak:], prominence=_LEAST_RISE * float(size[peak]))[0]
+    least_rise = 0.04  # rise on both sides of a minimum, as a fraction of the peak, that makes it one
+    least = peak + find_peaks(-size[peak:], prominence=least_rise * float(size[peak]))[0]
     if least.size < 3:
         return None
     most_beats = 5  # minima looked at: later ones drown in noise
@@ -280,7 +279,8 @@ def find_beat(speed: Float, response: ComplexArray) -> tuple[float, float, float
     square = (speed[least] - speed[peak]) ** 2
     steps = np.diff(square)
     typical = float(np.median(steps))
-    if (steps <= 0).any() or np.abs(steps - typical).max() > 2 * _LARGEST_UNEVENNESS * typical:
+    largest_unevenness = 0.25  # relative deviation from even steps in (Omega - peak)^2 that still is a beat; chosen
+    if (steps <= 0).any() or np.abs(steps - typical).max() > 2 * largest_unevenness * typical:
         return None
     return float(speed[peak]), float(speed[least[0]]), typical / (4 * np.pi)
 

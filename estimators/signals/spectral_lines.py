@@ -10,13 +10,6 @@ from scipy.interpolate import BSpline
 from rotorfit.estimators.signals.shaft_angle import SPLINE_DEGREE, SmoothAngle
 from rotorfit.models.array_types import ComplexArray, Float
 
-_LINE_POWER_OVER_MEDIAN = 25.0
-"""Power of a line over the median around it; chi-squared noise with two degrees reaches it once in 3e7 bins."""
-_LARGEST_PHASE_SCATTER = 0.35
-"""Scatter of the phase about a straight line, rad, beyond which a frequency is not steady: 6 % of a vector is lost."""
-_LINE_AMPLITUDE_OVER_MEDIAN = 8.0
-"""Amplitude of the line over the median of the spectrum on its side."""
-
 
 def turning_power(z: ComplexArray, angle: Float) -> tuple[float, float]:
     """Square of what turns with an angle, and against it, the median over blocks of six turns: responses of a sweep do
@@ -66,6 +59,8 @@ def _standing_out(
     step = rate / signal.size
     found: list[tuple[float, float] | None] = []
     beside = 40  # bins on each side of a line from which the level around it is taken
+    # Power of a line over the median around it; chi-squared noise with two degrees reaches it once in 3e7 bins
+    line_power_over_median = 25.0
     for frequency, off in places:
         at, wide = round(frequency / step), max(3, round(off / step))
         if at - wide - beside < 1 or at + wide + beside >= spectrum.size:
@@ -73,7 +68,7 @@ def _standing_out(
             continue
         peak = at - wide + int(np.argmax(spectrum[at - wide : at + wide + 1]))
         sides = spectrum[at - wide - beside : at - wide], spectrum[at + wide + 1 :][:beside]
-        out = spectrum[peak] ** 2 > _LINE_POWER_OVER_MEDIAN * np.median(np.concatenate(sides) ** 2)
+        out = spectrum[peak] ** 2 > line_power_over_median * np.median(np.concatenate(sides) ** 2)
         out = out and not all(side.max() > spectrum[peak] / 2 for side in sides)  # blows at equal times make a comb
         found.append((peak * step, float(spectrum[peak])) if out else None)
     return found
@@ -121,7 +116,8 @@ def _outstanding_line(z: ComplexArray, rate: float, direction: int, avoid: Seque
     if not mine.any():
         raise ValueError("the recording is too short to tell the perturbation from the orders of the shaft")
     peak = int(np.argmax(np.where(mine, amplitude, 0.0)))
-    if amplitude[peak] < _LINE_AMPLITUDE_OVER_MEDIAN * float(np.median(amplitude[mine])):
+    line_amplitude_over_median = 8.0  # amplitude of the line over the median of the spectrum on its side
+    if amplitude[peak] < line_amplitude_over_median * float(np.median(amplitude[mine])):
         raise ValueError(
             "no line stands out of the spectrum beside the orders of the shaft: is the perturbator running?"
         )
@@ -138,7 +134,9 @@ def _rate_of_phase(turned: ComplexArray, t: Float, near: float) -> tuple[float, 
     phase = np.unwrap(np.angle(vectors))
     line, covariance = np.polyfit(middle, phase, 1, cov=True)
     scatter = float(np.std(phase - np.polyval(line, middle)))
-    if scatter > _LARGEST_PHASE_SCATTER:
+    # Scatter of the phase about a straight line, rad, beyond which a frequency is not steady: 6 % of a vector is lost
+    largest_phase_scatter = 0.35
+    if scatter > largest_phase_scatter:
         raise ValueError(
             f"the line at {abs(near):.3f} Hz is not steady, its phase wanders by {scatter:.2f} rad; "
             "a swept perturbation needs a mark"

@@ -101,10 +101,6 @@ FEWEST_TURNS = 10.0
 """Turns of the force in the shortest dwell. Chosen."""
 DWELL_SPEED_RANGE = 0.01
 """Largest range of the speed within a dwell over its mean. Chosen."""
-_DWELL_SPEED_RATE = 0.1
-"""Rate of the speed over its mean rate of a sweep below which it dwells. Chosen."""
-_LEAST_DWELLING_SHARE = 0.5
-"""Share of a record that dwells in a test of dwells. Chosen."""
 
 
 class DwellResponse(NamedTuple):
@@ -125,8 +121,9 @@ def dwells(time: Float, angle: Float, speed: Float) -> list[slice]:
     number = np.floor(np.abs(angle - angle[0]) / (2 * np.pi * block_turns)).astype(np.intp)
     edges = np.searchsorted(number, np.arange(number[-1] + 1))
     middle, mean = (time[edges[1:]] + time[edges[:-1]]) / 2, np.diff(angle[edges]) / np.diff(time[edges])
+    dwell_speed_rate = 0.1  # rate of the speed over its mean rate of a sweep below which it dwells. Chosen.
     still = (
-        np.abs(np.gradient(mean, middle)) < _DWELL_SPEED_RATE * spread / length if mean.size > 2 else np.zeros(0, bool)
+        np.abs(np.gradient(mean, middle)) < dwell_speed_rate * spread / length if mean.size > 2 else np.zeros(0, bool)
     )
     ends = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
     found = []
@@ -136,7 +133,8 @@ def dwells(time: Float, angle: Float, speed: Float) -> list[slice]:
         turns = abs(angle[end] - angle[begin]) / (2 * np.pi)
         if turns >= FEWEST_TURNS and np.ptp(inside) <= DWELL_SPEED_RANGE * abs(float(inside.mean())):
             found.append(slice(begin, end))
-    return found if sum(part.stop - part.start for part in found) > _LEAST_DWELLING_SHARE * time.size else []
+    least_dwelling_share = 0.5  # share of a record that dwells in a test of dwells. Chosen.
+    return found if sum(part.stop - part.start for part in found) > least_dwelling_share * time.size else []
 
 
 def dwell_response(spectra: RecordSpectra, at: float) -> DwellResponse:

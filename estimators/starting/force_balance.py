@@ -16,9 +16,6 @@ from rotorfit.estimators.blocks.response import inverse, known_lines
 from rotorfit.estimators.starting.lumped import Lumped
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_SMALLEST_PIVOT = 1e-8
-"""Square of what is left of a column of unit length by those before it, down to which normal equations do."""
-
 
 class ForceBalance:
     """Equations of motion ``kappa A = F`` of one block, linear in the independent lumped coefficients."""
@@ -179,7 +176,9 @@ def solve_definite(unit: Float, right: Float) -> Float | None:
         pivots = np.linalg.cholesky(unit).diagonal()
     except np.linalg.LinAlgError:
         return None
-    if pivots.min() ** 2 <= _SMALLEST_PIVOT:
+    # Square of what is left of a column of unit length by those before it, down to which normal equations do
+    smallest_pivot = 1e-8
+    if pivots.min() ** 2 <= smallest_pivot:
         return None
     return np.asarray(np.linalg.solve(unit, right))
 

@@ -25,9 +25,6 @@ from rotorfit.estimators.noise.mounting import (
 from rotorfit.estimators.significance import P_CHANCE
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_LARGEST_CORRELATION = 0.7
-"""Largest correlation between speeds that weights are built on: beyond, they follow the chance in it."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Readings:
@@ -207,10 +204,9 @@ def _correlation(between: ComplexArray, channel: Index) -> float:
     pairs = (channel[:, None] == channel) & ~np.eye(channel.size, dtype=bool) & (np.outer(size, size) > 0)
     if not pairs.any():
         return 0.0
-    return float(np.clip(np.mean((between.real[pairs]) / np.outer(size, size)[pairs]), 0.0, _LARGEST_CORRELATION))
-
-
-_LARGEST_ERROR = 0.2  # relative standard error of a natural frequency beyond which it is not determined
+    # Largest correlation between speeds that weights are built on: beyond, they follow the chance in it
+    largest_correlation = 0.7
+    return float(np.clip(np.mean((between.real[pairs]) / np.outer(size, size)[pairs]), 0.0, largest_correlation))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -286,4 +282,5 @@ def _determined(square: float, draws: Float) -> tuple[float, float] | None:
         return None
     low, high = np.nanquantile(np.sqrt(draws), [0.16, 0.84])
     error, wn = float(high - low) / 2, float(np.sqrt(square))
-    return (wn, error) if error < _LARGEST_ERROR * wn else None
+    largest_error = 0.2  # relative standard error of a natural frequency beyond which it is not determined
+    return (wn, error) if error < largest_error * wn else None

@@ -240,10 +240,6 @@ def _completed(block: Responses, theta: Float, unread: Index) -> Responses:
     )
 
 
-_DATA_AN_UNKNOWN = 2.0  # real data an unknown from which on the residuals of the ratios show the noise
-_SAME_FREQUENCY = 0.02  # relative difference of frequencies that are one
-
-
 @dataclass(frozen=True, kw_only=True)
 class RationalFit:
     """Ratios of polynomials fitted to responses."""
@@ -277,8 +273,9 @@ def rational_fit(blocks: Sequence[Responses]) -> RationalFit | None:
                 return None
             fits.append(fit)
     zeros: list[float] = []
+    same_frequency = 0.02  # relative difference of frequencies that are one
     for w in sorted(w for fit in fits for w in fit.zeros):
-        if not zeros or w > (1 + _SAME_FREQUENCY) * zeros[-1]:  # those that two speeds or directions share are one
+        if not zeros or w > (1 + same_frequency) * zeros[-1]:  # those that two speeds or directions share are one
             zeros.append(w)
     return RationalFit(
         cost=sum(fit.cost for fit in fits),
@@ -296,7 +293,8 @@ def _fit(block: Responses, readings: Index) -> RationalFit | None:
     force = block.force[line, plane]
     pairs, pair = np.unique(probe * size + plane, return_inverse=True)
     unknowns = 2 * (poles + pairs.size * (zeros + 1))
-    if 2 * readings.size < _DATA_AN_UNKNOWN * unknowns:
+    data_an_unknown = 2.0  # real data an unknown from which on the residuals of the ratios show the noise
+    if 2 * readings.size < data_an_unknown * unknowns:
         return None
     top = float(np.abs(block.frequency[line]).max())
     powers = np.asarray(np.polynomial.chebyshev.chebvander(block.frequency[line] / top, poles), dtype=float)

@@ -17,8 +17,6 @@ from rotorfit.models import Turning, TurningOnSupports
 from rotorfit.models.array_types import RANK_TOLERANCE, ComplexArray, Float
 from rotorfit.models.shafts.combination_lines import Order
 
-_FEWEST_SPEEDS = 8
-"""Speeds of a start-up from which its lines are solved for the whole shaft."""
 _REWEIGHTINGS = 4
 """Rounds of reweighting: an equation error is weighed by the stiffness that it was multiplied with."""
 _SIZES = np.geomspace(10**-4.5, 10**1.5, 13)
@@ -195,7 +193,8 @@ def _round_part(readings: _Readings, values: dict[str, float]) -> dict[str, floa
 def _start_up(readings: _Readings, values: dict[str, float]) -> dict[str, float]:
     """The shaft from 1x and 2x over many speeds, in proportion to its mass, the sag taken for constant."""
     once, twice = readings.get(("z", (0, 0))), readings.get(("z", (0, 1)))
-    if once is None or twice is None or min(np.unique(once[1]).size, np.unique(twice[1]).size) < _FEWEST_SPEEDS:
+    fewest_speeds = 8  # speeds of a start-up from which its lines are solved for the whole shaft
+    if once is None or twice is None or min(np.unique(once[1]).size, np.unique(twice[1]).size) < fewest_speeds:
         return {}
     w = np.concatenate([once[1], 2 * twice[1]])
     first = np.arange(w.size) < once[1].size

@@ -41,7 +41,6 @@ from rotorfit.models.parameters import unknown_name
 _PASSES = (2, 4, 8, 16, 32)  # of the closed form; more than two only where these end far from the optimum
 _EXPLICIT_MISFIT = 4.0  # mean squared misfit that noise in measured eccentricities may leave
 _LINEAR_ECCENTRICITY = 0.3  # eccentricity up to which the linear rotor is taken to hold for a start
-_STIFFNESS_SHARES = (1.0, 0.4, 1.6)  # of K0 in the sum with springs beside it, which a linear test cannot tell
 _SHORT = Options(max_iterations=40, tolerance=1e-3, acceptable=1e-3)
 """Costs a millionth above their minimum rank starts; the fit that follows finds the last digits."""
 
@@ -306,7 +305,8 @@ def _with_law(space: ParameterSpace, reduced: ParameterSpace, x: Float, law: Law
     scales = {q.name: q.scale for q in space.model.parameters}
     size = [abs(bases[name]) if name in bases else scales.get(name, 1.0) for name in ("K0", "D")]
     begin = law.start(*size)
-    for share in _STIFFNESS_SHARES if begin and "K0" in bases else _STIFFNESS_SHARES[:1]:
+    stiffness_shares = (1.0, 0.4, 1.6)  # of K0 in the sum with springs beside it, which a linear test cannot tell
+    for share in stiffness_shares if begin and "K0" in bases else stiffness_shares[:1]:
         yield np.array(
             [
                 linear[name] * (share if base == "K0" else 1.0) if name in linear else begin[base]

@@ -20,8 +20,6 @@ from rotorfit.models.motion.journal import Journal
 LARGEST_ECCENTRICITY = 1.0 - 1e-9
 """Largest eccentricity searched: at 1 the journal touches."""
 
-_NEAR_TARGET = 0.05  # a root this close to its target, with no sign change between, needs no search for others
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OrbitEquation:
@@ -84,6 +82,7 @@ def nearest_orbits(journal: Journal, equation: OrbitEquation, target: Float) -> 
     eps = np.clip(target, 0.0, LARGEST_ECCENTRICITY)
     newton_steps = 3  # Newton steps from a measured eccentricity that all lines take together
     tolerance = 1e-7  # last step whose square is round-off: convergence is quadratic
+    near_target = 0.05  # a root this close to its target, with no sign change between, needs no search for others
     with np.errstate(all="ignore"):  # lines without a root are searched
         here = equation.at(journal, eps)
         first = here[1]
@@ -93,7 +92,7 @@ def nearest_orbits(journal: Journal, equation: OrbitEquation, target: Float) -> 
         step = here[0] / here[1]
         found = eps - step
         settled = (np.abs(step) < tolerance) & (found >= 0) & (found < LARGEST_ECCENTRICITY)
-        alone = (np.abs(found - target) <= _NEAR_TARGET) & (first < -2 * np.abs(here[1] - first))
+        alone = (np.abs(found - target) <= near_target) & (first < -2 * np.abs(here[1] - first))
         change = np.empty(found.shape, dtype=complex)
         change.real, change.imag = here[2] - here[4] * step, here[3] - here[5] * step
     if not (settled & alone).all():

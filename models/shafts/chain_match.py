@@ -23,7 +23,6 @@ from rotorfit.models.text_table import text_table
 
 _Masses: TypeAlias = tuple[Float, Float, Float]  # masses, springs, psi
 
-_MISSING_SPRING = 1e-2  # share of the ground stiffness below which an end is tried without a spring
 # Exact shapes are to give back their chain to round-off.
 _EXACT: dict[str, Any] = {"xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15, "x_scale": "jac", "max_nfev": 60}
 
@@ -209,8 +208,9 @@ class _Search:
         """Least squares from the best of several shares of the last spring."""
         costs = [float(np.sum(self.residual(logs, share) ** 2)) for share in ends]
         found = self.improve(logs, ends[int(np.argmin(costs))], True)
+        missing_spring = 1e-2  # share of the ground stiffness below which an end is tried without a spring
         for bound in (0.0, 1.0):
-            if abs(found.end - bound) < _MISSING_SPRING:  # an interior method never quite reaches a missing spring
+            if abs(found.end - bound) < missing_spring:  # an interior method never quite reaches a missing spring
                 found = min(found, self.improve(found.logs, bound, False), key=lambda one: one.cost)
         return found
 

@@ -26,8 +26,6 @@ ROSS_6 = ("x", "y", "axial", "alpha", "beta", "torsion")
 _Result = TypeVar("_Result")
 
 _ISOTROPY_TOLERANCE = 1e-8  # of the largest entry of its kind: round-off of an assembly
-_STRUCTURES_KEPT = 24  # condensed structures kept
-_MANY_LINES = 32  # lines from which that is worth its while
 _LOG_SCALE_RANGE = 0.2  # range of the logarithm of a scale factor for which one reduction holds
 
 
@@ -157,7 +155,8 @@ class _Latest(OrderedDict[bytes, _Result]):
         if key not in self:
             self[key] = work(*arrays)
         self.move_to_end(key)
-        if len(self) > _STRUCTURES_KEPT:
+        structures_kept = 24  # condensed structures kept
+        if len(self) > structures_kept:
             self.popitem(last=False)
         return self[key]
 
@@ -195,7 +194,8 @@ class Shaft:
 
     def _condense(self, s: ComplexArray, speed: Float, scales: Float) -> tuple[ComplexArray, ComplexArray]:
         large = 40  # coordinates from which a structure with scale factors is reduced
-        if not self.parts or self.terms.size < large or s.size < _MANY_LINES or not (scales > 0).all():
+        many_lines = 32  # lines from which that is worth its while
+        if not self.parts or self.terms.size < large or s.size < many_lines or not (scales > 0).all():
             return self.terms.condense(s, speed, scales)
         n = self.at.size
         values = np.empty((s.size, n, n), dtype=complex)
@@ -204,7 +204,7 @@ class Shaft:
         for number, steps in enumerate(ranges):
             lines = np.flatnonzero(place.reshape(-1) == number)
             terms = self.terms
-            if lines.size >= _MANY_LINES:  # reduced for these lines, unless that would not be exact
+            if lines.size >= many_lines:  # reduced for these lines, unless that would not be exact
                 found = self._reductions.of(self._reduction, s[lines], speed[lines], steps)
                 terms = terms if found is None or found.error > REDUCTION_TOLERANCE else found.small
             values[lines], slopes[:, lines] = terms.condense(s[lines], speed[lines], scales[lines])

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
 _POINTS = 1000
 """Pieces of a curve over time: one a pixel."""
-_SECONDS = 1.0
-"""Length of the time base at first."""
 _TURNS, _SPECTRUM_TURNS = 6.0, 64.0
 """Turns about the cursor that an orbit and a spectrum show. Chosen."""
 
@@ -40,7 +38,8 @@ class SignalsView:
     def __init__(self, record: Recording, plane: str, at: float | None = None) -> None:
         self.record, self._plane = record, plane
         self.at = record.duration / 2 if at is None else at
-        half = min(record.duration / 2, _SECONDS / 2)
+        seconds = 1.0  # length of the time base at first
+        half = min(record.duration / 2, seconds / 2)
         probes = [probe for probe in record.probes if probe.plane == plane]
         self._time = _TimeFigure(record, probes, max(self.at - half, 0.0), min(self.at + half, record.duration))
         self._time.mark(self.at)

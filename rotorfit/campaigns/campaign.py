@@ -44,9 +44,6 @@ if TYPE_CHECKING:
 _FLUID = ("K0", "lam", "lam_D", "D")  # what the source follows in a campaign, where the model has it
 
 
-_LARGEST_CHANGE = 0.1  # of the range of a condition over the runs, by which it may change within one
-
-
 def _is_number(text: str) -> bool:
     try:
         float(text)
@@ -270,6 +267,7 @@ class Campaign(Printed):
         """
         axes = (against,) if isinstance(against, str) else tuple(against)
         sentences: list[str] = []
+        largest_change = 0.1  # of the range of a condition over the runs, by which it may change within one
         for axis in axes:
             means = {run.name: run.attributes.get(axis, np.nan) for run in self.runs}
             numbers = {name: float(value) for name, value in means.items() if not isinstance(value, str)}
@@ -280,7 +278,7 @@ class Campaign(Printed):
             spread = float(np.ptp(known)) if known else 0.0
             for data in self._data:
                 span = data.readings.span(axis) if data.name in numbers else None
-                if span is not None and span[1] - span[0] > _LARGEST_CHANGE * (spread or np.abs(span).max()):
+                if span is not None and span[1] - span[0] > largest_change * (spread or np.abs(span).max()):
                     ends = f"{significant(span[0], 4)} to {significant(span[1], 4)}"
                     sentences.append(f"{axis} changed within {data.name}, {ends}: its mean stands for the run")
         return sentences

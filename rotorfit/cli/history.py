@@ -110,7 +110,6 @@ def place_json(place: PlaceTrend) -> dict[str, Any]:
 
 
 STORE = "keep tests and their fits in one file: add to it, list it, follow it over time"
-_VALUES_SHOWN = 6
 
 
 def add_store(to: argparse.ArgumentParser) -> None:
@@ -208,7 +207,8 @@ def _fit_words(fit: StoredFit) -> str:
         return "the data have an error, the fit is not followed"
     if not fit.success:
         return f"did not converge: {fit.message}"
-    return ", ".join(f"{name} {value}" for name, value in [*fit.params.items()][-_VALUES_SHOWN:])
+    values_shown = 6
+    return ", ".join(f"{name} {value}" for name, value in [*fit.params.items()][-values_shown:])
 
 
 def added_json(added: Added, fits: dict[int, StoredFit]) -> dict[str, Any]:

@@ -74,9 +74,6 @@ def _plan_json(found: Plan) -> dict[str, Any]:
 
 PREDICT = "predict responses of an identified rotor, with a band of the mean and one of a new reading"
 
-_POINTS = 400
-"""Points along a tested band, as many as a figure of a page's width resolves."""
-
 
 def add_predict(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
@@ -154,7 +151,8 @@ def _tested(fit: FitResult) -> Any:
     forward = tested[tested > 0] if (tested > 0).any() else tested[tested < 0]
     if not forward.size:
         raise ValueError("the fit has no responses to forces that turn: say --frequency or --synchronous")
-    return np.linspace(forward.min(), forward.max(), _POINTS)
+    points = 400  # points along a tested band, as many as a figure of a page's width resolves
+    return np.linspace(forward.min(), forward.max(), points)
 
 
 def _prediction_json(found: Prediction) -> dict[str, Any]:

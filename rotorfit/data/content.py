@@ -15,9 +15,6 @@ from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.models.array_types import Index
 
-_STEPS = 2.0**30
-"""Parts of a column's largest value by which its values are the same: far below any reading's error, far above what
-conversion of units and file formats rounds."""
 _MISSING = np.iinfo(np.int64).min
 """Stands for a value that is not known."""
 
@@ -60,8 +57,11 @@ def _numbered(values: NDArray[Any]) -> list[tuple[Index, list[str]]]:
 
 
 def _steps(values: NDArray[np.floating[Any]], size: float) -> Index:
+    # Parts of a column's largest value by which its values are the same: far below any reading's error, far above what
+    # conversion of units and file formats rounds
+    parts = 2.0**30
     # The power of two that begins above 1.2345 of the largest value: round numbers do not lie where it changes.
-    step = 2.0 ** np.ceil(np.log2(1.2345 * size)) / _STEPS if size else 1.0
+    step = 2.0 ** np.ceil(np.log2(1.2345 * size)) / parts if size else 1.0
     known = np.isfinite(values)
     whole = np.round(np.where(known, values, 0.0) / step).astype(np.int64)
     return np.asarray(np.where(known, whole, _MISSING))

@@ -11,9 +11,6 @@ from rotorfit.estimators.signals.ring_down import Decay, decay_of
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.digits import significant
 
-_FEWEST_TURNS = 2.0  # of the shaft in a record that can tell vibration at its speed from a mode's
-_SMALLEST_DECAY = 1e-4  # of the speed: decay and distance from it that count as none
-
 
 def ring_down_modes(test: RingDownTest, *, modes: int = 1) -> ImpulseTest:
     """Reduce records of free vibration to eigenvalues, the strongest modes of each.
@@ -82,11 +79,13 @@ def _analyse(test: RingDownTest, rows: Index, run: str, modes: int) -> Decay:
     speed = abs(float(test.speed[rows[0]]))
     turns = speed * time[-1] / (2 * np.pi)
     orders = speed * np.array([k for k in (1, 2) if 2 * k * speed * steps.mean() < 2 * np.pi])
-    found = decay_of(time, signals, modes, orders if turns > _FEWEST_TURNS else None)
+    fewest_turns = 2.0  # of the shaft in a record that can tell vibration at its speed from a mode's
+    found = decay_of(time, signals, modes, orders if turns > fewest_turns else None)
     if found is None:
         raise ValueError(f"{where}: fewer than {modes} vibrating mode(s) found; the record may hold noise only")
+    smallest_decay = 1e-4  # of the speed: decay and distance from it that count as none
     for k in np.argsort(-found.energy)[:modes].tolist():
-        s, sigma = found.s[k], max(float(found.sigma[k]), _SMALLEST_DECAY * speed)
+        s, sigma = found.s[k], max(float(found.sigma[k]), smallest_decay * speed)
         if speed > 0 and any(abs(s.imag - order) < 4 * sigma and abs(s.real) < 4 * sigma for order in orders):
             raise ValueError(
                 f"{where}: the vibration found at {significant(s.imag / speed, 4)} times the speed, damping ratio "

@@ -28,7 +28,6 @@ SAME_RATE = 1e-6
 LARGEST_GAP = 5.0
 """Readings are not interpolated across gaps longer than this many median steps."""
 
-_LARGEST_UNEVENNESS = 0.05  # difference of two weights, over the larger, from which they are hardly one that was turned
 
 DIFFERENCED = "differenced"
 """Attribute that marks rows made by :func:`difference_synchronous` with 1, rows left as they were with 0."""
@@ -127,9 +126,11 @@ def uneven_weights(test: PerturbationTest) -> list[str]:
     responses is divided by the sum of their weights: where one weight was turned, and is given twice the size in one of
     the runs, everything comes out too stiff, and no fit notices."""
     sentences: list[str] = []
+    # difference of two weights, over the larger, from which they are hardly one that was turned
+    largest_unevenness = 0.05
     for pair in _pairs(test, np.asarray(test.attributes.get(DIFFERENCED, np.zeros(len(test))) != 1)):
         sizes = [float(np.median(np.abs(test.force[rows]) / test.speed[rows] ** 2)) * 1e6 for rows in pair]
-        if abs(sizes[0] - sizes[1]) > _LARGEST_UNEVENNESS * max(sizes):
+        if abs(sizes[0] - sizes[1]) > largest_unevenness * max(sizes):
             runs = [
                 f"{test.run[rows[0]]} ({significant(size, 4)} g mm)" for rows, size in zip(pair, sizes, strict=True)
             ]

@@ -292,7 +292,6 @@ MOST_DWELLS = 8
 """Speeds of a run up to which it dwelt at them; more are a start-up, which is differenced sample by sample."""
 
 _REPEAT = re.compile(r"(.+)-\d+")
-_SAME_WEIGHT = 0.02  # relative difference of mass-radius products that are one weight, written down twice
 
 
 def dwells(test: PerturbationTest) -> bool:
@@ -339,4 +338,5 @@ def _same(u: complex, v: complex) -> bool:
     if u == 0 or v == 0:
         return u == v
     turned = abs(float(np.angle(u / v)))
-    return abs(abs(u) - abs(v)) <= _SAME_WEIGHT * abs(v) and turned <= OPPOSITE_TOLERANCE
+    same_weight = 0.02  # relative difference of mass-radius products that are one weight, written down twice
+    return abs(abs(u) - abs(v)) <= same_weight * abs(v) and turned <= OPPOSITE_TOLERANCE

@@ -44,20 +44,18 @@ def findings_of(fit: FitResult) -> tuple[Finding, ...]:
     return (*other_rig(fit), *explained(given, {finding.code for finding in shown}), *shown)
 
 
-_LARGEST_LOSS = 0.1
-"""Share of the dry rig's mass that a fluid's negative direct inertia may take at most, or that may be missing."""
-
-
 def other_rig(fit: FitResult) -> Iterator[Finding]:
     """The dry run or stator mass of a fit, where more moves in it than in the test with fluid, although a fluid adds
     mass; or where less does, the model has no mass of the fluid to make up for it, and misses the data."""
     baseline = fit.settings.baseline
+    # Share of the dry rig's mass that a fluid's negative direct inertia may take at most, or that may be missing
+    largest_loss = 0.1
     for block in fit.problem.responses:
         if block.beside is None:
             continue
         dry, _ = _mass(np.abs(block.s), block.beside)
         added, error = _added(block)
-        least = max(_LARGEST_LOSS * abs(dry), SIGNIFICANT_ERRORS * error)
+        least = max(largest_loss * abs(dry), SIGNIFICANT_ERRORS * error)
         if baseline is None:
             given, undo = f"stator_mass_kg is {significant(dry, 3)}", "the mass of this stator in kg"
             question = "Is it that of this stator, in kg?"

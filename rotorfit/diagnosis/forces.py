@@ -25,15 +25,8 @@ from rotorfit.estimators.signals.ratios import best_ratio
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.digits import significant
 
-_LINES_A_COEFFICIENT = 4.0
-"""Values for each coefficient of a rational function that a verdict needs; fewer might follow anything."""
-
 BACKWARD_SHARES = (0.05, 0.95)
 """Share of the backward part between which a force along an axis keeps it; isotropic responses do not vary by more."""
-
-_NEGLIGIBLE_SHARE = 1e-3
-"""Share of the lesser half, in power, that is none: a rotor whose forward whirl hardly loses more than it gains answers
-30 times less backward only next to its resonance."""
 
 
 def force_along_axis(orbits: Orbits) -> Iterator[Finding]:
@@ -112,11 +105,14 @@ def turning_force(test: PerturbationTest) -> Iterator[Finding]:
     ahead = np.abs(test.response[x] + 1j * test.response[y]) ** 2
     behind = np.abs(test.response[x] - 1j * test.response[y]) ** 2
     turns: dict[str, bool] = {}
+    # Share of the lesser half, in power, that is none: a rotor whose forward whirl hardly loses more than it gains
+    # answers 30 times less backward only next to its resonance
+    negligible_share = 1e-3
     for run, plane in dict.fromkeys(zip(test.run[x].tolist(), test.force_plane[x].tolist(), strict=True)):
         own = np.flatnonzero((test.run[x] == run) & (test.force_plane[x] == plane) & (ahead + behind > 0))
         if own.size >= FEWEST_READINGS:
             lesser, greater = sorted((ahead[own], behind[own]), key=np.sum)
-            turns[run] = turns.get(run, True) and bool(np.median(lesser / (lesser + greater)) < _NEGLIGIBLE_SHARE)
+            turns[run] = turns.get(run, True) and bool(np.median(lesser / (lesser + greater)) < negligible_share)
     found = [run for run, turning in turns.items() if turning]
     if found:
         text = (
@@ -166,9 +162,11 @@ def _rational(w: Float, values: ComplexArray, sigma: Float, modes: int) -> bool:
     """True if the response of so many modes goes through values on either side of zero to within their noise. More
     modes than planes might follow an anisotropic rotor under a circular force as well."""
     u = w / np.abs(w).max()
+    # Values for each coefficient of a rational function that a verdict needs; fewer might follow anything
+    lines_a_coefficient = 4.0
     for poles in range(2, 2 * modes + 1, 2):
         unknowns = 2 * poles - 1
-        if w.size < _LINES_A_COEFFICIENT * unknowns:
+        if w.size < lines_a_coefficient * unknowns:
             return False
         powers = np.asarray(np.polynomial.chebyshev.chebvander(u, poles), dtype=float)
         _, _, cost = best_ratio(values, sigma, powers, powers[:, : poles - 1])

@@ -16,12 +16,6 @@ from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.digits import significant
 from rotorfit.units import RPM_PER_RAD_S
 
-_FEWEST_LOADS = 3  # loads of a run from which their positions say a direction
-_LARGEST_SHARE_ASIDE = 0.05
-"""Share of the positions that is more than noise and a probe a few degrees off, all loads agreeing."""
-_FREQUENCY_RATIOS = 0.02, 50.0
-"""Frequency of free vibration over the speed outside of which one of the two, or the time, has another unit."""
-
 
 def static_positions(test: StaticTest) -> Iterator[Finding]:
     """Rows without a load, and positions against the load or, by a fluid that turns backward, against the rotation.
@@ -55,10 +49,13 @@ def static_positions(test: StaticTest) -> Iterator[Finding]:
 def _runs(test: StaticTest, at_load: Bool, part: Float) -> list[str]:
     """Runs in which a part of the positions is negative under every load and more than a share of them."""
     found = []
+    fewest_loads = 3  # loads of a run from which their positions say a direction
+    # Share of the positions that is more than noise and a probe a few degrees off, all loads agreeing
+    largest_share_aside = 0.05
     for run in test.runs:
         here = at_load & (test.run == run)
-        beyond = -float(part[here].sum()) > _LARGEST_SHARE_ASIDE * float(np.abs(test.displacement[here]).sum())
-        if here.sum() >= _FEWEST_LOADS and (part[here] < 0).all() and beyond:
+        beyond = -float(part[here].sum()) > largest_share_aside * float(np.abs(test.displacement[here]).sum())
+        if here.sum() >= fewest_loads and (part[here] < 0).all() and beyond:
             found.append(run)
     return found
 
@@ -74,7 +71,9 @@ def free_vibration(test: ImpulseTest | RingDownTest) -> Iterator[Finding]:
     else:
         unit = "the frequency (frequency_rpm, frequency_hz)"
     ratio = np.abs(test.frequency) / np.where(test.speed == 0, np.nan, np.abs(test.speed))
-    odd = np.flatnonzero((ratio < _FREQUENCY_RATIOS[0]) | (ratio > _FREQUENCY_RATIOS[1]))
+    # Frequency of free vibration over the speed outside of which one of the two, or the time, has another unit
+    frequency_ratios = 0.02, 50.0
+    odd = np.flatnonzero((ratio < frequency_ratios[0]) | (ratio > frequency_ratios[1]))
     if odd.size:
         first, runs = int(odd[0]), list(dict.fromkeys(test.run[odd].tolist()))
         text = (

@@ -17,14 +17,8 @@ from rotorfit.estimators.signals.ring_down import fit_ramp
 from rotorfit.models.digits import significant
 from rotorfit.units import RPM_PER_RAD_S
 
-_LEAST_FREQUENCY_RATIO = 0.1
-"""Highest frequency of a test over the highest speed below which it is likely in another unit: whirl by the fluid, near
-half the speed, is out of reach of such a test, and in Hz for rpm a sixtieth is left of what was meant."""
-
 _ONE = np.array([1.0, 60.0, RPM_PER_RAD_S])
 """One rpm, Hz and rad/s in rpm."""
-_FEWEST_STEPS = 4  # steps of a run from which they are no chance
-_REPEATED_SHARE = 0.9  # of them: each block of a table may have been continued by itself
 
 
 def plan(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
@@ -53,7 +47,9 @@ def _filled(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     names, number = words(test.run)
     of = number[1:][inside]
     count, by_one = (np.bincount(of, own, len(names)) for own in (None, ones[inside]))
-    runs = np.array(names)[(count >= _FEWEST_STEPS) & (by_one > _REPEATED_SHARE * count)].tolist()
+    fewest_steps = 4  # steps of a run from which they are no chance
+    repeated_share = 0.9  # of them: each block of a table may have been continued by itself
+    runs = np.array(names)[(count >= fewest_steps) & (by_one > repeated_share * count)].tolist()
     if runs:
         text = (
             f"The speed rises by one from row to row in {listed(runs)}, as where a spreadsheet continued the number "
@@ -65,7 +61,10 @@ def _filled(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
 def _units(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     """Frequencies far below the speeds, as where they are in Hz and read as rpm."""
     highest, fastest = float(np.abs(test.frequency).max()), float(np.abs(test.speed).max())
-    if 0 < highest < _LEAST_FREQUENCY_RATIO * fastest:
+    # Highest frequency of a test over the highest speed below which it is likely in another unit: whirl by the fluid,
+    # near half the speed, is out of reach of such a test, and in Hz for rpm a sixtieth is left of what was meant
+    least_frequency_ratio = 0.1
+    if 0 < highest < least_frequency_ratio * fastest:
         text = (
             f"The frequencies are low: {significant(highest * RPM_PER_RAD_S, 4)} rpm at the most, at speeds up to "
             f"{significant(fastest * RPM_PER_RAD_S, 4)} rpm. If one of the two is in Hz or rad/s, name its unit "

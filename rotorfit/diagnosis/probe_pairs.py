@@ -31,20 +31,6 @@ LARGEST_REDCHI = 1.5**2
 _SIGNIFICANT_ERRORS = 8.0
 """Departures from what is expected, over their standard error, that are no accident among many planes."""
 
-_OCTAVES_FROM_TWO = 0.12
-"""Departure of the gains' ratio from two, octaves, up to which one of them gives peak-to-peak amplitudes."""
-
-_DYNAMIC_RANGE = 6.0
-"""Ratio of largest to smallest response across a band in which anisotropy could not look like a constant gain."""
-
-_EXCHANGED_SHARE = 0.55
-"""Share of the power against the force from which probes or directions are exchanged, which others look for; a probe
-that gives velocities makes it a half."""
-
-_DELAY_MISFIT_SHARE, _LARGEST_DELAY_MISFIT = 0.1, 4.0
-"""Misfit beyond the noise that a delay may leave where nothing explains all, over that which one factor leaves, and the
-misfit up to which: readings of a sweep hold lines less exact than their neighbours tell, beside orders of the shaft."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class _Relation:
@@ -64,7 +50,9 @@ class _Relation:
     @property
     def twice(self) -> bool:
         """True if one of the two reads twice the other."""
-        return abs(abs(math.log2(abs(self.ratio))) - 1) < _OCTAVES_FROM_TWO
+        # Departure of the gains' ratio from two, octaves, up to which one of them gives peak-to-peak amplitudes
+        octaves_from_two = 0.12
+        return abs(abs(math.log2(abs(self.ratio))) - 1) < octaves_from_two
 
     @property
     def same(self) -> bool:
@@ -123,7 +111,10 @@ def _relation(orbits: Orbits, at: Index) -> _Relation | None:
         return None
     against, along = total_power(orbits.wrong[at]), total_power(orbits.right[at])
     share = against / (against + along)
-    if share > _EXCHANGED_SHARE:
+    # Share of the power against the force from which probes or directions are exchanged, which others look for; a probe
+    # that gives velocities makes it a half
+    exchanged_share = 0.55
+    if share > exchanged_share:
         return None
     expected = np.where(orbits.frequency[at] < 0, 1j, -1j) * orbits.x(at)
     if _differs_by_noise(orbits, at, expected):
@@ -145,8 +136,14 @@ def _relation(orbits: Orbits, at: Index) -> _Relation | None:
     part = pair.part(enough(at.size))
     delay = _delay(part, LARGEST_REDCHI) if neither else 0.0
     filtered = filtered_probe(part, LARGEST_REDCHI) if neither and not delay else None
+    # Misfit beyond the noise that a delay may leave where nothing explains all, over that which one factor leaves, and
+    # the misfit up to which: readings of a sweep hold lines less exact than their neighbours tell, beside orders of the
+    # shaft
+    delay_misfit_share, largest_delay_misfit = 0.1, 4.0
     if neither and not delay and filtered is None:  # some lines are less exact than their neighbours tell
-        delay = _delay(part, min(1 + _DELAY_MISFIT_SHARE * (constant - 1), _LARGEST_DELAY_MISFIT))
+        delay = _delay(part, min(1 + delay_misfit_share * (constant - 1), largest_delay_misfit))
+    # Ratio of largest to smallest response across a band in which anisotropy could not look like a constant gain
+    dynamic_range = 6.0
     return _Relation(
         even=even < LARGEST_REDCHI and not (certain and constant < LARGEST_REDCHI and abs(ratio - 1) >= SAME_FACTOR),
         constant=constant < LARGEST_REDCHI and certain,
@@ -156,7 +153,7 @@ def _relation(orbits: Orbits, at: Index) -> _Relation | None:
         filtered=filtered,
         highest=float(pair.w.max()),
         share=share,
-        dynamic=clear.size >= FEWEST_READINGS and bool(clear.max() > _DYNAMIC_RANGE * clear.min()),
+        dynamic=clear.size >= FEWEST_READINGS and bool(clear.max() > dynamic_range * clear.min()),
         rows=orbits.rows_of(at),
     )
 
@@ -297,21 +294,19 @@ def _bias(share: float) -> str:
     return f"{significant(100 * abs(share), 2)} % too {'small' if share > 0 else 'large'}"
 
 
-_LARGEST_MEDIAN = 0.4
-"""Departure of the median ratio of planes from one, octaves, that stations of probes do not explain."""
-_LARGEST_SPREAD = 0.3  # octaves between the quartiles of ratios that one factor explains
-_FEWEST_RATIOS = 8  # ratios from which quartiles say anything
-
-
 def reciprocity(orbits: Orbits) -> Iterator[Finding]:
     """Pairs of planes whose responses to each other's forces differ by one factor."""
     planes = {tuple(sorted(pair)) for pair, _ in orbits.groups("force_plane", "plane") if pair[0] != pair[1]}
+    # Departure of the median ratio of planes from one, octaves, that stations of probes do not explain
+    largest_median = 0.4
+    largest_spread = 0.3  # octaves between the quartiles of ratios that one factor explains
+    fewest_ratios = 8  # ratios from which quartiles say anything
     for one, other in sorted(planes):
         logs = _ratios(orbits, one, other)
-        if logs.size < _FEWEST_RATIOS:
+        if logs.size < fewest_ratios:
             continue
         low, middle, high = np.quantile(logs, [0.25, 0.5, 0.75]).tolist()
-        if abs(middle) <= _LARGEST_MEDIAN or high - low >= _LARGEST_SPREAD:
+        if abs(middle) <= largest_median or high - low >= largest_spread:
             continue
         there, forced = (orbits.at(column, one) | orbits.at(column, other) for column in ("plane", "force_plane"))
         factor, (a, b) = float(2 ** abs(middle)), (one, other) if middle > 0 else (other, one)

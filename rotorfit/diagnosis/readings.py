@@ -14,12 +14,7 @@ from rotorfit.estimators.blocks.row_keys import combined, rows_by, words
 from rotorfit.models.array_types import Bool, Float, Index
 from rotorfit.models.digits import significant
 
-_IMPOSSIBLE_DISPLACEMENT, _SUSPECT_DISPLACEMENT, _SMALLEST_DISPLACEMENT = 0.025, 5e-3, 1e-6
-"""Displacements, m: beyond what shakers and machines do, though small rigs come to it in mil instead of um; larger than
-any clearance in use; and the largest of a sweep that hardly shows."""
-
 _LAST_DIGIT = 1e-9  # relative difference of what is equal to the last digit
-_COPIED_READINGS = 3  # readings of a run that agree to the last digit from which that is no chance
 _CLIPPED_READINGS, _CLIPPED_IN_A_ROW = 4, 3
 """Readings of a channel at its largest value, and how many of them follow one another, from which it may be cut off."""
 _ROUNDING_STEPS = 5.0  # steps of rounding by which readings beside a hole or a flat top differ from it
@@ -34,15 +29,18 @@ def amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     else:
         size = np.abs(test.displacement)
     largest = float(size.max())
-    if largest > _SUSPECT_DISPLACEMENT:
+    # Displacements, m: beyond what shakers and machines do, though small rigs come to it in mil instead of um; larger
+    # than any clearance in use; and the largest of a sweep that hardly shows
+    impossible_displacement, suspect_displacement, smallest_displacement = 0.025, 5e-3, 1e-6
+    if largest > suspect_displacement:
         text = (
             f"Amplitudes reach {significant(largest, 3)} m 0-peak; no rotor in a bearing or seal moves that far. Check "
             "the unit of the amplitude column (um, mil, m)."
         )
-        severity: Literal["error", "warning"] = "error" if largest > _IMPOSSIBLE_DISPLACEMENT else "warning"
-        yield Finding(severity, "large-amplitude", text, rows_of(size > _SUSPECT_DISPLACEMENT))
+        severity: Literal["error", "warning"] = "error" if largest > impossible_displacement else "warning"
+        yield Finding(severity, "large-amplitude", text, rows_of(size > suspect_displacement))
     # Of frequency response functions, under unit force, the size says nothing of the motion.
-    elif 0 < largest < _SMALLEST_DISPLACEMENT and not (getattr(test, "force", np.zeros(1)) == 1.0).all():
+    elif 0 < largest < smallest_displacement and not (getattr(test, "force", np.zeros(1)) == 1.0).all():
         text = (
             f"The largest amplitude is {significant(largest, 3)} m 0-peak, little for a rotor and hardly more than "
             "probes resolve. Check the unit of the amplitude column (amplitude_um, amplitude_mm): wrong, it goes into "
@@ -107,8 +105,9 @@ def run_digests(test: Experiment) -> dict[str, bytes]:
     if not isinstance(test, PerturbationTest):
         return found
     values = (test.speed, test.frequency, test.force, test.response)
+    copied_readings = 3  # readings of a run that agree to the last digit from which that is no chance
     for some in rows_by(test.lines.number["run"]):
-        if some.size >= _COPIED_READINGS and test.response[some].any():
+        if some.size >= copied_readings and test.response[some].any():
             numbers = np.stack([part for column in values for part in (column[some].real, column[some].imag)])
             sequence = np.lexsort(numbers)
             rows = some[sequence]

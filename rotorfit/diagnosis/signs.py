@@ -24,26 +24,14 @@ from rotorfit.units import RPM_PER_RAD_S
 _SIGNIFICANT_DEVIATIONS = 3.5
 """Sum of signs over its standard deviation under random signs, beyond which a sign is taken as established."""
 
-_SMALL_SINE = 0.1
-"""Sine of the phase of kappa below which its sign says little."""
 
 AGAINST_SHARE = 0.8
 """Share of the energy against the force that is an error; short of that it may be strong anisotropy."""
 
-_ONE_WAY_SHARE = 0.9
-"""Share of a line's energy from which it turns clearly one way, or the other."""
-
-_WHIRL_RATIOS = (0.1, 0.2, 0.3, 0.5)
-"""Fractions of the speed below which whirl may be slower than the fluid; the largest is more than any lam."""
 
 _DRIVE = ("run", "plane", "force_plane")
 _SWEEP = ("plane", "force_plane", "speed")
-_TORN_LINES = 3  # lines of either kind from which a run is torn
-_RANK_CORRELATION = 0.8  # rank correlation with frequency from which quadrature falls throughout
 _LINES_BESIDE = 3  # lines on either side that have to be smooth
-_LARGEST_STEP = 0.3
-"""Change from line to line, over the response and scaled to the step of frequency at the jump, of a smooth response: at
-a resonance or an antiresonance between two lines it is one half at least."""
 
 
 def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
@@ -93,9 +81,11 @@ def turned(along: ComplexArray, against: ComplexArray) -> NDArray[np.bool_]:
     wrong, both = np.abs(against) ** 2, np.abs(along) ** 2 + np.abs(against) ** 2
     known = np.isfinite(both) & (both > 0)
     share = np.divide(wrong, both, out=np.full(both.shape, np.nan), where=known)
-    clear, neither = share > _ONE_WAY_SHARE, (share <= _ONE_WAY_SHARE) & (share >= 1 - _ONE_WAY_SHARE)
-    fewer = min(int(clear.sum()), int((share < 1 - _ONE_WAY_SHARE).sum()))
-    torn = fewer >= _TORN_LINES and fewer > 2 * neither.sum()
+    one_way_share = 0.9  # share of a line's energy from which it turns clearly one way, or the other
+    clear, neither = share > one_way_share, (share <= one_way_share) & (share >= 1 - one_way_share)
+    fewer = min(int(clear.sum()), int((share < 1 - one_way_share).sum()))
+    torn_lines = 3  # lines of either kind from which a run is torn
+    torn = fewer >= torn_lines and fewer > 2 * neither.sum()
     return np.asarray(clear & bool(torn and wrong[known].sum() > BACKWARD_SHARES[0] * both[known].sum()))
 
 
@@ -128,8 +118,9 @@ def _dissipates(drives: Orbits, kappa: ComplexArray) -> Float:
     """Sign of the dissipation of each drive at |w| >= Omega, whatever lam < 1 is, shape ``(G,)``; 0: unknown."""
     fast = np.abs(drives.frequency) >= np.abs(drives.speed) * (1 - SYNCHRONOUS_DISTANCE)
     sine = kappa.imag / np.abs(kappa) * np.sign(drives.frequency)
+    small_sine = 0.1  # sine of the phase of kappa below which its sign says little
     # a phase of a few degrees may be an error of the reference: such readings hardly count
-    sign = np.where(fast, sine / np.hypot(sine, _SMALL_SINE), 0.0)
+    sign = np.where(fast, sine / np.hypot(sine, small_sine), 0.0)
     of = drives.number(*_DRIVE)
     total, square, count = (np.bincount(of, values) for values in (sign, sign**2, fast))
     score = total / np.where(square > 0, np.sqrt(square), 1.0)
@@ -171,7 +162,8 @@ def _falls(drives: Orbits, kappa: ComplexArray, sweep: Index, planes: int) -> bo
     if planes > 1 and not ((w > 0).any() and (w < 0).any()):
         return False
     ranks = [np.argsort(np.argsort(values)) - (w.size - 1) / 2 for values in (w, quadrature)]
-    return bool(ranks[0] @ ranks[1] < -_RANK_CORRELATION * (ranks[0] @ ranks[0]))
+    rank_correlation = 0.8  # rank correlation with frequency from which quadrature falls throughout
+    return bool(ranks[0] @ ranks[1] < -rank_correlation * (ranks[0] @ ranks[0]))
 
 
 def _drives_backward(drives: Orbits, kappa: ComplexArray) -> Iterator[tuple[float, Index]]:
@@ -183,10 +175,12 @@ def _drives_backward(drives: Orbits, kappa: ComplexArray) -> Iterator[tuple[floa
     np.maximum.at(largest, of, size)
     # slow unbalance moves the rotor little and noise turns its phase: weigh the sign by the response
     sign = kappa.imag / np.abs(kappa) * size / largest[of]
-    pairs = mirrored(drives, np.flatnonzero(np.abs(ratio) < _WHIRL_RATIOS[-1]), *_SWEEP)
+    # Fractions of the speed below which whirl may be slower than the fluid; the largest is more than any lam
+    whirl_ratios = (0.1, 0.2, 0.3, 0.5)
+    pairs = mirrored(drives, np.flatnonzero(np.abs(ratio) < whirl_ratios[-1]), *_SWEEP)
     noise = np.abs(kappa / drives.right)[pairs]  # of kappa = F / A, up to a common factor
     even = kappa.imag[pairs].sum(axis=1) / np.hypot(noise[:, 0], noise[:, 1])
-    for limit in _WHIRL_RATIOS:
+    for limit in whirl_ratios:
         slow = np.flatnonzero((ratio < 0) & (ratio > -limit))
         yield _established(sign[slow]), slow
         some = np.abs(ratio[pairs[:, 0]]) < limit
@@ -236,8 +230,11 @@ def _jumps(w: Float, response: ComplexArray) -> Index:
     at = np.arange(_LINES_BESIDE - 1, w.size - _LINES_BESIDE)
     jump = np.diff(w)[at]
     smooth = np.ones(at.size, dtype=bool)
+    # Change from line to line, over the response and scaled to the step of frequency at the jump, of a smooth response:
+    # at a resonance or an antiresonance between two lines it is one half at least
+    largest_step = 0.3
     for k in range(1, _LINES_BESIDE):
         for near, end in ((at - k, at - k + 1), (at + k, at + k)):  # steps before and behind, and where they end
-            smooth &= step[near] * np.maximum(jump / np.diff(w)[near], 1.0) < _LARGEST_STEP * size[end]
-    opposite = np.abs(response[at] + response[at + 1]) < _LARGEST_STEP * step[at]
+            smooth &= step[near] * np.maximum(jump / np.diff(w)[near], 1.0) < largest_step * size[end]
+    opposite = np.abs(response[at] + response[at + 1]) < largest_step * step[at]
     return np.asarray(at[smooth & opposite])

@@ -19,8 +19,6 @@ from rotorfit.models.digits import significant
 from rotorfit.models.motion.stability import growth_rate, stability_band
 from rotorfit.units import RPM_PER_RAD_S
 
-_QUIET_DEVIATIONS = 6.0  # standard deviations of redchi below one at which the noise is too large for the residuals
-_QUIET_REDCHI = 0.5  # redchi below which errors are wider than they need be by more than is worth knowing
 EXACT_REDCHI = 1e-4  # redchi below which the data are exact, and their noise the floor that keeps weights finite
 
 _FILTERED = (
@@ -53,7 +51,9 @@ def fit_warnings(
         )
     if noise is not None and noise.odd_run and redchi > MODEL_LIMITED_REDCHI:
         found.append(noise.odd_run)
-    if EXACT_REDCHI < redchi < min(_QUIET_REDCHI, 1 - _QUIET_DEVIATIONS * np.sqrt(2 / max(nfree, 1))):
+    quiet_deviations = 6.0  # standard deviations of redchi below one at which the noise is too large for the residuals
+    quiet_redchi = 0.5  # redchi below which errors are wider than they need be by more than is worth knowing
+    if EXACT_REDCHI < redchi < min(quiet_redchi, 1 - quiet_deviations * np.sqrt(2 / max(nfree, 1))):
         found.append(
             f"redchi is {significant(redchi, 2)}: the noise is overestimated, and standard errors are about "
             f"{significant(1 / np.sqrt(redchi), 2)} times too wide. Give the noise of the readings (sigma_um), "

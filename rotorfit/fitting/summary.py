@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult
 
 
-_NOTABLE_CORRELATION = 0.9
-_FEW_RESPONSES = 6  # whose noise is listed one by one
 _FEW = 15  # degrees of freedom below which 1.96 standard errors are well short of a 95 % interval
 
 
@@ -126,7 +124,8 @@ def _noise_lines(fit: FitResult) -> list[str]:
 
 def _levels(noise: ResidualStudy) -> list[str]:
     """Noise of each response, or of many the range by plane."""
-    if len(noise.response_noise) > _FEW_RESPONSES:
+    few_responses = 6  # whose noise is listed one by one
+    if len(noise.response_noise) > few_responses:
         by_plane: dict[tuple[str, str], list[float]] = {}
         for level in noise.response_noise:
             for response in level.responses:
@@ -230,13 +229,14 @@ def notable_correlations(fit: FitResult) -> list[tuple[str, str, float]]:
     """Pairs of resolved parameters with a correlation beyond 0.9 in size, strongest first, at most eight."""
     error = np.sqrt(np.maximum(np.diag(fit.covar), 0.0))
     found = []
+    notable_correlation = 0.9
     for i, a in enumerate(fit.var_names):
         for j, b in enumerate(fit.var_names[:i]):
             if is_run_effect(a) or is_run_effect(b):
                 continue
             if error[i] > 0 and error[j] > 0 and fit.params[a].resolved and fit.params[b].resolved:
                 r = float(fit.covar[i, j] / (error[i] * error[j]))
-                if abs(r) > _NOTABLE_CORRELATION:
+                if abs(r) > notable_correlation:
                     found.append((b, a, r))
     return sorted(found, key=lambda pair: -abs(pair[2]))[:8]
 

@@ -30,7 +30,6 @@ from rotorfit.models.array_types import Float, Index
 from rotorfit.units import RAD_S_PER_RPM
 
 _MARK = "rotorfit circular force test"
-_LINE = 80  # characters in an ID line
 _CODES = {"x": 1, "y": 2, "rx": 5, "ry": -4, "z": 0, "rz": 0}
 
 
@@ -70,10 +69,11 @@ def _refuse(test: PerturbationTest) -> None:
     if text:
         raise ValueError(f"a universal file holds numeric attributes only; drop {', '.join(text)}, or use netCDF")
     names = [*test.runs, *test.planes, *test.force_planes, *[f"attribute {name}" for name in test.attributes]]
+    longest = 80  # characters in an ID line
     for name in names:
-        if not name or len(name) > _LINE or name != name.strip() or not name.isascii() or not name.isprintable():
+        if not name or len(name) > longest or name != name.strip() or not name.isascii() or not name.isprintable():
             raise ValueError(
-                f"cannot write the name {name!r} to a universal file: up to {_LINE} plain ASCII characters, without "
+                f"cannot write the name {name!r} to a universal file: up to {longest} plain ASCII characters, without "
                 "blanks at the ends"
             )
 

@@ -14,8 +14,6 @@ from rotorfit.models.digits import significant
 from rotorfit.models.motion.journal import journal
 from rotorfit.observing.refusals import LARGEST_MEASURED_ECCENTRICITY
 
-_SLIPS_SHARE = 0.05  # share of a test's readings that may be slips of the instruments
-
 
 def _within_clearance(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
     """A test without the few readings that no journal within its clearance can have made, and a sentence on them. All
@@ -24,7 +22,8 @@ def _within_clearance(model: RotorModel, test: Experiment) -> tuple[Experiment, 
     clearance = model.clearance or np.nan
     size = _excursion(model, test, clearance)
     beyond = size > LARGEST_MEASURED_ECCENTRICITY * clearance
-    if not 0 < np.count_nonzero(beyond) <= max(1.0, _SLIPS_SHARE * np.isfinite(size).sum()):
+    slips_share = 0.05  # share of a test's readings that may be slips of the instruments
+    if not 0 < np.count_nonzero(beyond) <= max(1.0, slips_share * np.isfinite(size).sum()):
         return test, ""
     line = _same_line(test)
     out = np.isin(line, line[beyond])
@@ -67,13 +66,6 @@ def _same_line(test: Experiment) -> NDArray[np.intp]:
     return np.arange(len(test))
 
 
-_LEAST_STEP = 0.05  # step of the journal's vector from one line to the next, in clearances, that may be a jump
-_STEP_RATIO = 4.0  # times the steps on either side of it
-_LINES_BEFORE = 2  # lines left out before a jump
-_LARGEST_SWEEP_GAP = 3.0  # step of the frequency over the usual one, within one sweep
-_LARGEST_FORCE_CHANGE = 0.2  # relative change of the force from line to line, within one sweep
-
-
 def usable(model: RotorModel, test: Experiment) -> tuple[Experiment, tuple[str, ...]]:
     """A test as it can be fitted, and sentences on the readings that were left out."""
     if model.clearance is None or not model.eccentricity_dependent:
@@ -94,18 +86,21 @@ def _off_jumps(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
     sweep = distinguished(test.run, test.set_speed, np.sign(test.frequency), test.force_plane, test.direction)[1]
     ending: list[int] = []
     jumps = 0
+    least_step = 0.05  # step of the journal's vector from one line to the next, in clearances, that may be a jump
+    step_ratio = 4.0  # times the steps on either side of it
+    lines_before = 2  # lines left out before a jump
     for rows in (moving[own] for own in rows_by(sweep[moving]) if own.size >= FEWEST_LINES):
         step = np.abs(np.diff(test.response[rows])) / (model.clearance or np.nan)
         beside = np.maximum(np.append(step[1:], 0.0), np.append(0.0, step[:-1]))
-        places = np.flatnonzero((step > _LEAST_STEP) & (step > _STEP_RATIO * beside) & _swept_on(test, rows)).tolist()
+        places = np.flatnonzero((step > least_step) & (step > step_ratio * beside) & _swept_on(test, rows)).tolist()
         jumps += len(places)
-        ending += [row for place in places for row in rows[max(place + 1 - _LINES_BEFORE, 0) : place + 1].tolist()]
+        ending += [row for place in places for row in rows[max(place + 1 - lines_before, 0) : place + 1].tolist()]
     if not ending:
         return test, ""
     line = _same_line(test)
     out = np.isin(line, line[ending])
     return test.select(~out), (
-        f"{test.source or test.title}: {jumps} jumps from one orbit to another; the last {_LINES_BEFORE} lines before "
+        f"{test.source or test.title}: {jumps} jumps from one orbit to another; the last {lines_before} lines before "
         "each, where the orbit left ceases to exist, are left out"
     )
 
@@ -114,5 +109,7 @@ def _swept_on(test: PerturbationTest, rows: NDArray[np.intp]) -> NDArray[np.bool
     """True if from each row to the next the sweep went on: a step in frequency as the others, and the same force."""
     ahead, force = np.diff(test.frequency[rows]), np.abs(test.force[rows])
     usual = float(np.median(ahead))
-    same = np.abs(np.diff(force)) <= _LARGEST_FORCE_CHANGE * force[:-1]
-    return np.asarray((ahead * usual > 0) & (np.abs(ahead) <= _LARGEST_SWEEP_GAP * abs(usual)) & same)
+    largest_force_change = 0.2  # relative change of the force from line to line, within one sweep
+    same = np.abs(np.diff(force)) <= largest_force_change * force[:-1]
+    largest_sweep_gap = 3.0  # step of the frequency over the usual one, within one sweep
+    return np.asarray((ahead * usual > 0) & (np.abs(ahead) <= largest_sweep_gap * abs(usual)) & same)

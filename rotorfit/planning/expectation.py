@@ -28,9 +28,6 @@ from rotorfit.planning.guesses import Guess, Values, guess
 from rotorfit.planning.noise import PlannedNoise, with_differences
 from rotorfit.units import RPM_PER_RAD_S
 
-_PLACEHOLDER = 1e-9
-"""Reading, m or N, in place of those of a test that was not made: inside any clearance."""
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Expectation:
@@ -170,6 +167,7 @@ def _of_motion(problem: Problem) -> Float:
 
 def _unread(test: Experiment, sigma: Float) -> Experiment:
     """A test without its readings, but those that say where a journal rests and which mode an impulse excites."""
+    placeholder = 1e-9  # reading, m or N, in place of those of a test that was not made: inside any clearance
     match test:
         case PerturbationTest():
             if test.synchronous and dwells(test):
@@ -177,11 +175,11 @@ def _unread(test: Experiment, sigma: Float) -> Experiment:
                     f"{test.source or 'the test'}: weights at dwell speeds are solved for influences, whose errors "
                     "come from repeats; plan start-ups, or responses at other frequencies than 1x"
                 )
-            return replace(test, response=np.full(len(test), _PLACEHOLDER + 0j), sigma=sigma)
+            return replace(test, response=np.full(len(test), placeholder + 0j), sigma=sigma)
         case StaticTest():
-            return replace(test, displacement=np.full(len(test), _PLACEHOLDER + 0j), sigma=sigma)
+            return replace(test, displacement=np.full(len(test), placeholder + 0j), sigma=sigma)
         case DisplacementTest():
-            unread = np.full(len(test), _PLACEHOLDER + 0j)
+            unread = np.full(len(test), placeholder + 0j)
             return replace(test, force_x=unread, force_y=np.where(test.frequency < 0, 1j, -1j) * unread, sigma=sigma)
         case RingDownTest():
             return test

@@ -21,8 +21,6 @@ from rotorfit.planning.targets import all_targets
 from rotorfit.planning.task import Task, errors_of
 from rotorfit.units import RPM_PER_RAD_S
 
-_STEP = 1.3
-"""Ratio of a speed that is tried to the lowest and highest of the tests, and room below the threshold speed."""
 NAMED = 3  # runs, lines and quantities that a sentence names
 
 
@@ -78,8 +76,10 @@ def _candidates(task: Task, tests: Sequence[PerturbationTest]) -> list[tuple[Per
     model, theta = task.model, task.vector()
     most_lines, most_speeds, most_runs = 40, 4, 24  # of a run, of the tests, and of all that are tried
     speeds = np.unique(np.concatenate([np.round(test.speed, 6) for test in tests]))
-    speeds = np.unique([*_some(speeds, most_speeds), speeds[0] / _STEP, speeds[-1] * _STEP])
-    speeds = speeds[[float(decay_rate(model, theta, _STEP * speed, task.band)) > 0 for speed in speeds.tolist()]]
+    # Ratio of a speed that is tried to the lowest and highest of the tests, and room below the threshold speed
+    step = 1.3
+    speeds = np.unique([*_some(speeds, most_speeds), speeds[0] / step, speeds[-1] * step])
+    speeds = speeds[[float(decay_rate(model, theta, step * speed, task.band)) > 0 for speed in speeds.tolist()]]
     w = _some(np.unique(np.concatenate([np.round(np.abs(test.frequency), 6) for test in tests])), most_lines)
     if not speeds.size:
         return []

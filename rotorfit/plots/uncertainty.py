@@ -13,8 +13,6 @@ from rotorfit.models.array_types import Float
 from rotorfit.plots.style import COLOURS, SMALL_TYPE, few_ticks, grid, literal, looked
 
 _LABEL = SMALL_TYPE
-_ROOM_FOR_OFFSET = SMALL_TYPE + 4
-"""Points between the numbers along x and their label: the offset that the numbers share stands there."""
 
 
 @looked
@@ -27,6 +25,8 @@ def plot_corner(samples: Float, names: Sequence[str], truths: Mapping[str, float
     width, height = np.maximum(figure.get_size_inches(), narrowest * count)
     figure.set_size_inches(width, height)
     marks = truths or {}
+    # Points between the numbers along x and their label: the offset that the numbers share stands there
+    room_for_offset = SMALL_TYPE + 4
     for i in range(count):
         for j in range(count):
             axis = axes[i, j]
@@ -53,7 +53,7 @@ def plot_corner(samples: Float, names: Sequence[str], truths: Mapping[str, float
             if j == 0 and i > 0:
                 axis.set_ylabel(_in_lines(names[i], height / count), fontsize=_LABEL)
             if i == count - 1:
-                axis.set_xlabel(_in_lines(names[j], width / count), fontsize=_LABEL, labelpad=_ROOM_FOR_OFFSET)
+                axis.set_xlabel(_in_lines(names[j], width / count), fontsize=_LABEL, labelpad=room_for_offset)
                 for number in axis.get_xticklabels():
                     number.set(rotation=45, rotation_mode="anchor", horizontalalignment="right")
     return figure

@@ -21,10 +21,6 @@ _USUAL_RANGE = (-18.0, -2.0)
 """Linear range of an eddy-current probe on -24 V, V, taken where the setup gives none."""
 _EDDY_CURRENT_SENSITIVITIES, _SENSITIVITIES = (2e3, 4e4), (1e2, 2e6)
 """Sensitivities, V/m, of eddy-current probes on -24 V and of any displacement probes."""
-_SWEPT_RANGE, _STEADY_RANGE = 0.2, 0.02
-"""Range of a speed over its mean beyond which it sweeps, and below which it is steady."""
-_ONE_SIDED_POWER_RATIO = 4.0
-"""Power ratio from which a motion counts as mostly in one direction: twice the amplitude."""
 
 
 def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> Iterator[Finding]:
@@ -222,7 +218,9 @@ def _reversed(record: Signals, plane: str, angle: AngleTrack, direction: int) ->
             total += float(np.mean(np.abs(z) ** 2))
     if max(with_it, against) < 0.01 * total or total == 0.0:
         return None
-    return against > _ONE_SIDED_POWER_RATIO * with_it
+    # Power ratio from which a motion counts as mostly in one direction: twice the amplitude
+    one_sided_power_ratio = 4.0
+    return against > one_sided_power_ratio * with_it
 
 
 def _spread(record: Signals) -> Iterator[tuple[int, int]]:
@@ -327,7 +325,9 @@ def setting_findings(record: Signals) -> Iterator[Finding]:
 def mark_findings(record: Signals, shaft: AngleTrack, perturbator: AngleTrack) -> Iterator[Finding]:
     """Marks that are exchanged: the shaft's speed sweeps while the perturbator's is steady."""
     sweeps, steady = (np.ptp(angle.speeds()) / np.abs(angle.speeds()).mean() for angle in (shaft, perturbator))
-    if sweeps > _SWEPT_RANGE and steady < _STEADY_RANGE:
+    # Range of a speed over its mean beyond which it sweeps, and below which it is steady
+    swept_range, steady_range = 0.2, 0.02
+    if sweeps > swept_range and steady < steady_range:
         turning = float(np.mean(perturbator.speeds()))
         given = record.speed is not None and abs(turning - abs(record.speed)) < 0.03 * abs(record.speed)
         yield Finding(

@@ -23,8 +23,6 @@ from rotorfit.units import RPM_PER_RAD_S
 if TYPE_CHECKING:
     from rotorfit.recordings.signals import Signals
 
-_FEWEST_TURNS = 4  # turns from which run-out is distinguished from noise and from a drift
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunOut:
@@ -66,10 +64,11 @@ def find_run_out(record: Signals, shaft: AngleTrack, how: SlowRollSetup) -> RunO
         normal += basis @ basis.T
         for i, probe in enumerate(record.probes):
             moment[i] += basis @ record.channel(probe.channel, start, stop)[slow]
-    if turns < _FEWEST_TURNS:
+    fewest_turns = 4  # turns from which run-out is distinguished from noise and from a drift
+    if turns < fewest_turns:
         below = "" if how.below is None else f" below {how.below * RPM_PER_RAD_S:.0f} rpm"
         raise ValueError(
-            f"{record.name}: the shaft turns {turns:.1f} times{below}, slow roll takes at least {_FEWEST_TURNS} turns: "
+            f"{record.name}: the shaft turns {turns:.1f} times{below}, slow roll takes at least {fewest_turns} turns: "
             "give a higher below_rpm in [slow_roll], or file, a recording of slow turning"
         )
     if orders[-1] * highest > np.pi * record.sample_rate / 2:

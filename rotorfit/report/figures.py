@@ -34,8 +34,6 @@ from rotorfit.units import RPM_PER_RAD_S
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_CORNER = 8
-"""Parameters a corner plot can show on a page."""
 
 _FIRST = ("D", "lam", "lam_D", "lam_M", "Mf", "K0")
 """Parameters that a corner plot shows before others."""
@@ -308,8 +306,9 @@ def _health(posterior: Posterior) -> Html:
 
 def _corner_columns(names: list[str], samples: Float) -> list[int]:
     """Columns that a corner plot shows, in order: the fluid's, then those most correlated with any other."""
-    if len(names) <= _CORNER:
+    corner = 8  # parameters a corner plot can show on a page
+    if len(names) <= corner:
         return list(range(len(names)))
     together = np.abs(np.corrcoef(samples, rowvar=False)) - np.eye(len(names))
     rank = [(bare_name(name) not in _FIRST, -together[i].max()) for i, name in enumerate(names)]
-    return sorted(sorted(range(len(names)), key=lambda i: rank[i])[:_CORNER])
+    return sorted(sorted(range(len(names)), key=lambda i: rank[i])[:corner])

@@ -8,8 +8,6 @@ from html import escape
 
 from rotorfit.estimators.file_reading import shown_lines
 
-_SHORT = 8
-"""Rows of a table that is not broken between pages."""
 _VOID = ("img", "meta", "br")
 
 
@@ -57,6 +55,7 @@ def table(
         style = "number" if i in numeric else "whole" if i in whole else ""
         return element(kind, row[i], class_=style) if style else element(kind, row[i])
 
+    short_rows = 8  # rows of a table that is not broken between pages
     return element(
         "div",
         element(
@@ -64,7 +63,7 @@ def table(
             element("thead", element("tr", *(cell("th", head, i) for i in kept))),
             element("tbody", *(element("tr", *(cell("td", row, i) for i in kept)) for row in body)),
         ),
-        class_="table short" if len(body) <= _SHORT else "table",
+        class_="table short" if len(body) <= short_rows else "table",
     )
 
 

@@ -32,7 +32,6 @@ from rotorfit.report.parts import (
 from rotorfit.units import RPM_PER_RAD_S
 
 _FLUID = ("D", "lam", "lam_D", "lam_M", "Mf")
-_CARDS = 6
 
 
 def verdict_section(material: ReportInput) -> Html:
@@ -264,7 +263,8 @@ def _fluid_cards(fit: FitResult) -> Iterator[Html]:
     """Cards of the fluid's parameters, or of the first ones of a model without a fluid."""
     fitted = [p for p in fit.params.values() if p.vary and p.name in fit.problem.space.names]
     wanted = [p for p in fitted if bare_name(p.name) in _FLUID]
-    for p in (wanted or fitted)[:_CARDS]:
+    cards = 6
+    for p in (wanted or fitted)[:cards]:
         name = f"{p.name}, {p.meaning}"
         if not p.resolved or p.moved_by:
             yield _card(name, "not determined", unit_shown(p.moved_by) or "see identifiability", bad=True)

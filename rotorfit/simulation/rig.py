@@ -228,9 +228,6 @@ def _modes(model: RotorModel, theta: Float, speed: float) -> tuple[ComplexArray,
     return s, shapes, drive
 
 
-_TOLERANCE = 1e-6  # error of a step as a share of the motion: far below the noise of probes
-
-
 def nonlinear_path(
     model: RotorModel,
     theta: Float,
@@ -257,7 +254,8 @@ def nonlinear_path(
         return np.concatenate([velocity, push])
 
     times = np.arange(count) / rate
-    smallest = _TOLERANCE * 1e-3 * seat.clearance  # of displacements; of velocities at 100 rad/s
+    tolerance = 1e-6  # error of a step as a share of the motion: far below the noise of probes
+    smallest = tolerance * 1e-3 * seat.clearance  # of displacements; of velocities at 100 rad/s
     absolute = np.repeat([smallest, 100.0 * smallest], n)
     with np.errstate(all="ignore"):  # a trial step beyond the clearance gives NaN and is cut
         found = solve_ivp(
@@ -266,7 +264,7 @@ def nonlinear_path(
             np.zeros(2 * n, dtype=complex),
             method="DOP853",
             t_eval=times,
-            rtol=_TOLERANCE,
+            rtol=tolerance,
             atol=absolute,
         )
     path = np.asarray(found.y[:n].T, dtype=complex)

@@ -11,9 +11,6 @@ from rotorfit.models.digits import significant
 from rotorfit.simulation.integration import STEP_TOLERANCE, IntegrationError, Motion, Path, integrate
 from rotorfit.units import RPM_PER_RAD_S
 
-_STATES_TOGETHER = 300
-"""States integrated together: times the 13 slopes of a step of DOP853 they stay below the 4096 elements from which
-OpenBLAS starts threads, whose waiting for each other takes longer than the product."""
 _MOST_WINDOWS = 60  # windows in which a motion must settle
 _TIME_CONSTANTS = 3.0  # time constants of the slowest transient in a window
 
@@ -49,9 +46,12 @@ def steady_state(
     w, left = np.abs(frequency), np.flatnonzero(driven)
     octave = np.floor(np.log2(w[left] / w.min())) if left.size else left
     groups: list[Index] = []
+    # States integrated together: times the 13 slopes of a step of DOP853 they stay below the 4096 elements from which
+    # OpenBLAS starts threads, whose waiting for each other takes longer than the product
+    states_together = 300
     for number in np.unique(octave):
         mine = left[octave == number]
-        count = -(-mine.size * 2 * force.shape[1] // _STATES_TOGETHER)
+        count = -(-mine.size * 2 * force.shape[1] // states_together)
         groups += np.array_split(mine[np.argsort(w[mine], kind="stable")], count)
     for lines in groups:
         chosen = (motion.select(lines), frequency[lines], force[lines], load[lines], decay[lines])

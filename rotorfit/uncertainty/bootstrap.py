@@ -24,8 +24,6 @@ from rotorfit.models.parameters import unknown_name
 from rotorfit.models.text_table import Wide, text_table
 from rotorfit.uncertainty.derived import Derived, Draws, onsets_of
 
-_MEMBERS_OF_A_PART = 32
-"""Simulated tests sent to a worker at once. Chosen."""
 # Data without a minimum nearby are common where the noise is large; what runs away need not be followed far. At a bound
 # Gauss-Newton may stall: the exact Hessian then finishes.
 _OPTIONS = Options(max_iterations=50)
@@ -180,7 +178,8 @@ def _fitted(
     if executor is None:
         result = batch_fit(fit.problem, measured, fit.x, accelerate=accelerate, options=_OPTIONS)
         return result.x, result.converged
-    parts = [measured[begin : begin + _MEMBERS_OF_A_PART] for begin in range(0, len(measured), _MEMBERS_OF_A_PART)]
+    members_of_a_part = 32  # simulated tests sent to a worker at once. Chosen.
+    parts = [measured[begin : begin + members_of_a_part] for begin in range(0, len(measured), members_of_a_part)]
     done = carry_out(partial(_fitted_elsewhere, fit_to_json(fit), accelerate), parts, executor)
     return np.concatenate([x for x, _ in done]), np.concatenate([converged for _, converged in done])
 

@@ -24,7 +24,6 @@ from rotorfit.models.text_table import Printed, Wide, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
 PRIORS, STRUCTURE = "priors", "structure"
-_NEGLIGIBLE_SHARE = 1e-4  # share of the combined uncertainty that a table shows as zero
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,8 +43,9 @@ class Share:
     @property
     def notable(self) -> dict[str, float]:
         """Standard uncertainty by source, zero where it is nothing beside the combined one."""
+        negligible_share = 1e-4  # share of the combined uncertainty that a table shows as zero
         return {
-            source: part if part > _NEGLIGIBLE_SHARE * self.combined else 0.0 for source, part in self.sources.items()
+            source: part if part > negligible_share * self.combined else 0.0 for source, part in self.sources.items()
         }
 
     def times(self, factor: float, unit: str) -> Share:

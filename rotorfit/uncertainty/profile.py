@@ -41,9 +41,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_INERTIA_DECADES = 4  # that an inertia is followed to either side
-
-
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Profile(Printed):
     """Profile of one parameter or of the threshold speed.
@@ -307,7 +304,8 @@ def _along_ratios(problem: Problem, ratios: Ratios, x: Float, error: float, give
     y = ratios.of(x)
     held = EntryConstraint(LogRatioProblem(problem, ratios), np.where(y == 0, 1.0, np.abs(y)))
     value, (lower, upper) = float(y[ratios.entry]), (float(bound[ratios.entry]) for bound in held.bounds)
-    low, high = value - _INERTIA_DECADES * math.log(10), value + _INERTIA_DECADES * math.log(10)
+    inertia_decades = 4  # that an inertia is followed to either side
+    low, high = value - inertia_decades * math.log(10), value + inertia_decades * math.log(10)
     return _Line(
         value=value,
         curve=Curve(held, value, y, problem.cost(x), np.zeros_like(y), ratios.entry),

@@ -24,18 +24,10 @@ from rotorfit.models.array_types import Float, Index
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import RPM_PER_RAD_S
 
-_CONSTANT_SPREAD = 0.01  # relative spread of what is taken as constant
-_LEAST_SINE = 0.02  # of the angle of a force, about a degree, from which the sense of counting matters
-_TURN_IN_RADIANS = 6.3  # degrees: what a whole turn in radians is, read as degrees
-
-_MISFIT_OF_LEVELS = 0.03
-"""Misfit that is left, of that of the data as given, if they are levels: undone, hardly more than one peak is left of
-any data, which many models explain somewhat better."""
 _DECIBELS = {"um": 1e-6, "mil": 25.4e-6, "mm": 1e-3}
 
 PHASE_ZEROS = "phase-zeros-differ"
 """Code of the error that a fit undoes itself, by one angle between forces and readings."""
-_MOUNTING_ANGLES = (45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)
 _PLANES = {"plane": "readings", "force_plane": "forces"}
 _SPEED_UNITS = {("Hz", "rpm"): 60.0, ("rpm", "Hz"): 1 / 60, ("rad/s", "rpm"): RPM_PER_RAD_S}
 _SPEED_UNITS[("rpm", "rad/s")] = 1 / RPM_PER_RAD_S
@@ -111,7 +103,8 @@ def filtered_probes(uneven: Mapping[str, FilteredProbe | None]) -> Iterator[Data
 
 def backward_angles(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
     """Angles of backward forces given as phases: twice the angle, of which D and lam take up the most."""
-    if any(((test.frequency < 0) & (np.abs(np.sin(np.angle(test.force))) > _LEAST_SINE)).any() for test in tests):
+    least_sine = 0.02  # of the angle of a force, about a degree, from which the sense of counting matters
+    if any(((test.frequency < 0) & (np.abs(np.sin(np.angle(test.force))) > least_sine)).any() for test in tests):
         yield DataError(
             code="backward-angles",
             message="the angles of backward forces are those of a protractor, from x towards y, and are given as "
@@ -165,6 +158,9 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
             )
     yield from _exchanges(tests)
     yield from _exchanged_runs(tests)
+    # Misfit that is left, of that of the data as given, if they are levels: undone, hardly more than one peak is left
+    # of any data, which many models explain somewhat better
+    misfit_of_levels = 0.03
     for unit, size in _DECIBELS.items():
         levels = [np.abs(test.response) / size for test in tests]
         # numbers that levels in dB could be, of a rotor with a resonance: the largest, and from it to the smallest
@@ -175,10 +171,11 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
                 message=f"the amplitudes are in dB and read as {unit}",
                 undo="give them in the unit that 0 dB stands for",
                 correct=partial(_from_decibels, unit=size),
-                leaves_at_most=_MISFIT_OF_LEVELS,
+                leaves_at_most=misfit_of_levels,
                 leaves_scale_open=True,
             )
-    for degrees in (*_MOUNTING_ANGLES, 0.0):  # near one of which the search finds the angle
+    mounting_angles = (45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)
+    for degrees in (*mounting_angles, 0.0):  # near one of which the search finds the angle
         yield DataError(
             code=PHASE_ZEROS,
             message="all forces are one angle off against all readings, as where weight holes, Keyphasor and probes "
@@ -189,7 +186,7 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
         )
     planes = np.unique(np.concatenate([test.plane for test in tests])).tolist()
     for some in (planes, *([plane] for plane in planes[:MOST_PLANES] if len(planes) > 1)):
-        for degrees in _MOUNTING_ANGLES:
+        for degrees in mounting_angles:
             who = "all probes" if some == planes else f"the probes at {some[0]}"
             yield DataError(
                 code="probes-turned",
@@ -206,10 +203,11 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
             undo=f"name their unit ({_COLUMNS[true]})",
             correct=partial(_with_speeds, factor=factor),
         )
+    turn_in_radians = 6.3  # degrees: what a whole turn in radians is, read as degrees
     for column, whose in (("force", "forces"), ("response", "readings")):
         phases = [np.abs(np.degrees(np.angle(getattr(test, column)))).max() for test in tests]
         is_z = column == "response" and any(np.char.endswith(test.direction, "z").any() for test in tests)
-        if all(0 < largest <= _TURN_IN_RADIANS for largest in phases) and not is_z:
+        if all(0 < largest <= turn_in_radians for largest in phases) and not is_z:
             yield DataError(
                 code="phases-in-radians",
                 of=whose,
@@ -343,12 +341,13 @@ def _from_radians(test: PerturbationTest, *, column: str) -> PerturbationTest:
 
 def _is_constant(test: PerturbationTest, size: Float) -> bool:
     """True if something is the same all through each run."""
+    constant_spread = 0.01  # relative spread of what is taken as constant
     for run in test.runs:
         own = size[test.run == run]
-        if np.ptp(own) > _CONSTANT_SPREAD * own.max():
+        if np.ptp(own) > constant_spread * own.max():
             return False
     swept = np.abs(test.frequency)
-    return bool(np.ptp(swept) > _CONSTANT_SPREAD * swept.max())
+    return bool(np.ptp(swept) > constant_spread * swept.max())
 
 
 def undone(experiments: Sequence[Experiment], names: Sequence[str]) -> tuple[Experiment, ...]:

@@ -48,7 +48,6 @@ those that a linear step promises."""
 
 _LINEAR_MISFIT_SHARE = 0.25
 """Share that a linear step leaves of the misfit by a small error, if that is the explanation."""
-_SAME_MISFIT_RATIO = 1.5  # ratio of what two errors leave within which the data cannot tell them apart
 
 
 def explained(fit: FitResult, shown: Collection[str] = ()) -> list[Finding]:
@@ -151,7 +150,8 @@ def _findings(tried: Sequence[Explanation]) -> list[Finding]:
     least = min((one.left for one in tried), default=np.inf)
     if not least < EXPLAINING_MISFIT_SHARE:
         return []
-    equal = sorted((one for one in tried if one.left < _SAME_MISFIT_RATIO * least), key=lambda one: one.left)
+    same_misfit_ratio = 1.5  # ratio of what two errors leave within which the data cannot tell them apart
+    equal = sorted((one for one in tried if one.left < same_misfit_ratio * least), key=lambda one: one.left)
     fewest = min(one.free for one in equal)
     named = list({one.message: one for one in equal if one.free == fewest}.values())[:3]
     better = float(f"{1 / least:.2g}")

@@ -25,11 +25,7 @@ from rotorfit.models.array_types import Bool, ComplexArray
 from rotorfit.models.digits import significant
 from rotorfit.units import RPM_PER_RAD_S
 
-_FEWEST_OTHER_RUNS, _LEAST_DIFFERENCE_RATIO = 2, 5.0
-"""Other runs that show whether it is one run alone, and times by which it must differ more than any of them."""
-
 _MOST_GROUPS, _MOST_SPEEDS = 40, 8  # groups looked at, and speeds that are few enough to be sessions
-_ZERO_ANGLE = 3.0  # departure of an angle from zero, degrees, that is none
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,16 +71,18 @@ def _of_group(readings: Readings, group: _Group, missed: float) -> Iterator[tupl
     either = [(group, factor)]
     if group.other is not None and not power:
         either.append((group.other, 1 / factor))  # scale and angle of all hardly tell which of the two is right
+    # Other runs that show whether it is one run alone, and times by which it must differ more than any of them
+    fewest_other_runs, least_difference_ratio = 2, 5.0
     for one, own in either:
         seen = np.where(one.rows, own * (readings.s / readings.middle) ** power, 1.0)
         problem = readings.corrected(seen)
         left, x = trial(problem)
         # Runs beside the one that was corrected are as expected: where all differ, none has the error.
         others = np.unique(readings.run[~one.rows]).tolist()
-        if np.unique(readings.run[one.rows]).size == 1 and len(others) >= _FEWEST_OTHER_RUNS:
+        if np.unique(readings.run[one.rows]).size == 1 and len(others) >= fewest_other_runs:
             corrected, expected = replace(readings, problem=problem), np.concatenate(problem.predict(x))
             apart = (abs(np.log(_factor(corrected, readings.run == run, expected, (0,))[1])) for run in others)
-            if max(apart) >= abs(np.log(own)) / _LEAST_DIFFERENCE_RATIO:
+            if max(apart) >= abs(np.log(own)) / least_difference_ratio:
                 continue
         yield one, _explanation(one, power, own, left / missed)
 
@@ -146,11 +144,12 @@ def _explanation(group: _Group, power: int, factor: complex, left: float) -> Exp
         codes.append("readings-scaled")
         parts.append(f"are {significant(size, 3)} times as large as the rest makes one expect{likeness(size)}")
         causes.append(f"are given {significant(1 / size, 3)} times as large as they are")
-    if 180 - abs(angle) < _ZERO_ANGLE:
+    zero_angle = 3.0  # departure of an angle from zero, degrees, that is none
+    if 180 - abs(angle) < zero_angle:
         codes.append("readings-inverted")
         parts.append("are upside down against what the rest makes one expect")
         causes.append("have the wrong sign (weights on the opposite side)")
-    elif abs(angle) > _ZERO_ANGLE:
+    elif abs(angle) > zero_angle:
         codes.append("readings-turned")
         lead = f"{'lead' if angle > 0 else 'lag'} by {significant(abs(angle), 3)} degrees"
         parts.append(f"{lead} against what the rest makes one expect, as where the phase reference is another")

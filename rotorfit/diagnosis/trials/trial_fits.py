@@ -27,9 +27,6 @@ PROMISING_MISFIT_SHARE = 0.5
 MOST_PLANES = 4
 """Planes that are looked at one by one. Chosen: an experiment with an error has few."""
 
-_MOST_READINGS = 1500
-"""Readings that show an error."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Explanation:
@@ -120,7 +117,8 @@ def readings_of(problem: Problem) -> Readings | None:
     blocks = [block for block in problem.blocks if isinstance(block, Responses)]
     if len(blocks) < len(problem.blocks) or any(block.imposed or not block.frequency.all() for block in blocks):
         return None
-    every = -(-sum(block.measured.size for block in blocks) // _MOST_READINGS)
+    most_readings = 1500  # readings that show an error
+    every = -(-sum(block.measured.size for block in blocks) // most_readings)
     if every > 1:
         problem = _some_lines(problem, blocks, every)
         blocks = problem.responses

@@ -14,9 +14,6 @@ from rotorfit.models.text_table import Printed, text_table
 from rotorfit.units import RPM_PER_RAD_S
 
 THRESHOLD_COLUMN = "threshold speed"
-_NOTHING = 1e-3  # of a standard error: a shift below it is shown as none
-_NARROWED_RATIO = 3.0  # uncertainty over standard error from which data narrow it; curvature gives less as well
-_NOTABLE_FALL = 0.95  # of a combined error without one entry, above which that entry is not named by itself
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +40,8 @@ class Assumption:
     @property
     def narrowed(self) -> bool:
         """True if the data tell its size clearly better than its uncertainty does."""
-        return self.stderr * _NARROWED_RATIO <= self.uncertainty
+        narrowed_ratio = 3.0  # uncertainty over standard error from which data narrow it; curvature gives less as well
+        return self.stderr * narrowed_ratio <= self.uncertainty
 
     @property
     def left(self) -> float:
@@ -130,8 +128,9 @@ class Assumptions(Printed):
         """Those of :attr:`foundations` that an error notably rests on, and how many others there are."""
         bearing = [entry for entry in self.entries if entry.bears]
         whole = {name: self.combined(name) for name in self.entries[0].errors} if bearing else {}
+        notable_fall = 0.95  # of a combined error without one entry, above which that entry is not named by itself
         # Share of a result's variance without which the combined error falls notably.
-        least = 1 - _NOTABLE_FALL**2
+        least = 1 - notable_fall**2
         main = [
             entry
             for entry in bearing
@@ -257,6 +256,7 @@ def _titled(name: str) -> str:
 def _shown(name: str, shift: float, error: float) -> str:
     if not math.isfinite(error):
         return "open"
-    if abs(shift) < _NOTHING * error:
+    least_shown = 1e-3  # of a standard error: a shift below it is shown as none
+    if abs(shift) < least_shown * error:
         return "0"
     return two_digits(shift * (RPM_PER_RAD_S if name == THRESHOLD_COLUMN else 1.0), "+")

@@ -19,8 +19,6 @@ from rotorfit.units import RPM_PER_RAD_S
 if TYPE_CHECKING:
     from rotorfit.fitting.result import FitResult
 
-_FAR = 3.0  # onset over the highest tested speed from which it is called far
-
 
 def onset_of(fit: FitResult, group: int) -> Quantity:
     """Threshold speed of one parameter group, rad/s."""
@@ -52,7 +50,8 @@ def is_extrapolated(fit: FitResult, speed: ArrayLike, whirl: ArrayLike) -> Any:
 def _is_far(fit: FitResult, speed: ArrayLike) -> Any:
     """True if a speed lies so far above the tested ones that terms growing with speed are hardly seen in the data."""
     highest = float(fit.speeds.max(initial=0.0))
-    return (np.asarray(speed) > _FAR * highest) & (highest > 0)
+    far_ratio = 3.0  # onset over the highest tested speed from which it is called far
+    return (np.asarray(speed) > far_ratio * highest) & (highest > 0)
 
 
 def onset_note(fit: FitResult, group: int) -> str:

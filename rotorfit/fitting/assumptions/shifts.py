@@ -62,11 +62,6 @@ _PLAUSIBLE = {
     "damper": 0.03,  # of the fluid's damping, by which a support or the surroundings damp the journal too
 }
 """Sizes that what a model leaves out may well have, which the user may replace. Chosen."""
-_LARGEST_RIVAL = 5.0
-"""Times its plausible size up to which a gyroscopic effect may be in the place of a cause that was found: that of
-a full disk at a third of the span has the share 0.3 where its radius is 0.44 of the span. Chosen."""
-_LARGEST_SHIFT = 0.5
-"""Shift over the standard error up to which intervals of 95 % hold the truth in 92 % and more."""
 _ACTING = (Kind.SPEED, Kind.BEND, Kind.HYSTERESIS, Kind.ELSEWHERE)
 """Causes that are of the rotor."""
 _WITH_SPEED = {"K0": 0.3, "D": 0.1, "lam": 0.05}
@@ -95,7 +90,8 @@ def assumptions_of(fit: FitResult, priors: Mapping[str, float] | None = None) ->
     ]
     # An isotropic fit bears what pairs of probes show of the supports where it moves nothing by half its error.
     pair = Kind.PAIR.value
-    entries = [e for e in _entries(fit, terms) if not e.name.startswith(pair) or e.weight >= _LARGEST_SHIFT]
+    largest_shift = 0.5  # shift over the standard error up to which intervals of 95 % hold the truth in 92 % and more
+    entries = [e for e in _entries(fit, terms) if not e.name.startswith(pair) or e.weight >= largest_shift]
     found = Assumptions(tuple(sorted(entries, key=lambda e: (not e.missing, -abs(e.z) if e.missing else -e.weight))))
     return found.with_priors(priors) if priors else found
 
@@ -127,8 +123,11 @@ def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
     found = np.array([isinstance(term, Cause) and bool(term.sizes) for term in terms])
     described = [_described(fit, term) for term in terms]
     rivals: dict[int, tuple[int, float, float]] = {}
+    # Times its plausible size up to which a gyroscopic effect may be in the place of a cause that was found: that of a
+    # full disk at a third of the span has the share 0.3 where its radius is 0.44 of the span. Chosen.
+    largest_rival = 5.0
     if found.any():
-        largest = [_LARGEST_RIVAL * plausible if name.startswith("g[") else 0.0 for name, *_, plausible in described]
+        largest = [largest_rival * plausible if name.startswith("g[") else 0.0 for name, *_, plausible in described]
         beside, rivals = _beside(residuals, jacobian, columns, prior, found, np.array(largest))
     onset = fit.onset(0) if fit.model.speed_dependent else None
     errors = {name: fit.params[name].stderr for name in _RESULTS if name in fit.var_names}

@@ -24,9 +24,6 @@ from rotorfit.fitting.noise.noise_fit import (
 )
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_MOST_CAUSES = 3
-"""Causes that are looked for one after the other; where more act, the model is another one."""
-
 
 def fixed_causes(problem: Problem, x: Float, data: LinearisedFit) -> tuple[tuple[Cause, ...], LinearisedFit]:
     """Smooth causes that explain what the fit misses, and the linearised fit with their columns beside its values."""
@@ -37,7 +34,8 @@ def fixed_causes(problem: Problem, x: Float, data: LinearisedFit) -> tuple[tuple
     columns = cause_columns(problem, x, causes)
     own = np.split(np.arange(columns.shape[1]), np.cumsum([len(cause.parts) for cause in causes])[:-1])
     found: tuple[int, ...] = ()
-    while len(found) < _MOST_CAUSES:
+    most_causes = 3  # causes that are looked for one after the other; where more act, the model is another one
+    while len(found) < most_causes:
         best = _most_likely(data, columns, own)
         if best is None:
             break

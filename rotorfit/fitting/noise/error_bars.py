@@ -16,10 +16,6 @@ from rotorfit.fitting.noise.residual_study import ResidualStudy
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_UNEVEN_SCATTER, _UNEVEN_SCATTER_OF_OTHER_NOISE = 4.5, 2.5
-"""Standard deviations of scatter beyond that of equal noise from which standard errors follow it: where all else looks
-well (once in 300 000 by the normal distribution), and where the noise was not as expected (once in 160)."""
-
 
 def with_noise(problem: Problem, noise: FoundNoise) -> Problem:
     """The problem with noise of another size, and differences of runs as nuisance entries with priors."""
@@ -93,7 +89,10 @@ def with_scatter(
     found = line_scatter(r, J, scattered, lines_in(problem), widening)
     parameters = slice(0, len(problem.space.names))
     as_found = study.verdict is NoiseVerdict.AS_FOUND
-    limit = _UNEVEN_SCATTER if as_found else _UNEVEN_SCATTER_OF_OTHER_NOISE
+    # Standard deviations of scatter beyond that of equal noise from which standard errors follow it: where all else
+    # looks well (once in 300 000 by the normal distribution), and where the noise was not as expected (once in 160)
+    uneven_scatter, uneven_scatter_of_other_noise = 4.5, 2.5
+    limit = uneven_scatter if as_found else uneven_scatter_of_other_noise
     if problem.loss != "linear" or float(found.excess[parameters].max(initial=0.0)) < limit:
         return covar, study
     robust = found.covar

@@ -19,8 +19,6 @@ from rotorfit.estimators.noise.residuals import Memory, Shape, fit_probes, likel
 from rotorfit.estimators.noise.run_effects import LEAST_RESIDUAL_SHARE, MixedModel, MixedSolution, Residuals
 from rotorfit.models.array_types import ComplexArray, Float, Index
 
-_MOST_RUNS = 200  # each costs a small matrix; of more, a difference from run to run is noise
-_FEWEST_READINGS = 3  # fewest from which an effect of the run can be estimated
 _FLUID = ("K0", "D", "lam", "lam_D")
 
 
@@ -96,7 +94,9 @@ def _runs_of(problem: Problem) -> tuple[tuple[str, ...], list[Index]]:
     """Runs that may differ, with the readings of each; none where they are one, too many, or one has too few."""
     names, number = words(np.concatenate([block.run for block in problem.blocks]))
     rows = rows_by(number)
-    if not 2 <= len(names) <= _MOST_RUNS or any(own.size < _FEWEST_READINGS for own in rows):
+    most_runs = 200  # each costs a small matrix; of more, a difference from run to run is noise
+    fewest_readings = 3  # fewest from which an effect of the run can be estimated
+    if not 2 <= len(names) <= most_runs or any(own.size < fewest_readings for own in rows):
         return (), []
     return tuple(names), rows
 

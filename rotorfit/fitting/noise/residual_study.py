@@ -17,9 +17,6 @@ from rotorfit.version import renamed
 MODEL_LIMITED_REDCHI = 2.0
 """redchi above which a result that has nothing else to go by says that the model, not the noise, limits the fit."""
 
-_MANY = 1e9
-"""Readings from which a noise is as good as known."""
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ResidualStudy:
@@ -170,7 +167,8 @@ def largest_redchi(study: ResidualStudy | None, nfree: int, known_from: float) -
 
     lags = () if study is None else study.lags
     independent = nfree / (1 + 2 * sum(lag * lag for lag in lags))  # squares of normal errors correlate by lag^2
-    return float(fdtri(independent, min(known_from, _MANY), 1 - P_WARNING)) if nfree > 0 else float("nan")
+    known_well = 1e9  # readings from which a noise is as good as known
+    return float(fdtri(independent, min(known_from, known_well), 1 - P_WARNING)) if nfree > 0 else float("nan")
 
 
 def _satterthwaite(parts: Sequence[float], freedom: Sequence[float]) -> float:

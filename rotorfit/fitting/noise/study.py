@@ -37,25 +37,6 @@ from rotorfit.models.array_types import Float
 NOISE_LIKE_REDCHI = 1.5
 """redchi up to which residuals have the size of the noise: the 95 % point of a variance estimated from ten lines."""
 
-_P_EFFECT = 0.005
-"""Probability of a warning of an effect of runs that do not differ."""
-_P_POSSIBLE, _P_POSSIBLE_OF_TWO = 0.1, 0.2
-"""The same of letting the errors allow for one, without a warning; with two runs.
-
-Runs that differ agree by chance in some tests, and then nothing widens: the laxer this level, the fewer. Both tests of
-an effect err to the safe side: at 0.1 runs that agree are given one in 2 to 3 fits of 100, and at 0.2 in 5; each is
-several to forty times as wide, so that the mean width grows by 1 to 30 %. Two runs need 0.2 to hold D in 85 % where
-forces differ by 1 %: two that agree are then 1.4 to 2.1 times as wide on average. The median stays.
-``benchmarks/honest_errors.py`` counts all of it.
-"""
-_MEMORY_CORRELATION = 0.25
-"""Memory along the sweeps counts where the correlation of neighbours is significant, and widens standard errors by a
-fifth at least."""
-_LARGEST_REST = 0.1
-"""Share of redchi that a fixed cause may leave where that is a misfit still: large causes are not linear. Chosen."""
-_MISS_LINES = 5
-"""Lines over which residuals are averaged to see where the model misses, and places that are named."""
-
 
 def study_residuals(problem: Problem, x: Float, *, ask_causes: bool = True) -> ResidualStudy | None:
     """Tell noise, differences of runs and misfit apart at the optimum of a linear loss; nothing for other data."""
@@ -64,9 +45,11 @@ def study_residuals(problem: Problem, x: Float, *, ask_causes: bool = True) -> R
         return None
     causes, beside = fixed_causes(problem, x, data) if ask_causes else ((), data)
     study = _study(problem, x, beside, causes)
+    # Share of redchi that a fixed cause may leave where that is a misfit still: large causes are not linear. Chosen.
+    largest_rest = 0.1
     if causes and study.verdict is NoiseVerdict.MISFIT:
         left, whole = (NoiseFit.of(one, one.sigma, np.zeros(len(one.kinds))).redchi for one in (beside, data))
-        if left >= _LARGEST_REST * whole:  # causes explain little of the misfit
+        if left >= largest_rest * whole:  # causes explain little of the misfit
             return _study(problem, x, data, ())
     return study
 
@@ -118,7 +101,10 @@ def _verdict(fit: NoiseFit, remembered: Memory, *, as_found: bool) -> NoiseVerdi
 
 def _follows(remembered: Memory) -> bool:
     """True if residuals follow one another along the sweeps."""
-    return remembered.first > _MEMORY_CORRELATION and remembered.z > SIGNIFICANT_ERRORS
+    # Memory along the sweeps counts where the correlation of neighbours is significant, and widens standard errors by a
+    # fifth at least
+    memory_correlation = 0.25
+    return remembered.first > memory_correlation and remembered.z > SIGNIFICANT_ERRORS
 
 
 def _perhaps_filtered(verdict: NoiseVerdict, remembered: Memory) -> bool:
@@ -144,8 +130,16 @@ def random_effects(data: LinearisedFit) -> tuple[Float, Float]:
         # Noise with memory weighs more on what changes slowly along a sweep.
         sigma = sigma * np.sqrt(1 + 2 * sum(remembered.lags))
     model = MixedModel.of(*data.weighed(sigma), data.rows, data.prior)
-    level = _P_POSSIBLE_OF_TWO if len(data.runs) == 2 else _P_POSSIBLE
-    found = select_effects(model, level=_P_EFFECT, forced=data.forced)
+    # The same of letting the errors allow for one, without a warning; with two runs. Runs that differ agree by chance
+    # in some tests, and then nothing widens: the laxer this level, the fewer. Both tests of an effect err to the safe
+    # side: at 0.1 runs that agree are given one in 2 to 3 fits of 100, and at 0.2 in 5; each is several to forty times
+    # as wide, so that the mean width grows by 1 to 30 %. Two runs need 0.2 to hold D in 85 % where forces differ by 1
+    # %: two that agree are then 1.4 to 2.1 times as wide on average. The median stays. ``benchmarks/honest_errors.py``
+    # counts all of it.
+    p_possible, p_possible_of_two = 0.1, 0.2
+    level = p_possible_of_two if len(data.runs) == 2 else p_possible
+    p_effect = 0.005  # probability of a warning of an effect of runs that do not differ
+    found = select_effects(model, level=p_effect, forced=data.forced)
     # Noise of another size than that of the data has a shape that is guessed, which a lax test would take for runs.
     if np.count_nonzero(found) == len(data.forced) and within.redchi < NOISE_LIKE_REDCHI:
         possible = np.where(found > 0, 0.0, select_effects(model, level=level, forced=data.forced))
@@ -228,8 +222,9 @@ def _misses(problem: Problem, data: LinearisedFit) -> tuple[Miss, ...]:
     labels = _labels(problem)
     w = np.concatenate([block.frequency[block.line] for block in problem.responses])
     found = []
+    miss_lines = 5  # lines over which residuals are averaged to see where the model misses, and places that are named
     for sweep in data.sweeps:
-        width = min(_MISS_LINES, sweep.size)
+        width = min(miss_lines, sweep.size)
         mean = np.abs(np.convolve(data.r[sweep], np.full(width, 1 / width), mode="valid"))
         at = int(np.argmax(mean))
         low, high = sorted(np.abs(w[sweep[[at, at + width - 1]]]).tolist())

@@ -89,12 +89,6 @@ _TWO_RUNS = (
 
 _SCATTER = "the residuals scatter unevenly between readings; standard errors follow them (HC3)"
 
-_LARGEST_LABEL_ERROR = 0.05
-"""Relative error of a speed label beyond which none is likely: a tachometer that slips is off by parts of a percent."""
-_SINGLE_RUN_RATIO = 8.0
-"""Times the rms effect of the other runs from which a difference is said to be of one run alone: of six runs with
-normal effects one exceeds it once in eighty sets, of twelve once in four thousand."""
-
 
 def sentences(
     effects: Sequence[RunEffect], possible: Sequence[RunEffect], run_count: int, *, robust: bool
@@ -137,7 +131,9 @@ def differences(effects: Sequence[RunEffect]) -> tuple[str, ...]:
 
 def _kind(effect: RunEffect) -> str:
     """Quantity in which runs differ; no speed label is that far off."""
-    return "lam" if effect.kind == "run_lam" and effect.sd > _LARGEST_LABEL_ERROR else RUN_KINDS[effect.kind]
+    # Relative error of a speed label beyond which none is likely: a tachometer that slips is off by parts of a percent
+    largest_label_error = 0.05
+    return "lam" if effect.kind == "run_lam" and effect.sd > largest_label_error else RUN_KINDS[effect.kind]
 
 
 def _difference(effect: RunEffect) -> str:
@@ -149,7 +145,10 @@ def _difference(effect: RunEffect) -> str:
         return found
     size = np.abs(np.array(effect.values) - np.median(effect.values))  # an effect of one run shifts the mean of all
     first = int(np.argmax(size))
-    if size[first] <= _SINGLE_RUN_RATIO * np.sqrt(np.mean(np.delete(size, first) ** 2)):
+    # Times the rms effect of the other runs from which a difference is said to be of one run alone: of six runs with
+    # normal effects one exceeds it once in eighty sets, of twelve once in four thousand
+    single_run_ratio = 8.0
+    if size[first] <= single_run_ratio * np.sqrt(np.mean(np.delete(size, first) ** 2)):
         return found
     return f"{found}. Nearly all of it is in run {effect.runs[first]}, by {_amount(effect, size[first])}"
 

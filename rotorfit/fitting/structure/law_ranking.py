@@ -251,10 +251,6 @@ def _try(
     return LawFit(law=law, fit=result, reason="", count=result.nvarys - unseen, aic=aic, bic=bic)
 
 
-_SMALLEST_REACH = 0.01
-"""Eccentricity below which laws are not told apart: usual ones change K0 by a few parts in ten thousand there."""
-
-
 def _default_laws(model: RotorModel, experiments: tuple[Experiment, ...]) -> tuple[Law, ...]:
     """Common laws; the spline's knots lie where the data are."""
     laws: tuple[Law, ...] = (Constant(), Muszynska(), EvenPolynomial(1), EvenPolynomial(2))
@@ -264,7 +260,9 @@ def _default_laws(model: RotorModel, experiments: tuple[Experiment, ...]) -> tup
     reach = float(np.nanmax(eps, initial=0.0))
     if reach <= 0:
         return laws
-    if reach < _SMALLEST_REACH:
+    # Eccentricity below which laws are not told apart: usual ones change K0 by a few parts in ten thousand there
+    smallest_reach = 0.01
+    if reach < smallest_reach:
         raise ValueError(
             f"the journal moves by at most {significant(100 * reach, 2)} % of the clearance of "
             f"{significant(1e6 * (model.clearance or 0.0), 4)} um: so small orbits tell no law from another. Check "

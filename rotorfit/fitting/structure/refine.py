@@ -112,7 +112,9 @@ def refine(fit: FitResult) -> Refinement:
         raise ValueError(refusal)
     # Fixed causes of what a model misses are asked of the chosen one: that takes half the time of a candidate.
     found, steps = _select(fit, may_leave_open=False)
-    if found.redchi > _LARGEST_MISFIT_RATIO * min(step.redchi for step in steps if step.success or step is found):
+    # Misfit over that of the best candidate, in power, beyond which one that leaves no parameter open is refused
+    largest_misfit_ratio = 1.2
+    if found.redchi > largest_misfit_ratio * min(step.redchi for step in steps if step.success or step is found):
         found, steps = _select(fit, may_leave_open=True)
     best = found if found is fit else refit(found, found.model)
     steps = [best if step is found else step for step in steps]
@@ -123,10 +125,6 @@ def refine(fit: FitResult) -> Refinement:
     warnings = (*chosen.warnings, *_warnings(fit, chosen))
     chosen = replace(chosen, settings=replace(chosen.settings, onsets=onsets), warnings=warnings)
     return Refinement(tuple(steps), chosen)
-
-
-_LARGEST_MISFIT_RATIO = 1.2
-"""Misfit over that of the best candidate, in power, beyond which one that leaves no parameter open is refused."""
 
 
 def _select(fit: FitResult, *, may_leave_open: bool) -> tuple[FitResult, list[FitResult]]:
@@ -168,7 +166,8 @@ def _hidden(step: FitResult) -> dict[str, Any]:
         return {}
     from scipy.stats import norm  # late: loading it takes longer than a fit
 
-    return {p.name: norm(0.0, _PRIOR_DEVIATIONS * max(sizes)) for p in own if not p.resolved}
+    prior_deviations = 3.0  # gyroscopic effects of a plane over those of another
+    return {p.name: norm(0.0, prior_deviations * max(sizes)) for p in own if not p.resolved}
 
 
 def _warnings(plain: FitResult, chosen: FitResult) -> Iterator[str]:
@@ -207,7 +206,9 @@ def _model_uncertainty(best: FitResult, steps: Sequence[FitResult]) -> Float:
 
     candidates = [step for step in steps if step is best or tells(step)]
     scatter = max(1.0, min(step.redchi for step in candidates))  # what every candidate misses counts as noise
-    weight = np.exp([(best.aic - step.aic) / (2 * _SELECTION_WIDENING * scatter) for step in candidates])
+    # The best AIC is the best of many that scatter: by itself it makes the choice look surer than it is
+    selection_widening = 2.0
+    weight = np.exp([(best.aic - step.aic) / (2 * selection_widening * scatter) for step in candidates])
     apart, mixed = np.zeros((2, len(sure), len(sure)))
     for share, step in zip((weight / weight.sum()).tolist(), candidates, strict=True):
         there = [k for k, i in enumerate(sure) if names[i] in step.params]
@@ -238,16 +239,6 @@ def _candidate_onsets(steps: Sequence[FitResult], best: FitResult) -> tuple[Onse
     return tuple(found)
 
 
-_SELECTION_WIDENING = 2.0
-"""The best AIC is the best of many that scatter: by itself it makes the choice look surer than it is."""
-
-_PRIOR_DEVIATIONS = 3.0  # gyroscopic effects of a plane over those of another
-
-_FEWEST_READINGS = 30  # readings of a response from which their scatter gives their noise within 10 %
-
-_SMALLEST_SCALE = 1e-3  # scale below which exact data, not noise, are in hand
-
-
 def rescale_noise(fit: FitResult) -> FitResult:
     """The fit with the noise of each response rescaled to its residuals, in turns with the fit, which raises their
     joint likelihood. Not robust fits, nor those that the model limits: what it misses is no noise. Responses of few
@@ -275,8 +266,10 @@ def _noise_scale(problem: Problem, x: Float) -> dict[str, float]:
             sums[name] = sums.get(name, 0.0) + float(np.sum(np.abs(part[rows]) ** 2))
             counts[name] = counts.get(name, 0) + 2 * int(rows.sum())
     free = 1 - x.size / problem.n_data
-    enough = [name for name in sums if counts[name] >= 2 * _FEWEST_READINGS]
-    return {name: max(float(np.sqrt(sums[name] / (counts[name] * free))), _SMALLEST_SCALE) for name in enough}
+    fewest_readings = 30  # readings of a response from which their scatter gives their noise within 10 %
+    enough = [name for name in sums if counts[name] >= 2 * fewest_readings]
+    smallest_scale = 1e-3  # scale below which exact data, not noise, are in hand
+    return {name: max(float(np.sqrt(sums[name] / (counts[name] * free))), smallest_scale) for name in enough}
 
 
 def refit(

@@ -15,7 +15,6 @@ from rotorfit.units import RPM_PER_RAD_S, UNITS, units_of
 
 _MARK = re.compile(r"[+-]?9{3,5}(\.(0+|9+))?")
 """Values that instruments write where they have no reading: 999, -999, 9999.9, ..."""
-_BEYOND = 10.0  # times the largest other amplitude
 
 
 def without_empty(table: Table) -> tuple[Table, list[Finding]]:
@@ -99,6 +98,7 @@ def _refuse_halves(table: Table, empty: Bool) -> None:
 def _refuse_marks(table: Table) -> None:
     """Refuse 999 and its like where no other amplitude, or no other phase, comes near."""
     amplitudes = [name for prefix in ("amplitude", "real", "imag") for name in table.find(prefix, READING)]
+    mark_ratio = 10.0  # times the largest other amplitude
     for name in (*amplitudes, *table.find("phase", UNITS["phase"])):
         cells = table.cells[name]
         asked: Sequence[int] = range(len(cells))
@@ -113,7 +113,7 @@ def _refuse_marks(table: Table) -> None:
         if values is None or not values.size:
             continue
         mark = float(cells[marked[0]])
-        if abs(mark) > _BEYOND * np.abs(values).max() if name in amplitudes else np.abs(values - mark).min() > 360.0:
+        if abs(mark) > mark_ratio * np.abs(values).max() if name in amplitudes else np.abs(values - mark).min() > 360.0:
             raise ValueError(
                 f"{table.where(marked[0], name)}: {cells[marked[0]]} is far from all others ({len(marked)} such "
                 "cells in the column). If instruments write it where there is no reading, leave the cells blank"

@@ -27,10 +27,6 @@ _ROWS = 1 << 17
 """Rows turned into numbers at once."""
 
 
-_LOOKED_AT = 400
-"""Lines in which the first row of numbers is looked for."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class _Head:
     attributes: dict[str, float | str]
@@ -123,8 +119,9 @@ def _first_lines(path: Path, encoding: str) -> tuple[dict[str, float | str], lis
     attributes: dict[str, float | str] = {}
     lines: list[_Line] = []
     fixed: str | None = None
+    looked_at = 400  # lines in which the first row of numbers is looked for
     with path.open(encoding=encoding) as file:
-        for number, line in enumerate(islice(file, _LOOKED_AT)):
+        for number, line in enumerate(islice(file, looked_at)):
             text = line.strip(" \r\n\ufeff")
             if text.startswith("#"):
                 key, equals, value = (part.strip() for part in text.lstrip("# ").partition("="))

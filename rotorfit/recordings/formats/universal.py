@@ -18,9 +18,6 @@ from numpy.typing import NDArray
 from rotorfit.io.sampling import FEWEST, rate_of_times
 from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, once, spooled
 
-_GENERAL, _TIME_RESPONSE = 0, 1
-_TIME = 17
-"""Data type of an abscissa that is time."""
 _AXES = {1: "X", 2: "Y", 3: "Z", -1: "-X", -2: "-Y", -3: "-Z"}
 
 
@@ -35,10 +32,12 @@ def open_file(path: Path) -> RawFile:
     numbers = [i for i, kind in enumerate(file.get_set_types()) if kind == 58]
     records = {i: file.read_sets(i, header_only=True) for i in numbers}
     channels: dict[str, RawChannel] = {}
+    general, time_response = 0, 1  # types of functions
+    of_times = 17  # data type of an abscissa that is time
     for i, record in records.items():
-        of_time = record["func_type"] == _GENERAL and record.get("abscissa_spec_data_type") == _TIME
+        of_time = record["func_type"] == general and record.get("abscissa_spec_data_type") == of_times
         real = record["ord_data_type"] in (2, 4)
-        if not (record["func_type"] == _TIME_RESPONSE or (of_time and real)) or record["num_pts"] < FEWEST:
+        if not (record["func_type"] == time_response or (of_time and real)) or record["num_pts"] < FEWEST:
             continue
         words = [str(record.get(key) or "").strip() for key in ("rsp_ent_name", "id1")]
         entity, title = ("" if word.upper() in ("NONE", "") else word for word in words)

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from rotorfit.estimators.signals.local_response import LocalResponse
     from rotorfit.recordings.recording import Recording
 
-_POWER_BEYOND_BAND = 1e-3
-"""Share of a measured force's power left out at either end of its band."""
 
 _ONE_SIDED_POWER_RATIO = 0.02
 """Power in one direction over that in the other below which a measured force is taken for one of one direction."""
@@ -73,7 +71,8 @@ def look_at_force(record: Recording, *, struck: bool = False) -> MeasuredForce:
     beside = np.convolve(mean, np.ones(averaged) / averaged, mode="same")
     loud = beside > (1 + 6 / np.sqrt(averaged * len(power))) * floor
     share = np.cumsum(np.where(loud, np.maximum(mean - floor, 0.0), 0.0))
-    ends = np.searchsorted(share, np.array([_POWER_BEYOND_BAND, 1 - _POWER_BEYOND_BAND]) * share[-1]) + 1.0
+    power_beyond_band = 1e-3  # share of a measured force's power left out at either end of its band
+    ends = np.searchsorted(share, np.array([power_beyond_band, 1 - power_beyond_band]) * share[-1]) + 1.0
     if not share[-1]:
         raise ValueError(f"{record.name}: the measured force does not stand out of the noise of its channels")
     return MeasuredForce(

@@ -32,10 +32,6 @@ QUIET_TURNS = 2.0
 QUIET_SHARE = 0.1
 """Share of a recording of blows that tells them: their error two lines beside then is as large as the noise."""
 
-_TOP_SHARE, _LARGEST_TOP_SHARE = 5e-3, 0.2
-"""Share of its peak within which a blow is at its top, and the share of its length at half the peak that the top of no
-blow lasts: half sines and their squares have 0.1."""
-
 
 def quiet_part(
     z: ComplexArray, angle: Float | None, rate: float, before: Bool | None = None
@@ -115,15 +111,18 @@ def blows(record: Recording) -> list[Blow]:
     longest_break = 1e-3  # time for which noise may interrupt a blow, s: none bounces so soon
     apart = np.flatnonzero(np.diff(at) > max(longest_break * record.sample_rate, 1.0))
     found = []
+    # Share of its peak within which a blow is at its top, and the share of its length at half the peak that the top of
+    # no blow lasts: half sines and their squares have 0.1
+    top_share, largest_top_share = 5e-3, 0.2
     for low, high in zip(at[np.append(0, apart + 1)].tolist(), (at[np.append(apart, -1)] + 1).tolist(), strict=True):
         size = np.abs(record.force_signal(low, high) - level)
-        top, half = int(np.sum(size > (1 - _TOP_SHARE) * size.max())), int(np.sum(size > size.max() / 2))
+        top, half = int(np.sum(size > (1 - top_share) * size.max())), int(np.sum(size > size.max() / 2))
         found.append(
             Blow(
                 begin=low / record.sample_rate,
                 end=high / record.sample_rate,
                 peak=float(size.max()),
-                cut=top >= 3 and top > _LARGEST_TOP_SHARE * half,
+                cut=top >= 3 and top > largest_top_share * half,
             )
         )
     return found

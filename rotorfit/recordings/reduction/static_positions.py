@@ -169,8 +169,6 @@ POSITIONS = 20
 """Positions taken of a recording in which the speed changes."""
 STEADY_SPEED_RANGE = 0.02
 """Change of the speed, relative, up to which it counts as one."""
-_PARTS_OF_RECORD = 16
-"""Parts of a recording whose mean voltages tell how well the mean of the whole is known."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -223,6 +221,7 @@ def _rest(record: Recording, plane: str, probes: Sequence[Probe]) -> RestPositio
     highest = 20.0  # highest frequency that matters of a shaft without marks, Hz
     reduced = ReducedRate.for_band(max(HIGHEST_ORDER * fastest / (2 * np.pi), highest), record.sample_rate, record.size)
     mean, variance = np.empty((2, len(probes), speeds.size))
+    parts_of_record = 16  # parts of a recording whose mean voltages tell how well the mean of the whole is known
     for p, probe in enumerate(probes):
         each, scale = record.statistics[probe.channel], float(probe.sensitivity or 1.0)
         volts = reduced.reduce(lambda first, last, name=probe.channel: record.channel(name, first, last)).real  # type: ignore[misc]
@@ -230,11 +229,11 @@ def _rest(record: Recording, plane: str, probes: Sequence[Probe]) -> RestPositio
         rounding = each.step**2 / 12 if each.deviation < each.step else 0.0
         for s, (begin, end) in enumerate(edges):
             inside = (reduced.time >= begin) & (reduced.time <= end)
-            if inside.sum() < 4 * _PARTS_OF_RECORD:
+            if inside.sum() < 4 * parts_of_record:
                 raise ValueError(
                     f"{record.name}: {significant(end - begin, 3)} s are too short to tell a mean voltage and its error"
                 )
-            parts = np.array_split(np.flatnonzero(inside), _PARTS_OF_RECORD)
+            parts = np.array_split(np.flatnonzero(inside), parts_of_record)
             levels = np.array([_level(volts[part], reduced.time[part], shaft) for part in parts])
             # where voltages drift, longer parts scatter more than their length says
             error = max(each.var(ddof=1) / each.size for each in (levels, levels.reshape(-1, 2).mean(axis=1)))

@@ -40,12 +40,6 @@ _REFERENCE_NAME = re.compile(r"(?i)keyph|tacho|kph|trigger")
 _PERTURBATOR_NAME = re.compile(r"(?i)pert|exc")
 
 
-_LENGTH_OVER_DELAY = 100
-"""A recording is so many times as long as a probe is late, at least."""
-_FEWEST_TEETH = 8
-"""Fewest teeth a turn that show a twist at several times the speed."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Rig:
     """The rig of one recording, complete: every probe has its angle and sensitivity, every channel exists."""
@@ -122,7 +116,8 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
     marked = [p.channel for p in probes] + [r.channel for r in (shaft, perturbator) if r is not None and r.channel]
     used = _used(raw, whole, source, marked, () if force is None else force.channels, how)
     sample_rate, size = _rate(raw, used, whole), _size(raw, used)
-    longest = size / sample_rate / _LENGTH_OVER_DELAY
+    length_over_delay = 100  # A recording is so many times as long as a probe is late, at least
+    longest = size / sample_rate / length_over_delay
     for probe in probes:
         if abs(probe.delay or 0.0) > longest:
             raise ValueError(
@@ -152,6 +147,7 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
 def _check_tables(whole: RigSetup, shaft: Reference | None, planes: Sequence[str], where: str, source: str) -> None:
     """Refuse tables of a setup that say too little, or what does not go together."""
     twist, slow_roll = whole.twist, whole.slow_roll
+    fewest_teeth = 8  # fewest teeth a turn that show a twist at several times the speed
     if twist is not None:
         wheels = (twist.even_wheel, twist.wheel, twist.teeth)
         if twist.channel and any(part is not None for part in wheels):
@@ -163,9 +159,9 @@ def _check_tables(whole: RigSetup, shaft: Reference | None, planes: Sequence[str
                 f"{where}: [twist] needs channel and sensitivity_V_per_rad, or even_wheel (the evenly turning end), "
                 "wheel (the other) and teeth"
             )
-        if twist.teeth is not None and twist.teeth < _FEWEST_TEETH:
+        if twist.teeth is not None and twist.teeth < fewest_teeth:
             raise ValueError(
-                f"{where}: {twist.teeth} teeth a turn are too few for a twist; at least {_FEWEST_TEETH} are needed"
+                f"{where}: {twist.teeth} teeth a turn are too few for a twist; at least {fewest_teeth} are needed"
             )
     if slow_roll is not None and slow_roll.below is None and slow_roll.file is None:
         raise ValueError(

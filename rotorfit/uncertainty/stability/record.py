@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 SENSITIVITY = "sensitivity function"
 _CITED_SENSITIVITY = "limit of the sensitivity function: 3 is cited as zone A of ISO 14839-3, not checked there"
 _CITED = "as published programs cite API 617 and 684, not checked against the standards"
-_OVERDAMPED = 1 / math.sqrt(2)
-"""Damping ratio from which a mode has no resonance: the amplitude of a forced response has no peak."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +70,9 @@ class ModeDamping:
     @property
     def overdamped(self) -> bool:
         """True for a mode without a resonance of its own."""
-        return self.damping_ratio >= _OVERDAMPED
+        # Damping ratio from which a mode has no resonance: the amplitude of a forced response has no peak
+        overdamped = 1 / math.sqrt(2)
+        return self.damping_ratio >= overdamped
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
