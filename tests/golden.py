@@ -219,18 +219,24 @@ AWKWARD: dict[str, Callable[[rf.PerturbationTest], rf.PerturbationTest]] = {
 }
 
 
+_OF_THE_DATA = ("ERROR in the data", "check: ", "rotorfit: ")
+"""Beginnings of lines of a fit to wrong data that do not hang on the minimum where round-off lets it end."""
+
+
 def command_line(name: str) -> Numbers:
     test = AWKWARD[name](thinned(rf.datasets.rig_open(), 4))
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "rig.csv"
         rf.write(test, file)
         words = [str(file), "--model", "whirl-whip", "--known", "K3=6000"]
-        exits, said = {}, io.StringIO()
+        exits, lines = {}, []
         for command, more in (("fit", words), ("info", words[:1])):
+            said = io.StringIO()
             with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
                 exits[command] = main([command, *more])
-        text = said.getvalue().replace(f"{folder}/", "")
-    return {"exit codes": exits, "codes": codes(test), "said": without_numbers(text)}
+            text = said.getvalue().replace(f"{folder}/", "").splitlines()
+            lines += [line for line in text if command == "info" or not exits[command] or line.startswith(_OF_THE_DATA)]
+    return {"exit codes": exits, "codes": codes(test), "said": without_numbers("\n".join(lines))}
 
 
 def cases() -> Iterator[tuple[str, Callable[[], Numbers]]]:

@@ -128,7 +128,7 @@ def test_multistart_finds_no_better_optimum(name):
 
 @pytest.mark.parametrize(("seed", "number"), CASES)
 def test_sharp_resonances_in_noise_have_their_optimum_found(seed, number):
-    """Rotors among random ones at 5 % noise in which no number of passes of the closed form ends near the optimum."""
+    """Rotors among random ones at 5 % noise in which passes of the closed form mostly end far from the optimum."""
     truth, model = random_stable_rigs("overhung", number + 1, seed=seed)[number], MODELS["overhung"]()
     theta = model.vector(truth)
     test = circular_test(

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorfit.estimators.significance import CHANCE_ERRORS
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import ROUND_OFF, ComplexArray, Float
 
 LARGEST_GROWTH = 1e6
 """Growth over the record beyond which an exponential is no motion of a rotor. Chosen."""
@@ -66,7 +66,10 @@ def _decays(time: Float, signals: Float, modes: int, steady: Float) -> Iterator[
     width = min(time.size // 3, longest)
     stride = max(1, (time.size - width) // most_windows)
     windows = np.lib.stride_tricks.sliding_window_view(moving, width + 1, axis=1)[:, ::stride].reshape(-1, width + 1)
-    directions = np.linalg.svd(windows, full_matrices=False)[2]
+    _, strength, directions = np.linalg.svd(windows, full_matrices=False)
+    top = min(
+        top, int(np.sum(strength > ROUND_OFF * strength[0]))
+    )  # weaker ones are round-off of a record without noise
     least_decay_ratio = 0.05  # ratio of successive samples of a decay that is seen at all
     for count in range(2 * modes, top + 1):
         # Ratios of successive samples of as many exponentials as directions, the strongest that x and y share.

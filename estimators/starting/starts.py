@@ -136,9 +136,10 @@ def _linear_guess(problem: Problem) -> Start:
     settled = True
     try:
         blocks = problem.blocks if problem.loss == "linear" else without_outliers(problem)
-        for estimate in closed_forms(problem.space, blocks, passes=_PASSES):
+        steady = 8  # passes after which round-off decides beside which of some minima they end
+        for passes, estimate in zip(_PASSES, closed_forms(problem.space, blocks, passes=_PASSES), strict=False):
             cost, step = _remaining(problem, estimate.x)
-            if cost < noise_limit(problem) and step < 1:
+            if cost < noise_limit(problem) and step < 1 and passes <= steady:
                 return Start(x=estimate.x, kind=CLOSED_FORM, notes=estimate.notes)
             settled = settled and step < max(1.0, 2 * cost / problem.n_data)
             found.append((cost, estimate))

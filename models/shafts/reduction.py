@@ -25,6 +25,8 @@ BASIS_TOLERANCE = 1e-7
 REDUCTION_TOLERANCE = 1e-6
 """The same, up to which a reduction is used at all: round-off of large structures may be above the former."""
 
+_SMALLEST_DIRECTION = 1e-6  # share of a new direction that earlier ones leave, below which it is not new
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Terms:
@@ -126,7 +128,6 @@ class Reduction:
         """Add exact solutions, right and left, at some points to the basis."""
         s, speed, scales = points[0][where], points[1][where], points[2][where]
         n = self._full.n
-        smallest_direction = 1e-6  # share of a new direction that earlier ones leave, below which it is not new
         for kappa in self._full.kappa(self._full.weights(s, speed, scales)):
             right = np.linalg.solve(kappa[n:, n:], kappa[n:, :n])
             left = np.linalg.solve(kappa[n:, n:].conj().T, kappa[:n, n:].conj().T)
@@ -135,7 +136,7 @@ class Reduction:
             for _ in range(2):  # the second time against round-off
                 directions = directions - self._basis @ (self._basis.conj().T @ directions)
             vectors, sizes, _ = np.linalg.svd(directions, full_matrices=False)
-            self._basis = np.concatenate([self._basis, vectors[:, sizes > smallest_direction]], axis=1)
+            self._basis = np.concatenate([self._basis, vectors[:, sizes > _SMALLEST_DIRECTION]], axis=1)
         self._project()
 
     def _project(self) -> None:

@@ -18,6 +18,8 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 FEWEST_READINGS = 12
 """Readings needed for a verdict on a run."""
 
+_ENOUGH_READINGS = 5000
+"""Readings that are enough for a verdict of a search, which takes time and memory for each. Chosen."""
 
 SYNCHRONOUS_DISTANCE = 1e-3
 """Readings with |w| this close to the speed, as a fraction, are once-per-turn readings to a tracking filter."""
@@ -116,9 +118,7 @@ class Orbits:
 
 def enough(count: int) -> slice:
     """Every so many of some readings, enough for a verdict."""
-    # Readings that are enough for a verdict of a search, which takes time and memory for each. Chosen.
-    enough_readings = 5000
-    return slice(None, None, max(1, -(-count // enough_readings)))
+    return slice(None, None, max(1, -(-count // _ENOUGH_READINGS)))
 
 
 def total_power(amplitude: ComplexArray) -> float:

@@ -92,7 +92,12 @@ def assumptions_of(fit: FitResult, priors: Mapping[str, float] | None = None) ->
     pair = Kind.PAIR.value
     largest_shift = 0.5  # shift over the standard error up to which intervals of 95 % hold the truth in 92 % and more
     entries = [e for e in _entries(fit, terms) if not e.name.startswith(pair) or e.weight >= largest_shift]
-    found = Assumptions(tuple(sorted(entries, key=lambda e: (not e.missing, -abs(e.z) if e.missing else -e.weight))))
+
+    def order(entry: Assumption) -> tuple[bool, float]:
+        heavier = abs(entry.z) if entry.missing else entry.weight
+        return not entry.missing, -float(f"{heavier:.6g}")  # round-off does not order those that are equal
+
+    found = Assumptions(tuple(sorted(entries, key=order)))
     return found.with_priors(priors) if priors else found
 
 
