@@ -51,6 +51,7 @@ def main() -> None:
             "rotorfit fit FILE": FIT,
             "rotorfit fit FILE --out DIR --no-figures": [*FIT, *out, "--no-figures"],
             "rotorfit fit FILE --out DIR": [*FIT, *out],
+            "rotorfit fit FILE --refine --out DIR": [*FIT, "--refine", *out],
         }
         taken: dict[str, list[float]] = {name: [] for name in cases}
         for turn in range(RUNS + 1):
