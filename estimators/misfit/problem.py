@@ -8,7 +8,7 @@ Derivatives of linear responses are few products along the readings times real n
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal, TypeVar
 
@@ -21,7 +21,7 @@ from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.response import Sensitivities, by_condition, response_sensitivities
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.misfit.priors import Prior
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import ComplexArray, Float, Index, Text
 
 Loss = Literal["linear", "soft_l1", "huber", "cauchy"]
 
@@ -201,6 +201,27 @@ class Problem:
     def n_data(self) -> int:
         """Number of real data: two for each complex observation."""
         return 2 * sum(block.measured.size for block in self.blocks)
+
+    @property
+    def measured(self) -> ComplexArray:
+        """All readings, shape ``(R,)``."""
+        return np.concatenate([block.measured for block in self.blocks])
+
+    @property
+    def sigma(self) -> Float:
+        """Their noise, shape ``(R,)``."""
+        return np.concatenate([block.sigma for block in self.blocks])
+
+    @property
+    def run(self) -> Text:
+        """The run of each, shape ``(R,)``."""
+        return np.concatenate([block.run for block in self.blocks])
+
+    def with_noise(self, factor: Float | float) -> Problem:
+        """The problem with the noise of all readings times a factor, or each times its own, shape ``(R,)``."""
+        own = self.by_block(np.broadcast_to(factor, self.sigma.shape))
+        blocks = tuple(block.with_noise(part) for block, part in zip(self.blocks, own, strict=True))
+        return replace(self, blocks=blocks)
 
     @property
     def responses(self) -> list[Responses]:

@@ -234,8 +234,7 @@ def without_outliers(problem: Problem) -> tuple[Block, ...]:
         # The median modulus of pure noise is sqrt(2 ln 2) sigma.
         scale = max(1.0, float(np.median(size)) / np.sqrt(2 * np.log(2)))
         widening = np.maximum(1.0, size / (LOSS_SCALE * scale)) ** 2
-        pairs = zip(problem.blocks, problem.by_block(widening), strict=True)
-        blocks = tuple(block.with_noise(part) for block, part in pairs)
+        blocks = problem.with_noise(widening).blocks
     return blocks
 
 

@@ -224,10 +224,9 @@ def _fit_alone(model: RotorModel, run: Run, **option: Any) -> RunFit:
 
 def _explains_nothing(found: FitResult) -> bool:
     """True if no motion at all would explain the readings as well as the fit does."""
-    measured = np.concatenate([block.measured / block.sigma for block in found.problem.blocks])
-    still = float(np.sum(np.abs(measured) ** 2))
-    predictions = zip(found.problem.blocks, found.problem.predict(found.x), strict=True)
-    misses = np.concatenate([(predicted - block.measured) / block.sigma for block, predicted in predictions])
+    measured, sigma = found.problem.measured, found.problem.sigma
+    still = float(np.sum(np.abs(measured / sigma) ** 2))
+    misses = (np.concatenate(found.problem.predict(found.x)) - measured) / sigma
     missed = float(np.sum(np.abs(misses) ** 2))
     # Noise alone lowers chi-squared by one a parameter on average, a search for the best of many resonances by some
     # times that, a rotor by as many times as there are readings.

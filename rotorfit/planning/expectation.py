@@ -10,10 +10,11 @@ import numpy as np
 from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, RingDownTest, StaticTest
 from rotorfit.data.weights import dwells
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
-from rotorfit.estimators.blocks.observations import Block, OnResponses
+from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.small_motion import FreeVibrations, JournalCoefficients
 from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.inference.identifiability import Identifiability, diagnose
+from rotorfit.estimators.minimisation.batch import with_measured
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.residuals import scatter
 from rotorfit.estimators.noise.run_effects import real_rows
@@ -53,8 +54,9 @@ class Expectation:
     def longer(self, factor: Float) -> Expectation:
         """The same test with each reading averaged so many times as long, shape ``(R,)``."""
         root = 1 / np.sqrt(factor)
-        problem = replace(self.problem, blocks=_with_noise(self.problem, root))
-        return replace(self, problem=problem, constant=self.constant * root, relative=self.relative * root)
+        return replace(
+            self, problem=self.problem.with_noise(root), constant=self.constant * root, relative=self.relative * root
+        )
 
     def errors(self) -> tuple[Float, Identifiability]:
         """Covariance of the estimate at the guess, shape ``(p, p)``, and what the test leaves open."""
@@ -74,7 +76,7 @@ class Expectation:
             sweeps = [sweep for sweeps in channels_of(self.problem) for sweep in sweeps]
             added += scatter(jacobian, sweeps, lags)
         if self.noise.common:
-            sigma = np.concatenate([block.sigma for block in self.problem.blocks])
+            sigma = self.problem.sigma
             predicted = np.concatenate(self.problem.predict(self.guess.centre))
             own = jacobian.conj() * (self.noise.common * _of_motion(self.problem) * predicted / sigma)[:, None]
             line = self.line
@@ -88,7 +90,7 @@ class Expectation:
         """Derivatives of whitened readings at vectors ``(D, p)``, real and imaginary parts, shape ``(D, 2 R, p)``.
         Those at which the rotor is unstable at the speed of a response are zero: such a line gives nothing."""
         problem = self.problem
-        sigma = np.concatenate([block.sigma for block in problem.blocks])
+        sigma = problem.sigma
         found = []
         for x in draws:
             jacobian = problem.jacobian(x)[1]
@@ -140,13 +142,13 @@ def expect(
     _refuse_unstable(problem, vectors.centre, band)
     predicted = problem.predict(vectors.centre)
     unit = build_problem(model, [_unread(test, np.ones(len(test))) for test in tests], settings)
-    constant = np.concatenate([block.sigma for block in problem.blocks])
-    pairs = np.concatenate([block.sigma for block in unit.blocks])  # below one where two probes share a reading
+    constant = problem.sigma
+    pairs = unit.sigma  # below one where two probes share a reading
     relative = np.hypot(pairs * noise.share, noise.common) * _of_motion(problem)
     sizes = np.abs(np.concatenate(predicted))
-    blocks = _with_noise(problem, np.hypot(constant, relative * sizes) / constant)
-    blocks = tuple(_with_readings(block, values) for block, values in zip(blocks, predicted, strict=True))
-    problem, centre = with_differences(replace(problem, blocks=blocks), vectors.centre, noise.runs)
+    problem = problem.with_noise(np.hypot(constant, relative * sizes) / constant)
+    problem = with_measured(problem, np.concatenate(predicted))
+    problem, centre = with_differences(problem, vectors.centre, noise.runs)
     wider = np.zeros((len(vectors.draws), centre.size))
     wider[:, : vectors.centre.size] = vectors.draws
     return Expectation(
@@ -191,19 +193,6 @@ def _from_rest(block: Block) -> Block:
     if isinstance(block, OrbitResponses) and block.mode == "nearest":
         return replace(block, mode="followed")
     return block
-
-
-def _with_noise(problem: Problem, factor: Float) -> tuple[Block, ...]:
-    """Blocks with the noise of each reading times a factor, shape ``(R,)``."""
-    stops = np.cumsum([block.measured.size for block in problem.blocks])[:-1].tolist()
-    parts = np.split(factor, stops)
-    return tuple(block.with_noise(part) for block, part in zip(problem.blocks, parts, strict=True))
-
-
-def _with_readings(block: Block, values: ComplexArray) -> Block:
-    if isinstance(block, OnResponses):
-        return replace(block, base=replace(block.base, measured=values))
-    return replace(block, measured=values)  # type: ignore[type-var]
 
 
 def _refuse_unstable(problem: Problem, x: Float, band: float) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
-from typing import Any
 
 import numpy as np
 
@@ -85,20 +84,19 @@ def with_differences(problem: Problem, x: Float, runs: Mapping[str, float]) -> t
         return problem, x
     if any(responses_of(block) is None for block in problem.blocks):
         raise ValueError("runs= is for responses to forces; give the sigma of eigenvalues and the like as it is")
-    names = tuple(dict.fromkeys(run for block in problem.blocks for run in block.run.tolist()))
+    names = tuple(dict.fromkeys(problem.run.tolist()))
     predicted, jacobian = np.concatenate(problem.predict(x)), problem.jacobian(x)[1]
-    sigma = np.concatenate([block.sigma for block in problem.blocks])
+    sigma = problem.sigma
     columns = effects_of_runs(problem, x, predicted / sigma, jacobian)
-    stops = np.cumsum([block.measured.size for block in problem.blocks])[:-1].tolist()
     effects = []
     for kind, sd in runs.items():
         if _RUN_SHARES[kind] not in columns:
             allowed = (name for name, column in _RUN_SHARES.items() if column in columns)
             raise ValueError(unknown_name(f"difference of runs of {problem.space.model.name}", kind, allowed))
         sensitivity = columns[_RUN_SHARES[kind]] * sigma / predicted
-        parts = tuple(np.split(sensitivity, stops))
+        parts = tuple(problem.by_block(sensitivity))
         column = _RUN_SHARES[kind]
         effects.append(RunEffect(kind=column, sd=float(sd), freedom=np.inf, runs=names, sensitivities=parts))
-    same: tuple[Any, ...] = tuple(np.ones(block.measured.size) for block in problem.blocks)
+    same = tuple(problem.by_block(np.ones(sigma.size)))
     wider = with_noise(problem, FoundNoise(factors=same, effects=tuple(effects), before=x))
     return wider, np.concatenate([x, np.zeros(wider.space.size - x.size)])

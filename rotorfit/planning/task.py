@@ -209,7 +209,7 @@ def _sizes(found: Expectation, test: PerturbationTest) -> Float:
 
 def _largest_motion(found: Expectation, first: int, design: Design) -> str:
     """How far the planned forces move the rotor."""
-    size = np.abs(np.concatenate([block.measured for block in found.problem.blocks])[first:])
+    size = np.abs(found.problem.measured[first:])
     block = responses_of(found.problem.blocks[-1])
     if block is not None:
         size = np.where([block.model.coordinates[i].axis == "r" for i in block.coordinate.tolist()], 0.0, size)

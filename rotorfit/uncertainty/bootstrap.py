@@ -207,5 +207,5 @@ def _simulate(fit: FitResult, truth: Float, rng: np.random.Generator) -> Complex
         start, stop = stop, stop + block.measured.size
         if isinstance(block, CorrelatedResponses):
             noise[:, start:stop] = noise[:, start:stop] @ block.spread.T
-    sigma = np.concatenate([block.sigma for block in problem.blocks]) * math.sqrt(fit.widening)
+    sigma = problem.sigma * math.sqrt(fit.widening)
     return np.asarray(exact + sigma * noise)

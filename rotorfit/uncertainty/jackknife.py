@@ -94,7 +94,7 @@ def jackknife(fit: FitResult) -> Jackknife:
             "runs of this fit share errors, of a mounting, of measured forces or of a dry run, which its standard "
             "errors count already: leaving one run out does not show them"
         )
-    run = np.concatenate([block.run for block in problem.blocks])
+    run = problem.run
     runs = tuple(dict.fromkeys(run.tolist()))
     if len(runs) < FEWEST_RUNS:
         raise ValueError(

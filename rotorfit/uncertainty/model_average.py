@@ -162,7 +162,7 @@ def sample_models(fits: Sequence[FitResult], **options: Unpack[SamplerKeywords])
             raise ValueError(f"{name} does not go with several models: sample them one by one")
     if not fits:
         raise ValueError("no fits to average over")
-    measured = [np.concatenate([block.measured for block in fit.problem.blocks]) for fit in fits]
+    measured = [fit.problem.measured for fit in fits]
     if any(not np.array_equal(readings, measured[0]) for readings in measured):
         raise ValueError("the fits are of different data: only models of the same readings can be averaged over")
     losses = sorted({fit.settings.loss for fit in fits})

@@ -206,9 +206,7 @@ def _settled(fit: FitResult) -> tuple[Problem, Float]:
     problem, x = fit.problem, fit.x
     if _is_scaled(problem) or fit.widening == 1 or not problem.priors:
         return problem, x
-    root = math.sqrt(fit.widening)
-    blocks = [block.with_noise(np.full(block.measured.size, root)) for block in problem.blocks]
-    widened = replace(problem, blocks=tuple(blocks))
+    widened = problem.with_noise(math.sqrt(fit.widening))
     lower, upper = box(problem)
     return widened, minimise(widened, np.clip(x, lower, upper), lower=lower, upper=upper).x
 

@@ -93,7 +93,7 @@ def _explanations(fit: FitResult, tests: Sequence[PerturbationTest], orbits: Seq
 
 
 def _power(problem: Problem) -> float:
-    return sum(float(np.sum(np.abs(block.measured / block.sigma) ** 2)) for block in problem.blocks)
+    return float(np.sum(np.abs(problem.measured / problem.sigma) ** 2))
 
 
 def _corrected(fit: FitResult, error: DataError) -> Problem | None:
@@ -128,7 +128,7 @@ def _promised(readings: Readings, x: Float) -> Hint:
     """A linear step with the error as a value more, from where the search ended."""
     problem = readings.problem
     r, J = problem.jacobian(x)
-    whitened = np.concatenate(problem.predict(x)) / readings.sigma
+    whitened = np.concatenate(problem.predict(x)) / readings.problem.sigma
     span = np.linalg.qr(np.concatenate([J.real, J.imag]))[0]
 
     def beside_fit(columns: ComplexArray) -> Float:

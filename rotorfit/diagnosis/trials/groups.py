@@ -123,8 +123,8 @@ def _factor(
     readings: Readings, rows: Bool, expected: ComplexArray, powers: Sequence[int] = (0, *POWERS)
 ) -> tuple[int, complex, float]:
     """Power of the frequency and factor by which readings differ from what is expected, and share of power left."""
-    size = readings.sigma[rows]
-    p, m = (readings.seen(values)[rows] / size for values in (expected, readings.measured))
+    size = readings.problem.sigma[rows]
+    p, m = (readings.seen(values)[rows] / size for values in (expected, readings.problem.measured))
     found = []
     for power in powers:
         own = p * (readings.s[rows] / readings.middle) ** power

@@ -78,16 +78,6 @@ class Readings:
         """A frequency in the midst of the readings: a power of what is relative to it leaves their sizes much alike."""
         return float(np.exp(np.mean(np.log(np.abs(self.frequency)))))
 
-    @property
-    def measured(self) -> ComplexArray:
-        """As given."""
-        return np.concatenate([block.measured for block in self.problem.blocks])
-
-    @property
-    def sigma(self) -> Float:
-        """Their noise."""
-        return np.concatenate([block.sigma for block in self.problem.blocks])
-
     def seen(self, factor: ComplexArray) -> ComplexArray:
         """Factors on phasors as factors on the readings as they stand."""
         conjugated = self.conjugated if factor.ndim == 1 else self.conjugated[:, None]
@@ -96,12 +86,12 @@ class Readings:
     def corrected(self, factor: ComplexArray) -> Problem:
         """The problem with readings that were given as so many times the truth."""
         whole = self.seen(factor)
-        return self._with(self.measured / whole, self.sigma / np.abs(whole))
+        return self._with(self.problem.measured / whole, self.problem.sigma / np.abs(whole))
 
     def without(self, rows: Bool) -> Problem:
         """The problem in which some readings have no weight."""
         hidden = 1e4  # factor on the noise of readings that are left out, which then have no weight
-        return self._with(self.measured, np.where(rows, hidden, 1.0) * self.sigma)
+        return self._with(self.problem.measured, np.where(rows, hidden, 1.0) * self.problem.sigma)
 
     def _with(self, measured: ComplexArray, sigma: Float) -> Problem:
         by_block = self.problem.by_block

@@ -28,7 +28,7 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 def fixed_causes(problem: Problem, x: Float, data: LinearisedFit) -> tuple[tuple[Cause, ...], LinearisedFit]:
     """Smooth causes that explain what the fit misses, and the linearised fit with their columns beside its values."""
     causes = causes_of(problem, x)
-    readings = np.concatenate([block.measured / block.sigma for block in problem.blocks])
+    readings = problem.measured / problem.sigma
     if not causes or np.linalg.norm(data.r) <= NOISE_FLOOR * np.linalg.norm(readings):  # exact data miss digits only
         return (), data
     columns = cause_columns(problem, x, causes)

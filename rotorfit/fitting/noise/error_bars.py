@@ -117,8 +117,8 @@ def shares_of_possible_effects(
     """Contribution of possible differences of runs to the covariance, kind by kind, each of shape ``(p, p)``."""
     if not study.possible_effects:
         return ()
-    run = np.concatenate([block.run for block in problem.blocks])
-    sigma = np.concatenate([block.sigma for block in problem.blocks])
+    run = problem.run
+    sigma = problem.sigma
     whitened = np.concatenate(problem.predict(x)) / sigma
     shares = []
     for effect in study.possible_effects:

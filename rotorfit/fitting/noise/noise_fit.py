@@ -60,8 +60,8 @@ def linearise(problem: Problem, x: Float) -> LinearisedFit | None:
     if any(isinstance(block, CorrelatedResponses) for block in problem.blocks):
         return None
     r, J = problem.jacobian(x)
-    sigma = np.concatenate([block.sigma for block in problem.blocks])
-    predicted = np.concatenate([block.measured for block in problem.blocks]) + r * sigma
+    sigma = problem.sigma
+    predicted = problem.measured + r * sigma
     runs, rows = _runs_of(problem)
     columns = effects_of_runs(problem, x, predicted / sigma, J) if runs else {}
     # Entries of the fitted vector that offset the phase reference of a run without a prior, and the run.
@@ -92,7 +92,7 @@ def linearise(problem: Problem, x: Float) -> LinearisedFit | None:
 
 def _runs_of(problem: Problem) -> tuple[tuple[str, ...], list[Index]]:
     """Runs that may differ, with the readings of each; none where they are one, too many, or one has too few."""
-    names, number = words(np.concatenate([block.run for block in problem.blocks]))
+    names, number = words(problem.run)
     rows = rows_by(number)
     most_runs = 200  # each costs a small matrix; of more, a difference from run to run is noise
     fewest_readings = 3  # fewest from which an effect of the run can be estimated
