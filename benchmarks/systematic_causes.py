@@ -534,7 +534,7 @@ class Row:
 
     cause: str
     quantity: str
-    printed: float  # of the intervals that are given
+    printed: float  # of the intervals that are given; NaN if no fit gives the number
     found: float  # of plausible sizes none, but causes that were found
     statistical: float
     given: float  # share of the fits that give the number
@@ -643,7 +643,8 @@ def _table(rows: list[Row]) -> list[str]:
     for cause in dict.fromkeys(row.cause for row in rows):
         own = {row.quantity: row for row in rows if row.cause == cause}
         some = own["D"]
-        least = [min((own[n].printed for n in names if n in own), default=math.nan) for names in COLUMNS.values()]
+        printed = {name: row.printed for name, row in own.items() if row.given}
+        least = [min((printed[n] for n in names if n in printed), default=math.nan) for names in COLUMNS.values()]
         least += [min(row.found for row in own.values()), min(row.statistical for row in own.values())]
         half = [f"{significant(100 * own[name].half, 2)} %" for name in ("D", "lam", "threshold_speed")]
         last = [min(row.given for row in own.values()), some.named, some.limited, some.stable]

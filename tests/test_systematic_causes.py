@@ -238,10 +238,22 @@ def test_a_rotor_that_a_found_cause_makes_unstable_is_not_called_surely_stable()
     assert not any(criterion.probability >= 0.95 for criterion in report.criteria)
 
 
+SELDOM_GIVEN = {
+    "gyroscopic effect, 0.1 kg at the disk, chain": {"Mb"},
+    "K0 as speed^0.3, two speeds": {"Mf"},
+    "K0 as speed^0.3, two speeds, noise 0.1 %, estimated": {"Mf"},
+    "second seal at the disk, 10 %": {"threshold_speed"},
+}
+"""Numbers that fits say are not determined: the cause moves them by more than themselves."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("cause", sorted(set(CAUSES) - set(SHORT) - {"second seal at the disk, 10 %"}))
+@pytest.mark.parametrize("cause", sorted(set(CAUSES) - set(SHORT)))
 def test_the_other_causes(cause: str) -> None:
-    assert all(row.printed >= PROMISED for row in study(cause, 20, seed=3))
+    """20 rigs; where no fit gives a number, there is no coverage of it."""
+    rows = study(cause, 20, seed=3)
+    assert {row.quantity for row in rows if not row.given} <= SELDOM_GIVEN.get(cause, set())
+    assert all(row.printed >= PROMISED for row in rows if row.given), rows
 
 
 def rows_of(test: Campaign) -> dict[str, float]:
