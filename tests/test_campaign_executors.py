@@ -67,7 +67,7 @@ def test_the_run_that_is_fitted_first_changes_no_digit(name):
     ]  # fmt: skip
     found = []
     for order in ([0, 1, 2], [2, 1, 0]):
-        for kept in (lumped.lumped_coefficients, lumped.lumped_graph):
+        for kept in (lumped._lumped, lumped.lumped_graph):
             kept.cache_clear()
         runs = rf.campaign(model, [tests[number] for number in order], split=None, known=known).runs
         found.append([runs[order.index(number)].params for number in range(3)])

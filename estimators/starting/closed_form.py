@@ -17,6 +17,7 @@ from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.misfit.problem import READINGS_OF_A_PIECE
+from rotorfit.estimators.noise.run_effects import inverse_of_determined
 from rotorfit.estimators.starting.force_balance import (
     ForceBalance,
     complete_lines,
@@ -27,7 +28,7 @@ from rotorfit.estimators.starting.force_balance import (
     solve_projected,
     weigh,
 )
-from rotorfit.estimators.starting.lumped import Lumped, LumpedStructure, lumped_coefficients
+from rotorfit.estimators.starting.lumped import Lumped, lumped_coefficients
 from rotorfit.models.array_types import ComplexArray, Float
 
 
@@ -43,16 +44,10 @@ class ClosedForm:
     @property
     def covar(self) -> Float:
         """Covariance from the propagated noise, shape ``(p, p)``, NaN where unweighted."""
-        size = self.x.size - len(self.open)
-        found = np.full((size, size), np.nan)
+        found = np.full((self.x.size - len(self.open),) * 2, np.nan)
         if self.root is not None:
             jacobian, information = self.root  # of the lumped coefficients, and on them
-            of_parameters = jacobian.T @ information @ jacobian
-            # Unit diagonal first: masses and stiffnesses are many decades apart.
-            diagonal = np.sqrt(np.maximum(np.diag(of_parameters), 0.0))
-            scale = 1 / np.where(diagonal > 0, diagonal, 1.0)
-            unit = of_parameters * np.outer(scale, scale)
-            found = np.linalg.pinv(unit, rcond=1e-15, hermitian=True) * np.outer(scale, scale)
+            found = inverse_of_determined(jacobian.T @ information @ jacobian, 1e-15)
         for entry in self.open:
             found = np.insert(np.insert(found, entry, 0.0, axis=0), entry, 0.0, axis=1)
         return found
@@ -105,7 +100,7 @@ def _closed_forms(
             "the closed form needs responses to a circular force with readings at every plane of the model; "
             "give start values instead"
         )
-    lumped = lumped_coefficients(LumpedStructure.of(space, chosen))
+    lumped = lumped_coefficients(space, chosen)
     if not _determined(space, lumped, chosen):
         yield from _with_convention(space, blocks, weighted, passes)
         return
@@ -177,7 +172,8 @@ def _determined(space: ParameterSpace, lumped: Lumped, blocks: list[Responses]) 
     key = 0
     for b in blocks:
         where = b.coordinate if b.imposed else np.round(b.force.T / np.abs(b.force.T).max(axis=0), 6)
-        for part in (b.condition[0], b.speed != 0, b.frequency, where):
+        speed = np.round(b.speed / (np.abs(b.speed).max() or 1.0), 3)
+        for part in (b.condition[0], speed, b.frequency, where):
             key = crc32(np.ascontiguousarray(part).data, key)
     if key in lumped.determined:
         return lumped.determined[key]
@@ -222,39 +218,34 @@ def parameters_from(
     x = lumped.parameters(values, typical_values(space))
     notes: tuple[str, ...] = ()
     if np.isnan(x).any():
-        x, notes = _remaining(space, lumped, values, x)
+        x, notes = _coupled(space, lumped, values, x)
     if information is not None:
         x = _one_step(lumped, values, information, x)
     inside = np.clip(x, space.lower[:size], space.upper[:size])
     return np.where(np.isfinite(inside), inside, np.nan), notes
 
 
-def _remaining(space: ParameterSpace, lumped: Lumped, values: Float, x: Float) -> tuple[Float, tuple[str, ...]]:
-    """Parameters that no single expression gives: solve the coupled lumped equations, or take a typical value."""
+def _coupled(space: ParameterSpace, lumped: Lumped, values: Float, x: Float) -> tuple[Float, tuple[str, ...]]:
+    """Parameters that no single coefficient gives, from all of them together; a typical value where none depends on
+    one."""
     from scipy.optimize import least_squares
 
     missing = np.flatnonzero(np.isnan(x))
-    names = [space.names[i] for i in missing]
     typical = typical_values(space)[missing]
-    start = x.copy()
-    start[missing] = typical
-    now, slopes = lumped.linearise(start)
-    level = np.maximum(np.abs(values), np.abs(now))
-    weight = 1.0 / np.where(level > 0, level, 1.0)
-    influence = slopes[:, missing] * weight[:, None] * typical
-    silent = np.linalg.norm(influence, axis=0) == 0
 
-    def residual(u: Float) -> Float:
-        y = start.copy()
+    def at(u: Float) -> Float:
+        y = x.copy()
         y[missing] = u * typical
-        return np.asarray((lumped.values(y) - values) * weight)
+        return y
 
-    solved = least_squares(residual, np.ones(missing.size), x_scale="jac", max_nfev=50)
-    start[missing] = np.where(silent, 1.0, solved.x) * typical
-    open_ones = [name for name, unseen in zip(names, silent.tolist(), strict=True) if unseen]
-    return start, (
-        (f"{', '.join(open_ones)}: no coefficient depends on it; a typical value is taken",) if open_ones else ()
-    )
+    ones = np.ones(missing.size)
+    level = np.maximum(np.abs(values), np.abs(lumped.values(at(ones))))
+    weight = 1.0 / np.where(level > 0, level, 1.0)
+    solved = least_squares(lambda u: (lumped.values(at(u)) - values) * weight, ones, x_scale="jac", max_nfev=50)
+    seen = solved.jac.any(axis=0).tolist()
+    silent = ", ".join(space.names[i] for i, own in zip(missing.tolist(), seen, strict=True) if not own)
+    note = f"{silent}: no coefficient depends on it; a typical value is taken"
+    return at(solved.x), (note,) if silent else ()
 
 
 def typical_values(space: ParameterSpace) -> Float:
@@ -271,14 +262,13 @@ def _one_step(lumped: Lumped, values: Float, information: Float, x: Float) -> Fl
     now, jacobian = lumped.linearise(x)
     # information is that of the independent coefficients b, all = S b + o: least squares on S(b_model - b) = 0
     J = lumped.back @ jacobian
-    scale = np.maximum(np.abs(x), 1e-12)
-    normal = J.T @ information @ J * np.outer(scale, scale)
+    normal = J.T @ information @ J
     root = np.sqrt(np.maximum(normal.diagonal(), 1e-300))
-    right = J.T @ information @ (lumped.back @ (values - now)) * scale / root
+    right = J.T @ information @ (lumped.back @ (values - now)) / root
     unit = normal / np.outer(root, root)
     step = solve_definite(unit, right)
     if step is None:
         step = np.linalg.lstsq(unit, right, rcond=1e-10)[0]
-    moved = x + step / root * scale
+    moved = x + step / root
     # The linearisation holds near the solution only; a step that changes a parameter beyond its size is not taken.
     return moved if (np.abs(moved - x) <= 0.5 * np.abs(x) + 1e-300).all() else x

@@ -7,12 +7,12 @@ model's graph once for each model and kind of test, and kept: identifying again 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
@@ -23,45 +23,14 @@ from rotorfit.models.compiled import array_function
 _NEITHER, _LINEAR, _RECIPROCAL = 0, 1, 2
 
 
-@dataclass(frozen=True, kw_only=True)
-class LumpedStructure:
-    """Layout that the lumped coefficients depend on: equal layouts have the same ones."""
-
-    model: RotorModel  # the rotor
-    names: tuple[str, ...]  # fitted parameters; this and the next three as in :class:`ParameterSpace`
-    base: tuple[str, ...]
-    template: tuple[tuple[float, ...], ...]
-    index: tuple[tuple[int, ...], ...]
-    speeds: tuple[tuple[tuple[int, tuple[float, ...]], ...], ...]
-
-    @classmethod
-    def of(cls, space: ParameterSpace, blocks: Sequence[Responses]) -> LumpedStructure:
-        """LumpedStructure of a fit to these blocks."""
-        speeds = []
-        for block in blocks:
-            pairs: dict[int, list[float]] = {}
-            for group, speed in zip(*(column.tolist() for column in block.condition[1:]), strict=True):
-                pairs.setdefault(group, []).append(speed)
-            speeds.append(tuple((group, tuple(own)) for group, own in pairs.items()))
-        return cls(
-            model=space.model,
-            names=space.names,
-            base=space.base,
-            template=tuple(map(tuple, space.template.tolist())),
-            index=tuple(map(tuple, space.index.tolist())),
-            speeds=tuple(speeds),
-        )
-
-
 class Lumped:
     """Lumped coefficients as functions of the fitted vector."""
 
-    def __init__(self, graph: LumpedGraph, speeds: Sequence[float], known: tuple[float, ...], scale: Float) -> None:
-        given = np.array([*speeds, np.nan])  # the last one is that of all speeds
-        self.place = replace(graph.place, speed=given[graph.place.speed.astype(np.intp)])
-        self.size = scale.size
-        self._function, self._speeds, self._known = graph.function, list[Any](speeds), known
-        self._rows, self._columns = graph.rows, graph.columns
+    def __init__(self, graph: LumpedGraph, given: tuple[float, ...], scale: Float) -> None:
+        # The speeds come first, the number -1 is that of the NaN behind all.
+        self.place = graph._replace(speed=np.array([*given, np.nan])[graph.speed])
+        self.size, self._given = scale.size, given
+        self._rows, self._columns = graph.of_coefficient, graph.by_value
         self._kind = self._dependence(scale)
         count = self.place.row.size
         self.basis, self.spread, self.offset = _independent(self, scale)
@@ -73,7 +42,7 @@ class Lumped:
 
     def _evaluate(self, x: Float) -> tuple[Float, Float]:
         """Coefficients and their nonzero derivatives, shape ``(E, ...)`` for vectors of shape ``(p, ...)``."""
-        found = self._function([*(x.tolist() if x.ndim == 1 else x), *self._speeds, *self._known])
+        found = self.place.function([*(x.tolist() if x.ndim == 1 else x), *self._given])
         return found[: self.place.row.size], found[self.place.row.size :]
 
     def values(self, x: Float) -> Float:
@@ -89,11 +58,9 @@ class Lumped:
 
     def _dependence(self, scale: Float) -> Index:
         """How each coefficient depends on each parameter in it: linear, linear in its reciprocal, or neither."""
-        rng = np.random.default_rng(2)
-        here, there = (scale * np.exp(rng.uniform(-1, 1, scale.size)) for _ in range(2))
-        slopes, others = self._evaluate(here)[1], self._evaluate(there)[1]
-        kind = np.where(np.isclose(slopes, others, rtol=1e-9, atol=0), _LINEAR, _NEITHER)
-        for i in np.unique(self._columns[kind == _NEITHER]):
+        here = scale * np.exp(np.random.default_rng(2).uniform(-1, 1, scale.size))
+        slopes, kind = self._evaluate(here)[1], np.full(self._rows.size, _NEITHER, dtype=np.intp)
+        for i in range(self.size):
             mine = np.flatnonzero(self._columns == i)
             linear = reciprocal = np.ones(mine.size, dtype=bool)
             for factor in (0.7, 1.9, 31.0):
@@ -103,7 +70,7 @@ class Lumped:
                 linear = linear & np.isclose(slope, slopes[mine], rtol=1e-9, atol=0)
                 reciprocal = reciprocal & np.isclose(slope * factor**2, slopes[mine], rtol=1e-9, atol=0)
             kind[mine] = np.where(linear, _LINEAR, np.where(reciprocal, _RECIPROCAL, _NEITHER))
-        return np.asarray(kind, dtype=np.intp)
+        return kind
 
     def parameters(self, values: Float, typical: Float) -> Float:
         """Solve the coefficients for the parameters one after the other. Each comes from a coefficient in which it is
@@ -137,18 +104,28 @@ class Lumped:
         return np.where(unknown, np.nan, point)
 
 
-@lru_cache(maxsize=32)
-def lumped_coefficients(layout: LumpedStructure) -> Lumped:
-    """Lumped coefficients of a model in some blocks of observations."""
-    speeds = [speed for groups in layout.speeds for _, own in groups for speed in own]
-    kinds = tuple(tuple((group, len(own), any(own)) for group, own in groups) for groups in layout.speeds)
-    scale = np.array([layout.model.parameter(name).scale for name in layout.base])
-    rows = zip(layout.index, layout.template, strict=True)
-    given = [[0.0 if k >= 0 else value for k, value in zip(*row, strict=True)] for row in rows]
+def lumped_coefficients(space: ParameterSpace, blocks: Sequence[Responses]) -> Lumped:
+    """Lumped coefficients of a model in some blocks of observations; kept, and the same ones for tests that differ in
+    nothing that they depend on, as in speeds where they are polynomials of the speed."""
+    kinds, speeds = [], []
+    for block in blocks:
+        _, groups, tested = block.condition
+        own = {group: tested[groups == group].tolist() for group in dict.fromkeys(groups.tolist())}
+        kinds.append(tuple((group, len(some), any(some)) for group, some in own.items()))
+        speeds += [speed for some in own.values() for speed in some]
+    given = np.where(space.index >= 0, 0.0, space.template).tolist()
     vanishing = (-1.0, 0.0, 1.0)  # known values with which terms of the equation of motion vanish
     form = tuple(tuple(value if value in vanishing else None for value in row) for row in given)
     known = tuple(value for row in given for value in row if value not in vanishing)
-    return Lumped(lumped_graph(layout.model, form, layout.index, kinds, len(layout.names)), speeds, known, scale)
+    layout = (space.model, form, tuple(map(tuple, space.index.tolist())), tuple(kinds), len(space.names))
+    if (lumped_graph(*layout).speed < 0).all():  # none of them holds at one speed only
+        speeds = [0.0] * len(speeds)
+    return _lumped(layout, (*speeds, *known), tuple(space.typical.tolist()))
+
+
+@lru_cache(maxsize=32)
+def _lumped(layout: tuple[Any, ...], given: tuple[float, ...], scale: tuple[float, ...]) -> Lumped:
+    return Lumped(lumped_graph(*layout), given, np.array(scale))
 
 
 def _independent(lumped: Lumped, scale: Float) -> tuple[Index, Float, Float]:
@@ -158,12 +135,6 @@ def _independent(lumped: Lumped, scale: Float) -> tuple[Index, Float, Float]:
     count, size = lumped.place.row.size, scale.size
     rng = np.random.default_rng(0)
     samples = scale * np.exp(rng.uniform(-1, 1, (2 * min(count, 4 * size) + 4 * size + 8, size)))
-    if count <= size:
-        # Affine relations are relations between gradients: with independent gradients there are none.
-        slopes = lumped.linearise(samples[0])[1] * samples[0]
-        norm = np.linalg.norm(slopes, axis=1)
-        if norm.all() and np.linalg.svd(slopes / norm[:, None], compute_uv=False)[-1] > COLLINEAR:
-            return np.arange(count), np.eye(count), np.zeros(count)
     values = np.ascontiguousarray(lumped.values(samples.T).T)
     centre = values.mean(axis=0)
     spread = values - centre
@@ -191,9 +162,9 @@ def _basis(columns: Float, moving: Index) -> Index:
     return np.asarray(np.sort(pivots[:rank]), dtype=np.intp)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Place:
-    """Where lumped coefficients enter the dynamic stiffness, one entry a coefficient, shape ``(E,)``."""
+class LumpedGraph(NamedTuple):
+    """Lumped coefficients with speeds and known values as variables, and where they enter the dynamic stiffness, one
+    entry a coefficient, shape ``(E,)``: fits that differ in those variables share one."""
 
     block: Index
     group: Index
@@ -202,17 +173,10 @@ class Place:
     power: Index  # power of s
     unit: ComplexArray  # 1 or j
     speed_power: Index  # power of the rotative speed
-    speed: Float  # speed to which it is restricted, NaN for all
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class LumpedGraph:
-    """Lumped coefficients with speeds and known values as variables: fits that differ in those share one."""
-
+    speed: NDArray[Any]  # number of the speed to which it is restricted, -1 for all; in :class:`Lumped` itself, or NaN
     function: Callable[[Sequence[Any]], Float]
-    rows: Index  # coefficient of each derivative
-    columns: Index  # fitted value of each derivative
-    place: Place  # where they enter, ``speed`` being the running number of the speed, -1 for all
+    of_coefficient: Index  # coefficient of each derivative
+    by_value: Index  # fitted value of each derivative
 
 
 @lru_cache(maxsize=32)
@@ -242,14 +206,12 @@ def lumped_graph(
                     places.append((block, group, *entry, degree, at))
                     expressions.append(part)
             first += count
-    numbers = [np.array(column) for column in zip(*places, strict=True)]  # in the order of the attributes
-    place = Place(**dict(zip((field.name for field in fields(Place)), numbers, strict=True)))
     values = ca.vertcat(*expressions)
     jacobian = ca.jacobian(values, x)
     rows, columns = (np.asarray(part, dtype=np.intp) for part in jacobian.sparsity().get_triplet())
     # As an array function: calls of CasADi's own spend most of their time on converting matrices.
     function = array_function(ca.Function("lumped", [x, speeds, known], [ca.densify(values), jacobian]))
-    return LumpedGraph(function=function, rows=rows, columns=columns, place=place)
+    return LumpedGraph._make([*map(np.array, zip(*places, strict=True)), function, rows, columns])
 
 
 def _entries(
