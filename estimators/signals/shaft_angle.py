@@ -46,11 +46,11 @@ class SmoothAngle:
     share_t: Float  # times of these, s, shape ``(S,)``
     pattern: Float  # how far each pulse of a turn is ahead of even spacing, rad, shape ``(P,)``
     outlying: Float  # times of pulses left out because they are far from the smooth angle, s
-    pulses: int  # number of pulses used
+    count: int  # pulses used
 
     @property
     def share(self) -> float:
-        """Mean of the shares over the pulses: what the spline takes of their number is this times :attr:`pulses`."""
+        """Mean of the shares over the pulses: what the spline takes of their number is this times :attr:`count`."""
         angle = self.angle(self.share_t)
         return float(np.trapezoid(np.minimum(self.shares, 1.0), angle) / (angle[-1] - angle[0]))
 
@@ -171,7 +171,7 @@ def _fit(times: Float, numbers: Index, step: float, duration: float, per_turn: i
         share_t=at,
         pattern=pattern,
         outlying=np.zeros(0),
-        pulses=times.size,
+        count=times.size,
     )
 
 

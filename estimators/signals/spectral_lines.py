@@ -102,7 +102,7 @@ def steady_angle(z: ComplexArray, rate: float, direction: int, avoid: Sequence[f
         share_t=np.array([0.0, end]),
         pattern=np.zeros(1),
         outlying=np.zeros(0),
-        pulses=0,
+        count=0,
     )
 
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from rotorfit.models.array_types import Float
 from rotorfit.plots.style import COLOURS, PAGE, SMALL_TYPE, draw_cascade, grid, literal, looked, positions, prefix
-from rotorfit.recordings.spectra import TwistView
+from rotorfit.recordings.spectra import Cascade
 
 _ORDERS = {"w − Ω": (1, -1), "w − 2Ω": (1, -2), "2(w − Ω)": (2, -2), "1x": (0, 1), "2x": (0, 2)}
 """Combination lines of the twist: multiples of w and of Ω, the rotative speed."""
@@ -19,7 +19,7 @@ _ORDERS = {"w − Ω": (1, -1), "w − 2Ω": (1, -2), "2(w − Ω)": (2, -2), "1
 
 @looked
 def plot_twist(
-    view: TwistView, name: str, limit: float | None = None, marks: Mapping[str, float] = MappingProxyType({})
+    view: Cascade, name: str, limit: float | None = None, marks: Mapping[str, float] = MappingProxyType({})
 ) -> Figure:
     """Overall amplitude of the twist above, its spectra with order lines below.
 
@@ -32,9 +32,10 @@ def plot_twist(
     edge = min(1.15 * highest, float(view.frequency[-1])) if limit is None else limit
     figure, axes = grid(2, 1, literal(f"{name}: twist"), size=(PAGE[0], 3.8))
     overall, cascade = axes[:, 0]
-    factor, unit = prefix(view.overall, "rad")
+    size = np.asarray(view.overall)
+    factor, unit = prefix(size, "rad")
     order = np.argsort(position)
-    overall.plot(position[order], view.overall[order] * factor, color=COLOURS[0], lw=1.2)
+    overall.plot(position[order], size[order] * factor, color=COLOURS[0], lw=1.2)
     overall.set_ylabel(f"overall amplitude, {unit} 0-pk")
     overall.set_ylim(bottom=0)
     overall.set_xlabel(label)
@@ -50,7 +51,7 @@ def plot_twist(
     return figure
 
 
-def _cascade(axis: Any, view: TwistView, position: Float, edge: float) -> None:
+def _cascade(axis: Any, view: Cascade, position: Float, edge: float) -> None:
     """One spectrum a line, the square root of its amplitude shifted up: combination lines differ by powers of ten."""
     inside = view.frequency <= edge
     root = np.sqrt(view.amplitude[:, inside])

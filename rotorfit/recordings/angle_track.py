@@ -15,69 +15,40 @@ from rotorfit.estimators.signals.spectral_lines import steady_angle
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.rig.setup import Reference
-from rotorfit.recordings.signals import Signals
+from rotorfit.recordings.signals import Signals, said_of
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AngleTrack:
-    """Angle, speed and acceleration over the time of a recording."""
+class AngleTrack(SmoothAngle):
+    """Angle, speed and acceleration over a recording; the angle grows whichever way the perturbator turns."""
 
-    smooth: SmoothAngle  # the angle as a spline with its jitter
     pulses: Float  # times of the pulses used, s, shape ``(N,)``
     pulses_per_turn: int = 1  # of the wheel
     levels: PulseLevels | None = None  # voltages of the pulses; None where the angle was not found from pulses
     findings: tuple[Finding, ...] = ()  # missing, double and noisy pulses, and what else was odd
 
-    def angle(self, t: Float) -> Float:
-        """Angle since the mark first passed, rad; it grows whichever way the perturbator turns."""
-        return self.smooth.angle(t)
-
-    def speed(self, t: Float) -> Float:
-        """Speed, rad/s."""
-        return self.smooth.speed(t)
-
     def speeds(self, count: int = 200) -> Float:
         """Speed at even times from the first pulse to the last, rad/s."""
-        return self.smooth.speed(np.linspace(self.begin, self.end, count))
-
-    def acceleration(self, t: Float) -> Float:
-        """Acceleration, rad/s^2."""
-        return self.smooth.acceleration(t)
-
-    def stderr(self, t: Float) -> Float:
-        """Standard error of the angle, rad."""
-        return self.smooth.stderr(t)
+        return self.speed(np.linspace(self.begin, self.end, count))
 
     @property
     def marks(self) -> Float:
         """Times of the pulses that begin a turn, s: all of them for one pulse a turn."""
-        count = np.round(self.smooth.angle(self.pulses) / (2 * np.pi) * self.pulses_per_turn)
+        count = np.round(self.angle(self.pulses) / (2 * np.pi) * self.pulses_per_turn)
         return np.asarray(self.pulses[count % self.pulses_per_turn == 0])
-
-    @property
-    def begin(self) -> float:
-        """Time of the first pulse, s."""
-        return self.smooth.begin
-
-    @property
-    def end(self) -> float:
-        """Time of the last pulse, s."""
-        return self.smooth.end
 
 
 def track(record: Signals, reference: Reference) -> AngleTrack:
     """The angle that a phase reference of a recording gives."""
     channel, per_turn = str(reference.channel), reference.pulses_per_turn or 1
     where = f"{record.name}, channel {channel}"
-    try:
+    with said_of(where):
         levels = find_levels(_sample(record, channel), edge=reference.edge or "", level=reference.level)
         times = find_edges(record.pieces(channel), levels) / record.sample_rate / (1 + (reference.clock or 0.0))
         pulses, gap = from_index(number_pulses(times), per_turn) if per_turn > 1 else (number_pulses(times), 0)
         smooth = smooth_angle(
             pulses, duration=record.duration, pulses_per_turn=per_turn, resolution=1 / record.sample_rate
         )
-    except ValueError as problem:
-        raise ValueError(f"{where}: {problem}") from problem
     findings = [*_of_pulses(where, pulses, smooth), *_of_ends(where, record, smooth)]
     if reference.edge is None and levels.duty > 0.4:
         taken = "falling" if levels.falling else "rising"
@@ -96,7 +67,7 @@ def track(record: Signals, reference: Reference) -> AngleTrack:
             "cannot be counted for sure. Set the trigger level anew (level_V), or cut that part of the record off."
         )
         findings.append(Finding("error", "pulses-uneven", text))
-    return AngleTrack(smooth=smooth, pulses=kept, pulses_per_turn=per_turn, levels=levels, findings=tuple(findings))
+    return AngleTrack(**vars(smooth), pulses=kept, pulses_per_turn=per_turn, levels=levels, findings=tuple(findings))
 
 
 def _sample(record: Signals, channel: str) -> Float:
@@ -188,10 +159,8 @@ def steady_track(record: Signals, shaft: AngleTrack | None, whirl: int) -> Angle
     )
     turning = 0.0 if shaft is None else float(np.mean(shaft.speeds())) / (2 * np.pi)
     orders = [k * turning for k in range(-10, 11)] if turning else [0.0]
-    try:
+    with said_of(f"{record.name}, perturbator without a mark"):
         smooth = steady_angle(z, record.sample_rate, whirl, orders)
-    except ValueError as problem:
-        raise ValueError(f"{record.name}, perturbator without a mark: {problem}") from problem
     hertz = float(smooth.speed(np.array([0.0]))[0]) / (2 * np.pi)
     said = Finding(
         "note",
@@ -199,7 +168,7 @@ def steady_track(record: Signals, shaft: AngleTrack | None, whirl: int) -> Angle
         f"{record.name}: the perturbator has no mark; it runs at {hertz:.4f} Hz by the motion. Its phase counts from "
         'the start of the recording: fit with phase_offsets="common" or True.',
     )
-    return AngleTrack(smooth=smooth, pulses=np.zeros(0), findings=(said,))
+    return AngleTrack(**vars(smooth), pulses=np.zeros(0), findings=(said,))
 
 
 _MARKS = ("shaft", "perturbator")

@@ -36,7 +36,7 @@ from rotorfit.recordings.rig.rig_toml import read_setup
 from rotorfit.recordings.rig.setup import Probe, RigSetup
 from rotorfit.recordings.signals import Signals
 from rotorfit.recordings.slow_roll import RunOut, find_run_out, in_words
-from rotorfit.recordings.spectra import cascade, spectrum, steady_lines, twist_of, twist_view
+from rotorfit.recordings.spectra import cascade, spectrum, steady_lines, twist_cascade, twist_of
 from rotorfit.recordings.views import OrderVectors, centreline, stretch
 
 if TYPE_CHECKING:
@@ -68,9 +68,9 @@ class Recording(Signals):
         Raises:
             ValueError: the recording has no shaft reference, or no pulses on it.
         """
-        if self.rig.shaft is None:
+        if self.shaft is None:
             raise ValueError(f"{self.name} has no phase reference of the shaft; name its channel in [shaft]")
-        return self._shaft
+        return self.shaft
 
     def perturbator_angle(self) -> AngleTrack | None:
         """Angle of the perturbator from its mark, growing whichever way it turns; None without a mark.
@@ -80,7 +80,7 @@ class Recording(Signals):
         Raises:
             ValueError: no pulses on its channel, or no steady line in the motion.
         """
-        return None if self.rig.perturbator is None else self._perturbator
+        return self._perturbator
 
     @cached_property
     def run_out(self) -> RunOut | None:
@@ -113,16 +113,16 @@ class Recording(Signals):
         return np.asarray(volts - self.run_out.volts(probe.channel, self.shaft_angle().angle(t)))
 
     @cached_property
-    def _shaft(self) -> AngleTrack:
-        return track(self, self.rig.shaft)  # type: ignore[arg-type]
+    def shaft(self) -> AngleTrack | None:
+        """Angle of the shaft; None where it has no mark."""
+        return None if self.rig.shaft is None else track(self, self.rig.shaft)
 
     @cached_property
-    def _perturbator(self) -> AngleTrack:
+    def _perturbator(self) -> AngleTrack | None:
         reference = self.rig.perturbator
-        if reference is not None and reference.channel is None:
-            shaft = None if self.rig.shaft is None else self._shaft
-            return steady_track(self, shaft, 1 if self.force is None else self.force.whirl)
-        return track(self, reference)  # type: ignore[arg-type]
+        if reference is None or reference.channel is not None:
+            return None if reference is None else track(self, reference)
+        return steady_track(self, self.shaft, 1 if self.force is None else self.force.whirl)
 
     @cached_property
     def twist(self) -> Float:
@@ -340,9 +340,8 @@ class Recording(Signals):
         """
         from rotorfit.plots.twist import plot_twist
 
-        return plot_twist(
-            twist_view(self, self.marks, over=over, spectra=spectra), self.name, limit_hz, marks or {}, **look
-        )
+        found = twist_cascade(self, self.marks, over=over, spectra=spectra)
+        return plot_twist(found, self.name, limit_hz, marks or {}, **look)
 
     def plot_speed(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Speed and sweep rate of every mark over time.
@@ -362,10 +361,8 @@ class Recording(Signals):
     @cached_property
     def marks(self) -> Marks:
         """Angles of shaft and perturbator, either may be missing."""
-        shaft = None if self.rig.shaft is None else self._shaft
-        return Marks(
-            shaft=shaft, perturbator=self.perturbator_angle(), whirl=1 if self.force is None else self.force.whirl
-        )
+        whirl = 1 if self.force is None else self.force.whirl
+        return Marks(shaft=self.shaft, perturbator=self._perturbator, whirl=whirl)
 
     def _vectors(self, reference: str | None, turns: float | None) -> OrderVectors:
         known = self.__dict__.setdefault("_known_vectors", {})

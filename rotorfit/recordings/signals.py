@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,15 @@ def source_of(records: Sequence[Signals]) -> str:
     """Where a test came from: the files of its recordings and their setup."""
     setup = records[0].setup.source if records[0].setup is not None else ""
     return ", ".join(record.path.name for record in records) + (f" with {setup}" if setup else "")
+
+
+@contextmanager
+def said_of(name: str) -> Iterator[None]:
+    """Refusals inside begin with what they are about."""
+    try:
+        yield
+    except ValueError as problem:
+        raise ValueError(f"{name}: {problem}") from problem
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,11 +16,8 @@ from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.digits import significant
 from rotorfit.recordings.angle_track import AngleTrack
 from rotorfit.recordings.rig.setup import VECTOR_ORDERS, SlowRollSetup
-from rotorfit.recordings.signals import SAMPLES_OF_A_PIECE
+from rotorfit.recordings.signals import SAMPLES_OF_A_PIECE, Signals
 from rotorfit.units import RPM_PER_RAD_S
-
-if TYPE_CHECKING:
-    from rotorfit.recordings.signals import Signals
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

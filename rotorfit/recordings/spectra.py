@@ -9,39 +9,33 @@ with them what of the twist is locked to the shaft.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from rotorfit.estimators.signals.pulse_numbers import number_pulses
 from rotorfit.estimators.signals.pulses import find_edges, find_levels
 from rotorfit.estimators.signals.spectral_lines import full_spectrum
-from rotorfit.models.array_types import Float, Index
+from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.recordings.angle_track import Marks, track
 from rotorfit.recordings.rig.setup import Reference
-from rotorfit.recordings.signals import Signals
+from rotorfit.recordings.signals import Signals, said_of
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CascadeTimes:
-    """Where the spectra of a cascade are taken."""
+class Cascade:
+    """Spectra of one plane, or of the twist, one after the other."""
 
     over: str  # what tells them apart: ``time``, ``speed`` or ``perturbation``
-    size: int  # samples of each
-    starts: Index  # first sample of each, shape ``(W,)``
     position: Float  # s or rad/s, shape ``(W,)``
     shaft: Float  # shaft speed at each spectrum, rad/s; NaN without a mark
     perturbation: Float  # speed of the perturbation at each spectrum, rad/s, signed by its whirl; NaN without a mark
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Cascade(CascadeTimes):
-    """Full spectra of one plane, one after the other."""
-
-    plane: str  # its name
-    direction: str | None  # x or y where the spectra are of the motion along it alone, frequencies not negative
-    frequency: Float  # Hz, negative is backward, shape ``(F,)``
-    amplitude: Float  # m, shape ``(W, F)``; a circle of radius A has A
+    frequency: Float  # Hz, negative is backward, shape ``(F,)``; of one direction and of the twist not negative
+    amplitude: Float  # m or rad, shape ``(W, F)``; a circle of radius A has A
+    plane: str = ""  # its name; none of the twist
+    direction: str | None = None  # x or y where the spectra are of the motion along it alone
+    overall: Float | None = None  # of the twist: amplitude that a sine of the same mean square has, rad, shape ``(W,)``
 
 
 def spectrum(record: Signals, plane: str, start: float, stop: float | None) -> tuple[Float, Float]:
@@ -69,10 +63,10 @@ def cascade(
     """Full spectra at even steps of time, speed or perturbation frequency, or those along x or y."""
     if direction not in (None, "x", "y"):
         raise ValueError(unknown_name("direction", str(direction), ("x", "y")))
-    places = cascade_times(record, marks, over, spectra)
+    size, starts, places = _even_steps(record, marks, over, spectra)
     rows = []
-    for start in places.starts.tolist():
-        z = record.motion(plane, start, start + places.size)
+    for start in starts:
+        z = record.motion(plane, start, start + size)
         if direction is not None and not np.iscomplexobj(z):
             raise ValueError(f"{record.name}, {plane}: one probe reads this plane; leave direction out for its spectra")
         z = {"x": z.real, "y": z.imag}.get(direction or "", z)
@@ -80,11 +74,11 @@ def cascade(
         rows.append(amplitude if np.iscomplexobj(z) else 2 * amplitude)
     shown = frequency >= (-np.inf if direction is None else 0)
     amplitude = np.array(rows)[:, shown]
-    return Cascade(**vars(places), plane=plane, direction=direction, frequency=frequency[shown], amplitude=amplitude)
+    return Cascade(**places, plane=plane, direction=direction, frequency=frequency[shown], amplitude=amplitude)
 
 
-def cascade_times(record: Signals, marks: Marks, over: str | None, spectra: int) -> CascadeTimes:
-    """Even steps of time, speed or perturbation frequency."""
+def _even_steps(record: Signals, marks: Marks, over: str | None, spectra: int) -> tuple[int, list[int], dict[str, Any]]:
+    """Even steps of time, speed or perturbation: samples of a spectrum, the first of each, and where these are."""
     if over is None:  # what changes
         over = "time"
         for name, angle in (("speed", marks.shaft), ("perturbation", marks.perturbator)):
@@ -94,31 +88,21 @@ def cascade_times(record: Signals, marks: Marks, over: str | None, spectra: int)
     if over not in ("time", "speed", "perturbation"):
         raise ValueError(unknown_name("axis of a cascade", over, ("time", "speed", "perturbation")))
     most_samples = 1 << 15  # most samples of a spectrum of a cascade
-    size = int(np.clip(record.size // spectra * 2, 256, most_samples))
-    size = min(size, record.size)
+    size = min(int(np.clip(record.size // spectra * 2, 256, most_samples)), record.size)
     t = np.linspace(size / 2, record.size - size / 2, spectra) / record.sample_rate
     if over != "time":
         mark = marks.named("shaft" if over == "speed" else "perturbator", record)
         fine = np.linspace(t[0], t[-1], 20 * spectra)
         speed = mark.speed(fine)
-        if np.any(np.diff(speed) * (speed[-1] - speed[0]) <= 0):  # not one way up or down: in the order of time
-            at = t
-        else:
+        if not np.any(np.diff(speed) * (speed[-1] - speed[0]) <= 0):  # one way up or down; else in the order of time
             order = np.argsort(speed)
-            at = np.interp(np.linspace(speed.min(), speed.max(), spectra), speed[order], fine[order])
-        t = at
-    middles = np.round(t * record.sample_rate) - size // 2
+            t = np.interp(np.linspace(speed.min(), speed.max(), spectra), speed[order], fine[order])
+    starts = np.clip(np.round(t * record.sample_rate) - size // 2, 0, record.size - size).astype(np.intp)
     nan = np.full(t.size, np.nan)
     shaft = nan if marks.shaft is None else marks.shaft.speed(t)
     perturbation = nan if marks.perturbator is None else marks.whirl * marks.perturbator.speed(t)
-    return CascadeTimes(
-        over=over,
-        size=size,
-        starts=np.clip(middles, 0, record.size - size).astype(np.intp),
-        position={"time": t, "speed": shaft, "perturbation": np.abs(perturbation)}[over],
-        shaft=shaft,
-        perturbation=perturbation,
-    )
+    position = {"time": t, "speed": shaft, "perturbation": np.abs(perturbation)}[over]
+    return size, starts.tolist(), {"over": over, "position": position, "shaft": shaft, "perturbation": perturbation}
 
 
 def steady_lines(marks: Marks, start: float, stop: float) -> dict[str, float]:
@@ -146,11 +130,9 @@ def twist_of(record: Signals) -> Float:
     teeth = int(how.teeth or 1)
     motor = track(record, Reference(channel=how.even_wheel, pulses_per_turn=teeth))
     name = str(how.wheel)
-    try:
+    with said_of(f"{record.name}, channel {name}"):
         levels = find_levels(record.channel(name))
         pulses = number_pulses(find_edges(record.pieces(name), levels) / record.sample_rate)
-    except ValueError as problem:
-        raise ValueError(f"{record.name}, channel {name}: {problem}") from problem
     step = 2 * np.pi / teeth
     twist = step * pulses.numbers - motor.angle(pulses.times)
     place = pulses.numbers % teeth
@@ -163,24 +145,16 @@ def twist_of(record: Signals) -> Float:
     return np.where(inside, CubicSpline(pulses.times, twist)(np.clip(time, *pulses.times[[0, -1]])), 0.0)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TwistView(CascadeTimes):
-    """Data of the figure of the twist."""
-
-    overall: Float  # amplitude that a sine of the same mean square has, rad 0-pk, shape ``(W,)``
-    frequency: Float  # Hz, from zero, shape ``(F,)``
-    amplitude: Float  # of the lines, rad 0-pk, shape ``(W, F)``
-
-
-def twist_view(record: Signals, marks: Marks, *, over: str | None, spectra: int) -> TwistView:
+def twist_cascade(record: Signals, marks: Marks, *, over: str | None, spectra: int) -> Cascade:
     """Overall amplitude and spectra of the twist at even steps of time, speed or perturbation frequency."""
     twist = twist_of(record)
-    places = cascade_times(record, marks, over, spectra)
-    rows, overall = [], []
-    for start in places.starts.tolist():
-        part = twist[start : start + places.size]
-        frequency, amplitude = full_spectrum(part.astype(complex), record.sample_rate)
-        rows.append(2 * amplitude[frequency >= 0])
-        overall.append(float(np.sqrt(2) * part.std()))
-    positive = frequency[frequency >= 0]
-    return TwistView(**vars(places), frequency=positive, amplitude=np.array(rows), overall=np.array(overall))
+    size, starts, places = _even_steps(record, marks, over, spectra)
+    parts = [twist[start : start + size] for start in starts]
+    rows = [full_spectrum(part.astype(complex), record.sample_rate) for part in parts]
+    shown = rows[0][0] >= 0
+    return Cascade(
+        **places,
+        frequency=rows[0][0][shown],
+        amplitude=2 * np.array([amplitude[shown] for _, amplitude in rows]),
+        overall=np.array([float(np.sqrt(2) * part.std()) for part in parts]),
+    )

@@ -34,7 +34,7 @@ def summary(record: Recording) -> str:
 
 def _mark(record: Recording, name: str, angle: AngleTrack) -> str:
     speeds = np.abs(angle.speeds()) / RAD_S_PER_RPM
-    jitter = f"{angle.smooth.jitter * record.sample_rate:.2f} samples"
+    jitter = f"{angle.jitter * record.sample_rate:.2f} samples"
     return f"  {name:<12} {speeds.min():.1f} to {speeds.max():.1f} rpm, {angle.pulses.size} pulses, scatter {jitter}"
 
 

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding
+from rotorfit.estimators.signals.local_response import LocalResponse
 from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
 from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.models.digits import significant
+from rotorfit.recordings.recording import Recording
 from rotorfit.recordings.reduction.reduced_record import ReducedRecord, motion_at, reduced_times
-
-if TYPE_CHECKING:
-    from rotorfit.data.experiments import PerturbationTest
-    from rotorfit.estimators.signals.local_response import LocalResponse
-    from rotorfit.recordings.recording import Recording
-
 
 _ONE_SIDED_POWER_RATIO = 0.02
 """Power in one direction over that in the other below which a measured force is taken for one of one direction."""
@@ -102,7 +99,7 @@ def _powers(record: Recording, length: float, *, over_ends: bool = False) -> tup
 
 def reduce_measured(record: Recording, *, struck: bool) -> ReducedForce:
     """Bring a recording with a measured force to the rate that the force needs."""
-    shaft = record.shaft_angle() if record.rig.shaft is not None else None
+    shaft = record.shaft
     begin, end = (shaft.begin, shaft.end) if shaft is not None else (0.0, record.duration)
     force_seen = look_at_force(record, struck=struck)
     reduced, part = reduced_times(record, shaft, force_seen.high, begin, end)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.signals.local_response import SMOOTH_DEGREE, LocalResponse, RecordSpectra
 from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.models.digits import significant
+from rotorfit.recordings.recording import Recording
 from rotorfit.recordings.reduction.measured_force import (
     ReducedForce,
     clear_of_noise,
@@ -29,9 +29,6 @@ from rotorfit.recordings.reduction.measured_force import (
 )
 from rotorfit.recordings.reduction.response_lines import Report, clear_lines, estimated, readings, rows, shaft_speed_at
 from rotorfit.recordings.reduction.ring_downs import QUIET_SHARE, Blow, blow_findings, blows, rest_of
-
-if TYPE_CHECKING:
-    from rotorfit.recordings.recording import Recording
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

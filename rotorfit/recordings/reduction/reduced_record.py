@@ -9,17 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rotorfit.estimators.signals.local_response import RecordSpectra
 from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.models.digits import significant
-
-if TYPE_CHECKING:
-    from rotorfit.recordings.angle_track import AngleTrack
-    from rotorfit.recordings.recording import Recording
+from rotorfit.recordings.angle_track import AngleTrack
+from rotorfit.recordings.recording import Recording
+from rotorfit.recordings.signals import said_of
 
 Signal = Float | ComplexArray
 
@@ -196,7 +194,7 @@ class ReducedRecord:
 
 def reduce_record(record: Recording, drive: AngleTrack, whirl: int) -> ReducedRecord:
     """Bring a recording to the rate that the band of its drive needs."""
-    shaft = record.shaft_angle() if record.rig.shaft is not None else None
+    shaft = record.shaft
     begin = max(track.begin for track in (drive, shaft) if track is not None)
     end = min(track.end for track in (drive, shaft) if track is not None)
     fastest = float(drive.speed(np.linspace(begin, end, 20_001)).max())
@@ -229,10 +227,8 @@ def reduced_times(
         speed = shaft.speed(np.linspace(begin, end, 20_001))
         reach = [n * float(speed.max()) for n in range(1, HIGHEST_ORDER + 1) if n * speed.min() < 1.1 * fastest]
         top = max([top, *reach])
-    try:
+    with said_of(record.name):
         reduced = ReducedRate.for_band(1.02 * top / (2 * np.pi), record.sample_rate, record.size)
-    except ValueError as problem:
-        raise ValueError(f"{record.name}: {problem}") from problem
     inside = np.flatnonzero((reduced.time >= begin) & (reduced.time <= end))
     if inside.size < 32:
         raise ValueError(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from rotorfit.data.findings import Finding
 from rotorfit.data.synchronous import DIFFERENCED
 from rotorfit.estimators.signals.local_response import SMOOTH_DEGREE, LocalResponse
 from rotorfit.models.array_types import ComplexArray
+from rotorfit.recordings.recording import Recording
 from rotorfit.recordings.reduction.measured_responses import measured_responses
 from rotorfit.recordings.reduction.reduced_record import ReducedRecord, reduce_record
 from rotorfit.recordings.reduction.response_lines import (
@@ -27,11 +27,8 @@ from rotorfit.recordings.reduction.response_lines import (
     time_at,
 )
 from rotorfit.recordings.reduction.steady_responses import dwell_responses, dwelling, dwells_of, window_responses
+from rotorfit.recordings.rig.setup import Force
 from rotorfit.recordings.views import OrderVectors
-
-if TYPE_CHECKING:
-    from rotorfit.recordings.recording import Recording
-    from rotorfit.recordings.rig.setup import Force
 
 
 def reduced_responses(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +12,9 @@ from rotorfit.data.findings import Finding
 from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra, local_response
 from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.models.digits import significant
-
-if TYPE_CHECKING:
-    from rotorfit.estimators.signals.local_response import LocalResponse
-    from rotorfit.recordings.recording import Recording
-    from rotorfit.recordings.reduction.reduced_record import ReducedRecord
+from rotorfit.recordings.recording import Recording
+from rotorfit.recordings.reduction.reduced_record import ReducedRecord
+from rotorfit.recordings.signals import said_of
 
 Report = Callable[[Finding], None]
 
@@ -29,10 +26,8 @@ def estimated(
     records: Sequence[Recording], spectra: Sequence[RecordSpectra], low: float, high: float, *, transient: bool = True
 ) -> LocalResponse:
     """Local responses; what is wrong is said with the names of the recordings."""
-    try:
+    with said_of(", ".join(record.name for record in records)):
         return local_response(spectra, low, high, transient=transient)
-    except ValueError as problem:
-        raise ValueError(f"{', '.join(record.name for record in records)}: {problem}") from problem
 
 
 def clear_lines(reduced: ReducedRecord, found: LocalResponse, power: int, report: Report) -> Bool:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -27,11 +27,9 @@ from rotorfit.recordings.reduction.response_lines import Report
 from rotorfit.recordings.reduction.ring_downs import ring_downs
 from rotorfit.recordings.reduction.static_positions import static_positions
 from rotorfit.recordings.reduction.steady_responses import dwelling
+from rotorfit.recordings.rig.setup import Force
 from rotorfit.recordings.signals import source_of
 from rotorfit.units import RPM_PER_RAD_S
-
-if TYPE_CHECKING:
-    from rotorfit.recordings.rig.setup import Force
 
 _KINDS = {"perturbator": "a perturbator", "shaft": "the shaft itself", "": "a measured force"}
 _BALANCE = "the shaft itself, at steady speeds"

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -21,9 +21,6 @@ from rotorfit.recordings.recording import Recording, named_apart
 from rotorfit.recordings.reduction.reduced_record import HIGHEST_ORDER, ReducedRate, ReducedRecord, motion_at
 from rotorfit.recordings.reduction.static_positions import rest_positions
 from rotorfit.recordings.signals import SAMPLES_OF_A_PIECE, source_of
-
-if TYPE_CHECKING:
-    from rotorfit.recordings.recording import Recording
 
 AVERAGING_TIME = 0.02
 """Time over which the motion is averaged to see a blow, s."""

@@ -23,7 +23,7 @@ from rotorfit.models.shafts.combination_lines import LATERAL, TWIST, Order
 from rotorfit.recordings.recording import Recording, named_apart
 from rotorfit.recordings.reduction.reduced_record import reduce_record
 from rotorfit.recordings.reduction.response_lines import time_at
-from rotorfit.recordings.signals import source_of
+from rotorfit.recordings.signals import said_of, source_of
 
 _OF_SUPPORTS: dict[str, Order] = {"-w": (-1, -2), "w-2Om": (1, -2)}
 """Lines that supports which differ in two directions make, with their orders (m, n) in turning coordinates."""
@@ -159,10 +159,8 @@ def _start_up(record: Recording) -> list[dict[str, NDArray[Any]]]:
         acceleration=shaft.acceleration(reduced.time),
         motion=reduced.motion[plane],
     )
-    try:
+    with said_of(record.name):
         lines = start_up_lines(run)
-    except ValueError as problem:
-        raise ValueError(f"{record.name}: {problem}") from problem
     parts = []
     for order, found in lines.items():
         known = found.sigma[0, 0] <= _LARGEST_ERROR_RATIO * np.median(found.sigma)
@@ -202,8 +200,8 @@ def _swept(record: Recording) -> _Swept:
         low=ends[0],
         high=ends[1],
         mr=force.mr,
-        angle_error=perturbator.smooth.jitter * float(np.sqrt(perturbator.smooth.share)),
-        freedom=perturbator.smooth.share * perturbator.smooth.pulses,
+        angle_error=perturbator.jitter * float(np.sqrt(perturbator.share)),
+        freedom=perturbator.share * perturbator.count,
     )
 
 

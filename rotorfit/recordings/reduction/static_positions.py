@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,16 +15,13 @@ from rotorfit.data.findings import Finding
 from rotorfit.executors import carry_out, executor_of
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.digits import significant
+from rotorfit.recordings.angle_track import AngleTrack
 from rotorfit.recordings.recording import Recording, named_apart
 from rotorfit.recordings.reduction.reduced_record import HIGHEST_ORDER, ReducedRate
 from rotorfit.recordings.reduction.response_lines import Report
+from rotorfit.recordings.rig.setup import Probe
 from rotorfit.recordings.signals import source_of
 from rotorfit.units import RPM_PER_RAD_S
-
-if TYPE_CHECKING:
-    from rotorfit.recordings.angle_track import AngleTrack
-    from rotorfit.recordings.recording import Recording
-    from rotorfit.recordings.rig.setup import Probe
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -215,7 +212,7 @@ def rest_positions(record: Recording) -> tuple[list[RestPosition], list[str]]:
 
 
 def _rest(record: Recording, plane: str, probes: Sequence[Probe]) -> RestPosition:
-    shaft = record.shaft_angle() if record.rig.shaft is not None else None
+    shaft = record.shaft
     edges, speeds = _stretches(record, shaft)
     fastest = 0.0 if shaft is None else float(np.abs(shaft.speeds()).max())
     highest = 20.0  # highest frequency that matters of a shaft without marks, Hz

@@ -7,14 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.fft import prev_fast_len
 
+from rotorfit.data.experiments import PerturbationTest
 from rotorfit.estimators.signals.local_response import LocalResponse
 from rotorfit.estimators.signals.tracking import DwellResponse, dwell_response, dwells, track_windows
 from rotorfit.models.array_types import Bool, Float, Index
+from rotorfit.recordings.recording import Recording
+from rotorfit.recordings.reduction.reduced_record import ReducedRecord
 from rotorfit.recordings.reduction.response_lines import (
     ProbeResponses,
     apart_from_orders,
@@ -22,12 +24,8 @@ from rotorfit.recordings.reduction.response_lines import (
     rows,
     single_direction,
 )
-
-if TYPE_CHECKING:
-    from rotorfit.data.experiments import PerturbationTest
-    from rotorfit.recordings.recording import Recording
-    from rotorfit.recordings.reduction.reduced_record import ReducedRecord
-    from rotorfit.recordings.rig.setup import Force
+from rotorfit.recordings.rig.setup import Force
+from rotorfit.recordings.signals import said_of
 
 
 def dwelling(record: Recording) -> bool:
@@ -69,10 +67,8 @@ def dwell_responses(
     found: list[DwellResponse] = []
     for part in parts:
         wider = replace(part, band=(part.band[0], part.band[1] + 20 * 2 * np.pi / float(np.ptp(part.time))))
-        try:
+        with said_of(record.name):
             found.append(dwell_response(wider.spectra(weight, wider.orders(2 if synchronous else 1)), _speed(part)))
-        except ValueError as problem:
-            raise ValueError(f"{record.name}: {problem}") from problem
     speeds = np.array([_speed(part) for part in parts])
     order = np.argsort(speeds, kind="stable")
     response, sigma, noise = (np.array([each[k] for each in found]).T[:, order] for k in range(3))
@@ -105,7 +101,7 @@ def _angle_error(part: ReducedRecord) -> float:
     if part.drive is None or part.drive.levels is None:
         return 0.0
     pulses = int(np.sum((part.drive.pulses >= part.time[0]) & (part.drive.pulses <= part.time[-1])))
-    independent = max(pulses * part.drive.smooth.share, 1.0)  # values that the smooth angle has in the dwell
+    independent = max(pulses * part.drive.share, 1.0)  # values that the smooth angle has in the dwell
     return float(np.sqrt(np.mean(part.drive.stderr(part.time) ** 2) / independent))
 
 
@@ -114,10 +110,8 @@ def window_responses(reduced: ReducedRecord, force: Force, turns: int) -> Pertur
     record, synchronous = reduced.record, force.reference == "shaft"
     signals = np.array([reduced.motion[plane] for plane in record.planes])
     angle = reduced.whirl * reduced.drive_angle
-    try:
+    with said_of(record.name):
         found = track_windows(signals, angle, None if synchronous else reduced.shaft_angle, turns=turns)
-    except ValueError as problem:
-        raise ValueError(f"{record.name}: {problem}") from problem
     w = reduced.drive_speed[found.centre]
     newton = w**2  # of one kg m: what turns with the mark, be there a weight or none
     # phasors relative to exp(+j|w|t): what turns backward is conjugated
