@@ -116,10 +116,6 @@ class Muszynska(Law):
         wide, gap = ca.log1p(-(eccentricity**2)), ca.log1p(-eccentricity)
         return Fluid(p.K0 * ca.exp(-p.n_K * wide), p.D * ca.exp(-p.n_D * wide), ca.exp(p.b * gap))
 
-    def start(self, K0: float, D: float) -> dict[str, float]:
-        """See :meth:`Law.start`."""
-        return {"n_K": 1.0, "n_D": 1.0, "b": 0.5}
-
 
 @dataclass(frozen=True)
 class EvenPolynomial(Law):

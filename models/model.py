@@ -98,6 +98,14 @@ class RotorModel(ABC):
         size = len(self.coordinates)
         return [[0.0] * size for _ in range(size)]
 
+    def support_coupling(self, p: Any) -> Sequence[Complex]:
+        """Stiffness and damping that stand still, factors of conj(z) and of its rate; none unless overridden.
+
+        Args:
+            p: parameters by name, CasADi symbols: ``p.K0``.
+        """
+        return ()
+
     def probe_factors(self, p: Any) -> Sequence[Number]:
         """Factor by which each coordinate's reading is multiplied: ``beta1``, ... of the probes, where there are any.
 

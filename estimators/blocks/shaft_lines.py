@@ -8,10 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from rotorfit.estimators.blocks.observations import Observed, OnResponses
-from rotorfit.models import AnisotropicShaft
+from rotorfit.models import AnisotropicShaft, TurningFrame, TurningOnSupports
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Text
 from rotorfit.models.shafts.combination_lines import Order, line_order
-from rotorfit.models.shafts.turning_on_supports import LinesFrame
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -96,9 +95,9 @@ class PairResponses(OnResponses):
     def cut_off(self, theta: Float) -> Float:
         """Change by lines that the model leaves out, m, shape ``(R,)``: with two more on either side."""
         frame = self.base.model
-        if not isinstance(frame, LinesFrame):
+        if not isinstance(frame, TurningFrame) or not isinstance(frame.base, TurningOnSupports):
             return np.zeros(self.measured.size)
-        finer = frame.rotor.variant(terms=frame.rotor.terms + 2).turning
+        finer = frame.base.variant(terms=frame.base.terms + 2).turning
         lacking = len(finer.coordinates) - len(frame.coordinates)
         force = np.pad(self.base.force, ((0, 0), (0, lacking)))
         more = replace(self.base, model=finer, force=force).predict(theta)

@@ -41,6 +41,12 @@ def standard_error(slope: Float, covar: Float) -> Float:
     return np.asarray(np.sqrt(np.maximum(np.sum(slope @ covar * slope, axis=-1), 0.0)))
 
 
+def spreading(covar: Float) -> Float:
+    """Changes of an estimate, one a column, whose squares add up to a covariance, shape ``(p, p)``."""
+    power, basis = np.linalg.eigh(covar)
+    return np.asarray(basis * np.sqrt(np.maximum(power, 0.0)))
+
+
 @cache
 def _expected_loss(loss: Loss) -> float:
     """Mean robust cost of one complex reading under pure noise, |r|^2 being chi-squared with two degrees of freedom."""

@@ -277,41 +277,6 @@ def first_growth(rate: Callable[[Float], Float], speeds: Float) -> float | None:
     return None
 
 
-def threshold_speed_near(
-    model: RotorModel, theta: ArrayLike, other: Threshold, *, band: float = math.inf
-) -> Threshold | None:
-    """Threshold speed of a rotor by Newton's method from that of a rotor much like it. The eigenvalue that met the
-    imaginary axis there is followed to where it meets it here. No other one within the band may be unstable at that
-    speed; what happens at lower speeds is taken to be as for the other rotor."""
-    from scipy.optimize import root_scalar
-
-    theta = np.asarray(theta, dtype=float)
-    if model.turns or (model.shaft is not None) or not other.speed > 0:  # bands, undamped modes, no mode to follow
-        return None
-    near = 1j * other.whirl_frequency
-
-    def rate(speed: float) -> tuple[float, float]:
-        nonlocal near
-        if not math.isfinite(speed):
-            return math.nan, math.nan
-        s = eigenvalues(model, theta, speed)
-        s = s[np.isfinite(s) & (np.abs(s) <= band)]
-        if not s.size:
-            return math.nan, math.nan
-        near = complex(s[np.argmin(np.abs(s - near))])
-        slope = float(eigenvalue_gradient(model, theta, speed, near)[0].real)
-        return near.real, slope or math.nan  # along a level line there is no step
-
-    if not rate(other.speed)[1] > 0:
-        return None
-    # Newton's error is the square of the last step.
-    found = root_scalar(rate, x0=other.speed, fprime=True, method="newton", maxiter=12, rtol=1e-6)
-    largest_change = 0.3  # change of the threshold beyond which the rotors are not much alike
-    if not (found.converged and abs(found.root / other.speed - 1) < largest_change and rate(found.root)[1] > 0):
-        return None
-    return _threshold_at(model, theta, float(found.root), band)
-
-
 def _threshold_at(model: RotorModel, theta: Float, onset: float, band: float) -> Threshold | None:
     """The onset and its mode once its speed is found; ``None`` if no eigenvalue became unstable there."""
     s = eigenvalues(model, theta, onset)

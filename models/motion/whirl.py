@@ -20,6 +20,7 @@ from rotorfit.models.array_types import Bool, ComplexArray, Float
 from rotorfit.models.model import RotorModel
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.stability import roots, threshold_speed
+from rotorfit.models.shafts.turning import shifted_sides
 
 LARGEST_WHIRL = 0.97
 """Eccentricity up to which a whirl is followed; laws that grow without limit mean little beyond."""
@@ -154,13 +155,8 @@ class _Point:
         """True if all small motions about the orbit die out but the one along it."""
         C, w, at = self.coefficients, float(self.x[0]), self.at
         n = C.shape[-1]
-        turning = np.zeros((len(C), 2 * n, 2 * n), dtype=complex)
         away = 0.5 * abs(w)  # the polynomial is written about a point that is no eigenvalue, as zero is one
-        for k in range(len(C)):
-            for low in range(k + 1):
-                share = math.comb(k, low)
-                turning[low, :n, :n] += share * (away + 1j * w) ** (k - low) * C[k]
-                turning[low, n:, n:] += share * (away - 1j * w) ** (k - low) * C[k].conj()
+        turning = shifted_sides(C, np.asarray(away + 1j * w))
         for row, value in ((at, self.coupling), (n + at, self.coupling.conjugate())):
             turning[0, row, [at, n + at]] += value
         s = roots(turning)

@@ -23,6 +23,9 @@ from rotorfit.models.parameters import Parameter, unknown_name
 from rotorfit.models.shafts.angular_rates import angular_rate
 from rotorfit.models.shafts.shaft import KnownStiffness
 
+Line = tuple[int, bool]
+"""k, and whether the line is an image: frequency w + 2k Om, of an image -w + 2k Om."""
+
 IMAGE = "*"
 """Suffix of a plane's name in the name of its image's coordinate."""
 
@@ -31,7 +34,9 @@ class TurningFrame(RotorModel):
     """A model in turning coordinates; its eigenvalues are the Floquet exponents of the model itself.
 
     Coordinates are zeta of each plane, then conj(zeta) of each (named ``disk`` and ``disk*``). A motion ``A exp(jwt)``
-    with its image ``B exp(j(2 Om - w)t)`` is the vector ``(A, conj(B))`` at the frequency w - Om.
+    with its image ``B exp(j(2 Om - w)t)`` is the vector ``(A, conj(B))`` at the frequency w - Om. On supports that
+    differ in two directions and stand still the other lines of the chain follow, as many as the model takes into
+    account.
 
     Args:
         base: model in complex coordinates with a ``turning_stiffness``.
@@ -46,19 +51,20 @@ class TurningFrame(RotorModel):
         if base.frame != "z":
             raise ValueError(f"{base.name} keeps x and y apart; turning coordinates need complex ones, z = x + jy")
         self.base, self.shaft = base, base.shaft
-        self.planes = (*base.planes, *(plane + IMAGE for plane in base.planes))
+        self.lines = chain(base.line_count // 2 - 1)
+        self.planes = tuple(plane + _suffix(line) for line in self.lines for plane in base.planes)
         self.parameters = base.parameters
 
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
-        """Those of the model, then their images."""
+        """Those of the model, line after line."""
         own = self.base.coordinates
-        return (*own, *(Coordinate(c.plane + IMAGE, c.axis) for c in own))
+        return tuple(Coordinate(c.plane + _suffix(line), c.axis) for line in self.lines for c in own)
 
     def probe_factors(self, p: Any) -> Sequence[Number]:
-        """A probe's factor, and its conjugate for the image's conjugate."""
+        """A probe's factor, conjugated for images."""
         own = [Complex.of(factor) for factor in self.base.probe_factors(p)]
-        return [*own, *(factor.conj() for factor in own)]
+        return [factor.conj() if image else factor for _, image in self.lines for factor in own]
 
     def known_stiffness(self, theta: Float, s: ComplexArray, speed: Float) -> KnownStiffness:
         """A known structure at ``s + j Om`` and, conjugated, at ``conj(s) + j Om`` for the image."""
@@ -70,14 +76,38 @@ class TurningFrame(RotorModel):
         )
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
-        """Powers of ``s`` in ``sum C_k (s + j Om)^k`` and, for the image, ``sum conj(C_k) (s - j Om)^k``."""
+        """Powers of ``s = j (w - Om)``: the rotor at each line, ``sum C_k (s + j Om)^k`` at w and ``sum conj(C_k) (s -
+        j Om)^k`` for its image, and what couples neighbours in the chain."""
         powers = [Complex.matrix(m) for m in self.base.equation(p, speed, eccentricity)]
-        delta = Complex.matrix(self.base.turning_stiffness(p))
-        ahead = shifted(powers, J * speed)
-        behind = shifted([matrix.conj() for matrix in powers], -J * speed)
+        delta, still = Complex.matrix(self.base.turning_stiffness(p)), self.base.support_coupling(p)
         nothing = delta * 0.0
-        off = [delta, *[nothing] * (len(powers) - 1)]
-        return [Complex.block([[a, d], [d.conj(), b]]) for a, b, d in zip(ahead, behind, off, strict=True)]
+        powers += [nothing] * (len(still) - len(powers))
+        rows: list[list[list[Complex]]] = [[[nothing] * len(self.lines) for _ in self.lines] for _ in powers]
+        for i, (k, image) in enumerate(self.lines):
+            turns = 2 * k - 1 if image else 2 * k + 1  # multiple of Om beyond +-(w - Om)
+            shift = J * (turns * speed) * (-1.0 if image else 1.0)
+            # the rate of a neighbour's conjugate is that of this line itself
+            for other, pull in (((k, image), powers), ((1 - k, not image), [delta]), ((-k, not image), still)):
+                if other in self.lines:
+                    parts = shifted([m.conj() for m in pull] if image else pull, shift)
+                    for power, matrix in enumerate(parts):
+                        rows[power][i][self.lines.index(other)] = matrix
+        return [Complex.block(block) for block in rows]
+
+
+def chain(terms: int) -> tuple[Line, ...]:
+    """Lines w and 2 Om - w, then their neighbours to either side in turn."""
+    # w is followed on its other side by -w, w + 2 Om, -w - 2 Om, w + 4 Om, ...
+    left = [(-(i // 2), True) if i % 2 == 0 else ((i + 1) // 2, False) for i in range(terms)]
+    right = [(-(i // 2) - 1, False) if i % 2 == 0 else ((i + 1) // 2 + 1, True) for i in range(terms)]
+    return ((0, False), (1, True), *(line for pair in zip(left, right, strict=True) for line in pair))
+
+
+def _suffix(line: Line) -> str:
+    """Suffixes of a plane's name in those of a line's coordinates."""
+    if line in ((0, False), (1, True)):
+        return IMAGE if line[1] else ""
+    return f" {'-' if line[1] else ''}w{2 * line[0]:+d}Om"
 
 
 def beside(parts: Sequence[ComplexArray]) -> ComplexArray:
@@ -100,6 +130,21 @@ def shifted(powers: Sequence[Complex], shift: Complex) -> list[Complex]:
             total = total + powers[k] * (factor * float(comb(k, low)))
         result.append(total)
     return result
+
+
+def shares_of_powers(count: int, shift: ComplexArray) -> ComplexArray:
+    """Share that each C_k has in the coefficient of s^low in ``sum C_k (s + shift)^k``, shape ``(..., low, k)``."""
+    orders = np.arange(count)
+    binomials = np.array([[comb(k, low) for k in range(count)] for low in range(count)])  # zero for k below low
+    return np.asarray(binomials * shift[..., None, None] ** np.maximum(orders - orders[:, None], 0))
+
+
+def shifted_sides(coefficients: ComplexArray, shift: ComplexArray) -> ComplexArray:
+    """Coefficients ``(..., order + 1, n, n)`` of motion as functions of s less a shift, beside those of its image."""
+    sides = ((coefficients, shift), (coefficients.conj(), shift.conj()))
+    shares = [shares_of_powers(coefficients.shape[-3], by) for _, by in sides]
+    parts = [np.einsum("...lk,...kij->...lij", share, C) for share, (C, _) in zip(shares, sides, strict=True)]
+    return beside(parts)
 
 
 def unstable_bands(model: RotorModel, theta: ArrayLike, max_speed: float) -> list[tuple[float, float]]:
@@ -249,16 +294,7 @@ class Turning(RotorModel):
         if self.shaft is None:
             return self.turning.coefficients(theta, speed)
         given = self.base.motion(self._round(theta), speed)
-        Om = np.asarray(speed, dtype=float)[..., None, None]
-        sides = []
-        for part, shift in ((given, 1j * Om), (given.conj(), -1j * Om)):  # sum C_k (s + shift)^k by powers of s
-            powers = np.moveaxis(part, -3, 0)
-            low_to_high = [
-                np.asarray(sum(comb(k, low) * shift ** (k - low) * powers[k] for k in range(low, len(powers))))
-                for low in range(len(powers))
-            ]
-            sides.append(np.stack(low_to_high, axis=-3))
-        total = beside(sides)
+        total = shifted_sides(given, 1j * np.asarray(speed, dtype=float))
         own = self.turning.coefficients(theta, speed)
         n = len(self.coordinates)
         first, second = self.shaft.at[:n], self.shaft.at[n:]
@@ -275,24 +311,20 @@ class Turning(RotorModel):
         last, size = len(self.base.parameters), whole.shape[-1]
         inputs = np.where(found.inputs >= last, found.inputs + len(self.parameters) - last, found.inputs)
         parts = []
-        turn = 1j * float(np.asarray(speed))
-        for image, shift in ((0, turn), (size, -turn)):
+        turn = np.asarray(1j * float(np.asarray(speed)))
+        turned, powers = shifted_sides(whole, turn), np.arange(1, len(whole))
+        for image in (0, size):
             values = found.values.conj() if image else found.values
-            for low in range(len(whole)):
-                rises = found.powers >= low
-                share = [comb(k, low) * shift ** (k - low) if k >= low else 0.0 for k in range(len(whole))]
-                moved = values[rises] * np.array(share)[found.powers[rises]]
-                rows, columns = found.rows[rises] + image, found.columns[rises] + image
-                parts.append((inputs[rises], np.full(moved.size, low), rows, columns, moved))
-            matrices = whole.conj() if image else whole
-            for low in range(len(whole) - 1):  # by the speed of the coordinates themselves
-                slope = sum(
-                    comb(k, low) * (k - low) * shift ** (k - low - 1) * (-1j if image else 1j) * matrices[k]
-                    for k in range(low + 1, len(whole))
-                )
-                rows, columns = np.nonzero(slope)
-                place = np.full(rows.size, len(self.parameters))
-                parts.append((place, np.full(rows.size, low), rows + image, columns + image, slope[rows, columns]))
+            moved = shares_of_powers(len(whole), turn.conj() if image else turn)[:, found.powers] * values
+            low, entry = np.nonzero(moved)
+            rows, columns = found.rows[entry] + image, found.columns[entry] + image
+            parts.append((inputs[entry], low, rows, columns, moved[low, entry]))
+            # By the speed of the coordinates themselves: d/ds of the polynomial, times that of the shift.
+            own_turned = turned[1:, image : image + size, image : image + size]
+            slope = (-1j if image else 1j) * powers[:, None, None] * own_turned
+            low, rows, columns = np.nonzero(slope)
+            place = np.full(rows.size, len(self.parameters))
+            parts.append((place, low, rows + image, columns + image, slope[low, rows, columns]))
         own = self.turning.functions.jacobian(theta, speed)
         mine = (own.inputs >= last) & (own.inputs < len(self.parameters))
         at = self.shaft.at

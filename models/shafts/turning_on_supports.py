@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
@@ -21,15 +20,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import ComplexArray, Float
-from rotorfit.models.complexes import Complex, J, Number
+from rotorfit.models.complexes import Complex
 from rotorfit.models.digits import significant
-from rotorfit.models.model import Coordinate, Matrix, RotorModel
+from rotorfit.models.model import RotorModel
 from rotorfit.models.orthotropic import support_parameters, support_planes, support_symbol
 from rotorfit.models.shafts.angular_rates import angular_rate
-from rotorfit.models.shafts.turning import IMAGE, Turning, TurningFrame, shifted
-
-Line = tuple[int, bool]
-"""k, and whether the line is an image: frequency w + 2k Om, of an image -w + 2k Om."""
+from rotorfit.models.shafts.turning import Line, Turning, chain
 
 LINES: dict[str, Line] = {
     "w": (0, False),
@@ -80,23 +76,14 @@ class TurningOnSupports(Turning):
         """See :meth:`~rotorfit.models.model.RotorModel.options`."""
         return {"base": self.rotor, "at": self.at, "terms": self.terms}
 
-    @cached_property
-    def turning(self) -> TurningFrame:
-        """The equations of all lines taken into account."""
-        return LinesFrame(self)
-
     @property
     def line_places(self) -> dict[str, int]:
         """See :attr:`Turning.line_places`."""
         present = chain(self.terms)
         return {name: present.index(line) for name, line in LINES.items() if line in present}
 
-    def support_coupling(self, p: Any) -> tuple[Complex, Complex]:
-        """Stiffness and damping that stand still, factors of conj(z) and of its rate.
-
-        Args:
-            p: parameters by name.
-        """
+    def support_coupling(self, p: Any) -> Sequence[Complex]:
+        """See :meth:`~rotorfit.models.model.RotorModel.support_coupling`."""
         size = len(self.coordinates)
         found = []
         for kind in ("dKs", "dDs"):
@@ -107,70 +94,7 @@ class TurningOnSupports(Turning):
                 place = self.coordinate(plane, "z")
                 matrix.re[place, place], matrix.im[place, place] = half * ca.cos(angle), half * ca.sin(angle)
             found.append(matrix)
-        return found[0], found[1]
-
-
-class LinesFrame(TurningFrame):
-    """The lines of a rotor with a turning element on orthotropic supports, at the frequency w - Om of one of them.
-    Coordinates are the planes at w, then those of the image 2 Om - w, conjugated, then those of the other lines."""
-
-    name: ClassVar[str] = "lines"
-
-    def __init__(self, base: TurningOnSupports) -> None:
-        super().__init__(base)
-        self.rotor = base
-        self.lines = chain(base.terms)
-        self.planes = tuple(plane + _suffix(line) for line in self.lines for plane in base.planes)
-
-    @property
-    def coordinates(self) -> tuple[Coordinate, ...]:
-        """Those of the model, line after line."""
-        own = self.base.coordinates
-        return tuple(Coordinate(c.plane + _suffix(line), c.axis) for line in self.lines for c in own)
-
-    def probe_factors(self, p: Any) -> Sequence[Number]:
-        """A probe's factor, conjugated for images."""
-        own = [Complex.of(factor) for factor in self.base.probe_factors(p)]
-        return [factor.conj() if image else factor for _, image in self.lines for factor in own]
-
-    def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
-        """Powers of ``s = j (w - Om)``: the rotor at each line, and what couples neighbours in the chain."""
-        powers = [Complex.matrix(m) for m in self.base.equation(p, speed, eccentricity)]
-        while len(powers) < 2:
-            powers.append(powers[0] * 0.0)
-        delta = Complex.matrix(self.base.turning_stiffness(p))
-        stiffness, damping = self.rotor.support_coupling(p)
-        nothing = delta * 0.0
-        rows: list[list[list[Complex]]] = [[[nothing] * len(self.lines) for _ in self.lines] for _ in powers]
-        for i, (k, image) in enumerate(self.lines):
-            turns = 2 * k - 1 if image else 2 * k + 1  # multiple of Om beyond +-(w - Om)
-            shift = J * (turns * speed) * (-1.0 if image else 1.0)
-            own = [m.conj() for m in powers] if image else powers
-            for power, matrix in enumerate(shifted(own, shift)):
-                rows[power][i][i] = matrix
-            for other, pull in (((1 - k, not image), [delta]), ((-k, not image), [stiffness, damping])):
-                if other not in self.lines:
-                    continue
-                # the rate of a neighbour's conjugate is that of this line itself
-                pulls = [m.conj() for m in pull] if image else pull
-                for power, matrix in enumerate(shifted(pulls, shift)):
-                    rows[power][i][self.lines.index(other)] = matrix
-        return [Complex.block(block) for block in rows]
-
-
-def chain(terms: int) -> tuple[Line, ...]:
-    """Lines w and 2 Om - w, then their neighbours to either side in turn."""
-    # w is followed on its other side by -w, w + 2 Om, -w - 2 Om, w + 4 Om, ...
-    left = [(-(i // 2), True) if i % 2 == 0 else ((i + 1) // 2, False) for i in range(terms)]
-    right = [(-(i // 2) - 1, False) if i % 2 == 0 else ((i + 1) // 2 + 1, True) for i in range(terms)]
-    return ((0, False), (1, True), *(line for pair in zip(left, right, strict=True) for line in pair))
-
-
-def _suffix(line: Line) -> str:
-    """Suffixes of a plane's name in those of a line's coordinates."""
-    if line in ((0, False), (1, True)):
-        return IMAGE if line[1] else ""
-    return f" {'-' if line[1] else ''}w{2 * line[0]:+d}Om"
+        return found
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

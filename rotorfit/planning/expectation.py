@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -107,17 +107,10 @@ class Expectation:
 
     def steady(self, x: Float) -> Float:
         """One for readings whose rotor is stable, zero for others, shape ``(R,)``."""
-        theta = self.problem.space.theta(x)
-        parts = []
-        for block in self.problem.blocks:
-            steady, base = np.ones(block.measured.size), responses_of(block)
-            if base is not None and not base.imposed:
-                _, group, speed = base.condition
-                for number, rows in enumerate(base.condition_readings):
-                    if decay_rate(base.model, theta[group[number]], speed[number], self.band) < 0:
-                        steady[rows] = 0.0
-            parts.append(steady)
-        return np.concatenate(parts)
+        steady = np.ones(self.constant.size)
+        for readings, _, _ in _unstable(self.problem, x, self.band):
+            steady[readings] = 0.0
+        return steady
 
     def prior(self) -> Float:
         """Information of the priors, shape ``(p, p)``."""
@@ -139,7 +132,8 @@ def expect(
     problem = build_problem(model, planned, settings)
     vectors = guess(problem.space, values, draws, seed)
     problem = replace(problem, blocks=tuple(_from_rest(block) for block in problem.blocks))
-    _refuse_unstable(problem, vectors.centre, band)
+    for _, theta, speed in _unstable(problem, vectors.centre, band):
+        refuse_speed(model, theta, speed, band)
     predicted = problem.predict(vectors.centre)
     unit = build_problem(model, [_unread(test, np.ones(len(test))) for test in tests], settings)
     constant = problem.sigma
@@ -195,15 +189,15 @@ def _from_rest(block: Block) -> Block:
     return block
 
 
-def _refuse_unstable(problem: Problem, x: Float, band: float) -> None:
-    theta = problem.space.theta(x)
-    for base in map(responses_of, problem.blocks):
-        if base is None or base.imposed:
-            continue
-        _, group, speed = base.condition
-        decay = decay_rate(base.model, theta[group], speed, band)
-        for number in np.flatnonzero(decay < 0)[:1].tolist():
-            refuse_speed(base.model, theta[group[number]], float(speed[number]), band)
+def _unstable(problem: Problem, x: Float, band: float) -> Iterator[tuple[Index, Float, float]]:
+    """Readings at a speed at which the rotor whirls by itself, its parameters and the speed."""
+    theta, readings = problem.space.theta(x), problem.by_block(np.arange(problem.sigma.size))
+    for block, places in zip(problem.blocks, readings, strict=True):
+        base = responses_of(block)
+        if base is not None and not base.imposed:
+            _, group, speed = base.condition
+            for number in np.flatnonzero(decay_rate(base.model, theta[group], speed, band) < 0).tolist():
+                yield places[base.condition_readings[number]], theta[group[number]], float(speed[number])
 
 
 def refuse_speed(model: RotorModel, theta: Float, speed: float, band: float) -> None:

@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from rotorfit.estimators.inference.covariance import spreading
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Float
@@ -95,9 +96,8 @@ def _quantiles(entry: Any, level: Float) -> Float:
 def _of_fit(space: ParameterSpace, fit: FitResult, count: int, seed: int) -> Guess:
     from scipy.special import ndtri  # late: loading it takes longer than a plan
 
-    power, basis = np.linalg.eigh(np.nan_to_num(fit.covar))
-    root = basis * np.sqrt(np.maximum(power, 0.0))
-    samples = fit.x + ndtri(_spread_levels(fit.x.size, count, seed)).T @ root.T
+    normal = ndtri(_spread_levels(fit.x.size, count, seed)).T
+    samples = fit.x + normal @ spreading(np.nan_to_num(fit.covar)).T
     return _by_name(space, fit, fit.var_names, fit.x, samples)
 
 

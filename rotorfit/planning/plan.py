@@ -105,9 +105,9 @@ def plan(
         model=model, values=values, patterns=patterns, settings=settings, noise=noise, quantity=quantity,
         even=float(even), draws=draws, seed=seed, band=_band(model, earlier, patterns, design),
     )  # fmt: skip
-    chosen, alternatives = (design, None) if design is None else with_best_speeds(task, design)
+    chosen, choices = (None, []) if design is None else with_best_speeds(task, design)
     made = task.solved(chosen)
-    return replace(made, suggestions=suggest(task, made, chosen, alternatives, wanted))
+    return replace(made, suggestions=suggest(task, made, chosen, choices, wanted))
 
 
 def _band(model: RotorModel, earlier: Any, patterns: Sequence[Experiment], design: Design | None) -> float:

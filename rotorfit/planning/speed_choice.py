@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 from math import comb
+from typing import TypeAlias
 
 import numpy as np
 
@@ -16,36 +17,28 @@ from rotorfit.planning.targets import all_targets
 from rotorfit.planning.task import Task, errors_of
 from rotorfit.units import RPM_PER_RAD_S
 
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Alternatives:
-    """Choices of speeds, best first, each with the standard errors of an even test over that of the best one."""
-
-    speeds: tuple[tuple[float, ...], ...]  # rad/s
-    ratio: tuple[float, ...]
+Choices: TypeAlias = list[tuple[tuple[float, ...], float]]
+"""Choices of speeds, rad/s, best first, each with the standard errors of an even test over that of the best one."""
 
 
-def with_best_speeds(task: Task, design: Design) -> tuple[Design, Alternatives | None]:
-    """The design with as many speeds as can be run, those of the even test with the least errors, and other choices."""
+def with_best_speeds(task: Task, design: Design) -> tuple[Design, Choices]:
+    """The design with as many speeds as can be run, those of the even test with the least errors, and all choices."""
     count = design.speed_count
     if count is None or count == design.speeds.size:
-        return design, None
+        return design, []
     whole = replace(design, speed_count=None)
-    found, test = task.expectation(whole)
+    test = task.candidates(whole)
+    found = task.expect(test)
     targets, names = all_targets(found.problem.space, task.quantity, task.band)
     first = sum(block.measured.size for block in found.problem.blocks[: len(task.patterns)])
     errors = errors_of(found, targets)
     lines, _ = task.lines(found, [targets[name] for name in names if math.isfinite(errors[name].stderr)], first)
-    if test is None:
-        raise ValueError("a choice of speeds needs a design")
     speed = test.speed[test.lines.apart()[1]]
-    choices = _compared(lines, speed, design.speeds, count)
-    order = sorted(choices, key=lambda chosen: choices[chosen])
-    best = choices[order[0]]
+    order = sorted(_compared(lines, speed, design.speeds, count).items(), key=lambda choice: choice[1])
+    speeds, best = order[0]
     # The criterion is a mean logarithm of variances.
-    ratio = tuple(float(np.exp((choices[chosen] - best) / 2)) for chosen in order)
-    kept = replace(whole, speed_rpm=np.array(order[0]) * RPM_PER_RAD_S)
-    return kept, Alternatives(speeds=tuple(order), ratio=ratio)
+    choices = [(chosen, math.exp((criterion - best) / 2)) for chosen, criterion in order]
+    return replace(whole, speed_rpm=np.array(speeds) * RPM_PER_RAD_S), choices
 
 
 def _compared(lines: Lines, speed: Float, speeds: Float, count: int) -> dict[tuple[float, ...], float]:

@@ -14,9 +14,8 @@ from rotorfit.models.digits import significant
 from rotorfit.models.motion.stability import decay_rate
 from rotorfit.observing.circular import first_rows
 from rotorfit.planning.design import Design, candidate_test, line_times, too_fast
-from rotorfit.planning.expectation import expect
 from rotorfit.planning.record import ExpectedError, Plan, duration
-from rotorfit.planning.speed_choice import Alternatives
+from rotorfit.planning.speed_choice import Choices
 from rotorfit.planning.targets import all_targets
 from rotorfit.planning.task import Task, errors_of
 from rotorfit.units import RPM_PER_RAD_S
@@ -39,10 +38,8 @@ class Addition:
         return self.test.runs[0]
 
 
-def additions(task: Task, plan: Plan, design: Design | None, wanted: float | None) -> list[str]:
+def additions(task: Task, plan: Plan, wanted: float | None) -> list[str]:
     """Sentences on runs that would be worth adding, best first, and on what would settle what stays open."""
-    if design is not None:
-        return _whole_rig(task, plan, design)
     tests = [t for t in task.patterns if isinstance(t, PerturbationTest) and not t.synchronous and t.force.any()]
     tests = [t for t in tests if t.static_position is None and not t.linear.any()]
     if not tests:
@@ -126,8 +123,7 @@ def _with_noise(task: Task, run: PerturbationTest, tests: Sequence[PerturbationT
 
 
 def _with(task: Task, added: Sequence[Experiment], run: PerturbationTest, time_s: float) -> Addition:
-    tests = (*task.patterns, *added, run)
-    found = expect(task.model, tests, task.settings, task.values, task.noise, 1, task.seed, task.band)
+    found = task.expect(*added, run, draws=1)
     targets, _ = all_targets(found.problem.space, task.quantity, task.band)
     return Addition(test=run, time_s=time_s, errors=errors_of(found, targets), open=len(found.errors()[1].combinations))
 
@@ -165,21 +161,16 @@ def _whole_rig(task: Task, plan: Plan, design: Design) -> list[str]:
     whole = replace(design, force_planes=None, probes=None, directions=("forward", "backward"))
     if not sentences or whole == design:
         return sentences
-    found, _ = task.expectation(whole)
-    left = len(found.errors()[1].combinations)
+    left = len(task.expect(task.candidates(whole)).errors()[1].combinations)
     if left >= len(sentences):
         return [*sentences, "Neither more planes and probes nor the other direction settle it."]
     it = "some of it" if left else "it"
     return [*sentences, f"Forces at all planes, all probes and both directions would settle {it}."]
 
 
-def suggest(
-    task: Task, plan: Plan, design: Design | None, alternatives: Alternatives | None, wanted: float | None
-) -> tuple[str, ...]:
+def suggest(task: Task, plan: Plan, design: Design | None, choices: Choices, wanted: float | None) -> tuple[str, ...]:
     """All sentences of a plan."""
-    found: list[str] = []
-    if alternatives is not None:
-        found.append(_speeds(plan, alternatives))
+    found = [_speeds(plan, choices)] if choices else []
     runs = np.array(plan.lines.run)
     shares = {name: float(plan.share[runs == name].sum()) for name in dict.fromkeys(plan.lines.run)}
     if design is not None:
@@ -188,24 +179,20 @@ def suggest(
         found += [slow] if slow else []
     elif len(shares) > 1:  # tests are given as they are
         best, share = max(shares.items(), key=lambda one: one[1])
-        words = f"Run {best} determines most of {_aim(plan)}: {share:.0%} of any further time would go there."
-        found.append(words)
+        found.append(f"Run {best} determines most of {_aim(plan)}: {share:.0%} of any further time would go there.")
     found += _for_wanted(plan, wanted)
-    found += additions(task, plan, design, wanted)
-    return tuple(found)
+    return (*found, *(additions(task, plan, wanted) if design is None else _whole_rig(task, plan, design)))
 
 
 def _aim(plan: Plan) -> str:
     return " and ".join(plan.quantity) if plan.quantity else "all parameters together"
 
 
-def _speeds(plan: Plan, alternatives: Alternatives) -> str:
-    best = _listed(alternatives.speeds[0])
-    worst = _listed(alternatives.speeds[-1])
+def _speeds(plan: Plan, choices: Choices) -> str:
+    (best, _), (worst, ratio) = choices[0], choices[-1]
     return (
-        f"Run at {best} rpm: of {len(alternatives.speeds)} choices of {len(alternatives.speeds[0])} speeds these leave "
-        f"the smallest errors of {_aim(plan)}; with {worst} rpm they are "
-        f"{significant(alternatives.ratio[-1], 2)} times as large."
+        f"Run at {_listed(best)} rpm: of {len(choices)} choices of {len(best)} speeds these leave the smallest errors "
+        f"of {_aim(plan)}; with {_listed(worst)} rpm they are {significant(ratio, 2)} times as large."
     )
 
 

@@ -45,14 +45,14 @@ class Task:
     seed: int
     band: float  # modulus of eigenvalues that count, rad/s
 
-    def expectation(self, design: Design | None) -> tuple[Expectation, PerturbationTest | None]:
-        """The problem of the patterns and all lines of a design."""
-        tests: tuple[Experiment, ...] = self.patterns
-        test = None
-        if design is not None:
-            test = candidate_test(design, self.model, self.vector(), self.band)
-            tests = (*tests, test)
-        return expect(self.model, tests, self.settings, self.values, self.noise, self.draws, self.seed, self.band), test
+    def expect(self, *further: Experiment, draws: int | None = None) -> Expectation:
+        """The problem of the patterns and further tests."""
+        tests, count = (*self.patterns, *further), self.draws if draws is None else draws
+        return expect(self.model, tests, self.settings, self.values, self.noise, count, self.seed, self.band)
+
+    def candidates(self, design: Design) -> PerturbationTest:
+        """All lines of a design."""
+        return candidate_test(design, self.model, self.vector(), self.band)
 
     def vector(self) -> Float:
         """The likeliest parameters, shape ``(P,)``."""
@@ -82,7 +82,8 @@ class Task:
 
     def solved(self, design: Design | None) -> Plan:
         """The plan without suggestions."""
-        found, test = self.expectation(design)
+        test = None if design is None else self.candidates(design)
+        found = self.expect(*(() if test is None else (test,)))
         targets, names = all_targets(found.problem.space, self.quantity, self.band)
         first = 0 if test is None else sum(b.measured.size for b in found.problem.blocks[: len(self.patterns)])
         alike = errors_of(found, targets)
@@ -155,28 +156,21 @@ def _with_ranges(
 
 def _table(found: Expectation, first: int) -> PlannedLines:
     """Lines from a reading on, without times."""
-    rows: list[tuple[str, float, float]] = []
-    line = found.line
-    start = 0
-    for block in found.problem.blocks:
-        own = line[start : start + block.measured.size]
-        for reading in np.unique(own, return_index=True)[1].tolist():
-            if start + reading >= first:
-                rows.append((str(block.run[reading]), *_place(block, reading)))
-        start += block.measured.size
-    nothing, (runs, speed, frequency) = np.full(len(rows), np.nan), zip(*rows, strict=True)
-    numbers = {"speed": np.array(speed), "frequency": np.array(frequency)}
-    return PlannedLines(run=runs, settle=nothing, average=nothing, **numbers)
+    reading = np.unique(found.line, return_index=True)[1]
+    reading = reading[reading >= first]
+    speed, frequency = np.concatenate([_places(block) for block in found.problem.blocks], axis=1)[:, reading]
+    runs, nothing = tuple(found.problem.run[reading].tolist()), np.full(reading.size, np.nan)
+    return PlannedLines(run=runs, speed=speed, frequency=frequency, settle=nothing, average=nothing)
 
 
-def _place(block: Any, reading: int) -> tuple[float, float]:
-    """Speed and frequency of a reading; of free vibration its own frequency, NaN where it has none."""
+def _places(block: Any) -> Float:
+    """Speed, NaN where there is none, and frequency of readings, of free vibration its own, shape ``(2, R)``."""
     base = responses_of(block) or block
     line = getattr(base, "line", None)
-    at = int(line[reading]) if line is not None and line.dtype.kind == "i" else reading
+    at = line if line is not None and line.dtype.kind == "i" else slice(None)
     speed, frequency = getattr(base, "speed", None), getattr(base, "frequency", None)
-    own = float(np.imag(block.measured[reading])) if frequency is None else float(frequency[at])
-    return math.nan if speed is None else float(speed[at]), own
+    at_speed = np.full(block.measured.size, np.nan) if speed is None else speed[at]
+    return np.stack([at_speed, np.imag(block.measured) if frequency is None else frequency[at]])
 
 
 def _timed(

@@ -10,13 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.estimators.inference.covariance import standard_error
+from rotorfit.estimators.inference.covariance import spreading, standard_error
 from rotorfit.fitting.assumptions.calibration import NUISANCE_KINDS, Calibration
 from rotorfit.fitting.fit import solve_again
 from rotorfit.fitting.judge import inverse_curvature
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.result import FitResult
-from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.digits import significant, with_error
 from rotorfit.models.parameters import bare_name
@@ -98,9 +97,8 @@ class Budget(Printed):
         """Changes of the estimate, one a column, whose squares add up to a covariance of the parameters."""
         size = np.sqrt(np.diag(self.fit.covar)[: len(uncertainty)])
         size = np.where(size > 0, size, 1.0)
-        power, basis = np.linalg.eigh(uncertainty / np.outer(size, size))
         changes = np.zeros((self.fit.x.size, len(uncertainty)))
-        changes[: len(uncertainty)] = size[:, None] * basis * np.sqrt(np.maximum(power, 0.0))
+        changes[: len(uncertainty)] = size[:, None] * spreading(uncertainty / np.outer(size, size))
         return changes
 
     @cached_property
@@ -138,7 +136,7 @@ class Budget(Printed):
         """
         fit = self.fit
         group = fit.group(at)
-        onset = threshold_speed(fit.model, fit.theta(at), band=fit.stability_band)
+        onset = fit.onset(group)
         if onset is None:
             return _alike("threshold speed", "rad/s", math.nan, math.nan)
         slope = fit.problem.space.pull_back(onset.gradient, group)

@@ -13,9 +13,9 @@ from rotorfit.estimators.matching import matched
 from rotorfit.fitting.assumptions.onset import is_extrapolated
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import RotorModel, eigenvalues
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.array_types import Float
 from rotorfit.models.digits import interval, with_error
-from rotorfit.models.motion.stability import threshold_speeds
+from rotorfit.models.motion.stability import counted, mode_vectors, threshold_speeds
 from rotorfit.models.text_table import Printed
 
 DERIVED_DRAWS = 2000
@@ -122,17 +122,14 @@ def modes(model: RotorModel, theta: Float, speed: float, band: float) -> list[Mo
     """Modes of many rotors alike at one speed, each draw's matched with those of the median rotor."""
     middle = np.median(theta, axis=0)
     reference = eigenvalues(model, middle, speed)
-    reference = reference[np.isfinite(reference) & (np.abs(reference) <= band)]
-    at: Any = slice(None)
-    if model.shaft is not None:  # as many of the shaft's many modes as the coordinates can follow
-        lowest = np.argsort(np.abs(reference))[: model.order * len(model.coordinates)]
-        reference, at = reference[np.sort(lowest)], model.shaft.at
+    reference = reference[counted(model, reference, band)]
+    at: Any = slice(None) if model.shaft is None else model.shaft.at
     s = matched(eigenvalues(model, theta, speed), reference)
     coefficients = model.motion(theta, speed)
     result = []
     for k in range(reference.size):
-        leading = int(np.argmax(np.abs(_null_vector(model.motion(middle, speed), reference[k])[at])))
-        vectors = _null_vector(coefficients, s[:, k])[:, at]
+        leading = int(np.argmax(np.abs(mode_vectors(model.motion(middle, speed), reference[k])[1][at])))
+        vectors = mode_vectors(coefficients, s[:, k])[1][:, at]
         vectors = vectors / vectors[:, leading : leading + 1]
         rate, decay = np.abs(s[:, k]), -s[:, k].real
         ratio, shape = decay / np.where(rate > 0, rate, np.nan), f"mode shape {k + 1}"
@@ -146,13 +143,6 @@ def modes(model: RotorModel, theta: Float, speed: float, band: float) -> list[Mo
             )
         )
     return result
-
-
-def _null_vector(coefficients: ComplexArray, s: Any) -> ComplexArray:
-    """Mode shape of each eigenvalue: what the dynamic stiffness there sends to zero, shape ``(..., n)``."""
-    powers = np.asarray(s)[..., None] ** np.arange(coefficients.shape[-3])
-    kappa = np.einsum("...k,...kij->...ij", powers, coefficients)
-    return np.asarray(np.linalg.svd(kappa)[2][..., -1, :].conj())
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

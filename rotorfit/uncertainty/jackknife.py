@@ -15,7 +15,6 @@ from rotorfit.estimators.misfit.problem import robust_weights
 from rotorfit.estimators.noise.run_effects import FEWEST_RUNS
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.result import FitResult
-from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import ROUND_OFF, Float
 from rotorfit.models.digits import interval, significant, with_error
 from rotorfit.models.parameters import unknown_name
@@ -50,7 +49,7 @@ class Jackknife(Printed):
     def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Quantity:
         """Threshold speed, rad/s; NaN where the fitted rotor is stable at every speed searched."""
         fit, group = self.fit, self.fit.group(at)
-        onset = threshold_speed(fit.model, fit.thetas[group], band=fit.stability_band)
+        onset = fit.onset(group)
         if onset is None or not math.isfinite(fit.threshold_of(group).stderr):
             return Quantity(math.nan if onset is None else onset.speed, math.inf, "rad/s", self.freedom)
         slope = fit.problem.space.pull_back(onset.gradient, group)

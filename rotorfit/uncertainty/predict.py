@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,7 @@ from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
+from rotorfit.estimators.inference.covariance import spreading
 from rotorfit.estimators.inference.score_tests import term_change
 from rotorfit.fitting.assumptions.assumption_table import Assumption
 from rotorfit.fitting.result import FitResult
@@ -52,32 +53,37 @@ def predict(
     test = _planned(fit, frequency, speed, force_plane, force, mr, plane, direction)
     _refuse_unstable(fit, group, np.unique(test.speed))
     block = _block(fit, test, group)
-    mean = _by_covariance(fit, block, group) if thetas is None else _by_draws(fit, block, thetas)
-    noise = _noise(fit, test, model.coordinate(test.plane[0], str(test.direction[0])[-1]), mean.response)
+    response, covariance, freedom, spread = (
+        _by_covariance(fit, block, group) if thetas is None else _by_draws(fit, block, thetas)
+    )
+    noise = _noise(fit, test, model.coordinate(test.plane[0], str(test.direction[0])[-1]), response)
     moved = _moved(fit, block, () if statistical else fit.assumed.entries)
     systematic = np.einsum("kni,knj->nij", moved, moved)
-    wider = 1 + np.nan_to_num(np.trace(systematic, axis1=1, axis2=2) / np.trace(mean.covariance, axis1=1, axis2=2))
-    freedom = mean.freedom * wider**2  # Satterthwaite: the systematic share is taken as known
-    reach = reach_new = np.array([quantile(level, float(one)) for one in freedom])
+    wider = 1 + np.nan_to_num(np.trace(systematic, axis1=1, axis2=2) / np.trace(covariance, axis1=1, axis2=2))
+    # Satterthwaite: the systematic share is taken as known.
+    reach = reach_new = np.array([quantile(level, one) for one in (freedom * wider**2).tolist()])
     if whole:
         scale = reach / quantile(level, math.inf)  # of t over that of the normal distribution
-        errors = _draws_of_errors(fit.covar, mean.slopes) if mean.errors is None else mean.errors
+        errors = spread
+        if thetas is None:  # simulated errors of the parts of whole curves, shape (W, N, 2)
+            drawn = np.random.default_rng(1).normal(size=(DERIVED_DRAWS, fit.x.size)) @ spreading(fit.covar).T
+            errors = np.einsum("wp,nip->wni", drawn, spread)
         sizes = np.random.default_rng(2).normal(size=(len(errors), len(moved)))
         errors = errors + np.einsum("wk,kni->wni", sizes, moved)
         known = np.nan_to_num(noise)[:, None]
         own = np.random.default_rng(0).normal(size=errors.shape) * known
-        both = mean.covariance + systematic
+        both = covariance + systematic
         new = both + known[:, None] ** 2 * np.eye(2)
-        reach = scale * _largest(mean.response, both, errors, level)
-        reach_new = scale * _largest(mean.response, new, errors + own, level)
+        reach = scale * _largest(response, both, errors, level)
+        reach_new = scale * _largest(response, new, errors + own, level)
     return Prediction(
         frequency=test.frequency,
         speed=test.speed,
         plane=str(test.plane[0]),
         direction=str(test.direction[0]),
         force_plane=str(test.force_plane[0]),
-        response=mean.response,
-        covariance=mean.covariance,
+        response=response,
+        covariance=covariance,
         systematic=systematic,
         noise=noise,
         reach=reach,
@@ -88,18 +94,12 @@ def predict(
     )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Mean:
-    """Responses ``(N,)`` with the covariance of their parts, its degrees of freedom, and what whole curves vary by."""
-
-    response: ComplexArray
-    covariance: Float
-    freedom: Float
-    slopes: Float
-    errors: Float | None = None
+_Mean: TypeAlias = tuple[ComplexArray, Float, Float, Float]
+"""Responses ``(N,)`` with the covariance of their parts, its degrees of freedom, and what whole curves vary by."""
 
 
 def _by_covariance(fit: FitResult, block: Block, group: int) -> _Mean:
+    """By a fit; curves vary by their slopes by the fitted vector, shape ``(N, 2, p)``."""
     response, slopes = _slopes(fit, block, group)
     covariance = slopes @ fit.covar @ slopes.transpose(0, 2, 1)
     undetermined = fit.identifiability.leaves_open(np.abs(response), slopes) if fit.success else np.s_[:]
@@ -107,16 +107,16 @@ def _by_covariance(fit: FitResult, block: Block, group: int) -> _Mean:
     freedom = np.full(len(slopes), fit.freedom)
     if fit.noise is not None:  # the fewer of those of real and imaginary part
         freedom = np.array([min(fit.noise.degrees(part) for part in point) for point in slopes])
-    return _Mean(response=response, covariance=covariance, freedom=freedom, slopes=slopes)
+    return response, covariance, freedom, slopes
 
 
 def _by_draws(fit: FitResult, block: Block, thetas: Float) -> _Mean:
+    """Over parameter vectors; curves vary by the errors of each, shape ``(W, N, 2)``."""
     drawn = np.array([block.predict(np.broadcast_to(t, fit.thetas.shape)) for t in thetas])
     response = drawn.mean(axis=0)
     errors = np.stack([drawn.real, drawn.imag], axis=2) - np.column_stack([response.real, response.imag])
     covariance = np.einsum("wni,wnj->nij", errors, errors) / (len(errors) - 1)
-    freedom = np.full(response.size, np.inf)
-    return _Mean(response=response, covariance=covariance, freedom=freedom, slopes=np.zeros(0), errors=errors)
+    return response, covariance, np.full(response.size, np.inf), errors
 
 
 def _moved(fit: FitResult, block: Block, entries: Sequence[Assumption]) -> Float:
@@ -216,14 +216,6 @@ def _refuse_unstable(fit: FitResult, group: int, speeds: Float) -> None:
                 f"the fitted rotor is unstable at {at}: it whirls by itself, and has no steady response to a force"
                 f"{limit}"
             )
-
-
-def _draws_of_errors(covar: Float, slopes: Float) -> Float:
-    """Simulated errors of the parts of whole curves, shape ``(W, N, 2)``."""
-    values, vectors = np.linalg.eigh(covar)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    drawn = np.random.default_rng(1).normal(size=(DERIVED_DRAWS, root.shape[1])) @ root.T
-    return np.asarray(np.einsum("wp,nip->wni", drawn, slopes))
 
 
 def _largest(response: ComplexArray, covariance: Float, errors: Float, level: float) -> Float:

@@ -32,7 +32,7 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.models import threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.digits import interval, significant, with_error
-from rotorfit.models.motion.stability import Threshold, least_stable, threshold_speed_near
+from rotorfit.models.motion.stability import least_stable
 from rotorfit.models.parameters import bare_name, unknown_name
 from rotorfit.models.text_table import Printed
 from rotorfit.units import RPM_PER_RAD_S
@@ -315,21 +315,17 @@ def _along_ratios(problem: Problem, ratios: Ratios, x: Float, error: float, give
 
 
 def _speed(fit: FitResult, group: int) -> ValueAndGradient:
-    """Threshold speed of a fitted vector and its gradient, each found from the one before."""
-    space, model, band = fit.problem.space, fit.model, fit.stability_band
-    last: Threshold | None = fit.onset(group)
+    """Threshold speed of a fitted vector and its gradient."""
+    space = fit.problem.space
 
     def speed(vector: Float) -> tuple[float, Float]:
-        nonlocal last
-        theta = space.theta(vector)[group]
         try:
-            found = threshold_speed_near(model, theta, last, band=band) if last else None
-            last = found or threshold_speed(model, theta, band=band)
+            found = threshold_speed(fit.model, space.theta(vector)[group], band=fit.stability_band)
         except np.linalg.LinAlgError:  # so far astray that the equations of motion overflow
-            last = None
-        if last is None:
+            found = None
+        if found is None:
             return math.inf, np.zeros_like(vector)
-        return last.speed, space.pull_back(last.gradient, group)
+        return found.speed, space.pull_back(found.gradient, group)
 
     return speed
 

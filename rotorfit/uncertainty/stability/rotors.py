@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rotorfit.estimators.inference.covariance import spreading
 from rotorfit.estimators.inference.score_tests import Term
 from rotorfit.estimators.inference.smooth_causes import Cause, Kind, Part, beyond, changed_values, onset_terms
 from rotorfit.estimators.matching import matched
@@ -275,9 +276,7 @@ def _onset_shift(fit: FitResult, group: int, onset: Threshold | None, entry: Ass
 
 def _scattered(fit: FitResult, group: int, draws: int, rng: np.random.Generator) -> Float:
     """Parameter vectors by the covariance, with the tails of Student's t where an error has few degrees of freedom."""
-    values, vectors = np.linalg.eigh(fit.covar)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    errors = rng.normal(size=(draws, root.shape[1])) @ root.T
+    errors = rng.normal(size=(draws, fit.x.size)) @ spreading(fit.covar).T
     freedom = min((p.freedom for p in fit.params.values() if p.vary and p.resolved), default=math.inf)
     if math.isfinite(freedom):
         errors *= np.sqrt(freedom / rng.chisquare(freedom, size=(draws, 1)))
