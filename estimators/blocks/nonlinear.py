@@ -10,7 +10,7 @@ import numpy as np
 
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.observations import OnResponses, Responses
-from rotorfit.estimators.blocks.response import inverse, read_by_probes, read_by_probes_jacobian
+from rotorfit.estimators.blocks.response import inverse_of_lines, read_by_probes, read_by_probes_jacobian
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.motion.journal import Journal, journal, known_structure, line_stiffness
@@ -151,13 +151,7 @@ class OrbitResponses(OnResponses):
 
     def _read(self, values: list[ComplexArray]) -> ComplexArray:
         """Readings, shape ``(..., R)``, of what every coordinate does, shape ``(..., L)`` each."""
-        if len(values) == 1:
-            return values[0] if self._line_by_line else values[0][..., self.base.line]
-        return np.stack(values, axis=-2).reshape(*values[0].shape[:-1], -1)[..., self.base.place]
-
-    @cached_property
-    def _line_by_line(self) -> bool:
-        return np.array_equal(self.base.line, np.arange(self.base.s.size))
+        return np.concatenate(values, axis=-1)[..., self.base.place]
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""
@@ -222,14 +216,6 @@ def eccentricity_of_reading(model: RotorModel, theta: Float, group: Index, readi
         eps = np.where(reading == 0, 0.0, reading / factor)
         by_theta = np.where((eps < LARGEST_ECCENTRICITY)[..., None], -(eps / factor)[..., None] * slope, 0.0)
     return np.minimum(eps, LARGEST_ECCENTRICITY), by_theta
-
-
-def inverse_of_lines(kappa: ComplexArray) -> ComplexArray:
-    """Inverse of many small matrices, lines along the last axis, same shape."""
-    if kappa.shape[0] == 1:
-        return np.asarray(1.0 / kappa)
-    flat = inverse(np.moveaxis(kappa.reshape(*kappa.shape[:2], -1), -1, 0))
-    return np.moveaxis(flat, 0, -1).reshape(kappa.shape)
 
 
 def responses_of(block: object) -> Responses | None:

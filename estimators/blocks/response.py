@@ -30,6 +30,11 @@ def inverse(kappa: ComplexArray) -> ComplexArray:
     return np.moveaxis(_inverse(np.moveaxis(kappa, (-2, -1), (0, 1))), (0, 1), (-1, -2))
 
 
+def inverse_of_lines(kappa: ComplexArray) -> ComplexArray:
+    """The same with lines along the last axis, shape ``(n, n, ...)``."""
+    return np.swapaxes(_inverse(kappa), 0, 1)
+
+
 def _inverse(kappa: ComplexArray) -> ComplexArray:
     """Inverse of matrices ``(row, column, ..., line)``, as ``(column, row, ..., line)``: rows are read one by one."""
     n = len(kappa)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.estimators.blocks.nonlinear import eccentricity_of_reading, inverse_of_lines
+from rotorfit.estimators.blocks.nonlinear import eccentricity_of_reading
 from rotorfit.estimators.blocks.observations import Observed
-from rotorfit.estimators.blocks.response import read_by_probes, read_by_probes_jacobian
-from rotorfit.models import RotorModel
-from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Text
+from rotorfit.estimators.blocks.response import inverse_of_lines, read_by_probes, read_by_probes_jacobian
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.motion.journal import journal, known_structure, line_stiffness
 from rotorfit.models.motion.off_centre import coupled_stiffness, off_centre_eigenvalues, off_centre_gradient
 
@@ -139,25 +137,16 @@ class FreeVibrations(Observed):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class JournalCoefficients:
+class JournalCoefficients(Observed):
     """Stiffness, damping and mass at the journal, one observation each for every row of a table. An observation is
     ``kxx + j kxy``, ``cxx + j cxy`` or ``mxx + j mxy``, its parts over their own standard deviations, which differ by
-    decades; ``mxy = 0`` in an isotropic fluid. Rows follow one another power by power."""
+    decades, so that ``sigma`` is one. ``mxy = 0`` in an isotropic fluid. Rows follow one another power by power. What
+    else acts at the journal (mass, springs) belongs to the coefficients too."""
 
-    model: RotorModel  # the rotor; what else acts at the journal (mass, springs) belongs to the coefficients too
     speed: Float  # shape ``(L,)``
     eccentricity: Float  # shape ``(L,)``
     group: Index  # parameter group of each row, shape ``(L,)``
     spread: Float  # standard deviation of the real and of the imaginary part of each observation, shape ``(3 L, 2)``
-    measured: ComplexArray
-    label: Index
-    labels: tuple[str, ...]
-    run: Text
-
-    @property
-    def sigma(self) -> Float:
-        """One: the observations are whitened already."""
-        return np.ones(self.measured.size)
 
     @property
     def reading_group(self) -> Index:
@@ -178,10 +167,6 @@ class JournalCoefficients:
         real, imag = self.spread.T
         # The complex stiffness is kxx - j kxy.
         return np.asarray(values.real / real - 1j * values.imag / imag)
-
-    def with_noise(self, factor: Float) -> Self:
-        """See :meth:`~rotorfit.estimators.blocks.observations.Block.with_noise`."""
-        return replace(self, spread=self.spread * factor[:, None], measured=self.measured / factor)
 
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.observations import Responses
-from rotorfit.estimators.blocks.row_keys import occurrence
+from rotorfit.estimators.blocks.row_keys import combined, numbers, occurrence
 from rotorfit.estimators.misfit import accelerator, codegen
 from rotorfit.estimators.misfit.codegen import LARGEST_UNROLLED
 from rotorfit.estimators.misfit.problem import Problem, is_linear_response
@@ -61,17 +61,9 @@ class KernelLayout:
 
 
 def _distinct(rows: Float | Index) -> tuple[Index, Index]:
-    """First place of each distinct row, ascending, and each row's number; column by column, as records sort slowly."""
-    number = np.zeros(len(rows), dtype=np.intp)
-    for column in rows.T:
-        values, own = np.unique(column, return_inverse=True)
-        number = np.unique(number * values.size + own, return_inverse=True)[1]
-    return np.unique(number, return_index=True)[1], number
-
-
-def _codes(columns: Float | Index) -> Index:
-    """Number rows by equality."""
-    return _distinct(columns)[1]
+    """First place of each distinct row, ascending, and each row's number."""
+    _, first, number = np.unique(combined(*map(numbers, rows.T)), return_index=True, return_inverse=True)
+    return first, number.reshape(-1)
 
 
 def layout(problem: Problem) -> KernelLayout:
@@ -133,15 +125,15 @@ def layout(problem: Problem) -> KernelLayout:
 
 def _nodes(condition: Index, w: Float, read: Index, size: int) -> tuple[Index, Index]:
     """Node of each reading, and a key of how it was read; repeats of a reading at a node have keys of their own."""
-    node, key = _codes(np.column_stack([condition, w])), _codes(read)
-    key = _codes(np.column_stack([occurrence(_codes(np.column_stack([node, key]))), key]))
+    node, key = _distinct(np.column_stack([condition, w]))[1], combined(*map(numbers, read.T))
+    key = combined(occurrence(combined(node, key)), key)
     if size > LARGEST_UNROLLED:
         return node, key
     # Generated code reads few entries a node: one with very many readings counts as several.
     rank = np.empty(w.size, dtype=np.intp)
     order = np.lexsort([key, node])
     rank[order] = occurrence(node[order])
-    return _codes(np.column_stack([rank // READINGS_OF_A_NODE, node])), key
+    return _distinct(np.column_stack([rank // READINGS_OF_A_NODE, node]))[1], key
 
 
 def _segment_of(condition: Index, node: Index, key: Index) -> Index:

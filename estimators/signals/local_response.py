@@ -183,8 +183,6 @@ def _solver(
     records: Sequence[RecordSpectra], edges: Float, poles: ComplexArray, transient: bool
 ) -> Callable[[int, int], LocalFit]:
     """A function that fits a band from one of the edges to another, with the pole nearest to its middle."""
-    from scipy.linalg import block_diag
-
     greatest = [np.abs(record.others).max(axis=1, initial=0.0) for record in records]
     borders = [np.searchsorted(record.frequency, edges) for record in records]
     known = (SMOOTH_DEGREE + 1) * records[0].forces.shape[0]
@@ -196,12 +194,16 @@ def _solver(
         position = [(r.frequency[part] - middle) / half for r, part in zip(records, lines, strict=True)]
         pole = (poles[(first + last) // 2] - middle) / half
         powers = [_basis(at, pole) for at in position]
-        drive, own = [], []  # polynomials of all responses, one force after the other; what each record has of its own
+        own = []  # of each record: its transient, and spectra that are locked to the shaft
         for record, part, p, top in zip(records, lines, powers, greatest, strict=True):
-            drive.append((record.forces[:, part, None] * p).transpose(1, 0, 2).reshape(len(p), -1))
             some = seen(record.others[:, part].T, p, top, len(p) - smooth - 1) if transient else p[:, :0]
             own.append(np.hstack([p, some]) if transient else some)
-        matrix: ComplexArray = np.hstack([np.vstack(drive), block_diag(*own)])
+        begin = np.cumsum([(0, known), *(some.shape for some in own)], axis=0)
+        matrix: ComplexArray = np.zeros(begin[-1], dtype=complex)
+        for record, part, p, some, (row, column) in zip(records, lines, powers, own, begin[:-1].tolist(), strict=True):
+            forced = record.forces[:, part, None] * p  # one force after the other
+            matrix[row : row + len(p), :known] = forced.transpose(1, 0, 2).reshape(len(p), -1)
+            matrix[row : row + len(p), column : column + some.shape[1]] = some
         measured = np.hstack([r.outputs[:, part] for r, part in zip(records, lines, strict=True)]).T
         scale = np.linalg.norm(matrix, axis=0)
         q, r = np.linalg.qr(matrix / scale)

@@ -111,6 +111,7 @@ def journal_coefficients(model: RotorModel, test: CoefficientTable, group: Index
         group=group,
         spread=spread,
         measured=measured,
+        sigma=np.ones(measured.size),
         label=label,
         labels=tuple(labels),
         run=np.tile(test.run, 3),
