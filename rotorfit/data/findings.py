@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -54,6 +55,15 @@ class Finding:
     def __str__(self) -> str:
         places = _places("Lines", self.lines) if self.lines else _places("Readings", [row + 1 for row in self.rows])
         return f"{self.severity} [{self.code}] {self.words}{places}"
+
+
+def report(findings: Iterable[Finding], on_finding: Callable[[Finding], None] | None) -> None:
+    """Hand findings on, or without a callback warn of them where :func:`rotorfit.read` was called."""
+    for finding in findings:
+        if on_finding is None:
+            warnings.warn(finding.message, stacklevel=5)
+        else:
+            on_finding(finding)
 
 
 def _places(what: str, places: Sequence[int]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
-from rotorfit.data.findings import Finding, listed
+from rotorfit.data.findings import Finding, listed, report
 from rotorfit.data.probes import (
     Channel,
     check_channels,
@@ -123,8 +122,12 @@ def read(
         test = _corrected(test, given)
         if difference and test.synchronous:
             apart = differenced(test)
-            if apart is not test:
-                _tell_uneven(test, on_finding)
+            if apart is not test and (pairs := uneven_weights(test)):
+                words = (
+                    f"{test.source}: opposite weights differ: {listed(pairs)}. If it is one weight that was turned by "
+                    "180 degrees, one of the two is wrong, and all masses, stiffnesses and dampings with it."
+                )
+                report([Finding("warning", "uneven-weights", words)], on_finding)
             test = apart
     elif given:
         raise ValueError(f"{', '.join(given)} correct probe readings; {test.source} is a {type(test).__name__}")
@@ -142,21 +145,6 @@ def _check_sizes(test: Experiment) -> None:
                     f"{test.source or 'the table'}: reading {row + 1}: {name} is {part[row]:.3g} in SI units; numbers "
                     f"may be up to {LARGEST:g} in size"
                 )
-
-
-def _tell_uneven(test: PerturbationTest, on_finding: Callable[[Finding], None] | None) -> None:
-    """Warn of opposite weights that are not one and the same."""
-    pairs = uneven_weights(test)
-    if not pairs:
-        return
-    message = (
-        f"{test.source}: opposite weights differ: {listed(pairs)}. If it is one weight that was turned by 180 degrees, "
-        "one of the two is wrong, and all masses, stiffnesses and dampings with it."
-    )
-    if on_finding is None:
-        warnings.warn(message, stacklevel=4)
-    else:
-        on_finding(Finding("warning", "uneven-weights", message))
 
 
 def _corrected(test: PerturbationTest, given: Mapping[str, Any]) -> PerturbationTest:

@@ -22,8 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rotorfit.io.tables.cells import NOT_TAKEN, Numbers, lacking, taken
-from rotorfit.io.tables.table import MOTION, Table, floats
-from rotorfit.io.tables.wanted_columns import PREFIXES
+from rotorfit.io.tables.table import MOTION, PREFIXES, Table, floats
 from rotorfit.models.array_types import Float
 from rotorfit.units import UNITS, si_factor, units_of
 

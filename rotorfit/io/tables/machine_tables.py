@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 
-from rotorfit.data.findings import Finding
 from rotorfit.io.tables.cells import EXCEL, encoding_of, marked_encoding
 from rotorfit.io.tables.table import Table
 from rotorfit.units import UNITS, find_unit
@@ -40,8 +39,8 @@ _Cells = Mapping[str, str]
 """A row of a block by the block's header: a sample, or a channel with its units as the file writes them."""
 
 
-def bode_table(table: Table, plane_given: bool) -> tuple[Table, list[Finding]]:
-    """Readings of a Bode table, and what was left out of them."""
+def bode_table(table: Table, plane_given: bool) -> Table:
+    """Readings of a Bode table."""
     if "y-axis value" in table.cells:
         raise ValueError(
             f"{table.source} does not say the unit of its Y-Axis Value; say it (columns=, "
@@ -61,16 +60,16 @@ def bode_table(table: Table, plane_given: bool) -> tuple[Table, list[Finding]]:
         table = table.with_columns({name: [word] * len(table.lines) for name, word in place.items()})
     found = [next((name for name in table.cells if name.startswith(f"{part}_")), "") for part in _QUANTITIES]
     if "" in found:
-        return table, []
-    table, left_out = _checked(table, found)
-    return replace(table, names={name: name for name in table.cells}), left_out
+        return table
+    table = _checked(table, found)
+    return replace(table, names={name: name for name in table.cells})
 
 
 _QUANTITIES = ("speed", "amplitude", "phase")
 
 
-def _checked(table: Table, names: Sequence[str]) -> tuple[Table, list[Finding]]:
-    """The readings whose numbers hold, by the columns of their :data:`_QUANTITIES`, and a finding on the others."""
+def _checked(table: Table, names: Sequence[str]) -> Table:
+    """The readings whose numbers hold, by the columns of their :data:`_QUANTITIES`, and a note on the others."""
     numbers: dict[str, list[str]] = {name: [] for name in names}
     left_out: dict[int, str] = {}  # by row, why
     count = len(table.lines)
@@ -95,17 +94,13 @@ def _checked(table: Table, names: Sequence[str]) -> tuple[Table, list[Finding]]:
         raise ValueError(f"{table.source}: none of its {count} samples has a speed and a valid 1x vector ({listed})")
     table = table.with_columns(numbers)
     if not left_out:
-        return table, []
-    lines = [str(table.lines[row]) for row in left_out]
-    where = ", ".join(lines[:5]) + (", ..." if len(lines) > 5 else "")
-    words = (
-        f"{table.source}: {len(lines)} of {count} samples were skipped ({listed}; line{'s' * (len(lines) > 1)} {where})"
-    )
-    whole = np.array([row for row in range(count) if row not in left_out])
-    return table.rows(whole), [Finding("note", "empty", words)]
+        return table
+    where = table.lines_of(np.array([*left_out]))
+    words = f"{table.source}: {len(left_out)} of {count} samples were skipped ({listed}; {where})"
+    return table.rows(np.array([row for row in range(count) if row not in left_out])).noted("empty", words)
 
 
-def with_weight(table: Table) -> tuple[Table, list[Finding]]:
+def with_weight(table: Table) -> Table:
     """The table with what exports do not hold: the run, frequency = speed, and no weight where none is given, which a
     note says."""
     cells, count = table.cells, len(table.lines)
@@ -131,11 +126,12 @@ def with_weight(table: Table) -> tuple[Table, list[Finding]]:
                 f"{', '.join(planes)} or another plane of the rotor"
             )
         added["force_plane"] = [planes[0]] * count
+    table = table.with_columns(added)
     words = (
         f"{table.source} holds no weight, so its run is a reference run; for a run with one give constants "
         "{'force_plane': ..., 'mr_g_mm': ..., 'force_phase_deg': ...} (--constant mr_g_mm=30 and so on)"
     )
-    return table.with_columns(added), [] if weighted else [Finding("note", "no-weight", words)]
+    return table if weighted else table.noted("no-weight", words)
 
 
 # ---- sample tables ----------------------------------------------------------------------------------------------
@@ -151,8 +147,8 @@ def is_sample_table(path: Path) -> bool:
     return re.search(r"(?im)^\s*ch#\s*\|\s*channel name\s*\|", text) is not None
 
 
-def sample_table(path: Path, channels: Mapping[str, str]) -> tuple[Table, list[Finding]]:
-    """Readings of a sample table, and what was left out of them."""
+def sample_table(path: Path, channels: Mapping[str, str]) -> Table:
+    """Readings of a sample table."""
     source = path.name
     readings = list(_samples(source, path.read_text(encoding=encoding_of(path))))
     if not readings:
@@ -177,12 +173,7 @@ def sample_table(path: Path, channels: Mapping[str, str]) -> tuple[Table, list[F
     others = [f"{name} ({named[name]['Amp Unit'] or 'no unit'})" for name in named if name not in moving]
     if not moving:
         raise ValueError(f"{source} has no channel that measures a displacement: {', '.join(others)}")
-    found = []
-    if others:
-        words = f"{source}: channels that measure no displacement were left out: {', '.join(others)}"
-        found.append(Finding("note", "channels", words))
     places = _places(source, moving, channels)
-    found += _askew(source, {place: named[name] for name, place in places.items()})
     kept = [reading for reading in readings if reading[0]["Channel Name"] in places]
     rows = [_reading(source, one, cells, *places[one["Channel Name"]]) for one, _, cells in kept]
     cells = {name: [row[name] for row in rows] for name in rows[0]}
@@ -190,8 +181,12 @@ def sample_table(path: Path, channels: Mapping[str, str]) -> tuple[Table, list[F
         cells["date"] = [day] * len(rows)
     lines = np.array([line for _, line, _ in kept])
     table = Table(source=source, cells=cells, lines=lines, names={name: name for name in cells})
-    table, skipped = _checked(table, ("speed_rpm", "amplitude_um", "phase_lag_deg"))
-    return table, found + skipped
+    if others:
+        words = f"{source}: channels that measure no displacement were left out: {', '.join(others)}"
+        table = table.noted("channels", words)
+    for words in _askew(source, {place: named[name] for name, place in places.items()}):
+        table = table.noted("probe-angles", words)
+    return _checked(table, ("speed_rpm", "amplitude_um", "phase_lag_deg"))
 
 
 def _samples(source: str, text: str) -> Iterator[tuple[_Cells, int, _Cells]]:
@@ -306,8 +301,8 @@ def _places(source: str, names: Sequence[str], given: Mapping[str, str]) -> dict
     return found
 
 
-def _askew(source: str, probes: Mapping[tuple[str, str], _Cells]) -> Iterator[Finding]:
-    """Notes on pairs of probes that do not sit at right angles, as their angles right and left of the top say."""
+def _askew(source: str, probes: Mapping[tuple[str, str], _Cells]) -> Iterator[str]:
+    """Sentences on pairs of probes that do not sit at right angles, as their angles right and left of the top say."""
     for plane in dict.fromkeys(plane for plane, _ in probes):
         pair = [probes[plane, axis] for axis in "xy" if (plane, axis) in probes]
         sides = [{"right": 1.0, "left": -1.0}.get(probe.get("Direction", "").lower()) for probe in pair]
@@ -318,12 +313,11 @@ def _askew(source: str, probes: Mapping[tuple[str, str], _Cells]) -> Iterator[Fi
         apart = abs((angles[1] - angles[0] + 180) % 360 - 180)
         if abs(apart - 90) > 1:
             where = " and ".join(f"{probe['Angle']} {probe['Direction']}" for probe in pair)
-            words = (
+            yield (
                 f"{source}: the probes x and y of {plane} sit at {where}, {apart:g} degrees apart and not 90; unless "
                 f'you have, give their angles (probe_angles=, --probe-angles "{plane}=0:{apart:g}"), which puts X '
                 "along the x probe"
             )
-            yield Finding("note", "probe-angles", words)
 
 
 def _day(stamp: str) -> str:

@@ -22,8 +22,7 @@ import numpy as np
 
 from rotorfit.data.experiments import DERIVATIVES
 from rotorfit.io.tables.cells import lacking
-from rotorfit.io.tables.table import READING, Table
-from rotorfit.io.tables.wanted_columns import Columns
+from rotorfit.io.tables.table import READING, Columns, Table
 from rotorfit.models.array_types import ComplexArray, Float, Index, Text
 from rotorfit.units import UNITS, units_of
 

@@ -23,7 +23,7 @@ from rotorfit.data.experiments import (
     StaticTest,
 )
 from rotorfit.data.synchronous import group_speeds
-from rotorfit.io.tables.wanted_columns import Columns, columns_for, optional, phase_or_angle, quantity, words
+from rotorfit.io.tables.table import Columns, columns_for, optional, phase_or_angle, quantity, words
 from rotorfit.models.array_types import Float
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S, UNITS
 

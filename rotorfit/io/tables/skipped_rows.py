@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rotorfit.data.findings import Finding
 from rotorfit.io.tables.cells import NOT_TAKEN, Numbers, lacking, taken
 from rotorfit.io.tables.table import READING, Table, floats
 from rotorfit.models.array_types import Bool
@@ -17,56 +16,52 @@ _MARK = re.compile(r"[+-]?9{3,5}(\.(0+|9+))?")
 """Values that instruments write where they have no reading: 999, -999, 9999.9, ..."""
 
 
-def without_empty(table: Table) -> tuple[Table, list[Finding]]:
-    """The table without the rows whose reading was not taken, and how many these are.
+def without_empty(table: Table) -> Table:
+    """The table without the rows whose reading was not taken.
 
     A reading is empty where none of its amplitudes (or its real or imaginary part) or where its phase has a number.
     """
     _refuse_marks(table)
     lengths = [list(table.find(prefix, READING)) for prefix in ("amplitude", "real", "imag")]
     needed = [names for names in (*lengths, list(table.find("phase", UNITS["phase"]))) if names]
-    if not needed:
-        return table, []
     missing = [[lacking(table.cells[name], NOT_TAKEN) for name in names] for names in needed]
-    empty = np.logical_or.reduce([np.logical_and.reduce(own) for own in missing])
-    if not empty.any() or empty.all():
-        return table, []
-    _refuse_halves(table, empty)
-    distinct = list(dict.fromkeys(table.lines[empty].tolist()))
-    where = ", ".join(map(str, distinct[:5])) + (", ..." if len(distinct) > 5 else "")
-    words = (
-        f"{table.source}: {empty.sum()} of {empty.size} readings are empty and were skipped "
-        f"(line{'s' * (len(distinct) > 1)} {where})"
+    empty = (
+        np.logical_or.reduce([np.logical_and.reduce(own) for own in missing]) if missing else np.zeros(0, dtype=bool)
     )
-    return table.rows(np.flatnonzero(~empty)), [Finding("note", "empty", words)]
+    if not empty.any() or empty.all():
+        return table
+    _refuse_halves(table, empty)
+    where = table.lines_of(np.flatnonzero(empty))
+    words = f"{table.source}: {empty.sum()} of {empty.size} readings are empty and were skipped ({where})"
+    return table.rows(np.flatnonzero(~empty)).noted("empty", words)
 
 
-def without_standstill(table: Table) -> tuple[Table, list[Finding]]:
+def without_standstill(table: Table) -> Table:
     """The table without the lines at frequency zero of sensors of velocity or acceleration, which say nothing there."""
     units = units_of("velocity", "acceleration")
     names = [name for prefix in ("amplitude", "real") for name in table.find(prefix, units)]
     column = table.find("frequency", UNITS["frequency"])
     values = floats(table.cells[next(iter(column))]) if names and len(column) == 1 else None
     if values is None:
-        return table, []
+        return table
     still = ~np.logical_and.reduce([lacking(table.cells[name]) for name in names]) & (values == 0)
     if not still.any() or still.all():
-        return table, []
+        return table
     words = f"{table.source}: {still.sum()} readings at frequency zero were left out: nothing accelerates there"
-    return table.rows(np.flatnonzero(~still)), [Finding("note", "standstill", words)]
+    return table.rows(np.flatnonzero(~still)).noted("standstill", words)
 
 
-def without_incoherent(table: Table) -> tuple[Table, list[Finding]]:
-    """The table without the rows of coherence zero, whose readings are noise alone, and how many these are."""
+def without_incoherent(table: Table) -> Table:
+    """The table without the rows of coherence zero, whose readings are noise alone."""
     values = floats(table.cells["coherence"]) if "coherence" in table.cells else None
     if values is None or not (values == 0).any() or (values == 0).all():
-        return table, []
+        return table
     rows = np.flatnonzero(values == 0)
     words = (
         f"{table.source}: {rows.size} of {values.size} readings have coherence zero, noise alone, and were left out "
         f"(first in line {table.lines[int(rows[0])]})"
     )
-    return table.rows(np.flatnonzero(values != 0)), [Finding("note", "incoherent", words)]
+    return table.rows(np.flatnonzero(values != 0)).noted("incoherent", words)
 
 
 _READING = ("run", "plane", "direction")

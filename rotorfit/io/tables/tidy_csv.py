@@ -14,8 +14,7 @@ condition-monitoring systems: :mod:`rotorfit.io.tables.machine_tables`.
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +31,7 @@ from rotorfit.data.experiments import (
     PerturbationTest,
     plane_groups,
 )
-from rotorfit.data.findings import Finding
+from rotorfit.data.findings import Finding, report
 from rotorfit.data.joined import check_planes_spelt
 from rotorfit.data.several_forces import gathered, written_per_force
 from rotorfit.estimators.blocks.row_keys import words as distinct
@@ -59,8 +58,18 @@ from rotorfit.io.tables.skipped_rows import (
     without_incoherent,
     without_standstill,
 )
-from rotorfit.io.tables.table import PERTURBATION_COLUMNS, READING, Table, read_table
-from rotorfit.io.tables.wanted_columns import Columns, columns_for, optional, phase_or_angle, quantity, words
+from rotorfit.io.tables.table import (
+    PERTURBATION_COLUMNS,
+    READING,
+    Columns,
+    Table,
+    columns_for,
+    optional,
+    phase_or_angle,
+    quantity,
+    read_table,
+    words,
+)
 from rotorfit.models.array_types import Float, Index, Text
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import RAD_S_PER_RPM, UNITS
@@ -81,8 +90,7 @@ def read_csv(
     progress: Callable[[float], None] | None = None,
 ) -> Experiment:
     """Read a tidy or wide CSV, or a sheet of an Excel file; the columns tell which experiment it is."""
-    table, found = _opened(path, sheet, columns or {}, constants or {}, progress or (lambda share: None))
-    _report(found, on_finding)
+    table = _opened(path, sheet, columns or {}, constants or {}, progress or (lambda share: None))
     return experiment_of(table, speed_tolerance, on_finding, on_lines)
 
 
@@ -102,35 +110,33 @@ def experiment_of(
     kinds = (*imposed, *(() if {"force_plane", "direction"} & set(table.cells) else BUILDERS))
     build = next((b for mark, b in kinds if any(name.startswith(mark) for name in table.cells)), _perturbation)
     if build is _perturbation:
-        table, found = _start_up(with_reference_rows(with_amplitudes(table)))
-        _report(found, on_finding)
+        table = _start_up(with_reference_rows(with_amplitudes(table)))
     if build in (_perturbation, displacement_test):
-        for without in (without_empty, without_incoherent, without_standstill):
-            table, found = without(table)
-            _report(found, on_finding)
+        table = without_standstill(without_incoherent(without_empty(table)))
         if "direction" in table.cells or build is displacement_test:
             table = completed(table, forced=build is _perturbation)
+    report(table.found, on_finding)
     if on_lines is not None:
         on_lines(table.lines)
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below, by name
         return build(table, speed_tolerance)
 
 
-def _start_up(table: Table) -> tuple[Table, list[Finding]]:
+def _start_up(table: Table) -> Table:
     """A table over speed alone with its speed as frequency too, as a weight that the shaft turns, or the residual
     unbalance of a run without one, excites it; and a note where no weight is given."""
     speeds = [name for name in table.cells if name.startswith("speed_")]
     forced = any(name.startswith(("force_", "mr_")) and not name.startswith(_OF_WEIGHTS) for name in table.cells)
     weighted = any(name.startswith("mr_") for name in table.cells)
     if len(speeds) != 1 or any(name.startswith("frequency") for name in table.cells) or (forced and not weighted):
-        return table, []
+        return table
     if "direction" not in table.cells:
-        return table, []
+        return table
     places = [table.cells[name] for name in ("run", "plane", "direction") if name in table.cells]
     rows = list(zip(*places, table.cells[speeds[0]], strict=True))
     once_a_speed = len(set(rows)) == len(rows) > len(set(zip(*places, strict=True)))  # of several
     if not weighted and not once_a_speed:
-        return table, []
+        return table
     of_weights = [key for key in table.cells if key.startswith((*_OF_WEIGHTS, "mr_"))]
     if weighted and "run" not in table.cells:  # one for each weight
         runs = [" ".join(filter(None, row)) for row in zip(*(table.cells[key] for key in of_weights), strict=True)]
@@ -147,36 +153,22 @@ def _opened(
     columns: Mapping[str, str],
     constants: Mapping[str, str | float],
     progress: Callable[[float], None],
-) -> tuple[Table, list[Finding]]:
-    """The tidy table of a file, whatever its layout, and what was left out of it."""
-    found: list[Finding] = []
+) -> Table:
+    """The tidy table of a file, whatever its layout."""
     if exported := sheet is None and isinstance(path, str | Path) and is_sample_table(Path(path)):
-        table, found = sample_table(Path(path), columns)
+        table = sample_table(Path(path), columns)
     else:
         table = read_table(path, sheet, lambda spelled: is_text(spelled, columns), is_unit, progress)
         exported = set(BODE_HEADER) <= set(table.cells)
         table = with_given_names(table, columns) if columns else table
-        if exported:
-            table, found = bode_table(table, {"plane", "direction"} <= set(constants))
-        else:
-            table = understood(table)
+        table = bode_table(table, {"plane", "direction"} <= set(constants)) if exported else understood(table)
     if taken := [name for name in constants if name.lower() in table.cells]:
         raise ValueError(f"{table.source} has a column {taken[0]!r} of its own; no constant may take its place")
     table = table.with_columns({name: [str(value)] * len(table.lines) for name, value in constants.items()})
     if exported:
-        table, without_weight = with_weight(table)
-        return table, found + without_weight
+        return with_weight(table)
     refuse_doubtful(table)
-    return (tidy(table) if is_wide(table) else table), found
-
-
-def _report(found: Iterable[Finding], on_finding: Callable[[Finding], None] | None) -> None:
-    """Hand findings on, or warn of them."""
-    for finding in found:
-        if on_finding is None:
-            warnings.warn(finding.message, stacklevel=5)
-        else:
-            on_finding(finding)
+    return tidy(table) if is_wide(table) else table
 
 
 def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
