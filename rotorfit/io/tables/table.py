@@ -1,7 +1,7 @@
 """Columns of a table as text, found and converted by name and unit; and which of them a test is read from.
 
-A :class:`Table` never changes. A builder says with :func:`words`, :func:`quantity` and :func:`optional` what it wants,
-and :func:`columns_for` answers with a record that has all of it, or refuses the table. Only that record hands out
+A :class:`Table` never changes. A builder says with :func:`words` and :func:`quantity` what it wants, and
+:func:`columns_for` answers with a record that has all of it, or refuses the table. Only that record hands out
 values, so none is read from a file that lacks a column.
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -192,7 +192,7 @@ PREFIXES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
-    """A column that a test is read from; made by :func:`words`, :func:`quantity`, :func:`optional`."""
+    """A column that a test is read from; made by :func:`words` or :func:`quantity`."""
 
     name: str  # by which the values are asked for
     prefix: str  # beginning of the column's name, before its unit; the whole name of a column of text
@@ -217,14 +217,12 @@ def words(name: str, *, needed: bool = True) -> Wanted:
     return Wanted(name=name, prefix=name, missing=name if needed else "")
 
 
-def quantity(prefix: str, usual: str, units: Mapping[str, float], *, name: str = "", several: bool = False) -> Wanted:
-    """A column of numbers in a unit that its name ends with, without which a file is refused."""
-    return Wanted(name=name or prefix, prefix=prefix, units=units, missing=f"{prefix}_{usual}", several=several)
-
-
-def optional(prefix: str, units: Mapping[str, float], *, name: str = "", several: bool = False) -> Wanted:
-    """A column of numbers that may be left out."""
-    return Wanted(name=name or prefix, prefix=prefix, units=units, several=several)
+def quantity(
+    prefix: str, units: Mapping[str, float], usual: str = "", *, name: str = "", several: bool = False
+) -> Wanted:
+    """A column of numbers in a unit that its name ends with; without a usual one it may be left out."""
+    missing = f"{prefix}_{usual}" if usual else ""
+    return Wanted(name=name or prefix, prefix=prefix, units=units, missing=missing, several=several)
 
 
 def phase_or_angle(table: Table) -> tuple[Wanted, Wanted]:
@@ -239,8 +237,7 @@ def phase_or_angle(table: Table) -> tuple[Wanted, Wanted]:
     if given and (phases := table.find("force_phase", UNITS["phase"])):
         both = " and ".join(table.names[next(iter(found))] for found in (phases, given))
         raise ValueError(f"{table.source}: both {both} are given; keep one of them")
-    phase = optional if given else partial(quantity, usual="deg")
-    return phase("force_phase", units=UNITS["phase"]), optional("force_angle", UNITS["angle"])
+    return quantity("force_phase", UNITS["phase"], "" if given else "deg"), quantity("force_angle", UNITS["angle"])
 
 
 @dataclass(frozen=True, kw_only=True)

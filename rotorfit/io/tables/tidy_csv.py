@@ -27,6 +27,7 @@ from rotorfit.data.experiments import (
     FORCE_DIRECTIONS,
     FORCE_SIGMA,
     MEASURED,
+    DisplacementTest,
     Experiment,
     PerturbationTest,
     plane_groups,
@@ -50,7 +51,7 @@ from rotorfit.io.tables.headers import (
 )
 from rotorfit.io.tables.machine_tables import BODE_HEADER, bode_table, is_sample_table, sample_table, with_weight
 from rotorfit.io.tables.motion import noise, response, with_amplitudes
-from rotorfit.io.tables.other_kinds import BUILDERS, columns_of, displacement_test, line_test
+from rotorfit.io.tables.other_kinds import columns_of, kind_of, line_test, read_kind
 from rotorfit.io.tables.skipped_rows import (
     completed,
     with_reference_rows,
@@ -64,7 +65,6 @@ from rotorfit.io.tables.table import (
     Columns,
     Table,
     columns_for,
-    optional,
     phase_or_angle,
     quantity,
     read_table,
@@ -101,25 +101,22 @@ def experiment_of(
     on_lines: Callable[[Index], None] | None = None,
 ) -> Experiment:
     """The experiment that a table holds; its columns tell which."""
-    # A perturbation test may have attributes named like the marks of the others.
     if {"line", "force_plane", "direction"} <= set(table.cells):
         return line_test(table, speed_tolerance)
     if "direction" in table.cells:
         table = with_force_rows(table)
-    imposed = tuple((mark, displacement_test) for mark in ("force_x_", "force_y_"))
-    kinds = (*imposed, *(() if {"force_plane", "direction"} & set(table.cells) else BUILDERS))
-    build = next((b for mark, b in kinds if any(name.startswith(mark) for name in table.cells)), _perturbation)
-    if build is _perturbation:
+    kind = kind_of(table)
+    if kind is None:
         table = _start_up(with_reference_rows(with_amplitudes(table)))
-    if build in (_perturbation, displacement_test):
+    if kind in (None, DisplacementTest):
         table = without_standstill(without_incoherent(without_empty(table)))
-        if "direction" in table.cells or build is displacement_test:
-            table = completed(table, forced=build is _perturbation)
+        if kind is not None or "direction" in table.cells:
+            table = completed(table, forced=kind is None)
     report(table.found, on_finding)
     if on_lines is not None:
         on_lines(table.lines)
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below, by name
-        return build(table, speed_tolerance)
+        return _perturbation(table, speed_tolerance) if kind is None else read_kind(kind, table, speed_tolerance)
 
 
 def _start_up(table: Table) -> Table:
@@ -230,16 +227,16 @@ def _perturbation_columns(table: Table) -> Columns:
         (
             *(words(name) for name in ("run", "force_plane", "plane", "direction")),
             *(words(name, needed=False) for name in ("force_direction", "coherence", "averages")),
-            quantity("speed", "rpm", UNITS["frequency"]),
-            quantity("frequency", "rpm", UNITS["frequency"]),
-            optional("mr", UNITS["unbalance"]),
-            optional("force", UNITS["force"]) if unbalance else quantity("force", "N", UNITS["force"]),
+            quantity("speed", UNITS["frequency"], "rpm"),
+            quantity("frequency", UNITS["frequency"], "rpm"),
+            quantity("mr", UNITS["unbalance"]),
+            quantity("force", UNITS["force"], "" if unbalance else "N"),
             *phase_or_angle(table),
-            *(quantity(p, "um", READING, several=True) for p in (("amplitude",) if polar else ("real", "imag"))),
-            *((quantity("phase", "deg", UNITS["phase"]),) if polar else ()),
-            optional("sigma", READING, several=True),
-            optional("force_sigma", UNITS["force"]),
-            optional("probe_radius", UNITS["length"]),
+            *(quantity(p, READING, "um", several=True) for p in (("amplitude",) if polar else ("real", "imag"))),
+            *((quantity("phase", UNITS["phase"], "deg"),) if polar else ()),
+            quantity("sigma", READING, several=True),
+            quantity("force_sigma", UNITS["force"]),
+            quantity("probe_radius", UNITS["length"]),
         ),
         PERTURBATION_COLUMNS,
     )
