@@ -204,7 +204,7 @@ def test_eight_sensors_and_three_modes(lines, coherence) -> None:
 
 def test_modes_normalised_where_they_move_against_the_force() -> None:
     """Mass between the forced plane and that of the first probe is negative in modes in which these are opposed."""
-    from rotorfit.studies.study_model import modal_options
+    from rotorfit.studies.study import modal_options
 
     test = hammer_test(400, 0.95, seed=3)
     model = rf.models.Modal(("s5", *(s for s in EIGHT if s != "s5")), modes=3, gains="plane", force_planes=("s0",))

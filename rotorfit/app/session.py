@@ -13,11 +13,10 @@ from rotorfit.data.selection import without
 from rotorfit.diagnosis.trials.data_errors import PHASE_ZEROS
 from rotorfit.models import MODELS
 from rotorfit.recordings.formats.files import ALWAYS_RAW
-from rotorfit.studies.data_files import checked_again
-from rotorfit.studies.recording_files import RecordingFiles
+from rotorfit.studies.data_files import RecordingFiles, checked_again
 from rotorfit.studies.run import with_errors_undone
+from rotorfit.studies.study import build_model
 from rotorfit.studies.study_file import study_of
-from rotorfit.studies.study_model import build_model
 
 if TYPE_CHECKING:
     from rotorfit.data.experiments import Experiment

@@ -13,8 +13,7 @@ from typing import Any, TypeVar
 
 from rotorfit.data.findings import Finding, attributed, errors_in, warnings_in
 from rotorfit.estimators.file_reading import shown
-from rotorfit.studies.json_text import json_text
-from rotorfit.studies.wording import sentence
+from rotorfit.studies.wording import json_text, sentence
 
 
 class ExitCode(IntEnum):

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from rotorfit.models.array_types import Float
-    from rotorfit.studies.data_files import DataFile
-    from rotorfit.studies.recording_files import RecordingFiles
+    from rotorfit.studies.data_files import DataFile, RecordingFiles
     from rotorfit.studies.study import Study
 
 
@@ -188,8 +187,7 @@ def add_fit_options(fit: argparse.ArgumentParser) -> None:
 def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, ...]:
     """The files of the command line with their read options; recordings together are one test."""
     from rotorfit.recordings.formats.files import ALWAYS_RAW
-    from rotorfit.studies.data_files import DataFile
-    from rotorfit.studies.recording_files import RecordingFiles
+    from rotorfit.studies.data_files import DataFile, RecordingFiles
 
     speed, percent = options.speed, options.drop_near_1x
     if percent is not None and not 0 <= percent < 100:

@@ -136,8 +136,7 @@ def _add_demo(to: argparse.ArgumentParser) -> None:
 
 def _demo(options: argparse.Namespace) -> int:
     from rotorfit import datasets
-    from rotorfit.studies.data_files import DataFile
-    from rotorfit.studies.recording_files import RecordingFiles
+    from rotorfit.studies.data_files import DataFile, RecordingFiles
     from rotorfit.studies.study import Study
 
     name = "volts" if options.from_volts else "rig_open" if options.finite_elements else "rig_lumped"
@@ -197,7 +196,7 @@ def _add_models(to: argparse.ArgumentParser) -> None:
 
 
 def _models(options: argparse.Namespace) -> Answer:
-    from rotorfit.studies.study_model import check_model_name
+    from rotorfit.studies.study import check_model_name
 
     one = KnownStructure([[1.0]], None, None, [[1.0]], planes={"journal": 0}, fluid="journal", dofs=("z",))
     known = {**{name: model() for name, model in MODELS.items()}, one.name: one}

@@ -62,8 +62,7 @@ def add_vectors(to: argparse.ArgumentParser) -> None:
 def vectors(options: argparse.Namespace) -> Answer:
     """From recordings of raw signals to a file of responses with their noise."""
     from rotorfit.io.files import check_target, write
-    from rotorfit.studies.data_files import read_files
-    from rotorfit.studies.recording_files import RecordingFiles
+    from rotorfit.studies.data_files import RecordingFiles, read_files
     from rotorfit.studies.text import describe_test
 
     check_target(options.out)  # before the work, which may take long

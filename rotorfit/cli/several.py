@@ -72,7 +72,7 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
     """The fits of all runs, what is wrong with the data, and what their check warns of."""
     from rotorfit.campaigns.campaign import campaign as fit_campaign
     from rotorfit.store.store import Store
-    from rotorfit.studies.study_model import build_model, check_model
+    from rotorfit.studies.study import build_model, check_model
 
     if options.against is None and (options.by or options.follow or options.degree > 1):
         raise ValueError("--by, --follow and --degree shape the trends: say --against what")
@@ -187,7 +187,7 @@ def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str, list[s
     """The ranking, what is wrong with the data, and what their check warns of."""
     from rotorfit.fitting.structure.law_ranking import compare_laws
     from rotorfit.studies.data_files import no_progress, read_files
-    from rotorfit.studies.study_model import build_model, check_model
+    from rotorfit.studies.study import build_model, check_model
 
     study = fit_study(options, LAW_RANKING)
     check_model(study)

@@ -159,8 +159,7 @@ def _recorded(options: argparse.Namespace) -> list[str]:
 
 
 def _model(options: argparse.Namespace) -> RotorModel:
-    from rotorfit.studies.study import Study
-    from rotorfit.studies.study_model import build_model
+    from rotorfit.studies.study import Study, build_model
 
     if options.model == "anisotropic" and not options.planes:
         raise ValueError("anisotropic has as many planes as --planes names: give them")

@@ -20,8 +20,7 @@ from rotorfit.cli.history import add_followed, add_study, added_json, added_word
 from rotorfit.cli.progress import ProgressLine
 from rotorfit.estimators.atomic_file import refuse_input
 from rotorfit.options.kinds import positive_word, words
-from rotorfit.studies.json_text import json_text
-from rotorfit.studies.wording import sentence
+from rotorfit.studies.wording import json_text, sentence
 from rotorfit.units import RAD_S_PER_RPM
 
 if TYPE_CHECKING:

@@ -22,8 +22,7 @@ from rotorfit.options.kinds import is_set
 from rotorfit.options.table import StudyOptions
 from rotorfit.recordings.formats.files import ALWAYS_RAW
 from rotorfit.recordings.signals import SAMPLES_OF_A_PIECE
-from rotorfit.studies.data_files import DataFile, StudyProgress, read_files
-from rotorfit.studies.recording_files import RecordingFiles
+from rotorfit.studies.data_files import DataFile, RecordingFiles, StudyProgress, read_files
 from rotorfit.studies.run import for_model
 from rotorfit.studies.study import Study
 

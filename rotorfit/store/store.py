@@ -29,9 +29,8 @@ from rotorfit.store.database import KIND, Database, claimed, unpacked
 from rotorfit.store.records import Added, StoredFit, StoredTest, StoredValue, as_time, stored_fit, stored_test
 from rotorfit.store.sources import Source, settings_key, sources_of
 from rotorfit.studies.data_files import StudyProgress, no_progress
-from rotorfit.studies.study import Study
+from rotorfit.studies.study import Study, check_model
 from rotorfit.studies.study_file import read_study, study_of
-from rotorfit.studies.study_model import check_model
 from rotorfit.version import __version__
 
 if TYPE_CHECKING:

@@ -37,9 +37,8 @@ from rotorfit.planning.design import Design
 from rotorfit.planning.plan import plan
 from rotorfit.planning.record import Plan
 from rotorfit.studies.data_files import DataFile, no_progress, read_files
-from rotorfit.studies.study import Study
+from rotorfit.studies.study import Study, build_model
 from rotorfit.studies.study_file import known_keys, read_keys, refuse_unknown
-from rotorfit.studies.study_model import build_model
 
 
 def read_plan(path: str | Path) -> dict[str, Any]:

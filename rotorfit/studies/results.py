@@ -22,11 +22,10 @@ from rotorfit.fitting.structure.modes import own_modes
 from rotorfit.io.tables.result_tables import rows_csv
 from rotorfit.models.array_types import Float
 from rotorfit.report.material import FigureFormat
-from rotorfit.studies.data_files import StudyProgress
-from rotorfit.studies.json_text import json_text
-from rotorfit.studies.recording_files import RecordingFiles
+from rotorfit.studies.data_files import RecordingFiles, StudyProgress
 from rotorfit.studies.study import Outcome
 from rotorfit.studies.text import summary
+from rotorfit.studies.wording import json_text
 from rotorfit.uncertainty.profile import Profile
 from rotorfit.units import RPM_PER_RAD_S
 

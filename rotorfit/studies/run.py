@@ -18,10 +18,8 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitOptions
 from rotorfit.fitting.structure.refine import refine
 from rotorfit.models import AnisotropicShaft
-from rotorfit.studies.data_files import DataFile, StudyProgress, checked_again, read_files
-from rotorfit.studies.recording_files import RecordingFiles
-from rotorfit.studies.study import Outcome, Study
-from rotorfit.studies.study_model import build_model, check_model
+from rotorfit.studies.data_files import DataFile, RecordingFiles, StudyProgress, checked_again, read_files
+from rotorfit.studies.study import Outcome, Study, build_model, check_model
 
 if TYPE_CHECKING:
     from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress

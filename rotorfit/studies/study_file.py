@@ -33,8 +33,7 @@ from rotorfit.models import KnownStructure
 from rotorfit.models.parameters import unknown_name
 from rotorfit.options.kinds import Parser, count, flag, number, pair, table, text
 from rotorfit.options.table import FIT
-from rotorfit.studies.data_files import DataFile
-from rotorfit.studies.recording_files import RecordingFiles
+from rotorfit.studies.data_files import DataFile, RecordingFiles
 from rotorfit.studies.study import Study
 from rotorfit.units import RAD_S_PER_RPM
 
