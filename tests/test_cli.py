@@ -22,7 +22,7 @@ from slips import thinned
 import rotorfit
 import rotorfit as rf
 from rotorfit.cli import main as cli
-from rotorfit.studies import results as cli_output
+from rotorfit.cli.answer import ProgressLine
 
 ROOT = Path(__file__).parent.parent
 
@@ -246,7 +246,7 @@ def test_interruption_leaves_nothing(run: Run, tmp_path: Path, monkeypatch: pyte
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli_output, "write_outcome", interrupted)
+    monkeypatch.setattr("rotorfit.cli.fits.write_outcome", interrupted)
     code, _, err = run(*FIT, "--out", tmp_path / "out")
     assert (code, err) == (cli.ExitCode.INTERRUPTED, "rotorfit: interrupted, nothing was written\n")
     assert list(tmp_path.iterdir()) == []
@@ -335,7 +335,7 @@ def test_a_bug_is_not_hidden_as_bad_input(run: Run, monkeypatch: pytest.MonkeyPa
     def broken(*_: object) -> None:
         raise KeyError("bug")
 
-    monkeypatch.setattr(cli_output, "_parameter_rows", broken)
+    monkeypatch.setattr("rotorfit.studies.results.summary", broken)
     with refuses(KeyError):
         run(*FIT, "--out", tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
@@ -434,11 +434,9 @@ def test_completion_without_its_library_says_what_to_install(run: Run, monkeypat
 def test_time_left_is_told_and_the_bar_is_full_only_at_the_end(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from rotorfit.cli import progress
-
     clock = iter([0.0, 0.0, 0.0, 0.0, 10.0, 10.0, 30.0, 30.0])
-    monkeypatch.setattr(progress, "monotonic", lambda: next(clock))
-    line = cli.ProgressLine(enabled=True)
+    monkeypatch.setattr("rotorfit.cli.answer.monotonic", lambda: next(clock))
+    line = ProgressLine(enabled=True)
     line("sampling", 0.0)
     line("sampling", 0.25)  # a quarter in 10 s: 30 s more
     line("sampling", 0.75)

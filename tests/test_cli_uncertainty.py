@@ -13,6 +13,7 @@ from synthetic import circular_test
 
 import rotorfit as rf
 from rotorfit.cli import main as cli
+from rotorfit.cli.answer import ProgressLine
 from rotorfit.studies.folder import CHECKPOINT
 
 
@@ -88,12 +89,12 @@ def test_interrupted_sampling_goes_on(
     out = tmp_path / "new" / "out"
     words = [*small, "--sample", "--seed", "4", "--ess", "30000", "--out", str(out), "--quiet"]
 
-    def stop(self: cli.ProgressLine, stage: str, done: float | None = None) -> None:
+    def stop(self: ProgressLine, stage: str, done: float | None = None) -> None:
         if "effective samples" in stage:
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(cli.ProgressLine, "__call__", stop)
+        patched.setattr(ProgressLine, "__call__", stop)
         code, _, err = run(*words)
     checkpoint = out / CHECKPOINT
     assert (code, err) == (
@@ -131,7 +132,7 @@ def test_bad_uncertainty_settings(run: Run, tmp_path: Path, small: list[str], wo
 
 
 def test_progress_is_one_line_with_a_bar(capsys: pytest.CaptureFixture[str]) -> None:
-    shown = cli.ProgressLine(enabled=True)
+    shown = ProgressLine(enabled=True)
     shown("reading")
     shown("sampling", 0.5)
     shown.close()
@@ -141,5 +142,5 @@ def test_progress_is_one_line_with_a_bar(capsys: pytest.CaptureFixture[str]) -> 
     assert "#" not in reading
     assert "[############            ]  50 %  sampling ..." in sampling
     assert end == ""
-    cli.ProgressLine(enabled=False)("nothing", 1.0)
+    ProgressLine(enabled=False)("nothing", 1.0)
     assert capsys.readouterr().err == ""

@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from rotorfit.executors import cluster, process_pool
 from rotorfit.models import KnownStructure
+from rotorfit.models.array_types import Float
 from rotorfit.options.kinds import count_word, is_set, pairs, positive_word, two_numbers
 from rotorfit.options.table import FIT, MODEL, UNCERTAINTY
+from rotorfit.recordings.formats.files import ALWAYS_RAW
+from rotorfit.studies.data_files import DataFile, RecordingFiles
+from rotorfit.studies.study import Study
 from rotorfit.units import RAD_S_PER_RPM
 
-if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
-    from rotorfit.models.array_types import Float
-    from rotorfit.studies.data_files import DataFile, RecordingFiles
-    from rotorfit.studies.study import Study
+WRITTEN = "file to write (.csv .uff .nc .mat)"
 
 
 def option(
@@ -135,8 +136,6 @@ def check_false_alarm(options: argparse.Namespace) -> None:
 
 def workers_of(options: argparse.Namespace) -> AbstractContextManager[Executor | None]:
     """An executor of the processes or the cluster that was asked for; None within for this process alone."""
-    from rotorfit.executors import cluster, process_pool
-
     if options.jobs < 1:
         raise ValueError(f"--jobs takes a number of processes from 1, got {options.jobs}")
     if options.cluster and options.jobs > 1:
@@ -186,9 +185,6 @@ def add_fit_options(fit: argparse.ArgumentParser) -> None:
 
 def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, ...]:
     """The files of the command line with their read options; recordings together are one test."""
-    from rotorfit.recordings.formats.files import ALWAYS_RAW
-    from rotorfit.studies.data_files import DataFile, RecordingFiles
-
     speed, percent = options.speed, options.drop_near_1x
     if percent is not None and not 0 <= percent < 100:
         raise ValueError(f"--drop-near-1x is per cent of the speed, from 0 to below 100; got {percent:g}")
@@ -269,8 +265,6 @@ def given(options: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
 
 def fit_study(options: argparse.Namespace, names: Iterable[str] = tuple(FIT)) -> Study:
     """The study that the options of a command describe; see :func:`given`."""
-    from rotorfit.studies.study import Study
-
     return Study(files=data_files(options), model=model_name(options), out=options.out, **given(options, names))
 
 

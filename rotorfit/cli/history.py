@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from rotorfit.cli.answer import Answer, checked
+from rotorfit.cli.answer import Answer, answered, checked, progress_line
 from rotorfit.cli.arguments import (
     add_false_alarm,
     add_files,
@@ -19,19 +19,18 @@ from rotorfit.cli.arguments import (
     option,
     workers_of,
 )
-from rotorfit.cli.progress import progress_line
+from rotorfit.data.experiments import PerturbationTest
+from rotorfit.fitting.fit_file import load_fit, save_fit
+from rotorfit.io.files import write
+from rotorfit.io.tables.result_tables import rows_csv
 from rotorfit.models.text_table import Wide, text_table
+from rotorfit.monitoring.observed_stiffness import observed_stiffness
+from rotorfit.monitoring.trend import DatedValues, MachineTrend, PlaceTrend, dated_anisotropy
+from rotorfit.monitoring.trend import trend as followed_trend
 from rotorfit.options.kinds import two_numbers, words
-
-if TYPE_CHECKING:
-    from rotorfit.monitoring.trend import DatedValues, MachineTrend, PlaceTrend
-    from rotorfit.store.records import Added, StoredFit, StoredTest
-    from rotorfit.store.store import Store
-
-TREND = (
-    "follow the observed stiffness, mass and damping of dated tests of one machine, or dK/K of saved fits (.json) of "
-    "a shaft that is not round, and report changes"
-)
+from rotorfit.store.records import Added, StoredFit, StoredTest
+from rotorfit.store.store import Store
+from rotorfit.studies.data_files import no_progress, read_files
 
 
 def add_trend(to: argparse.ArgumentParser) -> None:
@@ -42,43 +41,36 @@ def add_trend(to: argparse.ArgumentParser) -> None:
     add_output(to, "trend.csv, summary.txt and trend.png")
 
 
-def machine_trend(options: argparse.Namespace) -> Answer:
+@answered
+def trend(options: argparse.Namespace) -> Answer:
     """Dated tests of one machine, and what changed."""
     found = _followed(options)
     return Answer(
-        text=str(found), write=partial(_write_trend, found), plain=lambda: [place_json(place) for place in found.places]
+        text=str(found), files=partial(_trend_files, found), plain=lambda: [place_json(place) for place in found.places]
     )
 
 
 def _followed(options: argparse.Namespace) -> MachineTrend:
-    from rotorfit.data.experiments import PerturbationTest
-    from rotorfit.monitoring.observed_stiffness import observed_stiffness
-    from rotorfit.monitoring.trend import trend
-    from rotorfit.studies.data_files import no_progress, read_files
-
     check_false_alarm(options)
     try:
         limits = two_numbers(options.speed_range) if options.speed_range else None
     except ValueError as problem:
         raise ValueError(f"--speed-range {options.speed_range}: {problem}") from problem
     if all(file.suffix == ".json" for file in options.files):
-        from rotorfit.fitting.fit_file import load_fit
-        from rotorfit.monitoring.trend import dated_anisotropy
 
         def dated(file: Path) -> DatedValues:
             return checked(lambda: dated_anisotropy(load_fit(file)), file)
 
-        return trend([dated(file) for file in options.files], false_alarm=options.false_alarm)
+        return followed_trend([dated(file) for file in options.files], false_alarm=options.false_alarm)
     tests = []
     for test in read_files(data_files(options), no_progress)[0]:
         if not isinstance(test, PerturbationTest):
             raise ValueError(f"{test.source}: a {test.title} has no observed stiffness: a synchronous test is needed")
         tests += observed_stiffness(test, speed_rpm=limits)
-    return trend(tests, false_alarm=options.false_alarm)
+    return followed_trend(tests, false_alarm=options.false_alarm)
 
 
-def _write_trend(found: MachineTrend, folder: Path) -> None:
-    from rotorfit.io.tables.result_tables import rows_csv
+def _trend_files(found: MachineTrend) -> dict[str, Any]:
     from rotorfit.plots.style import picture_of
 
     rows: list[list[Any]] = [["place", "test", "quantity", "unit", "value", "stderr"]]
@@ -86,9 +78,8 @@ def _write_trend(found: MachineTrend, folder: Path) -> None:
         for i, date in enumerate(place.dates):
             for j, name in enumerate(place.names):
                 rows.append([place.place, date, name, place.units[j], place.values[i, j], place.stderr[i, j]])
-    (folder / "trend.csv").write_text(rows_csv(rows), encoding="utf-8")
-    (folder / "summary.txt").write_text(f"{found}\n", encoding="utf-8")
-    (folder / "trend.png").write_bytes(picture_of(found.plot(), dpi=150))
+    figure = picture_of(found.plot(), dpi=150)
+    return {"trend.csv": rows_csv(rows), "summary.txt": f"{found}\n", "trend.png": figure}
 
 
 def place_json(place: PlaceTrend) -> dict[str, Any]:
@@ -107,9 +98,6 @@ def place_json(place: PlaceTrend) -> dict[str, Any]:
         ],
         "said": place.sentences(),
     }
-
-
-STORE = "keep tests and their fits in one file: add to it, list it, follow it over time"
 
 
 def add_store(to: argparse.ArgumentParser) -> None:
@@ -155,6 +143,7 @@ def add_followed(to: argparse.ArgumentParser) -> None:
     option(to, "--since DATE", "leave out tests before this date", default="")
 
 
+@answered
 def store(options: argparse.Namespace) -> Answer:
     """What the action gives."""
     found: Answer = options.action(options)
@@ -162,16 +151,12 @@ def store(options: argparse.Namespace) -> Answer:
 
 
 def _opened(options: argparse.Namespace) -> Store:
-    from rotorfit.store.store import Store
-
     if not options.store.exists():
         raise FileNotFoundError(2, "there is no such store", str(options.store))
     return Store(options.store)
 
 
 def _add(options: argparse.Namespace) -> Answer:
-    from rotorfit.store.store import Store
-
     with progress_line(options) as progress:
         tests = Store(options.store)
         with workers_of(options) as executor:
@@ -245,20 +230,15 @@ def _trend(options: argparse.Namespace) -> Answer:
 
 
 def _get(options: argparse.Namespace) -> Answer:
-    from rotorfit.fitting.fit_file import save_fit
-    from rotorfit.io.files import write
-
     opened = _opened(options)
     fit = opened.result(options.number)
 
-    def fill(folder: Path) -> None:
-        save_fit(fit, folder / "fit.json")
-        for number, test in enumerate(fit.experiments, 1):
-            write(test, folder / f"test{number}.nc")
-        for name, data in opened.uncertainty_files(options.number).items():
-            (folder / name).write_bytes(data)
-
-    return Answer(text=fit.summary(), write=fill, plain=lambda: {"fit": options.number, "out": str(options.out)})
+    tests = {f"test{number}.nc": partial(write, test) for number, test in enumerate(fit.experiments, 1)}
+    return Answer(
+        text=fit.summary(),
+        files=lambda: {"fit.json": partial(save_fit, fit), **tests, **opened.uncertainty_files(options.number)},
+        plain=lambda: {"fit": options.number, "out": str(options.out)},
+    )
 
 
 def _check(options: argparse.Namespace) -> Answer:

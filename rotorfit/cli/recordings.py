@@ -1,4 +1,4 @@
-"""Tests as files: ``rotorfit template``, ``look``, ``vectors`` and ``join``."""
+"""Recordings of raw signals: ``rotorfit look`` and ``vectors``."""
 
 from __future__ import annotations
 
@@ -10,61 +10,36 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rotorfit.cli.answer import Answer, BadInputError, sentences
-from rotorfit.cli.arguments import add_files, add_jobs, add_paths, add_setup, data_files, option, workers_of
-from rotorfit.cli.progress import ProgressLine, progress_line
+from rotorfit.cli.answer import Answer, BadInputError, ProgressLine, answered, progress_line, sentences
+from rotorfit.cli.arguments import WRITTEN, add_jobs, add_paths, add_setup, option, workers_of
+from rotorfit.cli.lists import RECORDING
 from rotorfit.estimators.atomic_file import file_name
-from rotorfit.io.templates import example, kinds
-from rotorfit.models.parameters import unknown_name
+from rotorfit.io.files import check_target, write
+from rotorfit.recordings.recording import Recording, named_apart, read_recording
+from rotorfit.recordings.rig.rig_toml import read_setup
+from rotorfit.recordings.rig.setup import RigSetup, SlowRollSetup
+from rotorfit.recordings.summary import summary
+from rotorfit.studies.data_files import RecordingFiles, read_files
+from rotorfit.studies.folder import complete_folder
+from rotorfit.studies.text import describe_test
 from rotorfit.units import RAD_S_PER_RPM
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from rotorfit.data.experiments import PerturbationTest
-    from rotorfit.recordings.recording import Recording
-    from rotorfit.recordings.rig.setup import RigSetup
-
-TEMPLATE = "print an example file with comments, or a setup, rig.toml, to fill in for a recording of raw signals"
-LOOK = "summarise recordings of raw signals with their findings, and draw them"
-VECTORS = "turn recordings of raw signals into vectors: responses with their noise, in a tidy CSV"
-JOIN = "put runs of several files, such as a reference run and runs with a trial weight, into one file"
-_FORMATS = "recording (.h5 .tdms .mat .npz .wav .uff .csv .parquet)"
-_WRITTEN = "file to write (.csv .uff .nc .mat)"
-
-
-def add_template(to: argparse.ArgumentParser) -> None:
-    """Options of ``rotorfit template``."""
-    to.add_argument("what", metavar="KIND|FILE", help=f"{', '.join(kinds())}; or a {_FORMATS}")
-
-
-def template(options: argparse.Namespace) -> Answer:
-    """An example, or a setup to fill in."""
-    what = options.what
-    if what in kinds():
-        return Answer(text=example(what).removesuffix("\n"))
-    if not Path(what).exists() and not Path(what).suffix:
-        raise ValueError(f"{unknown_name('kind of file', what, kinds())}; nor is there a recording of that name")
-    from rotorfit.recordings.rig.template import template
-
-    return Answer(text=template(Path(what)).removesuffix("\n"))
 
 
 def add_vectors(to: argparse.ArgumentParser) -> None:
     """Options of ``rotorfit vectors``."""
     add_paths(to, "recordings (.h5 .tdms .mat .wav .uff .csv)")
     add_setup(to)
-    option(to, "--out FILE", _WRITTEN, Path, required=True)
+    option(to, "--out FILE", WRITTEN, Path, required=True)
     add_jobs(to, "reduce recordings")
     option(to, "--quiet", "print neither progress nor findings")
 
 
+@answered
 def vectors(options: argparse.Namespace) -> Answer:
     """From recordings of raw signals to a file of responses with their noise."""
-    from rotorfit.io.files import check_target, write
-    from rotorfit.studies.data_files import RecordingFiles, read_files
-    from rotorfit.studies.text import describe_test
-
     check_target(options.out)  # before the work, which may take long
     source = RecordingFiles(paths=tuple(options.files), setup=options.setup, windows=options.windows)
     with progress_line(options) as progress, workers_of(options) as workers:
@@ -81,49 +56,12 @@ def vectors(options: argparse.Namespace) -> Answer:
     )
 
 
-def add_join(to: argparse.ArgumentParser) -> None:
-    """Options of ``rotorfit join``."""
-    add_files(to)
-    option(to, "--out FILE", _WRITTEN, Path, required=True)
-    option(to, "--quiet", "do not say what the file holds")
-
-
-def join(options: argparse.Namespace) -> Answer:
-    """A run without a trial weight and runs with one that stand in several files, as one file."""
-    from rotorfit.io.files import check_target, write
-    from rotorfit.studies.data_files import DataFile, no_progress, read_files
-    from rotorfit.studies.text import describe_test
-
-    check_target(options.out)
-    write(joined_runs(options), options.out)
-    (whole,), (findings,) = read_files([DataFile(options.out)], no_progress)
-    return Answer(text=describe_test(whole, findings), warned=sentences([findings], [whole.source]))
-
-
-def joined_runs(options: argparse.Namespace) -> PerturbationTest:
-    """Runs of all files, not differenced."""
-    from rotorfit.data.experiments import PerturbationTest
-    from rotorfit.data.joined import join_runs
-    from rotorfit.studies.data_files import DataFile, no_progress, read_files
-
-    files = []
-    for file in data_files(options):
-        if not isinstance(file, DataFile):
-            raise ValueError(f"{file.paths[0].name} is a recording: make vectors of it first, `rotorfit vectors`")
-        files.append(DataFile(file.path, {**file.options, "difference": False}))
-    tests, _ = read_files(files, no_progress)
-    for test in tests:
-        if not isinstance(test, PerturbationTest):
-            raise ValueError(f"{test.source}: a {test.title} cannot be joined: it has no runs with a force")
-    return join_runs([test for test in tests if isinstance(test, PerturbationTest)], difference=False)
-
-
 # ---- look -------------------------------------------------------------------------------------
 
 
 def add_look(to: argparse.ArgumentParser) -> None:
     """Options of ``rotorfit look``."""
-    add_paths(to, _FORMATS)
+    add_paths(to, RECORDING)
     option(to, "--setup RIG.toml", "setup of the rig, see `rotorfit template`", Path)
     option(to, "--out DIR", "folder for the figures; without it only the summary is printed", Path)
     option(to, "--plane PLANE", "only this plane")
@@ -134,12 +72,9 @@ def add_look(to: argparse.ArgumentParser) -> None:
     option(to, "--quiet", "print no progress and no summary")
 
 
+@answered
 def look(options: argparse.Namespace) -> Answer:
     """What recordings hold, in words and in figures."""
-    from rotorfit.recordings.recording import named_apart, read_recording
-    from rotorfit.recordings.summary import summary
-    from rotorfit.studies.folder import complete_folder
-
     if options.clearance_um is not None and not 0 < options.clearance_um < math.inf:
         raise ValueError(f"--clearance-um is {options.clearance_um:g}; it is a radius above zero")
     setup = options.setup if options.slow_roll is None else _with_slow_roll(options.setup, options.slow_roll)
@@ -186,9 +121,6 @@ def _draw(record: Recording, options: argparse.Namespace, folder: Path, stem: st
 
 def _with_slow_roll(setup: Path | None, given: str) -> RigSetup:
     """The setup with run-out to be taken out: a speed in rpm, or the file of a recording of slow turning."""
-    from rotorfit.recordings.rig.rig_toml import read_setup
-    from rotorfit.recordings.rig.setup import RigSetup, SlowRollSetup
-
     try:
         below, file = float(given) * RAD_S_PER_RPM, None
     except ValueError:

@@ -6,23 +6,22 @@ import argparse
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from rotorfit.cli.answer import Answer, checked, write_results
+from rotorfit.cli.answer import Answer, answered, checked, result_files
 from rotorfit.cli.arguments import add_group, add_output, group, numbers, option
 from rotorfit.data.findings import errors_in
+from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.fitting.fit_file import load_fit
+from rotorfit.fitting.result import FitResult
 from rotorfit.options.kinds import number_word, pairs, positive_word
+from rotorfit.planning.record import Plan
+from rotorfit.studies.plan_file import read_plan, run_plan
+from rotorfit.uncertainty.prediction import Prediction
+from rotorfit.uncertainty.stability.record import StabilityReport
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
-
-if TYPE_CHECKING:
-    from rotorfit.fitting.result import FitResult
-    from rotorfit.planning.record import Plan
-    from rotorfit.uncertainty.prediction import Prediction
-    from rotorfit.uncertainty.stability.record import StabilityReport
-
-PLAN = "plan a test: expected errors, speeds to run, and time for each line"
 
 
 def add_plan(to: argparse.ArgumentParser) -> None:
@@ -32,21 +31,21 @@ def add_plan(to: argparse.ArgumentParser) -> None:
     add_output(to, out, figures=True)
 
 
+@answered
 def plan(options: argparse.Namespace) -> Answer:
     """The plan."""
-    from rotorfit.studies.plan_file import read_plan, run_plan
-
     study = read_plan(options.study)
     if options.out is None and study["out"]:
         options.out = Path(study["out"])
     found = checked(lambda: run_plan(study), options.study)
 
-    def write(folder: Path) -> None:
-        if found.test is not None:
-            found.to_csv(folder / "plan.csv")
-        write_results(found, str(found), options, "lines", "plan", folder)
-
-    return Answer(text=str(found), write=write, plain=lambda: _plan_json(found), warned=found.notes)
+    to_fill_in = {} if found.test is None else {"plan.csv": found.to_csv}
+    return Answer(
+        text=str(found),
+        files=lambda: {**to_fill_in, **result_files(found, str(found), options, "lines", "plan")},
+        plain=lambda: _plan_json(found),
+        warned=found.notes,
+    )
 
 
 def _plan_json(found: Plan) -> dict[str, Any]:
@@ -72,9 +71,6 @@ def _plan_json(found: Plan) -> dict[str, Any]:
     }
 
 
-PREDICT = "predict responses of an identified rotor, with a band of the mean and one of a new reading"
-
-
 def add_predict(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
     to.add_argument("fit", type=Path, metavar="FIT.json", help="a saved fit, fit.json of a folder with results")
@@ -96,16 +92,15 @@ def add_predict(to: argparse.ArgumentParser) -> None:
     add_output(to, "prediction.csv, summary.txt and prediction.png", figures=True)
 
 
+@answered
 def predict(options: argparse.Namespace) -> Answer:
     """What an identified rotor would do."""
-    from rotorfit.fitting.fit_file import load_fit
-
     fit = load_fit(options.fit)
     found = _prediction(fit, options)
 
     return Answer(
         text=str(found),
-        write=partial(write_results, found, str(found), options, "prediction", "prediction"),
+        files=partial(result_files, found, str(found), options, "prediction", "prediction"),
         plain=lambda: _prediction_json(found),
         warned=found.notes,
         said=[] if fit.success else [f"the fit did not converge: {fit.message}"],
@@ -143,9 +138,6 @@ def _prediction(fit: FitResult, options: argparse.Namespace) -> Prediction:
 
 def _tested(fit: FitResult) -> Any:
     """Forward frequencies of the tested band, or backward ones where only these were tested, rad/s."""
-
-    from rotorfit.estimators.blocks.nonlinear import responses_of
-
     known = [base.frequency for base in map(responses_of, fit.problem.blocks) if base is not None]
     tested = np.concatenate([*known, np.zeros(0)])
     forward = tested[tested > 0] if (tested > 0).any() else tested[tested < 0]
@@ -159,9 +151,6 @@ def _prediction_json(found: Prediction) -> dict[str, Any]:
     speeds = sorted(set((found.speed * RPM_PER_RAD_S).round(6).tolist()))
     more = {name: getattr(found, name) for name in ("level", "whole", "notes")}
     return {"speed_rpm": speeds, **more, "points": found.to_dataframe().to_dict("records")}
-
-
-JUDGE = "judge the stability of an identified rotor at running speed, with the probability of each criterion"
 
 
 def add_judge(to: argparse.ArgumentParser) -> None:
@@ -186,10 +175,9 @@ def add_judge(to: argparse.ArgumentParser) -> None:
     add_output(to, "stability.csv, summary.txt and stability.png", figures=True)
 
 
+@answered
 def judge(options: argparse.Namespace) -> Answer:
     """The criteria, each with its probability."""
-    from rotorfit.fitting.fit_file import load_fit
-
     fit = load_fit(options.fit)
     found = fit.stability_report(
         max_speed_rpm=options.max_speed,
@@ -212,7 +200,7 @@ def judge(options: argparse.Namespace) -> Answer:
 
     return Answer(
         text=text,
-        write=partial(write_results, found, text, options, "stability", "stability"),
+        files=partial(result_files, found, text, options, "stability", "stability"),
         plain=lambda: {"errors": list(errors), **_criteria_json(found)},
         warned=(*([found.caution] if found.caution else []), *found.notes),
         said=[f"error in the data: {words}" for words in errors],

@@ -3,29 +3,28 @@
 from __future__ import annotations
 
 import argparse
+from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from rotorfit.cli.answer import Answer, finite
+from rotorfit.campaigns.campaign import Campaign
+from rotorfit.campaigns.campaign import campaign as fit_campaign
+from rotorfit.cli.answer import Answer, answered, progress_line
 from rotorfit.cli.arguments import add_files, add_jobs, add_model, add_output, fit_study, option, workers_of
-from rotorfit.cli.progress import progress_line
+from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import attributed, error_sentence, errors_in, warnings_in
+from rotorfit.fitting.quantities import FittedParameter, Quantity
+from rotorfit.fitting.structure.law_ranking import LawComparison, LawFit
+from rotorfit.fitting.structure.law_ranking import compare_laws as ranked
+from rotorfit.io.tables.result_tables import records_csv
 from rotorfit.models import LAWS
 from rotorfit.models.parameters import unknown_name
 from rotorfit.options.kinds import count_word, positive_word, words
 from rotorfit.options.table import CAMPAIGN, LAW_RANKING, PARAMETERS
-
-if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
-    from rotorfit.campaigns.campaign import Campaign
-    from rotorfit.data.experiments import Experiment
-    from rotorfit.fitting.quantities import FittedParameter, Quantity
-    from rotorfit.fitting.structure.law_ranking import LawComparison, LawFit
-    from rotorfit.studies.study import Study
-
-CAMPAIGN_HELP = "fit every run of a campaign and show how the parameters change with its conditions"
+from rotorfit.store.store import Store
+from rotorfit.studies.data_files import DataFile, look_over, no_progress, read_files
+from rotorfit.studies.study import Study, build_model, check_model
 
 
 def add_campaign(to: argparse.ArgumentParser) -> None:
@@ -44,6 +43,7 @@ def add_campaign(to: argparse.ArgumentParser) -> None:
     add_output(to, "runs.csv, summary.txt, report.html and trends.png", figures=True)
 
 
+@answered
 def campaign(options: argparse.Namespace) -> Answer:
     """Every run fitted, and the trends."""
     found, wrong, warned = _campaign(options)
@@ -60,7 +60,7 @@ def campaign(options: argparse.Namespace) -> Answer:
         said.append(f"{what} did not converge{': ' + ', '.join(bad) if bad else ''}")
     return Answer(
         text=f"{table}\n\n{text}",
-        write=partial(_write_campaign, found, text, options),
+        files=partial(_campaign_files, found, text, options),
         plain=lambda: {**_campaign_json(found, options), "warnings": warned},
         warned=warned,
         said=said,
@@ -70,10 +70,6 @@ def campaign(options: argparse.Namespace) -> Answer:
 
 def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
     """The fits of all runs, what is wrong with the data, and what their check warns of."""
-    from rotorfit.campaigns.campaign import campaign as fit_campaign
-    from rotorfit.store.store import Store
-    from rotorfit.studies.study import build_model, check_model
-
     if options.against is None and (options.by or options.follow or options.degree > 1):
         raise ValueError("--by, --follow and --degree shape the trends: say --against what")
     study = fit_study(options, CAMPAIGN)
@@ -96,8 +92,6 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
 
 def _data_of(study: Study, lazy: bool, executor: Executor | None) -> tuple[Any, tuple[Experiment, ...], Any]:
     """Tables, or what reads them where they are fitted; the tests that the model is made for; findings and of what."""
-    from rotorfit.studies.data_files import DataFile, look_over, no_progress, read_files
-
     if not lazy:
         tests, findings = read_files(study.files, no_progress, executor)
         return tests, tests, (findings, [test.source or test.title for test in tests])
@@ -108,17 +102,20 @@ def _data_of(study: Study, lazy: bool, executor: Executor | None) -> tuple[Any, 
     return [file.read for file in files], (files[0].read(),), (findings, [file.path.name for file in files])
 
 
-def _write_campaign(found: Campaign, text: str, options: argparse.Namespace, folder: Path) -> None:
+def _campaign_files(found: Campaign, text: str, options: argparse.Namespace) -> dict[str, Any]:
     from rotorfit.plots.style import picture_of
     from rotorfit.report.campaign import write_campaign_report
 
-    found.to_csv(folder / "runs.csv")
-    (folder / "summary.txt").write_text(f"{found.table()}\n\n{text}\n", encoding="utf-8")
     shown = {"against": options.against, "by": options.by, "degree": options.degree}
+    files = {
+        "runs.csv": found.to_csv,
+        "summary.txt": f"{found.table()}\n\n{text}\n",
+        "report.html": partial(write_campaign_report, found, parameters=options.follow, **shown),
+    }
     if options.against is not None and found.trends(options.follow, **shown):
         figure = found.plot_trends(options.follow, **shown)
-        (folder / f"trends.{options.figure_format}").write_bytes(picture_of(figure, options.figure_format))
-    write_campaign_report(found, folder / "report.html", parameters=options.follow, **shown)
+        files[f"trends.{options.figure_format}"] = picture_of(figure, options.figure_format)
+    return files
 
 
 def _estimate(parameter: FittedParameter | Quantity) -> dict[str, Any]:
@@ -155,10 +152,7 @@ def _campaign_json(found: Campaign, options: argparse.Namespace) -> dict[str, An
     return result
 
 
-LAWS_HELP = "fit several laws of eccentricity to the same files and rank them by AIC and BIC"
-
-
-def add_laws(to: argparse.ArgumentParser) -> None:
+def add_compare_laws(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
     add_files(to)
     add_model(to, LAW_RANKING)
@@ -168,14 +162,15 @@ def add_laws(to: argparse.ArgumentParser) -> None:
     add_output(to, "law_comparison.csv, summary.txt and law.png")
 
 
-def laws(options: argparse.Namespace) -> Answer:
+@answered
+def compare_laws(options: argparse.Namespace) -> Answer:
     """The ranking of the laws."""
     found, wrong, warned = _comparison(options)
     failed = [entry for entry in found.laws if entry.fit is not None and not entry.fit.success]
     problems = [*([wrong] if wrong else []), *(f"{entry.law!r}: {entry.reason}" for entry in failed)]
     return Answer(
         text="\n".join([str(found), *warned]),
-        write=partial(_write_laws, found),
+        files=partial(_law_files, found),
         plain=lambda: {**_laws_json(found), "warnings": warned},
         warned=warned,
         said=problems,
@@ -185,17 +180,13 @@ def laws(options: argparse.Namespace) -> Answer:
 
 def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str, list[str]]:
     """The ranking, what is wrong with the data, and what their check warns of."""
-    from rotorfit.fitting.structure.law_ranking import compare_laws
-    from rotorfit.studies.data_files import no_progress, read_files
-    from rotorfit.studies.study import build_model, check_model
-
     study = fit_study(options, LAW_RANKING)
     check_model(study)
     for name in options.laws or ():
         if name not in LAWS:
             raise ValueError(f"--laws: {unknown_name('law', name, LAWS)}")
     tests, findings = read_files(study.files, no_progress)
-    found = compare_laws(
+    found = ranked(
         build_model(study, tests),
         tests,
         None if options.laws is None else [LAWS[name]() for name in options.laws],
@@ -206,19 +197,17 @@ def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str, list[s
     return found, error_sentence(errors_in(everything)), warnings_in(everything)
 
 
-def _write_laws(found: LawComparison, folder: Path) -> None:
-    from rotorfit.io.tables.result_tables import records_csv
-
-    (folder / "law_comparison.csv").write_text(records_csv([_row(entry) for entry in found.laws]), encoding="utf-8")
+def _law_files(found: LawComparison) -> dict[str, Any]:
+    files: dict[str, Any] = {"law_comparison.csv": records_csv([_row(entry) for entry in found.laws])}
     # There is something to draw of a law that changes with eccentricity alone.
     drawn = next((e.fit for e in found.laws if e.law.parameters and e.fit is not None and not e.reason), None)
     note = "law.png: no law that changes with eccentricity could be fitted"
     if drawn is not None:
         from rotorfit.plots.style import picture_of
 
-        (folder / "law.png").write_bytes(picture_of(drawn.plot_law(), dpi=150))
+        files["law.png"] = picture_of(drawn.plot_law(), dpi=150)
         note = f"law.png: {drawn.model.options()['law']!r}"
-    (folder / "summary.txt").write_text(f"{found}\n\n{note}\n\n{found.best.summary()}\n", encoding="utf-8")
+    return files | {"summary.txt": f"{found}\n\n{note}\n\n{found.best.summary()}\n"}
 
 
 def _row(entry: LawFit) -> dict[str, Any]:
@@ -226,9 +215,9 @@ def _row(entry: LawFit) -> dict[str, Any]:
     return {
         "law": repr(entry.law),
         "fitted": entry.count,
-        "redchi": None if entry.fit is None else finite(entry.fit.redchi),
-        "aic": finite(entry.aic),
-        "bic": finite(entry.bic),
+        "redchi": None if entry.fit is None else entry.fit.redchi,
+        "aic": entry.aic,
+        "bic": entry.bic,
         "weight": entry.weight,
         "reason": entry.reason,
     }

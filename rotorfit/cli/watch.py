@@ -12,25 +12,22 @@ from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from rotorfit.cli.answer import ExitCode, checked, say
+from rotorfit.cli.answer import ExitCode, ProgressLine, checked, say
 from rotorfit.cli.arguments import add_false_alarm, add_jobs, check_false_alarm, option, workers_of
 from rotorfit.cli.history import add_followed, add_study, added_json, added_words
-from rotorfit.cli.progress import ProgressLine
 from rotorfit.estimators.atomic_file import refuse_input
 from rotorfit.options.kinds import positive_word, words
+from rotorfit.store.alarms import MachineState, Watching
+from rotorfit.store.page import page_of, write_page
+from rotorfit.store.store import Store, study_for_store
+from rotorfit.store.watch import FolderWatch, sources_in
 from rotorfit.studies.wording import json_text, sentence
 from rotorfit.units import RAD_S_PER_RPM
 
-if TYPE_CHECKING:
-    from rotorfit.store.alarms import MachineState
-    from rotorfit.store.watch import FolderWatch
 
-HELP = "watch a folder: fit tests and recordings as they arrive, keep a history, raise an alarm on a change"
-
-
-def add_options(to: argparse.ArgumentParser) -> None:
+def add_watch(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
     help = "folder in which files arrive; a folder in it is one test"
     to.add_argument("folder", type=Path, metavar="FOLDER", help=help)
@@ -51,16 +48,15 @@ def add_options(to: argparse.ArgumentParser) -> None:
     option(to, "--quiet", "print alarms only")
 
 
-def run(options: argparse.Namespace) -> int:
-    """Do what the command line says; returns the exit code."""
-    with ExitStack() as stack:
-        watch = checked(lambda: _watch(options))
-        watch.executor = checked(lambda: stack.enter_context(workers_of(options)))
-        return _watched(watch, options)
-
-
-def _watched(watch: FolderWatch, options: argparse.Namespace) -> int:
+def watch(options: argparse.Namespace) -> ExitCode:
     """One round, or rounds without end."""
+    with ExitStack() as stack:
+        made = checked(lambda: _watch(options))
+        made.executor = checked(lambda: stack.enter_context(workers_of(options)))
+        return _rounds(made, options)
+
+
+def _rounds(watch: FolderWatch, options: argparse.Namespace) -> ExitCode:
     if options.once:
         states = checked(lambda: _round(watch, wait=True))
         if not options.json and not options.quiet:
@@ -82,8 +78,6 @@ def _watched(watch: FolderWatch, options: argparse.Namespace) -> int:
 
 def _round(watch: FolderWatch, *, wait: bool = False) -> list[MachineState]:
     """Look, fit, raise alarms, and write the page where something is new."""
-    from rotorfit.store.page import page_of, write_page
-
     added = watch.look()
     if wait and watch.waiting():
         time.sleep(watch.settle)
@@ -95,11 +89,6 @@ def _round(watch: FolderWatch, *, wait: bool = False) -> list[MachineState]:
 
 
 def _watch(options: argparse.Namespace) -> FolderWatch:
-    from rotorfit.store.alarms import Watching
-    from rotorfit.store.page import page_of
-    from rotorfit.store.store import Store, study_for_store
-    from rotorfit.store.watch import FolderWatch, sources_in
-
     _check(options)
     study = study_for_store(options.study)
     if study is None:

@@ -25,7 +25,6 @@ from rotorfit.report.material import FigureFormat
 from rotorfit.studies.data_files import RecordingFiles, StudyProgress
 from rotorfit.studies.study import Outcome
 from rotorfit.studies.text import summary
-from rotorfit.studies.wording import json_text
 from rotorfit.uncertainty.profile import Profile
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -200,8 +199,8 @@ def _profile_rows(profiles: Sequence[Profile]) -> Iterator[Sequence[Any]]:
 # ---- JSON --------------------------------------------------------------------------------------
 
 
-def outcome_json(outcome: Outcome) -> str:
-    """The numbers of a study as one JSON object; what the data do not determine is null."""
+def outcome_values(outcome: Outcome) -> dict[str, Any]:
+    """The numbers of a study for JSON; what the data do not determine is null."""
     best, bootstrap, posterior = outcome.best, outcome.bootstrap, outcome.posterior
 
     def some(of: Any, *names: str) -> dict[str, Any]:
@@ -225,23 +224,21 @@ def outcome_json(outcome: Outcome) -> str:
             "interval_95": {name: posterior.interval(name) for name in posterior.names},
         }
     )
-    return json_text(
-        {
-            "model": best.model.name,
-            "files": [str(path) for file in outcome.study.files for path in file.paths],
-            "out": None if outcome.study.out is None else str(outcome.study.out),
-            **some(best, "success", "message", "redchi", "aic", "bic"),
-            "blocks": list(getattr(best.model, "blocks", ())),
-            "parameters": parameters,
-            "threshold_rpm": _threshold(best),
-            "profiles": {p.name: some(p, "lower", "upper", "level", "message") for p in outcome.profiles},
-            "bootstrap": None if bootstrap is None else some(bootstrap, "seed", "failures", "stderr"),
-            "posterior": sampled,
-            "unresolved": list(best.identifiability.unresolved),
-            "findings": [[str(f) for f in found] for found in outcome.findings],
-            "warnings": list(best.warnings),
-        }
-    )
+    return {
+        "model": best.model.name,
+        "files": [str(path) for file in outcome.study.files for path in file.paths],
+        "out": None if outcome.study.out is None else str(outcome.study.out),
+        **some(best, "success", "message", "redchi", "aic", "bic"),
+        "blocks": list(getattr(best.model, "blocks", ())),
+        "parameters": parameters,
+        "threshold_rpm": _threshold(best),
+        "profiles": {p.name: some(p, "lower", "upper", "level", "message") for p in outcome.profiles},
+        "bootstrap": None if bootstrap is None else some(bootstrap, "seed", "failures", "stderr"),
+        "posterior": sampled,
+        "unresolved": list(best.identifiability.unresolved),
+        "findings": [[str(f) for f in found] for found in outcome.findings],
+        "warnings": list(best.warnings),
+    }
 
 
 def _threshold(fit: FitResult) -> dict[str, float | None] | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -21,8 +22,9 @@ def rows_csv(rows: Iterable[Iterable[Any]]) -> str:
 
 
 def records_csv(records: Sequence[Mapping[str, Any]]) -> str:
-    """Records of the same keys, which are the header."""
-    return rows_csv([records[0].keys(), *(record.values() for record in records)])
+    """Records of the same keys, which are the header; what is not finite is a blank cell."""
+    rows = ([None if isinstance(v, float) and not math.isfinite(v) else v for v in r.values()] for r in records)
+    return rows_csv([records[0].keys(), *rows])
 
 
 def frame_csv(frame: DataFrame) -> str:

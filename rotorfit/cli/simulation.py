@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 import argparse
+from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from rotorfit.cli.answer import Answer, BadInputError
+from rotorfit.cli.answer import Answer, BadInputError, answered
 from rotorfit.cli.arguments import add_model, given, model_name, numbers, option
+from rotorfit.data.experiments import Experiment
+from rotorfit.diagnosis.check import check
+from rotorfit.io.files import SUFFIXES, read, write
+from rotorfit.models import RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.options.kinds import number_word, pairs, whole_word
 from rotorfit.options.kinds import words as comma_words
 from rotorfit.options.table import LAW, MODEL
-
-if TYPE_CHECKING:
-    from rotorfit.data.experiments import Experiment
-    from rotorfit.models import RotorModel
-
-HELP = "simulate a test of a virtual rig by integration in time and write its file"
+from rotorfit.simulation.instruments import Instruments
+from rotorfit.simulation.integration import IntegrationError
+from rotorfit.simulation.recordings import RECORDED, simulate_recordings
+from rotorfit.simulation.simulate import SIMULATED, check_options
+from rotorfit.simulation.simulate import simulate as simulated
+from rotorfit.studies.folder import complete_folder
+from rotorfit.studies.study import Study, build_model
+from rotorfit.studies.text import describe_test
 
 _LISTS = {
     "--speed-rpm": "rotative speeds",
@@ -45,7 +52,7 @@ _WORDS = {
 _ONE_VALUE = {("perturbation", "load"), ("synchronous", "unbalance")}
 
 
-def add_options(to: argparse.ArgumentParser) -> None:
+def add_simulate(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
     add_model(to, (*MODEL, *LAW))
     option(to, "--set NAME=VALUE ...", "true value of a parameter, SI units")
@@ -67,13 +74,9 @@ def add_options(to: argparse.ArgumentParser) -> None:
     option(to, "--quiet", "do not say what was written")
 
 
-def answer(options: argparse.Namespace) -> Answer:
+@answered
+def simulate(options: argparse.Namespace) -> Answer:
     """The file, or the recordings, that a test of a real rig would give."""
-    from rotorfit.diagnosis.check import check
-    from rotorfit.io.files import read, write
-    from rotorfit.simulation.integration import IntegrationError
-    from rotorfit.studies.text import describe_test
-
     if options.recordings is not None:
         return Answer(text="\n".join(f"written: {options.recordings / name}" for name in _recorded(options)))
     try:
@@ -88,9 +91,6 @@ def answer(options: argparse.Namespace) -> Answer:
 
 
 def _simulated(options: argparse.Namespace) -> Experiment:
-    from rotorfit.io.files import SUFFIXES
-    from rotorfit.simulation.simulate import SIMULATED, check_options, simulate
-
     if options.out.suffix.lower() not in SUFFIXES:  # before the simulation, which may take long
         raise ValueError(f"--out {options.out.name}: {unknown_name('suffix', options.out.suffix, SUFFIXES)}")
     if not options.out.parent.is_dir():
@@ -103,7 +103,7 @@ def _simulated(options: argparse.Namespace) -> Experiment:
         check_options(options.kind, settings, SIMULATED)
     except TypeError as problem:
         raise ValueError(str(problem)) from problem
-    return simulate(model, params, options.kind, noise=options.noise, seed=options.seed, **settings)
+    return simulated(model, params, options.kind, noise=options.noise, seed=options.seed, **settings)
 
 
 _COUNTS = {
@@ -123,12 +123,6 @@ _COUNTS = {
 
 def _recorded(options: argparse.Namespace) -> list[str]:
     """Names of the recordings that were written."""
-    from inspect import signature
-
-    from rotorfit.simulation.instruments import Instruments
-    from rotorfit.simulation.recordings import RECORDED, simulate_recordings
-    from rotorfit.studies.folder import complete_folder
-
     kind = options.kind
     if kind not in RECORDED:
         raise ValueError(unknown_name("kind of recorded test", kind, RECORDED))
@@ -159,8 +153,6 @@ def _recorded(options: argparse.Namespace) -> list[str]:
 
 
 def _model(options: argparse.Namespace) -> RotorModel:
-    from rotorfit.studies.study import Study, build_model
-
     if options.model == "anisotropic" and not options.planes:
         raise ValueError("anisotropic has as many planes as --planes names: give them")
     study = Study(files=(), model=model_name(options), **given(options, (*MODEL, *LAW)))

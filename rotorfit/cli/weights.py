@@ -1,31 +1,63 @@
-"""``rotorfit balance``: correction weights from runs with trial weights."""
+"""Runs with trial weights: ``rotorfit join`` and ``balance``."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from rotorfit.cli.answer import Answer, finite
-from rotorfit.cli.arguments import add_files, add_output, option
-from rotorfit.cli.recordings import joined_runs
+from rotorfit.cli.answer import Answer, answered, sentences
+from rotorfit.cli.arguments import WRITTEN, add_files, add_output, data_files, option
+from rotorfit.data.balancing import Balance
+from rotorfit.data.balancing import balance as balanced
+from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import errors_in
+from rotorfit.data.joined import join_runs
+from rotorfit.data.weights import Influences, influence
+from rotorfit.diagnosis.check import check
+from rotorfit.io.files import check_target, write
+from rotorfit.io.tables.result_tables import records_csv
 from rotorfit.options.kinds import number_word, pairs
 from rotorfit.options.kinds import words as comma_words
+from rotorfit.studies.data_files import DataFile, no_progress, read_files
+from rotorfit.studies.text import describe_test
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
-if TYPE_CHECKING:
-    from rotorfit.data.balancing import Balance
-    from rotorfit.data.weights import Influences
 
-HELP = "correction weights with their errors, from a reference run and runs with trial weights"
+def add_join(to: argparse.ArgumentParser) -> None:
+    """Options of ``rotorfit join``."""
+    add_files(to)
+    option(to, "--out FILE", WRITTEN, Path, required=True)
+    option(to, "--quiet", "do not say what the file holds")
 
 
-def add_options(to: argparse.ArgumentParser) -> None:
+@answered
+def join(options: argparse.Namespace) -> Answer:
+    """A run without a trial weight and runs with one that stand in several files, as one file."""
+    check_target(options.out)
+    write(_joined_runs(options), options.out)
+    (whole,), (findings,) = read_files([DataFile(options.out)], no_progress)
+    return Answer(text=describe_test(whole, findings), warned=sentences([findings], [whole.source]))
+
+
+def _joined_runs(options: argparse.Namespace) -> PerturbationTest:
+    """Runs of all files, not differenced."""
+    files = []
+    for file in data_files(options):
+        if not isinstance(file, DataFile):
+            raise ValueError(f"{file.paths[0].name} is a recording: make vectors of it first, `rotorfit vectors`")
+        files.append(DataFile(file.path, {**file.options, "difference": False}))
+    tests, _ = read_files(files, no_progress)
+    for test in tests:
+        if not isinstance(test, PerturbationTest):
+            raise ValueError(f"{test.source}: a {test.title} cannot be joined: it has no runs with a force")
+    return join_runs([test for test in tests if isinstance(test, PerturbationTest)], difference=False)
+
+
+def add_balance(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
     add_files(to)
     words = "run whose vibration is to be corrected; its weights stay in [the rotor without any weight]"
@@ -40,17 +72,20 @@ def add_options(to: argparse.ArgumentParser) -> None:
     add_output(to, "weights.csv, readings.csv and summary.txt")
 
 
-def answer(options: argparse.Namespace) -> Answer:
+@answered
+def balance(options: argparse.Namespace) -> Answer:
     """Weights, and how the rotor will vibrate with them."""
-    from rotorfit.diagnosis.check import check
-
     influences, found = _balance(options)
     errors = errors_in(check(influences.measured))
     text = f"influences of weights, +- are standard errors\n{influences}\n\n{found}"
     text = "\n".join([*(f"ERROR in the data: {words}" for words in errors), text])
     return Answer(
         text=text,
-        write=partial(_write, found, text),
+        files=lambda: {
+            "weights.csv": records_csv(_weights(found)),
+            "readings.csv": records_csv(_readings(found)),
+            "summary.txt": f"{text}\n",
+        },
         plain=lambda: {"errors": list(errors), **_plain(found)},
         warned=found.remarks,
         said=[f"error in the data: {words}" for words in errors],
@@ -59,9 +94,6 @@ def answer(options: argparse.Namespace) -> Answer:
 
 
 def _balance(options: argparse.Namespace) -> tuple[Influences, Balance]:
-    from rotorfit.data.balancing import balance
-    from rotorfit.data.weights import influence
-
     def weight(word: str) -> float:
         """A weight in g mm as kg m."""
         if not number_word(word) > 0:
@@ -75,8 +107,8 @@ def _balance(options: argparse.Namespace) -> tuple[Influences, Balance]:
 
     limits, holes = _by_plane("--max-g-mm", options.max_g_mm, weight), _by_plane("--holes", options.holes, count)
     speeds = [number_word(one) * RAD_S_PER_RPM for one in options.speeds] if options.speeds else None
-    influences = influence(joined_runs(options), speeds)
-    return influences, balance(influences, options.reference, planes=options.planes, limits=limits, holes=holes)
+    influences = influence(_joined_runs(options), speeds)
+    return influences, balanced(influences, options.reference, planes=options.planes, limits=limits, holes=holes)
 
 
 def _by_plane(option: str, given: Sequence[str], parse: Callable[[str], Any]) -> Any:
@@ -89,14 +121,6 @@ def _by_plane(option: str, given: Sequence[str], parse: Callable[[str], Any]) ->
     return pairs(option, given, parse) or None
 
 
-def _write(found: Balance, text: str, folder: Path) -> None:
-    from rotorfit.io.tables.result_tables import records_csv
-
-    for name, records in (("weights.csv", _weights(found)), ("readings.csv", _readings(found))):
-        (folder / name).write_text(records_csv(records), encoding="utf-8")
-    (folder / "summary.txt").write_text(f"{text}\n", encoding="utf-8")
-
-
 def _weights(found: Balance) -> list[dict[str, Any]]:
     rows = []
     for plane, weight in zip(found.planes, found.weight.tolist(), strict=True):
@@ -105,11 +129,11 @@ def _weights(found: Balance) -> list[dict[str, Any]]:
             {
                 "plane": plane,
                 "mr_g_mm": abs(weight) * 1e6,
-                "mr_low_g_mm": finite(low * 1e6),
-                "mr_high_g_mm": finite(high * 1e6),
+                "mr_low_g_mm": low * 1e6,
+                "mr_high_g_mm": high * 1e6,
                 "force_phase_deg": float(np.degrees(np.angle(weight))),
-                "phase_low_deg": finite(float(np.degrees(early))),
-                "phase_high_deg": finite(float(np.degrees(late))),
+                "phase_low_deg": float(np.degrees(early)),
+                "phase_high_deg": float(np.degrees(late)),
                 "at_limit": plane in found.at_limit,
             }
         )
@@ -127,7 +151,7 @@ def _readings(found: Balance) -> list[dict[str, Any]]:
             "before_phase_deg": float(np.degrees(np.angle(before))),
             "expected_um": float(abs(expected) * 1e6),
             "expected_phase_deg": float(np.degrees(np.angle(expected))),
-            "stderr_um": finite(float(error * 1e6)),
+            "stderr_um": float(error * 1e6),
         }
         for (plane, direction), speed, before, expected, error in columns
     ]
