@@ -19,10 +19,9 @@ from rotorfit.cli.arguments import add_false_alarm, add_jobs, check_false_alarm,
 from rotorfit.cli.history import add_followed, add_study, added_json, added_words
 from rotorfit.estimators.atomic_file import refuse_input
 from rotorfit.options.kinds import positive_word, words
-from rotorfit.store.alarms import MachineState, Watching
 from rotorfit.store.page import page_of, write_page
 from rotorfit.store.store import Store, study_for_store
-from rotorfit.store.watch import FolderWatch, sources_in
+from rotorfit.store.watch import FolderWatch, MachineState, Watching, sources_in
 from rotorfit.studies.wording import json_text, sentence
 from rotorfit.units import RAD_S_PER_RPM
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import sqlite3
 import time
 from collections.abc import Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -31,7 +30,44 @@ if TYPE_CHECKING:
     from rotorfit.store.store import Store
 
 
-def add_tests(database: Database, sources: Sequence[Source], machine: str, progress: StudyProgress) -> list[Added]:
+def add_sources(
+    store: Store, sources: Sequence[Source], machine: str, executor: Executor | None, progress: StudyProgress
+) -> tuple[Added, ...]:
+    """Add all tests, then their fits; tests that arrive together are in order of date."""
+    with claimed(store.database, "tests"):  # two that find the same files would mix the order of what arrives
+        added = _add_tests(store.database, sources, machine, progress)
+    if executor is None:
+        return tuple(_with_fit(store, *pair, progress) for pair in zip(sources, added, strict=True))
+    in_flight = 32  # fits that are waited for at a time, each with its claim
+    threads = ThreadPoolExecutor(in_flight)
+    try:
+        found = []
+        fits = partial(_with_fit, store, progress=no_progress, executor=executor)
+        for one in threads.map(fits, sources, added):
+            found.append(one)
+            progress(f"{len(found)} of {len(sources)} fits", len(found) / len(sources))
+        return tuple(found)
+    finally:
+        threads.shutdown(cancel_futures=True)
+
+
+def is_known(store: Store, source: Source) -> bool:
+    """True if nothing has changed since the source was last added, with its study, or refused."""
+    with store.database.look() as ask:
+        found = ask(
+            "SELECT test, version FROM sources WHERE path = ? AND stamp = ? ORDER BY number DESC LIMIT 1",
+            (source.name, source.stamp()),
+        )
+        if not found:
+            return False
+        test, version = found[0]
+        if test is None:
+            return bool(version == __version__)
+        key = "" if source.study is None else settings_key(source.study)[0]
+        return not key or bool(ask("SELECT 1 FROM fits WHERE test = ? AND settings = ?", (test, key)))
+
+
+def _add_tests(database: Database, sources: Sequence[Source], machine: str, progress: StudyProgress) -> list[Added]:
     """Add the tests of sources; what cannot be read is refused."""
     with database.look() as ask:  # the time, or where a clock was set back the next number: in order of arrival
         batch = max(time.time_ns(), int(ask("SELECT coalesce(max(batch), 0) FROM tests")[0][0]) + 1)
@@ -78,21 +114,17 @@ def _test_of(database: Database, source: Source, batch: int, machine: str, progr
             is_new = held is None
             test = insert(connection, "tests", row) if is_new else held[0]
         connection.execute("UPDATE tests SET superseded = NULL WHERE number = ?", (test,))
-        _supersede(connection, source, int(test or 0))
+        # tests of earlier states of the source that it continues count no longer
+        asked = "SELECT DISTINCT test, files FROM sources WHERE path = ? AND test NOT NULL AND test != ?"
+        for other, earlier in connection.execute(asked, (source.name, test)).fetchall():
+            if continues(source, json.loads(earlier)[0]):
+                connection.execute("UPDATE tests SET superseded = ? WHERE number = ?", (test, other))
         row = {"path": source.name, "files": identity, "stamp": stamp, "test": test, "refusal": ""}
         insert(connection, "sources", {**row, "version": __version__})
     return int(test or 0), is_new
 
 
-def _supersede(connection: sqlite3.Connection, source: Source, test: int) -> None:
-    """Tests of earlier states of the source that it continues count no longer."""
-    asked = "SELECT DISTINCT test, files FROM sources WHERE path = ? AND test NOT NULL AND test != ?"
-    for other, identity in connection.execute(asked, (source.name, test)).fetchall():
-        if continues(source, json.loads(identity)[0]):
-            connection.execute("UPDATE tests SET superseded = ? WHERE number = ?", (test, other))
-
-
-def with_fit(
+def _with_fit(
     store: Store, source: Source, added: Added, progress: StudyProgress, executor: Executor | None = None
 ) -> Added:
     """What was added with the fit by its study, which is made where the store does not have it."""

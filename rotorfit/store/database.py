@@ -152,6 +152,7 @@ class Database:
         with self._sentences(), closing(self._open()) as connection:
             connection.execute("PRAGMA synchronous = FULL")
             connection.execute("PRAGMA foreign_keys = ON")
+            connection.row_factory = sqlite3.Row
             yield connection
 
     def _open(self) -> sqlite3.Connection:

@@ -12,9 +12,9 @@ from rotorfit.plots.style import picture_of
 from rotorfit.report.html import Html, bullets, paragraph, picture, table
 from rotorfit.report.page import page, write_whole
 from rotorfit.report.parts import note, section, sentence
-from rotorfit.store.alarms import MachineState
 from rotorfit.store.records import StoredValue
 from rotorfit.store.store import Store
+from rotorfit.store.watch import MachineState
 from rotorfit.units import RPM_PER_RAD_S
 
 _SHOWN = 200
@@ -31,7 +31,11 @@ def write_page(store: Store, states: Sequence[MachineState], path: Path | None =
     target = page_of(store) if path is None else path
     none = section("No test yet", paragraph("Nothing has been fitted by this study."))
     sections = [part for state in states for part in _machine(state)] or [none]
-    content = page(f"History of {store.path.stem}", str(store.path), [*sections, *_refused(store)])
+    if refused := list(store.refused.items())[-_SHOWN:]:
+        latest = [(Path(path).name, reason) for path, reason in refused]
+        words = (reason if reason.startswith(name) else f"{name}: {reason}" for name, reason in latest)
+        sections.append(section("Files that could not be read", bullets(words)))
+    content = page(f"History of {store.path.stem}", str(store.path), sections)
     return write_whole(target, content.encode("utf-8"))
 
 
@@ -73,12 +77,3 @@ def _head(name: str, unit: str) -> str:
 def _shown(value: StoredValue) -> str:
     factor = RPM_PER_RAD_S if value.unit == "rad/s" else 1.0
     return plus_minus(factor * value.value, factor * value.stderr)
-
-
-def _refused(store: Store) -> list[Html]:
-    refused = store.refused
-    if not refused:
-        return []
-    latest = [(Path(path).name, reason) for path, reason in list(refused.items())[-_SHOWN:]]
-    words = (reason if reason.startswith(name) else f"{name}: {reason}" for name, reason in latest)
-    return [section("Files that could not be read", bullets(words))]

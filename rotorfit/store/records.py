@@ -6,9 +6,9 @@ import json
 import math
 import sqlite3
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from datetime import datetime
-from typing import Any
+from typing import Any, TypeVar
 
 from rotorfit.campaigns.runs import conditions
 from rotorfit.data.content import content_hash
@@ -24,6 +24,8 @@ from rotorfit.store.sources import Source
 from rotorfit.studies.data_files import StudyProgress
 from rotorfit.studies.study import Outcome
 from rotorfit.version import __version__
+
+Record = TypeVar("Record", "StoredTest", "StoredFit")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,11 +174,15 @@ def values_of(fit: FitResult) -> list[tuple[str, float | None, float | None, flo
     ]
 
 
-def _check(kind: type, *values: Any) -> None:
-    """Refuse what SQLite keeps in a column of another kind."""
-    for value in values:
-        if not isinstance(value, kind):
-            raise TypeError(f"{value!r} stands where there should be {kind.__name__}")
+def _checked(record: Record) -> Record:
+    """A record, refused where SQLite or JSON keeps something of another kind."""
+    for f in fields(record):
+        value = getattr(record, f.name)
+        kind = {"str": str, "tuple[str, ...]": str, "int": int}.get(str(f.type), object)
+        for one in value if isinstance(value, tuple) else (value,):
+            if not isinstance(one, kind):
+                raise TypeError(f"{one!r} stands where there should be {kind.__name__}")
+    return record
 
 
 def stored_findings(text: str) -> tuple[tuple[Finding, ...], ...]:
@@ -187,44 +193,27 @@ def stored_findings(text: str) -> tuple[tuple[Finding, ...], ...]:
     )
 
 
-def stored_test(row: Sequence[Any], paths: Sequence[str]) -> StoredTest:
+def stored_test(row: Mapping[str, Any], paths: Sequence[str]) -> StoredTest:
     """The record of a row and of the files it was found in."""
-    number, batch, content, kind, readings, machine, date, date_given, attributes, findings, superseded = row
-    said = [finding for found in stored_findings(findings) for finding in found]
-    _check(str, content, kind, machine, date, *paths, *(finding.message for finding in said))
-    _check(int, number, batch, readings)
-    return StoredTest(
-        number=number,
-        batch=batch,
-        content=content,
-        kind=kind,
-        readings=readings,
-        machine=machine,
-        date=date,
-        date_given=bool(date_given),
-        conditions=dict(json.loads(attributes)),
-        sources=tuple(paths),
-        findings=(*errors_in(said), *warnings_in(said)),
-        superseded=superseded,
-    )
+    said = [finding for found in stored_findings(row["findings"]) for finding in found]
+    read = {
+        "date_given": bool(row["date_given"]),
+        "conditions": dict(json.loads(row["conditions"])),
+        "sources": tuple(paths),
+        "findings": (*errors_in(said), *warnings_in(said)),
+    }
+    return _checked(StoredTest(**{**row, **read}))
 
 
-def stored_fit(row: Sequence[Any], params: Mapping[str, StoredValue]) -> StoredFit:
+def stored_fit(row: Mapping[str, Any], params: Mapping[str, StoredValue]) -> StoredFit:
     """The record of a row and of its parameters."""
-    number, test, model, settings, success, message, redchi, findings, version = row
-    said = json.loads(findings)
-    _check(str, model, settings, message, version, *said["errors"], *said["warnings"])
-    _check(int, number, test)
-    return StoredFit(
-        number=number,
-        test=test,
-        model=model,
-        settings=settings,
-        success=bool(success),
-        message=message,
-        redchi=math.nan if redchi is None else float(redchi),
-        errors=tuple(said["errors"]),
-        warnings=tuple(said["warnings"]),
-        params=params,
-        version=version,
-    )
+    own = {name: value for name, value in row.items() if name != "findings"}
+    said = json.loads(row["findings"])
+    read = {
+        "success": bool(row["success"]),
+        "redchi": math.nan if row["redchi"] is None else float(row["redchi"]),
+        "errors": tuple(said["errors"]),
+        "warnings": tuple(said["warnings"]),
+        "params": params,
+    }
+    return _checked(StoredFit(**{**own, **read}))

@@ -6,8 +6,7 @@ import json
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
-from functools import partial
+from concurrent.futures import Executor
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -24,14 +23,13 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.models import RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.monitoring.trend import DatedValues, MachineTrend, trend
-from rotorfit.store.adding import add_tests, with_fit
-from rotorfit.store.database import KIND, Database, claimed, unpacked
+from rotorfit.store.adding import add_sources
+from rotorfit.store.database import KIND, Database, unpacked
 from rotorfit.store.records import Added, StoredFit, StoredTest, StoredValue, as_time, stored_fit, stored_test
-from rotorfit.store.sources import Source, settings_key, sources_of
+from rotorfit.store.sources import settings_key, sources_of
 from rotorfit.studies.data_files import StudyProgress, no_progress
 from rotorfit.studies.study import Study, check_model
 from rotorfit.studies.study_file import read_study, study_of
-from rotorfit.version import __version__
 
 if TYPE_CHECKING:
     from rotorfit.uncertainty.posterior import Posterior
@@ -114,59 +112,7 @@ class Store:
         rig = None if setup is None else Path(setup)
         sources = sources_of([Path(file) for file in files], settings, rig, progress)
         there = executor_of(executor, client)
-        return self.add_sources(sources, machine=machine, executor=there, progress=progress)
-
-    def add_sources(
-        self,
-        sources: Iterable[Source],
-        *,
-        machine: str = "",
-        executor: Executor | None = None,
-        progress: StudyProgress = no_progress,
-    ) -> tuple[Added, ...]:
-        """Add all tests that :meth:`add` was given, then their fits; tests that arrive together are in order of date.
-
-        Args:
-            sources: files and folders, with the study.
-            machine: of tests that do not name one.
-            executor: to fit with, as for :meth:`add`.
-            progress: called as each stage begins.
-        """
-        given = tuple(sources)
-        with claimed(self.database, "tests"):  # two that find the same files would mix the order of what arrives
-            added = add_tests(self.database, given, machine, progress)
-        if executor is None:
-            return tuple(with_fit(self, *pair, progress) for pair in zip(given, added, strict=True))
-        in_flight = 32  # fits that are waited for at a time, each with its claim
-        threads = ThreadPoolExecutor(in_flight)
-        try:
-            found = []
-            fits = partial(with_fit, self, progress=no_progress, executor=executor)
-            for one in threads.map(fits, given, added):
-                found.append(one)
-                progress(f"{len(found)} of {len(given)} fits", len(found) / len(given))
-            return tuple(found)
-        finally:
-            threads.shutdown(cancel_futures=True)
-
-    def is_known(self, source: Source) -> bool:
-        """True if nothing has changed since the source was last added, with its study, or refused.
-
-        Args:
-            source: file or folder, with the study.
-        """
-        with self.database.look() as ask:
-            found = ask(
-                "SELECT test, refusal, version FROM sources WHERE path = ? AND stamp = ? ORDER BY number DESC LIMIT 1",
-                (source.name, source.stamp()),
-            )
-            if not found:
-                return False
-            test, _, version = found[0]
-            if test is None:
-                return bool(version == __version__)
-            key = "" if source.study is None else settings_key(source.study)[0]
-            return not key or bool(ask("SELECT 1 FROM fits WHERE test = ? AND settings = ?", (test, key)))
+        return add_sources(self, sources, machine, there, progress)
 
     # ---- asking --------------------------------------------------------------------------------------------------
 
@@ -182,7 +128,7 @@ class Store:
             for test, path in ask("SELECT DISTINCT test, path FROM sources WHERE test NOT NULL ORDER BY number"):
                 paths.setdefault(test, []).append(path)
         with reading(str(self.path), KIND):
-            return tuple(stored_test(row, paths[row[0]]) for row in rows)
+            return tuple(stored_test(dict(row), paths[row["number"]]) for row in rows)
 
     @property
     def fits(self) -> tuple[StoredFit, ...]:
@@ -199,7 +145,7 @@ class Store:
                 value, stderr, systematic = (math.nan if number is None else float(number) for number in numbers)
                 stored = StoredValue(value=value, stderr=stderr, systematic=systematic, unit=unit)
                 values.setdefault(fit, {})[name] = stored
-            return tuple(stored_fit(row, values.get(row[0], {})) for row in rows)
+            return tuple(stored_fit(dict(row), values.get(row["number"], {})) for row in rows)
 
     @property
     def refused(self) -> dict[str, str]:
@@ -347,26 +293,6 @@ class Store:
         if not entries:
             raise ValueError(f"{self.path} holds no fit to follow: none converged on data without errors")
         return trend(entries, false_alarm=false_alarm)
-
-    def is_told(self, fit: int, rule: str) -> bool:
-        """True if the alarm that a fit raised was reported.
-
-        Args:
-            fit: number of the fit.
-            rule: name of the rule.
-        """
-        with self.database.look() as ask:
-            return bool(ask("SELECT 1 FROM alarms WHERE fit = ? AND rule = ?", (fit, rule)))
-
-    def note_told(self, fit: int, rule: str) -> None:
-        """Keep that an alarm was reported.
-
-        Args:
-            fit: number of the fit.
-            rule: name of the rule.
-        """
-        with self.database.change() as connection:
-            connection.execute("INSERT OR IGNORE INTO alarms VALUES (?, ?)", (fit, rule))
 
     def find(self, keys: Sequence[str]) -> dict[str, bytes]:
         """Pieces of work that :meth:`keep` kept, of a campaign for instance, as far as they are there.
