@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,7 +21,7 @@ from rotorfit.estimators.starting.influence import (
     modes_seen,
     solve_influence,
 )
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import Float, Index
 from rotorfit.models.digits import significant
 from rotorfit.models.text_table import Printed, text_table
 from rotorfit.units import RPM_PER_RAD_S
@@ -33,24 +32,44 @@ class Influences(Printed):
     """Residual vectors and influences of a synchronous test at dwell speeds (:func:`influence`).
 
     Attributes:
-        test: the influences as a test: the response of each probe to the usual weight of each plane at 0 degrees.
         solved: the numbers, with their covariance.
         channels: plane and direction of each channel.
         planes: forced planes.
         mountings: names of the mountings.
         weight: unbalance that the rows of ``test`` are responses to, kg m, one a plane.
         measured: the readings that they come from.
-        by_name: whether the file says which runs are repeats of one mounting.
     """
 
-    test: PerturbationTest
     solved: Influence
     channels: tuple[tuple[str, str], ...]
     planes: tuple[str, ...]
     mountings: tuple[str, ...]
     weight: Float
     measured: PerturbationTest
-    by_name: bool
+
+    @cached_property
+    def test(self) -> PerturbationTest:
+        """The influences as a test: the response of each probe to the usual weight of each plane at 0 degrees, one row
+        a cell and plane, cell by cell: the order of the covariance."""
+        solved, size = self.solved, len(self.planes)
+        cell = np.repeat(np.arange(solved.channel.size), size)
+        plane = np.tile(np.arange(size), solved.channel.size)
+        speed, weight = solved.speed[solved.dwell[cell]], self.weight[plane]
+        places = [self.channels[k] for k in solved.channel[cell].tolist()]
+        names = np.array(self.planes)[plane]
+        return PerturbationTest(
+            source=self.measured.source,
+            attributes={DIFFERENCED: np.ones(cell.size)},
+            run=np.array([f"weight at {name}" for name in names.tolist()]),
+            speed=speed,
+            frequency=speed.copy(),
+            force_plane=names,
+            force=(weight * speed**2).astype(complex),
+            plane=np.array([at for at, _ in places]),
+            direction=np.array([direction for _, direction in places]),
+            response=solved.influence.reshape(-1) * weight,
+            sigma=np.sqrt(np.real(np.diag(solved.working))) * weight,
+        )
 
     @cached_property
     def modes(self) -> ModesSeen | None:
@@ -99,7 +118,7 @@ class Influences(Printed):
                 "there are no more mountings than unknowns: how far mounting a weight again moves vectors cannot be "
                 "estimated, and error bars count repeats or given noise alone, which understates them"
             )
-        if not self.by_name:
+        if not (MOUNTING in self.measured.attributes or any(map(_REPEAT.fullmatch, self.measured.runs))):
             found.append(
                 "nothing says which runs are repeats of one mounting, so each counts as a mounting of its own; name "
                 f"repeats A-1, A-2 or add a column {MOUNTING}"
@@ -171,17 +190,13 @@ def influence(test: PerturbationTest, speeds: ArrayLike | None = None) -> Influe
         solved = solve_influence(readings)
     except UndeterminedError as reason:
         raise UndeterminedError(f"{name}: {reason}") from reason
-    weight = np.array([np.median(np.abs(column[column != 0])) for column in readings.unbalance.T])
-    rows = _as_test(test, solved, channels, planes, weight)
     return Influences(
-        test=rows,
         solved=solved,
         channels=channels,
         planes=planes,
         mountings=mountings,
-        weight=weight,
+        weight=np.array([np.median(np.abs(column[column != 0])) for column in readings.unbalance.T]),
         measured=test,
-        by_name=MOUNTING in test.attributes or any(_REPEAT.fullmatch(run) for run in test.runs),
     )
 
 
@@ -252,37 +267,6 @@ def _readings(test: PerturbationTest) -> tuple[Readings, tuple[tuple[str, str], 
         sigma=test.sigma,
     )
     return readings, channels, planes, order
-
-
-def _as_test(
-    test: PerturbationTest,
-    solved: Influence,
-    channels: tuple[tuple[str, str], ...],
-    planes: tuple[str, ...],
-    weight: Float,
-) -> PerturbationTest:
-    """One row a cell and plane, cell by cell: the order of the covariance."""
-    size = len(planes)
-    cell = np.repeat(np.arange(solved.channel.size), size)
-    plane = np.tile(np.arange(size), solved.channel.size)
-    speed = solved.speed[solved.dwell[cell]]
-    sigma = np.sqrt(np.real(np.diag(solved.working))) * weight[plane]
-    response: ComplexArray = solved.influence.reshape(-1) * weight[plane]
-    names = np.array(planes)[plane]
-    places: Any = [channels[k] for k in solved.channel[cell].tolist()]
-    return PerturbationTest(
-        source=test.source,
-        attributes={DIFFERENCED: np.ones(cell.size)},
-        run=np.array([f"weight at {name}" for name in names.tolist()]),
-        speed=speed,
-        frequency=speed.copy(),
-        force_plane=names,
-        force=(weight[plane] * speed**2).astype(complex),
-        plane=np.array([at for at, _ in places]),
-        direction=np.array([direction for _, direction in places]),
-        response=response,
-        sigma=sigma,
-    )
 
 
 MOUNTING = "mounting"
