@@ -44,7 +44,7 @@ class Lines:
 
     def covariance(self, weight: Float) -> Float:
         """Covariance of what is determined, shape ``(D, p, p)``."""
-        return inverse_of_determined(self.information(weight))
+        return inverse_of_determined(self.information(weight))[0]
 
     def variances(self, weight: Float) -> Float:
         """Variances of the quantities, shape ``(D, q)``."""

@@ -56,44 +56,41 @@ class MixedModel:
         return replace(self, gram=self.gram[:, k][:, :, k], cross=self.cross[:, k], moment=self.moment[:, k])
 
     def solve(self, variance: Float) -> MixedSolution:
-        """Step to the optimum with effects of given variances, infinite ones of effects that are free."""
+        """Step to the optimum with effects of given variances ``(..., k)``, infinite ones of effects that are free."""
         free = np.isinf(variance)
-        precise = self.gram + np.diag(np.where(free, 0.0, 1 / np.where(free, 1.0, variance)))
-        inner = inverse_of_determined(precise, COLLINEAR) if free.any() else np.linalg.inv(precise)
+        precision = np.where(free, 0.0, 1 / np.where(free, 1.0, variance))
+        precise = self.gram + (precision[..., None] * np.eye(variance.shape[-1]))[..., None, :, :]
+        inner = inverse_of_determined(precise, COLLINEAR)[0] if free.any() else np.asarray(np.linalg.inv(precise))
         onto = inner @ self.cross
-        matrix = self.information - np.einsum("ikp,ikq->pq", self.cross, onto)
-        slope = self.gradient - np.einsum("ikp,ik->p", onto, self.moment)
-        outer = inverse_of_determined(matrix)
-        step = -outer @ slope
-        own = -np.einsum("ikl,il->ik", inner, self.moment + self.cross @ step)
-        explained = np.einsum("ik,ikl,il->", self.moment, inner, self.moment) + slope @ outer @ slope
+        matrix = self.information - np.einsum("ikp,...ikq->...pq", self.cross, onto)
+        slope = self.gradient - np.einsum("...ikp,ik->...p", onto, self.moment)
+        outer, log_determinant = inverse_of_determined(matrix)
+        step = -np.einsum("...pq,...q->...p", outer, slope)
+        onward = self.moment + np.einsum("ikp,...p->...ik", self.cross, step)
+        explained = np.einsum("ik,...ikl,il->...", self.moment, inner, self.moment) - np.sum(slope * step, axis=-1)
         return MixedSolution(
             inner=inner,
             onto=onto,
             outer=outer,
-            matrix=matrix,
+            log_determinant=log_determinant,
             step=step,
-            own=own,
-            square=self.square - float(explained),
+            own=-np.einsum("...ikl,...il->...ik", inner, onward),
+            square=self.square - explained,
         )
 
-    def log_likelihood(self, variance: Float, *, restricted: bool = True) -> float:
-        """Restricted log likelihood, up to a constant; else that at the best fitted values, which models with other
-        fitted values are compared by."""
-        solved, root = self.solve(variance), np.sqrt(variance)
-        spread = np.eye(root.size) + root[:, None] * self.gram * root
-        total = float(np.linalg.slogdet(spread)[1].sum() + solved.square)
-        if restricted:  # directions without information are as good as empty
-            scale = _scale(solved.matrix)
-            power = np.linalg.eigvalsh(solved.matrix / scale[:, None] / scale)
-            total += float(np.log(np.maximum(power, 1e-12)).sum() + 2 * np.log(scale).sum())
-        return -0.5 * total
+    def log_likelihood(self, variance: Float, *, restricted: bool = True) -> Float:
+        """Restricted log likelihood of variances ``(..., k)``, up to a constant; else that at the best fitted values,
+        which models with other fitted values are compared by."""
+        solved, root = self.solve(variance), np.sqrt(variance)[..., None, :]
+        spread = np.eye(variance.shape[-1]) + root[..., :, None] * self.gram * root[..., None, :]
+        total = np.linalg.slogdet(spread)[1].sum(axis=-1) + solved.square
+        return np.asarray(-0.5 * (total + (solved.log_determinant if restricted else 0.0)))
 
     def score_p_values(self) -> Float:
         """Probability of scores at least as large where runs agree, ``(k,)``: chi-squared by mean and variance."""
         from scipy.special import gammaincc  # late: loading it takes longer than a fit
 
-        outer = inverse_of_determined(self.information)
+        outer, _ = inverse_of_determined(self.information)
         C, own = np.swapaxes(self.cross, 0, 1), np.einsum("ikk->ki", self.gram)
         size = np.sqrt(np.where(own > 0, own, 1.0))  # every run has the same weight
         S = -(C @ outer @ np.swapaxes(C, 1, 2))
@@ -127,10 +124,10 @@ class MixedSolution:
     inner: Float  # ``(Z^T Z + 1/variance)^-1`` of each run
     onto: Float  # that times ``Z^T J``
     outer: Float  # covariance of the fitted values, effects included
-    matrix: Float  # its inverse
+    log_determinant: Float  # of its inverse
     step: Float  # change of the fitted values
     own: Float  # effects of each run, shape ``(n_runs, k)``
-    square: float  # what remains of ``r^T r``, the effects' own squares included
+    square: Float  # what remains of ``r^T r``, the effects' own squares included
 
     def residuals(self, r: ComplexArray, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index]) -> Residuals:
         """Residuals after the step, effects taken out."""
@@ -220,9 +217,9 @@ def _one(model: MixedModel, variance: Float, kind: int) -> Float:
 
     from scipy.optimize import minimize_scalar  # with all it imports, too heavy for `import rotorfit`
 
-    def at(log_sd: float) -> Float:
-        found = np.maximum(variance, 1e-16)
-        found[kind] = np.exp(2 * log_sd)
+    def at(log_sd: Float | float) -> Float:
+        found = np.tile(np.maximum(variance, 1e-16), (*np.shape(log_sd), 1))
+        found[..., kind] = np.exp(2 * np.asarray(log_sd))
         return found
 
     sizes = model.gram[:, kind, kind]
@@ -235,18 +232,17 @@ def _one(model: MixedModel, variance: Float, kind: int) -> Float:
     if least >= most:
         return variance
     grid = np.linspace(least, most, 7)
-    values = [model.log_likelihood(at(v)) for v in grid]
-    best = int(np.argmax(values))
+    best = int(np.argmax(model.log_likelihood(at(grid))))
     if best == 0:
         return variance
     precision = 0.02  # relative precision of a standard deviation: of ten runs it is known within a quarter
     found = minimize_scalar(
-        lambda v: -model.log_likelihood(at(v)),
+        lambda v: -float(model.log_likelihood(at(v))),
         bounds=(grid[best - 1], grid[min(best + 1, 6)]),
         method="bounded",
         options={"xatol": precision},
     )
-    return at(float(found.x))
+    return at(found.x)
 
 
 def _best(model: MixedModel, variance: Float) -> Float:
@@ -257,20 +253,17 @@ def _best(model: MixedModel, variance: Float) -> Float:
     return variance
 
 
-def _scale(matrix: Float) -> Float:
-    """Root of the diagonal, one where that is zero."""
+def inverse_of_determined(matrix: Float, null: float = 1e-12) -> tuple[Float, Float]:
+    """Inverse of symmetric matrices, directions without information left out, and the logarithm of their determinant,
+    in which these are as good as empty."""
     diagonal = np.einsum("...kk->...k", matrix)
-    return np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-
-
-def inverse_of_determined(matrix: Float, null: float = 1e-12) -> Float:
-    """Inverse of symmetric matrices; directions without information are left out."""
-    scale = _scale(matrix)
+    scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     over = 1 / (scale[..., :, None] * scale[..., None, :])
     power, basis = np.linalg.eigh(matrix * over)
     kept = power > null * power[..., -1:]
     weight = np.divide(1.0, power, out=np.zeros_like(power), where=kept)
-    return np.asarray(((basis * weight[..., None, :]) @ np.swapaxes(basis, -1, -2)) * over)
+    inverse = ((basis * weight[..., None, :]) @ np.swapaxes(basis, -1, -2)) * over
+    return inverse, np.log(np.maximum(power, 1e-12)).sum(axis=-1) + 2 * np.log(scale).sum(axis=-1)
 
 
 # ---- one run that does not go with the others ------------------------------------------------------------------------

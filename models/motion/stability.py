@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -306,44 +305,52 @@ def search_limits(model: RotorModel, theta: Float, band: float) -> tuple[float, 
 def threshold_speeds(model: RotorModel, theta: ArrayLike, *, band: float = math.inf) -> tuple[Float, Float]:
     """Threshold speeds and whirl frequencies of many rotors alike, rad/s, infinite and NaN of stable ones. Searched on
     a grid around the median rotor's: what closes between two speeds may be passed over."""
-    from scipy.optimize.elementwise import find_root
-
     theta = np.asarray(theta, dtype=float)
     onset, whirl = np.full(theta.shape[0], np.inf), np.full(theta.shape[0], np.nan)
     if not model.speed_dependent:
         return onset, whirl
     middle = np.median(theta, axis=0)
     top, round_off = search_limits(model, middle, band)
-    speeds = _search_speeds(theta - middle, threshold_speed(model, middle, band=band), top)
-
-    def rate(speed: Float, number: Any) -> Float:
-        return growth_rate(model, theta[number.astype(np.intp)], speed, band) - round_off
-
     low, high = np.zeros_like(onset), np.full_like(onset, np.nan)
     searching = np.arange(onset.size)
-    for speed in speeds:
-        unstable = rate(speed[searching], searching) > 0
+    for speed in _search_speeds(theta - middle, threshold_speed(model, middle, band=band), top):
+        unstable = growth_rate(model, theta[searching], speed[searching], band) > round_off
         high[searching[unstable]] = speed[searching[unstable]]
         searching = searching[~unstable]
         low[searching] = speed[searching]
         if not searching.size:
             break
+    lowest = np.flatnonzero(np.isfinite(high) & (low == 0.0))
+    if lowest.size:
+        high[lowest[growth_rate(model, theta[lowest], 0.0, band) >= round_off]] = 0.0  # unstable at rest
     found = np.flatnonzero(np.isfinite(high))
-    if not found.size:
-        return onset, whirl
-    lowest = found[low[found] == 0.0]
-    at_rest = lowest[rate(low[lowest], lowest) >= 0] if lowest.size else lowest
-    onset[at_rest] = 0.0
-    bracketed = np.setdiff1d(found, at_rest)
-    if bracketed.size:
-        bracket = (low[bracketed], high[bracketed])
-        root = find_root(rate, bracket, args=(bracketed.astype(float),), tolerances={"xrtol": 1e-10})
-        onset[bracketed] = root.x
-    s = eigenvalues(model, theta[found], onset[found])
-    whirl[found] = np.take_along_axis(s.imag, _growth(s, band).argmax(axis=-1)[:, None], axis=-1)[:, 0]
+    onset[found], whirl[found] = _crossings(model, theta[found], low[found], high[found], band, round_off)
     if model.turns:
         whirl[found] += onset[found]
     return onset, whirl
+
+
+def _crossings(
+    model: RotorModel, theta: Float, low: Float, high: Float, band: float, round_off: float
+) -> tuple[Float, Float]:
+    """Speeds between ``low`` and ``high`` at which motion of each rotor begins to grow, and the frequencies there, by
+    Newton's method; by halves where a step of it leads out of the bounds."""
+    speed, whirl = (low + high) / 2, np.full_like(low, np.nan)
+    open_ = np.arange(low.size)
+    while open_.size:
+        at = speed[open_]
+        s, by_speed, _ = least_stable(model, theta[open_], at, band=band)
+        grows = s.real > round_off
+        low[open_[~grows]], high[open_[grows]] = at[~grows], at[grows]
+        half = (low[open_] + high[open_]) / 2 - at
+        with np.errstate(divide="ignore", invalid="ignore"):  # a mode that does not change with speed has no step
+            step = (round_off - s.real) / by_speed.real
+        inside = (low[open_] <= at + step) & (at + step <= high[open_])
+        step = np.where(inside, step, half)
+        speed[open_], whirl[open_] = at + step, (s + by_speed * step).imag
+        # Newton's error is the square of its last step.
+        open_ = open_[np.abs(step) > np.where(inside, 1e-6, 1e-13) * high[open_]]
+    return speed, whirl
 
 
 def _search_speeds(away: Float, reference: Threshold | None, top: float) -> list[Float]:
@@ -352,5 +359,5 @@ def _search_speeds(away: Float, reference: Threshold | None, top: float) -> list
         return [np.full(len(away), speed) for speed in np.geomspace(top * 1e-4, top, 60)]
     near = np.clip(reference.speed + away @ reference.gradient, reference.speed / 2, 2 * reference.speed)
     beyond = np.geomspace(4.5 * reference.speed, max(top, 5 * reference.speed), 8)
-    factors = (0.05, 0.15, 0.4, 0.75, 0.97, 1.03, 1.1, 1.25, 1.6, 2.2)
+    factors = (0.1, 0.5, 0.97, 1.03, 1.1, 1.25, 1.6, 2.2)
     return [*(near * factor for factor in factors), *(np.full(len(away), speed) for speed in beyond)]

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import Locator, LogFormatter, LogLocator, MaxNLocator
+from PIL import Image
 
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.digits import significant
@@ -30,8 +31,9 @@ PAGE = (7.08, 8.8)
 """Largest width and height of a figure, inches: what A4 leaves between its margins, so that print keeps its size."""
 SMALL_TYPE, TYPE = 7, 8
 """Smallest type and that of names, points."""
-_NAMES_OF_AXES: Any = {
+_SETTINGS: Any = {
     "axes.titlesize": TYPE, "axes.labelsize": TYPE, "legend.fontsize": SMALL_TYPE, "legend.frameon": False,
+    "axes.titley": 1.0,  # nothing stands above the axes that a title would have to be moved for, which takes long
 }  # fmt: skip
 """matplotlib's settings while a figure is drawn."""
 BAND = 0.25
@@ -67,7 +69,7 @@ def looked(draw: Callable[..., Figure]) -> Callable[..., Figure]:
     def drawn(*arguments: Any, ax: Any = None, unit: str | Sequence[str] | None = None, **options: Any) -> Figure:
         token = _LOOK.set(replace(_units(unit), ax=ax))
         try:
-            with rc_context(_NAMES_OF_AXES):
+            with rc_context(_SETTINGS):
                 return draw(*arguments, **options)
         finally:
             _LOOK.reset(token)
@@ -168,8 +170,8 @@ def grid(
         axis.yaxis.label.set_size(TYPE)
         axis.grid(color="0.9", linewidth=0.6)
         axis.set_axisbelow(True)
-        for side in ("top", "right"):
-            axis.spines[side].set_visible(False)
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.spines[:].set_in_layout(False)  # ticks and labels reach further, and are measured anyway
     return figure, axes
 
 
@@ -188,9 +190,18 @@ def _room(given: Any, width: float, height: float) -> Any:
     return figure.add_subfigure(spec)
 
 
+class _Inside(MaxNLocator):
+    """Ticks between the limits only: those beside them would be made, measured and not drawn."""
+
+    def tick_values(self, vmin: float, vmax: float) -> Any:
+        ticks = np.asarray(super().tick_values(vmin, vmax))
+        low, high = sorted((vmin, vmax))
+        return ticks[(ticks >= low - 1e-9 * (high - low)) & (ticks <= high + 1e-9 * (high - low))]
+
+
 def few_ticks(axis: Any, intervals: int = 6) -> None:
     """Give a linear axis of x or y few ticks."""
-    axis.set_major_locator(MaxNLocator(nbins=intervals, steps=[1, 2, 2.5, 5, 10]))
+    axis.set_major_locator(_Inside(nbins=intervals, steps=[1, 2, 2.5, 5, 10]))
 
 
 class _BetweenDecades(Locator):
@@ -345,6 +356,12 @@ def picture_of(figure: Figure, file_format: str = "png", dpi: float = 200.0) -> 
         figure.savefig(stream, format=file_format, dpi=dpi)
         return stream.getvalue()
     figure.set_dpi(dpi)
-    # Half the time of the default, one file in thirty larger.
-    FigureCanvasAgg(figure).print_png(stream, pil_kwargs={"compress_level": 3})
+    for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
+        if not axis.get_label_text():
+            axis.set_label_coords(0.5, 0.5)  # otherwise all labels of ticks are measured to place an empty one
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    # Half the time of the default, one file in thirty larger; without transparency a tenth of both less.
+    picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    picture.save(stream, "png", compress_level=3, dpi=(dpi, dpi))
     return stream.getvalue()

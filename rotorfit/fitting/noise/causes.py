@@ -133,4 +133,4 @@ def _better_than_runs(data: LinearisedFit, beside: LinearisedFit) -> bool:
 
 def _likelihood(model: MixedModel, variance: Float) -> float:
     some = np.flatnonzero(variance)
-    return model.part(some).log_likelihood(variance[some], restricted=False)
+    return float(model.part(some).log_likelihood(variance[some], restricted=False))
