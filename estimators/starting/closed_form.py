@@ -47,7 +47,7 @@ class ClosedForm:
         found = np.full((self.x.size - len(self.open),) * 2, np.nan)
         if self.root is not None:
             jacobian, information = self.root  # of the lumped coefficients, and on them
-            found = inverse_of_determined(jacobian.T @ information @ jacobian, 1e-15)
+            found, _ = inverse_of_determined(jacobian.T @ information @ jacobian, 1e-15)
         for entry in self.open:
             found = np.insert(np.insert(found, entry, 0.0, axis=0), entry, 0.0, axis=1)
         return found
