@@ -296,7 +296,7 @@ def speed_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
         marks, given = middle * RPM_PER_RAD_S, record.speed * RPM_PER_RAD_S
         words = (
             f"{record.name}: the marks say {significant(marks, 4)} rpm, file or setup {significant(given, 4)} rpm: is "
-            f"pulses_per_turn right ({record.rig.shaft.pulses_per_turn if record.rig.shaft else 1}), and the sampling "
+            f"pulses_per_turn right ({shaft.pulses_per_turn}), and the sampling "
             f"rate ({record.sample_rate:g} Hz)?"
         )
         yield Finding("warning", "speed-disagrees", words)

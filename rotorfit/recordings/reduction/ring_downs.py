@@ -125,7 +125,7 @@ def blows(record: Recording) -> list[Blow]:
     return found
 
 
-def blow_findings(record: Recording, found: list[Blow]) -> Iterator[Finding]:
+def blow_findings(record: Recording, found: Sequence[Blow]) -> Iterator[Finding]:
     """Blows that bounced, and those that went beyond the range of the force's channel or of a probe's."""
     cut = [blow for blow in found if blow.cut]
     if cut:

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -106,16 +107,16 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
             f"write a setup: `rotorfit template {raw.name} > rig.toml` makes one of the file's own channels to fill "
             "in; then give it (setup=, --setup)"
         )
-    _check_channels(raw, [probe.channel for probe in whole.probes or ()], source)
+    marks = (whole.shaft if whole.speed != 0 else None, whole.perturbator)  # a shaft that stands still passes none
+    shaft, perturbator = (mark if mark is not None and (mark.channel or mark.steady) else None for mark in marks)
+    marked = [probe.channel for probe in whole.probes or ()]
+    marked += [mark.channel for mark in (shaft, perturbator) if mark is not None and mark.channel]
+    used = _used(raw, whole, source, marked, how)
     probes = tuple(_complete_probe(raw, probe, whole, how) for probe in whole.probes or ())
-    # a shaft that stands still passes no mark
-    shaft, perturbator = (_reference(r) for r in (whole.shaft if whole.speed != 0 else None, whole.perturbator))
     planes = tuple(dict.fromkeys(probe.plane for probe in probes))
     force = _force(raw, whole, perturbator, planes)
     _check_tables(whole, shaft, planes, raw.name, source)
-    marked = [p.channel for p in probes] + [r.channel for r in (shaft, perturbator) if r is not None and r.channel]
-    used = _used(raw, whole, source, marked, () if force is None else force.channels, how)
-    sample_rate, size = _rate(raw, used, whole), _size(raw, used)
+    sample_rate, size = _sampling(raw, used, whole)
     length_over_delay = 100  # A recording is so many times as long as a probe is late, at least
     longest = size / sample_rate / length_over_delay
     for probe in probes:
@@ -190,21 +191,14 @@ def _merged(given: RigSetup | None, own: RigSetup) -> RigSetup:
     return replace(whole, probes=tuple(p for p in whole.probes or () if p.channel not in forces))
 
 
-def _check_channels(raw: RawFile, names: Sequence[str], source: str) -> None:
-    """Refuse names that no channel has."""
-    for name in names:
+def _used(raw: RawFile, whole: RigSetup, source: str, marked: Sequence[str], how: str) -> list[RawChannel]:
+    """Channels of the file that the rig is read from: those of probes and marks, which are ``marked``, and others."""
+    twist, force = whole.twist or Twist(), whole.force or ForceSetup()
+    others = (twist.channel, twist.even_wheel, twist.wheel, force.channel_x, force.channel_y)
+    named = [*marked, *filter(None, others)]
+    for name in (*named, *whole.scales):
         if name not in raw.channels:
             raise ValueError(f"{raw.name}, as {source} describes it: {unknown_name('channel', name, raw.channels)}")
-
-
-def _used(
-    raw: RawFile, whole: RigSetup, source: str, marked: Sequence[str], forces: Sequence[str], how: str
-) -> list[RawChannel]:
-    """Channels of the file that the rig is read from."""
-    twist = whole.twist
-    named = [*marked, *((twist.channel, twist.even_wheel, twist.wheel) if twist is not None else ()), *forces]
-    named = [name for name in named if name]
-    _check_channels(raw, [*named, *whole.scales], source)
     if not named:
         raise ValueError(f"{raw.name} does not say which channel is which probe; {how}")
     twice = [name for name in marked if marked.count(name) > 1]
@@ -222,7 +216,7 @@ def _complete_probe(raw: RawFile, probe: Probe, setup: RigSetup, how: str) -> Pr
     sensitivity = _scaled(raw, probe.channel, unit, "length", sensitivity)
     if probe.angle is None or sensitivity is None:
         lacking = "angle_deg" if probe.angle is None else "sensitivity_V_per_mm (or unit, of a channel that is scaled)"
-        own = raw.channels[probe.channel].unit if probe.channel in raw.channels else ""
+        own = raw.channels[probe.channel].unit
         unknown = f" (its unit in the file, {own!r}, is none of {ALLOWED})" if own and channel_unit(own) is None else ""
         raise ValueError(f"{raw.name}: nothing says the {lacking} of the probe {probe.channel}{unknown}; {how}")
     name = unit.name if unit is not None and unit.quantity != "voltage" else None
@@ -240,8 +234,7 @@ def _unit_of(raw: RawFile, channel: str, said: str | None, setup: RigSetup) -> C
 
 def _unit_in_file(raw: RawFile, channel: str) -> ChannelUnit | None:
     """Unit of a channel by the file or the channel's name; None where neither says one of ours."""
-    own = raw.channels[channel].unit if channel in raw.channels else ""
-    found = (channel_unit(text) for text in (own, name_and_unit(channel)[1]) if text)
+    found = (channel_unit(text) for text in (raw.channels[channel].unit, name_and_unit(channel)[1]) if text)
     return next((unit for unit in found if unit is not None), None)
 
 
@@ -257,13 +250,12 @@ def _scaled(
     if unit is None or unit.quantity == "voltage":
         return sensitivity
     if unit.quantity != quantity:
-        column = _VECTORS.get(unit.quantity) if quantity == "length" else None
-        way = (
-            f" Vectors of such a sensor, by an analyser, are read from a table (column {column}), where their "
-            "frequency makes displacements of them."
-            if column
-            else ""
-        )
+        way = ""
+        if quantity == "length" and unit.quantity in _VECTORS:
+            way = (
+                f" Vectors of such a sensor, by an analyser, are read from a table (column {_VECTORS[unit.quantity]}), "
+                "where their frequency makes displacements of them."
+            )
         raise ValueError(
             f"{raw.name}: the channel {channel} is in {unit.name}, {unit.quantity}; {_MEANT[quantity]}, in "
             f"{', '.join(UNITS[quantity])}, or in V or mV with a sensitivity.{way} If the file is wrong, say unit = "
@@ -279,19 +271,17 @@ def _scaled(
     return 1 / unit.factor
 
 
-def _reference(reference: Reference | None) -> Reference | None:
-    if reference is None or (reference.channel is None and not reference.steady):
-        return None
-    return replace(reference, pulses_per_turn=reference.pulses_per_turn or 1)
-
-
 def _force(raw: RawFile, setup: RigSetup, perturbator: Reference | None, planes: tuple[str, ...]) -> Force | None:
     force = setup.force
     if force is None:
         return None
     channels = (force.channel_x or "", force.channel_y or "")
-    if any(channels):
-        sensitivity = _force_sensitivity(raw, force, setup)
+    if named := [channel for channel in channels if channel]:
+        units = {channel: _unit_of(raw, channel, force.unit, setup) for channel in named}
+        scaled = {_scaled(raw, channel, unit, "force", force.sensitivity) for channel, unit in units.items()}
+        if len(scaled) > 1:
+            raise ValueError(f"{raw.name}: the channels of the force, {' and '.join(named)}, are in different units")
+        sensitivity = scaled.pop()
         if force.plane is None or sensitivity is None:
             lacking = "plane" if force.plane is None else "sensitivity_V_per_N, or unit"
             raise ValueError(f"{raw.name}: the measured force needs its {lacking} in [force]")
@@ -316,32 +306,20 @@ def _force(raw: RawFile, setup: RigSetup, perturbator: Reference | None, planes:
     )
 
 
-def _force_sensitivity(raw: RawFile, force: ForceSetup, setup: RigSetup) -> float | None:
-    """Of the channels of a measured force, V/N, or of their unit for a newton."""
-    channels = [channel for channel in (force.channel_x, force.channel_y) if channel]
-    units = {channel: _unit_of(raw, channel, force.unit, setup) for channel in channels}
-    scaled = {_scaled(raw, channel, unit, "force", force.sensitivity) for channel, unit in units.items()}
-    if len(scaled) > 1:
-        raise ValueError(f"{raw.name}: the channels of the force, {' and '.join(channels)}, are in different units")
-    return scaled.pop()
-
-
 def _load(raw: RawFile, load: LoadSetup | None, planes: tuple[str, ...], rotation: int) -> Load | None:
     if load is None:
         return None
     plane = load.plane if load.plane is not None or len(planes) != 1 else planes[0]
-    lacking = [
-        name
-        for name, value in (("plane", plane), ("N", load.size), ("angle_deg", 0.0 if load.size == 0 else load.angle))
-        if value is None
-    ]
+    said = {"plane": plane, "N": load.size, "angle_deg": 0.0 if load.size == 0 else load.angle}
+    lacking = [name for name, value in said.items() if value is None]
     if lacking or plane is None:
         raise ValueError(f"{raw.name}: the constant load needs its {', '.join(lacking)} in [load]")
     newton = float(load.size or 0.0) * complex(np.exp(1j * rotation * float(load.angle or 0.0)))
     return Load(plane=plane, newton=newton)
 
 
-def _rate(raw: RawFile, used: list[RawChannel], setup: RigSetup) -> float:
+def _sampling(raw: RawFile, used: list[RawChannel], setup: RigSetup) -> tuple[float, int]:
+    """Sampling rate, Hz, and number of samples of all channels."""
     own = {channel.sample_rate for channel in used if channel.sample_rate is not None}
     if len({round(rate, 6) for rate in own}) > 1:
         listed = ", ".join(f"{channel.name} {channel.sample_rate:g} Hz" for channel in used if channel.sample_rate)
@@ -352,19 +330,13 @@ def _rate(raw: RawFile, used: list[RawChannel], setup: RigSetup) -> float:
             f"{raw.name} does not say its sampling rate; write sample_rate_hz = ... at the top of rig.toml and give "
             "that (setup=, --setup)"
         )
-    return float(rate)
-
-
-def _size(raw: RawFile, used: list[RawChannel]) -> int:
-    sizes = {channel.size for channel in used}
-    if len(sizes) > 1:
-        longest = max(sizes)
-        odd = next(channel for channel in used if channel.size != longest)
+    longest = max(channel.size for channel in used)
+    if odd := next((channel for channel in used if channel.size != longest), None):
         raise ValueError(
             f"{raw.name}: channels of unequal length: {odd.name} has {odd.size} samples, others {longest}; the "
             "recording is not whole, export it again"
         )
-    return sizes.pop()
+    return float(rate), longest
 
 
 def _scale(raw: RawFile, channel: RawChannel, setup: RigSetup) -> tuple[float, float]:
@@ -403,12 +375,12 @@ def _contradictions(given: RigSetup, own: RigSetup, raw: RawFile, source: str) -
     compare("sample rate (Hz)", given.sample_rate, next((rate for rate in rates if rate is not None), None))
     compare("speed (rpm)", given.speed, own.speed, RPM_PER_RAD_S)
     compare("sensitivity (V/mm)", given.sensitivity, own.sensitivity, 1e-3)
-    if given.force is not None and own.force is not None:
-        compare("plane of the force", given.force.plane, own.force.plane)
-        compare("unbalance (g mm)", given.force.mr, own.force.mr, 1e6)
-        compare("angle of the heavy spot (deg)", given.force.angle, own.force.angle, angle=True)
-        mine, other = ({1: "forward", -1: "backward"}.get(force.whirl or 0) for force in (given.force, own.force))
-        compare("direction of whirl", mine, other)
+    said, in_file = given.force or ForceSetup(), own.force or ForceSetup()
+    compare("plane of the force", said.plane, in_file.plane)
+    compare("unbalance (g mm)", said.mr, in_file.mr, 1e6)
+    compare("angle of the heavy spot (deg)", said.angle, in_file.angle, angle=True)
+    mine, other = ({1: "forward", -1: "backward"}.get(force.whirl or 0) for force in (said, in_file))
+    compare("direction of whirl", mine, other)
     by_setup = {probe.channel: probe for probe in own.probes or ()}
     for probe in given.probes or ():
         angle = by_setup[probe.channel].angle if probe.channel in by_setup else None
@@ -417,9 +389,8 @@ def _contradictions(given: RigSetup, own: RigSetup, raw: RawFile, source: str) -
     for what, mine, other in _units(given, raw):
         compare(what, mine, other)
     found += [f"planes of the probes: {words}" for words in _parted(given.probes or (), by_setup, source)]
-    return [
-        Finding("warning", "setup-contradicts-file", f"{raw.name}: {words}; the setup is followed.") for words in found
-    ]
+    told = (f"{raw.name}: {words}; the setup is followed." for words in found)
+    return [Finding("warning", "setup-contradicts-file", words) for words in told]
 
 
 def _units(given: RigSetup, raw: RawFile) -> Iterator[tuple[str, str, str]]:
@@ -436,12 +407,11 @@ def _units(given: RigSetup, raw: RawFile) -> Iterator[tuple[str, str, str]]:
 
 def _parted(given: Sequence[Probe], by_setup: Mapping[str, Probe], source: str) -> Iterator[str]:
     """Pairs of probes that setup and file do not agree about: of one plane by the one, of two by the other."""
-    both = [(probe, by_setup[probe.channel].plane) for probe in given if probe.channel in by_setup and probe.plane]
-    for number, (one, of_one) in enumerate(both):
-        for other, of_other in both[number + 1 :]:
-            if of_one and of_other and (one.plane == other.plane) != (of_one == of_other):
-                yield (
-                    f"{source} has {one.channel} at {one.plane} and {other.channel} at {other.plane}, by their names "
-                    f"they are at {of_one} and {of_other}"
-                )
-                return
+    both = [(probe, by_setup[probe.channel].plane) for probe in given if probe.channel in by_setup]
+    for (one, of_one), (other, of_other) in combinations(both, 2):
+        if (one.plane == other.plane) != (of_one == of_other):
+            yield (
+                f"{source} has {one.channel} at {one.plane} and {other.channel} at {other.plane}, by their names "
+                f"they are at {of_one} and {of_other}"
+            )
+            return

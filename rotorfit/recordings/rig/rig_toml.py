@@ -6,7 +6,7 @@ as test attributes, a key of ``rig.toml`` that is none of them is refused.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -34,15 +34,8 @@ def _keys(kind: type[Any], name: str) -> dict[str, tuple[str, Reader]]:
     return {key: (f.name, reader) for f in fields(kind) for key, reader in f.metadata.get(name, {}).items()}
 
 
-_RECORDS = {
-    "shaft": Reference,
-    "perturbator": Reference,
-    "force": ForceSetup,
-    "load": LoadSetup,
-    "impulse": ImpulseSetup,
-    "twist": Twist,
-    "slow_roll": SlowRollSetup,
-}
+_RECORDS: dict[str, type[Any]] = {"shaft": Reference, "perturbator": Reference, "force": ForceSetup, "load": LoadSetup}
+_RECORDS |= {"impulse": ImpulseSetup, "twist": Twist, "slow_roll": SlowRollSetup}
 """Records of a setup that are a table each."""
 _TOP = _keys(RigSetup, "flat")
 _FLAT = {name: _keys(kind, "flat") for name, kind in _RECORDS.items() if _keys(kind, "flat")}
@@ -107,11 +100,12 @@ def _table(content: Mapping[str, Any], name: str, source: str) -> Mapping[str, A
     return value
 
 
-def _tables(content: Mapping[str, Any], name: str, source: str) -> list[Mapping[str, Any]]:
+def _tables(content: Mapping[str, Any], name: str, source: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """The tables of a list, each with where it stands."""
     value = content.get(name, [])
     if not isinstance(value, list) or not all(isinstance(each, Mapping) for each in value):
         raise ValueError(f"{source}: {name} is a list of tables, each begins with [[{name}]]")
-    return value
+    return ((f"{source}, [[{name}]] {number}", table) for number, table in enumerate(value, 1))
 
 
 def _fields(known: Mapping[str, tuple[str, Reader]], table: Mapping[str, Any], where: str) -> dict[str, Any]:
@@ -129,8 +123,7 @@ def _fields(known: Mapping[str, tuple[str, Reader]], table: Mapping[str, Any], w
 
 def _probes(content: Mapping[str, Any], source: str) -> tuple[Probe, ...] | None:
     probes = []
-    for number, table in enumerate(_tables(content, "probe", source), 1):
-        where = f"{source}, [[probe]] {number}"
+    for where, table in _tables(content, "probe", source):
         for key in ("plane", "channel"):
             if key not in table:
                 raise ValueError(f"{where} has no {key}; every probe needs plane, channel and angle_deg")
@@ -140,8 +133,7 @@ def _probes(content: Mapping[str, Any], source: str) -> tuple[Probe, ...] | None
 
 def _scales(content: Mapping[str, Any], source: str) -> dict[str, Scale]:
     scales = {}
-    for number, table in enumerate(_tables(content, "channel", source), 1):
-        where = f"{source}, [[channel]] {number}"
+    for where, table in _tables(content, "channel", source):
         name = word(f"{where}: name", table.get("name"))
         if sum(key in table for key in ("volts_per_count", "full_scale_V", "unit")) != 1:
             raise ValueError(
@@ -155,8 +147,7 @@ def _scales(content: Mapping[str, Any], source: str) -> dict[str, Scale]:
 
 def _runs(content: Mapping[str, Any], source: str) -> dict[str, RigSetup]:
     runs: dict[str, RigSetup] = {}
-    for number, table in enumerate(_tables(content, "run", source), 1):
-        where = f"{source}, [[run]] {number}"
+    for where, table in _tables(content, "run", source):
         name = word(f"{where}: file", table.get("file"))
         if name in runs:
             raise ValueError(f"{where}: the file {name} has a [[run]] already")

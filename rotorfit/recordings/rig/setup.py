@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
@@ -44,12 +45,9 @@ def channel_unit(text: str) -> ChannelUnit | None:
     word = re.sub(r"[ ^*]", "", text.strip().replace("²", "2"))
     word = _LONG.get(word.lower(), word)
     for quantity, units in _UNITS.items():
-        try:
-            factor = find_unit(word, units)
-        except ValueError:
-            factor = None
-        if factor is not None:
-            return ChannelUnit(name=text.strip(), quantity=quantity, factor=factor)
+        with suppress(ValueError):
+            if (factor := find_unit(word, units)) is not None:
+                return ChannelUnit(name=text.strip(), quantity=quantity, factor=factor)
     return None
 
 
@@ -84,36 +82,25 @@ def number(where: str, value: Any) -> float:
     return float(value)
 
 
-def positive(where: str, value: Any) -> float:
-    """A number above zero."""
-    if number(where, value) <= 0:
-        raise ValueError(f"{where} must be above zero, got {value!r}")
-    return float(value)
+def _bounded(allowed: Callable[[float], bool], words: str) -> Reader:
+    def read(where: str, value: Any) -> float:
+        if not allowed(number(where, value)):
+            raise ValueError(f"{where} must {words}, got {value!r}")
+        return float(value)
+
+    return read
 
 
-def _nonzero(where: str, value: Any) -> float:
-    if number(where, value) == 0:
-        raise ValueError(f"{where} must not be zero")
-    return float(value)
-
-
-def _size(where: str, value: Any) -> float:
-    if number(where, value) < 0:
-        raise ValueError(f"{where} must not be negative, got {value!r}; a direction is another key")
-    return float(value)
+positive = _bounded(lambda value: value > 0, "be above zero")
+_nonzero = _bounded(lambda value: value != 0, "not be zero")
+_ppm = _bounded(lambda value: abs(value) <= 1000, "be at most 1000 either way")  # quartz is right to a hundred
+_size = _bounded(lambda value: value >= 0, "not be negative (a direction is another key)")
 
 
 def _count(where: str, value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or value < 1:
         raise ValueError(f"{where} must be a whole number of at least 1, got {value!r}")
     return value
-
-
-def _ppm(where: str, value: Any) -> float:
-    found, most = number(where, value), 1000.0  # quartz is right to a hundred
-    if abs(found) > most:
-        raise ValueError(f"{where} is at most {most:g} either way, got {found:g}")
-    return found * 1e-6
 
 
 def _truth(where: str, value: Any) -> bool:
@@ -181,9 +168,8 @@ class Probe:
     linear_range: tuple[float, float] | None = _said({"linear_range_V": _range})  # V, the lower first
     # voltage while the shaft is in the centre of its bearing, V; None: not known
     centre: float | None = _said({"centre_V": number})
-    unit: str | None = _said(
-        {"unit": _unit}
-    )  # in which its channel is scaled already; None: volts, or as the file says
+    # in which its channel is scaled already; None: volts, or as the file says
+    unit: str | None = _said({"unit": _unit})
     # time by which its channel is late against the marks, s; None: on time
     delay: float | None = _said(_in_units("delay", {"s": 1.0, "ms": 1e-3, "us": 1e-6}))
     # V/m; positive: the signal rises as the target approaches
@@ -200,7 +186,7 @@ class Reference:
     level: float | None = _said({"level_V": number})  # voltage at which the edge is timed; None: half way
     pulses_per_turn: int | None = _said({"pulses_per_turn": _count})  # 1 unless given
     # share by which its channel's clock is fast against that of the probes; None: the same
-    clock: float | None = _said({"clock_ppm": _ppm})
+    clock: float | None = _said(_in_units("clock", {"ppm": 1e-6}, _ppm))
     steady: bool | None = _said({"steady": _truth})  # of a perturbator without a mark: it turns at one speed
 
 
@@ -274,9 +260,7 @@ class Scale:
     volts_per_count: float | None = _said({"volts_per_count": _nonzero})  # None where the full scale is given
     full_scale: float | None = _said({"full_scale_V": positive})  # volts at the largest count that the file can hold
     offset: float = _said({"offset_V": number}, default=0.0)  # volts at count zero
-    unit: str | None = _said(
-        {"unit": _unit}
-    )  # in which the channel is scaled already; None: volts, or as the file says
+    unit: str | None = _said({"unit": _unit})  # in which it is scaled already; None: volts, or as the file says
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -357,9 +341,7 @@ class Force:
     plane: str  # where the force acts
     mr: float = math.nan  # unbalance, kg m; NaN for a measured force
     angle: float = 0.0  # heavy spot ahead of the mark in the direction it turns, rad
-    datum_known: bool = (
-        True  # whether ``angle`` counts from the mark; otherwise the fit needs ``phase_offsets="common"``
-    )
+    datum_known: bool = True  # whether ``angle`` counts from the mark; else a fit needs ``phase_offsets="common"``
     whirl: int  # +1 turns with the shaft, -1 against it
     reference: str = ""  # ``"perturbator"`` or ``"shaft"``, the mark that it is locked to; none of a measured force
     channels: tuple[str, str] = ("", "")  # channels of the force along x and y where it was measured
