@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.models.array_types import Float, Index
-from rotorfit.recordings.rig.setup import Probe
+from rotorfit.models.array_types import Bool, Float, Index
 from rotorfit.recordings.signals import Signals
 
 _HELD_SAMPLES, _LARGEST_EQUAL_SHARE = 16, 0.25
@@ -85,6 +84,8 @@ def statistics(record: Signals, name: str) -> ChannelStatistics:
     probe = next(probe for probe in record.probes if probe.channel == name)
     if factor < 0:
         bottom, top = top, bottom
+    channels = record.force.channels if record.force is not None and record.speed == 0 else ("", "")
+    axis = 0.0 if channels[0] else np.pi / 2  # of the force of a rotor at rest, where it has one
     return ChannelStatistics(
         mean=mean * factor + offset,
         deviation=float(np.sqrt(max(squares / record.size - mean**2, 0.0))) * abs(factor),
@@ -100,17 +101,14 @@ def statistics(record: Signals, name: str) -> ChannelStatistics:
             for low, high in _joined([*windows.still(), *held.stretches(windows.step, clipped)])
         ),
         noise=float(np.sqrt(changes / (2 * record.size))) * abs(factor),
-        idle=_across_force_at_rest(record, probe),
+        idle=bool(channels[0]) != bool(channels[1]) and abs(np.cos((probe.angle or 0.0) - axis)) < 0.5,
         unit=probe.unit or "V",
     )
 
 
-def _across_force_at_rest(record: Signals, probe: Probe) -> bool:
-    force = record.force
-    if record.speed != 0 or force is None or bool(force.channels[0]) == bool(force.channels[1]):
-        return False
-    axis = 0.0 if force.channels[0] else np.pi / 2
-    return bool(abs(np.cos(float(probe.angle or 0.0) - axis)) < 0.5)
+def _stretches(true: Bool) -> Index:
+    """Where what is true begins, and the first place after it, shape ``(S, 2)``."""
+    return np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(np.int8))).reshape(-1, 2)
 
 
 @dataclass(kw_only=True)
@@ -136,17 +134,14 @@ class _Windows:
     def still(self) -> list[tuple[int, int]]:
         """Stretches on one count, samples from and to, that the channel enters or leaves with all its noise."""
         begin, moves = np.concatenate(self.begin), np.concatenate(self.moves)
-        still = moves <= 0.6 * self.step  # to and fro between two neighbouring counts has 0.5
-        if not np.isfinite(self.step) or not still.any():
+        if not np.isfinite(self.step):
             return []
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
-        found = []
-        for low, high in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        found = []  # to and fro between two neighbouring counts has 0.5
+        for low, high in _stretches(moves <= 0.6 * self.step).tolist():
             # The window that holds the end of the stretch is passed over.
             beside = [*moves[max(low - 2, 0) : max(low - 1, 0)].tolist(), *moves[high + 1 : high + 2].tolist()]
             still_windows = 4  # windows in a row that a channel stands still for, from which no chance is left
-            # Deviation within the windows beside such a stretch, counts, from which no motion that dies down led there
-            noise_counts = 3.0
+            noise_counts = 3.0  # deviation beside such a stretch, counts, from which no motion died down to it
             if high - low >= still_windows and beside and min(beside) >= noise_counts * self.step:
                 found.append((int(begin[low]), int(begin[high - 1]) + self.length))
         return found
@@ -161,9 +156,7 @@ class _Held:
     found: list[tuple[int, int, float, float]] = field(default_factory=list)  # from, to, value, jump at an end
 
     def see(self, values: Float) -> None:
-        same = np.concatenate([[False], np.diff(values) == 0, [False]])
-        edges = np.flatnonzero(np.diff(same.astype(np.int8)))
-        begin, end = edges[::2], edges[1::2]  # first and last sample of each stretch
+        begin, end = _stretches(np.diff(values) == 0).T  # first and last sample of each stretch
         long = end - begin + 1 >= _HELD_SAMPLES
         self.equal += int(np.sum((end - begin)[~long]))
         for low, high in zip(begin[long].tolist(), end[long].tolist(), strict=True):
@@ -210,8 +203,7 @@ class _Extreme:
             at = piece == extreme
             # Stretches of three and more samples that begin or end with a jump of several counts: the crest of a slow
             # and quiet signal stays on one count too, but comes there count by count.
-            edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]]).astype(np.int8)))
-            begin, end = edges[::2], edges[1::2]
+            begin, end = _stretches(at).T
             here = piece[begin].astype(float)
             before, after = piece[np.maximum(begin - 1, 0)], piece[np.minimum(end, piece.size - 1)]
             jump = np.maximum(np.abs(here - before), np.abs(here - after))

@@ -47,12 +47,8 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
             yield _stops(each, where)
         if each.clipped:
             yield _clips(each, where)
-        if probe.unit:
-            yield from _sensitivity(probe, each, where)
-            coupled += [probe.channel] if each.without_gap else []
-            continue
         highest_voltage = 50.0  # no probe or input card gives so many volts
-        if max(abs(each.low), abs(each.high)) > highest_voltage:
+        if not probe.unit and max(abs(each.low), abs(each.high)) > highest_voltage:
             words = (
                 f"{where}: {each.low:.6g} to {each.high:.6g} V are no voltages of a probe: counts, or millivolts? Say "
                 f'volts_per_count in [[channel]] name = "{probe.channel}", or unit = "um" in [[probe]] of a motion.'
@@ -62,7 +58,7 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
         yield from _sensitivity(probe, each, where)
         if each.without_gap:
             coupled.append(probe.channel)
-        elif not each.clipped:
+        elif not (each.clipped or probe.unit):
             yield from _out_of_range(probe, each, where)
     if coupled:
         words = (
@@ -155,10 +151,9 @@ def copied_recordings(records: Sequence[Signals]) -> Iterator[Finding]:
 
 def _out_of_range(probe: Probe, each: ChannelStatistics, where: str) -> Iterator[Finding]:
     low, high = probe.linear_range or _USUAL_RANGE
-    if probe.linear_range is None and each.mean > 0:  # conditioned to positive voltages: the usual range says nothing
-        return
-    if each.low < low or each.high > high:
-        said = "the setup's" if probe.linear_range else "the usual"
+    said = "the setup's" if probe.linear_range else "the usual"
+    positive = each.mean > 0 and probe.linear_range is None  # conditioned to it: the usual range says nothing
+    if not positive and (each.low < low or each.high > high):
         words = (
             f"{where}: {each.low:.2f} to {each.high:.2f} V leaves {said} linear range, {low:g} to {high:g} V: there "
             "the probe reads wrong amplitudes. Say linear_range_V in [[probe]] where another range holds."
@@ -171,16 +166,13 @@ def direction_findings(record: Signals, shaft: AngleTrack | None, perturbator: A
     whirl = 0 if record.force is None or record.force.measured else record.force.whirl
     backward, opposite, judged = [], [], []
     for plane in record.pairs:
-        reversed_shaft = reversed_force = None
-        if shaft is not None:
-            reversed_shaft = _reversed(record, plane, shaft, 1)
-        if perturbator is not None and whirl:
-            reversed_force = _reversed(record, plane, perturbator, whirl)
+        reversed_shaft = shaft is not None and _reversed(record, plane, shaft, 1)
+        against = None if perturbator is None or not whirl else _reversed(record, plane, perturbator, whirl)
         if reversed_shaft:
             backward.append(plane)
-        if reversed_force is not None and not reversed_shaft:
+        elif against is not None:
             judged.append(plane)
-            opposite += [plane] if reversed_force else []
+            opposite += [plane] if against else []
     if backward and len(backward) == len(record.pairs) > 1:
         words = (
             f"{record.name}: once-per-turn motion is mostly backward in every plane: the shaft turns the other way "
@@ -205,7 +197,10 @@ def direction_findings(record: Signals, shaft: AngleTrack | None, perturbator: A
 def _reversed(record: Signals, plane: str, angle: AngleTrack, direction: int) -> bool | None:
     """True if motion at a mark's frequency is mostly against the direction; None where it is too small to say."""
     with_it = against = total = 0.0
-    for start, stop in _spread(record):
+    pieces = 8  # of a long recording
+    length = record.size if record.size <= _SAMPLES_CHECKED else _SAMPLES_CHECKED // pieces
+    for start in sorted(set(np.linspace(0, record.size - length, pieces).astype(int).tolist())):
+        stop = start + length
         t = np.arange(start, stop) / record.sample_rate
         inside = (t >= angle.begin) & (t <= angle.end)
         if inside.sum() < 64:
@@ -216,21 +211,9 @@ def _reversed(record: Signals, plane: str, angle: AngleTrack, direction: int) ->
             with_it += forward if direction > 0 else backward
             against += backward if direction > 0 else forward
             total += float(np.mean(np.abs(z) ** 2))
-    if max(with_it, against) < 0.01 * total or total == 0.0:
-        return None
-    # Power ratio from which a motion counts as mostly in one direction: twice the amplitude
-    one_sided_power_ratio = 4.0
-    return against > one_sided_power_ratio * with_it
-
-
-def _spread(record: Signals) -> Iterator[tuple[int, int]]:
-    """All of a short recording, eight pieces of a long one."""
-    if record.size <= _SAMPLES_CHECKED:
-        yield 0, record.size
-        return
-    length = _SAMPLES_CHECKED // 8
-    for start in np.linspace(0, record.size - length, 8).astype(int).tolist():
-        yield start, start + length
+    one_sided_power_ratio = 4.0  # from which a motion counts as mostly in one direction: twice the amplitude
+    too_small = max(with_it, against) < 0.01 * total or total == 0.0
+    return None if too_small else against > one_sided_power_ratio * with_it
 
 
 def hum_findings(record: Signals, shaft: AngleTrack | None) -> Iterator[Finding]:
@@ -273,9 +256,8 @@ def folding_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
         return
     seen: dict[int, list[tuple[str, float]]] = {}
     for probe in record.probes:
-        for order, frequency, _ in folded_orders(
-            record.displacement(probe, 0, size), record.sample_rate, turning, spread
-        ):
+        motion = record.displacement(probe, 0, size)
+        for order, frequency, _ in folded_orders(motion, record.sample_rate, turning, spread):
             seen.setdefault(order, []).append((probe.channel, frequency))
     for order, lines in seen.items():
         words = (
@@ -288,12 +270,10 @@ def folding_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
 
 def speed_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
     """A shaft whose marks do not come at the speed that file or setup say."""
-    if record.speed is None or record.speed == 0:
-        return
-    speeds = shaft.speeds()
+    speeds, said = shaft.speeds(), record.speed or 0.0
     middle = float(np.median(speeds))
-    if np.ptp(speeds) < 0.05 * abs(middle) and abs(middle - abs(record.speed)) > 0.03 * abs(record.speed):
-        marks, given = middle * RPM_PER_RAD_S, record.speed * RPM_PER_RAD_S
+    if said and np.ptp(speeds) < 0.05 * abs(middle) and abs(middle - abs(said)) > 0.03 * abs(said):
+        marks, given = middle * RPM_PER_RAD_S, said * RPM_PER_RAD_S
         words = (
             f"{record.name}: the marks say {significant(marks, 4)} rpm, file or setup {significant(given, 4)} rpm: is "
             f"pulses_per_turn right ({shaft.pulses_per_turn}), and the sampling "

@@ -35,17 +35,30 @@ def reduced_responses(
     records: Sequence[Recording], turns: int | None, report: Report, groups: int = 1
 ) -> PerturbationTest:
     """The responses of a record, or of start-ups with the weight in one plane."""
-    force = force_of(records[0])
+    record = records[0]
+    force = force_of(record)
     if force.measured:
         return measured_responses(records, report)
-    if turns:
-        return window_responses(_reduce(records[0]), force, turns)
-    if force.reference == "perturbator":
-        return _perturbed(records[0], report)
-    if not dwelling(records[0]):
+    if not turns and force.reference == "shaft" and not dwelling(record):
         return _start_ups(records, groups, report)
-    reduced = _reduce(records[0])  # a balance run: its 1x vectors have residual unbalance in them
-    return dwell_responses(reduced, dwells_of(reduced), force)[0]
+    drive = record.shaft_angle() if force.reference == "shaft" else record.perturbator_angle()
+    if drive is None:
+        raise ValueError(f"{record.name} has no phase reference of the perturbator; name its channel in [perturbator]")
+    reduced = reduce_record(record, drive, force.whirl)
+    if turns:
+        return window_responses(reduced, force, turns)
+    parts = dwells_of(reduced)
+    if force.reference == "perturbator" and not parts:
+        return _sweep(reduced, force, report)
+    test, clear = dwell_responses(reduced, parts, force)  # of a balance run residual unbalance is in the 1x vectors
+    if force.reference == "perturbator":
+        if not clear.any():
+            raise ValueError(
+                f"{record.name}: the perturbation dwells closer to an order of the shaft than the recording can "
+                "separate"
+            )
+        say_lost(record, int(np.sum(~clear)), clear.size, float(np.ptp(parts[0].time)), report)
+    return test
 
 
 def force_of(record: Recording) -> Force:
@@ -57,34 +70,9 @@ def force_of(record: Recording) -> Force:
     return record.force
 
 
-def _reduce(record: Recording) -> ReducedRecord:
-    """A recording whose force is locked to a mark, at the rate that it needs."""
-    force = force_of(record)
-    drive = record.shaft_angle() if force.reference == "shaft" else record.perturbator_angle()
-    if drive is None:
-        raise ValueError(f"{record.name} has no phase reference of the perturbator; name its channel in [perturbator]")
-    return reduce_record(record, drive, force.whirl)
-
-
-def _perturbed(record: Recording, report: Report) -> PerturbationTest:
-    """One record of a perturbator that dwells or sweeps."""
-    reduced = _reduce(record)
-    parts = dwells_of(reduced)
-    if not parts:
-        return _sweep(reduced, report)
-    test, clear = dwell_responses(reduced, parts, force_of(record))
-    if not clear.any():
-        raise ValueError(
-            f"{record.name}: the perturbation dwells closer to an order of the shaft than the recording can separate"
-        )
-    say_lost(record, int(np.sum(~clear)), clear.size, float(np.ptp(parts[0].time)), report)
-    return test
-
-
-def _sweep(reduced: ReducedRecord, report: Report) -> PerturbationTest:
+def _sweep(reduced: ReducedRecord, force: Force, report: Report) -> PerturbationTest:
     """One record of a perturbator that sweeps."""
     record = reduced.record
-    force = force_of(record)
     weight = np.array([force.mr * np.exp(1j * force.angle)])
     calm = reduced.without_orders()
     found = estimated([record], [calm.spectra(weight, reduced.orders())], *reduced.band)

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from operator import attrgetter
 from typing import Any
 
@@ -31,18 +32,9 @@ from rotorfit.recordings.rig.setup import Force
 from rotorfit.recordings.signals import source_of
 from rotorfit.units import RPM_PER_RAD_S
 
-_KINDS = {"perturbator": "a perturbator", "shaft": "the shaft itself", "": "a measured force"}
-_BALANCE = "the shaft itself, at steady speeds"
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Job:
-    """Recordings that are reduced together: one of a perturbator or a measured force, or start-ups with one weight."""
-
-    records: tuple[Recording, ...]  # the recordings
-    turns: int | None  # of a window; None: no windows
-    checked: bool  # whether findings about the recordings themselves are reported as well
-    groups: int = 1  # groups of start-ups that the runs without a weight are part of
+_Job = tuple[tuple[Recording, ...], int]
+"""Recordings that are reduced together: one of a perturbator or a measured force, or start-ups with one weight; and the
+number of groups of start-ups that the runs without a weight are part of."""
 
 
 def responses(
@@ -109,24 +101,25 @@ def checked_responses(
         raise ValueError("no recordings given")
     tell = progress or (lambda stage: None)
     forces = [force_of(record) for record in records]
-    _same_kind(records)
+    kinds = {driven_by(record): record.name for record in records}
+    if len(kinds) > 1:
+        (one, first), (other, second), *_ = kinds.items()
+        raise ValueError(
+            f"{first} is driven by {one}, {second} by {other}: two kinds of tests, call responses for each and give a "
+            "list of both to fit"
+        )
     for finding in copied_recordings(records) if checked else ():
         on_finding(finding)
     if not all(force.datum_known for force in forces):
         on_finding(_datum_finding(records))
     if forces[0].measured and turns:
         raise ValueError("windows of whole turns need a force that turns with a mark; this one was measured")
-    jobs = [
-        _Job(records=group, turns=turns, checked=checked, groups=groups)
-        for group, groups in _together(records, forces, turns)
-    ]
+    jobs, work = _together(records, forces, turns), partial(_reduced, turns=turns, checked=checked)
     if executor is None:
-        reduced = carry_out(lambda job: _reduced(job, tell), jobs, None)
+        reduced = carry_out(partial(work, tell=tell), jobs, None)
     else:
         tell(f"responses of {len(records)} recordings")
-        reduced = carry_out(
-            _reduced, jobs, executor, lambda job, _: tell(f"reduced {', '.join(r.name for r in job.records)}")
-        )
+        reduced = carry_out(work, jobs, executor, lambda job, _: tell(f"reduced {', '.join(r.name for r in job[0])}"))
     for _, findings in reduced:
         for finding in findings:
             on_finding(finding)
@@ -137,15 +130,12 @@ def checked_responses(
     return replace(test, source=source_of(records))
 
 
-def _together(
-    records: Sequence[Recording], forces: Sequence[Force], turns: int | None
-) -> list[tuple[tuple[Recording, ...], int]]:
+def _together(records: Sequence[Recording], forces: Sequence[Force], turns: int | None) -> list[_Job]:
     """Recordings that are reduced together, and how many such groups their runs without a weight are part of."""
     pairs = list(zip(records, forces, strict=True))
     if forces[0].reference == "":
-        groups: dict[
-            object, list[Recording]
-        ] = {}  # along both axes at one plane, in one state of the rig; others alone
+        # along both axes at one plane, in one state of the rig; others alone
+        groups: dict[object, list[Recording]] = {}
         for record, force in pairs:
             state = (force.plane, record.speed, tuple(sorted(record.attributes.items())))
             groups.setdefault(state if all(force.channels) else record.name, []).append(record)
@@ -186,30 +176,29 @@ def _refuse_alone(pairs: Sequence[tuple[Recording, Force]]) -> None:
 
 
 def _datum_finding(records: Sequence[Recording]) -> Finding:
+    words = (
+        "the angle between weight and mark is not known; fit with "
+        'phase_offsets="common" (--phase-offsets common), one angle for all runs.'
+    )
     unmarked = [r.name for r in records if r.rig.perturbator is not None and r.rig.perturbator.channel is None]
     if len(unmarked) > 1:
         words = (
             f"{listed(unmarked)} have no mark of the perturbator: the phases of each count "
             "from a datum of its own that nothing tells, so that a fit cannot take them together. Give it a mark."
         )
-        return Finding("error", PHASE_DATUM, words)
-    words = (
-        "the angle between weight and mark is not known; fit with "
-        'phase_offsets="common" (--phase-offsets common), one angle for all runs.'
-    )
-    return Finding("note", PHASE_DATUM, words)
+    return Finding("error" if len(unmarked) > 1 else "note", PHASE_DATUM, words)
 
 
 def _reduced(
-    job: _Job, tell: Callable[[str], None] = lambda stage: None
+    job: _Job, *, turns: int | None, checked: bool, tell: Callable[[str], None] = lambda stage: None
 ) -> tuple[PerturbationTest, tuple[Finding, ...]]:
-    """The responses of recordings that belong together, and what was odd."""
+    """The responses of recordings that belong together, and what was odd, in the recordings themselves if asked."""
     found: list[Finding] = []
-    report = found.append
-    tell(f"responses of {', '.join(record.name for record in job.records)}")
-    usable = [_usable(record, report) for record in job.records]
-    test = reduced_responses(usable, job.turns, report, job.groups)
-    own = [finding for record in job.records for finding in record.findings] if job.checked else []
+    records, groups = job
+    tell(f"responses of {', '.join(record.name for record in records)}")
+    usable = [_usable(record, found.append) for record in records]
+    test = reduced_responses(usable, turns, found.append, groups)
+    own = [finding for record in records for finding in record.findings] if checked else []
     return test, (*found, *own)
 
 
@@ -229,18 +218,9 @@ def _usable(record: Recording, report: Report) -> Recording:
 
 def driven_by(record: Recording) -> str:
     """Force that drives the rotor of a recording, in words, where it is known."""
+    kinds = {"perturbator": "a perturbator", "shaft": "the shaft itself", "": "a measured force"}
     reference = force_of(record).reference
-    return _BALANCE if reference == "shaft" and dwelling(record) else _KINDS[reference]
-
-
-def _same_kind(records: Sequence[Recording]) -> None:
-    kinds = {driven_by(record): record.name for record in records}
-    if len(kinds) > 1:
-        (one, first), (other, second), *_ = kinds.items()
-        raise ValueError(
-            f"{first} is driven by {one}, {second} by {other}: two kinds of tests, call responses for each and give a "
-            "list of both to fit"
-        )
+    return kinds[reference] + (", at steady speeds" if reference == "shaft" and dwelling(record) else "")
 
 
 BLOWS, LOADS = "blows", "constant loads"
@@ -282,12 +262,10 @@ def recorded_tests(
             tests.append(checked_responses(same, turns=turns, executor=executor, on_finding=report, progress=progress))
             continue
         tell(f"{kind}: {', '.join(record.name for record in same)}")
-        blows = kind == BLOWS
-        tests.append(
-            ring_downs(same, executor=executor)
-            if blows
-            else static_positions(same, executor=executor, on_finding=report)
-        )
+        if kind == BLOWS:
+            tests.append(ring_downs(same, executor=executor))
+        else:
+            tests.append(static_positions(same, executor=executor, on_finding=report))
         for findings in carry_out(attrgetter("findings"), same, executor):
             for finding in findings:
                 report(finding)
