@@ -59,8 +59,7 @@ RECORDING_FLOORS = (
     ("formats",),
     ("rig",),
     (
-        "angle_track", "channel_statistics", "quality", "recording", "signals", "slow_roll", "spectra", "summary",
-        "views",
+        "angle_track", "channel_statistics", "quality", "recording", "signals", "slow_roll", "summary", "views",
     ),
     ("reduction",),
 )  # fmt: skip

@@ -18,8 +18,7 @@ from rotorfit.models.motion.off_centre import (
     static_equilibria,
 )
 from rotorfit.models.motion.stability import eigenvalues
-from rotorfit.simulation.integration import IntegrationError, Motion
-from rotorfit.simulation.steady_state import rest_position, steady_state
+from rotorfit.simulation.integration import IntegrationError, Motion, rest_position, steady_state
 
 SPEED = 100.0
 RIGS = ["muszynska", "even", "spline", "two planes", "two ratios"]

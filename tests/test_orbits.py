@@ -16,8 +16,7 @@ from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.orbits import OrbitEquation, all_roots, followed_roots, nearest_orbits
 from rotorfit.models.motion.stability import growth_rate
-from rotorfit.simulation.integration import IntegrationError, Motion, integrate
-from rotorfit.simulation.steady_state import steady_state
+from rotorfit.simulation.integration import IntegrationError, Motion, integrate, steady_state
 
 SPEED = 100.0
 

@@ -15,8 +15,7 @@ from rotorfit.estimators.signals.spectral_lines import full_spectrum
 from rotorfit.estimators.signals.tracking import order_vectors
 from rotorfit.recordings.angle_track import Marks, speeds
 from rotorfit.recordings.reduction.reductions import swept_vectors
-from rotorfit.recordings.spectra import cascade, spectrum
-from rotorfit.recordings.views import OrderVectors, centreline, stretch, vectors_over_time
+from rotorfit.recordings.views import OrderVectors, cascade, centreline, spectrum, stretch, vectors_over_time
 from rotorfit.studies.folder import CONTENTS
 
 FIGURES = ("timebase", "orbit", "centreline", "bode", "polar", "full_spectrum", "cascade", "speed")

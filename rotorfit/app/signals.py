@@ -17,8 +17,7 @@ from rotorfit.app.parts import WIDE, figures_beside, framed, message, small_lege
 from rotorfit.models.digits import significant
 from rotorfit.plots.recordings import vectors_shown
 from rotorfit.plots.style import COLOURS
-from rotorfit.recordings.spectra import Cascade, cascade, spectrum
-from rotorfit.recordings.views import OrderVectors, Stretch, envelope, stretch
+from rotorfit.recordings.views import Cascade, OrderVectors, Stretch, cascade, envelope, spectrum, stretch
 from rotorfit.studies.wording import sentence
 from rotorfit.units import RPM_PER_RAD_S
 

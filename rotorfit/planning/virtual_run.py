@@ -14,9 +14,8 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.observing.circular import first_rows
 from rotorfit.planning.noise import PlannedNoise
 from rotorfit.simulation.forcing import probes
-from rotorfit.simulation.integration import Motion
+from rotorfit.simulation.integration import Motion, steady_state
 from rotorfit.simulation.rig import VirtualRig
-from rotorfit.simulation.steady_state import steady_state
 
 _TOLERANCE = 1e-6
 """Error of the integration over the motion, far below what a probe reads."""

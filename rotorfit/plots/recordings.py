@@ -1,4 +1,4 @@
-"""Figures of a recording, of the arrays of :mod:`rotorfit.recordings.views` and :mod:`rotorfit.recordings.spectra`."""
+"""Figures of a recording, of the arrays of :mod:`rotorfit.recordings.views` and :mod:`rotorfit.recordings.views`."""
 
 from __future__ import annotations
 
@@ -35,8 +35,7 @@ from rotorfit.plots.style import (
 )
 from rotorfit.recordings.angle_track import Marks, SpeedTrack
 from rotorfit.recordings.reduction.reductions import swept_vectors
-from rotorfit.recordings.spectra import Cascade
-from rotorfit.recordings.views import Centreline, Clearance, OrderVectors, Stretch, vectors_over_time
+from rotorfit.recordings.views import Cascade, Centreline, Clearance, OrderVectors, Stretch, vectors_over_time
 
 if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording

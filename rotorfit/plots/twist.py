@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from rotorfit.models.array_types import Float
 from rotorfit.plots.style import COLOURS, PAGE, SMALL_TYPE, draw_cascade, grid, literal, looked, positions, prefix
-from rotorfit.recordings.spectra import Cascade
+from rotorfit.recordings.views import Cascade
 
 _ORDERS = {"w − Ω": (1, -1), "w − 2Ω": (1, -2), "2(w − Ω)": (2, -2), "1x": (0, 1), "2x": (0, 2)}
 """Combination lines of the twist: multiples of w and of Ω, the rotative speed."""

@@ -36,8 +36,16 @@ from rotorfit.recordings.rig.rig_toml import read_setup
 from rotorfit.recordings.rig.setup import Probe, RigSetup
 from rotorfit.recordings.signals import Signals
 from rotorfit.recordings.slow_roll import RunOut, find_run_out, in_words
-from rotorfit.recordings.spectra import cascade, spectrum, steady_lines, twist_cascade, twist_of
-from rotorfit.recordings.views import OrderVectors, centreline, stretch
+from rotorfit.recordings.views import (
+    OrderVectors,
+    cascade,
+    centreline,
+    spectrum,
+    steady_lines,
+    stretch,
+    twist_cascade,
+    twist_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -24,9 +24,8 @@ from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index, Records, Text
 from rotorfit.models.digits import significant
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues
-from rotorfit.simulation.integration import integrate
+from rotorfit.simulation.integration import Steady, integrate, rest_position, steady_state
 from rotorfit.simulation.rig import VirtualRig, positive, rates_rpm, some_planes
-from rotorfit.simulation.steady_state import Steady, rest_position, steady_state
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
 LineOrder = Literal["rest", "up", "down"]

@@ -23,11 +23,10 @@ from rotorfit.data.weights import differenced
 from rotorfit.executors import carry_out, executor_of
 from rotorfit.recordings.quality import copied_recordings, probe_findings, spoiled
 from rotorfit.recordings.recording import Recording, named_apart
-from rotorfit.recordings.reduction.reductions import force_of, reduced_responses
+from rotorfit.recordings.reduction.reductions import dwelling, force_of, reduced_responses
 from rotorfit.recordings.reduction.response_lines import Report
 from rotorfit.recordings.reduction.ring_downs import ring_downs
 from rotorfit.recordings.reduction.static_positions import static_positions
-from rotorfit.recordings.reduction.steady_responses import dwelling
 from rotorfit.recordings.rig.setup import Force
 from rotorfit.recordings.signals import source_of
 from rotorfit.units import RPM_PER_RAD_S
