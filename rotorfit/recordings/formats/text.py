@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.file_reading import check_unpacked
 from rotorfit.io.sampling import rate_of, rate_of_times, time_factor
-from rotorfit.io.tables.cells import marked_encoding
+from rotorfit.io.tables.cells import encoding_of
 from rotorfit.recordings.formats.raw_file import RawArray, RawChannel, RawFile, spooled
 
 _ROWS = 1 << 17
@@ -35,7 +35,6 @@ class _Head:
     delimiter: str | None
     comma: bool  # whether numbers have a decimal comma
     trailing: bool  # whether every row ends with a delimiter
-    encoding: str
     lines: int  # before the first row of numbers
 
 
@@ -57,16 +56,14 @@ class _Line:
 
 def open_file(path: Path) -> RawFile:
     """Content of a text file of raw signals."""
-    try:
-        head = _head(path)
-        with path.open("rb") as binary:
-            lines = sum(block.count(b"\n") for block in iter(lambda: binary.read(1 << 24), b"")) + 1
-        width = len(head.names)
-        check_unpacked(path.name, 8.0 * lines * width, path.stat().st_size)
-        with path.open(encoding=head.encoding) as file:  # all cells go to the disk
-            columns = spooled(_rows(path, file, head), lines * width, np.float64).reshape(-1, width)
-    except UnicodeError as problem:
-        raise ValueError(f"{path.name} is not text; save it as CSV UTF-8") from problem
+    encoding = encoding_of(path)
+    head = _head(path, encoding)
+    with path.open("rb") as binary:
+        lines = sum(block.count(b"\n") for block in iter(lambda: binary.read(1 << 24), b"")) + 1
+    width = len(head.names)
+    check_unpacked(path.name, 8.0 * lines * width, path.stat().st_size)
+    with path.open(encoding=encoding) as file:  # all cells go to the disk
+        columns = spooled(_rows(path, file, head), lines * width, np.float64).reshape(-1, width)
     rate = rate_of(head.attributes)
     channels: dict[str, RawChannel] = {}
     for name, unit, values in zip(head.names, head.units, columns.T if columns.size else (), strict=False):
@@ -78,9 +75,8 @@ def open_file(path: Path) -> RawFile:
     return RawFile(name=path.name, channels=channels, attributes=head.attributes, sample_rate=rate)
 
 
-def _head(path: Path) -> _Head:
+def _head(path: Path, encoding: str) -> _Head:
     """Lines above the numbers: attributes, notes of the instrument, names, perhaps a row of units."""
-    encoding = _encoding(path)
     attributes, lines = _first_lines(path, encoding)
     first = _first_numbers(path, lines)
     numbers, above = lines[first:], lines[:first]
@@ -109,7 +105,6 @@ def _head(path: Path) -> _Head:
         delimiter=numbers[0].delimiter,
         comma=numbers[0].delimiter != "," and any("," in line.text for line in numbers),
         trailing=trailing,
-        encoding=encoding,
         lines=numbers[0].number,
     )
 
@@ -156,20 +151,6 @@ def _first_numbers(path: Path, lines: list[_Line]) -> int:
     if mixed:
         raise ValueError(f"{path.name}: line {mixed[0].number + 1} holds what is not a number: {mixed[0].text[:80]}")
     raise ValueError(f"{path.name} holds no signals: there are no numbers in columns in it")
-
-
-def _encoding(path: Path) -> str:
-    """UTF-8, UTF-16 or, as old programs save it, Windows' Western code page."""
-    with path.open("rb") as file:
-        begin = file.read(1 << 20)
-    marked = marked_encoding(begin)
-    if marked:
-        return marked
-    try:
-        begin[: begin.rfind(b"\n") + 1].decode("utf-8")
-    except UnicodeDecodeError:
-        return "cp1252"
-    return "utf-8"
 
 
 def _plain(text: str) -> float | str:
