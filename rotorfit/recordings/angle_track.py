@@ -46,16 +46,15 @@ def track(record: Signals, reference: Reference) -> AngleTrack:
         levels = find_levels(_sample(record, channel), edge=reference.edge or "", level=reference.level)
         times = find_edges(record.pieces(channel), levels) / record.sample_rate / (1 + (reference.clock or 0.0))
         pulses, gap = from_index(number_pulses(times), per_turn) if per_turn > 1 else (number_pulses(times), 0)
-        smooth = smooth_angle(
-            pulses, duration=record.duration, pulses_per_turn=per_turn, resolution=1 / record.sample_rate
-        )
+        resolution = 1 / record.sample_rate
+        smooth = smooth_angle(pulses, duration=record.duration, pulses_per_turn=per_turn, resolution=resolution)
     findings = [*_of_pulses(where, pulses, smooth), *_of_ends(where, record, smooth)]
     if reference.edge is None and levels.duty > 0.4:
-        taken = "falling" if levels.falling else "rising"
         text = (
-            f"the pulse lasts {levels.duty:.0%} of a turn, so its leading edge is not clear; the {taken} edge was taken"
+            f"{where}: the pulse lasts {levels.duty:.0%} of a turn, so its leading edge is not clear; the "
+            f'{"falling" if levels.falling else "rising"} edge was taken. Say edge = "falling" or "rising".'
         )
-        findings.insert(0, _warning("keyphasor-edge", f'{where}: {text}. Say edge = "falling" or "rising".'))
+        findings.insert(0, _warning("keyphasor-edge", text))
     if per_turn > 1:
         findings.append(_wheel(where, smooth, per_turn, gap))
     used = ~np.isin(pulses.times, smooth.outlying)
@@ -100,16 +99,14 @@ def _of_pulses(where: str, pulses: NumberedPulses, smooth: SmoothAngle) -> Itera
         )
     if smooth.outlying.size:
         text = f"{smooth.outlying.size} pulses far off their place left out, at {_times(smooth.outlying)}."
-        # Share of the pulses far off the smooth angle from which turns may have been lost
-        largest_outlying_share = 0.05
-        if smooth.outlying.size <= largest_outlying_share * pulses.times.size:
-            yield _warning("pulses-noisy", f"{where}: {text}")
-        else:
+        largest_outlying_share = 0.05  # of the pulses, from which turns may have been lost
+        lost = smooth.outlying.size > largest_outlying_share * pulses.times.size
+        if lost:
             text += (
                 " With so many the turns cannot be counted for sure: set the level of the trigger anew (level_V), or"
                 " cut the record where samples of it were lost."
             )
-            yield Finding("error", "pulses-noisy", f"{where}: {text}")
+        yield Finding("error" if lost else "warning", "pulses-noisy", f"{where}: {text}")
 
 
 def _warning(code: str, message: str) -> Finding:
@@ -118,11 +115,8 @@ def _warning(code: str, message: str) -> Finding:
 
 def _of_ends(where: str, record: Signals, smooth: SmoothAngle) -> Iterator[Finding]:
     """A shaft that stood still at one end of the record, or a mark that failed there."""
-    ends = (
-        (smooth.begin, smooth.begin, "before the first"),
-        (record.duration - smooth.end, smooth.end, "after the last"),
-    )
-    for gap, at, words in ends:
+    after = record.duration - smooth.end
+    for gap, at, words in ((smooth.begin, smooth.begin, "before the first"), (after, smooth.end, "after the last")):
         turns = gap * float(smooth.speed(np.array([at]))[0]) / (2 * np.pi)
         if turns > 2.5:
             yield _warning(
@@ -154,20 +148,18 @@ def steady_track(record: Signals, shaft: AngleTrack | None, whirl: int) -> Angle
     planes = record.planes[:2]
     if not planes:
         raise ValueError(f"{record.name} has no probes to find the frequency of the perturbation from")
-    z = max(
-        (np.asarray(record.motion(plane, 0, stop), dtype=complex) for plane in planes), key=lambda m: float(np.std(m))
-    )
+    motions = (np.asarray(record.motion(plane, 0, stop), dtype=complex) for plane in planes)
+    z = max(motions, key=lambda motion: float(np.std(motion)))
     turning = 0.0 if shaft is None else float(np.mean(shaft.speeds())) / (2 * np.pi)
     orders = [k * turning for k in range(-10, 11)] if turning else [0.0]
     with said_of(f"{record.name}, perturbator without a mark"):
         smooth = steady_angle(z, record.sample_rate, whirl, orders)
     hertz = float(smooth.speed(np.array([0.0]))[0]) / (2 * np.pi)
-    said = Finding(
-        "note",
-        "steady-perturbation",
+    text = (
         f"{record.name}: the perturbator has no mark; it runs at {hertz:.4f} Hz by the motion. Its phase counts from "
-        'the start of the recording: fit with phase_offsets="common" or True.',
+        'the start of the recording: fit with phase_offsets="common" or True.'
     )
+    said = Finding("note", "steady-perturbation", text)
     return AngleTrack(**vars(smooth), pulses=np.zeros(0), findings=(said,))
 
 
@@ -186,10 +178,9 @@ class Marks:
         """The angle of a mark."""
         if name not in _MARKS:
             raise ValueError(unknown_name("reference", name, _MARKS))
-        found = self.shaft if name == "shaft" else self.perturbator
-        if found is None:
+        if name not in self.present:
             raise ValueError(f"{record.name} has no phase reference of the {name}")
-        return found
+        return self.present[name]
 
     @property
     def main(self) -> str:

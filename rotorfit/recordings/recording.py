@@ -68,7 +68,7 @@ class Recording(Signals):
         return f"<p>{escape(repr(self)[1:-1])}</p><table>{head}<tbody>{cells}</tbody></table>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _opened_again, (self.path, self.setup, self.label)  # a worker opens the file again
+        return read_recording, (self.path, self.setup), {"label": self.label}  # a worker opens the file again
 
     def shaft_angle(self) -> AngleTrack:
         """Angle of the shaft from its Keyphasor.
@@ -179,9 +179,8 @@ class Recording(Signals):
         """
         from rotorfit.plots.recordings import plot_timebase
 
-        return plot_timebase(
-            [stretch(self, self.marks, each, at, turns) for each in self._of(plane)], self.name, **look
-        )
+        parts = [stretch(self, self.marks, each, at, turns) for each in self._of(plane)]
+        return plot_timebase(parts, self.name, **look)
 
     def plot_orbit(
         self,
@@ -390,7 +389,7 @@ class Recording(Signals):
     def _pairs(self, plane: str | None) -> tuple[str, ...]:
         if plane is not None:
             self.motion(plane, 0, 0)  # refuses a plane that there is not
-        chosen = self.pairs if plane is None else tuple(p for p in self.pairs if p == plane)
+        chosen = tuple(pair for pair in self.pairs if plane in (None, pair))
         if not chosen:
             lacking = f"{plane} has one probe" if plane else "no plane has two probes"
             raise ValueError(f"{self.name}: {lacking}; an orbit or a centreline needs two")
@@ -418,10 +417,6 @@ def read_recording(path: str | Path, setup: str | Path | RigSetup | None = None)
     raw = open_raw(path)
     given = setup if isinstance(setup, RigSetup) or setup is None else read_setup(setup)
     return Recording(raw=raw, rig=complete(raw, given), path=Path(path), setup=given)
-
-
-def _opened_again(path: Path, setup: RigSetup | None, label: str | None) -> Recording:
-    return replace(read_recording(path, setup), label=label)
 
 
 def named_apart(records: Recording | Sequence[Recording]) -> list[Recording]:

@@ -78,8 +78,8 @@ def stretch(
         for name, angle, vector in zip(marks.present, angles, vectors, strict=True):
             once = np.exp(1j * angle)
             filtered[name] = vector[3] * once + vector[1] / once
-    pulses = {name: angle.marks for name, angle in marks.present.items()}
-    dots = {name: times[(times >= t[0]) & (times <= t[-1])] for name, times in pulses.items()}
+    pulses = ((name, angle.marks) for name, angle in marks.present.items())
+    dots = {name: times[(times >= t[0]) & (times <= t[-1])] for name, times in pulses}
     return Stretch(
         plane=plane,
         t=t,
@@ -189,7 +189,13 @@ def envelope(record: Signals, probe: Probe, start: float, stop: float, points: i
     if size < _BLOCK:
         least, most = _extremes(record.displacement(probe, first, last), size)
     else:
-        low, high = _blocks(record, probe)
+        known = record.__dict__.setdefault("_envelopes", {})  # of all blocks of a channel, read once
+        if probe.channel not in known:
+            starts = range(0, record.size, SAMPLES_OF_A_PIECE)
+            pieces = (record.displacement(probe, begin, begin + SAMPLES_OF_A_PIECE) for begin in starts)
+            ends = [_extremes(piece, _BLOCK) for piece in pieces]
+            known[probe.channel] = tuple(np.concatenate(each) for each in zip(*ends, strict=True))
+        low, high = known[probe.channel]
         first -= first % _BLOCK
         count, own = size // _BLOCK, slice(first // _BLOCK, -(-last // _BLOCK))
         least, most = _extremes(low[own], count)[0], _extremes(high[own], count)[1]
@@ -202,19 +208,6 @@ def _extremes(values: Float, size: int) -> tuple[Float, Float]:
     """Least and largest of consecutive pieces of so many values, the last of which may be shorter."""
     edges = np.arange(0, values.size, size)
     return np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)
-
-
-def _blocks(record: Signals, probe: Probe) -> tuple[Float, Float]:
-    """Least and largest of all blocks of a channel, read once."""
-    known = record.__dict__.setdefault("_envelopes", {})
-    if probe.channel not in known:
-        parts = [
-            _extremes(record.displacement(probe, begin, begin + SAMPLES_OF_A_PIECE), _BLOCK)
-            for begin in range(0, record.size, SAMPLES_OF_A_PIECE)
-        ]
-        known[probe.channel] = tuple(np.concatenate(ends) for ends in zip(*parts, strict=True))
-    low, high = known[probe.channel]
-    return low, high
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -12,7 +12,15 @@ from numpy.typing import NDArray
 
 from rotorfit.estimators.file_reading import check_unpacked
 from rotorfit.io.sampling import FEWEST, rate_of, rate_of_times, time_factor
-from rotorfit.recordings.formats.raw_file import RawChannel, RawFile, full_count, once, spooled, unit_said
+from rotorfit.recordings.formats.raw_file import (
+    RawChannel,
+    RawFile,
+    full_count,
+    number_or_text,
+    once,
+    spooled,
+    unit_said,
+)
 
 
 def open_file(path: Path) -> RawFile:
@@ -25,14 +33,8 @@ def open_file(path: Path) -> RawFile:
     with parquet.ParquetFile(path) as file:
         schema, size = file.schema_arrow, file.metadata.num_rows
     check_unpacked(path.name, 8.0 * size * len(schema), path.stat().st_size)
-    said: dict[str, Any] = {}
-    for key, value in (schema.metadata or {}).items():
-        text = value.decode("utf-8", "replace")
-        try:
-            said[key.decode()] = float(text)
-        except ValueError:
-            said[key.decode()] = text
-    said = {key: value for key, value in said.items() if not key.startswith(("ARROW:", "pandas"))}
+    texts = _decoded(schema.metadata)
+    said = {key: number_or_text(text) for key, text in texts.items() if not key.startswith(("ARROW:", "pandas"))}
     rate = rate_of(said)
     channels: dict[str, RawChannel] = {}
     for field in schema if size >= FEWEST else ():
@@ -41,20 +43,21 @@ def open_file(path: Path) -> RawFile:
         kind = np.dtype(field.type.to_pandas_dtype())
         factor = time_factor(field.name)
         if factor is not None:
-            rate = rate_of_times(
-                np.asarray(_load(path, field.name, size, np.dtype(float))) * factor, f"{path.name}, column {field.name}"
-            )
+            times = np.asarray(_load(path, field.name, size, np.dtype(float))) * factor
+            rate = rate_of_times(times, f"{path.name}, column {field.name}")
             continue
         channels[field.name] = RawChannel(
             name=field.name,
             size=size,
             samples=once(partial(_load, path, field.name, size, kind)),
             full_count=full_count(kind),
-            unit=unit_said(
-                {key.decode(): value.decode("utf-8", "replace") for key, value in (field.metadata or {}).items()}
-            ),
+            unit=unit_said(_decoded(field.metadata)),
         )
     return RawFile(name=path.name, channels=channels, attributes=said, sample_rate=rate)
+
+
+def _decoded(metadata: dict[bytes, bytes] | None) -> dict[str, str]:
+    return {key.decode(): value.decode("utf-8", "replace") for key, value in (metadata or {}).items()}
 
 
 def _load(path: Path, name: str, size: int, kind: np.dtype[Any]) -> NDArray[Any]:

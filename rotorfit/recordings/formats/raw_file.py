@@ -9,7 +9,7 @@ import os
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -111,15 +111,19 @@ def unit_said(said: Mapping[str, Any]) -> str:
     return ""
 
 
+def number_or_text(text: str) -> float | str:
+    """The number that a text is, else the text without its quotation marks."""
+    try:
+        return float(text)
+    except ValueError:
+        return text.strip("\"'")
+
+
 def plain(values: Mapping[str, Any]) -> dict[str, float | str]:
     """Attributes as plain numbers and text; what is neither, an array for instance, is left out."""
     found: dict[str, float | str] = {}
     for name, value in values.items():
-        item = (
-            value.item()
-            if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.size == 1)
-            else value
-        )
+        item = value.item() if isinstance(value, np.generic | np.ndarray) and value.size == 1 else value
         if isinstance(item, bytes):
             item = item.decode("utf-8", "replace")
         if isinstance(item, str) or (isinstance(item, int | float) and np.isfinite(item)):
@@ -151,11 +155,5 @@ def spooled(pieces: Iterable[NDArray[Any]], size: int, dtype: Any) -> NDArray[An
 
 def once(load: Callable[[], NDArray[Any]]) -> Samples:
     """Reader of pieces of an array that is loaded when the first piece is asked for."""
-    held: list[NDArray[Any]] = []
-
-    def read(start: int, stop: int) -> NDArray[Any]:
-        if not held:
-            held.append(load())
-        return np.asarray(held[0][start:stop])
-
-    return read
+    whole = cache(load)
+    return lambda start, stop: np.asarray(whole()[start:stop])

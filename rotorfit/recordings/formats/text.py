@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rotorfit.estimators.file_reading import check_unpacked
 from rotorfit.io.sampling import rate_of, rate_of_times, time_factor
 from rotorfit.io.tables.cells import encoding_of
-from rotorfit.recordings.formats.raw_file import RawArray, RawChannel, RawFile, spooled
+from rotorfit.recordings.formats.raw_file import RawArray, RawChannel, RawFile, number_or_text, spooled
 
 _ROWS = 1 << 17
 """Rows turned into numbers at once."""
@@ -51,7 +51,7 @@ class _Line:
     def numeric(self) -> tuple[bool, ...]:
         """Which of its cells that are not empty are numbers."""
         comma = self.delimiter != "," and "," in self.text
-        return tuple(isinstance(_plain(c.replace(",", ".") if comma else c), float) for c in self.cells if c)
+        return tuple(isinstance(number_or_text(c.replace(",", ".") if comma else c), float) for c in self.cells if c)
 
 
 def open_file(path: Path) -> RawFile:
@@ -87,7 +87,7 @@ def _head(path: Path, encoding: str) -> _Head:
         # the sampling rate, where an instrument says it in a line of its heading: ``Sample rate;3200 Hz``
         name, value = line.cells[:2] if len([cell for cell in line.cells if cell]) == 2 else ("", "")
         match = re.fullmatch(r"([0-9.eE+]+) *(k?)(?:Hz|S/s|Sa/s)?", value)
-        number = _plain(match[1]) if match and rate_of({name: 1.0}) is not None else ""
+        number = number_or_text(match[1]) if match and rate_of({name: 1.0}) is not None else ""
         if match and isinstance(number, float):
             attributes[name] = number * (1e3 if match[2] else 1.0)
     fitting = [line.cells[:width] for line in above if len(line.cells) in (width, width + trailing)]
@@ -121,7 +121,7 @@ def _first_lines(path: Path, encoding: str) -> tuple[dict[str, float | str], lis
             if text.startswith("#"):
                 key, equals, value = (part.strip() for part in text.lstrip("# ").partition("="))
                 if equals and key.replace("_", "").isalnum():
-                    attributes[key] = _plain(value)
+                    attributes[key] = number_or_text(value)
             elif re.fullmatch(r"sep=.", text):  # written by Excel
                 fixed = text[4]
             elif text.strip():
@@ -151,13 +151,6 @@ def _first_numbers(path: Path, lines: list[_Line]) -> int:
     if mixed:
         raise ValueError(f"{path.name}: line {mixed[0].number + 1} holds what is not a number: {mixed[0].text[:80]}")
     raise ValueError(f"{path.name} holds no signals: there are no numbers in columns in it")
-
-
-def _plain(text: str) -> float | str:
-    try:
-        return float(text)
-    except ValueError:
-        return text.strip("\"'")
 
 
 def _rows(path: Path, file: TextIOBase, head: _Head) -> Iterator[NDArray[Any]]:

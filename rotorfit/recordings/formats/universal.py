@@ -41,10 +41,8 @@ def open_file(path: Path) -> RawFile:
             continue
         words = [str(record.get(key) or "").strip() for key in ("rsp_ent_name", "id1")]
         entity, title = ("" if word.upper() in ("NONE", "") else word for word in words)
-        axis, place = (
-            _AXES.get(int(record["rsp_dir"])),
-            entity or (str(record["rsp_node"]) if record["rsp_node"] else ""),
-        )
+        axis = _AXES.get(int(record["rsp_dir"]))
+        place = entity or (str(record["rsp_node"]) if record["rsp_node"] else "")
         name = f"{place}_{axis}" if axis and place else title or place or "signal"
         name = name if name not in channels else f"{name} ({i + 1})"
         channels[name] = RawChannel(
@@ -60,14 +58,11 @@ def open_file(path: Path) -> RawFile:
 def _rate(path: Path, number: int, record: dict[str, Any]) -> float | None:
     if record["abscissa_spacing"] == 1:
         return 1 / float(record["abscissa_inc"]) if record["abscissa_inc"] > 0 else None
+    return rate_of_times(_load(path, number, "x"), f"{path.name}, record {number + 1}")
+
+
+def _load(path: Path, number: int, part: str = "data") -> NDArray[Any]:
     import pyuff
 
-    times = np.asarray(pyuff.UFF(str(path)).read_sets(number)["x"], dtype=float)
-    return rate_of_times(times, f"{path.name}, record {number + 1}")
-
-
-def _load(path: Path, number: int) -> NDArray[Any]:
-    import pyuff
-
-    data = np.asarray(pyuff.UFF(str(path)).read_sets(number)["data"], dtype=float)
-    return spooled([data], data.size, np.float64)
+    values = np.asarray(pyuff.UFF(str(path)).read_sets(number)[part], dtype=float)
+    return spooled([values], values.size, np.float64)
