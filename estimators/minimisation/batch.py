@@ -2,8 +2,7 @@
 
 Readings that differ by noise alone leave the Gauss-Newton matrix almost unchanged. One factorisation therefore
 serves all members, and each iteration costs one exact gradient, which the adjoint of the response gives for about two
-evaluations of the misfit. Convergence is linear with a small factor; members that converge slowly get a matrix of
-their own.
+evaluations of the misfit. Convergence is linear with a small factor.
 """
 
 from __future__ import annotations
@@ -48,40 +47,6 @@ def with_measured(problem: Problem, measured: ComplexArray) -> Problem:
     return replace(problem, blocks=tuple(blocks))
 
 
-class _Metric:
-    """Factors of Gauss-Newton matrices: the first one shared, members that are slow with their own."""
-
-    def __init__(self, matrix: Float, members: int) -> None:
-        self.which = np.zeros(members, dtype=np.intp)
-        size = np.sqrt(np.diag(matrix))
-        self.size = np.where(size > 0, size, 1.0)
-        power, basis = self._factor(matrix)
-        self._power, self._basis = [power], [basis]
-
-    def _factor(self, matrix: Float) -> tuple[Float, Float]:
-        power, basis = np.linalg.eigh(matrix / np.outer(self.size, self.size))
-        return np.maximum(power, 1e-14 * power[-1]), basis / self.size[:, None]
-
-    def own(self, member: int, matrix: Float) -> None:
-        """Give a member a matrix of its own."""
-        power, basis = self._factor(matrix)
-        self._power.append(power)
-        self._basis.append(basis)
-        self.which[member] = len(self._power) - 1
-
-    def step(self, members: Index, gradient: Float, damping: Float) -> tuple[Float, Float]:
-        """Damped steps downhill and the undamped remaining step in standard errors."""
-        which = self.which[members]
-        steps, remaining = np.empty_like(gradient), np.empty(members.size)
-        for number in np.unique(which):
-            rows = which == number
-            along = gradient[rows] @ self._basis[number]
-            power = self._power[number]
-            steps[rows] = -(along / (power + damping[rows, None])) @ self._basis[number].T
-            remaining[rows] = np.sqrt((along**2 / power).sum(axis=1))
-        return steps, remaining
-
-
 def batch_fit(
     problem: Problem,
     measured: ComplexArray,
@@ -101,13 +66,8 @@ def batch_fit(
     x = np.clip(np.broadcast_to(x, (measured.shape[0], p)), problem.space.lower, problem.space.upper)
     evaluations = 5  # a member's gradients until it has converged, typically
     batch = Batch(problem, accelerate=accelerate, work=evaluations * measured.shape[0], gradients=True)
-    readings = batch.readings(measured)
-
-    def evaluate(points: Float, members: Index) -> tuple[Float, Float]:
-        return batch.cost_and_gradient(points, readings.of(members))
-
     with np.errstate(all="ignore"):  # a trial point may well be absurd
-        end = _Descent(problem, measured, x.copy(), evaluate)
+        end = _Descent(problem, x.copy(), batch.of_readings(measured))
     alone = ~end.converged
     for b in np.flatnonzero(alone).tolist():
         own = with_measured(problem, measured[b])
@@ -119,22 +79,18 @@ def batch_fit(
 
 
 class _Descent:
-    """Damped Gauss-Newton steps of all members together."""
+    """Damped Gauss-Newton steps of all members together, by one matrix."""
 
-    def __init__(
-        self,
-        problem: Problem,
-        measured: ComplexArray,
-        x: Float,
-        evaluate: Callable[[Float, Index], tuple[Float, Float]],
-    ) -> None:
-        self.problem, self.measured, self.x, self.evaluate = problem, measured, x, evaluate
-        everyone, space = np.arange(len(x)), problem.space
-        middle = np.clip(x.mean(axis=0), space.lower, space.upper)
-        self.metric = _Metric(problem.gauss_newton(middle)[2], len(x))
-        self.cost, self.gradient = evaluate(x, everyone)
+    def __init__(self, problem: Problem, x: Float, evaluate: Callable[[Float, Index], tuple[Float, Float]]) -> None:
+        self.x, self.evaluate, space = x, evaluate, problem.space
+        matrix = problem.gauss_newton(np.clip(x.mean(axis=0), space.lower, space.upper))[2]
+        size = np.sqrt(np.diag(matrix))
+        size = np.where(size > 0, size, 1.0)
+        power, basis = np.linalg.eigh(matrix / np.outer(size, size))
+        self._power, self._basis = np.maximum(power, 1e-14 * power[-1]), basis / size[:, None]
+        self.cost, self.gradient = evaluate(x, np.arange(len(x)))
         self.damping = np.zeros(len(x))
-        self.step, self.remaining = self.metric.step(everyone, self.gradient, self.damping)
+        self.step, self.remaining = self._steps(self.gradient, self.damping)
         self.converged = self.remaining < STEP_TOLERANCE
         active = np.flatnonzero(~self.converged & np.isfinite(self.cost))
         for _ in range(60):
@@ -146,10 +102,16 @@ class _Descent:
             self._advance(active, trial)
             active = active[~self.converged[active] & (self.damping[active] < 1e12)]
 
+    def _steps(self, gradient: Float, damping: Float) -> tuple[Float, Float]:
+        """Damped steps downhill and the undamped remaining step in standard errors."""
+        along = gradient @ self._basis
+        step = -(along / (self._power + damping[:, None])) @ self._basis.T
+        return step, np.sqrt((along**2 / self._power).sum(axis=1))
+
     def _advance(self, active: Index, trial: Float) -> None:
         """Take the steps that do not climb, damp the others."""
         cost, gradient = self.evaluate(trial, active)
-        _, remaining = self.metric.step(active, gradient, np.zeros(active.size))
+        _, remaining = self._steps(gradient, np.zeros(active.size))
         before, damping = self.remaining[active], self.damping[active]
         # Below round-off of the cost, the gradient decides.
         close = before**2 < 1e-9 * np.maximum(self.cost[active], 1.0)
@@ -158,17 +120,7 @@ class _Descent:
         settled = ~good & close & (before < round_off)
         taken = active[good]
         self.x[taken], self.cost[taken], self.gradient[taken] = trial[good], cost[good], gradient[good]
-        self.remaining[taken] = remaining[good]
         smaller, larger = np.where(damping < 1e-4, 0.0, damping / 10), np.maximum(10 * damping, 1e-3)
         self.damping[active] = np.where(good, smaller, larger)
-        self.converged[active] = done = np.where(good, remaining < STEP_TOLERANCE, settled)
-        slow_shrinkage = 0.3  # shrinkage of the remaining step above which a member gets a matrix of its own
-        slow = ~done & (~good | (remaining > slow_shrinkage * before)) & (self.damping[active] < 1e6)
-        for b in active[slow].tolist():
-            linear = self.problem if self.problem.loss == "linear" else with_measured(self.problem, self.measured[b])
-            matrix = linear.gauss_newton(self.x[b])[2]
-            if np.isfinite(matrix).all():
-                self.metric.own(b, matrix)
-        self.step[active], self.remaining[active] = self.metric.step(
-            active, self.gradient[active], self.damping[active]
-        )
+        self.converged[active] = np.where(good, remaining < STEP_TOLERANCE, settled)
+        self.step[active], self.remaining[active] = self._steps(self.gradient[active], self.damping[active])

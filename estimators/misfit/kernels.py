@@ -5,6 +5,7 @@ Readings are sorted so that one inverse of the dynamic stiffness serves all of a
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -171,21 +172,6 @@ GRADIENT_COST = 5.0
 """NumPy's time for a gradient over that of a misfit."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class MemberReadings:
-    """Readings of many members."""
-
-    measured: ComplexArray  # of what is not compiled, shape ``(W, R)``
-    re: Float  # real parts of responses to unit forces in the order of the kernels, shape ``(W, Q)``
-    im: Float  # imaginary parts, shape ``(W, Q)``
-
-    def of(self, members: Index) -> MemberReadings:
-        """Those of some members; of all without a copy."""
-        if members.size == self.re.shape[0]:
-            return self
-        return MemberReadings(measured=self.measured[members], re=self.re[members], im=self.im[members])
-
-
 class Batch:
     """Channel sums, costs and gradients of many vectors of a problem."""
 
@@ -212,19 +198,27 @@ class Batch:
         out[:, self._channels], out[:, ~self._channels] = self._kernels.channel_sums(x), self._rest.channel_sums(x)
         return out
 
-    def readings(self, measured: ComplexArray) -> MemberReadings:
-        """Readings of members in place of the problem's, shape ``(W, R)``, sorted once for many evaluations."""
-        if self._kernels is None:
-            none = np.zeros((len(measured), 0))
-            return MemberReadings(measured=measured, re=none, im=none)
-        re, im = self._kernels.sorted(measured if self._in_kernels.all() else measured[:, self._in_kernels])
-        return MemberReadings(measured=measured[:, ~self._in_kernels], re=re, im=im)
-
-    def cost_and_gradient(self, x: Float, readings: MemberReadings | None = None) -> tuple[Float, Float]:
+    def cost_and_gradient(self, x: Float) -> tuple[Float, Float]:
         """Costs of the problem and their exact gradients, shapes ``(W,)`` and ``(W, p)``."""
-        cost, gradient, _ = self._rest.evaluate(x, None if readings is None else readings.measured, matrix=False)
+        return self._sums(x, None, None)
+
+    def of_readings(self, measured: ComplexArray) -> Callable[[Float, Index], tuple[Float, Float]]:
+        """The same of vectors of some members, which have readings ``(M, R)`` in place of the problem's."""
+        rest = measured[:, ~self._in_kernels]
+        sorted_ = None if self._kernels is None else self._kernels.sorted(measured[:, self._in_kernels])
+
+        def evaluate(x: Float, members: Index) -> tuple[Float, Float]:
+            targets = None if sorted_ is None else (sorted_[0][members], sorted_[1][members])
+            return self._sums(x, rest[members], targets)
+
+        return evaluate
+
+    def _sums(
+        self, x: Float, measured: ComplexArray | None, targets: tuple[Float, Float] | None
+    ) -> tuple[Float, Float]:
+        cost, gradient, _ = self._rest.evaluate(x, measured, matrix=False)
         if self._kernels is not None:
-            self._kernels.add(x, None if readings is None else (readings.re, readings.im), cost, gradient)
+            self._kernels.add(x, targets, cost, gradient)
         return cost, gradient
 
 
