@@ -13,7 +13,7 @@ from scipy import stats
 from rotorfit.estimators.inference.ensemble_sampler import IndependenceMove, best_proposal, sample
 from rotorfit.estimators.inference.log_posterior import LogPosterior
 from rotorfit.estimators.minimisation.least_squares import minimise
-from rotorfit.estimators.misfit.priors import LogPriors, Prior
+from rotorfit.estimators.misfit.priors import Prior, log_priors
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -139,5 +139,5 @@ def test_priors_together_are_priors_one_by_one():
     x[3, 6] = 1.5  # outside
     priors = [Prior(i, law) for i, law in enumerate(laws)]
     expected = sum(law.logpdf(x[:, i]) for i, law in enumerate(laws))
-    np.testing.assert_allclose(LogPriors(priors)(x), expected, rtol=1e-13)
+    np.testing.assert_allclose(log_priors(priors)(x), expected, rtol=1e-13)
     assert np.isneginf(expected[3])

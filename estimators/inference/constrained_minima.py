@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 
@@ -18,6 +18,10 @@ from rotorfit.models.array_types import Bool, Float, Index
 
 ValueAndGradient = Callable[[Float], tuple[float, Float]]
 """Value of a quantity and its gradient, shape ``(p,)``, at a fitted vector."""
+
+Condition = Callable[[Float, Float], tuple[Float, Float, Float]]
+"""Equation of vectors ``(W, p)`` and values that holds a derived quantity: its residual, NaN where it has none, and
+its slopes by vector and value."""
 
 _OPTIONS = Options(max_iterations=60, hessian="gauss-newton")
 
@@ -33,16 +37,6 @@ class Minima:
     contraction: Float  # largest length of a step over that of the one before, shape ``(W,)``; zero where there was one
 
 
-class Constraint(Protocol):
-    """The minimum over everything else with one quantity held at a value."""
-
-    def together(self, entries: Index, values: Float, starts: Float, contraction: Float) -> Minima:
-        """Minima of many, where full steps lead there."""
-
-    def alone(self, entry: int, value: float, start: Float) -> tuple[float, Float, bool]:
-        """Cost (infinite where there is nothing) and vector at the minimum for one value, and whether it is exact."""
-
-
 @dataclass(frozen=True, eq=False)
 class EntryConstraint:
     """Minimum over all entries of the fitted vector, or all coordinates in its place, but one."""
@@ -51,7 +45,7 @@ class EntryConstraint:
     scale: Float  # typical sizes, as for :func:`minimise`
 
     def together(self, entries: Index, values: Float, starts: Float, contraction: Float) -> Minima:
-        """See :class:`Constraint`."""
+        """Minima of many, where full steps lead there."""
         held = np.arange(starts.shape[1]) == entries[:, None]
         lower, upper = (np.where(held, values[:, None], bound) for bound in self.bounds)
 
@@ -72,7 +66,7 @@ class EntryConstraint:
         return box(self.problem)
 
     def alone(self, entry: int, value: float, start: Float) -> tuple[float, Float, bool]:
-        """See :class:`Constraint`."""
+        """Cost, infinite where there is nothing, and vector at the minimum for one value, and whether it is exact."""
         minima = self.together(np.array([entry]), np.array([value]), start[None], np.ones(1))
         if minima.found[0]:
             return float(minima.cost[0]), minima.x[0], True
@@ -83,13 +77,6 @@ class EntryConstraint:
             return math.inf, begin, True
         found = minimise(self.problem, begin, lower=low, upper=high, scale=self.scale, options=_OPTIONS)
         return found.cost, found.x, found.status in (Status.CONVERGED, Status.SINGULAR)
-
-
-class Condition(Protocol):
-    """Constraint that holds a derived quantity at a value: an equation between the vector and the value."""
-
-    def __call__(self, x: Float, values: Float) -> tuple[Float, Float, Float]:
-        """Residual of the equation at vectors ``(W, p)``, NaN where it has none, and its slopes by vector and value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +90,7 @@ class QuantityConstraint:
     condition: Condition | None = None  # the same as an equation for many vectors, where there is one
 
     def together(self, entries: Index, values: Float, starts: Float, contraction: Float) -> Minima:
-        """See :class:`Constraint`."""
+        """See :class:`EntryConstraint`."""
         condition = self.condition
         if condition is None:
             none = np.zeros(values.size)
@@ -120,7 +107,7 @@ class QuantityConstraint:
         return _full_steps(self.problem.evaluate, starts, lower, upper, step, contraction)
 
     def alone(self, entry: int, value: float, start: Float) -> tuple[float, Float, bool]:
-        """See :class:`Constraint`."""
+        """See :class:`EntryConstraint`."""
         problem = self.problem
         lower, upper = box(problem)
         x = np.clip(start, lower, upper)
@@ -146,6 +133,10 @@ class QuantityConstraint:
                     break
                 before = size
         return math.inf, x, False
+
+
+Constraint: TypeAlias = EntryConstraint | QuantityConstraint
+"""The minimum over everything else with one quantity held at a value."""
 
 
 def _full_steps(

@@ -91,23 +91,19 @@ def _within(normal: ComplexArray, towards: ComplexArray, limit: Float) -> Comple
     b = np.concatenate([(towards * size).real, (towards * size).imag])
     scale = float(np.abs(b).max())
     bounded = np.flatnonzero(np.isfinite(limit))
-
-    def room(x: Float) -> Float:
-        u = x[: limit.size] ** 2 + x[limit.size :] ** 2
-        return np.asarray((limit[bounded] / size[bounded]) ** 2 - u[bounded])
-
-    def room_slope(x: Float) -> Float:
-        slope = np.zeros((bounded.size, x.size))
-        slope[np.arange(bounded.size), bounded] = -2 * x[bounded]
-        slope[np.arange(bounded.size), bounded + limit.size] = -2 * x[bounded + limit.size]
-        return slope
-
+    parts = np.eye(limit.size)[bounded]
+    parts = np.hstack([parts, parts])  # real and imaginary part of each bounded weight
+    room = {
+        "type": "ineq",
+        "fun": lambda x: (limit / size)[bounded] ** 2 - parts @ x**2,
+        "jac": lambda x: -2 * parts * x,
+    }
     inside = free * np.minimum(1.0, limit / np.maximum(np.abs(free), ROUND_OFF)) / size
     found = minimize(
         lambda x: (x @ H @ x / 2 + b @ x) / scale,
         np.concatenate([inside.real, inside.imag]),
         jac=lambda x: (H @ x + b) / scale,
-        constraints={"type": "ineq", "fun": room, "jac": room_slope},
+        constraints=room,
         method="SLSQP",
         options={"ftol": 1e-15, "maxiter": 500},
     )

@@ -126,12 +126,11 @@ def weighing_error(problem: Problem, J: ComplexArray, covar: Float) -> Float:
     error of the logarithm of a channel's variance the estimate moves by ``A sum_c d_c (s_c - I_c A s)``, ``s_c`` its
     score and ``I_c`` its information (Kenward and Roger 1997; Meier 1953); d correlate by the square of the channels'
     correlation (benchmarks/mounting_coverage.py)."""
-    total, stop = np.zeros_like(covar), 0
-    for block in problem.blocks:
-        start, stop = stop, stop + block.measured.size
+    total = np.zeros_like(covar)
+    for block, rows in zip(problem.blocks, problem.by_block(J), strict=True):
         if not isinstance(block, CorrelatedResponses) or not math.isfinite(block.freedom):
             continue
-        rows, number = J[start:stop], block.base.coordinate
+        number = block.base.coordinate
         parts = [np.where((number == channel)[:, None], rows, 0.0) for channel in np.unique(number)]
         # s_c - I_c A s as a linear function of the errors
         ways = [part - rows @ (covar @ (part.conj().T @ part).real) for part in parts]
@@ -146,10 +145,8 @@ def _common_scatter(problem: Problem, x: Float, J: ComplexArray) -> Float | None
     """Scatter of the cost's gradient where readings of one mounting err together, None where all are independent."""
     if not any(isinstance(block, CorrelatedResponses) for block in problem.blocks):
         return None
-    total, stop = np.diag(prior_curvature(problem, x)), 0
-    for block in problem.blocks:
-        start, stop = stop, stop + block.measured.size
-        rows = J[start:stop]
+    total = np.diag(prior_curvature(problem, x))
+    for block, rows in zip(problem.blocks, problem.by_block(J), strict=True):
         errors = block.scatter @ rows if isinstance(block, CorrelatedResponses) else rows
         total = total + (rows.conj().T @ errors).real
     return np.asarray(total)

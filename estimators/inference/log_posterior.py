@@ -10,7 +10,7 @@ import numpy as np
 
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.kernels import Batch
-from rotorfit.estimators.misfit.priors import LogPriors, within_support
+from rotorfit.estimators.misfit.priors import log_priors, within_support
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.array_types import ROUND_OFF, Float, Index
 
@@ -64,7 +64,7 @@ class LogPosterior:
         self.lower, self.upper = box(problem)
         self._effects = tuple(effects)
         shared = {int(entry) for entries, _ in effects for entry in entries}
-        self._log_priors = LogPriors([prior for prior in problem.priors if prior.entry not in shared])
+        self._log_priors = log_priors([prior for prior in problem.priors if prior.entry not in shared])
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -134,12 +134,9 @@ class LogPosterior:
 
     def _weighted(self, levels: Float) -> Problem:
         """The problem with the noise of each channel multiplied by exp(level), and by ``inflation``."""
-        levels = levels + 0.5 * np.log(self.inflation)
-        offset, blocks = 0, []
-        for block in self.problem.blocks:
-            blocks.append(block.with_noise(np.exp(levels[offset + block.label])))
-            offset += len(block.labels)
-        return replace(self.problem, blocks=tuple(blocks))
+        factors = self.problem.by_block(np.sqrt(self.inflation) * np.exp(levels[self.problem.channel]))
+        pairs = zip(self.problem.blocks, factors, strict=True)
+        return replace(self.problem, blocks=tuple(block.with_noise(factor) for block, factor in pairs))
 
     def _fit(self, levels: Float, start: Float) -> Float:
         """Optimum with the noise of each channel multiplied by exp(level)."""

@@ -215,10 +215,14 @@ _CALL = (
 )
 
 
-def _calls(count: int, kind: str, results: str) -> str:
-    return "\n            ".join(
-        _CALL.format(test="if" if i == 0 else "elif", i=i, kind=kind, results=results) for i in range(count)
-    )
+_OWN_SLOPES = "cost[m:m + 1], seed[k], seed_re[g], seed_im[g]"
+
+_PULLED = """for k in range(group.size):
+            pull(theta[k], speed[k], seed[k], by_theta)
+            for i in range(template.shape[1]):
+                at = index[group[k], i]
+                if at >= 0:
+                    by_x[m, at] += by_theta[i]"""
 
 
 @lru_cache(maxsize=16)
@@ -230,33 +234,14 @@ def source(model: RotorModel, patterns: tuple[Pattern, ...]) -> str:
         )
     n = _coefficient_graph(model)[2].numel()
     parts = [_model_source(model), *(_pattern_source(model, p, i) for i, p in enumerate(patterns))]
-    parts.append(
-        _DRIVER.format(
-            name="sums",
-            shared=_SHARED,
-            results="channel, out",
-            n=n,
-            prepare="",
-            begin="",
-            end="",
-            calls=_calls(len(patterns), "sums", "channel, out[m]"),
+    prepare = f"seed = np.empty((group.size, {n}))\n    by_theta = np.empty(template.shape[1])"
+    for name, results, own, *more in (
+        ("sums", "channel, out", "channel, out[m]", "", "", ""),
+        ("slopes", "cost, by_x, seed_re, seed_im", _OWN_SLOPES, prepare, "seed[:] = 0.0", _PULLED),
+    ):
+        texts = dict(zip(("prepare", "begin", "end"), more, strict=True))
+        calls = "\n            ".join(
+            _CALL.format(test="elif" if i else "if", i=i, kind=name, results=own) for i in range(len(patterns))
         )
-    )
-    parts.append(
-        _DRIVER.format(
-            name="slopes",
-            shared=_SHARED,
-            results="cost, by_x, seed_re, seed_im",
-            n=n,
-            prepare="seed = np.empty((group.size, " + str(n) + "))\n    by_theta = np.empty(template.shape[1])",
-            begin="seed[:] = 0.0",
-            calls=_calls(len(patterns), "slopes", "cost[m:m + 1], seed[k], seed_re[g], seed_im[g]"),
-            end="""for k in range(group.size):
-            pull(theta[k], speed[k], seed[k], by_theta)
-            for i in range(template.shape[1]):
-                at = index[group[k], i]
-                if at >= 0:
-                    by_x[m, at] += by_theta[i]""",
-        )
-    )
+        parts.append(_DRIVER.format(name=name, shared=_SHARED, results=results, n=n, calls=calls, **texts))
     return "\n".join(parts)

@@ -274,8 +274,7 @@ class Kernels:
             by_theta = functions.factor_jacobian(theta)[:, plan.gain_group, plan.gain_coordinate]
             pull = ((pulled / factor)[:, :, None] * by_theta).real
             for g, row in enumerate(plan.gain_group):
-                free = np.flatnonzero(space.index[row] >= 0)
-                np.add.at(gradient.T, space.index[row, free], pull[:, g, free].T)
+                gradient += space.pull_back(pull[:, g], row)
 
     # ---- gains: nuisance entries and probe factors -------------------------------------------------------------------
 

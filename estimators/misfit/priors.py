@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
-from rotorfit.models.array_types import Float, Index
+from rotorfit.models.array_types import Float
 
 _SCIPY = "scipy.stats._continuous_distns"
 """Where SciPy's own distributions are; a user's may hold more than their arguments."""
@@ -112,31 +112,25 @@ def within_support(space: ParameterSpace, priors: Sequence[Prior]) -> ParameterS
     return replace(space, lower=lower, upper=upper)
 
 
-class LogPriors:
-    """Sum of the log densities of priors. SciPy's checks cost a hundred times the arithmetic of a few vectors, so
-    priors of one family, whose shapes, places and scales are just numbers, are evaluated in one call."""
+def log_priors(priors: Sequence[Prior]) -> Callable[[Float], Float]:
+    """Sum of the log densities of priors, shape ``(W,)``, of vectors ``(W, p)``. SciPy's checks cost a hundred times
+    the arithmetic of a few vectors, so priors of one family, whose shapes, places and scales are just numbers, are
+    evaluated in one call."""
+    families: dict[Any, list[Prior]] = {}
+    for number, prior in enumerate(priors):
+        frozen = prior.distribution
+        key: tuple[Any, ...] = (number,)
+        if _is_normal(frozen):
+            key = ("norm",)
+        elif type(frozen.dist).__module__ == _SCIPY:
+            key = (type(frozen.dist), len(frozen.args), *sorted(frozen.kwds))
+        families.setdefault(key, []).append(prior)
+    parts = [([m.entry for m in own], _log_density([m.distribution for m in own])) for own in families.values()]
 
-    def __init__(self, priors: Sequence[Prior]) -> None:
-        families: dict[Any, list[Prior]] = {}
-        for number, prior in enumerate(priors):
-            frozen = prior.distribution
-            key: tuple[Any, ...] = (number,)
-            if _is_normal(frozen):
-                key = ("norm",)
-            elif type(frozen.dist).__module__ == _SCIPY:
-                key = (type(frozen.dist), len(frozen.args), *sorted(frozen.kwds))
-            families.setdefault(key, []).append(prior)
-        self._families: list[tuple[Index, Callable[[Float], Float]]] = []
-        for members in families.values():
-            entries = np.array([m.entry for m in members], dtype=np.intp)
-            self._families.append((entries, _log_density([m.distribution for m in members])))
+    def total(x: Float) -> Float:
+        return sum((density(x[:, entries]).sum(axis=1) for entries, density in parts), np.zeros(len(x)))
 
-    def __call__(self, x: Float) -> Float:
-        """Log density of vectors of shape ``(W, p)``, shape ``(W,)``."""
-        total = np.zeros(x.shape[0])
-        for entries, log_density in self._families:
-            total += log_density(x[:, entries]).sum(axis=1)
-        return total
+    return total
 
 
 def _log_density(members: Sequence[Any]) -> Callable[[Float], Float]:

@@ -24,9 +24,6 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 _RATIOS = np.concatenate([[0.0], np.logspace(-2.5, 4.5, 22), [np.inf]])
 """Tried ratios of the proportional to the constant share of the variance, at the mean square amplitude."""
 
-_COARSE = np.array([0, *range(2, _RATIOS.size - 1, 3), _RATIOS.size - 1])
-"""Those looked at first: the likelihood changes within decades of the ratio, three steps of the grid each."""
-
 _BETWEEN = np.linspace(0.0, 1.0, 9)
 """Ratios between the neighbours of the best of them, as shares of the way on a logarithmic scale."""
 
@@ -96,9 +93,7 @@ def _fit_groups(groups: Sequence[Index], power: Float, weight: Float, size2: Flo
         best = np.argmax(found, axis=1)
         return best, level[number, best], found[number, best]
 
-    near = _COARSE[best_of(np.broadcast_to(_RATIOS[_COARSE], (len(groups), _COARSE.size)))[0]]
-    fine = np.clip(near[:, None] + np.arange(-2, 3), 0, _RATIOS.size - 1)
-    best = fine[number, best_of(_RATIOS[fine])[0]]
+    best = best_of(np.broadcast_to(_RATIOS, (len(groups), _RATIOS.size)))[0]
     inner = (best > 0) & (best < _RATIOS.size - 1)
     low, high = _RATIOS[np.clip(best - 1, 1, None)], _RATIOS[np.clip(best + 1, None, _RATIOS.size - 2)]
     low, high = np.where(inner, low, 1.0)[:, None], np.where(inner, high, 1.0)[:, None]
