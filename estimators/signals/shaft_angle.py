@@ -14,7 +14,7 @@ Several pulses a turn carry the same errors of spacing every turn: a pattern wit
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -241,7 +241,9 @@ class _Problem:
         for begin in range(0, times.size, at_once):
             part = slice(begin, begin + at_once)
             design = BSpline.design_matrix(times[part], self.knots, SPLINE_DEGREE, extrapolate=True).tocsr()
-            _add_normal(self.normal, design, weight[part])
+            gram = design.T @ design.multiply(weight[part, None]).tocsr()
+            for k in range(SPLINE_DEGREE + 1):
+                self.normal[SPLINE_DEGREE - k, k:] += gram.diagonal(k)
             indicator = contrast[tooth[part]]
             weighted = weight[part, None] * indicator
             self.right += design.T @ (weight[part] * y[part])
@@ -294,16 +296,6 @@ class _Problem:
         whole[-4:] += 10.0**log_penalty * self.penalty
         whole[-1] += 1e-13 * whole[-1].max()  # columns without a pulse and hardly a penalty
         return np.asarray(cholesky_banded(whole))
-
-
-def _add_normal(normal: Float, design: Any, weight: Float) -> None:
-    """Add ``B^T W B`` of some pulses in upper banded storage."""
-    values = design.data.reshape(-1, SPLINE_DEGREE + 1)
-    first = design.indices.reshape(-1, SPLINE_DEGREE + 1)[:, 0]
-    for i in range(SPLINE_DEGREE + 1):
-        for k in range(i, SPLINE_DEGREE + 1):
-            product = weight * values[:, i] * values[:, k]
-            normal[SPLINE_DEGREE - (k - i)] += np.bincount(first + k, product, normal.shape[1])
 
 
 def _blossom(quadratic: np.polynomial.Polynomial, knots: Float) -> Float:

@@ -63,14 +63,20 @@ def _window(motion: ComplexArray, angle: Float, shaft: Float | None) -> tuple[Co
                 columns.append(np.exp(1j * n * shaft))
             else:
                 clear = False
-    basis = np.array(columns).T
-    q, r = np.linalg.qr(basis)
-    inverse = np.linalg.inv(r)
-    amplitude = inverse @ (q.conj().T @ motion.T)
-    left = motion.T - basis @ amplitude
-    variance = np.sum(np.abs(left) ** 2, axis=0) / max(turn.size - basis.shape[1], 1)
-    sigma = np.sqrt(variance * np.sum(np.abs(inverse[0]) ** 2) / 2)
-    return amplitude[0], amplitude[1], np.asarray(sigma), clear
+    amplitude, noise, share = _fitted(np.array(columns).T, motion)
+    return amplitude[0], amplitude[1], noise * share, clear
+
+
+def _fitted(basis: ComplexArray, signals: ComplexArray) -> tuple[ComplexArray, Float, float]:
+    """Amplitudes of columns in signals ``(P, N)``, noise ``sqrt(E |N|^2)`` of these, and over it the standard deviation
+    of either part of the first amplitude."""
+    scale = np.linalg.norm(basis, axis=0)
+    q, r = np.linalg.qr(basis / scale)
+    inverse = np.linalg.inv(r) / scale[:, None]
+    amplitude = inverse @ (q.conj().T @ signals.T)
+    left = signals.T - basis @ amplitude
+    noise = np.sqrt(np.sum(np.abs(left) ** 2, axis=0) / max(basis.shape[0] - basis.shape[1], 1))
+    return amplitude, noise, float(np.linalg.norm(inverse[0]) / np.sqrt(2))
 
 
 def order_vectors(z: ComplexArray, angles: Sequence[Float], orders: int) -> ComplexArray:
@@ -154,11 +160,5 @@ def dwell_response(spectra: RecordSpectra, at: float) -> DwellResponse:
     greatest, most = np.abs(spectra.others).max(axis=1, initial=0.0), (2 * half + 1) // 2 - unknowns
     orders = seen(spectra.others[:, lines].T, smooth, greatest, most)
     matrix = np.column_stack([spectra.forces[0, lines], smooth, orders])
-    scale = np.linalg.norm(matrix, axis=0)
-    q, r = np.linalg.qr(matrix / scale)
-    inverse = np.linalg.inv(r)[0] / scale[0]
-    measured = spectra.outputs[:, lines].T
-    projected = q.conj().T @ measured
-    left = measured - q @ projected
-    noise = np.sqrt(np.sum(np.abs(left) ** 2, axis=0) / (matrix.shape[0] - matrix.shape[1]))
-    return DwellResponse(inverse @ projected, noise * float(np.sqrt(np.sum(np.abs(inverse) ** 2) / 2)), noise)
+    response, noise, share = _fitted(matrix, spectra.outputs[:, lines])
+    return DwellResponse(response[0], noise * share, noise)

@@ -12,7 +12,6 @@ gain times participation over modal mass.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +20,7 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.signals.ratios import best_ratio
 from rotorfit.estimators.significance import P_FALSE_ALARM
 from rotorfit.models import Modal
-from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
+from rotorfit.models.array_types import Bool, ComplexArray, Float
 
 _DAMPING = (1e-3, 0.5)
 """Damping ratios that a start may have."""
@@ -36,15 +35,14 @@ class PolesOfOrder(NamedTuple):
     stable: Bool  # whether the order before had each pole too, in frequency and in damping
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Lines:
-    """Responses per unit force along one axis, one entry a reading."""
+class Response(NamedTuple):
+    """Readings of the response of one probe to a unit force at one plane, along one axis."""
 
-    frequency: Float  # signed where forward and backward are apart, rad/s, shape ``(R,)``
-    value: ComplexArray  # response over force, m/N, shape ``(R,)``
-    weight: Float  # one over its standard deviation, shape ``(R,)``
-    probe: Index  # number of the plane of each probe, shape ``(R,)``
-    plane: Index  # number of the plane of each force, shape ``(R,)``
+    frequency: Float  # signed where forward and backward are apart, rad/s, shape ``(L,)``
+    value: ComplexArray  # m/N, shape ``(L,)``
+    weight: Float  # one over the standard deviation of each, shape ``(L,)``
+    probe: int = 0  # number of its plane
+    plane: int = 0  # number of the plane of the force
 
 
 def modal_start(
@@ -54,20 +52,20 @@ def modal_start(
     lead of the responses over the forces at the first plane. Modal masses are as if the responses were turned back by
     that angle (``turned``), or as they are."""
     forced, probe = (model.planes.index(names[0]) for names in (model.force_planes, model.probe_planes))
-    along, every = _lines_of(model, blocks)
+    along = _responses(model, blocks)
+    every = [response for own in along.values() for response in own]
     values: dict[str, float] = {}
     unit: ComplexArray | None = None  # exp(j datum) / M of each mode
     datum = 0.0
-    for axis, lines in along.items():
+    for axis, responses in along.items():
         end = axis if model.apart else ""
-        own = lines if model.apart else every
-        wn, zeta, shown = _poles(own, model.modes)
+        wn, zeta, shown = _poles(responses if model.apart else every, model.modes)
         if unknown and shown < model.modes:
             raise ValueError(
                 f"the responses show {shown} of {model.modes} modes: what one more explains is noise. Fit with "
                 f"modes={shown} (--modes {shown}), or say which natural frequencies are known"
             )
-        parts = _residues(lines, wn, zeta, len(model.planes))
+        parts = _residues(responses, wn, zeta, len(model.planes))
         if unit is None:
             unit = np.where(parts[:, probe, forced] == 0, np.abs(parts).max(axis=(1, 2)), parts[:, probe, forced])
         datum = float(np.angle(unit[0]))
@@ -87,7 +85,7 @@ def modal_start(
 
 def stabilisation(model: Modal, blocks: Sequence[Responses], most: int) -> list[PolesOfOrder]:
     """Poles of rising order: those of modes stay where they are, those of noise do not."""
-    responses = _responses(_lines_of(model, blocks)[1])
+    responses = [response for own in _responses(model, blocks).values() for response in own]
     same_frequency, same_damping = 0.01, 0.05  # changes from order to order of a stable pole, as usual
     found: list[PolesOfOrder] = []
     for order in range(1, most + 1):
@@ -104,15 +102,6 @@ def stabilisation(model: Modal, blocks: Sequence[Responses], most: int) -> list[
     return found
 
 
-def _lines_of(model: Modal, blocks: Sequence[Responses]) -> tuple[dict[str, Lines], Lines]:
-    """Readings of each axis that has any, and of all together, probes of an axis numbered after those of the last."""
-    axes = ("x", "y") if model.frame == "xy" else ("z",)
-    along = {axis: lines for axis in axes if (lines := _lines_along(model, blocks, axis)).value.size}
-    parts = [replace(lines, probe=lines.probe + len(model.planes) * i) for i, lines in enumerate(along.values())]
-    every = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Lines)}
-    return along, Lines(**every)
-
-
 def _name(name: str, axis: str) -> str:
     return f"{name}_{axis}" if axis else name
 
@@ -121,31 +110,38 @@ def _pair(name: str, value: complex) -> dict[str, float]:
     return {name: value.real, f"{name}_im": value.imag}
 
 
-def _lines_along(model: Modal, blocks: Sequence[Responses], axis: str) -> Lines:
-    """Responses of the planes' probes along an axis, x, y or (combined) z, to a unit force along it."""
-    at = [model.coordinate(plane, axis) for plane in model.planes]
-    parts = []
-    for block in blocks:
-        force = block.force[:, at]
-        plane = np.argmax(np.abs(force), axis=1)
-        strength = force[np.arange(plane.size), plane][block.line]
-        keep = np.isin(block.coordinate, at) & (strength != 0) & (np.count_nonzero(force, axis=1) == 1)[block.line]
-        line, drive = block.line[keep], strength[keep]
-        w = block.frequency[line] if axis == "z" else np.abs(block.frequency[line])
-        probe = np.array([at.index(place) for place in block.coordinate[keep].tolist()], dtype=np.intp)
-        parts.append((w, block.measured[keep] / drive, np.abs(drive) / block.sigma[keep], probe, plane[line]))
-    frequency, value, weight, probe, plane = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return Lines(frequency=frequency, value=value, weight=weight, probe=probe, plane=plane)
+def _responses(model: Modal, blocks: Sequence[Responses]) -> dict[str, list[Response]]:
+    """Responses of each axis that has any: x, y or (combined) z."""
+    found: dict[str, list[Response]] = {}
+    for axis in ("x", "y") if model.frame == "xy" else ("z",):
+        at = [model.coordinate(plane, axis) for plane in model.planes]
+        parts = []
+        for block in blocks:
+            force = block.force[:, at]
+            plane = np.argmax(np.abs(force), axis=1)
+            strength = force[np.arange(plane.size), plane][block.line]
+            alone = (np.count_nonzero(force, axis=1) == 1)[block.line]
+            keep = np.isin(block.coordinate, at) & (strength != 0) & alone
+            line, drive = block.line[keep], strength[keep]
+            w = block.frequency[line] if axis == "z" else np.abs(block.frequency[line])
+            probe = np.array([at.index(place) for place in block.coordinate[keep].tolist()], dtype=np.intp)
+            pair = probe * len(at) + plane[line]
+            parts.append((w, block.measured[keep] / drive, np.abs(drive) / block.sigma[keep], pair))
+        *columns, pair = (np.concatenate(column) for column in zip(*parts, strict=True))
+        for one in np.unique(pair).tolist():
+            own = (column[pair == one] for column in columns)
+            found.setdefault(axis, []).append(Response(*own, *divmod(one, len(at))))
+    return found
 
 
-def _poles(lines: Lines, modes: int) -> tuple[Float, Float, int]:
+def _poles(responses: Sequence[Response], modes: int) -> tuple[Float, Float, int]:
     """Natural frequencies, rad/s, ascending, damping ratios, and how many modes explain more than noise would."""
     from scipy.special import chdtri  # late: loading it takes longer than a fit
 
-    responses = _responses(lines)
+    count = sum(one.value.size for one in responses)
     enough = 1.2  # mean square of what is left over the noise, from which more poles would explain noise
     # Sum of squares over the noise that a pole at any of so many lines explains of noise, but once in many tests.
-    most = float(chdtri(2 * len(responses) + 2, P_FALSE_ALARM / lines.value.size))
+    most = float(chdtri(2 * len(responses) + 2, P_FALSE_ALARM / count))
     tried = [(np.full(1, np.inf), np.zeros(0), np.zeros(0))]
     least = np.full(modes, np.inf)  # misfit of one pole, two, ..., whatever else was looked for
     shown = modes
@@ -157,21 +153,14 @@ def _poles(lines: Lines, modes: int) -> tuple[Float, Float, int]:
         tried.append((misfit, wn, zeta))
         least[: misfit.size] = np.minimum(least[: misfit.size], misfit)
         found = least[np.isfinite(least)]
-        noise = max(1.0, float(least.min()) / (2 * lines.value.size))
+        noise = max(1.0, float(least.min()) / (2 * count))
         shown = int(np.flatnonzero(-np.diff(found, prepend=np.inf) > most * noise)[-1]) + 1 if found.size else modes
-        if misfit[-1] < enough * 2 * lines.value.size and shown == modes:
+        if misfit[-1] < enough * 2 * count and shown == modes:
             break
     misfit, wn, zeta = min(tried, key=lambda one: float(one[0][-1]))
     if wn.size != modes:
-        return *_few_lines(lines, modes), modes
+        return *_few_lines(responses, modes), modes
     return wn, np.clip(zeta, *_DAMPING), shown
-
-
-def _responses(lines: Lines) -> list[Response]:
-    """The response of each pair of a probe and a force plane."""
-    pair = lines.probe * (lines.plane.max() + 1) + lines.plane
-    rows = [np.flatnonzero(pair == one) for one in np.unique(pair)]
-    return [Response(lines.frequency[mine], lines.value[mine], lines.weight[mine]) for mine in rows]
 
 
 def _best_of(poles: ComplexArray, responses: Sequence[Response], modes: int) -> tuple[Float, Float, Float]:
@@ -198,16 +187,14 @@ def _best_of(poles: ComplexArray, responses: Sequence[Response], modes: int) -> 
     return np.array(misfit or [np.inf]), wn[chosen], zeta[chosen]
 
 
-def _few_lines(lines: Lines, modes: int) -> tuple[Float, Float]:
+def _few_lines(responses: Sequence[Response], modes: int) -> tuple[Float, Float]:
     """The same by a rational fit of as many numbers as so many modes have."""
-    top = float(np.abs(lines.frequency).max())
-    s = 1j * lines.frequency / top
-    pairs, pair = np.unique(lines.probe * (lines.plane.max() + 1) + lines.plane, return_inverse=True)
-    own = np.zeros((s.size, pairs.size), dtype=complex)
-    own[np.arange(s.size), pair.reshape(-1)] = 1.0
-    powers = np.asarray(s[:, None] ** np.arange(2 * modes + 1), dtype=complex)
-    numerator = (own[:, :, None] * powers[:, None, : 2 * modes - 1]).reshape(s.size, -1)
-    denominator, _, _ = best_ratio(lines.value, 1 / lines.weight, powers, numerator, real=True)
+    frequency, value, weight = (np.concatenate([one[i] for one in responses]) for i in range(3))
+    top = float(np.abs(frequency).max())
+    own = np.repeat(np.eye(len(responses), dtype=complex), [one.value.size for one in responses], axis=0)
+    powers = np.asarray((1j * frequency[:, None] / top) ** np.arange(2 * modes + 1), dtype=complex)
+    numerator = (own[:, :, None] * powers[:, None, : 2 * modes - 1]).reshape(value.size, -1)
+    denominator, _, _ = best_ratio(value, 1 / weight, powers, numerator, real=True)
     roots = np.roots(denominator[::-1])
     roots = roots[roots.imag > 1e-6]
     roots = roots[np.argsort(np.abs(roots))][:modes]
@@ -219,26 +206,15 @@ def _few_lines(lines: Lines, modes: int) -> tuple[Float, Float]:
     return wn[order] * top, np.clip(zeta[order], *_DAMPING)
 
 
-def _residues(lines: Lines, wn: Float, zeta: Float, planes: int) -> ComplexArray:
+def _residues(responses: Sequence[Response], wn: Float, zeta: Float, planes: int) -> ComplexArray:
     """Strength of each mode between force and probe planes, 1/kg, shape ``(modes, planes, planes)``; zero where unseen.
     ``H_pr = sum_i R_ipr / (wn_i^2 - w^2 + 2 j zeta_i wn_i w)``."""
-    w = lines.frequency[:, None]
-    basis = 1 / (wn**2 - w**2 + 2j * zeta * wn * w) * lines.weight[:, None]
     found = np.zeros((wn.size, planes, planes), dtype=complex)
-    for p in range(planes):
-        for r in range(planes):
-            mine = (lines.probe == p) & (lines.plane == r)
-            if mine.any():
-                found[:, p, r] = np.linalg.lstsq(basis[mine], (lines.value * lines.weight)[mine], rcond=1e-10)[0]
+    for one in responses:
+        w = one.frequency[:, None]
+        basis = 1 / (wn**2 - w**2 + 2j * zeta * wn * w) * one.weight[:, None]
+        found[:, one.probe, one.plane] = np.linalg.lstsq(basis, one.value * one.weight, rcond=1e-10)[0]
     return found
-
-
-class Response(NamedTuple):
-    """Readings of one response."""
-
-    frequency: Float  # signed, rad/s, shape ``(L,)``
-    value: ComplexArray  # shape ``(L,)``
-    weight: Float  # one over the standard deviation of each, shape ``(L,)``
 
 
 def common_poles(responses: Sequence[Response], pairs: int) -> ComplexArray:
