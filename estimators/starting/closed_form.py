@@ -142,17 +142,13 @@ def _passes(lumped: Lumped, blocks: list[Responses], typical: Float) -> Iterator
     """Independent lumped coefficients and the information on them after one weighted pass, after two, and so on."""
     pieces = [(number, piece) for number, block in enumerate(blocks) for piece in block.split(READINGS_OF_A_PIECE)]
     equations = [ForceBalance(lumped, *piece, typical) for piece in pieces]
-    kept = equations[0].sides() if len(equations) == 1 else None  # those of many pieces fit no memory
-
-    def balance(e: ForceBalance, weight: ComplexArray | Float) -> Float:
-        return weigh(e.sides() if kept is None else kept, weight)
 
     def weight_of(e: ForceBalance) -> tuple[ComplexArray, ComplexArray]:
-        H = e.inverse(lumped.offset + lumped.spread @ solution)
+        H = e.receptance(solution)
         return H, e.response_weight(H)
 
-    solution, _ = solve(lambda: (balance(e, e.force_weight()) for e in equations))
-    solution, information = solve(lambda: (balance(e, weight_of(e)[1]) for e in equations))
+    solution, _ = solve(lambda: (weigh(e.sides(), e.force_weight()) for e in equations))
+    solution, information = solve(lambda: (weigh(e.sides(), weight_of(e)[1]) for e in equations))
     while True:
         yield solution, information
         size = solution.size
@@ -160,7 +156,7 @@ def _passes(lumped: Lumped, blocks: list[Responses], typical: Float) -> Iterator
         for e in equations:
             H, weight = weight_of(e)
             instruments = e.sensitivities(e.predicted(H), weight)
-            projected += products(instruments, balance(e, weight))
+            projected += products(instruments, weigh(e.sides(), weight))
             information += products(instruments, instruments)
         solution = solve_projected(projected, information)
 

@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import reduce
-from itertools import pairwise
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.response import inverse, known_lines
@@ -30,41 +27,25 @@ class ForceBalance:
         else:
             self.amplitude, self.sigma = block.amplitudes()
             self.force = block.force
-        place = lumped.place
-        mine = np.flatnonzero(place.block == number)
-        # Coefficients of an entry of the dynamic stiffness after one another, entries row by row.
-        self._mine = mine = mine[np.lexsort([place.column[mine], place.row[mine]])]
-        n = self.amplitude.shape[1]
-        entry = place.row[mine] * n + place.column[mine]
-        self._column = place.column[mine]
-        # Factors of the coefficients at each line, zero where they do not hold, shape ``(E, L)``.
+        place, combine = lumped.place, np.column_stack([lumped.spread, lumped.offset])
         condition, group, speed = block.condition
-        coefficient = place.unit[mine, None] * _powers(speed, place.speed_power.max())[place.speed_power[mine]]
-        here = np.isnan(place.speed[mine, None]) | (place.speed[mine, None] == speed)
-        coefficient *= here & (place.group[mine, None] == group)
-        self._factor = _powers(block.s, place.power.max())[place.power[mine]]
-        self._factor *= coefficient if speed.size == 1 else coefficient[:, condition]
-        edges = np.searchsorted(entry, np.arange(n * n + 1)).tolist()
-        self._entries = [slice(*pair) for pair in pairwise(edges)]
-        combine = np.vstack([lumped.spread[mine].T, lumped.offset[mine]])
-        self._unknowns = len(combine)
-        # For each row of the equation of motion: its coefficients, and what combines them.
-        rows = [slice(*pair) for pair in pairwise(edges[::n])]
-        self._rows = [(own, np.ascontiguousarray(combine[:, own])) for own in rows]
+        self._columns = combine.shape[1]
+        # Dynamic stiffness by a unit of each unknown, and last what none of them changes: of row, column and unknown.
+        self._terms: dict[tuple[int, int, int], ComplexArray] = {}
+        for e in np.flatnonzero(place.block == number).tolist():
+            here = (place.group[e] == group) & (np.isnan(place.speed[e]) | (place.speed[e] == speed))
+            factor = (place.unit[e] * here * speed ** place.speed_power[e])[condition] * block.s ** place.power[e]
+            for unknown in np.flatnonzero(combine[e]).tolist():
+                key = int(place.row[e]), int(place.column[e]), unknown
+                self._terms[key] = self._terms.get(key, 0) + combine[e, unknown] * factor
 
-    def kappa(self, values: Float) -> ComplexArray:
-        """Dynamic stiffness of each line from lumped coefficients, shape ``(L, n, n)``."""
+    def receptance(self, solution: Float) -> ComplexArray:
+        """Receptance of each line from the independent lumped coefficients, shape ``(L, n, n)``."""
         count, n = self.amplitude.shape
-        own, factor = values[self._mine], self._factor.view(float)
-        result = np.empty((n * n, 2 * count))
-        for place, entry in enumerate(self._entries):
-            np.matmul(own[entry], factor[entry], out=result[place])
-        kappa = np.moveaxis(result.view(complex).reshape(n, n, count), -1, 0)
-        return kappa if self._known is None else kappa + self._known
-
-    def inverse(self, values: Float) -> ComplexArray:
-        """Receptance of each line from lumped coefficients, shape ``(L, n, n)``."""
-        return inverse(self.kappa(values))
+        kappa = np.zeros((n, n, count), dtype=complex)
+        for (row, column, unknown), factor in self._terms.items():
+            kappa[row, column] += factor * (solution[unknown] if unknown < solution.size else 1.0)
+        return inverse(np.moveaxis(kappa, -1, 0) + (0.0 if self._known is None else self._known))
 
     def predicted(self, H: ComplexArray) -> ComplexArray:
         """Amplitudes with a receptance, shape ``(L, n)``; imposed ones are what they are."""
@@ -90,12 +71,10 @@ class ForceBalance:
     def _sides(self, amplitude: ComplexArray, force: ComplexArray) -> ComplexArray:
         """Both sides of kappa A = F, shape ``(n, B + 1, L)``."""
         count, n = amplitude.shape
-        result = np.zeros((n, self._unknowns, count), dtype=complex)
+        result = np.zeros((n, self._columns, count), dtype=complex)
         columns = np.ascontiguousarray(amplitude.T)
-        for row, (own, combine) in enumerate(self._rows):
-            products = self._factor[own] * columns[self._column[own]]
-            # Real times complex along the lines: BLAS has that for real numbers only.
-            np.matmul(combine, products.view(float), out=result[row].view(float))
+        for (row, column, unknown), factor in self._terms.items():
+            result[row, unknown] += factor * columns[column]
         result[:, -1] = force.T - result[:, -1]
         if self._known is not None:
             result[:, -1] -= np.einsum("lij,lj->il", self._known, amplitude)
@@ -116,14 +95,6 @@ class ForceBalance:
             sides[:, -1] += stiffness.kappa[:, :, column].T
             systems.append(np.ascontiguousarray(sides).view(float))
         return np.concatenate(systems, axis=-1)
-
-
-def _powers(values: NDArray[Any], most: int) -> NDArray[Any]:
-    """Powers from zero on, shape ``(most + 1, ...)``."""
-    found = np.ones((most + 1, *values.shape), dtype=values.dtype)
-    for power in range(1, most + 1):
-        np.multiply(found[power - 1], values, out=found[power])
-    return found
 
 
 def weigh(sides: ComplexArray, weight: ComplexArray | Float) -> Float:
