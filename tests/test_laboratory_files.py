@@ -13,7 +13,7 @@ from synthetic import SPEEDS, TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
 from rotorfit.cli.main import main
-from rotorfit.io.templates import example, kinds
+from rotorfit.io.templates import KINDS, example
 
 COLUMNS = ("run", "force_plane", "plane", "direction", "speed", "frequency", "force", "response")
 
@@ -474,7 +474,7 @@ def test_selections_that_cannot_be(tmp_path, tidy, capsys, words, message):
 # ---- templates ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", [kind for kind in kinds() if kind != "study"])
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "study"])
 def test_every_template_is_read(tmp_path, capsys, kind):
     assert main(["template", kind]) == 0
     path = tmp_path / f"{kind}.csv"

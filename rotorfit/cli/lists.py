@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from rotorfit.cli.answer import Answer, answered
-from rotorfit.io.templates import example, kinds
+from rotorfit.io.templates import KINDS, example
 from rotorfit.models import MODELS, KnownStructure
 from rotorfit.models.parameters import unknown_name
 
@@ -15,17 +15,17 @@ RECORDING = "recording (.h5 .tdms .mat .npz .wav .uff .csv .parquet)"
 
 def add_template(to: argparse.ArgumentParser) -> None:
     """Options of ``rotorfit template``."""
-    to.add_argument("what", metavar="KIND|FILE", help=f"{', '.join(kinds())}; or a {RECORDING}")
+    to.add_argument("what", metavar="KIND|FILE", help=f"{', '.join(KINDS)}; or a {RECORDING}")
 
 
 @answered
 def template(options: argparse.Namespace) -> Answer:
     """An example, or a setup to fill in."""
     what = options.what
-    if what in kinds():
+    if what in KINDS:
         return Answer(text=example(what).removesuffix("\n"))
     if not Path(what).exists() and not Path(what).suffix:
-        raise ValueError(f"{unknown_name('kind of file', what, kinds())}; nor is there a recording of that name")
+        raise ValueError(f"{unknown_name('kind of file', what, KINDS)}; nor is there a recording of that name")
     from rotorfit.recordings.rig.template import template  # late: with it comes what reads recordings
 
     return Answer(text=template(Path(what)).removesuffix("\n"))

@@ -306,38 +306,20 @@ def marked_encoding(raw: bytes) -> str:
 
 def encoding_of(path: Path) -> str:
     """Encoding of a text file: UTF-8, UTF-16 or, as old programs save it, Windows' Western code page."""
-    with path.open("rb") as stream:
-        head = stream.read(400)
-    if head.startswith((_ARCHIVE, _OLD_EXCEL)):
-        raise ValueError(f"{path.name} is no text but a workbook, as Excel writes them: {_workbook_advice(head)}")
-    encoding = marked_encoding(head)
-    reason, nothing = _undecodable(path, encoding or "utf-8")
-    if not reason:
-        return encoding or "utf-8"
-    if encoding or nothing:
-        raise ValueError(f"{path.name} is not text: {reason}")
-    if reason := _undecodable(path, "cp1252")[0]:
-        raise ValueError(f"{path.name} is neither UTF-8 nor Windows-1252 text ({reason}); save it as CSV UTF-8")
-    return "cp1252"
-
-
-def _undecodable(path: Path, encoding: str) -> tuple[str, bool]:
-    """Why a file is not in an encoding, empty where it is, and whether it has bytes that are zero."""
-    decoder, nothing, at = codecs.getincrementaldecoder(encoding)(), False, 0
+    raw = path.read_bytes()
+    if raw.startswith((_ARCHIVE, _OLD_EXCEL)):
+        raise ValueError(f"{path.name} is no text but a workbook, as Excel writes them: {_workbook_advice(raw)}")
+    marked = marked_encoding(raw)
     reason = ""
-    with path.open("rb") as stream:
-        while block := stream.read(1 << 20):
-            nothing |= b"\0" in block
-            kept = len(decoder.getstate()[0])
-            try:
-                if not reason:
-                    decoder.decode(block)
-            except UnicodeDecodeError as problem:
-                reason = f"{problem.reason} at byte {at - kept + problem.start}"
-            at += len(block)
-    if not reason and decoder.getstate()[0]:
-        reason = f"unexpected end of data at byte {at - len(decoder.getstate()[0])}"
-    return reason, nothing
+    for encoding in (marked,) if marked else ("utf-8", "cp1252"):
+        try:
+            raw.decode(encoding)
+            return encoding
+        except UnicodeDecodeError as problem:
+            reason = f"{problem.reason} at byte {problem.start}"
+        if marked or b"\0" in raw:
+            raise ValueError(f"{path.name} is not text: {reason}")
+    raise ValueError(f"{path.name} is neither UTF-8 nor Windows-1252 text ({reason}); save it as CSV UTF-8")
 
 
 def _workbook_advice(raw: bytes) -> str:
