@@ -157,12 +157,8 @@ def _end_with_parent() -> None:
     """End this process as soon as the one that started it has ended: it may have been killed and say nothing."""
     parent = parent_process()
     if parent is not None:
-        threading.Thread(target=_wait_and_end, args=(parent.sentinel,), daemon=True).start()
-
-
-def _wait_and_end(sentinel: Any) -> None:
-    connection.wait([sentinel])
-    os._exit(1)
+        ended = threading.Thread(target=lambda: (connection.wait([parent.sentinel]), os._exit(1)), daemon=True)
+        ended.start()
 
 
 @contextmanager

@@ -20,7 +20,6 @@ from rotorfit.options.kinds import number_word, pairs, positive_word
 from rotorfit.planning.record import Plan
 from rotorfit.studies.plan_file import read_plan, run_plan
 from rotorfit.uncertainty.prediction import Prediction
-from rotorfit.uncertainty.stability.record import StabilityReport
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
 
@@ -101,7 +100,11 @@ def predict(options: argparse.Namespace) -> Answer:
     return Answer(
         text=str(found),
         files=partial(result_files, found, str(found), options, "prediction", "prediction"),
-        plain=lambda: _prediction_json(found),
+        plain=lambda: {
+            "speed_rpm": sorted(set((found.speed * RPM_PER_RAD_S).round(6).tolist())),
+            **{name: getattr(found, name) for name in ("level", "whole", "notes")},
+            "points": found.to_dataframe().to_dict("records"),
+        },
         warned=found.notes,
         said=[] if fit.success else [f"the fit did not converge: {fit.message}"],
         good=fit.success,
@@ -145,12 +148,6 @@ def _tested(fit: FitResult) -> Any:
         raise ValueError("the fit has no responses to forces that turn: say --frequency or --synchronous")
     points = 400  # points along a tested band, as many as a figure of a page's width resolves
     return np.linspace(forward.min(), forward.max(), points)
-
-
-def _prediction_json(found: Prediction) -> dict[str, Any]:
-    speeds = sorted(set((found.speed * RPM_PER_RAD_S).round(6).tolist()))
-    more = {name: getattr(found, name) for name in ("level", "whole", "notes")}
-    return {"speed_rpm": speeds, **more, "points": found.to_dataframe().to_dict("records")}
 
 
 def add_judge(to: argparse.ArgumentParser) -> None:
@@ -201,7 +198,11 @@ def judge(options: argparse.Namespace) -> Answer:
     return Answer(
         text=text,
         files=partial(result_files, found, text, options, "stability", "stability"),
-        plain=lambda: {"errors": list(errors), **_criteria_json(found)},
+        plain=lambda: {
+            "errors": list(errors),
+            "criteria": found.to_dataframe().to_dict("records"),
+            **{name: getattr(found, name) for name in ("met", "level", "caution", "notes")},
+        },
         warned=(*([found.caution] if found.caution else []), *found.notes),
         said=[f"error in the data: {words}" for words in errors],
         good=not errors,
@@ -219,8 +220,3 @@ def _cases(words: Sequence[str]) -> dict[str, dict[str, float]]:
             raise ValueError(f"--case names {name} twice")
         found[name] = pairs(f"--case {name}", [factors], number_word)
     return found
-
-
-def _criteria_json(found: StabilityReport) -> dict[str, Any]:
-    criteria = found.to_dataframe().to_dict("records")
-    return {"criteria": criteria, **{name: getattr(found, name) for name in ("met", "level", "caution", "notes")}}

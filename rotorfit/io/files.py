@@ -40,9 +40,6 @@ RECORDINGS = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet", ".npz", ".uf5
 """Suffixes that only recordings of raw signals have."""
 
 
-_CORRECTIONS = ("gains", "delays", "slow_roll", "slow_roll_below_rpm", "probe_angles")
-
-
 def read(
     path: str | Path | DataFrame,
     *,
@@ -116,10 +113,15 @@ def read(
     test = _read_raw(path, {"speed": speed, "axes": axes}, table, callbacks, speed_tolerance)
     _check_sizes(test)
     test = selected(test, where=where, exclude=exclude, drop_near_1x=drop_near_1x)
-    corrections = (gains, delays, slow_roll, slow_roll_below_rpm, probe_angles)
-    given = {name: value for name, value in zip(_CORRECTIONS, corrections, strict=True) if value is not None}
+    corrections: dict[str, Any] = {
+        "gains": gains,
+        "delays": delays,
+        "slow_roll": slow_roll,
+        "slow_roll_below_rpm": slow_roll_below_rpm,
+        "probe_angles": probe_angles,
+    }
     if isinstance(test, PerturbationTest):
-        test = _corrected(test, given)
+        test = _corrected(test, *corrections.values())
         if difference and test.synchronous:
             apart = differenced(test)
             if apart is not test and (pairs := uneven_weights(test)):
@@ -129,7 +131,7 @@ def read(
                 )
                 report([Finding("warning", "uneven-weights", words)], on_finding)
             test = apart
-    elif given:
+    elif given := [name for name, value in corrections.items() if value is not None]:
         raise ValueError(f"{', '.join(given)} correct probe readings; {test.source} is a {type(test).__name__}")
     return without(test, skip)
 
@@ -147,9 +149,10 @@ def _check_sizes(test: Experiment) -> None:
                 )
 
 
-def _corrected(test: PerturbationTest, given: Mapping[str, Any]) -> PerturbationTest:
+def _corrected(
+    test: PerturbationTest, gains: Any, delays: Any, slow_roll: Any, below_rpm: float | None, angles: Any
+) -> PerturbationTest:
     """Probe readings with their corrections, in the order of the arguments of :func:`read`."""
-    gains, delays, slow_roll, below_rpm, angles = (given.get(name) for name in _CORRECTIONS)
     if gains or delays:
         test = correct_channels(test, gains or {}, delays or {})
     if slow_roll is not None and below_rpm is not None:

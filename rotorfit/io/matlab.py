@@ -7,7 +7,6 @@ are rows or runs: their fields are put one after the other, single values standi
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.file_reading import check_mat, check_unpacked, reading
 from rotorfit.io.columns import as_stored, build, column_types, shown_words
+from rotorfit.io.tables.cells import Numbers
 from rotorfit.io.tables.table import Table
 from rotorfit.io.tables.tidy_csv import experiment_of
 
@@ -130,10 +130,7 @@ def _table(columns: Mapping[str, NDArray[Any]], source: str) -> Table:
         if values.size not in (1, rows):
             raise ValueError(f"{source}: {name} has {values.size} values, other columns have {rows}")
         spread = np.repeat(values, rows) if values.size == 1 else values
-        if values.dtype.kind == "U":
-            cells[name.lower()] = spread.tolist()
-        else:
-            cells[name.lower()] = ["" if math.isnan(v) else repr(v) for v in spread.astype(float).tolist()]
+        cells[name.lower()] = spread.tolist() if values.dtype.kind == "U" else Numbers(spread.astype(float))
     return Table(source=source, cells=cells, lines=np.arange(1, rows + 1), names={name.lower(): name for name in kept})
 
 

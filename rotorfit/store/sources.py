@@ -63,10 +63,6 @@ def digest_of(path: Path, length: int | None = None) -> tuple[int, str]:
     return size, digest.hexdigest()
 
 
-FileState = list[str | int]
-"""Name, size and SHA-256 of a file."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Source:
     """A file of a test, or recordings that are one test together."""
@@ -99,10 +95,6 @@ class Source:
             states.append((path.name, status.st_size, status.st_mtime_ns, status.st_ctime_ns))
         return json.dumps([*states, self._reading])
 
-    def states(self) -> list[FileState]:
-        """Name, size and hash of each file."""
-        return [[path.name, *digest_of(path)] for path in self.paths]
-
     @cached_property
     def _reading(self) -> str:
         """How the files are read, as a hash."""
@@ -112,7 +104,7 @@ class Source:
 
     def identity(self) -> str:
         """Parts of the test: files by their content, and how they are read."""
-        return json.dumps([self.states(), self._reading])
+        return json.dumps([[[path.name, *digest_of(path)] for path in self.paths], self._reading])
 
     def date(self) -> str:
         """Time of the latest file, by the file system."""
@@ -138,8 +130,9 @@ def is_named(path: Path, file: DataFile | RecordingFiles) -> bool:
     return fnmatch(path.name, file.path.name)
 
 
-def continues(source: Source, earlier: Sequence[FileState]) -> bool:
-    """True if the files are those of an earlier state of the source, some of them longer, or with further ones."""
+def continues(source: Source, earlier: Sequence[Sequence[str | int]]) -> bool:
+    """True if the files are those of an earlier state of the source, by name, size and hash, some of them longer, or
+    with further ones."""
     now = {path.name: path for path in source.paths}
     return all(
         str(name) in now and digest_of(now[str(name)], int(size)) == (size, digest) for name, size, digest in earlier

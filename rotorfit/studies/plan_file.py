@@ -79,9 +79,9 @@ def _settings(content: Mapping[str, Any], base: Path) -> dict[str, Any]:
 # ---- values of keys -----------------------------------------------------------------------------
 
 
-def _texts(key: str, value: Any) -> tuple[str, ...]:
-    several = value if isinstance(value, list) else [value]
-    return tuple(text(key, one) for one in several)
+def _one_or_more(of: Parser) -> Parser:
+    """One value, or a list of them."""
+    return lambda key, value: tuple(of(key, one) for one in (value if isinstance(value, list) else [value]))
 
 
 def _numbers(key: str, value: Any) -> Any:
@@ -91,7 +91,7 @@ def _numbers(key: str, value: Any) -> Any:
             raise ValueError(f"{key} as a table is {{from = 100, to = 3000, count = 40}}, got {value!r}")
         ends = [number(f"{key}.{end}", value[end]) for end in ("from", "to")]
         return np.linspace(ends[0], ends[1], count(f"{key}.count", value["count"]))
-    return [number(key, one) for one in (value if isinstance(value, list) else [value])]
+    return list(_list(key, value))
 
 
 def _value(key: str, value: Any) -> Any:
@@ -103,10 +103,7 @@ def _value(key: str, value: Any) -> Any:
     return number(key, value)
 
 
-def _list(key: str, value: Any) -> tuple[float, ...]:
-    return tuple(number(key, one) for one in (value if isinstance(value, list) else [value]))
-
-
+_texts, _list = _one_or_more(text), _one_or_more(number)
 _DESIGN: dict[str, Parser] = {
     "speed_rpm": _numbers,
     "frequency_rpm": _numbers,

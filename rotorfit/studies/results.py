@@ -25,7 +25,6 @@ from rotorfit.report.material import FigureFormat
 from rotorfit.studies.data_files import RecordingFiles, StudyProgress
 from rotorfit.studies.study import Outcome
 from rotorfit.studies.text import summary
-from rotorfit.uncertainty.profile import Profile
 from rotorfit.units import RPM_PER_RAD_S
 
 
@@ -44,8 +43,13 @@ def write_outcome(
     progress("writing tables")
     (folder / "summary.txt").write_text(summary(outcome, rig) + "\n", encoding="utf-8")
     _write_csv(folder / "parameters.csv", _parameter_rows(outcome))
-    _write_csv(folder / "covariance.csv", _covariance_rows(best))
-    _write_csv(folder / "responses.csv", _response_rows(best))
+    entries = [i for i, name in enumerate(best.var_names) if name in best.params and best.params[name].resolved]
+    names = [best.var_names[i] for i in entries]
+    covariance = ((name, *best.covar[i, entries].tolist()) for i, name in zip(entries, names, strict=True))
+    _write_csv(folder / "covariance.csv", (("", *names), *covariance))
+    quality = ("response", "readings", "nrmse", "frac", "redchi")
+    responses = ((r.name, r.count, r.nrmse, r.frac, r.redchi) for r in best.responses)
+    _write_csv(folder / "responses.csv", (quality, *responses))
     _write_csv(folder / "curves.csv", _curve_rows(best))
     if of_a_rig(best):
         best.coefficient_table().to_csv(folder / "coefficients.csv")
@@ -75,7 +79,9 @@ def write_outcome(
 def write_uncertainty(outcome: Outcome, folder: Path) -> None:
     """Write profiles, estimates from simulated tests and the posterior, as far as the study has them."""
     if outcome.profiles:
-        _write_csv(folder / "profiles.csv", _profile_rows(outcome.profiles))
+        pairs = ((p, *pair) for p in outcome.profiles for pair in zip(p.values.tolist(), p.rise.tolist(), strict=True))
+        rows = ((p.name, p.unit, value, rise) for p, value, rise in pairs)
+        _write_csv(folder / "profiles.csv", (("parameter", "unit", "value", "rise_of_chi_squared"), *rows))
     if outcome.bootstrap is not None:
         _write_csv(folder / "bootstrap.csv", (outcome.bootstrap.names, *outcome.bootstrap.samples.tolist()))
     if outcome.posterior is not None:
@@ -134,20 +140,6 @@ def _parameter_rows(outcome: Outcome) -> Iterator[Sequence[Any]]:
         yield p.name, *numbers, p.unit, status(p), "" if closed is None else closed, p.meaning
 
 
-def _covariance_rows(fit: FitResult) -> Iterator[Sequence[Any]]:
-    entries = [i for i, name in enumerate(fit.var_names) if name in fit.params]
-    resolved = [i for i in entries if fit.params[fit.var_names[i]].resolved]
-    yield "", *[fit.var_names[i] for i in resolved]
-    for i in resolved:
-        yield fit.var_names[i], *fit.covar[i, resolved].tolist()
-
-
-def _response_rows(fit: FitResult) -> Iterator[Sequence[Any]]:
-    yield "response", "readings", "nrmse", "frac", "redchi"
-    for r in fit.responses:
-        yield r.name, r.count, r.nrmse, r.frac, r.redchi
-
-
 def _curve_rows(fit: FitResult) -> Iterator[Sequence[Any]]:
     """Every reading with what the fit has there, in the model's coordinates and SI units."""
     parts = [f"{what}_{part}" for what in ("measured", "fitted", "fitted_low", "fitted_high") for part in ("re", "im")]
@@ -187,13 +179,6 @@ def _conditions(block: Block) -> tuple[Float, Float]:
     ]
     speed, frequency = (values[lines] if values.size != block.measured.size else values for values in found)
     return speed, frequency
-
-
-def _profile_rows(profiles: Sequence[Profile]) -> Iterator[Sequence[Any]]:
-    yield "parameter", "unit", "value", "rise_of_chi_squared"
-    for p in profiles:
-        for value, rise in zip(p.values.tolist(), p.rise.tolist(), strict=True):
-            yield p.name, p.unit, value, rise
 
 
 # ---- JSON --------------------------------------------------------------------------------------

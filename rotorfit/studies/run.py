@@ -57,7 +57,11 @@ def identify(
     if study.phase_offsets == "common":  # the fit judges by the zero that it finds
         findings = tuple(without_phases(found) for found in findings)
     model = build_model(study, experiments)
-    baseline = _dry_run(study, progress)
+    baseline = None
+    if study.baseline:  # read as the first test file is
+        first = next((file for file in study.files if isinstance(file, DataFile)), DataFile(Path()))
+        options = {name: value for name, value in first.options.items() if name not in ("where", "exclude")}
+        baseline = DataFile(Path(study.baseline), options).read(progress=progress)
     progress("closed form")
     closed: FitResult | str
     try:
@@ -82,15 +86,6 @@ def identify(
         study=study, experiments=experiments, findings=findings, closed=closed, fit=result, refinement=refinement
     )
     return _with_uncertainty(outcome, progress, checkpoint, executor) if outcome.best.success else outcome
-
-
-def _dry_run(study: Study, progress: StudyProgress) -> Experiment | None:
-    """The baseline of a study, read as its first test file is."""
-    if not study.baseline:
-        return None
-    first = next((file for file in study.files if isinstance(file, DataFile)), DataFile(Path()))
-    options = {name: value for name, value in first.options.items() if name not in ("where", "exclude")}
-    return DataFile(Path(study.baseline), options).read(progress=progress)
 
 
 def for_model(study: Study, file: DataFile | RecordingFiles) -> DataFile | RecordingFiles:

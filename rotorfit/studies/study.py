@@ -112,12 +112,6 @@ def _shaft_of_file(study: Study) -> KnownStructure:
     return KnownStructure.from_ross(study.structure, planes=planes, **options)
 
 
-def _has_start_up(test: LineTest) -> bool:
-    """True if 1x and 2x were read over the speeds of a start-up, where run-out shows."""
-    speeds = [set(test.speed[test.line == line].tolist()) for line in ("1x", "2x")]
-    return min(map(len, speeds)) >= LineTest.START_UP
-
-
 def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
     """The model of a study."""
     check_model(study)
@@ -131,7 +125,8 @@ def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
         lines = [test for test in experiments if isinstance(test, LineTest)]
         if not any((test.direction == "twist").any() for test in lines):
             options["torsion"] = None
-        if any(_has_start_up(test) for test in lines):
+        speeds = [[set(test.speed[test.line == line].tolist()) for line in ("1x", "2x")] for test in lines]
+        if any(min(map(len, of_lines)) >= LineTest.START_UP for of_lines in speeds):  # where run-out shows
             options["runout"] = True
     if study.model == Modal.name:
         options |= modal_options(tuple(study.planes), experiments)

@@ -117,10 +117,6 @@ def _channels(of: Parser) -> Parser:
     return parse
 
 
-def _slow_roll(key: str, value: Any) -> Mapping[tuple[str, str], complex]:
-    return {channel: phasor * 1e-6 for channel, phasor in _channels(_polar)(key, value).items()}
-
-
 def _selection(key: str, value: Any) -> dict[str, Any]:
     """Values by attribute: one, a list of them, or a range ``{from = 40, to = 60}`` with either end left out."""
     found: dict[str, Any] = {}
@@ -159,7 +155,7 @@ def _numbers(key: str, value: Any) -> tuple[int, ...]:
 _READ_KEYS: dict[str, tuple[str, Parser]] = {
     "gains": ("gains", _channels(_polar)),
     "delays_s": ("delays", _channels(number)),
-    "slow_roll_um_deg": ("slow_roll", _slow_roll),
+    "slow_roll_um_deg": ("slow_roll", _channels(lambda key, value: _polar(key, value) * 1e-6)),
     "slow_roll_below_rpm": ("slow_roll_below_rpm", number),
     "probe_angles_deg": ("probe_angles", table(pair)),
     "difference": ("difference", flag),
