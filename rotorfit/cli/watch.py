@@ -21,7 +21,7 @@ from rotorfit.estimators.atomic_file import refuse_input
 from rotorfit.options.kinds import positive_word, words
 from rotorfit.store.page import page_of, write_page
 from rotorfit.store.store import Store, study_for_store
-from rotorfit.store.watch import FolderWatch, MachineState, Watching, sources_in
+from rotorfit.store.watch import FolderWatch, MachineState, sources_in
 from rotorfit.studies.wording import json_text, sentence
 from rotorfit.units import RAD_S_PER_RPM
 
@@ -99,21 +99,18 @@ def _watch(options: argparse.Namespace) -> FolderWatch:
         patterns = ", ".join(file.path.name for file in study.files)
         say(f"none of the {len(others)} files in {options.folder} has a name that the study's files name: {patterns}")
     speed = None if options.running_speed is None else options.running_speed * RAD_S_PER_RPM
-    watching = Watching(
-        names=tuple(options.follow or ()),
-        false_alarm=options.false_alarm,
-        running_speed=speed,
-        margin=options.margin or 1.0,
-        against=tuple(options.against),
-        since=options.since,
-    )
     store = Store(options.store)
     refuse_input(page_of(store))
     return FolderWatch(
         folder=options.folder,
         store=store,
         study=study,
-        watching=watching,
+        names=tuple(options.follow or ()),
+        false_alarm=options.false_alarm,
+        running_speed=speed,
+        margin=options.margin or 1.0,
+        against=tuple(options.against),
+        since=options.since,
         setup=options.setup,
         machine=options.machine,
         settle=options.settle,

@@ -26,9 +26,8 @@ def page_of(store: Store) -> Path:
     return store.path.with_suffix(".html")
 
 
-def write_page(store: Store, states: Sequence[MachineState], path: Path | None = None) -> Path:
-    """Write the page of a store, whole or not at all; by default beside it."""
-    target = page_of(store) if path is None else path
+def write_page(store: Store, states: Sequence[MachineState]) -> Path:
+    """Write the page of a store beside it, whole or not at all."""
     none = section("No test yet", paragraph("Nothing has been fitted by this study."))
     sections = [part for state in states for part in _machine(state)] or [none]
     if refused := list(store.refused.items())[-_SHOWN:]:
@@ -36,7 +35,7 @@ def write_page(store: Store, states: Sequence[MachineState], path: Path | None =
         words = (reason if reason.startswith(name) else f"{name}: {reason}" for name, reason in latest)
         sections.append(section("Files that could not be read", bullets(words)))
     content = page(f"History of {store.path.stem}", str(store.path), sections)
-    return write_whole(target, content.encode("utf-8"))
+    return write_whole(page_of(store), content.encode("utf-8"))
 
 
 def _machine(state: MachineState) -> list[Html]:

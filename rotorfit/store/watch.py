@@ -7,7 +7,7 @@ import os
 import shlex
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,19 +32,6 @@ from rotorfit.studies.study import Study
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
 History = Sequence[tuple[StoredTest, StoredFit]]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Watching:
-    """Quantities that are watched, and the rule of an alarm."""
-
-    # values whose change raises an alarm; by default K0, lam, D and threshold speed, where fits have them
-    names: tuple[str, ...] = ()
-    false_alarm: float = 0.01  # probability that a machine which does not change ever raises one
-    running_speed: float | None = None  # rad/s; with it the threshold speed is watched
-    margin: float = 1.0  # factor on the running speed that the threshold speed should exceed
-    against: tuple[str, ...] = ()  # conditions that a level may depend on in a straight line: oil temperature, pressure
-    since: str = ""  # date, ISO 8601, from which on tests count
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,33 +71,6 @@ class MachineState:
             return f"{who}no alarm, {what}: evidence {said} after {len(rule.evidence)} tests"
         test = self.test(rule.alarm)
         return f"{who}ALARM, {what}: by the test of {test.date} ({Path(test.sources[0]).name}), evidence now {said}"
-
-
-def machine_states(store: Store, study: Study | Mapping[str, Any] | None, watching: Watching) -> list[MachineState]:
-    """The state of every machine of a store."""
-    machines: dict[str, list[tuple[StoredTest, StoredFit]]] = {}
-    for test, fit in store.history(study=study, since=watching.since):
-        machines.setdefault(test.machine, []).append((test, fit))
-    return [_state(machine, history, watching) for machine, history in machines.items()]
-
-
-def _state(machine: str, history: History, watching: Watching) -> MachineState:
-    used = [(test, fit) for test, fit in history if fit.good and _conditions(test, watching.against) is not None]
-    numbers = {test.number for test, _ in used}
-    left_out = tuple((test, fit) for test, fit in history if test.number not in numbers)
-    names = followed(watching.names or None, used[0][1]) if used else ()
-    values = [_watched(name, used) for name in names]
-    conditions: dict[str, Float] | None = None
-    if watching.against:
-        tests = {test.number: test for test, _ in used}
-        conditions = {
-            one.name: np.array([_conditions(tests[number], watching.against) for number in one.tests]) for one in values
-        }
-    margin = None
-    if watching.running_speed is not None:
-        margin = (_watched(THRESHOLD, used), watching.margin * watching.running_speed)
-    rules = watch_rules(values, watching.false_alarm, conditions=conditions, margin=margin)
-    return MachineState(machine=machine, history=tuple(used), left_out=left_out, rules=rules)
 
 
 def _conditions(test: StoredTest, names: Sequence[str]) -> list[float] | None:
@@ -176,7 +136,13 @@ class FolderWatch:
     folder: Path
     store: Store
     study: Study
-    watching: Watching = field(default_factory=Watching)
+    # values whose change raises an alarm; by default K0, lam, D and threshold speed, where fits have them
+    names: tuple[str, ...] = ()
+    false_alarm: float = 0.01  # probability that a machine which does not change ever raises one
+    running_speed: float | None = None  # rad/s; with it the threshold speed is watched
+    margin: float = 1.0  # factor on the running speed that the threshold speed should exceed
+    against: tuple[str, ...] = ()  # conditions that a level may depend on in a straight line: oil temperature, pressure
+    since: str = ""  # date, ISO 8601, from which on tests count
     setup: Path | None = None  # ``rig.toml``; all files are recordings then
     machine: str = ""  # of tests that do not name theirs
     settle: float = 5.0  # s
@@ -207,7 +173,10 @@ class FolderWatch:
 
     def states(self) -> list[MachineState]:
         """The state of every machine, after its alarms were reported."""
-        states = machine_states(self.store, self.study, self.watching)
+        machines: dict[str, list[tuple[StoredTest, StoredFit]]] = {}
+        for test, fit in self.store.history(study=self.study, since=self.since):
+            machines.setdefault(test.machine, []).append((test, fit))
+        states = [self._state(machine, history) for machine, history in machines.items()]
         with claimed(self.store.database, "alarms"):
             for state in states:
                 for rule in state.alarms:
@@ -218,6 +187,21 @@ class FolderWatch:
                         with self.store.database.change() as connection:
                             connection.execute("INSERT OR IGNORE INTO alarms VALUES (?, ?)", key)
         return states
+
+    def _state(self, machine: str, history: History) -> MachineState:
+        used = [(test, fit) for test, fit in history if fit.good and _conditions(test, self.against) is not None]
+        tests = {test.number: test for test, _ in used}
+        left_out = tuple((test, fit) for test, fit in history if test.number not in tests)
+        values = [_watched(name, used) for name in (followed(self.names or None, used[0][1]) if used else ())]
+        conditions: dict[str, Float] | None = None
+        if self.against:
+            rows = {one.name: [_conditions(tests[number], self.against) for number in one.tests] for one in values}
+            conditions = {name: np.array(own) for name, own in rows.items()}
+        margin = None
+        if self.running_speed is not None:
+            margin = (_watched(THRESHOLD, used), self.margin * self.running_speed)
+        rules = watch_rules(values, self.false_alarm, conditions=conditions, margin=margin)
+        return MachineState(machine=machine, history=tuple(used), left_out=left_out, rules=rules)
 
     def _tell_alarm(self, alarm: dict[str, Any]) -> bool:
         """True if it reached whom it should: a command that fails is run again in the next round."""

@@ -90,7 +90,24 @@ def read_csv(
     progress: Callable[[float], None] | None = None,
 ) -> Experiment:
     """Read a tidy or wide CSV, or a sheet of an Excel file; the columns tell which experiment it is."""
-    table = _opened(path, sheet, columns or {}, constants or {}, progress or (lambda share: None))
+    columns, constants = columns or {}, constants or {}
+    if exported := sheet is None and isinstance(path, str | Path) and is_sample_table(Path(path)):
+        table = sample_table(Path(path), columns)
+    else:
+        table = read_table(
+            path, sheet, lambda spelled: is_text(spelled, columns), is_unit, progress or (lambda share: None)
+        )
+        exported = set(BODE_HEADER) <= set(table.cells)
+        table = with_given_names(table, columns) if columns else table
+        table = bode_table(table, {"plane", "direction"} <= set(constants)) if exported else understood(table)
+    if taken := [name for name in constants if name.lower() in table.cells]:
+        raise ValueError(f"{table.source} has a column {taken[0]!r} of its own; no constant may take its place")
+    table = table.with_columns({name: [str(value)] * len(table.lines) for name, value in constants.items()})
+    if exported:
+        table = with_weight(table)
+    else:
+        refuse_doubtful(table)
+        table = tidy(table) if is_wide(table) else table
     return experiment_of(table, speed_tolerance, on_finding, on_lines)
 
 
@@ -142,30 +159,6 @@ def _start_up(table: Table) -> Table:
 
 
 _OF_WEIGHTS = ("force_plane", "force_phase", "force_angle")
-
-
-def _opened(
-    path: str | Path | DataFrame,
-    sheet: str | None,
-    columns: Mapping[str, str],
-    constants: Mapping[str, str | float],
-    progress: Callable[[float], None],
-) -> Table:
-    """The tidy table of a file, whatever its layout."""
-    if exported := sheet is None and isinstance(path, str | Path) and is_sample_table(Path(path)):
-        table = sample_table(Path(path), columns)
-    else:
-        table = read_table(path, sheet, lambda spelled: is_text(spelled, columns), is_unit, progress)
-        exported = set(BODE_HEADER) <= set(table.cells)
-        table = with_given_names(table, columns) if columns else table
-        table = bode_table(table, {"plane", "direction"} <= set(constants)) if exported else understood(table)
-    if taken := [name for name in constants if name.lower() in table.cells]:
-        raise ValueError(f"{table.source} has a column {taken[0]!r} of its own; no constant may take its place")
-    table = table.with_columns({name: [str(value)] * len(table.lines) for name, value in constants.items()})
-    if exported:
-        return with_weight(table)
-    refuse_doubtful(table)
-    return tidy(table) if is_wide(table) else table
 
 
 def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
