@@ -15,7 +15,7 @@ from rotorfit.estimators.blocks.row_keys import combined, distinguished, in_orde
 from rotorfit.estimators.noise.sweep_noise import estimate_noise
 from rotorfit.models import Modal, RotorModel
 from rotorfit.models.array_types import COLLINEAR, RANK_TOLERANCE, Bool, ComplexArray, Float, Index
-from rotorfit.observing.refusals import check_planes
+from rotorfit.observing.rows import check_planes, of_rows
 
 
 def observe(model: RotorModel, experiment: Experiment, group: Index) -> Responses:
@@ -265,11 +265,9 @@ def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Inde
         )
     imposed = np.zeros((count, len(model.coordinates)), dtype=complex)
     imposed[np.arange(count), coordinate] = np.where(test.frequency < 0, test.displacement.conj(), test.displacement)
-    names = [f"{r} / force at {p}" for r, p in zip(test.run.tolist(), test.plane.tolist(), strict=True)]
-    labels, label = words(np.array(names))
+    pairs = zip(test.run.tolist(), test.plane.tolist(), strict=True)
     block = Responses(
-        model=model,
-        speed=test.speed,
+        **of_rows(model, test, (f"{run} / force at {plane}" for run, plane in pairs)),
         frequency=test.frequency,
         force=imposed,
         group=group,
@@ -277,9 +275,6 @@ def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Inde
         coordinate=coordinate,
         measured=right,
         sigma=sigma,
-        label=label,
-        labels=tuple(labels),
-        run=test.run,
         imposed=True,
         sigma_given=not np.isnan(sigma).any(),
     )

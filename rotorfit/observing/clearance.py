@@ -12,7 +12,7 @@ from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
 from rotorfit.models.digits import significant
 from rotorfit.models.motion.journal import journal
-from rotorfit.observing.refusals import LARGEST_MEASURED_ECCENTRICITY
+from rotorfit.observing.rows import LARGEST_MEASURED_ECCENTRICITY
 
 
 def _within_clearance(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:

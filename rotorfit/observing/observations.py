@@ -27,7 +27,7 @@ from rotorfit.models import AnisotropicShaft, RotorModel, Turning
 from rotorfit.models.array_types import ComplexArray, Index
 from rotorfit.models.motion.journal import journal
 from rotorfit.observing.circular import first_rows, observe
-from rotorfit.observing.refusals import check_clearance, check_finite
+from rotorfit.observing.rows import check_clearance, check_finite
 from rotorfit.observing.shaft_lines import lines_of_test, main_lines
 from rotorfit.observing.static_and_free import free_vibrations, journal_coefficients, static_loads
 

@@ -6,12 +6,12 @@ import numpy as np
 
 from rotorfit.data.experiments import LineTest
 from rotorfit.estimators.blocks.observations import Responses
-from rotorfit.estimators.blocks.row_keys import distinguished, words
+from rotorfit.estimators.blocks.row_keys import distinguished
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses, is_image_line
 from rotorfit.models import AnisotropicShaft, RotorModel, Turning, TurningOnSupports
 from rotorfit.models.array_types import Index
 from rotorfit.models.shafts.combination_lines import line_order
-from rotorfit.observing.refusals import check_finite
+from rotorfit.observing.rows import check_finite, of_rows
 
 
 def lines_of_test(model: RotorModel, test: LineTest, group: Index) -> LineResponses | PairResponses:
@@ -37,13 +37,12 @@ def lines_of_test(model: RotorModel, test: LineTest, group: Index) -> LineRespon
     if not (test.sigma > 0).all():
         raise ValueError(f"{where}: the noise of {np.sum(~(test.sigma > 0))} readings is not known; give their sigma")
     names = zip(test.run.tolist(), test.plane.tolist(), test.direction.tolist(), test.line.tolist(), strict=True)
-    titles = [f"{run} / {'twist' if way == 'twist' else plane} {line}" for run, plane, way, line in names]
-    labels, label = words(np.array(titles))
+    titles = (f"{run} / {'twist' if way == 'twist' else plane} {line}" for run, plane, way, line in names)
+    rows = of_rows(model, test, titles)
     if isinstance(model, Turning):
-        return _pairs(model, test, group, label, tuple(labels))
+        return _pairs(model, test, group, rows["label"], rows["labels"])
     return LineResponses(
-        model=model,
-        speed=test.speed,
+        **rows,
         frequency=test.frequency,
         force=np.where(test.frequency < 0, test.force.conj(), test.force),
         direction=test.direction,
@@ -51,9 +50,6 @@ def lines_of_test(model: RotorModel, test: LineTest, group: Index) -> LineRespon
         reading_group=group,
         measured=test.response,
         sigma=test.sigma,
-        label=label,
-        labels=tuple(labels),
-        run=test.run,
     )
 
 

@@ -7,13 +7,13 @@ import numpy as np
 from rotorfit.data.experiments import CoefficientTable, ImpulseTest, StaticTest
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block, Responses
-from rotorfit.estimators.blocks.row_keys import distinguished, words
+from rotorfit.estimators.blocks.row_keys import distinguished
 from rotorfit.estimators.blocks.small_motion import FreeVibrations, JournalCoefficients
 from rotorfit.estimators.noise.sweep_noise import noise_from_smoothness
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.motion.journal import journal
-from rotorfit.observing.refusals import check_clearance, check_finite, check_planes
+from rotorfit.observing.rows import check_clearance, check_finite, check_planes, of_rows
 
 
 def static_loads(model: RotorModel, test: StaticTest, group: Index) -> Block:
@@ -35,21 +35,17 @@ def static_loads(model: RotorModel, test: StaticTest, group: Index) -> Block:
         at = test.load_plane == plane
         force[at] = model.force_vector(plane, still[at], test.load[at])
     coordinate = np.array([model.coordinate(plane, "z") for plane in test.plane.tolist()], dtype=np.intp)
-    names = [f"{run} / {plane} static" for run, plane in zip(test.run.tolist(), test.plane.tolist(), strict=True)]
-    labels, label = words(np.array(names))
+    pairs = zip(test.run.tolist(), test.plane.tolist(), strict=True)
+    rows = of_rows(model, test, (f"{run} / {plane} static" for run, plane in pairs))
     block = Responses(
-        model=model,
-        speed=test.speed,
+        **rows,
         frequency=still,
         force=force,
         group=group,
         line=np.arange(count),
         coordinate=coordinate,
         measured=test.displacement,
-        sigma=_static_noise(test, label),
-        label=label,
-        labels=tuple(labels),
-        run=test.run,
+        sigma=_static_noise(test, rows["label"]),
     )
     if not model.eccentricity_dependent:
         return block
@@ -101,20 +97,14 @@ def journal_coefficients(model: RotorModel, test: CoefficientTable, group: Index
     error = np.maximum(test.sigma[:, None] * np.abs(values), floor)
     spread = np.concatenate([error[:, 0:2], error[:, 2:4], error[:, [4, 4]]])  # of stiffness, damping and mass
     parts = np.concatenate([values[:, 0:2], values[:, 2:4], np.column_stack([test.mxx, np.zeros(len(test))])])
-    names = [f"{run} / {what}" for what in ("stiffness", "damping", "mass") for run in test.run.tolist()]
-    labels, label = words(np.array(names))
-    measured = parts[:, 0] / spread[:, 0] + 1j * parts[:, 1] / spread[:, 1]
+    names = (f"{run} / {what}" for what in ("stiffness", "damping", "mass") for run in test.run.tolist())
     return JournalCoefficients(
-        model=model,
-        speed=test.speed,
+        **{**of_rows(model, test, names), "run": np.tile(test.run, 3)},
         eccentricity=test.eccentricity,
         group=group,
         spread=spread,
-        measured=measured,
-        sigma=np.ones(measured.size),
-        label=label,
-        labels=tuple(labels),
-        run=np.tile(test.run, 3),
+        measured=parts[:, 0] / spread[:, 0] + 1j * parts[:, 1] / spread[:, 1],
+        sigma=np.ones(len(parts)),
     )
 
 
@@ -134,7 +124,6 @@ def free_vibrations(model: RotorModel, test: ImpulseTest, group: Index) -> FreeV
             f"for a centred one"
         )
     check_clearance(eps, model, "static positions")
-    labels, label = words(np.char.add(test.run, " / eigenvalue"))
     s = test.eigenvalue
     sigma = test.sigma.copy()
     if np.isnan(sigma).any():
@@ -146,16 +135,12 @@ def free_vibrations(model: RotorModel, test: ImpulseTest, group: Index) -> FreeV
             )
         sigma[np.isnan(sigma)] = spread
     return FreeVibrations(
-        model=model,
-        speed=test.speed,
+        **of_rows(model, test, np.char.add(test.run, " / eigenvalue").tolist()),
         eccentricity=eps,
         position_read=read,
         reading_group=group,
         measured=s,
         sigma=sigma,
-        label=label,
-        labels=tuple(labels),
-        run=test.run,
     )
 
 

@@ -1,19 +1,27 @@
-"""Data that cannot be observed, refused in words."""
+"""Rows of a test: what a block has of each, and those that cannot be observed, refused in words."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import Experiment
+from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
 from rotorfit.models.digits import significant
 
 LARGEST_MEASURED_ECCENTRICITY = 1.0 - 1e-6
 """Eccentricity above which a measured position is out of the clearance."""
+
+
+def of_rows(model: RotorModel, test: Experiment, names: Iterable[str]) -> dict[str, Any]:
+    """Columns that blocks with a reading a row share; readings of one name are one response."""
+    labels, label = words(np.array(list(names)))
+    return {"model": model, "speed": test.speed, "run": test.run, "label": label, "labels": tuple(labels)}
 
 
 def check_clearance(eps: Float, model: RotorModel, what: str) -> None:
