@@ -15,7 +15,7 @@ Files of others: :mod:`rotorfit.io.universal_foreign`.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -96,18 +96,10 @@ def _records(test: PerturbationTest, rows: Index, planes: Sequence[str], number:
     over_frequency = {**common, "abscissa_spec_data_type": DataType.FREQUENCY, "abscissa_axis_units_lab": "Hz"}
     frf = {"func_type": FunctionType.FRF, "id5": f"frf {direction}", "ordinate_spec_data_type": DataType.DISPLACEMENT}
     labels = {"ordinate_axis_units_lab": "rad" if direction[0] == "r" else "m", "orddenom_axis_units_lab": "N"}
-    yield _function(
-        {**over_frequency, **frf, **labels, "orddenom_spec_data_type": DataType.FORCE},
-        hertz,
-        part.response / part.force,
-    )
-    force = {
-        "func_type": FunctionType.GENERAL,
-        "id5": "force",
-        "ordinate_spec_data_type": DataType.FORCE,
-        "ordinate_axis_units_lab": "N",
-    }
-    yield _function({**over_frequency, **force}, hertz, part.force)
+    receptance = {**over_frequency, **frf, **labels, "orddenom_spec_data_type": DataType.FORCE}
+    yield _function(receptance, hertz, part.response / part.force)
+    force = {"func_type": FunctionType.GENERAL, "id5": "force", "ordinate_spec_data_type": DataType.FORCE}
+    yield _function({**over_frequency, **force, "ordinate_axis_units_lab": "N"}, hertz, part.force)
     further = {"row": rows.astype(float), "frequency": part.frequency, "speed": part.speed, "sigma": part.sigma}
     for name, values in (further | {f"attribute {name}": v for name, v in part.attributes.items()}).items():
         present = np.isfinite(values)
@@ -161,20 +153,16 @@ def _read_own(functions: Sequence[dict[str, Any]], source: str) -> PerturbationT
     for record in functions:
         role = "frf" if record["id5"].startswith("frf ") else record["id5"]
         series.setdefault(record["func_id"], {})[role] = record
-    parts = [_own_series(roles, f"{source}, function {number}") for number, roles in series.items()]
-    names = dict.fromkeys(name for part in parts for name in part["attributes"])
-    order = np.argsort(np.concatenate([part.pop("row") for part in parts]), kind="stable")
-    attributes = [part.pop("attributes") for part in parts]
-    sizes = [part["frequency"].size for part in parts]
-    blank = [np.full(size, np.nan) for size in sizes]
-    joined = {
-        name: np.concatenate([a.get(name, b) for a, b in zip(attributes, blank, strict=True)])[order] for name in names
-    }
-    columns: dict[str, Any] = {name: np.concatenate([part[name] for part in parts])[order] for name in parts[0]}
-    return perturbation_test(**columns, attributes=joined, source=source)
+    names = dict.fromkeys(role for roles in series.values() for role in roles if role.startswith("attribute "))
+    parts = [_own_series(roles, names, f"{source}, function {number}") for number, roles in series.items()]
+    columns: dict[str, Any] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    order = np.argsort(columns.pop("row"), kind="stable")
+    columns = {name: values[order] for name, values in columns.items()}
+    attributes = {name.removeprefix("attribute "): columns.pop(name) for name in names}
+    return perturbation_test(**columns, attributes=attributes, source=source)
 
 
-def _own_series(roles: dict[str, dict[str, Any]], where: str) -> dict[str, Any]:
+def _own_series(roles: dict[str, dict[str, Any]], attributes: Iterable[str], where: str) -> dict[str, Any]:
     """Columns of the readings of one FRF."""
     if "frf" not in roles or "force" not in roles:
         raise ValueError(f"{where}: the FRF or its force is missing, there are only {', '.join(roles)}; write it again")
@@ -193,18 +181,18 @@ def _own_series(roles: dict[str, dict[str, Any]], where: str) -> dict[str, Any]:
         return filled
 
     sign = -1.0 if frf["load_case_id"] == 2 else 1.0
-    frequency = values("frequency", sign * 2 * np.pi * np.asarray(frf["x"]))
+    unknown = np.full(size, np.nan)
     return {
         "run": np.full(size, frf["id2"]),
         "speed": values("speed", np.full(size, frf["z_axis_value"] * RAD_S_PER_RPM)),
-        "frequency": frequency,
+        "frequency": values("frequency", sign * 2 * np.pi * np.asarray(frf["x"])),
         "force_plane": np.full(size, frf["id4"]),
         "force": force,
         "force_direction": np.full(size, AXES[abs(frf["ref_dir"])] if frf["load_case_id"] == 0 else "circular"),
         "plane": np.full(size, frf["id3"]),
         "direction": np.full(size, frf["id5"][4:]),
         "response": np.asarray(frf["data"]) * force,
-        "sigma": values("sigma", np.full(size, np.nan)),
+        "sigma": values("sigma", unknown),
         "row": values("row", np.arange(size, dtype=float)),
-        "attributes": {role[10:]: values(role, frequency) for role in roles if role.startswith("attribute ")},
+        **{name: values(name, unknown) for name in attributes},
     }
