@@ -59,18 +59,13 @@ class Lumped:
     def _dependence(self, scale: Float) -> Index:
         """How each coefficient depends on each parameter in it: linear, linear in its reciprocal, or neither."""
         here = scale * np.exp(np.random.default_rng(2).uniform(-1, 1, scale.size))
-        slopes, kind = self._evaluate(here)[1], np.full(self._rows.size, _NEITHER, dtype=np.intp)
-        for i in range(self.size):
-            mine = np.flatnonzero(self._columns == i)
-            linear = reciprocal = np.ones(mine.size, dtype=bool)
-            for factor in (0.7, 1.9, 31.0):
-                moved = here.copy()
-                moved[i] *= factor
-                slope = self._evaluate(moved)[1][mine]
-                linear = linear & np.isclose(slope, slopes[mine], rtol=1e-9, atol=0)
-                reciprocal = reciprocal & np.isclose(slope * factor**2, slopes[mine], rtol=1e-9, atol=0)
-            kind[mine] = np.where(linear, _LINEAR, np.where(reciprocal, _RECIPROCAL, _NEITHER))
-        return kind
+        factors = np.array([0.7, 1.9, 31.0])
+        moved = here[:, None, None] * np.where(np.eye(self.size)[:, :, None], factors, 1.0)  # each by itself
+        slopes, moved_slopes = self._evaluate(here)[1][:, None], self._evaluate(moved)[1]
+        own = moved_slopes[np.arange(self._rows.size), self._columns]
+        linear = np.isclose(own, slopes, rtol=1e-9, atol=0).all(axis=1)
+        reciprocal = np.isclose(own * factors**2, slopes, rtol=1e-9, atol=0).all(axis=1)
+        return np.where(linear, _LINEAR, np.where(reciprocal, _RECIPROCAL, _NEITHER))
 
     def parameters(self, values: Float, typical: Float) -> Float:
         """Solve the coefficients for the parameters one after the other. Each comes from a coefficient in which it is
