@@ -332,14 +332,8 @@ class KnownStructure(RotorModel):
             change[2, 1, late, [late, now]] = self.late_row / 2
             change[2, 2, late, [late, now]] = np.array([1, -1]) * self.late_row * vector[tau] / 6
             changes += list(zip((Kp, Kd, tau), change, strict=True))
-        entries = [(place, change, np.nonzero(change)) for place, change in changes]
-        return CoefficientJacobian(
-            inputs=np.concatenate([added.inputs[own], *(np.full(w[0].size, place) for place, _, w in entries)]),
-            powers=np.concatenate([added.powers[own], *(where[0] for _, _, where in entries)]),
-            rows=np.concatenate([self.shaft.at[added.rows[own]], *(where[1] for _, _, where in entries)]),
-            columns=np.concatenate([self.shaft.at[added.columns[own]], *(where[2] for _, _, where in entries)]),
-            values=np.concatenate([added.values[own], *(change[where] for _, change, where in entries)]),
-        )
+        parts = [CoefficientJacobian.of(place, change) for place, change in changes]
+        return CoefficientJacobian.joined([added.select(own, self.shaft.at), *parts])
 
 
 def _named(symbol: str, plane: str, all_planes: Sequence[str]) -> str:

@@ -215,12 +215,5 @@ class Modal(RotorModel):
     def motion_jacobian(self, theta: ArrayLike, speed: ArrayLike) -> CoefficientJacobian:
         """See :meth:`RotorModel.motion_jacobian`."""
         whole, rows = self.functions.jacobian(theta, speed), self._modal_rows()
-        mine = np.flatnonzero((whole.rows == whole.columns) & (whole.rows >= rows.start) & (whole.rows < rows.stop))
-        place = whole.rows[mine] - rows.start
-        return CoefficientJacobian(
-            inputs=whole.inputs[mine],
-            powers=whole.powers[mine],
-            rows=place,
-            columns=place,
-            values=whole.values[..., mine],
-        )
+        mine = (whole.rows == whole.columns) & (whole.rows >= rows.start) & (whole.rows < rows.stop)
+        return whole.select(mine, np.arange(rows.stop) - rows.start)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from inspect import signature
 from types import MappingProxyType, SimpleNamespace
@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.compiled import array_function
 from rotorfit.models.complexes import Complex, Number
 from rotorfit.models.parameters import Parameter, unknown_name
@@ -55,6 +55,30 @@ class CoefficientJacobian:
     rows: Index
     columns: Index
     values: ComplexArray  # shape ``(..., E)``
+
+    @classmethod
+    def of(cls, number: int, changes: ComplexArray) -> Self:
+        """Derivatives by one input, of matrices of each power, shape ``(K, n, n)``."""
+        powers, rows, columns = np.nonzero(changes)
+        inputs = np.full(powers.size, number)
+        return cls(inputs=inputs, powers=powers, rows=rows, columns=columns, values=changes[powers, rows, columns])
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Entries of several, those of one place to be added."""
+        names = ("inputs", "powers", "rows", "columns", "values")
+        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+    def select(self, entries: Bool | Index, place: Index) -> Self:
+        """Some of the entries, rows and columns at other places."""
+        return replace(
+            self,
+            inputs=self.inputs[entries],
+            powers=self.powers[entries],
+            rows=place[self.rows[entries]],
+            columns=place[self.columns[entries]],
+            values=self.values[..., entries],
+        )
 
 
 class RotorModel(ABC):

@@ -9,6 +9,7 @@ of a known structure is ``kappa(s) = a(s) + j b(s)`` too; a and b follow from ka
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, ClassVar, Literal, Self
 
 import casadi as ca
@@ -164,14 +165,11 @@ class Orthotropic(RotorModel):
         own = (added.inputs >= count) & (added.inputs < len(self.parameters))
         rows, columns = given.rows, given.columns
         real, imaginary = given.values.real.astype(complex), given.values.imag.astype(complex)
-        support_rows, support_columns = self.shaft.at[added.rows[own]], self.shaft.at[added.columns[own]]
-        return CoefficientJacobian(
-            inputs=np.concatenate([*[inputs] * 4, added.inputs[own]]),
-            powers=np.concatenate([*[given.powers] * 4, added.powers[own]]),
-            rows=np.concatenate([rows, rows + half, rows, rows + half, support_rows]),
-            columns=np.concatenate([columns, columns + half, columns + half, columns, support_columns]),
-            values=np.concatenate([real, real, -imaginary, imaginary, added.values[own]]),
-        )
+        parts = [
+            replace(given, inputs=inputs, rows=rows + below * half, columns=columns + right * half, values=values)
+            for below, right, values in ((0, 0, real), (1, 1, real), (0, 1, -imaginary), (1, 0, imaginary))
+        ]
+        return CoefficientJacobian.joined([*parts, added.select(own, self.shaft.at)])
 
 
 def _numbers_apart(ahead: ComplexArray, behind: ComplexArray) -> ComplexArray:

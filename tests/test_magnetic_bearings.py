@@ -13,7 +13,7 @@ import rotorfit as rf
 from rotorfit.cli import main as cli
 from rotorfit.models import KnownStructure, eigenvalues
 from rotorfit.models.motion.stability import eigenvalue_gradient
-from rotorfit.uncertainty.stability.rotors import fitted_rotor
+from rotorfit.uncertainty.stability.rotors import rotors_of
 
 TRUTH = FLUID | magnets()
 MAGNETS = {name: value for name, value in TRUTH.items() if name.startswith("Km")}
@@ -143,7 +143,7 @@ def test_magnets_and_gains_are_told_apart_by_the_delay_alone(fit):
 def test_sensitivity_function_of_the_controller(fit):
     """The loop is opened at the controller, by hand 1/(1 + G C); the magnets' own stiffness stays with the rotor."""
     w = np.array([100.0, 400.0, 1100.0, 2000.0])
-    found = fitted_rotor(fit, 0).sensitivity(np.concatenate([w, -w]), 250.0, "left")[0]
+    found = rotors_of(fit, fit.thetas[:1]).sensitivity(np.concatenate([w, -w]), 250.0, "left")[0]
     for one, *pair in zip(w, found[:4], found[4:], strict=True):
         C = held("left", one, True)[0] - MAGNETS["Km_left"]
         opened = dynamic_stiffness(one, 250.0, magnetic=True)

@@ -8,6 +8,7 @@ makes motion at w and at the image 2 Om - w, exactly and no other.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from math import comb
 from typing import Any, ClassVar
@@ -310,25 +311,21 @@ class Turning(RotorModel):
         whole = self.base.motion(self._round(theta), speed)
         last, size = len(self.base.parameters), whole.shape[-1]
         inputs = np.where(found.inputs >= last, found.inputs + len(self.parameters) - last, found.inputs)
-        parts = []
+        parts: list[CoefficientJacobian] = []
         turn = np.asarray(1j * float(np.asarray(speed)))
         turned, powers = shifted_sides(whole, turn), np.arange(1, len(whole))
         for image in (0, size):
+            place = np.arange(size) + image
             values = found.values.conj() if image else found.values
             moved = shares_of_powers(len(whole), turn.conj() if image else turn)[:, found.powers] * values
             low, entry = np.nonzero(moved)
-            rows, columns = found.rows[entry] + image, found.columns[entry] + image
-            parts.append((inputs[entry], low, rows, columns, moved[low, entry]))
+            parts.append(
+                replace(found.select(entry, place), inputs=inputs[entry], powers=low, values=moved[low, entry])
+            )
             # By the speed of the coordinates themselves: d/ds of the polynomial, times that of the shift.
-            own_turned = turned[1:, image : image + size, image : image + size]
-            slope = (-1j if image else 1j) * powers[:, None, None] * own_turned
-            low, rows, columns = np.nonzero(slope)
-            place = np.full(rows.size, len(self.parameters))
-            parts.append((place, low, rows + image, columns + image, slope[low, rows, columns]))
+            slope = (-1j if image else 1j) * powers[:, None, None] * turned[1:, place[:, None], place]
+            everything = CoefficientJacobian.of(len(self.parameters), slope)
+            parts.append(everything.select(np.arange(everything.inputs.size), place))
         own = self.turning.functions.jacobian(theta, speed)
         mine = (own.inputs >= last) & (own.inputs < len(self.parameters))
-        at = self.shaft.at
-        parts.append((own.inputs[mine], own.powers[mine], at[own.rows[mine]], at[own.columns[mine]], own.values[mine]))
-        columns_of = [np.concatenate(column) for column in zip(*parts, strict=True)]
-        names = ("inputs", "powers", "rows", "columns", "values")
-        return CoefficientJacobian(**dict(zip(names, columns_of, strict=True)))
+        return CoefficientJacobian.joined([*parts, own.select(mine, self.shaft.at)])

@@ -35,7 +35,11 @@ def guess(space: ParameterSpace, values: Values, count: int, seed: int) -> Guess
         chosen = np.linspace(0, len(samples) - 1, count).astype(np.intp)
         return _by_name(space, values.fit, values.names, np.median(samples, axis=0), samples[chosen])
     if isinstance(values, FitResult):
-        return _of_fit(space, values, count, seed)
+        from scipy.special import ndtri  # late: loading it takes longer than a plan
+
+        normal = ndtri(_spread_levels(values.x.size, count, seed)).T
+        samples = values.x + normal @ spreading(np.nan_to_num(values.covar)).T
+        return _by_name(space, values, values.var_names, values.x, samples)
     if not isinstance(values, Mapping):
         raise TypeError(f"values are a mapping, a FitResult or a Posterior, not {type(values).__name__}")
     known = {*space.names, *space.base, *space.model.parameter_names}
@@ -91,14 +95,6 @@ def _quantiles(entry: Any, level: Float) -> Float:
     if isinstance(entry, tuple):
         return np.asarray(entry[0] + (entry[1] - entry[0]) * level)
     return np.asarray(entry.ppf(level), dtype=float)
-
-
-def _of_fit(space: ParameterSpace, fit: FitResult, count: int, seed: int) -> Guess:
-    from scipy.special import ndtri  # late: loading it takes longer than a plan
-
-    normal = ndtri(_spread_levels(fit.x.size, count, seed)).T
-    samples = fit.x + normal @ spreading(np.nan_to_num(fit.covar)).T
-    return _by_name(space, fit, fit.var_names, fit.x, samples)
 
 
 def _by_name(space: ParameterSpace, fit: FitResult, names: tuple[str, ...], middle: Float, samples: Float) -> Guess:

@@ -103,7 +103,7 @@ def sample(
             max_steps=max_steps,
             seed=seed,
             checkpoint=None if checkpoint is None else Path(checkpoint),
-            report=_printer() if progress is True else progress or None,
+            report=_print_progress if progress is True else progress or None,
             moves=list(moves) if moves else None,
         )
     finally:
@@ -169,9 +169,9 @@ def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
             )
         if fit.model_uncertainty is not None:
             words += (
-                ". The uncertainty of the choice among candidate models, which standard errors hold, is not in these"
+                ". The uncertainty of the choice among candidate models, which standard errors hold, is not in these "
+                "draws of one model"
             )
-            words += " draws of one model"
         return words
     if fit.settings.noise_scale:
         advice = "bring the shaft's matrices (KnownStructure)"
@@ -219,9 +219,6 @@ def _better_optimum(target: LogPosterior, centre: Float, log_density: Float) -> 
     )
 
 
-def _printer() -> Callable[[SamplerProgress], None]:
-    def show(state: SamplerProgress) -> None:
-        text = f"{state.steps} steps, {100 * state.done:.0f} %: {state.waiting}"
-        print(f"\r{text:<60}", end="", file=sys.stderr, flush=True)
-
-    return show
+def _print_progress(state: SamplerProgress) -> None:
+    text = f"{state.steps} steps, {100 * state.done:.0f} %: {state.waiting}"
+    print(f"\r{text:<60}", end="", file=sys.stderr, flush=True)

@@ -217,18 +217,11 @@ class StabilityReport(Printed):
         ends = "not determined" if math.isnan(c.probability) else "" if math.isinf(low) else ends
         limit = f"{'>=' if c.at_least else '<='} {significant(c.limit, 4)} {c.unit}".rstrip()
         value = "none" if math.isinf(c.value) else significant(c.value, 4)
-        return [c.name, value, ends, limit, "met" if c.met else "NOT MET", self._chance(c)]
-
-    def _chance(self, criterion: Criterion) -> str:
-        """A probability in words; nearer to 0 or 1 than the draws show it is a bound."""
-        known = 3 / self.draws  # of an event seen in no draw, with 95 % certainty
-        if math.isnan(criterion.probability):
-            return "not known"
-        if criterion.probability > 1 - known:
-            return f"> {100 * (1 - known):.1f} %"
-        if criterion.probability < known:
-            return f"< {100 * known:.1f} %"
-        return f"{100 * criterion.probability:.1f} %"
+        known = 3 / self.draws  # probability of an event seen in no draw, with 95 % certainty: nearer ones are bounds
+        sign = "> " if c.probability > 1 - known else "< " if c.probability < known else ""
+        chance = f"{sign}{100 * min(max(c.probability, known), 1 - known):.1f} %"
+        chance = "not known" if math.isnan(c.probability) else chance
+        return [c.name, value, ends, limit, "met" if c.met else "NOT MET", chance]
 
     def _mode_lines(self) -> list[str]:
         ends = f"{significant(100 * self.level, 4)} % interval"

@@ -20,7 +20,7 @@ from rotorfit.models.parameters import unknown_name
 from rotorfit.uncertainty.derived import DERIVED_DRAWS, SHAFT_DRAWS
 from rotorfit.uncertainty.predict import extrapolation
 from rotorfit.uncertainty.stability.record import Criterion, StabilityReport
-from rotorfit.uncertainty.stability.rotors import Rotors, drawn_rotors, fitted_rotor, has_planes, unseen_rotors
+from rotorfit.uncertainty.stability.rotors import Rotors, drawn_rotors, has_planes, rotors_of, unseen_rotors
 from rotorfit.uncertainty.stability.task import Question, Task
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
@@ -71,7 +71,7 @@ def stability_report(
         seen=seen,
         loop=sensitivity,
     )
-    one, unseen = fitted_rotor(fit, group), unseen_rotors(fit, group)
+    one, unseen = rotors_of(fit, fit.thetas[group][None]), unseen_rotors(fit, group)
     many = drawn_rotors(fit, group, DERIVED_DRAWS if fit.model.shaft is None else SHAFT_DRAWS, thetas)
 
     def questions(rotor: Rotors) -> list[Question]:
@@ -102,6 +102,10 @@ def stability_report(
     # Rotors from which bands of curves are read: a limit of 95 % is known to a tenth of a standard deviation
     curve_draws = 300
     few = many.part(slice(curve_draws))
+    caution = (
+        f"CAUTION: the model misses the data beyond their noise (redchi {significant(fit.redchi, 3)}). The rotor "
+        "judged here may be another one, intervals too narrow and probabilities too sure."
+    )
     return StabilityReport(
         criteria=tuple(criteria),
         modes=task.modes(one, many),
@@ -115,7 +119,7 @@ def stability_report(
             "sensitivity": partial(task.sensitivity_curve, one, few),
         },
         notes=_notes(fit, one, running),
-        caution=_caution(fit),
+        caution=caution if fit.model_limited else "",
     )
 
 
@@ -198,16 +202,6 @@ def _answer(question: Question, case: str, one: Rotors, many: Rotors, unseen: Ro
         at_least=question.at_least,
         probability=probability,
         source=question.source,
-    )
-
-
-def _caution(fit: FitResult) -> str:
-    """A warning where the model misses the data."""
-    if not fit.model_limited:
-        return ""
-    return (
-        f"CAUTION: the model misses the data beyond their noise (redchi {significant(fit.redchi, 3)}). The rotor "
-        "judged here may be another one, intervals too narrow and probabilities too sure."
     )
 
 

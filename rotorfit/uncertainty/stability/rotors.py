@@ -134,7 +134,10 @@ class Rotors:
             stiffness: ComplexArray = model.dynamic_stiffness(self.at(speed, some), speed, speed)
             stiffness = stiffness + self._added(np.asarray(1j * speed), speed, some)
             phasors = np.linalg.solve(stiffness, np.broadcast_to(force[..., None], (*stiffness.shape[:-1], 1)))
-            blocks.append(_deflection(np.asarray(phasors[..., read, 0])))
+            x, y = phasors[..., read[0], 0], phasors[..., read[-1], 0]
+            # Major half-axis of the orbit, of phasors of z or of x and y.
+            own = np.abs(x) if len(read) == 1 else (np.abs(x + 1j * y) + np.abs(x - 1j * y)) / 2
+            blocks.append(np.asarray(own))
         return np.concatenate(blocks)
 
     def sensitivity(self, w: Float, speed: float, plane: str) -> Float:
@@ -185,14 +188,6 @@ def _skew(model: RotorModel, plane: str) -> list[tuple[int, int, complex]]:
     return [(x, y, 1.0), (y, x, -1.0)]
 
 
-def _deflection(phasors: ComplexArray) -> Float:
-    """Major half-axis of the orbit, of phasors of z or of x and y."""
-    if phasors.shape[-1] == 1:
-        return np.abs(phasors[..., 0])
-    x, y = phasors[..., 0], phasors[..., 1]
-    return np.asarray((np.abs(x + 1j * y) + np.abs(x - 1j * y)) / 2)
-
-
 def has_planes(model: RotorModel) -> bool:
     """True if free motion is written in displacements of planes, and not in modes."""
     motion = model.motion(model.vector({q.name: q.scale for q in model.parameters}), 1.0)
@@ -202,20 +197,18 @@ def has_planes(model: RotorModel) -> bool:
 # ---- of a fit ----------------------------------------------------------------------------------------------------
 
 
-def fitted_rotor(fit: FitResult, group: int) -> Rotors:
-    """The fitted rotor alone."""
-    theta = fit.thetas[group][None]
-    return Rotors(model=fit.model, band=fit.stability_band, theta=theta, terms=(), sizes=np.zeros((1, 0)), coupling={})
+def rotors_of(fit: FitResult, theta: Float) -> Rotors:
+    """Rotors by their parameters alone, shape ``(W, P)``."""
+    return Rotors(
+        model=fit.model, band=fit.stability_band, theta=theta, terms=(), sizes=np.zeros((len(theta), 0)), coupling={}
+    )
 
 
 def unseen_rotors(fit: FitResult, group: int) -> Rotors:
     """Rotors that no datum tells from the fitted one, a tenth of the parameters' own sizes away."""
     null = fit.identifiability.null_space
     x = fit.x[: null.shape[0]] + null.T / 10
-    theta = fit.problem.space.theta(x)[:, group] if null.size else fit.thetas[:0, :]
-    return Rotors(
-        model=fit.model, band=fit.stability_band, theta=theta, terms=(), sizes=np.zeros((len(theta), 0)), coupling={}
-    )
+    return rotors_of(fit, fit.problem.space.theta(x)[:, group] if null.size else fit.thetas[:0, :])
 
 
 def drawn_rotors(fit: FitResult, group: int, draws: int, thetas: Float | None = None) -> Rotors:
@@ -240,16 +233,8 @@ def drawn_rotors(fit: FitResult, group: int, draws: int, thetas: Float | None = 
             terms += own
             sizes += [share * size for share in shares]
             onset_shifts += [_onset_shift(fit, group, onset, entry), *[0.0] * (len(own) - 1)] if own else []
-    columns = np.column_stack(sizes) if sizes else np.zeros((len(theta), 0))
-    return Rotors(
-        model=fit.model,
-        band=fit.stability_band,
-        theta=theta,
-        terms=tuple(terms),
-        sizes=columns,
-        onset_shifts=tuple(onset_shifts),
-        coupling={},
-    )
+    columns = np.reshape(sizes, (len(sizes), len(theta))).T
+    return replace(rotors_of(fit, theta), terms=tuple(terms), sizes=columns, onset_shifts=tuple(onset_shifts))
 
 
 def _acting(term: Term) -> tuple[list[LeftOut | Part], list[float]]:

@@ -53,14 +53,10 @@ def _peak(speed: Float, curve: Float, low: int, high: int) -> tuple[float, float
     _, _, left, right = peak_widths(curve, places, rel_height=1 - HALF_POWER, prominence_data=whole)
     ends = np.interp([left[0], right[0]], np.arange(speed.size), speed)
     reached = curve[[int(np.floor(left[0])), int(np.ceil(right[0]))]] <= HALF_POWER * curve[at]
-    top = _vertex(speed[at - 1 : at + 2], curve[at - 1 : at + 2])
+    x, y = speed[at - 1 : at + 2], curve[at - 1 : at + 2]  # the top is that of the parabola through three points
+    rise, fall = np.diff(y) / np.diff(x)
+    top = float((x[0] + x[1]) / 2 + rise / (rise - fall) * (x[2] - x[0]) / 2)
     return top, float(top / (ends[1] - ends[0])) if reached.all() else 0.0
-
-
-def _vertex(x: Float, y: Float) -> float:
-    """Place of the top of the parabola through three points."""
-    rise, fall = (y[1] - y[0]) / (x[1] - x[0]), (y[2] - y[1]) / (x[2] - x[1])
-    return float((x[0] + x[1]) / 2 + rise / (rise - fall) * (x[2] - x[0]) / 2)
 
 
 def margin(critical: Float, lowest: float, highest: float) -> Float:
