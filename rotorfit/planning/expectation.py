@@ -46,11 +46,6 @@ class Expectation:
         """Line of each reading, shape ``(R,)``."""
         return lines_in(self.problem)
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the fitted vector's entries."""
-        return (*self.problem.space.names, *self.problem.space.nuisance)
-
     def longer(self, factor: Float) -> Expectation:
         """The same test with each reading averaged so many times as long, shape ``(R,)``."""
         root = 1 / np.sqrt(factor)
@@ -64,10 +59,9 @@ class Expectation:
         residuals, jacobian = problem.jacobian(x)
         root, _ = covariance.information(problem, x, residuals, jacobian)
         space = problem.space
-        base = (*space.base, *space.nuisance)
-        covar, verdict = diagnose(space.model, self.names, base, x, root, covariance.parameter_scales(problem, x))
-        added = self._scatter(jacobian)
-        return covar + covar @ added @ covar, verdict
+        names, base = (*space.names, *space.nuisance), (*space.base, *space.nuisance)
+        covar, verdict = diagnose(space.model, names, base, x, root, covariance.parameter_scales(problem, x))
+        return covar + covar @ self._scatter(jacobian) @ covar, verdict
 
     def _scatter(self, jacobian: ComplexArray) -> Float:
         """Addition to the scatter of the cost's gradient by errors that readings have in common, shape ``(p, p)``."""
@@ -89,21 +83,12 @@ class Expectation:
     def rows(self, draws: Float) -> Float:
         """Derivatives of whitened readings at vectors ``(D, p)``, real and imaginary parts, shape ``(D, 2 R, p)``.
         Those at which the rotor is unstable at the speed of a response are zero: such a line gives nothing."""
-        problem = self.problem
-        sigma = problem.sigma
         found = []
         for x in draws:
-            jacobian = problem.jacobian(x)[1]
-            size = np.abs(np.concatenate(problem.predict(x)))
-            own = np.hypot(self.constant, self.relative * size)
-            jacobian = jacobian * (sigma / own * self.steady(x))[:, None]
+            own = np.hypot(self.constant, self.relative * np.abs(np.concatenate(self.problem.predict(x))))
+            jacobian = self.problem.jacobian(x)[1] * (self.problem.sigma / own * self.steady(x))[:, None]
             found.append(real_rows(jacobian).T)
         return np.array(found)
-
-    @property
-    def row_line(self) -> Index:
-        """Line of each row of :meth:`rows`."""
-        return np.repeat(self.line, 2)
 
     def steady(self, x: Float) -> Float:
         """One for readings whose rotor is stable, zero for others, shape ``(R,)``."""
@@ -111,10 +96,6 @@ class Expectation:
         for readings, _, _ in _unstable(self.problem, x, self.band):
             steady[readings] = 0.0
         return steady
-
-    def prior(self) -> Float:
-        """Information of the priors, shape ``(p, p)``."""
-        return np.diag(covariance.prior_curvature(self.problem, self.guess.centre))
 
 
 def expect(

@@ -25,7 +25,6 @@ Wanted: TypeAlias = str | Callable[[Any], Any] | Sequence[str] | Mapping[str, Ca
 class Target:
     """One quantity: its value and its derivatives by the fitted vector, shape ``(p,)``, at fitted vectors."""
 
-    name: str
     unit: str
     at: Callable[[Float], tuple[float, Float]]
 
@@ -37,7 +36,7 @@ def all_targets(space: ParameterSpace, quantity: Wanted, band: float) -> tuple[d
         labels = space.labels
         for group, label in enumerate(labels):
             name = THRESHOLD if len(labels) == 1 else f"{THRESHOLD}[{', '.join(label)}]"
-            found[name] = _threshold(space, group, name, band)
+            found[name] = _threshold(space, group, band)
     if quantity is None:
         return found, ()
     if callable(quantity):
@@ -60,13 +59,11 @@ def all_targets(space: ParameterSpace, quantity: Wanted, band: float) -> tuple[d
 
 
 def _parameter(space: ParameterSpace, entry: int) -> Target:
-    def at(x: Float) -> tuple[float, Float]:
-        return float(x[entry]), np.eye(space.size)[entry]
-
-    return Target(name=space.names[entry], unit=space.model.parameter(space.base[entry]).unit, at=at)
+    unit = space.model.parameter(space.base[entry]).unit
+    return Target(unit=unit, at=lambda x: (float(x[entry]), np.eye(space.size)[entry]))
 
 
-def _threshold(space: ParameterSpace, group: int, name: str, band: float) -> Target:
+def _threshold(space: ParameterSpace, group: int, band: float) -> Target:
     @cache
     def found(x: tuple[float, ...]) -> tuple[float, Float]:
         onset = threshold_speed(space.model, space.theta(np.array(x))[group], band=band)
@@ -74,7 +71,7 @@ def _threshold(space: ParameterSpace, group: int, name: str, band: float) -> Tar
             return math.nan, np.zeros(space.size)
         return onset.speed, space.pull_back(onset.gradient, group)
 
-    return Target(name=name, unit="rad/s", at=lambda x: found(tuple(x.tolist())))
+    return Target(unit="rad/s", at=lambda x: found(tuple(x.tolist())))
 
 
 def _function(space: ParameterSpace, name: str, function: Callable[[Any], Any]) -> Target:
@@ -86,4 +83,4 @@ def _function(space: ParameterSpace, name: str, function: Callable[[Any], Any]) 
         value, gradient = evaluate(space.theta(x)[0])
         return value, space.pull_back(gradient, 0)
 
-    return Target(name=name, unit="", at=at)
+    return Target(unit="", at=at)

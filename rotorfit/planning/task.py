@@ -12,7 +12,7 @@ import numpy as np
 from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.diagnosis.orbits import SYNCHRONOUS_DISTANCE
 from rotorfit.estimators.blocks.nonlinear import responses_of
-from rotorfit.estimators.inference.covariance import standard_error
+from rotorfit.estimators.inference.covariance import prior_curvature, standard_error
 from rotorfit.estimators.inference.identifiability import UNSEEN_CHANGE
 from rotorfit.estimators.inference.optimal_shares import Lines, optimal_shares
 from rotorfit.estimators.misfit.parameter_space import parameter_space
@@ -64,10 +64,10 @@ class Task:
         Draws at which less is determined than at others, because the rotor is unstable, are left out, and those without
         a threshold speed where it is asked for."""
         draws = found.guess.draws
-        rows, line = found.rows(draws), found.row_line
+        rows, line = found.rows(draws), np.repeat(found.line, 2)
         own = slice(2 * first, None)
         earlier = rows[:, : 2 * first]
-        fixed = found.prior() + np.swapaxes(earlier, 1, 2) @ earlier
+        fixed = np.diag(prior_curvature(found.problem, found.guess.centre)) + np.swapaxes(earlier, 1, 2) @ earlier
         gradients = np.array([[target.at(x)[1] for target in asked] for x in draws])
         gradients = gradients.reshape(len(draws), len(asked), draws.shape[1])
         whole = Lines(rows=rows[:, own], line=line[own] - line[own].min(), fixed=fixed, gradients=gradients)
@@ -141,16 +141,14 @@ def _with_ranges(
     expected: Mapping[str, ExpectedError], targets: Mapping[str, Target], lines: Lines, weight: Float, draws: Float
 ) -> dict[str, ExpectedError]:
     """The errors with their ranges over the draws."""
-    if len(draws) == 1:
-        return {name: replace(one, low=one.stderr, high=one.stderr) for name, one in expected.items()}
-    covar = lines.covariance(weight)
-    result = {}
-    for name, one in expected.items():
-        slopes = np.array([targets[name].at(x)[1] for x in draws])
-        errors = np.sqrt(np.einsum("di,dij,dj->d", slopes, covar, slopes))
-        known = math.isfinite(one.stderr)
-        low, high = (float(errors.min()), float(errors.max())) if known else (math.inf, math.inf)
-        result[name] = replace(one, low=low, high=high)
+    result = {name: replace(one, low=one.stderr, high=one.stderr) for name, one in expected.items()}
+    if len(draws) > 1:
+        covar = lines.covariance(weight)
+        for name, one in expected.items():
+            if math.isfinite(one.stderr):
+                slopes = np.array([targets[name].at(x)[1] for x in draws])
+                errors = np.sqrt(np.einsum("di,dij,dj->d", slopes, covar, slopes))
+                result[name] = replace(one, low=float(errors.min()), high=float(errors.max()))
     return result
 
 
