@@ -85,14 +85,16 @@ def test_steps_of_all_lines_together_end_at_the_nearest_of_all_roots() -> None:
     theta = ONE.vector(JUMPING) * (1 + 0.05 * rng.normal(size=(4, 1, 10)))
     w, seat = np.linspace(100.0, 160.0, 150), journal(ONE)
     H = 1.0 / line_stiffness(ONE).values(theta, w, np.full(150, 50.0), 0.0)[0, 0]
-    equation = OrbitEquation(theta=theta, s=1j * w, speed=np.full(150, 50.0), drive=H / seat.clearance, receptance=H)
+    equation = OrbitEquation(
+        theta=theta, frequency=w, speed=np.full(150, 50.0), drive=np.abs(H) / seat.clearance, receptance=H
+    )
     flat = equation.select(tuple(place.ravel() for place in np.indices(equation.shape)))
     roots = all_roots(seat, flat)
     assert {len(found) for found in roots} == {1, 3}
     near = np.array([found[-1] for found in roots[:150]]) * (1 + 0.01 * rng.normal(size=150))
     for target in (near, rng.uniform(0.0, 1.0, 150)):
         found, aim = nearest_orbits(seat, equation, target)[0].ravel(), np.tile(target, 4)
-        np.testing.assert_allclose(flat.excess(seat, found)[0], 0.0, atol=1e-11)
+        np.testing.assert_allclose(flat.at(seat, found)[0], 0.0, atol=1e-11)
         # Where two roots are about to vanish the search of all may miss them, on its grid, and not the other way round.
         distance = np.array([np.abs(some - at).min() for some, at in zip(roots, aim, strict=True)])
         assert (np.abs(found - aim) <= distance + 1e-12).all()

@@ -31,9 +31,9 @@ def orbit_equation(
     lines = frequency.size
     return OrbitEquation(
         theta=np.tile(theta, (lines, 1)),
-        s=1j * frequency,
+        frequency=frequency,
         speed=np.full(lines, speed),
-        drive=drive,
+        drive=np.abs(drive),
         receptance=H[:, seat.at, seat.at],
     )
 
@@ -93,7 +93,7 @@ def test_of_three_orbits_under_one_force_the_outer_two_attract_and_the_middle_on
     equation = orbit_equation(model, theta, speed, frequency, force)
     roots = all_roots(journal(model), equation)[0]
     assert roots.size == 3
-    residual, slope = equation.excess(journal(model), roots)
+    residual, slope = equation.at(journal(model), roots)[:2]
     np.testing.assert_allclose(residual, 0.0, atol=1e-13)
     assert (np.sign(slope) == [-1, 1, -1]).all()
     # put each orbit two per mille beside the root and let it run

@@ -73,8 +73,8 @@ class OrbitResponses(OnResponses):
             return _State(vectors, np.broadcast_to(eps, H.shape[2:]), H, self._forced(H))
         H = self._receptance(vectors, 0.0)
         centred = self._forced(H)
-        drive = centred[at] / seat.clearance
-        equation = OrbitEquation(theta=vectors, s=base.s, speed=self._speed, drive=drive, receptance=H[at, at])
+        drive, w = np.abs(centred[at]) / seat.clearance, self._frequency
+        equation = OrbitEquation(theta=vectors, frequency=w, speed=self._speed, drive=drive, receptance=H[at, at])
         if self.mode == "nearest":
             eps, delta = nearest_orbits(seat, equation, self.measured_eccentricity(theta))
         else:

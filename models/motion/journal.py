@@ -116,8 +116,8 @@ class Journal:
         coupling = ca.densify(slope[:2] * eccentricity / 2)
         inputs = ca.vertcat(theta, speed, eccentricity)
         self.inertia_changes = bool(ca.depends_on(change[4:], eccentricity))
-        self._change_graph = ca.Function("change", [inputs], [ca.cse(change)])
-        self._coefficient_change = array_function(self._change_graph)
+        self.change_graph = ca.Function("change", [inputs], [ca.cse(change)])
+        self._coefficient_change = array_function(self.change_graph)
         self._coupling = array_function(ca.Function("coupling", [inputs], [coupling]))
         slopes = ca.densify(ca.jacobian(coupling, ca.vertcat(theta, eccentricity)))
         self._coupling_jacobian = array_function(ca.Function("coupling_jacobian", [inputs], [slopes]))
@@ -148,12 +148,6 @@ class Journal:
 
         return change
 
-    def change_graph(self, rotor: Sequence[float]) -> ca.Function:
-        """The change of :meth:`change_of` for one rotor: real and imaginary parts by the eccentricity alone."""
-        eccentricity = ca.SX.sym("eccentricity")
-        parts = self._change_graph(ca.vertcat(*rotor, eccentricity))
-        return ca.Function("change", [eccentricity], [ca.cse(ca.densify(parts))])
-
     def coupling(self, theta: ArrayLike, speed: ArrayLike, eccentricity: ArrayLike) -> ComplexArray:
         """Half the eccentricity times the slope of the static stiffness, N/m. About an equilibrium at an angle phi a
         small displacement ``dz`` of the journal changes the force by ``C0 dz + coupling (dz + exp(2 j phi) conj(dz))``.
@@ -170,7 +164,9 @@ class Journal:
 @lru_cache(maxsize=64)
 def _change_of_one(seat: Journal, rotor: tuple[float, ...]) -> Callable[[Sequence[Float]], Float]:
     """One rotor is integrated over thousands of instants: what its values alone decide is worked out once."""
-    return array_function(seat.change_graph(rotor))
+    eccentricity = ca.SX.sym("eccentricity")
+    parts = seat.change_graph(ca.vertcat(*rotor, eccentricity))
+    return array_function(ca.Function("change", [eccentricity], [ca.cse(ca.densify(parts))]))
 
 
 @lru_cache(maxsize=64)

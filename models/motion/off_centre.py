@@ -33,9 +33,9 @@ def static_equilibria(model: RotorModel, theta: ArrayLike, speed: float, load: A
     seat = journal(model)
     equation = OrbitEquation(
         theta=np.asarray(theta, dtype=float)[None],
-        s=np.zeros(1, dtype=complex),
+        frequency=np.zeros(1),
         speed=np.array([speed], dtype=float),
-        drive=centred[[seat.at]] / seat.clearance,
+        drive=np.abs(centred[[seat.at]]) / seat.clearance,
         receptance=H[[seat.at], seat.at],
     )
     roots = all_roots(seat, equation)[0]

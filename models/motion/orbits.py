@@ -26,32 +26,24 @@ class OrbitEquation:
     """The scalar equation of many lines, arrays that broadcast to ``(..., L)``; theta is ``(..., L or 1, P)``."""
 
     theta: Float  # parameter vectors
-    s: ComplexArray  # j w, rad/s
+    frequency: Float  # w, rad/s
     speed: Float  # rotative speed, rad/s
-    drive: ComplexArray  # journal's response of the centred rotor over clearance, complex
+    drive: Float  # size of the journal's response of the centred rotor, over clearance
     receptance: ComplexArray  # drive-point receptance of the centred rotor at the journal, m/N
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
         """Shape of the roots."""
         return np.broadcast_shapes(
-            self.theta.shape[:-1], self.s.shape, self.speed.shape, self.drive.shape, self.receptance.shape
+            self.theta.shape[:-1], self.frequency.shape, self.speed.shape, self.drive.shape, self.receptance.shape
         )
-
-    @cached_property
-    def _size(self) -> Float:
-        return np.abs(self.drive)
-
-    @cached_property
-    def _frequency(self) -> Float:
-        return self.s.imag
 
     def select(self, lines: Index | tuple[Index, ...]) -> Self:
         """The equation of some lines, in one row."""
         shape = self.shape
         return type(self)(
             theta=np.broadcast_to(self.theta, (*shape, self.theta.shape[-1]))[lines],
-            s=np.broadcast_to(self.s, shape)[lines],
+            frequency=np.broadcast_to(self.frequency, shape)[lines],
             speed=np.broadcast_to(self.speed, shape)[lines],
             drive=np.broadcast_to(self.drive, shape)[lines],
             receptance=np.broadcast_to(self.receptance, shape)[lines],
@@ -60,18 +52,13 @@ class OrbitEquation:
     def at(self, journal: Journal, eccentricity: Float) -> Float:
         """Answer of :meth:`~rotorfit.models.motion.journal.Journal.excess` for these lines, shape ``(6, ...)``."""
         extra = (...,) + (None,) * (eccentricity.ndim - len(self.shape))
-        w, speed, size = (values[extra] for values in (self._frequency, self.speed, self._size))
-        return journal.excess(self.theta[(*extra, slice(None))], w, speed, size, self.receptance[extra], eccentricity)
+        w, speed, drive = (values[extra] for values in (self.frequency, self.speed, self.drive))
+        return journal.excess(self.theta[(*extra, slice(None))], w, speed, drive, self.receptance[extra], eccentricity)
 
     def change(self, journal: Journal, eccentricity: Float) -> ComplexArray:
         """Change of the drive-point stiffness against the centred journal, N/m."""
         found = self.at(journal, eccentricity)
         return np.asarray(found[2] + 1j * found[3])
-
-    def excess(self, journal: Journal, eccentricity: Float) -> tuple[Float, Float]:
-        """Predicted minus assumed eccentricity, and its slope."""
-        found = self.at(journal, eccentricity)
-        return found[0], found[1]
 
 
 def nearest_orbits(journal: Journal, equation: OrbitEquation, target: Float) -> tuple[Float, ComplexArray]:
@@ -108,15 +95,14 @@ def all_roots(journal: Journal, equation: OrbitEquation) -> list[Float]:
     """All eccentricities that solve each line's equation, ascending, to the resolution of a grid of 129 points."""
     grid_points = 129  # eccentricities at which a search looks for sign changes
     grid = np.linspace(0.0, LARGEST_ECCENTRICITY, grid_points)
-    value, _ = equation.excess(journal, np.broadcast_to(grid, (*equation.shape, grid_points)))
+    value = equation.at(journal, np.broadcast_to(grid, (*equation.shape, grid_points)))[0]
     line, cell = np.nonzero((value[:, :-1] >= 0) != (value[:, 1:] >= 0))
     low, high = grid[cell], grid[cell + 1]
     part = equation.select(line.astype(np.intp))
     falling = value[line, cell] >= 0
     for _ in range(52):
         middle = 0.5 * (low + high)
-        positive = part.excess(journal, middle)[0] >= 0
-        left = positive == falling
+        left = (part.at(journal, middle)[0] >= 0) == falling
         low, high = np.where(left, middle, low), np.where(left, high, middle)
     roots = [0.5 * (low + high)[line == number] for number in range(equation.shape[0])]
     return [found if found.size else np.array([LARGEST_ECCENTRICITY]) for found in roots]
