@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
-from rotorfit.models.complexes import Complex
+from rotorfit.models.complexes import Complex, Number
 from rotorfit.models.fluid import FluidForce, fluid_at, fluid_parameters
 from rotorfit.models.laws import Constant, Law, clearance_of
 from rotorfit.models.model import CoefficientJacobian, Coordinate, Matrix, RotorModel
@@ -167,25 +167,24 @@ class KnownStructure(RotorModel):
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """Forces on the shaft at its planes: fluid, supports, magnetic bearings and external dampers."""
         size = len(self.coordinates)
-        stiffness, damping, mass = ([[Complex(0.0)] * size for _ in range(size)] for _ in range(3))
+        matrices = [[[Complex(0.0)] * size for _ in range(size)] for _ in range(3)]
+
+        def add(plane: str, *force: Number) -> None:
+            """By powers of s."""
+            at = self.planes.index(plane)
+            for matrix, part in zip(matrices, force, strict=False):
+                matrix[at][at] = matrix[at][at] + part
+
         for plane in self.supports:
-            at = self.planes.index(plane)
-            stiffness[at][at] = stiffness[at][at] + getattr(p, _named("Ks", plane, self.supports))
+            add(plane, getattr(p, _named("Ks", plane, self.supports)))
         for plane in self.dampers:
-            at = self.planes.index(plane)
-            damping[at][at] = damping[at][at] + getattr(p, _named("Ds", plane, self.dampers))
+            add(plane, 0.0, getattr(p, _named("Ds", plane, self.dampers)))
         for plane in self.magnetic:  # without delay; known_stiffness adds what the delay changes
-            at = self.planes.index(plane)
             Km, Kp, Kd = (getattr(p, _named(name, plane, self.magnetic)) for name in ("Km", "Kp", "Kd"))
-            stiffness[at][at] = stiffness[at][at] + Km + Kp
-            damping[at][at] = damping[at][at] + Kd
+            add(plane, Km + Kp, Kd)
         for plane in self.fluid:
-            at = self.planes.index(plane)
-            force = self.fluid_force(p, plane, speed, eccentricity)
-            stiffness[at][at] = stiffness[at][at] + force.K
-            damping[at][at] = damping[at][at] + force.C
-            mass[at][at] = mass[at][at] + force.M
-        return stiffness, damping, mass
+            add(plane, *self.fluid_force(p, plane, speed, eccentricity))
+        return matrices
 
     def fluid_force(self, p: Any, plane: str, speed: Any, eccentricity: Any) -> FluidForce:
         """Fluid force at one of the planes with a fluid.

@@ -14,21 +14,41 @@ frequency with the planes held: where that is not far above the band, as with a 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
-from rotorfit.models.complexes import Complex, J
+from rotorfit.models.complexes import Complex
 from rotorfit.models.parameters import Parameter, unknown_name
 
-BLOCKS = (
-    "coupling_mass", "gyroscopic", "coupling_damping", "internal_damping",
-    "out_of_band", "next_out_of_band", "gyroscopic_out_of_band", "gyroscopic_squared", "damping_out_of_band",
-)  # fmt: skip
+Terms = tuple[tuple[complex, int, int], ...]
+"""Factor, power of s and power of the rotative speed, of each part of what multiplies entries of a matrix."""
+
+
+class Block(NamedTuple):
+    """A block of symmetric matrices."""
+
+    symbol: str  # that names of its parameters begin with
+    unit: str
+    scale: float  # typical size, in the unit
+    terms: Terms
+
+
+BLOCK_TABLE = {
+    "coupling_mass": Block("m", "kg", 0.05, ((1.0, 2, 0),)),
+    "gyroscopic": Block("g", "kg", 0.01, ((-1j, 1, 1),)),
+    "coupling_damping": Block("c", "N s/m", 1.0, ((1.0, 1, 0),)),
+    "internal_damping": Block("ci", "N s/m", 0.1, ((1.0, 1, 0), (-1j, 0, 1))),
+    "out_of_band": Block("q", "kg s^2", 1e-8, ((1.0, 4, 0),)),
+    "next_out_of_band": Block("r", "kg s^4", 1e-14, ((1.0, 6, 0),)),
+    "gyroscopic_out_of_band": Block("h", "kg s^2", 1e-8, ((1j, 3, 1),)),
+    "gyroscopic_squared": Block("e", "kg s^2", 1e-8, ((1.0, 2, 2),)),
+    "damping_out_of_band": Block("d", "kg s", 1e-6, ((1.0, 3, 0),)),
+}
+"""As dynamic stiffness, with s = j w: ``-w^2 m``, ``+w Om g``, ``+j w c``, ``+j (w - Om) ci``, ``+w^4 q``, ``-w^6 r``,
+``+w^3 Om h``, ``-w^2 Om^2 e`` and ``-j w^3 d``."""
+
+BLOCKS = tuple(BLOCK_TABLE)
 """Names of the blocks, in the order in which a refinement adds them."""
 
-_SYMBOL = dict(zip(BLOCKS, ("m", "g", "c", "ci", "q", "r", "h", "e", "d"), strict=True))
-_UNIT = dict(zip(BLOCKS, ("kg", "kg", "N s/m", "N s/m", "kg s^2", "kg s^4", "kg s^2", "kg s^2", "kg s"), strict=True))
-_SCALE = dict(zip(BLOCKS, (0.05, 0.01, 1.0, 0.1, 1e-8, 1e-14, 1e-8, 1e-8, 1e-6), strict=True))
-_POWER = {"out_of_band": 4, "next_out_of_band": 6, "gyroscopic_out_of_band": 3, "damping_out_of_band": 3}
 _BETWEEN = ("coupling_mass", "coupling_damping")  # the planes' own masses and dampers are parameters of the models
 
 
@@ -42,7 +62,7 @@ def check_blocks(blocks: Sequence[str]) -> tuple[str, ...]:
 
 def block_symbols(blocks: Sequence[str]) -> str:
     """Symbols of blocks, for instance ``m g c q``, which the names of their parameters begin with."""
-    return " ".join(_SYMBOL[block] for block in blocks)
+    return " ".join(BLOCK_TABLE[block].symbol for block in blocks)
 
 
 def _entries(block: str, size: int) -> list[tuple[int, int, str]]:
@@ -52,21 +72,22 @@ def _entries(block: str, size: int) -> list[tuple[int, int, str]]:
         pairs = [(row, column) for row, column in pairs if row != column]
     if block == "internal_damping":  # sections of the shaft: from the first bearing, and from plane to plane
         pairs = [(0, 0), *((row, row + 1) for row in range(size - 1))]
-    return [(row, column, f"{_SYMBOL[block]}{row + 1}{separator}{column + 1}") for row, column in pairs]
+    return [(row, column, f"{BLOCK_TABLE[block].symbol}{row + 1}{separator}{column + 1}") for row, column in pairs]
 
 
 def block_parameters(blocks: Sequence[str], size: int) -> tuple[Parameter, ...]:
     """Parameters of the blocks, for instance m12; g11, g12, g22; c12; ci11, ci12; q11, ..."""
     return tuple(
-        Parameter(name, _UNIT[block], f"{block.replace('_', ' ')} between planes", scale=_SCALE[block])
+        Parameter(
+            name, BLOCK_TABLE[block].unit, f"{block.replace('_', ' ')} between planes", scale=BLOCK_TABLE[block].scale
+        )
         for block in blocks
         for _, _, name in _entries(block, size)
     )
 
 
 def add_blocks(matrices: Sequence[Any], blocks: Sequence[str], p: Any, speed: Any) -> list[Complex]:
-    """Add blocks to coefficients by powers of s = j w. They are ``-w^2 m``, ``+w Om g``, ``+j w c``, ``+j (w - Om)
-    ci``, ``+w^4 q``, ``-w^6 r``, ``+w^3 Om h``, ``-w^2 Om^2 e`` and ``-j w^3 d``."""
+    """Add blocks to coefficients by powers of s = j w."""
     result = [Complex.matrix(m) for m in matrices]
     size = result[0].shape[0]
     for block in blocks:
@@ -79,21 +100,11 @@ def add_blocks(matrices: Sequence[Any], blocks: Sequence[str], p: Any, speed: An
                 value = -value
             values[row][column] = values[column][row] = value if row != column else values[row][row] + value
         addition = Complex.matrix(values)
-        if block == "coupling_mass":
-            result[2] = result[2] + addition
-        elif block == "gyroscopic":
-            result[1] = result[1] - J * (addition * speed)
-        elif block == "coupling_damping":
-            result[1] = result[1] + addition
-        elif block == "internal_damping":
-            result[1] = result[1] + addition
-            result[0] = result[0] - J * (addition * speed)
-        elif block == "gyroscopic_squared":
-            result[2] = result[2] + addition * (speed * speed)
-        else:
-            power = _POWER[block]
+        for factor, power, speeds in BLOCK_TABLE[block].terms:
             while len(result) <= power:
                 result.append(Complex.matrix([[0.0] * size for _ in range(size)]))
-            turning = block == "gyroscopic_out_of_band"
-            result[power] = result[power] + (J * (addition * speed) if turning else addition)
+            term = addition
+            for _ in range(speeds):
+                term = term * speed
+            result[power] = result[power] + factor * term
     return result

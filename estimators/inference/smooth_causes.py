@@ -211,11 +211,10 @@ def onset_terms(cause: Cause, whirl: float) -> list[LeftOut]:
     for part, share in zip(cause.parts, cause.shares.tolist(), strict=True):
         if part.at is None or part.kind not in (Kind.HYSTERESIS, Kind.ELSEWHERE):
             continue
-        term = LeftOut(name="", meaning="", unit="", entries=((part.at, part.at, share),), power=int(part.power == 1))
-        if part.kind is Kind.HYSTERESIS:
-            terms.append(replace(term, constant=1j * np.sign(whirl)))
-        else:
-            terms.append(replace(term, by_speed=-1j) if part.power == 2 else replace(term, constant=1.0))
+        turns = part.kind is Kind.ELSEWHERE and part.power == 2
+        factor = 1j * np.sign(whirl) if part.kind is Kind.HYSTERESIS else -1j if turns else 1.0
+        acting = ((factor, int(part.power == 1), int(turns)),)
+        terms.append(LeftOut("", "", "", ((part.at, part.at, share),), acting))
     return terms
 
 

@@ -4,41 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.model import RotorModel
 from rotorfit.models.motion.stability import Threshold, eigenvalue_gradient, mode_vectors, seats
+from rotorfit.models.structure import BLOCK_TABLE, Terms
 
 Entries = tuple[tuple[int, int, float], ...]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class LeftOut:
-    """A term ``t (a + b Om + c Om^2) s^k E`` that adds to kappa, linear in its size t."""
+    """A term ``t sum(factor s^k Om^m) E`` that adds to kappa, linear in its size t."""
 
     name: str  # symbol and planes
     meaning: str  # in words
     unit: str  # SI unit of its size
     entries: Entries  # row, column and factor of each nonzero of E
-    power: int  # k
-    constant: complex = 0.0  # a, b and c; b is complex, as for gyroscopic terms
-    by_speed: complex = 0.0
-    by_speed_squared: float = 0.0
-    more: tuple[tuple[int, complex, complex], ...] = ()  # further powers with factors of their own, ``(k, a, b)``
+    terms: Terms
 
     def factor(self, s: ComplexArray, speed: Float) -> ComplexArray:
         """Factor of E, broadcasting."""
-        parts = ((self.power, self.constant, self.by_speed), *self.more)
-        squared = self.by_speed_squared * speed**2 * s**self.power
-        return np.asarray(squared + sum((a + b * speed) * s**k for k, a, b in parts), dtype=complex)
-
-    @property
-    def speed_power(self) -> int:
-        """Power of the rotative speed that the term grows by."""
-        return 2 if self.by_speed_squared else 1 if self.by_speed else 0
+        return np.asarray(sum(factor * speed**m * s**k for factor, k, m in self.terms), dtype=complex)
 
 
 def terms_left_out(model: RotorModel) -> tuple[LeftOut, ...]:
@@ -51,58 +40,58 @@ def terms_left_out(model: RotorModel) -> tuple[LeftOut, ...]:
     found = []
     for i, first in enumerate(planes):
         for j in range(i, min(i + 2, len(planes))):
-            both = ((i, i, 1.0),) if i == j else ((i, j, 1.0), (j, i, 1.0))
+            both: Entries = ((i, i, 1.0),) if i == j else ((i, j, 1.0), (j, i, 1.0))
             where = f"[{first}]" if i == j else f"[{first}, {planes[j]}]"
-            if i != j and "coupling_mass" not in blocks:
-                found.append(_term("m" + where, "coupling mass", "kg", both, 2))
-            if i != j and "coupling_damping" not in blocks:
-                found.append(_term("c" + where, "coupling damping", "N s/m", both, 1))
-            if i != j and "internal_damping" not in blocks:
-                found.append(_internal(where, ((i, i, 1.0), (j, j, 1.0), (i, j, -1.0), (j, i, -1.0))))
-            if "gyroscopic" not in blocks:
-                found.append(_term("g" + where, "gyroscopic effect", "kg", both, 1, constant=0.0, by_speed=-1j))
+            spring = ((i, i, 1.0), (j, j, 1.0), (i, j, -1.0), (j, i, -1.0))
+            kinds: list[tuple[str, str, Entries]] = [("gyroscopic", "gyroscopic effect", both)]
+            if i != j:
+                kinds = [
+                    ("coupling_mass", "coupling mass", both),
+                    ("coupling_damping", "coupling damping", both),
+                    ("internal_damping", _INTERNAL, spring),
+                    *kinds,
+                ]
+            found += [_of_block(block, meaning, where, e) for block, meaning, e in kinds if block not in blocks]
             if len(planes) > 1:
-                found += [_beyond(expansion, blocks, where, both) for expansion in _BEYOND]
+                found += [_beyond(*expansion, blocks, where, both) for expansion in _BEYOND]
     if len(planes) == 1 and "Ds" in model.parameter_names:
-        found.append(_internal(f"[{planes[0]}]", ((0, 0, 1.0),)))
+        found.append(_of_block("internal_damping", _INTERNAL, f"[{planes[0]}]", ((0, 0, 1.0),)))
     fluid, external = _damping_coordinates(model)
     for i in sorted(fluid - external):
         meaning = "external damping beside the fluid's, counted in D and lam"
-        found.append(_term(f"Ds[{planes[i]}]", meaning, "N s/m", ((i, i, 1.0),), 1))
+        found.append(LeftOut(f"Ds[{planes[i]}]", meaning, "N s/m", ((i, i, 1.0),), ((1.0, 1, 0),)))
     return tuple(found)
 
 
-def _term(
-    name: str, meaning: str, unit: str, entries: Entries, power: int, constant: complex = 1.0, **factors: Any
-) -> LeftOut:
-    return LeftOut(name=name, meaning=meaning, unit=unit, entries=entries, power=power, constant=constant, **factors)
+_INTERNAL = "internal damping of the shaft"
 
 
-def _internal(where: str, entries: Entries) -> LeftOut:
-    return _term("ci" + where, "internal damping of the shaft", "N s/m", entries, 1, more=((0, 0.0, -1j),))
+def _of_block(block: str, meaning: str, where: str, entries: Entries) -> LeftOut:
+    own = BLOCK_TABLE[block]
+    return LeftOut(own.symbol + where, meaning, own.unit, entries, own.terms)
 
 
-_Expansion = tuple[str, str, tuple[str, ...], int, tuple[str, ...], int]
-_BEYOND: tuple[_Expansion, ...] = (
-    ("h", "gyroscopic effect", ("gyroscopic_out_of_band",), 3, ("kg s^2", "kg s^4"), 1),
-    ("e", "gyroscopic effect squared", ("gyroscopic_squared",), 2, ("kg s^2", "kg s^4"), 2),
-    ("d", "damping that changes with frequency", ("damping_out_of_band",), 3, ("kg s", "kg s^3"), 0),
-    ("q", "modes above the band", ("out_of_band", "next_out_of_band"), 4, ("kg s^2", "kg s^4", "kg s^6"), 0),
+_BEYOND: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
+    ("gyroscopic effect", ("gyroscopic_out_of_band",), ("kg s^2", "kg s^4")),
+    ("gyroscopic effect squared", ("gyroscopic_squared",), ("kg s^2", "kg s^4")),
+    ("damping that changes with frequency", ("damping_out_of_band",), ("kg s", "kg s^3")),
+    ("modes above the band", ("out_of_band", "next_out_of_band"), ("kg s^2", "kg s^4", "kg s^6")),
 )
-"""Expansions in the square of the frequency: symbol (those after the first have their power in it), meaning, structural
-blocks that hold the first terms in order, power of the first, units, and power of the rotative speed."""
+"""Expansions in the square of the frequency: meaning, structural blocks that hold the first terms in order, and units.
+Symbols of terms after the first have their power in them."""
 
 
-def _beyond(expansion: _Expansion, blocks: Sequence[str], where: str, entries: Entries) -> LeftOut:
+def _beyond(
+    meaning: str, held: Sequence[str], units: Sequence[str], blocks: Sequence[str], where: str, entries: Entries
+) -> LeftOut:
     """The first term of an expansion that a model lacks."""
-    symbol, meaning, held, first, units, speed = expansion
+    ((factor, first, speed),) = BLOCK_TABLE[held[0]].terms
     order = next((k for k, block in enumerate(held) if block not in blocks), len(held))
     power = first + 2 * order
-    name = f"{symbol}{power if order else ''}{where}"
+    name = f"{BLOCK_TABLE[held[0]].symbol}{power if order else ''}{where}"
+    turned = factor * (-1) ** order if speed == 1 else factor
     meaning = f"{meaning}, w^{power}{' Om^2' if speed == 2 else ''}"
-    turning, squared = 1j * (-1) ** order * (speed == 1), float(speed == 2)
-    constant = float(speed == 0)
-    return _term(name, meaning, units[order], entries, power, constant, by_speed=turning, by_speed_squared=squared)
+    return LeftOut(name, meaning, units[order], entries, ((turned, power, speed),))
 
 
 def fluid_coordinates(model: RotorModel) -> list[int]:

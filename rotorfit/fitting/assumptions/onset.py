@@ -93,8 +93,8 @@ def onset_with(fit: FitResult, onset: Threshold, cause: Cause, shift: Float) -> 
         coefficients = np.array(model.motion(moved + cause.size * sum(changes, np.zeros((speed.size, 1))), speed))
         for term in terms:
             for row, column, weight in term.entries:
-                factor = weight * cause.size * (term.constant + term.by_speed * speed)
-                coefficients[:, term.power, row, column] += factor
+                for factor, power, speeds in term.terms:
+                    coefficients[:, power, row, column] += weight * cause.size * factor * speed**speeds
         return fastest_growth(model, coefficients, fit.stability_band) - round_off
 
     found = first_growth(growth, np.geomspace(1e-4 * highest, highest, SPEEDS))

@@ -80,7 +80,7 @@ def assumptions_of(fit: FitResult, priors: Mapping[str, float] | None = None) ->
     divided = any(isinstance(block, OrbitResponses | OffCentreResponses) for block in fit.problem.blocks)
     params = [fit.params.get(name) for name in fit.model.parameter_names]
     terms: list[Term] = [
-        *(term for term in (terms_left_out(fit.model) if linear else ()) if moving or term.power == 0),
+        *(term for term in (terms_left_out(fit.model) if linear else ()) if moving or term.terms[0][1] == 0),
         *_offsets(fit, linear),
         *([Clearance()] if divided and fit.model.clearance else []),
         *(place for place, p in enumerate(params) if p is not None and not p.vary and p.value),
@@ -288,7 +288,8 @@ def _described(fit: FitResult, term: Term) -> tuple[str, str, str, float]:
         case LeftOut():
             stiffness, frequency, speed = _levels(fit)
             part = _PLAUSIBLE["gyroscopic" if term.name.startswith("g[") else "term"]
-            share = part * stiffness / frequency**term.power / speed**term.speed_power
+            _, power, speeds = term.terms[0]
+            share = part * stiffness / frequency**power / speed**speeds
             # What acts between the planes acts at the journal too, about as much.
             damper = max(_damper(fit), _coupled(fit)) if term.name.startswith("Ds") else 0.0
             described = term.name, term.meaning, term.unit, max(share, damper)
