@@ -13,26 +13,14 @@ from rotorfit.models.array_types import Float
 from rotorfit.models.digits import significant
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.whirl import whirl_branch
+from rotorfit.plots import style
 from rotorfit.plots.journal import half_width, reach
-from rotorfit.plots.style import (
-    BAND,
-    COLOURS,
-    GREY,
-    draw_curve,
-    grid,
-    legend_below,
-    looked,
-    per_rad_s,
-    position_unit,
-    prefix,
-    rate_unit,
-)
 from rotorfit.units import RAD_S_PER_RPM
 
-_STABLE, _UNSTABLE = COLOURS[0], COLOURS[1]
+_STABLE, _UNSTABLE = style.COLOURS[0], style.COLOURS[1]
 
 
-@looked
+@style.looked
 def plot_whirl(fit: FitResult, *, group: int = 0, max_speed_rpm: float | None = None) -> Figure:
     """Radius and frequency of the self-excited whirl against rotative speed, with the 95 % band of the radius.
 
@@ -45,34 +33,36 @@ def plot_whirl(fit: FitResult, *, group: int = 0, max_speed_rpm: float | None = 
     top = 2.5 * onset if max_speed_rpm is None else max_speed_rpm * RAD_S_PER_RPM
     branch = whirl_branch(fit.model, theta, max_speed=top)
     if branch is None:
-        raise ValueError(
-            f"the threshold speed is beyond {significant(top * per_rad_s(), 5)} {rate_unit()}: give max_speed_rpm"
-        )
-    figure, axes = grid(2, 1, f"Whirl beyond the onset, {fit.model.name}", size=(5.8, 2.5), one_abscissa=True)
+        limit = f"{significant(top * style.per_rad_s(), 5)} {style.rate_unit()}"
+        raise ValueError(f"the threshold speed is beyond {limit}: give max_speed_rpm")
+    figure, axes = style.grid(2, 1, f"Whirl beyond the onset, {fit.model.name}", size=(5.8, 2.5), one_abscissa=True)
     radius, frequency = axes[:, 0]
-    factor, unit = position_unit()
+    factor, unit = style.position_unit()
     clearance = journal(fit.model).clearance
-    speed = branch.speed * per_rad_s()
-    for axis, y in ((radius, branch.eccentricity * clearance * factor), (frequency, branch.frequency * per_rad_s())):
-        for stable, style in ((True, "-"), (False, "--")):
+    speed = branch.speed * style.per_rad_s()
+    for axis, y in (
+        (radius, branch.eccentricity * clearance * factor),
+        (frequency, branch.frequency * style.per_rad_s()),
+    ):
+        for stable, look in ((True, "-"), (False, "--")):
             shown = np.where(branch.stable == stable, y, np.nan)
-            axis.plot(speed, shown, style, color=_STABLE if stable else _UNSTABLE, lw=1.4)
-        axis.axvline(speed[0], color=GREY, lw=0.9, ls=":")
+            axis.plot(speed, shown, look, color=_STABLE if stable else _UNSTABLE, lw=1.4)
+        axis.axvline(speed[0], color=style.GREY, lw=0.9, ls=":")
     across = [half_width(fit, group, branch.gradient[:, place]) for place in (0, 1)]
     signs = np.sign(np.gradient(branch.eccentricity)), -np.sign(np.gradient(branch.speed))  # to one side of the branch
     edges = []
     for side in (1, -1):
-        x = speed + side * signs[0] * across[0] * per_rad_s()
+        x = speed + side * signs[0] * across[0] * style.per_rad_s()
         y = (branch.eccentricity + side * signs[1] * across[1]) * clearance * factor
         edges.append(np.column_stack([x, y]))
-    radius.add_patch(Polygon(np.concatenate([edges[0], edges[1][::-1]]), color=_STABLE, alpha=BAND, lw=0))
-    radius.axhline(clearance * factor, color=GREY, lw=0.8)
+    radius.add_patch(Polygon(np.concatenate([edges[0], edges[1][::-1]]), color=_STABLE, alpha=style.BAND, lw=0))
+    radius.axhline(clearance * factor, color=style.GREY, lw=0.8)
     radius.set_ylabel(f"radius of the journal's orbit, {unit}")
-    frequency.set_ylabel(f"frequency of the whirl, {rate_unit()}")
-    frequency.set_xlabel(f"rotative speed, {rate_unit()}")
+    frequency.set_ylabel(f"frequency of the whirl, {style.rate_unit()}")
+    frequency.set_xlabel(f"rotative speed, {style.rate_unit()}")
     ratio = branch.frequency[0] / branch.speed[0]
     ends = np.array([speed[0], speed.max()])
-    frequency.plot(ends, ratio * ends, ":", color=GREY, lw=1.0)
+    frequency.plot(ends, ratio * ends, ":", color=style.GREY, lw=1.0)
     for axis in (radius, frequency):
         axis.set_xlim(speed[0] - 0.1 * np.ptp(ends), speed.max() + 0.03 * np.ptp(ends))
     radius.set_ylim(bottom=0)
@@ -80,11 +70,11 @@ def plot_whirl(fit: FitResult, *, group: int = 0, max_speed_rpm: float | None = 
     if not branch.stable.all():
         entries["unstable"] = {"color": _UNSTABLE, "lw": 1.4, "ls": "--"}
     entries[f"onset, and {ratio:.3f} times the speed"] = {"lw": 1.0, "ls": ":"}
-    legend_below(figure, entries | {"clearance": {"lw": 0.8}})
+    style.legend_below(figure, entries | {"clearance": {"lw": 0.8}})
     return figure
 
 
-@looked
+@style.looked
 def plot_side_load(fit: FitResult) -> Figure:
     """Threshold speed against the static eccentricity of the journal, and against the load that holds it there.
 
@@ -95,24 +85,24 @@ def plot_side_load(fit: FitResult) -> Figure:
     eps, values, errors, loads = _thresholds(fit)
     if eps.size < 2:
         raise ValueError("the fitted rotor has no threshold speed at any eccentricity that could be searched")
-    figure, axes = grid(1, 2, f"Threshold speed under a side load, {fit.model.name}", size=(3.5, 2.8))
-    factor, unit = prefix(loads, "N")
+    figure, axes = style.grid(1, 2, f"Threshold speed under a side load, {fit.model.name}", size=(3.5, 2.8))
+    factor, unit = style.prefix(loads, "N")
     for axis, x, words in zip(
         axes[0],
         (eps, factor * loads),
         ("static eccentricity over clearance", f"side load at the journal, {unit}"),
         strict=True,
     ):
-        draw_curve(axis, x, values * per_rad_s(), errors * per_rad_s(), _STABLE, lw=1.4)
-        axis.fill_between(x, values * per_rad_s(), axis.get_ylim()[1], color=_UNSTABLE, alpha=0.08, lw=0)
+        style.draw_curve(axis, x, values * style.per_rad_s(), errors * style.per_rad_s(), _STABLE, lw=1.4)
+        axis.fill_between(x, values * style.per_rad_s(), axis.get_ylim()[1], color=_UNSTABLE, alpha=0.08, lw=0)
         axis.set_xlabel(words)
         axis.set_xlim(0, float(x.max()))
-        axis.set_ylabel(f"threshold speed, {rate_unit()}")
+        axis.set_ylabel(f"threshold speed, {style.rate_unit()}")
     entries = {
         "threshold speed and 95 % band": Patch(color=_STABLE, alpha=0.5),
         "unstable": Patch(color=_UNSTABLE, alpha=0.15),
     }
-    legend_below(figure, entries)
+    style.legend_below(figure, entries)
     return figure
 
 

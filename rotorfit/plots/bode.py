@@ -14,26 +14,8 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.digits import significant
 from rotorfit.models.parameters import unknown_name
+from rotorfit.plots import style
 from rotorfit.plots.dynamic_stiffness import draw_drive_point
-from rotorfit.plots.style import (
-    BAND,
-    GREY,
-    PAGE,
-    PHASE_LABEL,
-    SMALL_TYPE,
-    amplitude_unit,
-    decade_ticks,
-    draw_curve,
-    few_ticks,
-    grid,
-    legend_below,
-    length,
-    literal,
-    looked,
-    per_rad_s,
-    phase_axis,
-    rate_unit,
-)
 from rotorfit.plots.sweeps import SweepCondition, SweepCurve, curves, forced_planes, joined
 
 
@@ -49,13 +31,13 @@ def panels_of(
     pairs = sorted({(c.coordinate, c.force_plane) for c in found})
     probes, forces = sorted({p for p, _ in pairs}), sorted({f for _, f in pairs})
     shortest = 0.6 * rows * size[1]  # of a pair, inches
-    columns = next((n for n in (1, 2) if -(-len(pairs) // n) * shortest <= PAGE[1]), 3)
+    columns = next((n for n in (1, 2) if -(-len(pairs) // n) * shortest <= style.PAGE[1]), 3)
     if len(pairs) == len(probes) * len(forces) and (len(forces) > 1 or columns == 1):
         place = {(p, f): (probes.index(p), forces.index(f)) for p, f in pairs}
     else:
         place = {pair: divmod(i, max(columns, 2)) for i, pair in enumerate(pairs)}
     down, across = (max(where[k] for where in place.values()) + 1 for k in (0, 1))
-    figure, axes = grid(rows * down, across, title, size=size, one_abscissa=one_abscissa)
+    figure, axes = style.grid(rows * down, across, title, size=size, one_abscissa=one_abscissa)
     for row, column in {(r, c) for r in range(down) for c in range(across)} - set(place.values()):
         for axis in axes[rows * row : rows * (row + 1), column]:
             axis.remove()
@@ -66,20 +48,24 @@ def panels_of(
         axis.tick_params(labelbottom=True)
     if across > 2:
         for axis in (axis for pair in shown.values() for axis in pair):
-            few_ticks(axis.xaxis, 3)
+            style.few_ticks(axis.xaxis, 3)
     return figure, shown, bottom
 
 
 def response_unit(fit: FitResult, coordinate: int) -> tuple[float, str]:
     """Factor to and name of the unit in which a response to a force is shown."""
     if all(base.imposed for base in map(responses_of, fit.problem.blocks) if base is not None and base.frequency.any()):
-        return 1 / length()[0], f"N/{length()[1]}"
-    return (1e6, "µrad/N") if fit.model.coordinates[coordinate].axis == "r" else (length()[0], f"{length()[1]}/N")
+        return 1 / style.length()[0], f"N/{style.length()[1]}"
+    return (
+        (1e6, "µrad/N")
+        if fit.model.coordinates[coordinate].axis == "r"
+        else (style.length()[0], f"{style.length()[1]}/N")
+    )
 
 
 def cell_title(fit: FitResult, coordinate: int, force_plane: int) -> str:
     """Title of the panel of a probe and a force, for matplotlib."""
-    return literal(panel_name(fit, coordinate, force_plane))
+    return style.literal(panel_name(fit, coordinate, force_plane))
 
 
 def panel_name(fit: FitResult, coordinate: int, force_plane: int) -> str:
@@ -104,7 +90,7 @@ class _Axis:
         """Places of frequencies, rad/s, along the axis."""
         if self.against == "ratio":
             return frequency / curve.condition.speed
-        return (np.abs(frequency) if self.against == "size" else frequency) * per_rad_s()
+        return (np.abs(frequency) if self.against == "size" else frequency) * style.per_rad_s()
 
     def scale(self, frequency: Float) -> Float | float:
         """Factor from responses to a unit force to those to the unbalance."""
@@ -114,7 +100,7 @@ class _Axis:
         """Words below the axis."""
         if self.against == "ratio":
             return "frequency over rotative speed (backward < 0 < forward)"
-        return f"frequency, {rate_unit()}" if self.against == "size" else frequency_label(found)
+        return f"frequency, {style.rate_unit()}" if self.against == "size" else frequency_label(found)
 
     def style(self, curve: SweepCurve) -> tuple[str, str]:
         """Style of the line, and face of points: of backward responses on an axis of sizes dashed and open."""
@@ -132,7 +118,7 @@ def _axis_of(found: Sequence[SweepCurve], against: str, mr: float | None) -> _Ax
     return _Axis(against=against, mr=mr)
 
 
-@looked
+@style.looked
 def plot_bode(fit: FitResult, *, against: str = "frequency", mr: float | None = None) -> Figure:
     """Amplitude and phase of every response per unit force against signed perturbation frequency.
 
@@ -168,7 +154,7 @@ def _weight(mr: float | None) -> str:
 def direction_marks(found: Sequence[SweepCurve], marker: str, more: str = "") -> dict[str, tuple[str, str]]:
     """Entries of the legend for forward and backward points that are drawn over one another."""
     both = len({bool(c.frequency[-1] > 0) for c in found}) > 1
-    filled = {"measured, forward" if both else "measured": (marker, GREY)}
+    filled = {"measured, forward" if both else "measured": (marker, style.GREY)}
     return filled | ({f"measured, backward{more}": (marker, "none")} if both else {})
 
 
@@ -177,16 +163,16 @@ def draw_bode(fit: FitResult, pair: Sequence[Any], curve: SweepCurve, along: _Ax
     amplitude, phase = pair
     colour, x, fine = curve.condition.colour, along.x(curve, curve.frequency), along.x(curve, curve.fine)
     factor, _ = _bode_unit(fit, curve.coordinate, along)
-    style, face = along.style(curve)
+    look, face = along.style(curve)
     points = {"ls": "", "marker": ".", "ms": 2.5, "mfc": face, "mec": colour, "mew": 0.5, "alpha": 0.6}
     line, (relative, turn) = factor * along.scale(curve.fine) * np.abs(curve.fitted), curve.band
     amplitude.plot(x, factor * along.scale(curve.frequency) * np.abs(curve.measured), **points)
-    amplitude.plot(fine, line, style, lw=1.1, color=colour)
+    amplitude.plot(fine, line, look, lw=1.1, color=colour)
     reach = np.exp(np.minimum(relative, 20.0))
-    amplitude.fill_between(fine, line / reach, line * reach, color=colour, alpha=BAND, lw=0)
+    amplitude.fill_between(fine, line / reach, line * reach, color=colour, alpha=style.BAND, lw=0)
     phase.plot(x, degrees(curve.seen), **points)
     angle, half = broken_phase(curve.line_seen), np.rad2deg(turn)
-    draw_curve(phase, fine, angle, half, colour, style, lw=1.1)
+    style.draw_curve(phase, fine, angle, half, colour, look, lw=1.1)
 
 
 def finish_bode(fit: FitResult, pair: Sequence[Any], found: Sequence[SweepCurve], along: _Axis) -> None:
@@ -194,19 +180,19 @@ def finish_bode(fit: FitResult, pair: Sequence[Any], found: Sequence[SweepCurve]
     amplitude, phase = pair
     factor, unit = _bode_unit(fit, found[0].coordinate, along)
     amplitude.set_yscale("log")
-    decade_ticks(amplitude.yaxis)
+    style.decade_ticks(amplitude.yaxis)
     shown = [(along.scale(c.frequency) * np.abs(c.measured), along.scale(c.fine) * np.abs(c.fitted)) for c in found]
     _amplitude_limits(amplitude, factor * np.concatenate([part for both in shown for part in both]))
     imposed = unit.startswith("N/")
     roomy = 4  # rows of panels up to which whole words fit beside one
     place = amplitude.get_subplotspec()
     if place is not None and place.get_gridspec().nrows > roomy:
-        amplitude.set_ylabel(unit, fontsize=SMALL_TYPE)
-        phase.set_ylabel("phase, deg", fontsize=SMALL_TYPE)
+        amplitude.set_ylabel(unit, fontsize=style.SMALL_TYPE)
+        phase.set_ylabel("phase, deg", fontsize=style.SMALL_TYPE)
     else:
         amplitude.set_ylabel(unit if imposed else f"amplitude, {unit}")
-        phase.set_ylabel("phase lead of the force, deg" if imposed else PHASE_LABEL)
-    phase_axis(phase)
+        phase.set_ylabel("phase lead of the force, deg" if imposed else style.PHASE_LABEL)
+    style.phase_axis(phase)
 
 
 def _bode_unit(fit: FitResult, coordinate: int, along: _Axis) -> tuple[float, str]:
@@ -216,7 +202,7 @@ def _bode_unit(fit: FitResult, coordinate: int, along: _Axis) -> tuple[float, st
         return factor, unit
     if unit.startswith("N/"):
         raise ValueError("mr is for responses to a force; these orbits were imposed")
-    return factor, amplitude_unit(unit.removesuffix("/N"))
+    return factor, style.amplitude_unit(unit.removesuffix("/N"))
 
 
 def _amplitude_limits(axis: Any, sizes: Float) -> None:
@@ -226,7 +212,7 @@ def _amplitude_limits(axis: Any, sizes: Float) -> None:
         axis.set_ylim(float(sizes.min()) / 1.5, 1.5 * float(sizes.max()))
 
 
-@looked
+@style.looked
 def plot_drive_point(fit: FitResult, *, plane: str | None = None, mr: float | None = None) -> Figure:
     """Phase, amplitude and dynamic stiffness of a forced plane above one another, a colour a condition (Fig. 11).
 
@@ -241,8 +227,8 @@ def plot_drive_point(fit: FitResult, *, plane: str | None = None, mr: float | No
     chosen = plane if plane is not None else names[-1]
     found = [c for c, name in zip(own, names, strict=True) if name == chosen]
     along = _axis_of(found, "frequency", mr)
-    title = literal(f"Drive point at {chosen}{_weight(mr)}, {fit.model.name}")
-    figure, axes = grid(4, 1, title, size=(6.2, 1.9), one_abscissa=True)
+    title = style.literal(f"Drive point at {chosen}{_weight(mr)}, {fit.model.name}")
+    figure, axes = style.grid(4, 1, title, size=(6.2, 1.9), one_abscissa=True)
     phase, amplitude, direct, quadrature = axes[:, 0]
     for curve in joined(found):
         draw_bode(fit, (amplitude, phase), curve, along)
@@ -256,7 +242,7 @@ def plot_drive_point(fit: FitResult, *, plane: str | None = None, mr: float | No
 def frequency_label(found: Sequence[SweepCurve]) -> str:
     """Words below an axis of signed frequency."""
     both = any(c.frequency.min() < 0 for c in found) and any(c.frequency.max() > 0 for c in found)
-    return f"frequency, {rate_unit()} (backward < 0 < forward)" if both else f"frequency, {rate_unit()}"
+    return f"frequency, {style.rate_unit()} (backward < 0 < forward)" if both else f"frequency, {style.rate_unit()}"
 
 
 def degrees(values: ComplexArray) -> Float:
@@ -275,6 +261,6 @@ def condition_legend(
 ) -> None:
     """Legend: conditions, then points and line, then further marks, by their words marker and face."""
     entries: dict[str, Any] = {c.name: {"color": c.colour, "lw": 2} for c in conditions}
-    for words, (marker, face) in (marks or {"measured": (".", GREY)}).items():
+    for words, (marker, face) in (marks or {"measured": (".", style.GREY)}).items():
         entries[words] = {"ls": "", "marker": marker, "mfc": face, "ms": 4}
-    legend_below(figure, entries | ({line: {"lw": 1.2}} if line else {}))
+    style.legend_below(figure, entries | ({line: {"lw": 1.2}} if line else {}))

@@ -20,19 +20,8 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.digits import significant
 from rotorfit.models.parameters import unknown_name
+from rotorfit.plots import style
 from rotorfit.plots.journal import half_width
-from rotorfit.plots.style import (
-    draw_curve,
-    grid,
-    legend_below,
-    literal,
-    looked,
-    number_words,
-    per_rad_s,
-    prefix,
-    rate_unit,
-    rate_words,
-)
 from rotorfit.plots.sweeps import SweepCondition, sweeps
 
 _FITTED_LINES = 3  # drawing order of fitted lines, above what was measured
@@ -95,7 +84,7 @@ def draw_drive_point(fit: FitResult, pair: tuple[Any, Any], coordinate: int) -> 
         axis.set_title("")
 
 
-@looked
+@style.looked
 def plot_dynamic_stiffness(fit: FitResult, *, against: str = "frequency") -> Figure:
     """Direct and quadrature dynamic stiffness against signed frequency: data by eq. (7), the fit and its 95 % band.
 
@@ -119,7 +108,7 @@ def plot_dynamic_stiffness(fit: FitResult, *, against: str = "frequency") -> Fig
     kind = "Dynamic stiffness" if full else "Drive-point dynamic stiffness, other planes free"
     together = full and n > 2 and against != "square"
     rows, columns, size = (n, n, (3.6, 2.4)) if together else (len(entries), 2, (5.4, 2.2))
-    figure, axes = grid(rows, columns, f"{kind}, {fit.model.name}", size=size, one_abscissa=True)
+    figure, axes = style.grid(rows, columns, f"{kind}, {fit.model.name}", size=size, one_abscissa=True)
     for place, (row, column) in enumerate(entries):
         pair = (axes[row, column],) * 2 if together else tuple(axes[place])
         _entry(fit, shown, pair, row, column, full, against)
@@ -132,7 +121,7 @@ def plot_dynamic_stiffness(fit: FitResult, *, against: str = "frequency") -> Fig
         legend |= {"direct, fit": line, "quadrature, fit": line | {"ls": "--"}}
     else:
         legend |= {"measured ± 1 sd": point, "fit and 95 % band": line}
-    legend_below(figure, legend)
+    style.legend_below(figure, legend)
     return figure
 
 
@@ -142,14 +131,14 @@ def abscissa_words(against: str, *, squared: bool) -> str:
         return "square of the frequency, 1000 rad²/s²"
     if against == "ratio":
         return "perturbation frequency over rotative speed"
-    return f"perturbation frequency, {rate_unit()}"
+    return f"perturbation frequency, {style.rate_unit()}"
 
 
 def places(frequency: Float, speed: Float | float, against: str, *, squared: bool) -> Float:
     """Places of frequencies, rad/s, along an axis."""
     if against == "square" and squared:
         return frequency**2 / 1e3
-    return np.asarray(frequency / speed) if against == "ratio" else frequency * per_rad_s()
+    return np.asarray(frequency / speed) if against == "ratio" else frequency * style.per_rad_s()
 
 
 def _shown(fit: FitResult) -> list[_Shown]:
@@ -241,7 +230,7 @@ def _entry(
     every = [line for several in lines for line in several]
     points = [[p for p in s.points if (p.row, p.column) == (row, column)] for s in shown]
     values = [np.abs(np.r_[k.kappa.real, k.kappa.imag]) for k in every]
-    factor, unit = prefix(np.concatenate(values), _unit(fit, row, column))
+    factor, unit = style.prefix(np.concatenate(values), _unit(fit, row, column))
     together = pair[0] is pair[1]
     for some, curves, measured in zip(shown, lines, points, strict=True):
         colour, speed = some.condition.colour, some.condition.speed
@@ -250,8 +239,8 @@ def _entry(
             for line in curves:
                 x = places(line.frequency, speed, against, squared=squared)
                 half = factor * (line.quadrature if number else line.direct)
-                style = "--" if second else "-"
-                draw_curve(axis, x, factor * part(line.kappa), half, colour, style, zorder=_FITTED_LINES)
+                look = "--" if second else "-"
+                style.draw_curve(axis, x, factor * part(line.kappa), half, colour, look, zorder=_FITTED_LINES)
             for p in measured:
                 x, y = places(p.frequency, speed, against, squared=squared), factor * part(p.kappa)
                 bars = np.stack([y - factor * p.sigma, y + factor * p.sigma, np.full_like(y, np.nan)], axis=1).ravel()
@@ -341,14 +330,14 @@ def _readings(
     speed = 0.0 if np.isnan(condition.speed) else condition.speed
     where = f"{condition.name}:\n" if len(shown) > 1 else ""
     C = fit.model.coefficients(theta[condition.group], speed)[:, row, column]
-    stiffness, unit = prefix(np.array([C[0].real]), _unit(fit, row, column))
-    direct = f"at 0: {_symbols(fit, 0, row, column)}{number_words(C[0].real * stiffness)} {unit}"
+    stiffness, unit = style.prefix(np.array([C[0].real]), _unit(fit, row, column))
+    direct = f"at 0: {_symbols(fit, 0, row, column)}{style.number_words(C[0].real * stiffness)} {unit}"
     if len(C) > 2 and abs(C[2].real) > 0:
         named = "−slope" if against == "square" else "−curvature/2"
         mass = ("kg", "kg m", "kg m²")[[fit.model.coordinates[k].axis for k in (row, column)].count("r")]
-        direct += f"\n{named}: {_symbols(fit, 2, row, column)}{number_words(C[2].real)} {mass}"
+        direct += f"\n{named}: {_symbols(fit, 2, row, column)}{style.number_words(C[2].real)} {mass}"
     damping = _unit(fit, row, column).replace("N", "N s", 1)
-    quadrature = f"slope: {number_words(C[1].real)} {damping}" if abs(C[1].real) > 0 else ""
+    quadrature = f"slope: {style.number_words(C[1].real)} {damping}" if abs(C[1].real) > 0 else ""
     box = {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": "0.8", "alpha": 0.85}
     for axis, text in zip(pair, (direct, quadrature), strict=True):
         if text:
@@ -381,7 +370,7 @@ def _symbols(fit: FitResult, power: int, row: int, column: int) -> str:
     plain = len(words) <= longest and not set(words) & set("@*/?(")
     sign = "−" if words.startswith("-") else ""
     spaced = sign + words.removeprefix("-").replace("+", " + ").replace("-", " − ")
-    return f"{literal(spaced)} = " if plain and any(name in words for name in model.parameter_names) else ""
+    return f"{style.literal(spaced)} = " if plain and any(name in words for name in model.parameter_names) else ""
 
 
 def _mark_whirl(fit: FitResult, shown: Sequence[_Shown], axis: Any, row: int, column: int, against: str) -> None:
@@ -397,7 +386,7 @@ def _mark_whirl(fit: FitResult, shown: Sequence[_Shown], axis: Any, row: int, co
         whirl = theta[condition.group][names.index("lam")] * condition.speed
         if np.isfinite(whirl) and some.low < whirl < some.high:
             at = float(places(np.array(whirl), condition.speed, against, squared=False))
-            text = f"λΩ = {rate_words(whirl)}" if against != "ratio" else f"λ = {significant(at, 4)}"
+            text = f"λΩ = {style.rate_words(whirl)}" if against != "ratio" else f"λ = {significant(at, 4)}"
             marked.setdefault(round(at, 9), (text, condition.colour))
     for at, (_, colour) in marked.items():
         axis.axvline(at, color=colour, lw=0.9, ls=":", zorder=1)
@@ -410,9 +399,9 @@ def _mark_whirl(fit: FitResult, shown: Sequence[_Shown], axis: Any, row: int, co
         side = "left" if at - low < 0.6 * (high - low) else "right"
         place = {"xy": (at, 0.97 - 0.1 * number), "xycoords": ("data", "axes fraction"), "ha": side}
         box = {"facecolor": "white", "alpha": 0.6, "lw": 0, "pad": 0.3}
-        style = {"fontsize": 7, "color": colour, "va": "top", "bbox": box, "zorder": 4}
+        look = {"fontsize": 7, "color": colour, "va": "top", "bbox": box, "zorder": 4}
         apart = 4 if side == "left" else -4
-        axis.annotate(text, xytext=(apart, 0), textcoords="offset points", **place, **style)
+        axis.annotate(text, xytext=(apart, 0), textcoords="offset points", **place, **look)
 
 
 def _unit(fit: FitResult, row: int, column: int) -> str:
@@ -425,4 +414,4 @@ def _name(fit: FitResult, row: int, column: int) -> str:
         return "κ"
     first, second = fit.model.coordinates[row], fit.model.coordinates[column]
     short = [c.plane if c.axis == "z" else f"{c.plane}.{c.axis}" for c in (first, second)]
-    return literal(f"κ {short[0]}–{short[1]}")
+    return style.literal(f"κ {short[0]}–{short[1]}")

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Index
 from rotorfit.models.coefficient_tables import law_curves, law_of
+from rotorfit.plots import style
 from rotorfit.plots.journal import (
     JournalLines,
     drive_stiffness,
@@ -20,26 +21,10 @@ from rotorfit.plots.journal import (
     law_series,
     reach,
 )
-from rotorfit.plots.style import (
-    BAND,
-    GREY,
-    colour_of,
-    grid,
-    in_colours,
-    labelled,
-    legend_below,
-    literal,
-    logarithmic_over_decades,
-    looked,
-    per_rad_s,
-    prefix,
-    rate_unit,
-    rate_words,
-)
 from rotorfit.plots.sweeps import levels
 
 
-@looked
+@style.looked
 def plot_law(fit: FitResult) -> Figure:
     """K0, D and lam against eccentricity with their 95 % bands; ticks below mark the eccentricities of the data.
 
@@ -50,33 +35,33 @@ def plot_law(fit: FitResult) -> Figure:
     eps = np.linspace(0.0, limit + 0.15 * min(limit, 1 - limit), 200)
     series = law_series(fit)
     sets = [law_curves(fit.model, fit.thetas[group], eps, speed) for group, speed in series]
-    figure, axes = grid(len(sets[0]), 1, f"Fluid against eccentricity, {fit.model.name}", size=(5.6, 2.2))
+    figure, axes = style.grid(len(sets[0]), 1, f"Fluid against eccentricity, {fit.model.name}", size=(5.6, 2.2))
     seen = eps <= limit
     for place, axis in enumerate(axes[:, 0]):
         curves = [curves[place] for curves in sets]
         every = np.concatenate([curve.value for curve in curves])
-        factor, unit = prefix(every, curves[0].unit)
+        factor, unit = style.prefix(every, curves[0].unit)
         for number, ((group, _), curve) in enumerate(zip(series, curves, strict=True)):
-            colour, value = colour_of(number, len(series)), factor * curve.value
+            colour, value = style.colour_of(number, len(series)), factor * curve.value
             band = factor * half_width(fit, group, curve.slope)
             axis.plot(eps[seen], value[seen], color=colour, lw=1.4)
             axis.plot(eps[~seen], value[~seen], ":", color=colour, lw=1.4)
-            axis.fill_between(eps, value - band, value + band, color=colour, alpha=BAND, lw=0)
-        axis.set_ylabel(labelled(curves[0].name, unit))
-        logarithmic_over_decades(axis, factor * every)
-        ticks = {"color": GREY, "ms": 7, "mew": 0.6, "transform": axis.get_xaxis_transform()}
+            axis.fill_between(eps, value - band, value + band, color=colour, alpha=style.BAND, lw=0)
+        axis.set_ylabel(style.labelled(curves[0].name, unit))
+        style.logarithmic_over_decades(axis, factor * every)
+        ticks = {"color": style.GREY, "ms": 7, "mew": 0.6, "transform": axis.get_xaxis_transform()}
         axis.plot(measured, np.zeros(measured.size), "|", **ticks)
     axes[-1, 0].set_xlabel("eccentricity of the journal over clearance")
-    speeds = ["" if speed is None else rate_words(speed) for _, speed in series]
-    groups = [literal(group_label(fit, group)) for group, _ in series]
+    speeds = ["" if speed is None else style.rate_words(speed) for _, speed in series]
+    groups = [style.literal(group_label(fit, group)) for group, _ in series]
     names = [", ".join(filter(None, both)) for both in zip(groups, speeds, strict=True)]
-    entries = in_colours(names) if len(names) > 1 else {}
+    entries = style.in_colours(names) if len(names) > 1 else {}
     entries |= {"fit and 95 % band": {"lw": 1.4}, "beyond the data": {"lw": 1.4, "ls": ":"}}
-    legend_below(figure, entries | {"eccentricities of the data": {"ls": "", "marker": "|", "ms": 7}})
+    style.legend_below(figure, entries | {"eccentricities of the data": {"ls": "", "marker": "|", "ms": 7}})
     return figure
 
 
-@looked
+@style.looked
 def plot_nonlinear_stiffness(fit: FitResult) -> Figure:
     """Nonlinear minus linear dynamic stiffness at the journal, as in Figs 13 to 15.
 
@@ -91,18 +76,20 @@ def plot_nonlinear_stiffness(fit: FitResult) -> Figure:
     sweeps.sort(key=lambda part: (part[1].speed[part[2][0]], float(np.median(part[1].eccentricity[part[2]]))))
     names = list(dict.fromkeys(name for name, _, _ in sweeps))
     size = np.concatenate([np.abs(lines.stiffness - lines.linear) for lines in blocks])
-    factor, unit = prefix(np.array([np.quantile(size, 0.9)]), "N/m")
-    figure, axes = grid(2, 2, f"Nonlinear minus linear stiffness at the journal, {fit.model.name}", size=(5.0, 2.7))
+    factor, unit = style.prefix(np.array([np.quantile(size, 0.9)]), "N/m")
+    figure, axes = style.grid(
+        2, 2, f"Nonlinear minus linear stiffness at the journal, {fit.model.name}", size=(5.0, 2.7)
+    )
     for name, lines, rows in sweeps:
-        _draw_sweep(fit, axes, lines, rows, colour_of(names.index(name), len(names)), factor)
+        _draw_sweep(fit, axes, lines, rows, style.colour_of(names.index(name), len(names)), factor)
     for row, part in enumerate(("direct", "quadrature")):
         axes[row, 0].set_ylabel(f"{part}, {unit}")
         for axis in axes[row]:
             axis.axhline(0, color="0.6", lw=0.7, zorder=1)
-    axes[1, 0].set_xlabel(f"perturbation frequency, {rate_unit()} (backward < 0 < forward)")
+    axes[1, 0].set_xlabel(f"perturbation frequency, {style.rate_unit()} (backward < 0 < forward)")
     axes[1, 1].set_xlabel("eccentricity of the journal over clearance")
     looks = {"data ± 1 sd minus linear model": {"ls": "", "marker": "o", "ms": 3}, "the fitted law": {"lw": 1.2}}
-    legend_below(figure, in_colours(names) | looks)
+    style.legend_below(figure, style.in_colours(names) | looks)
     return figure
 
 
@@ -113,7 +100,7 @@ def _sweeps(lines: JournalLines) -> list[tuple[str, JournalLines, Index]]:
     for speed in np.unique(lines.speed):
         for value in np.unique(level[lines.speed == speed]).tolist():
             rows = np.flatnonzero((lines.speed == speed) & (level == value))
-            found.append((f"{rate_words(speed)}, {value}", lines, rows[np.argsort(lines.frequency[rows])]))
+            found.append((f"{style.rate_words(speed)}, {value}", lines, rows[np.argsort(lines.frequency[rows])]))
     return found
 
 
@@ -128,7 +115,10 @@ def _draw_sweep(fit: FitResult, axes: Any, lines: JournalLines, rows: Index, col
     ]
     fitted = np.array(drive) - lines.linear[rows]
     for row, part in enumerate((np.real, np.imag)):
-        for axis, x, x_fit in ((axes[row, 0], w * per_rad_s(), w * per_rad_s()), (axes[row, 1], eps, fitted_eps)):
+        for axis, x, x_fit in (
+            (axes[row, 0], w * style.per_rad_s(), w * style.per_rad_s()),
+            (axes[row, 1], eps, fitted_eps),
+        ):
             axis.errorbar(
                 x, factor * part(change), yerr=sigma, fmt="o", ms=2.5, color=colour, elinewidth=0.5, alpha=0.6, zorder=2
             )

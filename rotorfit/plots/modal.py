@@ -11,17 +11,7 @@ from rotorfit.estimators.starting.modal_start import stabilisation
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import Modal
 from rotorfit.models.array_types import Float
-from rotorfit.plots.style import (
-    colour_of,
-    decade_ticks,
-    grid,
-    legend_below,
-    length,
-    looked,
-    per_rad_s,
-    rate_unit,
-    rate_words,
-)
+from rotorfit.plots import style
 
 
 def _modal(fit: FitResult) -> Modal:
@@ -30,38 +20,41 @@ def _modal(fit: FitResult) -> Modal:
     return fit.model
 
 
-@looked
+@style.looked
 def plot_stabilisation(fit: FitResult, most: int | None = None) -> Figure:
     """Natural frequencies of poles against how many pairs are looked for, over the size of all responses."""
     model = _modal(fit)
     blocks = [block for block in map(responses_of, fit.problem.blocks) if block is not None]
-    figure, axes = grid(1, 1, "Stabilisation diagram", size=(6.5, 3.6))
-    axis, scale = axes[0, 0], per_rad_s()
+    figure, axes = style.grid(1, 1, "Stabilisation diagram", size=(6.5, 3.6))
+    axis, scale = axes[0, 0], style.per_rad_s()
     w, size = _responses(blocks)
     back = axis.twinx()
-    back.semilogy(w * scale, size * length()[0], color="0.75", lw=1)
-    decade_ticks(back.yaxis)
-    back.set_ylabel(f"rms response per unit force, {length()[1]}/N", color="0.5")
+    back.semilogy(w * scale, size * style.length()[0], color="0.75", lw=1)
+    style.decade_ticks(back.yaxis)
+    back.set_ylabel(f"rms response per unit force, {style.length()[1]}/N", color="0.5")
     back.tick_params(labelsize=7, colors="0.5")
     axis.set_zorder(back.get_zorder() + 1)
     axis.patch.set_visible(False)
     top = float(w.max())
     for found in stabilisation(model, blocks, most or model.modes + 5):
-        for some, marker, colour in ((found.stable, "o", colour_of(0, 2)), (~found.stable, "x", colour_of(1, 2))):
+        for some, marker, colour in (
+            (found.stable, "o", style.colour_of(0, 2)),
+            (~found.stable, "x", style.colour_of(1, 2)),
+        ):
             at = found.frequency[some & (found.frequency <= top)]
             axis.plot(at * scale, np.full(at.size, found.order), marker, ms=4, color=colour)
     for number in range(1, model.modes + 1):
         for name, parameter in fit.params.items():
             if name.startswith(f"wn{number if model.modes > 1 else ''}") and parameter.value <= top:
                 axis.axvline(parameter.value * scale, color="0.2", lw=0.8, ls="--")
-    axis.set_xlabel(f"frequency, {rate_unit()}")
+    axis.set_xlabel(f"frequency, {style.rate_unit()}")
     axis.set_ylabel("pairs of poles")
     entries = {
-        "stable within 1 % and 5 % of damping": {"marker": "o", "color": colour_of(0, 2), "ls": "none"},
-        "not stable": {"marker": "x", "color": colour_of(1, 2), "ls": "none"},
+        "stable within 1 % and 5 % of damping": {"marker": "o", "color": style.colour_of(0, 2), "ls": "none"},
+        "not stable": {"marker": "x", "color": style.colour_of(1, 2), "ls": "none"},
         "fitted modes": {"color": "0.2", "ls": "--"},
     }
-    legend_below(figure, entries)
+    style.legend_below(figure, entries)
     return figure
 
 
@@ -74,14 +67,16 @@ def _responses(blocks: list) -> tuple[Float, Float]:  # type: ignore[type-arg]
     return lines, np.sqrt(power)
 
 
-@looked
+@style.looked
 def plot_mode_shapes(fit: FitResult) -> Figure:
     """Gains of the probes in each mode, that at which all are normalised being one: real and imaginary part with 95 %
     errors, probes in the order of the data."""
     model = _modal(fit)
     planes = [p for p in dict.fromkeys(p for test in fit.experiments for p in test.planes) if p in model.probe_planes]
     axes_of = ("x", "y") if model.frame == "xy" else ("",)
-    figure, axes = grid(model.modes, len(axes_of), "Mode shapes", size=(6.5 / len(axes_of), 1.9), one_abscissa=True)
+    figure, axes = style.grid(
+        model.modes, len(axes_of), "Mode shapes", size=(6.5 / len(axes_of), 1.9), one_abscissa=True
+    )
     places = np.arange(len(planes))
     handles = []
     for row in range(model.modes):
@@ -94,11 +89,11 @@ def plot_mode_shapes(fit: FitResult) -> Figure:
                 value = np.array([fit.params[n].value if n in fit.params else known for n in names])
                 error = np.array([fit.params[n].stderr if n in fit.params else 0.0 for n in names])
                 reach = CHANCE_ERRORS * np.where(np.isfinite(error), error, 0.0)
-                style = {"fmt": "o-" if not k else "s--", "ms": 3, "lw": 1 - 0.3 * k, "capsize": 2}
-                handles.append(axis.errorbar(places, value, reach, color=colour_of(k, 2), **style))
+                look = {"fmt": "o-" if not k else "s--", "ms": 3, "lw": 1 - 0.3 * k, "capsize": 2}
+                handles.append(axis.errorbar(places, value, reach, color=style.colour_of(k, 2), **look))
             axis.axhline(0.0, color="0.6", lw=0.7)
             axis.set_xticks(places, planes)
             own = [fit.params[n] for n in (f"wn{tag}_{end}", f"wn{tag}") if n in fit.params]
-            axis.set_ylabel(f"mode {row + 1}{f' {end}' if end else ''}, {rate_words(own[0].value)}")
-    legend_below(figure, dict(zip(("real part", "imaginary part"), handles, strict=False)))
+            axis.set_ylabel(f"mode {row + 1}{f' {end}' if end else ''}, {style.rate_words(own[0].value)}")
+    style.legend_below(figure, dict(zip(("real part", "imaginary part"), handles, strict=False)))
     return figure

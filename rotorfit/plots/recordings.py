@@ -13,26 +13,7 @@ from numpy.typing import NDArray
 
 from rotorfit.models.array_types import Float
 from rotorfit.models.digits import significant
-from rotorfit.plots.style import (
-    COLOURS,
-    GREY,
-    PAGE,
-    PHASE_LABEL,
-    amplitude_unit,
-    draw_cascade,
-    few_ticks,
-    grid,
-    legend_below,
-    length,
-    literal,
-    looked,
-    per_rad_s,
-    position_unit,
-    positions,
-    rate_unit,
-    rate_words,
-    square_axis,
-)
+from rotorfit.plots import style
 from rotorfit.recordings.angle_track import Marks, SpeedTrack
 from rotorfit.recordings.reduction.reductions import swept_vectors
 from rotorfit.recordings.views import Cascade, Centreline, Clearance, OrderVectors, Stretch, vectors_over_time
@@ -40,7 +21,7 @@ from rotorfit.recordings.views import Cascade, Centreline, Clearance, OrderVecto
 if TYPE_CHECKING:
     from rotorfit.recordings.recording import Recording
 
-_SHAFT, _PERTURBATOR = "black", COLOURS[1]
+_SHAFT, _PERTURBATOR = "black", style.COLOURS[1]
 _MARK_COLOURS = {"shaft": _SHAFT, "perturbator": _PERTURBATOR}
 _TURNS = 8.0  # of a window: a resonance of 2 % damping is some turns long
 _FILTERED = {"shaft": "1x", "perturbator": "w"}
@@ -48,50 +29,50 @@ _LABEL = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5}
 """Ground of a label that spectra would run through."""
 
 
-@looked
+@style.looked
 def plot_timebase(stretches: Sequence[Stretch], name: str) -> Figure:
     """x and y of each plane over time, with a dot at every pulse of a mark."""
-    figure, axes = grid(len(stretches), 1, literal(f"{name}: time base"), size=(7.5, 2.4))
+    figure, axes = style.grid(len(stretches), 1, style.literal(f"{name}: time base"), size=(7.5, 2.4))
     handles: dict[str, Any] = {}
     for axis, part in zip(axes[:, 0], stretches, strict=True):
         traces = {"x": part.z.real, "y": part.z.imag} if np.iscomplexobj(part.z) else {"along the probe": part.z}
-        for colour, (label, values) in zip((COLOURS[0], COLOURS[2]), traces.items(), strict=False):
-            handles[label] = axis.plot(part.t, values * position_unit()[0], color=colour, linewidth=0.9)[0]
+        for colour, (label, values) in zip((style.COLOURS[0], style.COLOURS[2]), traces.items(), strict=False):
+            handles[label] = axis.plot(part.t, values * style.position_unit()[0], color=colour, linewidth=0.9)[0]
             for mark, times in part.dots.items():
-                at = np.interp(times, part.t, values * position_unit()[0])
-                style = {"color": _MARK_COLOURS[mark], "markersize": 4, "linestyle": ""}
-                handles[f"mark of the {mark}"] = axis.plot(times, at, marker="o", **style)[0]
-        axis.set_ylabel(literal(f"{part.plane}, {position_unit()[1]}"))
+                at = np.interp(times, part.t, values * style.position_unit()[0])
+                look = {"color": _MARK_COLOURS[mark], "markersize": 4, "linestyle": ""}
+                handles[f"mark of the {mark}"] = axis.plot(times, at, marker="o", **look)[0]
+        axis.set_ylabel(style.literal(f"{part.plane}, {style.position_unit()[1]}"))
         axis.margins(x=0.01)
     axes[-1, 0].set_xlabel("time, s")
     handles = dict(sorted(handles.items(), key=lambda entry: entry[0].startswith("mark")))
-    legend_below(figure, handles)
+    style.legend_below(figure, handles)
     return figure
 
 
-@looked
+@style.looked
 def plot_orbit(stretches: Sequence[Stretch], name: str) -> Figure:
     """Orbits as recorded and filtered to each mark, with Keyphasor dots; a row a plane."""
     marks = list(stretches[0].filtered)
     at = f"{stretches[0].t.mean():.2f} s"
-    speeds = ", ".join(f"{mark} {rate_words(abs(v))}" for mark, v in stretches[0].speeds.items())
-    title = literal(f"{name} at {at}: orbits" + (f" ({speeds})" if speeds else ""))
-    figure, axes = grid(len(stretches), 1 + len(marks), title, size=(3.1, 2.9))
+    speeds = ", ".join(f"{mark} {style.rate_words(abs(v))}" for mark, v in stretches[0].speeds.items())
+    title = style.literal(f"{name} at {at}: orbits" + (f" ({speeds})" if speeds else ""))
+    figure, axes = style.grid(len(stretches), 1 + len(marks), title, size=(3.1, 2.9))
     handles: dict[str, Any] = {}
     for row, part in zip(axes, stretches, strict=True):
-        _orbit(row[0], part, part.z * position_unit()[0], part.dots, handles)
+        _orbit(row[0], part, part.z * style.position_unit()[0], part.dots, handles)
         if part.clearance is not None:
             handles |= _draw_clearance(row[0], part.clearance)
-        row[0].set_title(literal(f"{part.plane}, {'without run-out' if part.cleaned else 'as recorded'}"))
+        row[0].set_title(style.literal(f"{part.plane}, {'without run-out' if part.cleaned else 'as recorded'}"))
         for axis, mark in zip(row[1:], marks, strict=True):
-            _orbit(axis, part, part.filtered[mark] * position_unit()[0], {mark: part.dots[mark]}, handles)
-            axis.set_title(literal(f"{part.plane}, {_FILTERED[mark]} of the {mark}"))
-    legend_below(figure, handles)
+            _orbit(axis, part, part.filtered[mark] * style.position_unit()[0], {mark: part.dots[mark]}, handles)
+            axis.set_title(style.literal(f"{part.plane}, {_FILTERED[mark]} of the {mark}"))
+    style.legend_below(figure, handles)
     return figure
 
 
 def _orbit(axis: Any, part: Stretch, z: NDArray[Any], dots: dict[str, Float], handles: dict[str, Any]) -> None:
-    axis.plot(z.real, z.imag, color=COLOURS[0], linewidth=0.8)
+    axis.plot(z.real, z.imag, color=style.COLOURS[0], linewidth=0.8)
     for mark, times in dots.items():
         x, y = np.interp(times, part.t, z.real), np.interp(times, part.t, z.imag)
         handles[f"mark of the {mark}"] = axis.plot(x, y, "o", color=_MARK_COLOURS[mark], markersize=4)[0]
@@ -101,36 +82,40 @@ def _orbit(axis: Any, part: Stretch, z: NDArray[Any], dots: dict[str, Float], ha
     axis.set_ylim(middle.imag - reach, middle.imag + reach)
     axis.set_aspect("equal")
     for side in (axis.xaxis, axis.yaxis):
-        few_ticks(side, 4)
-    axis.set(xlabel=f"x, {position_unit()[1]}", ylabel=f"y, {position_unit()[1]}")
+        style.few_ticks(side, 4)
+    axis.set(xlabel=f"x, {style.position_unit()[1]}", ylabel=f"y, {style.position_unit()[1]}")
     if not np.isfinite(z).any():
         text = "not distinguished from the other mark"
-        axis.text(0.5, 0.5, text, transform=axis.transAxes, ha="center", fontsize=8, color=GREY)
+        axis.text(0.5, 0.5, text, transform=axis.transAxes, ha="center", fontsize=8, color=style.GREY)
 
 
 def _draw_clearance(axis: Any, clearance: Clearance) -> dict[str, Any]:
     """The circle that the shaft can move in, whole; returns its entry of a legend."""
     turn = clearance.centre + clearance.radius * np.exp(1j * np.linspace(0, 2 * np.pi, 181))
-    z = turn * position_unit()[0]
+    z = turn * style.position_unit()[0]
     ends = np.array([*axis.get_xlim()]) + 1j * np.array([*axis.get_ylim()])
-    square_axis(axis, np.concatenate([ends, z]), 1.06)
+    style.square_axis(axis, np.concatenate([ends, z]), 1.06)
     words = "clearance" if clearance.known else "clearance about the mean position (no centre_V)"
-    return {words: axis.plot(z.real, z.imag, color=GREY, linewidth=1, linestyle="--", label=words, zorder=1)[0]}
+    return {words: axis.plot(z.real, z.imag, color=style.GREY, linewidth=1, linestyle="--", label=words, zorder=1)[0]}
 
 
-@looked
+@style.looked
 def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
     """Mean position of the shaft relative to the start of the recording, coloured by speed, else by time."""
-    figure, axes = grid(1, len(lines), literal(f"{name}: shaft centreline from the gap voltages"), size=(4.0, 3.0))
+    figure, axes = style.grid(
+        1, len(lines), style.literal(f"{name}: shaft centreline from the gap voltages"), size=(4.0, 3.0)
+    )
     handles: dict[str, Any] = {}
     for axis, line in zip(axes[0], lines, strict=True):
-        z = line.z * position_unit()[0]
+        z = line.z * style.position_unit()[0]
         by_speed = np.isfinite(line.speed).all() and np.ptp(line.speed) > 0.02 * np.abs(line.speed).max()
-        values, label = (np.abs(line.speed) * per_rad_s(), f"speed, {rate_unit()}") if by_speed else (line.t, "time, s")
+        values, label = (
+            (np.abs(line.speed) * style.per_rad_s(), f"speed, {style.rate_unit()}") if by_speed else (line.t, "time, s")
+        )
         axis.plot(z.real, z.imag, color="0.8", linewidth=0.7, zorder=1)
         drawn = axis.scatter(z.real, z.imag, c=values, s=9, cmap="viridis", zorder=2)
-        style = {"color": COLOURS[1], "markersize": 6, "markerfacecolor": "none", "linestyle": ""}
-        handles["start"] = axis.plot(z[0].real, z[0].imag, marker="s", **style)[0]
+        look = {"color": style.COLOURS[1], "markersize": 6, "markerfacecolor": "none", "linestyle": ""}
+        handles["start"] = axis.plot(z[0].real, z[0].imag, marker="s", **look)[0]
         scale = figure.colorbar(drawn, ax=axis, shrink=0.6)
         scale.set_label(label)
         scale.ax.tick_params(labelsize=7)
@@ -141,9 +126,9 @@ def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
         if line.clearance is not None:
             handles |= _draw_clearance(axis, line.clearance)
         axis.set_aspect("equal")
-        axis.set_title(literal(line.plane))
-        axis.set(xlabel=f"x, {position_unit()[1]}", ylabel=f"y, {position_unit()[1]}")
-    legend_below(figure, handles)
+        axis.set_title(style.literal(line.plane))
+        axis.set(xlabel=f"x, {style.position_unit()[1]}", ylabel=f"y, {style.position_unit()[1]}")
+    style.legend_below(figure, handles)
     return figure
 
 
@@ -153,12 +138,12 @@ def vectors_shown(record: Recording, marks: Marks, reference: str, turns: float 
     return swept or vectors_over_time(record, marks, reference, turns=_TURNS if turns is None else turns)
 
 
-@looked
+@style.looked
 def plot_bode(vectors: OrderVectors, name: str) -> Figure:
     """Amplitude and phase of every probe's vector over the speed of its mark; a column a plane."""
     planes = list(dict.fromkeys(plane for plane, _ in vectors.probes))
-    figure, axes = grid(2, len(planes), literal(f"{name}: {_what(vectors)}"), size=(4.4, 2.5))
-    rpm, over = np.abs(vectors.speed) * per_rad_s(), _axis_of(vectors)
+    figure, axes = style.grid(2, len(planes), style.literal(f"{name}: {_what(vectors)}"), size=(4.4, 2.5))
+    rpm, over = np.abs(vectors.speed) * style.per_rad_s(), _axis_of(vectors)
     x = rpm if over == "speed" else vectors.t
     for column, plane in enumerate(planes):
         top, bottom = axes[0, column], axes[1, column]
@@ -166,18 +151,22 @@ def plot_bode(vectors: OrderVectors, name: str) -> Figure:
             if place != plane:
                 continue
             values = vectors.phasors[number]
-            colour = COLOURS[sum(p == plane for p, _ in vectors.probes[:number]) % len(COLOURS)]
+            colour = style.COLOURS[sum(p == plane for p, _ in vectors.probes[:number]) % len(style.COLOURS)]
             top.plot(
-                x, np.abs(values) * length()[0], color=colour, linewidth=1, label=f"probe at {np.degrees(angle):g}°"
+                x,
+                np.abs(values) * style.length()[0],
+                color=colour,
+                linewidth=1,
+                label=f"probe at {np.degrees(angle):g}°",
             )
             first = next(k for k, (other, _) in enumerate(vectors.probes) if other == plane)
             bottom.plot(x, _unwrapped(values, vectors.phasors[first]), color=colour, linewidth=1)
-        top.set_title(literal(plane))
-        top.set_ylabel(f"amplitude, {amplitude_unit()}")
+        top.set_title(style.literal(plane))
+        top.set_ylabel(f"amplitude, {style.amplitude_unit()}")
         top.set_ylim(bottom=0)
         top.legend(fontsize=8, title=_gap(vectors), title_fontsize=7)
-        bottom.set_ylabel(PHASE_LABEL)
-        bottom.set_xlabel(f"speed of the {vectors.reference}, {rate_unit()}" if over == "speed" else "time, s")
+        bottom.set_ylabel(style.PHASE_LABEL)
+        bottom.set_xlabel(f"speed of the {vectors.reference}, {style.rate_unit()}" if over == "speed" else "time, s")
     return figure
 
 
@@ -212,31 +201,33 @@ def _unwrapped(values: NDArray[Any], first: NDArray[Any]) -> Float:
     return np.asarray(phase - 360 * turns)
 
 
-@looked
+@style.looked
 def plot_polar(vectors: OrderVectors, name: str) -> Figure:
     """Locus of every probe's vector, speeds written beside it; angles from the probe, with phase lead."""
     columns = min(len(vectors.probes), 2)
     rows = -(-len(vectors.probes) // columns)
-    title = literal(f"{name}: {_what(vectors)}, {amplitude_unit()}")
-    figure, axes = grid(rows, columns, title, size=(3.5, 3.5), projection="polar")
+    title = style.literal(f"{name}: {_what(vectors)}, {style.amplitude_unit()}")
+    figure, axes = style.grid(rows, columns, title, size=(3.5, 3.5), projection="polar")
     for axis in axes.flat[len(vectors.probes) :]:
         axis.set_visible(False)
     for axis, (plane, angle), values in zip(axes.flat, vectors.probes, vectors.phasors, strict=False):
-        axis.plot(np.angle(values), np.abs(values) * length()[0], color=COLOURS[0], linewidth=1)  # a gap stays a gap
+        axis.plot(
+            np.angle(values), np.abs(values) * style.length()[0], color=style.COLOURS[0], linewidth=1
+        )  # a gap stays a gap
         for words, value in _round_speeds(vectors, values) if _axis_of(vectors) == "speed" else ():
             out = value / abs(value)
-            axis.plot(np.angle(value), abs(value) * length()[0], "o", color=COLOURS[1], markersize=3)
+            axis.plot(np.angle(value), abs(value) * style.length()[0], "o", color=style.COLOURS[1], markersize=3)
             axis.annotate(
                 words,
-                (np.angle(value), abs(value) * length()[0]),
+                (np.angle(value), abs(value) * style.length()[0]),
                 xytext=(4 * out.real, 4 * out.imag),
                 textcoords="offset points",
                 ha="left" if out.real > 0 else "right",
                 va="bottom" if out.imag > 0 else "top",
                 fontsize=7,
-                color=GREY,
+                color=style.GREY,
             )
-        axis.set_title(literal(f"{plane}, probe at {np.degrees(angle):g}°"))
+        axis.set_title(style.literal(f"{plane}, probe at {np.degrees(angle):g}°"))
         axis.tick_params(labelsize=7)
         axis.yaxis.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 2.5, 5, 10]))
         axis.set_rlabel_position(_clear_direction(values))
@@ -249,7 +240,7 @@ def _round_speeds(vectors: OrderVectors, values: NDArray[Any]) -> list[tuple[str
     good = np.flatnonzero(np.isfinite(values))
     if good.size < 2:
         return []
-    speed = np.abs(vectors.speed[good]) * per_rad_s()
+    speed = np.abs(vectors.speed[good]) * style.per_rad_s()
     order = np.argsort(speed)
     steps = MaxNLocator(nbins=30, steps=[1, 2, 2.5, 5, 10]).tick_values(speed.min(), speed.max())
     apart = 0.22 * float(np.abs(values[good]).max())
@@ -269,7 +260,7 @@ def _clear_direction(values: NDArray[Any]) -> float:
     return float(candidates[np.argmax(apart)])
 
 
-@looked
+@style.looked
 def plot_full_spectrum(
     spectra: dict[str, tuple[Float, Float]],
     lines: dict[str, float],
@@ -281,25 +272,25 @@ def plot_full_spectrum(
 
     ``marks``: frequencies to mark, rad/s, by name, as those of modes (Fig. 29a).
     """
-    figure, axes = grid(len(spectra), 1, literal(f"{name}: full spectrum"), size=(7.5, 2.4))
+    figure, axes = style.grid(len(spectra), 1, style.literal(f"{name}: full spectrum"), size=(7.5, 2.4))
     edge = max(_worth_seeing(*each) for each in spectra.values()) if limit is None else limit
     for axis, (plane, (frequency, amplitude)) in zip(axes[:, 0], spectra.items(), strict=True):
         inside = np.abs(frequency) <= edge
-        axis.plot(frequency[inside], amplitude[inside] * length()[0], color=COLOURS[0], linewidth=0.8)
-        top = float(amplitude[inside].max(initial=0.0)) * length()[0]
+        axis.plot(frequency[inside], amplitude[inside] * style.length()[0], color=style.COLOURS[0], linewidth=0.8)
+        top = float(amplitude[inside].max(initial=0.0)) * style.length()[0]
         for label, at in lines.items():
             if abs(at) <= edge:
-                axis.axvline(at, color=GREY, linewidth=0.6, linestyle=":")
+                axis.axvline(at, color=style.GREY, linewidth=0.6, linestyle=":")
                 words = label.replace("-", "−")
-                axis.text(at, top * 1.04, words, fontsize=7, color=GREY, ha="center", bbox=_LABEL)
+                axis.text(at, top * 1.04, words, fontsize=7, color=style.GREY, ha="center", bbox=_LABEL)
         for label, at in marks.items():
             if abs(at) <= 2 * np.pi * edge:
-                axis.axvline(at / (2 * np.pi), color=COLOURS[1], linewidth=0.8, linestyle="--")
-                style = {"fontsize": 7, "color": COLOURS[1], "ha": "center", "bbox": _LABEL}
-                axis.text(at / (2 * np.pi), top * 1.13, literal(label), **style)
+                axis.axvline(at / (2 * np.pi), color=style.COLOURS[1], linewidth=0.8, linestyle="--")
+                look = {"fontsize": 7, "color": style.COLOURS[1], "ha": "center", "bbox": _LABEL}
+                axis.text(at / (2 * np.pi), top * 1.13, style.literal(label), **look)
         axis.set_xlim(-edge, edge)
         axis.set_ylim(0, top * (1.25 if marks else 1.15) or 1.0)
-        axis.set_ylabel(literal(f"{plane}, {amplitude_unit()}"))
+        axis.set_ylabel(style.literal(f"{plane}, {style.amplitude_unit()}"))
     axes[-1, 0].set_xlabel("frequency, Hz (backward < 0 < forward)")
     return figure
 
@@ -310,7 +301,7 @@ def _worth_seeing(frequency: Float, amplitude: Float) -> float:
     return float(np.clip(1.25 * np.abs(frequency[high]).max(initial=1.0), 10.0, np.abs(frequency).max()))
 
 
-@looked
+@style.looked
 def plot_cascade(
     cascade: Cascade,
     name: str,
@@ -323,15 +314,15 @@ def plot_cascade(
     """
     edge = _worth_seeing(cascade.frequency, cascade.amplitude.max(axis=0)) if limit is None else limit
     inside = np.abs(cascade.frequency) <= edge
-    frequency, amplitude = cascade.frequency[inside], cascade.amplitude[:, inside] * length()[0]
-    scale, label = positions(cascade.over)
+    frequency, amplitude = cascade.frequency[inside], cascade.amplitude[:, inside] * style.length()[0]
+    scale, label = style.positions(cascade.over)
     position = cascade.position * scale
     spacing = np.ptp(position) / max(position.size - 1, 1) or 1.0
     height = 7 * spacing / float(amplitude.max(initial=1e-9))
     full = cascade.direction is None
     what = "full-spectrum cascade" if full else f"cascade of {cascade.direction}"
-    figure, ((axis,),) = grid(1, 1, literal(f"{name}, {cascade.plane}: {what}"), size=(PAGE[0], 5.9))
-    draw_cascade(axis, frequency, amplitude * height, position)
+    figure, ((axis,),) = style.grid(1, 1, style.literal(f"{name}, {cascade.plane}: {what}"), size=(style.PAGE[0], 5.9))
+    style.draw_cascade(axis, frequency, amplitude * height, position)
     _order_lines(axis, cascade, position, edge, lines)
     axis.set_xlim(-edge if full else 0, edge)
     axis.set_ylim(position.min() - spacing, position.max() + 10 * spacing)
@@ -342,7 +333,7 @@ def plot_cascade(
     right = 0.96 * edge
     foot = position.max() + 5.5 * spacing  # above the labels of the lines
     axis.plot([right, right], [foot, foot + bar * height], color="black", zorder=999)
-    axis.text(right - 0.025 * edge, foot, f"{bar:g} {amplitude_unit()}", fontsize=8, ha="right", zorder=999)
+    axis.text(right - 0.025 * edge, foot, f"{bar:g} {style.amplitude_unit()}", fontsize=8, ha="right", zorder=999)
     return figure
 
 
@@ -354,14 +345,14 @@ def _order_lines(
     lines = {"1x": shaft, "2x": 2 * shaft, "w": perturbation, "2x − w": 2 * shaft - perturbation}
     if cascade.direction is None:
         lines |= {"−1x": -shaft, "−2x": -2 * shaft, "−w": -perturbation}
-    lines |= {literal(name): of_w * perturbation + of_speed * shaft for name, (of_w, of_speed) in further.items()}
+    lines |= {style.literal(name): of_w * perturbation + of_speed * shaft for name, (of_w, of_speed) in further.items()}
     if cascade.direction is not None:
         lines = {name: np.abs(at) for name, at in lines.items()}
     order = np.argsort(position)
     for label, at in lines.items():
         if not np.isfinite(at).any():
             continue
-        colour = COLOURS[1] if "w" in label else "0.35"
+        colour = style.COLOURS[1] if "w" in label else "0.35"
         inside = np.where(np.abs(at) <= edge, at, np.nan)[order]
         axis.plot(inside, position[order], color=colour, linewidth=0.8, linestyle="--", zorder=998, alpha=0.7)
         shown = np.flatnonzero(np.isfinite(inside))
@@ -369,24 +360,24 @@ def _order_lines(
             at_edge = 0.93 * edge  # beyond it a label would reach out of the axes
             place = (float(np.clip(inside[shown[-1]], -0.99 * edge, 0.99 * edge)), position[order][shown[-1]])
             side = "right" if place[0] > at_edge else "left" if place[0] < -at_edge else "center"
-            style = {"fontsize": 8, "color": colour, "ha": side, "zorder": 999, "bbox": _LABEL}
-            axis.annotate(label, place, (0, 14 if "w" in label else 4), textcoords="offset points", **style)
+            look = {"fontsize": 8, "color": colour, "ha": side, "zorder": 999, "bbox": _LABEL}
+            axis.annotate(label, place, (0, 14 if "w" in label else 4), textcoords="offset points", **look)
 
 
-@looked
+@style.looked
 def plot_speed(tracks: Sequence[SpeedTrack], name: str) -> Figure:
     """Speed and acceleration of each mark over time, with the speed from pulse to pulse as dots."""
-    figure, axes = grid(2, len(tracks), literal(f"{name}: speed and sweep rate"), size=(5.0, 2.4))
+    figure, axes = style.grid(2, len(tracks), style.literal(f"{name}: speed and sweep rate"), size=(5.0, 2.4))
     for column, each in enumerate(tracks):
         top, bottom = axes[:, column]
-        colour = COLOURS[column % len(COLOURS)]
-        style = {"color": "0.75", "markersize": 2, "rasterized": True}
-        top.plot(each.raw_t, each.raw_speed * per_rad_s(), ".", label="from pulse to pulse", **style)
-        top.plot(each.t, each.speed * per_rad_s(), color=colour, linewidth=1, label="smoothed")
+        colour = style.COLOURS[column % len(style.COLOURS)]
+        look = {"color": "0.75", "markersize": 2, "rasterized": True}
+        top.plot(each.raw_t, each.raw_speed * style.per_rad_s(), ".", label="from pulse to pulse", **look)
+        top.plot(each.t, each.speed * style.per_rad_s(), color=colour, linewidth=1, label="smoothed")
         top.set_title(each.mark)
-        top.set_ylabel(f"speed, {rate_unit()}")
+        top.set_ylabel(f"speed, {style.rate_unit()}")
         top.legend(fontsize=8)
-        bottom.plot(each.t, each.acceleration * per_rad_s(), color=colour, linewidth=1)
-        bottom.set_ylabel(f"sweep rate, {rate_unit()}/s")
+        bottom.plot(each.t, each.acceleration * style.per_rad_s(), color=colour, linewidth=1)
+        bottom.set_ylabel(f"sweep rate, {style.rate_unit()}/s")
         bottom.set_xlabel("time, s")
     return figure

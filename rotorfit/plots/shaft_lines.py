@@ -18,25 +18,8 @@ from rotorfit.models import AnisotropicShaft, Turning, TurningOnSupports, eigenv
 from rotorfit.models.array_types import ComplexArray, Float, Index
 from rotorfit.models.motion.stability import growing_bands
 from rotorfit.models.shafts.combination_lines import line_order
+from rotorfit.plots import style
 from rotorfit.plots.bode import broken_phase
-from rotorfit.plots.style import (
-    COLOURS,
-    CURVE_POINTS,
-    GREY,
-    SMALL_TYPE,
-    colour_of,
-    decade_ticks,
-    grid,
-    in_colours,
-    legend_below,
-    literal,
-    looked,
-    per_rad_s,
-    phase_axis,
-    prefix,
-    rate_unit,
-    rate_words,
-)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -57,7 +40,7 @@ class _Curve:
     line_fitted: ComplexArray
 
 
-@looked
+@style.looked
 def plot_lines(fit: FitResult) -> Figure:
     """Amplitude and phase of each line per unit of force against the signed perturbation frequency, data and fit.
 
@@ -69,40 +52,40 @@ def plot_lines(fit: FitResult) -> Figure:
     kinds = list(dict.fromkeys(c.title for c in curves))
     speeds = sorted({c.speed for c in curves if not np.isnan(c.speed)})
     per_force = ", per unit of force" if speeds else ""
-    figure, axes = grid(len(kinds), 2, f"Lines of the shaft{per_force}", size=(3.54, 1.9))
+    figure, axes = style.grid(len(kinds), 2, f"Lines of the shaft{per_force}", size=(3.54, 1.9))
     for (size, phase), kind in zip(axes, kinds, strict=True):
         own = [c for c in curves if c.title == kind]
-        factor, name = prefix(np.concatenate([np.abs(c.fitted) for c in own]), own[0].unit)
+        factor, name = style.prefix(np.concatenate([np.abs(c.fitted) for c in own]), own[0].unit)
         for curve in own:
-            colour = GREY if np.isnan(curve.speed) else colour_of(speeds.index(curve.speed), len(speeds))
+            colour = style.GREY if np.isnan(curve.speed) else style.colour_of(speeds.index(curve.speed), len(speeds))
             _draw(size, phase, curve, factor, colour)
-        size.set_ylabel(f"{_written(kind)}\n{name}", fontsize=SMALL_TYPE)
+        size.set_ylabel(f"{_written(kind)}\n{name}", fontsize=style.SMALL_TYPE)
         size.set_yscale("log")
-        decade_ticks(size.yaxis)
+        style.decade_ticks(size.yaxis)
         top = max(float(np.abs(c.fitted).max()) for c in own) * factor
         low = min(float(np.abs(c.fitted).min()) for c in own) * factor
         size.set_ylim(max(low / 3, top / 1e5), 3 * top)
         words = "phase lead, deg" if own[0].unit.startswith("rad") else "angle of x + jy, deg"
-        phase.set_ylabel(words, fontsize=SMALL_TYPE)
-        phase_axis(phase)
+        phase.set_ylabel(words, fontsize=style.SMALL_TYPE)
+        style.phase_axis(phase)
         if np.isnan(own[0].speed) or kind == [c.title for c in curves if not np.isnan(c.speed)][-1]:
-            words = (_RUNNING if np.isnan(own[0].speed) else _PERTURBED).format(rate_unit())
+            words = (_RUNNING if np.isnan(own[0].speed) else _PERTURBED).format(style.rate_unit())
             for axis in (size, phase):
-                axis.set_xlabel(words, fontsize=SMALL_TYPE)
+                axis.set_xlabel(words, fontsize=style.SMALL_TYPE)
     point = {"marker": "o", "ms": 3, "ls": ""}
     entries: dict[str, Any] = {
         f"measured ± σ at {name}": {**look, **point}
-        for name, look in in_colours([rate_words(v) for v in speeds]).items()
+        for name, look in style.in_colours([style.rate_words(v) for v in speeds]).items()
     }
     if any(np.isnan(c.speed) for c in curves):
         entries["measured ± σ, start-up"] = point
-    legend_below(figure, entries | {"fit": {"color": "black", "lw": 0.9}})
+    style.legend_below(figure, entries | {"fit": {"color": "black", "lw": 0.9}})
     return figure
 
 
 def _written(line: str) -> str:
     """The name of a line as formulas are written: 2Ω − w for 2Om-w."""
-    return literal(re.sub(r"(?<=[\w)])-", " − ", line).replace("-", "−").replace("Om", "Ω"))
+    return style.literal(re.sub(r"(?<=[\w)])-", " − ", line).replace("-", "−").replace("Om", "Ω"))
 
 
 _PERTURBED, _RUNNING = "perturbation frequency w, {} (negative: backward)", "rotative speed, {}"
@@ -133,7 +116,7 @@ def _run_up(fit: FitResult, block: LineResponses, title: str, rows: Index, predi
     """A line without force against speed."""
     first = int(rows[0])
     speed, direction = block.speed[rows], str(block.direction[first])
-    fine = np.linspace(speed[0], speed[-1], CURVE_POINTS)
+    fine = np.linspace(speed[0], speed[-1], style.CURVE_POINTS)
     return _Curve(
         title=f"{title}\nstart-up",
         unit="rad" if direction == "twist" else "m",
@@ -170,7 +153,7 @@ def _kinds(fit: FitResult, block: LineResponses | PairResponses) -> Iterator[tup
 def _fitted_line(fit: FitResult, block: LineResponses | PairResponses, rows: Index) -> tuple[Float, ComplexArray]:
     """Fitted line per unit of force on a grid fine enough for sharp resonances."""
     w = block.frequency[rows]
-    fine = np.linspace(w[0], w[-1], CURVE_POINTS)
+    fine = np.linspace(w[0], w[-1], style.CURVE_POINTS)
     if isinstance(block, PairResponses):
         return fine, _fitted_pair(fit, block, rows, fine)
     force = np.interp(fine, w, np.abs(block.force[rows])) * np.exp(1j * np.angle(block.force[rows[0]]))
@@ -191,18 +174,18 @@ def _fitted_pair(fit: FitResult, block: PairResponses, rows: Index, fine: Float)
 
 
 def _draw(size: Any, phase: Any, curve: _Curve, factor: float, colour: str) -> None:
-    rpm = curve.frequency * per_rad_s()
-    style = {"color": colour, "ms": 2.2, "lw": 0, "elinewidth": 0.5, "fmt": "o", "alpha": 0.7}
-    size.errorbar(rpm, np.abs(curve.measured) * factor, curve.sigma * factor, **style)
-    fine = curve.fine * per_rad_s()
+    rpm = curve.frequency * style.per_rad_s()
+    drawn_as = {"color": colour, "ms": 2.2, "lw": 0, "elinewidth": 0.5, "fmt": "o", "alpha": 0.7}
+    size.errorbar(rpm, np.abs(curve.measured) * factor, curve.sigma * factor, **drawn_as)
+    fine = curve.fine * style.per_rad_s()
     size.plot(fine, np.abs(curve.line_fitted) * factor, color="black", lw=0.9, zorder=3)
     sure = curve.sigma < np.abs(curve.fitted)  # a reading with a larger error has no phase worth showing
     error = np.degrees(curve.sigma / np.abs(curve.fitted))
-    phase.errorbar(rpm[sure], np.degrees(np.angle(curve.measured[sure])), error[sure], **style)
+    phase.errorbar(rpm[sure], np.degrees(np.angle(curve.measured[sure])), error[sure], **drawn_as)
     phase.plot(fine, broken_phase(curve.line_fitted), color="black", lw=0.9, zorder=3)
 
 
-@looked
+@style.looked
 def plot_turning_stability(fit: FitResult) -> Figure:
     """Growth rate and whirl frequency of a shaft that is not round against rotative speed, unstable bands shaded."""
     model, theta = fit.model, fit.theta()
@@ -217,29 +200,31 @@ def plot_turning_stability(fit: FitResult) -> Figure:
     edges = [speed for band in bands for speed in band]
     speeds = np.unique(np.concatenate([np.linspace(0.0, top, 600), *(v * np.linspace(0.99, 1.01, 41) for v in edges)]))
     s = eigenvalues(model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds)
-    figure, axes = grid(1, 2, f"Stability, {literal(model.name)}", size=(3.54, 2.8))
+    figure, axes = style.grid(1, 2, f"Stability, {style.literal(model.name)}", size=(3.54, 2.8))
     growth, whirl = axes[0]
-    rpm = speeds * per_rad_s()
-    growth.plot(rpm, np.sort(s.real, axis=1), color=COLOURS[0], lw=1.3)
-    growth.axhline(0, color=GREY, lw=0.8)
+    rpm = speeds * style.per_rad_s()
+    growth.plot(rpm, np.sort(s.real, axis=1), color=style.COLOURS[0], lw=1.3)
+    growth.axhline(0, color=style.GREY, lw=0.8)
     growth.set_ylabel("growth rate, 1/s")
     ahead = np.concatenate([s.imag + speeds[:, None], speeds[:, None] - s.imag], axis=1)
-    whirl.plot(rpm, np.sort(ahead, axis=1) * per_rad_s(), ".", color=COLOURS[0], ms=1.2)
+    whirl.plot(rpm, np.sort(ahead, axis=1) * style.per_rad_s(), ".", color=style.COLOURS[0], ms=1.2)
     whirl.plot(rpm, rpm, "--", color="0.6", lw=0.9)
-    whirl.set_ylabel(f"frequencies of free motion, {rate_unit()}")
+    whirl.set_ylabel(f"frequencies of free motion, {style.rate_unit()}")
     for axis in axes[0]:
-        axis.set_xlabel(f"rotative speed, {rate_unit()}")
+        axis.set_xlabel(f"rotative speed, {style.rate_unit()}")
         axis.set_xlim(0, rpm[-1])
         for low, high in bands:
-            axis.axvspan(low * per_rad_s(), high * per_rad_s(), color=COLOURS[1], alpha=0.2, lw=0)
+            axis.axvspan(low * style.per_rad_s(), high * style.per_rad_s(), color=style.COLOURS[1], alpha=0.2, lw=0)
         mark_speeds(axis, tested)
-    ranges = ", ".join(f"{low * per_rad_s():.0f} to {rate_words(high)}" for low, high in bands)
+    ranges = ", ".join(f"{low * style.per_rad_s():.0f} to {style.rate_words(high)}" for low, high in bands)
     entries: dict[str, Any] = {
-        "lateral modes and their images": {"color": COLOURS[0], "lw": 1.3},
+        "lateral modes and their images": {"color": style.COLOURS[0], "lw": 1.3},
         "1×: frequency = speed": {"color": "0.6", "lw": 0.9, "ls": "--"},
         "tested speed": {"color": "black", "marker": "^", "ls": ""},
     }
-    legend_below(figure, entries | ({f"unstable, {ranges}": Patch(color=COLOURS[1], alpha=0.2)} if bands else {}))
+    style.legend_below(
+        figure, entries | ({f"unstable, {ranges}": Patch(color=style.COLOURS[1], alpha=0.2)} if bands else {})
+    )
     return figure
 
 
@@ -247,4 +232,4 @@ def mark_speeds(axis: Any, speeds: Iterable[float]) -> None:
     """A triangle on the speed axis at each tested speed."""
     for speed in speeds:
         marker = {"marker": "^", "color": "black", "ms": 5, "clip_on": False}
-        axis.plot(speed * per_rad_s(), 0.0, transform=axis.get_xaxis_transform(), **marker)
+        axis.plot(speed * style.per_rad_s(), 0.0, transform=axis.get_xaxis_transform(), **marker)

@@ -14,19 +14,8 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.coefficient_tables import law_curves, law_of
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues
+from rotorfit.plots import style
 from rotorfit.plots.journal import JournalLines, drive_stiffness, half_width, journal_lines, law_series
-from rotorfit.plots.style import (
-    CURVE_POINTS,
-    GREY,
-    colour_of,
-    draw_curve,
-    grid,
-    in_colours,
-    legend_below,
-    looked,
-    prefix,
-    rate_words,
-)
 
 _POINTS = {"fmt": "o", "ms": 3.5, "elinewidth": 0.7}  # look of readings with their errors
 
@@ -51,7 +40,7 @@ def _speeds(blocks: list[JournalLines]) -> list[float]:
     return sorted({round(float(v), 6) for lines in blocks for v in lines.speed})
 
 
-@looked
+@style.looked
 def plot_static_locus(fit: FitResult) -> Figure:
     """Positions of the journal under constant loads, as in Fig. 26, over the clearance; the circle is the wall.
 
@@ -62,7 +51,7 @@ def plot_static_locus(fit: FitResult) -> Figure:
 
     blocks = _static(fit)
     speeds, theta = _speeds(blocks), fit.thetas
-    figure, axes = grid(1, 1, f"Journal under static loads, {fit.model.name}", size=(6.0, 5.4))
+    figure, axes = style.grid(1, 1, f"Journal under static loads, {fit.model.name}", size=(6.0, 5.4))
     axis = axes[0, 0]
     for lines in blocks:
         clearance = float(np.abs(lines.position[0]) / lines.eccentricity[0])
@@ -70,26 +59,26 @@ def plot_static_locus(fit: FitResult) -> Figure:
         down = -1j / np.exp(1j * np.angle(lines.stiffness * lines.position))
         turned = lines.position * down / clearance
         for group, speed, largest in _curves(lines):
-            colour = colour_of(speeds.index(round(speed, 6)))
+            colour = style.colour_of(speeds.index(round(speed, 6)))
             here = (lines.group == group) & (lines.speed == speed)
             z, error = turned[here], lines.sigma[here] / clearance
             axis.errorbar(z.real, z.imag, error, error, color=colour, **_POINTS)
-            eps = np.linspace(0.0, largest, CURVE_POINTS)
+            eps = np.linspace(0.0, largest, style.CURVE_POINTS)
             kappa, _ = drive_stiffness(fit.model, theta[group], 0j, speed, eps)
             locus = -1j * eps * np.abs(kappa) / kappa
             axis.plot(locus.real, locus.imag, "-", color=colour, lw=1.3)
     for radius in (0.25, 0.5, 0.75, 1.0):
         axis.add_patch(Circle((0, 0), radius, fill=False, color="0.4" if radius == 1 else "0.85", lw=1.0))
-        axis.text(0, radius, f"{radius:g}", fontsize=7, color=GREY, ha="center", va="bottom")
-    axis.annotate("", (0, -1.2), (0, -1.03), arrowprops={"arrowstyle": "-|>", "color": GREY})
-    axis.text(0.04, -1.14, "load", fontsize=8, color=GREY)
+        axis.text(0, radius, f"{radius:g}", fontsize=7, color=style.GREY, ha="center", va="bottom")
+    axis.annotate("", (0, -1.2), (0, -1.03), arrowprops={"arrowstyle": "-|>", "color": style.GREY})
+    axis.text(0.04, -1.14, "load", fontsize=8, color=style.GREY)
     axis.set(xlim=(-1.1, 1.1), ylim=(-1.22, 1.12), aspect="equal")
     axis.set(xlabel="across the load, over clearance", ylabel="against the load, over clearance")
     _legend(figure, speeds, "fitted locus")
     return figure
 
 
-@looked
+@style.looked
 def plot_static_stiffness(fit: FitResult) -> Figure:
     """Static load over displacement against eccentricity, as in Figs 27 and 28.
 
@@ -99,13 +88,16 @@ def plot_static_stiffness(fit: FitResult) -> Figure:
     blocks = _static(fit)
     speeds, theta = _speeds(blocks), fit.thetas
     across = np.concatenate([np.abs(lines.stiffness.imag / lines.speed) for lines in blocks if lines.speed.all()])
-    scales = prefix(across, "N s/m"), prefix(np.concatenate([lines.stiffness.real for lines in blocks]), "N/m")
-    figure, axes = grid(2, 1, f"Static stiffness of the journal, {fit.model.name}", size=(5.6, 2.6))
+    scales = (
+        style.prefix(across, "N s/m"),
+        style.prefix(np.concatenate([lines.stiffness.real for lines in blocks]), "N/m"),
+    )
+    figure, axes = style.grid(2, 1, f"Static stiffness of the journal, {fit.model.name}", size=(5.6, 2.6))
     for lines in blocks:
         for group, speed, largest in _curves(lines):
             here = np.flatnonzero((lines.group == group) & (lines.speed == speed))
-            colour = colour_of(speeds.index(round(speed, 6)))
-            eps = np.linspace(0.0, largest + 0.05 * min(largest, 1 - largest), CURVE_POINTS)
+            colour = style.colour_of(speeds.index(round(speed, 6)))
+            eps = np.linspace(0.0, largest + 0.05 * min(largest, 1 - largest), style.CURVE_POINTS)
             kappa, slope = drive_stiffness(fit.model, theta[group], 0j, speed, eps)
             measured, sigma = lines.stiffness[here], lines.stiffness_sigma[here]
             turning = -1.0 / speed if speed else np.nan
@@ -118,7 +110,7 @@ def plot_static_stiffness(fit: FitResult) -> Figure:
                     continue
                 error, band = np.abs(factor) * sigma, np.abs(factor) * half_width(fit, group, by)
                 axis.errorbar(lines.eccentricity[here], factor * points, error, color=colour, **_POINTS)
-                draw_curve(axis, eps, factor * curve, band, colour)
+                style.draw_curve(axis, eps, factor * curve, band, colour)
     single = len(fit.model.coordinates) == 1
     axes[0, 0].set_ylabel(f"{'λD' if single else 'across the load / Ω'}, {scales[0][1]}")
     axes[1, 0].set_ylabel(f"{'K + K0 − Mf λ²Ω²' if single else 'along the load'}, {scales[1][1]}")
@@ -127,7 +119,7 @@ def plot_static_stiffness(fit: FitResult) -> Figure:
     return figure
 
 
-@looked
+@style.looked
 def plot_velocity_ratio(fit: FitResult) -> Figure:
     """Damped frequency over rotative speed from impulse tests against eccentricity, as in Fig. 29.
 
@@ -139,10 +131,10 @@ def plot_velocity_ratio(fit: FitResult) -> Figure:
     if not blocks:
         raise ValueError("this fit has no impulse tests to plot")
     speeds = sorted({round(float(v), 6) for block in blocks for v in block.speed})
-    figure, axes = grid(1, 1, f"Velocity ratio from impulse tests, {fit.model.name}", size=(5.6, 3.6))
+    figure, axes = style.grid(1, 1, f"Velocity ratio from impulse tests, {fit.model.name}", size=(5.6, 3.6))
     axis = axes[0, 0]
     limit = max(float(block.measured_eccentricity(fit.thetas).max()) for block in blocks)
-    eps = np.linspace(0.0, limit + 0.1 * min(limit, 1 - limit) or 0.5, CURVE_POINTS)
+    eps = np.linspace(0.0, limit + 0.1 * min(limit, 1 - limit) or 0.5, style.CURVE_POINTS)
     for block in blocks:
         _draw_vibrations(fit, axis, block, speeds, eps)
     _draw_ratios(fit, axis, speeds, eps)
@@ -158,7 +150,7 @@ def _draw_vibrations(fit: FitResult, axis: Any, block: FreeVibrations, speeds: l
     rest = block.measured_eccentricity(theta)
     for group, speed in np.unique(np.column_stack([block.reading_group, block.speed]), axis=0):
         here = np.flatnonzero((block.reading_group == group) & (block.speed == speed))
-        colour = colour_of(speeds.index(round(float(speed), 6)))
+        colour = style.colour_of(speeds.index(round(float(speed), 6)))
         ratio, error = block.measured[here].imag / speed, block.sigma[here] / speed
         axis.errorbar(rest[here], ratio, error, color=colour, zorder=3, **_POINTS)
         for branch in _branches(fit, theta[int(group)], float(speed), eps, rest[here], fitted[here]):
@@ -168,10 +160,10 @@ def _draw_vibrations(fit: FitResult, axis: Any, block: FreeVibrations, speeds: l
 def _draw_ratios(fit: FitResult, axis: Any, speeds: list[float], eps: Float) -> None:
     """Velocity ratios of the law, dashed, with 95 % bands; in the speed's colour where they change with it."""
     for group, speed in law_series(fit):
-        colour = GREY if speed is None else colour_of(int(np.argmin(np.abs(np.array(speeds) - speed))))
+        colour = style.GREY if speed is None else style.colour_of(int(np.argmin(np.abs(np.array(speeds) - speed))))
         for curve in law_curves(fit.model, fit.thetas[group], eps, speed)[2:]:
             band = half_width(fit, group, curve.slope)
-            draw_curve(axis, eps, curve.value, band, colour, "--", lw=1.2)
+            style.draw_curve(axis, eps, curve.value, band, colour, "--", lw=1.2)
             axis.text(eps[-1], curve.value[-1], f" {curve.name.replace('lam', 'λ')}", fontsize=8, color=colour)
 
 
@@ -194,5 +186,7 @@ def _branches(
 
 
 def _legend(figure: Figure, speeds: list[float], line: str, more: Mapping[str, Any] = MappingProxyType({})) -> None:
-    entries = in_colours([rate_words(v) for v in speeds], 0)
-    legend_below(figure, entries | {"measured": {"ls": "", "marker": "o", "ms": 4}, line: {"lw": 1.3}} | dict(more))
+    entries = style.in_colours([style.rate_words(v) for v in speeds], 0)
+    style.legend_below(
+        figure, entries | {"measured": {"ls": "", "marker": "o", "ms": 4}, line: {"lw": 1.3}} | dict(more)
+    )
