@@ -84,13 +84,6 @@ def check_text(name: str, cells: Sequence[str]) -> None:
         )
 
 
-def check_dots(name: str, text: str) -> None:
-    """Refuse a TOML file with keys of very many parts, whose reading takes their square of memory."""
-    most_parts = 64  # parts of a key of a TOML file
-    if any(piece.count(".") > _factor() * most_parts for piece in re.split(r"[=,{}\[\]\n]", text)):
-        raise ValueError(f"{name}: a key of more than {_factor() * most_parts:.0f} parts")
-
-
 def check_archive(path: Path) -> None:
     """Refuse a ZIP archive, which a workbook is, that unpacks to more than it may."""
     from zipfile import ZipFile
@@ -292,7 +285,9 @@ def read_toml(path: Path, name: str) -> dict[str, Any]:
         raise ValueError(
             f"{name}: a TOML file is UTF-8 text, byte {problem.start} is not; save it as UTF-8"
         ) from problem
-    check_dots(name, text)
+    most_parts = 64 * _factor()  # of a key: reading takes their square of memory
+    if any(piece.count(".") > most_parts for piece in re.split(r"[=,{}\[\]\n]", text)):
+        raise ValueError(f"{name}: a key of more than {most_parts:.0f} parts")
     content: dict[str, Any] = _shown_within(tomllib.loads(text))
     return content
 

@@ -100,15 +100,10 @@ def occurrence(key: Index) -> Index:
 
 def combined(*columns: Index) -> Index:
     """One number for each row that is equal where all columns are."""
-    key: Index = np.zeros(columns[0].shape, dtype=np.intp)
-    width = 1
-    most = int(np.iinfo(np.intp).max) // 2
-    for column in columns:
-        own = int(column.max()) + 1 if column.size else 1
-        if width * own >= most:  # too many digits: number what there is so far
+    key, most = columns[0], int(np.iinfo(np.intp).max) // 2
+    for column in columns[1:]:
+        width = int(column.max(initial=0)) + 1
+        if int(key.max(initial=0)) >= most // width:  # too many digits: number what there is so far
             key = _ranks(key)
-            width = int(key.max(initial=0)) + 1
-        if own > 1:
-            key = key * own + column
-            width *= own
+        key = key * width + column
     return key

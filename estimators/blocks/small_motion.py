@@ -110,7 +110,7 @@ class FreeVibrations(Observed):
 
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""
-        if self._one_by_one(theta):
+        if self.model.shaft is not None and theta.ndim > 2:  # eigenvalues of one rotor at a time
             return np.array([self.predict(one) for one in theta])
         vectors = theta[..., self.reading_group, :]
         if self.model.shaft is None:
@@ -121,14 +121,10 @@ class FreeVibrations(Observed):
         nearest = np.nanargmin(np.abs(found - self.measured[:, None]), axis=-1)
         return np.asarray(np.take_along_axis(found, nearest[..., None], axis=-1)[..., 0])
 
-    def _one_by_one(self, theta: Float) -> bool:
-        """A known structure has eigenvalues of one rotor at a time."""
-        return self.model.shaft is not None and theta.ndim > 2
-
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""
         s = self.predict(theta)
-        if self._one_by_one(theta):
+        if self.model.shaft is not None and theta.ndim > 2:
             return s, np.array([self.predict_jacobian(one)[1] for one in theta])
         eps, rest = self._at_rest(theta)
         slopes = off_centre_gradient(self.model, theta[..., self.reading_group, :], self.speed, eps, s)

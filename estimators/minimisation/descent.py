@@ -72,9 +72,6 @@ class Minimisation:
         self.point: _Point | None = None  # last evaluation with derivatives
         self.history: list[tuple[float, float]] = []  # (cost, offset) of the iterates of this descent
         self._key = b""
-        self._trial_key = b""
-        self._trial_cost = math.nan
-        self._trials = 0
         self.start = start / scale
         self.best = _Candidate(_Point(self.start, math.inf, self.start, np.eye(start.size)), self.start, math.inf)
 
@@ -106,28 +103,14 @@ class Minimisation:
         self.point = _Point(u.copy(), cost, gradient * (scale / unit), matrix * (scale[:, None] * (scale / unit)))
         return self.point
 
-    def _log_cost(self, cost: float) -> float:
-        """Logarithm of a cost over that of the start."""
-        # The constant keeps the function away from zero: Ipopt's allowance for round-off is relative to it.
-        return 10.0 + math.log(max(cost / self.reference, COST_FLOOR))
-
     def value(self, u: Vector) -> float:
-        """Logarithm of the cost.  The first trial of a line search is usually accepted: derivatives too."""
-        key = u.tobytes()
-        if self._trials == 0 or key == self._key:
-            self._trials += key != self._key
-            point = self.evaluate(u)
-            return math.nan if point is None else self._log_cost(point.cost)
-        if key != self._trial_key:
-            self._trials += 1
-            self.n_evaluations += 1
-            self._trial_key, self._trial_cost = key, float(self.objective.cost(self.unscaled(u)))
-        cost = self._trial_cost
-        return self._log_cost(cost) if math.isfinite(cost) and cost >= 0 else math.nan
+        """Logarithm of the cost over that of the start; most trials of a line search are accepted: derivatives too."""
+        point = self.evaluate(u)
+        # The constant keeps the function away from zero: Ipopt's allowance for round-off is relative to it.
+        return math.nan if point is None else 10.0 + math.log(max(point.cost / self.reference, COST_FLOOR))
 
     def gradient(self, u: Vector) -> Vector | None:
-        """Gradient of the logarithm of the cost; asked for accepted points only."""
-        self._trials = 0
+        """Gradient of the logarithm of the cost."""
         point = self.evaluate(u)
         return None if point is None else point.gradient
 

@@ -38,7 +38,6 @@ class Lumped:
             self.spread, self.offset = np.eye(count), np.zeros(count)
         self.back = self.spread if self.basis.size == count else np.linalg.pinv(self.spread)
         self.determined: dict[int, bool] = {}  # whether tests give all of them, by a digest of their layout
-        self._alone: dict[bytes, Index] = {}
 
     def _evaluate(self, x: Float) -> tuple[Float, Float]:
         """Coefficients and their nonzero derivatives, shape ``(E, ...)`` for vectors of shape ``(p, ...)``."""
@@ -75,13 +74,10 @@ class Lumped:
         with np.errstate(divide="ignore", invalid="ignore"):
             while unknown.any() and np.isfinite(point).all():
                 now, slopes = self._evaluate(point)
-                key = unknown.tobytes()
-                if key not in self._alone:  # derivatives by what is the only unknown in a coefficient, and solvable
-                    among = unknown[self._columns]
-                    count = np.bincount(self._rows[among], minlength=self.place.row.size)
-                    self._alone[key] = np.flatnonzero(among & (count[self._rows] == 1) & (self._kind != _NEITHER))
-                alone = self._alone[key]
-                alone = alone[slopes[alone] != 0]
+                # Derivatives by what is the only unknown in a coefficient, and solvable.
+                among = unknown[self._columns]
+                count = np.bincount(self._rows[among], minlength=self.place.row.size)
+                alone = np.flatnonzero(among & (count[self._rows] == 1) & (self._kind != _NEITHER) & (slopes != 0))
                 if not alone.size:
                     break
                 row, column, reciprocal = self._rows[alone], self._columns[alone], self._kind[alone] == _RECIPROCAL

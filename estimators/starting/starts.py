@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from numbers import Real
 from types import SimpleNamespace
@@ -14,7 +14,7 @@ from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.small_motion import FreeVibrations, OffCentreResponses
-from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
+from rotorfit.estimators.minimisation.least_squares import Options, Solution, minimise
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.problem import LOSS_SCALE, Problem
 from rotorfit.estimators.starting.closed_form import ClosedForm, ClosedFormError, closed_form, closed_forms
@@ -179,11 +179,6 @@ def _nonlinear_guess(problem: Problem) -> Start:
     if starts:
         ends = short_fits(explicit, np.array(starts))
         found = _short_fit(problem, full_vector(problem, ends.best[:size]))
-        if found.status not in (Status.CONVERGED, Status.SINGULAR):
-            # Data that leave a combination open: Ipopt follows a flat valley to its end, damped steps creep along it.
-            along = min((_short_fit(explicit, start) for start in starts), key=lambda fit: fit.cost)
-            other = _short_fit(problem, full_vector(problem, along.x[:size]))
-            found = min(found, other, key=lambda fit: (not fit.success, fit.cost))
         if found.cost < noise_limit(problem):
             return Start(x=found.x[:size], kind=SHORT_FIT)
     random = full_vector(problem, _explicit_multistart(explicit_with_sense(explicit)))
@@ -264,7 +259,7 @@ def linear_starts(problem: Problem) -> list[Float]:
         candidates = list(dict.fromkeys(closed_forms(reduced, _small_orbits(problem.blocks), passes=_PASSES)))
     except ClosedFormError:
         return []
-    return [x for found in candidates for x in _with_law(space, reduced, found.x, law)]
+    return [_with_law(space, reduced, found.x, law) for found in candidates]
 
 
 def _check_start(law: Law, begin: Mapping[str, float], typical: Mapping[str, float]) -> None:
@@ -298,18 +293,10 @@ def _small_orbits(blocks: tuple[Block, ...]) -> tuple[Block, ...]:
     return tuple(chosen)
 
 
-def _with_law(space: ParameterSpace, reduced: ParameterSpace, x: Float, law: Law) -> Iterator[Float]:
-    """Full starts from one of the linear rotor, for several shares of K0 in what stands beside it."""
-    linear = dict(zip(reduced.names, x, strict=True))
-    bases = dict(zip(reduced.base, x, strict=True))
+def _with_law(space: ParameterSpace, reduced: ParameterSpace, x: Float, law: Law) -> Float:
+    """A full start from one of the linear rotor."""
+    linear, bases = (dict(zip(names, x.tolist(), strict=True)) for names in (reduced.names, reduced.base))
     scales = {q.name: q.scale for q in space.model.parameters}
-    size = [abs(bases[name]) if name in bases else scales.get(name, 1.0) for name in ("K0", "D")]
-    begin = law.start(*size)
-    stiffness_shares = (1.0, 0.4, 1.6)  # of K0 in the sum with springs beside it, which a linear test cannot tell
-    for share in stiffness_shares if begin and "K0" in bases else stiffness_shares[:1]:
-        yield np.array(
-            [
-                linear[name] * (share if base == "K0" else 1.0) if name in linear else begin[base]
-                for name, base in zip(space.names, space.base, strict=True)
-            ]
-        )
+    begin = law.start(*(abs(bases[name]) if name in bases else scales.get(name, 1.0) for name in ("K0", "D")))
+    pairs = zip(space.names, space.base, strict=True)
+    return np.array([linear[name] if name in linear else begin[base] for name, base in pairs])
