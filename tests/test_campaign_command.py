@@ -63,7 +63,6 @@ def test_command_line(tmp_path, capsys, small, fitted):
         (["--by", "inlet"], "say --against what"),
         (["--shared", "M", "--against", "inlet"], "M cannot be known and shared"),
         (["--split", "day"], "no attribute 'day'"),
-        (["--jobs", "0"], "--jobs takes a number of processes"),
     ],
 )
 def test_command_line_mistakes(tmp_path, capsys, small, words, message):

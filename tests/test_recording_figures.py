@@ -221,7 +221,6 @@ def test_look_says_and_draws_what_there_is(tmp_path: Path, capsys: pytest.Captur
         (["--plane", "journal"], "unknown plane 'journal'"),
         (["--at", "9"], "--at 9 is not within run, 0 to 4 s"),
         (["--setup", "none.toml"], "No such file"),
-        (["--clearance-um", "-3"], "--clearance-um is -3; it is a radius above zero"),
     ],
 )
 def test_look_refuses_in_one_sentence_and_leaves_nothing(

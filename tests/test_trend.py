@@ -183,7 +183,6 @@ def test_files_of_one_machine_become_a_table_a_figure_and_words(files, tmp_path,
     [
         (["--speed-range", "1000"], "--speed-range 1000: give two numbers with a colon between"),
         (["--speed-range", "9000:9900"], "has no reading under a known weight at these speeds"),
-        (["--false-alarm", "2"], "--false-alarm takes a probability below 1"),
     ],
 )
 def test_bad_words_are_one_sentence(files, words, said, capsys) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from rotorfit.executors import cluster, process_pool
 from rotorfit.models import KnownStructure
 from rotorfit.models.array_types import Float
-from rotorfit.options.kinds import count_word, is_set, pairs, positive_word, two_numbers
+from rotorfit.options.kinds import count_word, is_set, pairs, probability_word, two_numbers
 from rotorfit.options.table import FIT, MODEL, UNCERTAINTY
 from rotorfit.recordings.formats.files import ALWAYS_RAW
 from rotorfit.studies.data_files import DataFile, RecordingFiles
@@ -119,25 +119,17 @@ def add_setup(to: argparse.ArgumentParser) -> None:
 
 def add_jobs(to: argparse.ArgumentParser, what: str) -> None:
     """Processes of this machine, or a cluster."""
-    option(to, "--jobs N", f"processes to {what} with [%(default)s]", int, default=1)
+    option(to, "--jobs N", f"processes to {what} with [%(default)s]", count_word, default=1)
     option(to, "--cluster ADDRESS", f"Dask cluster to {what} with: local:8, or a scheduler's tcp://host:8786")
 
 
 def add_false_alarm(to: argparse.ArgumentParser, help: str) -> None:
     """Probability of a false alarm."""
-    option(to, "--false-alarm P", help, positive_word, default=0.01)
-
-
-def check_false_alarm(options: argparse.Namespace) -> None:
-    """Refuse what is no probability."""
-    if options.false_alarm >= 1:
-        raise ValueError(f"--false-alarm takes a probability below 1, got {options.false_alarm:g}")
+    option(to, "--false-alarm P", help, probability_word, default=0.01)
 
 
 def workers_of(options: argparse.Namespace) -> AbstractContextManager[Executor | None]:
     """An executor of the processes or the cluster that was asked for; None within for this process alone."""
-    if options.jobs < 1:
-        raise ValueError(f"--jobs takes a number of processes from 1, got {options.jobs}")
     if options.cluster and options.jobs > 1:
         raise ValueError("--jobs are processes of this machine, --cluster those of a cluster: give one of them")
     if options.cluster:

@@ -14,7 +14,6 @@ from rotorfit.cli.arguments import (
     add_jobs,
     add_output,
     add_paths,
-    check_false_alarm,
     data_files,
     option,
     workers_of,
@@ -51,7 +50,6 @@ def trend(options: argparse.Namespace) -> Answer:
 
 
 def _followed(options: argparse.Namespace) -> MachineTrend:
-    check_false_alarm(options)
     try:
         limits = two_numbers(options.speed_range) if options.speed_range else None
     except ValueError as problem:
@@ -223,7 +221,6 @@ def _table(tests: tuple[StoredTest, ...], fits: tuple[StoredFit, ...]) -> list[s
 
 
 def _trend(options: argparse.Namespace) -> Answer:
-    check_false_alarm(options)
     asked = {"study": options.study, "since": options.since, "false_alarm": options.false_alarm}
     found = _opened(options).trend(options.follow, **asked)
     return Answer(text=str(found), plain=lambda: [place_json(place) for place in found.places])

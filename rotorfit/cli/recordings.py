@@ -15,6 +15,7 @@ from rotorfit.cli.arguments import WRITTEN, add_jobs, add_paths, add_setup, opti
 from rotorfit.cli.lists import RECORDING
 from rotorfit.estimators.atomic_file import file_name
 from rotorfit.io.files import check_target, write
+from rotorfit.options.kinds import positive_word
 from rotorfit.recordings.recording import Recording, named_apart, read_recording
 from rotorfit.recordings.rig.rig_toml import read_setup
 from rotorfit.recordings.rig.setup import RigSetup, SlowRollSetup
@@ -66,7 +67,7 @@ def add_look(to: argparse.ArgumentParser) -> None:
     option(to, "--out DIR", "folder for the figures; without it only the summary is printed", Path)
     option(to, "--plane PLANE", "only this plane")
     option(to, "--at S", "time of the time base and the orbits [the middle]", float)
-    option(to, "--clearance-um UM", "radial clearance, drawn in orbits and centrelines", float)
+    option(to, "--clearance-um UM", "radial clearance, drawn in orbits and centrelines", positive_word)
     words = "subtract run-out, from the part below this speed or from a recording of slow turning"
     option(to, "--slow-roll RPM|FILE", words)
     option(to, "--quiet", "print no progress and no summary")
@@ -75,8 +76,6 @@ def add_look(to: argparse.ArgumentParser) -> None:
 @answered
 def look(options: argparse.Namespace) -> Answer:
     """What recordings hold, in words and in figures."""
-    if options.clearance_um is not None and not 0 < options.clearance_um < math.inf:
-        raise ValueError(f"--clearance-um is {options.clearance_um:g}; it is a radius above zero")
     setup = options.setup if options.slow_roll is None else _with_slow_roll(options.setup, options.slow_roll)
     records = named_apart([read_recording(file, setup) for file in options.files])
     for record in records:

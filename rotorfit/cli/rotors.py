@@ -16,7 +16,7 @@ from rotorfit.data.findings import errors_in
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.fitting.fit_file import load_fit
 from rotorfit.fitting.result import FitResult
-from rotorfit.options.kinds import number_word, pairs, positive_word
+from rotorfit.options.kinds import number_word, pairs, positive_word, probability_word
 from rotorfit.planning.record import Plan
 from rotorfit.studies.plan_file import read_plan, run_plan
 from rotorfit.uncertainty.prediction import Prediction
@@ -85,7 +85,7 @@ def add_predict(to: argparse.ArgumentParser) -> None:
     option(to, "--plane PLANE", "where the motion is predicted [where the force acts]")
     option(to, "--direction X", "x or y, of models that keep both apart")
     add_group(to)
-    option(to, "--level LEVEL", "probability that a band holds [%(default)g]", positive_word, default=0.95)
+    option(to, "--level LEVEL", "probability that a band holds [%(default)g]", probability_word, default=0.95)
     option(to, "--whole", "bands that hold for whole curves, not point by point")
     option(to, "--statistical", "bands without the systematic share")
     add_output(to, "prediction.csv, summary.txt and prediction.png", figures=True)
@@ -168,7 +168,7 @@ def add_judge(to: argparse.ArgumentParser) -> None:
     words = "a further case, as factors on parameters: 'smallest clearance:K0=1.3,D=1.5'"
     option(to, "--case CASE:NAME=FACTOR ...", words)
     add_group(to)
-    option(to, "--level LEVEL", "probability of the intervals [%(default)g]", positive_word, default=0.95)
+    option(to, "--level LEVEL", "probability of the intervals [%(default)g]", probability_word, default=0.95)
     add_output(to, "stability.csv, summary.txt and stability.png", figures=True)
 
 

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from inspect import signature
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rotorfit.cli.answer import Answer, BadInputError, answered
+from rotorfit.cli.answer import Answer, answered
 from rotorfit.cli.arguments import add_model, given, model_name, numbers, option
-from rotorfit.data.experiments import Experiment
 from rotorfit.diagnosis.check import check
-from rotorfit.io.files import SUFFIXES, read, write
+from rotorfit.io.files import check_target, read, write
 from rotorfit.models import RotorModel
 from rotorfit.models.parameters import unknown_name
 from rotorfit.options.kinds import number_word, pairs, whole_word
@@ -22,7 +20,7 @@ from rotorfit.options.table import LAW, MODEL
 from rotorfit.simulation.instruments import Instruments
 from rotorfit.simulation.integration import IntegrationError
 from rotorfit.simulation.recordings import RECORDED, simulate_recordings
-from rotorfit.simulation.simulate import SIMULATED, check_options
+from rotorfit.simulation.simulate import SIMULATED
 from rotorfit.simulation.simulate import simulate as simulated
 from rotorfit.studies.folder import complete_folder
 from rotorfit.studies.study import Study, build_model
@@ -79,31 +77,19 @@ def simulate(options: argparse.Namespace) -> Answer:
     """The file, or the recordings, that a test of a real rig would give."""
     if options.recordings is not None:
         return Answer(text="\n".join(f"written: {options.recordings / name}" for name in _recorded(options)))
+    check_target(options.out)  # before the simulation, which may take long
+    if options.kind not in SIMULATED:
+        raise ValueError(unknown_name("kind of experiment", options.kind, SIMULATED))
+    model, params, settings = _model(options), pairs("--set", options.set, number_word), _settings(options)
     try:
-        test = _simulated(options)
-    except IntegrationError as problem:
-        raise BadInputError(str(problem)) from problem
+        test = simulated(model, params, options.kind, noise=options.noise, seed=options.seed, **settings)
+    except (TypeError, IntegrationError) as problem:  # an option that the kind does not have, or needs
+        raise ValueError(str(problem)) from problem
     write(test, options.out)
     if options.quiet:
         return Answer(text="")
     written = read(options.out)
     return Answer(text=describe_test(written, check(written)))
-
-
-def _simulated(options: argparse.Namespace) -> Experiment:
-    if options.out.suffix.lower() not in SUFFIXES:  # before the simulation, which may take long
-        raise ValueError(f"--out {options.out.name}: {unknown_name('suffix', options.out.suffix, SUFFIXES)}")
-    if not options.out.parent.is_dir():
-        raise FileNotFoundError(f"cannot write {options.out}: there is no folder {options.out.parent}")
-    if options.kind not in SIMULATED:
-        raise ValueError(unknown_name("kind of experiment", options.kind, SIMULATED))
-    model, params = _model(options), pairs("--set", options.set, number_word)
-    settings = _settings(options)
-    try:
-        check_options(options.kind, settings, SIMULATED)
-    except TypeError as problem:
-        raise ValueError(str(problem)) from problem
-    return simulated(model, params, options.kind, noise=options.noise, seed=options.seed, **settings)
 
 
 _COUNTS = {
@@ -128,27 +114,21 @@ def _recorded(options: argparse.Namespace) -> list[str]:
         raise ValueError(unknown_name("kind of recorded test", kind, RECORDED))
     if options.backward:
         raise ValueError("--backward is for files of vectors; recordings are made forward and backward")
-    known = [name for name in signature(RECORDED[kind]).parameters if name != "rig"]
     settings = _settings(options)
     instruments = Instruments(sample_rate=settings.pop("sampling_hz", Instruments().sample_rate))
     for name, value in settings.items():
-        word = f"--{name.replace('_', '-')}"
-        if name not in known:
-            raise ValueError(f"{word}: recordings of kind {kind} take {', '.join(known)}")
         count, numbers = _COUNTS.get((kind, name)), np.atleast_1d(value)
         if count is not None and numbers.size != count:
+            word = f"--{name.replace('_', '-')}"
             raise ValueError(f"{word} takes {count} number{'s' * (count > 1)}, got {numbers.size}")
         if count is not None:
             settings[name] = float(numbers[0]) if count == 1 else tuple(numbers.tolist())
     params = pairs("--set", options.set, number_word)
-    model = _model(options)
+    own = {"instruments": instruments, "seed": options.seed, **settings}
     try:
         with complete_folder(options.recordings) as folder:
-            files = simulate_recordings(
-                model, params, folder, kind, instruments=instruments, seed=options.seed, **settings
-            )
-            return [file.name for file in files]
-    except TypeError as problem:  # an option that the kind needs
+            return [file.name for file in simulate_recordings(_model(options), params, folder, kind, **own)]
+    except TypeError as problem:  # an option that the kind does not have, or needs
         raise ValueError(str(problem)) from problem
 
 

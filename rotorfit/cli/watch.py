@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from rotorfit.cli.answer import ExitCode, ProgressLine, checked, say
-from rotorfit.cli.arguments import add_false_alarm, add_jobs, check_false_alarm, option, workers_of
+from rotorfit.cli.arguments import add_false_alarm, add_jobs, option, workers_of
 from rotorfit.cli.history import add_followed, add_study, added_json, added_words
 from rotorfit.estimators.atomic_file import refuse_input
 from rotorfit.options.kinds import positive_word, words
@@ -124,7 +124,6 @@ def _check(options: argparse.Namespace) -> None:
     """Refuse, before anything is fitted, what could not work."""
     if not options.folder.is_dir():
         raise NotADirectoryError(f"{options.folder} is no folder; give the one in which files arrive")
-    check_false_alarm(options)
     if not 0 <= options.settle < float("inf"):
         raise ValueError(f"--settle takes seconds from 0, got {options.settle:g}")
     if options.margin is not None and options.running_speed is None:

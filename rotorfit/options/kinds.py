@@ -168,6 +168,13 @@ def positive_word(word: str) -> float:
     return value
 
 
+def probability_word(word: str) -> float:
+    """A number between zero and one."""
+    if positive_word(word) >= 1:
+        raise argparse.ArgumentTypeError(f"{word} is no probability, which is below 1")
+    return float(word)
+
+
 def whole_word(word: str) -> int:
     """A whole number from zero."""
     if not word.strip().lstrip("+-").isdecimal():
