@@ -17,7 +17,7 @@ from rotorfit.estimators.blocks.row_keys import distinguished, numbers, words
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE, once_per_turn, set_speeds
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Records, Text
 from rotorfit.models.digits import significant
-from rotorfit.units import RPM_PER_RAD_S
+from rotorfit.units import RPM_PER_RAD_S, UNITS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -341,8 +341,6 @@ class PerturbationTest(_Rows):
 
         ``None`` without these attributes: the test is centred. Other units of length by suffix.
         """
-        from rotorfit.units import UNITS
-
         parts = []
         for axis in ("static_x_", "static_y_"):
             found = [name for name in self.attributes if name.startswith(axis) and name[9:] in UNITS["length"]]

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, occurrence, words
-from rotorfit.models.array_types import Float, Index
+from rotorfit.models.array_types import Index
 
 _TEXT = ("run", "force_plane", "force_direction", "plane", "direction")
 _LINE = ("run", "speed", "frequency", "force_plane", "force", "force_direction", "further_forces")
@@ -25,18 +24,6 @@ class Lines:
     number: Mapping[str, Index]  # number of each row's entry by column, of text among ``names``, shape ``(N,)`` each
     line: Index  # line of each row, in the order of the rows, shape ``(N,)``
     first: Index  # first row of each line, shape ``(L,)``
-    frequency: Float  # of each row, rad/s, shape ``(N,)``
-
-    @cached_property
-    def frequencies(self) -> tuple[Float, Index]:
-        """Distinct frequencies to a millionth of a rad/s, ascending, and the number of that of each row."""
-        rank = self.number["frequency"]
-        value = np.empty(int(rank.max(initial=-1)) + 1)
-        value[rank] = self.frequency
-        value = np.round(value, 6)
-        new = np.ones(value.size, dtype=bool)
-        new[1:] = value[1:] != value[:-1]
-        return value[new], (np.cumsum(new) - 1)[rank]
 
     def apart(self) -> tuple[Index, Index]:
         """Line of each row and first row of each line, repeats of a reading being put on lines of their own."""
@@ -54,4 +41,4 @@ def lines_of(columns: Mapping[str, NDArray[Any]]) -> Lines:
     number |= {name: numbers(columns[name]) for name in ("speed", "frequency", "force", "further_forces")}
     first, line = in_order(combined(*[number[name] for name in _LINE]))
     names = {name: found for name, (found, _) in text.items()}
-    return Lines(names=names, number=number, line=line, first=first, frequency=columns["frequency"])
+    return Lines(names=names, number=number, line=line, first=first)

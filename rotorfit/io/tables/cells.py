@@ -10,7 +10,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, TextIO, overload
+from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
 
 import numpy as np
 
@@ -62,13 +62,7 @@ class Numbers(Sequence[str]):
     def __len__(self) -> int:
         return self.values.size
 
-    @overload
-    def __getitem__(self, at: int) -> str: ...
-    @overload
-    def __getitem__(self, at: slice) -> Sequence[str]: ...
-    def __getitem__(self, at: int | slice) -> str | Sequence[str]:
-        if isinstance(at, slice):
-            return Numbers(self.values[at])
+    def __getitem__(self, at: Any) -> Any:  # one cell; nobody asks for several
         value = float(self.values[at])
         return "" if math.isnan(value) else repr(value).removesuffix(".0")
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rotorfit.data.findings import Finding
 from rotorfit.io.sampling import time_factor
 from rotorfit.io.tables.cells import NOT_TAKEN, Numbers, frame_cells, lacking, read_cells, taken
-from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Text
+from rotorfit.models.array_types import Bool, Float, Index, Text
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import UNITS, find_unit, units_of
 
@@ -289,10 +289,6 @@ class Columns:
         if not self.found[name]:
             return np.broadcast_to(np.nan, self.rows)
         return self.table.number(next(iter(self.found[name].items())), blank=blank)
-
-    def phasor(self, size: str, angle: str) -> ComplexArray:
-        """Complex numbers of two columns, their size and their angle."""
-        return np.asarray(self.number(size) * np.exp(1j * self.number(angle)))
 
     def force_phase(self, frequency: Float) -> Float:
         """Phases of turning forces, the delta of eq. (2), rad.
