@@ -27,7 +27,7 @@ from rotorfit.monitoring.observed_stiffness import observed_stiffness
 from rotorfit.monitoring.trend import DatedValues, MachineTrend, PlaceTrend, dated_anisotropy
 from rotorfit.monitoring.trend import trend as followed_trend
 from rotorfit.options.kinds import two_numbers, words
-from rotorfit.store.records import Added, StoredFit, StoredTest
+from rotorfit.store.records import Added, StoredFit
 from rotorfit.store.store import Store
 from rotorfit.studies.data_files import no_progress, read_files
 
@@ -204,12 +204,6 @@ def added_json(added: Added, fits: dict[int, StoredFit]) -> dict[str, Any]:
 def _list(options: argparse.Namespace) -> Answer:
     opened = _opened(options)
     tests, fits = opened.tests, opened.fits
-    return Answer(
-        text="\n".join([repr(opened)[1:-1], *_table(tests, fits)]), plain=lambda: {"tests": tests, "fits": fits}
-    )
-
-
-def _table(tests: tuple[StoredTest, ...], fits: tuple[StoredFit, ...]) -> list[str]:
     rows: list[list[str | Wide]] = [["test", "date", "machine", "readings", "file"]]
     for test in tests:
         file = Path(test.sources[-1]).name
@@ -217,7 +211,8 @@ def _table(tests: tuple[StoredTest, ...], fits: tuple[StoredFit, ...]) -> list[s
         state = "" if test.superseded is None else f" (superseded by test {test.superseded})"
         rows.append([str(test.number), test.date, test.machine, str(test.readings), f"{file}{more}{state}"])
         rows += [["", Wide(f"fit {f.number}: {_fit_words(f)}", 4, remark=True)] for f in fits if f.test == test.number]
-    return text_table(rows, "<5 <20 <12 >9 <1")
+    table = text_table(rows, "<5 <20 <12 >9 <1")
+    return Answer(text="\n".join([repr(opened)[1:-1], *table]), plain=lambda: {"tests": tests, "fits": fits})
 
 
 def _trend(options: argparse.Namespace) -> Answer:

@@ -171,7 +171,16 @@ def compare_laws(options: argparse.Namespace) -> Answer:
     return Answer(
         text="\n".join([str(found), *warned]),
         files=partial(_law_files, found),
-        plain=lambda: {**_laws_json(found), "warnings": warned},
+        plain=lambda: {
+            "model": found.best.model.name,
+            "laws": [_row(entry) for entry in found.laws],
+            "best": repr(found.laws[0].law),
+            "parameters": {name: {**_estimate(p), "fitted": p.vary} for name, p in found.best.params.items()},
+            **{name: getattr(found, name) for name in ("nonlinear", "nonlinear_stiffness")},
+            "stiffness_aic": found.stiffness,
+            "verdict": found.verdict,
+            "warnings": warned,
+        },
         warned=warned,
         said=problems,
         good=not problems,
@@ -220,21 +229,4 @@ def _row(entry: LawFit) -> dict[str, Any]:
         "bic": entry.bic,
         "weight": entry.weight,
         "reason": entry.reason,
-    }
-
-
-def _laws_json(found: LawComparison) -> dict[str, Any]:
-    best = found.best
-    return {
-        "model": best.model.name,
-        "laws": [_row(entry) for entry in found.laws],
-        "best": repr(found.laws[0].law),
-        "parameters": {
-            p.name: {"value": p.value, "stderr": p.stderr, "unit": p.unit, "fitted": p.vary}
-            for p in best.params.values()
-        },
-        "nonlinear": found.nonlinear,
-        "nonlinear_stiffness": found.nonlinear_stiffness,
-        "stiffness_aic": found.stiffness,
-        "verdict": found.verdict,
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -78,17 +79,13 @@ class Balance(Printed):
             raise ValueError(unknown_name("plane", plane, self.planes))
         place = self.planes.index(plane)
         size, angle = abs(self.weight[place]), float(np.angle(self.weight[place]))
-        along, across = (quantile(level, self.freedom) * error for error in self._errors(place))
+        unit = self.weight[place] / size if size else 1.0 + 0j
+        turned = np.array([[unit.real, unit.imag], [-unit.imag, unit.real]])
+        rows = [place, place + len(self.planes)]
+        variance = np.diag(turned @ self.covariance[np.ix_(rows, rows)] @ turned.T).tolist()
+        along, across = (quantile(level, self.freedom) * math.sqrt(max(one, 0.0)) for one in variance)
         turn = across / size if not across >= size else np.pi
         return (max(size - along, 0.0), size + along), (angle - turn, angle + turn)
-
-    def _errors(self, place: int) -> tuple[float, float]:
-        """Standard errors of a weight along itself and across, kg m."""
-        rows = [place, place + len(self.planes)]
-        unit = self.weight[place] / abs(self.weight[place]) if self.weight[place] else 1.0 + 0j
-        turned = np.array([[unit.real, unit.imag], [-unit.imag, unit.real]])
-        variance = np.diag(turned @ self.covariance[np.ix_(rows, rows)] @ turned.T)
-        return float(np.sqrt(max(variance[0], 0.0))), float(np.sqrt(max(variance[1], 0.0)))
 
     def summary(self) -> str:
         """Tables of the weights, with 95 % intervals, and of the vibration before and after."""
@@ -97,8 +94,13 @@ class Balance(Printed):
         for plane, pair in self.holes.items():
             put = (f"{significant(mr * 1e6, 4)} g mm at {significant(np.degrees(at) % 360, 5)} deg" for at, mr in pair)
             lines.append(f"in holes of {plane}: {' and '.join(put)}")
-        lines += ["", *text_table(self._reading_rows(), "<14 >8 >20 >20 <14")]
-        return "\n".join([*lines, *self.remarks])
+        rows = [["probe", "rpm", "before, um 0-pk", "expected", ""]]
+        for k, (plane, direction) in enumerate(self.readings):
+            reach = _reach(quantile(0.95, self.freedom) * self.stderr[k] * 1e6)
+            both = (self.before[k], self.expected[k])
+            values = (f"{significant(abs(v) * 1e6, 3)} @ {np.degrees(np.angle(v)):.0f}" for v in both)
+            rows.append([f"{plane} {direction}", f"{self.speed[k] * RPM_PER_RAD_S:.0f}", *values, reach])
+        return "\n".join([*lines, "", *text_table(rows, "<14 >8 >20 >20 <14"), *self.remarks])
 
     def __str__(self) -> str:
         return self.summary()
@@ -119,15 +121,6 @@ class Balance(Printed):
                 f"{-angle % 360:.1f}",
             ]
             rows.append([*row, "at its limit" if plane in self.at_limit else ""])
-        return rows
-
-    def _reading_rows(self) -> list[list[str]]:
-        rows = [["probe", "rpm", "before, um 0-pk", "expected", ""]]
-        for k, (plane, direction) in enumerate(self.readings):
-            reach = quantile(0.95, self.freedom) * self.stderr[k] * 1e6
-            both = (self.before[k], self.expected[k])
-            values = (f"{significant(abs(v) * 1e6, 3)} @ {np.degrees(np.angle(v)):.0f}" for v in both)
-            rows.append([f"{plane} {direction}", f"{self.speed[k] * RPM_PER_RAD_S:.0f}", *values, _reach(reach)])
         return rows
 
 

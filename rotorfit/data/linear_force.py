@@ -28,7 +28,14 @@ def whirl_parts(test: PerturbationTest, planar: Bool | None = None) -> tuple[Per
         return test, np.repeat(np.arange(len(test))[:, None], 2, axis=1)
     pairs, lonely = probe_pairs(test, split)
     alone = lonely if planar is None else lonely[~planar[lonely]]
-    _refuse_alone(test, alone)
+    if alone.size:
+        row, rpm = alone[0], test.speed[alone[0]] * RPM_PER_RAD_S
+        raise ValueError(
+            f"{test.source or 'the test'}: {alone.size} readings under a force along an axis have no partner in the "
+            f"other direction (row {row + 1}: {test.plane[row]} {test.direction[row]}, at {significant(rpm, 4)} rpm); "
+            "such a force moves a rotor that turns forward and backward at once, which one probe cannot tell apart. "
+            "One direction is enough at rest (speed 0) and for models without cross-coupling"
+        )
     x, y = pairs.T
     whole = np.flatnonzero(~split)
     parts = [test.select(whole), _in_plane(test, lonely)]
@@ -53,17 +60,6 @@ def whirl_parts(test: PerturbationTest, planar: Bool | None = None) -> tuple[Per
 
 def _combined(direction: Text) -> Text:
     return np.where(np.char.startswith(direction, "r"), "rz", "z")
-
-
-def _refuse_alone(test: PerturbationTest, rows: Index) -> None:
-    if rows.size:
-        row, rpm = rows[0], test.speed[rows[0]] * RPM_PER_RAD_S
-        raise ValueError(
-            f"{test.source or 'the test'}: {rows.size} readings under a force along an axis have no partner in the "
-            f"other direction (row {row + 1}: {test.plane[row]} {test.direction[row]}, at {significant(rpm, 4)} rpm); "
-            "such a force moves a rotor that turns forward and backward at once, which one probe cannot tell apart. "
-            "One direction is enough at rest (speed 0) and for models without cross-coupling"
-        )
 
 
 def _in_plane(test: PerturbationTest, rows: Index) -> PerturbationTest:

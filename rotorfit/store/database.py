@@ -107,12 +107,9 @@ class Database:
         if path.exists() and path.stat().st_size:
             with self.look() as ask:
                 ask("SELECT count(*) FROM tests")
-        else:
-            self._create()
-
-    def _create(self) -> None:
-        if not os.access(self.path if self.path.exists() else self.path.parent, os.W_OK):
-            raise PermissionError(f"cannot write the store {self.path}: its folder is read-only; give another place")
+            return
+        if not os.access(path if path.exists() else path.parent, os.W_OK):
+            raise PermissionError(f"cannot write the store {path}: its folder is read-only; give another place")
         with self._connected() as connection:
             connection.execute("BEGIN IMMEDIATE")
             if self._version(connection) == 0:  # nobody else made it meanwhile
@@ -149,14 +146,12 @@ class Database:
 
     @contextmanager
     def _connected(self) -> Iterator[sqlite3.Connection]:
-        with self._sentences(), closing(self._open()) as connection:
+        with self._sentences(), closing(sqlite3.connect(self.path, timeout=_PATIENCE)) as connection:
+            connection.isolation_level = None
             connection.execute("PRAGMA synchronous = FULL")
             connection.execute("PRAGMA foreign_keys = ON")
             connection.row_factory = sqlite3.Row
             yield connection
-
-    def _open(self) -> sqlite3.Connection:
-        return sqlite3.connect(self.path, timeout=_PATIENCE, isolation_level=None)
 
     @contextmanager
     def _sentences(self) -> Iterator[None]:
@@ -233,7 +228,14 @@ def claimed(database: Database, key: str) -> Iterator[None]:
         poll = 0.2  # seconds between looks at the claim of another. Chosen
         time.sleep(poll)
     ended = threading.Event()
-    renewing = threading.Thread(target=_renew, args=(database, key, owner, ended), daemon=True)
+
+    def renew() -> None:
+        while not ended.wait(LEASE / 4):
+            with database.change() as connection:
+                asked = "UPDATE claims SET until = ? WHERE key = ? AND owner = ?"
+                connection.execute(asked, (time.time() + LEASE, key, owner))
+
+    renewing = threading.Thread(target=renew, daemon=True)
     renewing.start()
     try:
         yield
@@ -251,14 +253,6 @@ def _take(database: Database, key: str, owner: str) -> bool:
             return False
         connection.execute("REPLACE INTO claims VALUES (?, ?, ?)", (key, owner, time.time() + LEASE))
         return True
-
-
-def _renew(database: Database, key: str, owner: str, ended: threading.Event) -> None:
-    while not ended.wait(LEASE / 4):
-        with database.change() as connection:
-            connection.execute(
-                "UPDATE claims SET until = ? WHERE key = ? AND owner = ?", (time.time() + LEASE, key, owner)
-            )
 
 
 def _is_dead(owner: str) -> bool:

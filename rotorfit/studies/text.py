@@ -57,7 +57,8 @@ def describe_test(test: Experiment, findings: Sequence[Finding]) -> str:
     if isinstance(test, PerturbationTest):
         kind = "synchronous test" if test.synchronous else kind
         lines.append(f"  forced at    {', '.join(test.forces)}")
-        lines.append(f"  measured at  {', '.join(_channels(test))}")
+        channels = dict.fromkeys(zip(test.plane.tolist(), test.direction.tolist(), strict=True))
+        lines.append(f"  measured at  {', '.join(map(' '.join, channels))}")
     elif test.planes:
         lines.append(f"  measured at  {', '.join(test.planes)}")
     lines = [f"{test.source or 'data'}: {kind}, {test.size_in_words}", *lines, f"  speed        {span}"]
@@ -99,11 +100,6 @@ def _range(name: str, values: Float, unit: str) -> str:
         return f"  {name:<12} not known"
     low, high = significant(known.min(), 3), significant(known.max(), 3)
     return f"  {name:<12} {low} {unit}" if low == high else f"  {name:<12} {low} to {high} {unit}"
-
-
-def _channels(test: PerturbationTest) -> list[str]:
-    pairs = dict.fromkeys(zip(test.plane.tolist(), test.direction.tolist(), strict=True))
-    return [f"{plane} {direction}" for plane, direction in pairs]
 
 
 def _comparison(closed: FitResult, fit: FitResult) -> str:
