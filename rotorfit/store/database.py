@@ -146,12 +146,14 @@ class Database:
 
     @contextmanager
     def _connected(self) -> Iterator[sqlite3.Connection]:
-        with self._sentences(), closing(sqlite3.connect(self.path, timeout=_PATIENCE)) as connection:
-            connection.isolation_level = None
+        with self._sentences(), closing(self._open()) as connection:
             connection.execute("PRAGMA synchronous = FULL")
             connection.execute("PRAGMA foreign_keys = ON")
             connection.row_factory = sqlite3.Row
             yield connection
+
+    def _open(self) -> sqlite3.Connection:
+        return sqlite3.connect(self.path, timeout=_PATIENCE, isolation_level=None)
 
     @contextmanager
     def _sentences(self) -> Iterator[None]:

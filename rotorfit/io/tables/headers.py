@@ -247,7 +247,7 @@ def is_text(spelled: str, columns: Mapping[str, str]) -> bool:
 
 def is_unit(text: str) -> bool:
     """True if a cell names a unit, as in a line of units below a header."""
-    spelled = "_".join(_words(text.strip("()[]{} "))).lower()
+    spelled = "_".join(words_of(text.strip("()[]{} "))).lower()
     return any(spelled == unit.lower() for units in UNITS.values() for unit in units)
 
 
@@ -268,7 +268,7 @@ def refuse_doubtful(table: Table) -> None:
     )
 
 
-def _words(text: str) -> list[str]:
+def words_of(text: str) -> list[str]:
     """Words of a text as this program writes them; the case of all others stays."""
     for sign, meaning in _SIGNS:
         text = re.sub(re.escape(sign), meaning, text, flags=re.IGNORECASE)
@@ -280,7 +280,7 @@ def _words(text: str) -> list[str]:
 def _apart(spelled: str) -> tuple[list[str], list[str]]:
     """Words of a name, and of the unit that stands in brackets."""
     found = _BRACKETS.findall(spelled)
-    return _words(_BRACKETS.sub(" ", spelled)), [word for text in found for word in _words(text)]
+    return words_of(_BRACKETS.sub(" ", spelled)), [word for text in found for word in words_of(text)]
 
 
 def quantity_meant(spelled: str) -> str:

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from rotorfit.io.tables.cells import EXCEL, encoding_of, marked_encoding
+from rotorfit.io.tables.headers import words_of
 from rotorfit.io.tables.table import Table
 from rotorfit.units import UNITS, find_unit
 
@@ -252,12 +253,7 @@ def _reading(source: str, channel: _Cells, cells: _Cells, plane: str, axis: str)
 
 def _unit(cell: str) -> str:
     """A unit as column names write it: ``mil_pp`` for ``Mils Pk-Pk``."""
-    words = cell.replace("µ", "u").replace("μ", "u").replace("°", "deg").lower().split()
-    same = {
-        "mils": "mil", "micron": "um", "microns": "um", "p-p": "pp", "pk-pk": "pp", "0-pk": "pk", "0-p": "pk",
-        "degree": "deg", "degrees": "deg",
-    }  # fmt: skip
-    return "_".join(same.get(word, word) for word in words if word != "lag")
+    return "_".join(word for word in words_of(cell.lower()) if word != "lag")
 
 
 def _length(source: str, channel: _Cells) -> float | None:
