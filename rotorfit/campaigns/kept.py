@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from rotorfit.estimators.file_reading import decompressed, reading
-from rotorfit.fitting.arithmetic import Source
 from rotorfit.fitting.json_values import decode, encode
-from rotorfit.fitting.quantities import FittedParameter
+from rotorfit.fitting.quantities import FittedParameter, Source
 from rotorfit.models import RotorModel
 from rotorfit.version import __version__
 

@@ -13,10 +13,9 @@ from typing import Any, TypeVar
 from rotorfit.campaigns.runs import conditions
 from rotorfit.data.content import content_hash
 from rotorfit.data.findings import Finding, errors_in, warnings_in
-from rotorfit.fitting.arithmetic import shown_unit
 from rotorfit.fitting.fit_file import fit_to_json
 from rotorfit.fitting.json_values import encode
-from rotorfit.fitting.quantities import THRESHOLD
+from rotorfit.fitting.quantities import THRESHOLD, shown_unit
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.digits import plus_minus
 from rotorfit.store.database import packed

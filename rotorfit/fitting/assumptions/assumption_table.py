@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from rotorfit.estimators.inference.score_tests import Term
 from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
-from rotorfit.fitting.arithmetic import is_left_open, shown_unit
+from rotorfit.fitting.quantities import is_left_open, shown_unit
 from rotorfit.models.digits import two_digits
 from rotorfit.models.text_table import Printed, text_table
 from rotorfit.units import RPM_PER_RAD_S
