@@ -78,21 +78,13 @@ class FitFigures:
         return plot_drive_point(self._fit, **options)
 
     def plot_polar(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """Responses in the complex plane.
-
-        Args:
-            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
-        """
+        """Responses in the complex plane; ``ax`` and ``unit`` as for :meth:`plot_bode`."""
         from rotorfit.plots.responses import plot_polar
 
         return plot_polar(self._fit, **look)
 
     def plot_residuals(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """Whitened residuals against frequency.
-
-        Args:
-            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
-        """
+        """Whitened residuals against frequency; ``ax`` and ``unit`` as for :meth:`plot_bode`."""
         from rotorfit.plots.responses import plot_residuals
 
         return plot_residuals(self._fit, **look)
@@ -100,9 +92,7 @@ class FitFigures:
     def plot_lines(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Spectral lines of a shaft that is not round, and of its twist, against the perturbation frequency.
 
-        Args:
-            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
-        """
+        ``ax`` and ``unit`` are as for :meth:`plot_bode`."""
         from rotorfit.plots.shaft_lines import plot_lines
 
         return plot_lines(self._fit, **look)
@@ -110,9 +100,7 @@ class FitFigures:
     def plot_stability(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Eigenvalues against rotative speed with the threshold and its interval.
 
-        Args:
-            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
-        """
+        ``ax`` and ``unit`` are as for :meth:`plot_bode`."""
         from rotorfit.plots.stability import plot_stability
 
         return plot_stability(self._fit, **look)
@@ -134,8 +122,7 @@ class FitFigures:
     def plot_side_load(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Threshold speed against static eccentricity and side load, with its 95 % band.
 
-        Args:
-            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
+        ``ax`` and ``unit`` are as for :meth:`plot_bode`.
 
         Raises:
             ValueError: a fluid that does not change with eccentricity, parameters per attribute, or no threshold.
@@ -145,11 +132,7 @@ class FitFigures:
         return plot_side_load(self._fit, **look)
 
     def plot_law(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """K0, D and lam against eccentricity with their 95 % bands.
-
-        Args:
-            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
-        """
+        """K0, D and lam against eccentricity with their 95 % bands; ``ax`` and ``unit`` as for :meth:`plot_bode`."""
         from rotorfit.plots.eccentricity import plot_law
 
         return plot_law(self._fit, **look)
@@ -157,19 +140,13 @@ class FitFigures:
     def plot_nonlinear_stiffness(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Nonlinear minus linear dynamic stiffness at the journal (Figs 13 to 15).
 
-        Args:
-            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
-        """
+        ``ax`` and ``unit`` are as for :meth:`plot_bode`."""
         from rotorfit.plots.eccentricity import plot_nonlinear_stiffness
 
         return plot_nonlinear_stiffness(self._fit, **look)
 
     def plot_static_locus(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """Locus of the journal under static load (Figs 26 to 28).
-
-        Args:
-            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
-        """
+        """Locus of the journal under static load (Figs 26 to 28); ``ax`` and ``unit`` as for :meth:`plot_bode`."""
         from rotorfit.plots.static_and_impulse import plot_static_locus
 
         return plot_static_locus(self._fit, **look)
@@ -177,9 +154,7 @@ class FitFigures:
     def plot_static_stiffness(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Static load over displacement, across and along the load, against eccentricity (Figs 27 and 28).
 
-        Args:
-            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
-        """
+        ``ax`` and ``unit`` are as for :meth:`plot_bode`."""
         from rotorfit.plots.static_and_impulse import plot_static_stiffness
 
         return plot_static_stiffness(self._fit, **look)
@@ -187,9 +162,7 @@ class FitFigures:
     def plot_velocity_ratio(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Frequency over speed of free vibrations against eccentricity (Fig. 29).
 
-        Args:
-            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
-        """
+        ``ax`` and ``unit`` are as for :meth:`plot_bode`."""
         from rotorfit.plots.static_and_impulse import plot_velocity_ratio
 
         return plot_velocity_ratio(self._fit, **look)
@@ -238,8 +211,7 @@ class FitFigures:
     def plot_mode_shapes(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Gains of the probes in each mode of a fit of ``Modal``, with 95 % errors.
 
-        Args:
-            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
+        ``ax`` and ``unit`` are as for :meth:`plot_bode`.
 
         Raises:
             ValueError: a fit of another model.
