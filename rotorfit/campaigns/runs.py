@@ -12,22 +12,20 @@ from itertools import groupby
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.campaigns.kept import HeldParameters, from_bytes, key_of, run_key, to_bytes
 from rotorfit.data.content import content_hash
 from rotorfit.data.experiments import Experiment
-from rotorfit.estimators.blocks.row_keys import words
+from rotorfit.estimators.blocks.row_keys import rows_by, words
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.executors import Kept, carry_out
 from rotorfit.fitting.fit import fit
 from rotorfit.fitting.noise.record import FoundNoise
 from rotorfit.fitting.problem_setup import as_tuple
 from rotorfit.fitting.quantities import FittedParameter, Quantity
-from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import Float, Index
+from rotorfit.models.array_types import Float
 
 if TYPE_CHECKING:
     from rotorfit.campaigns.partitions import ReadingsOfPart
@@ -39,8 +37,6 @@ Work = Callable[..., T]
 
 RUNS_OF_A_BATCH = 8
 """Runs sent to a worker at once: some hundredths of a second of work, well above what sending costs."""
-CHI_SQUARED_BY_CHANCE = 10.0
-"""Fall of chi-squared a parameter that fitting noise does not reach."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,18 +137,12 @@ def runs_of(experiments: Experiment | Sequence[Experiment], split: str | None) -
     runs: list[Run] = []
     for number, experiment in enumerate(as_tuple(experiments)):
         labels = None if split is None else experiment.attribute(split)
-        for label, rows in [(None, None)] if labels is None else _parts(labels):
-            part = experiment if rows is None else experiment.select(rows)
-            name = str(label) if label is not None else experiment.source or f"run {number + 1}"
-            runs.append(Run(name, HeldReadings(part), conditions(part), str(part.source)))
+        parts = [(experiment.source or f"run {number + 1}", experiment)]
+        if labels is not None:
+            names, places = words(labels)
+            parts = [(str(n), experiment.select(rows)) for n, rows in zip(names, rows_by(places), strict=True)]
+        runs += [Run(name, HeldReadings(part), conditions(part), str(part.source)) for name, part in parts]
     return runs
-
-
-def _parts(labels: NDArray[Any]) -> Iterator[tuple[Any, Index]]:
-    """Distinct labels, in the order of the rows, and the rows of each."""
-    names, number = words(labels)
-    order = np.argsort(number, kind="stable")
-    return zip(names, np.split(order, np.cumsum(np.bincount(number))[:-1]), strict=True)
 
 
 def conditions(experiment: Experiment) -> dict[str, float | str]:
@@ -197,6 +187,13 @@ def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mappin
         return RunFit(name=run.name, attributes=run.attributes, message=f"not fitted: {reason}")
     # What differs between the sweeps of a run is in the covariance, and in no parameter.
     own = [i for i, name in enumerate(found.var_names) if name in found.params]
+    problem = found.problem
+    still = float(np.sum(np.abs(problem.measured / problem.sigma) ** 2))  # chi-squared of no motion
+    misses = (np.concatenate(problem.predict(found.x)) - problem.measured) / problem.sigma
+    missed = float(np.sum(np.abs(misses) ** 2))
+    # Fall of chi-squared a parameter that fitting noise does not reach: noise alone lowers it by one on average, a
+    # search for the best of many resonances by some times that, a rotor by as many times as there are readings.
+    fall_by_chance = 10.0
     return RunFit(
         name=run.name,
         attributes=run.attributes,
@@ -211,7 +208,7 @@ def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mappin
         success=found.success,
         message=found.message,
         warnings=found.warnings,
-        silent=_explains_nothing(found),
+        silent=still - missed < fall_by_chance * max(1.0, found.redchi) * max(found.nvarys, 1),
         noise=found.settings.noise,
     )
 
@@ -220,17 +217,6 @@ def _fit_alone(model: RotorModel, run: Run, **option: Any) -> RunFit:
     """The fit of one run without the whole result, which holds the readings."""
     found = fit_run(model, run, **option)
     return replace(found, params={name: replace(p) for name, p in found.params.items()})
-
-
-def _explains_nothing(found: FitResult) -> bool:
-    """True if no motion at all would explain the readings as well as the fit does."""
-    measured, sigma = found.problem.measured, found.problem.sigma
-    still = float(np.sum(np.abs(measured / sigma) ** 2))
-    misses = (np.concatenate(found.problem.predict(found.x)) - measured) / sigma
-    missed = float(np.sum(np.abs(misses) ** 2))
-    # Noise alone lowers chi-squared by one a parameter on average, a search for the best of many resonances by some
-    # times that, a rotor by as many times as there are readings.
-    return still - missed < CHI_SQUARED_BY_CHANCE * max(1.0, found.redchi) * max(found.nvarys, 1)
 
 
 # ---- many runs --------------------------------------------------------------------------------------------------
@@ -249,20 +235,32 @@ class Workers:
         """``work(model, run, **option)`` for every run, in their order; fits that are kept are not made again. A batch
         whose worker was lost is not repeated for ever: see :func:`~rotorfit.executors.carry_out`."""
         pairs = list(zip(runs, options, strict=True))
-        keys = self._keys(pairs) if work is fit_run and self.kept is not None else []
-        work = _fit_alone if keys else work  # type: ignore[assignment]
-        found = self._found(keys)
+        kept = self.kept if work is fit_run else None
+        keys: list[str] = []
+        found: dict[str, Any] = {}
+        if kept is not None:
+            work = _fit_alone  # type: ignore[assignment]
+            common = {id(option): key_of(self.model, option) for option in options}
+            keys = [run_key(common[id(option)], run.readings.content) for run, option in pairs]
+            some = 1000  # fits looked for at a time, so that few are in memory as they are stored
+            for begin in range(0, len(keys), some):
+                pieces = kept.find(keys[begin : begin + some])
+                found |= {key: RunFit(**from_bytes(data)) for key, data in pieces.items()}
         left = [number for number in range(len(pairs)) if not keys or keys[number] not in found]
-        parts = self._batches(left, runs, 1 if self.executor is None and not keys else RUNS_OF_A_BATCH)
-        items = [(own, [pairs[number] for number in own]) for own in parts]
+        # So many runs of one part of the data go together, more where it is to be read first.
+        items = []
+        size = 1 if self.executor is None and not keys else RUNS_OF_A_BATCH
+        for part, group in groupby(left, key=lambda number: runs[number].readings.part):
+            own, most = list(group), 8 * size if part else size
+            items += [(own[i : i + most], [pairs[n] for n in own[i : i + most]]) for i in range(0, len(own), most)]
         count = len(pairs) - len(left)
 
         def done(item: tuple[Sequence[int], Batch], results: Sequence[Any]) -> None:
             nonlocal count
             count += len(results)
-            if keys and self.kept is not None:
+            if kept is not None:
                 entries = [{entry.name: getattr(one, entry.name) for entry in fields(one)} for one in results]
-                self.kept.keep({keys[n]: to_bytes(own) for n, own in zip(item[0], entries, strict=True)})
+                kept.keep({keys[n]: to_bytes(own) for n, own in zip(item[0], entries, strict=True)})
             if self.progress is not None:
                 self.progress(count, len(pairs))
 
@@ -270,24 +268,6 @@ class Workers:
         made = carry_out(partial(_work_batch, model, work), items, self.executor, done)
         results = dict(zip(left, (result for batch in made for result in batch), strict=True))
         return [results[n] if n in results else found[keys[n]] for n in range(len(pairs))]
-
-    def _batches(self, numbers: Sequence[int], runs: Sequence[Run], size: int) -> list[list[int]]:
-        """Numbers of the runs that go together: so many of one part of the data, more where it is to be read first."""
-        parts = [list(own) for _, own in groupby(numbers, key=lambda number: runs[number].readings.part)]
-        sizes = [8 * size if runs[own[0]].readings.part else size for own in parts]
-        return [own[i : i + size] for own, size in zip(parts, sizes, strict=True) for i in range(0, len(own), size)]
-
-    def _keys(self, pairs: Batch) -> list[str]:
-        common = {id(option): key_of(self.model, option) for _, option in pairs}
-        return [run_key(common[id(option)], run.readings.content) for run, option in pairs]
-
-    def _found(self, keys: Sequence[str]) -> dict[str, Any]:
-        """Fits that are kept."""
-        if self.kept is None or not keys:
-            return {}
-        some = 1000  # looked for at a time, so that few are in memory as they are stored
-        found = (self.kept.find(keys[begin : begin + some]) for begin in range(0, len(keys), some))
-        return {key: RunFit(**from_bytes(data)) for pieces in found for key, data in pieces.items()}
 
 
 def _packed(model: RotorModel) -> bytes:

@@ -18,14 +18,16 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.campaigns.joint_errors import Errors, FittedRun, joint_errors
 from rotorfit.campaigns.runs import Run, RunFit, Workers, fit_run
 from rotorfit.estimators.inference.covariance import (
     Curvature,
     Parts,
+    bends,
     inverse_information,
     prior_curvature,
+    score_scatter,
     shared_covariance,
+    widening,
 )
 from rotorfit.estimators.minimisation.least_squares import Options
 from rotorfit.estimators.misfit.problem import Problem
@@ -36,6 +38,9 @@ from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
+
+Errors = tuple[Float, Float]
+"""Covariance as the noise alone makes it, and widened for a model that does not fit."""
 
 _STEP_TOLERANCE = 1e-4  # of a standard error: a step that changes nothing any more
 
@@ -141,7 +146,7 @@ class _Joint:
     def profile(self, fits: Sequence[RunFit], phi: Float) -> _Profile:
         """Sum what all runs say about given shared values, with their own at their best and noise as fitted."""
         options = self.options(fits, phi)
-        found = self.workers(_least_curvature, [self.runs[number] for number in options], list(options.values()))
+        found = self.workers(_curvature, [self.runs[number] for number in options], list(options.values()))
         quadratics = {n: own for n, own in zip(options, found, strict=True) if isinstance(own, Curvature)}
         if not quadratics:
             raise ValueError(f"no run of the campaign determines anything of the shared parameters: {found[0]}")
@@ -156,18 +161,68 @@ class _Joint:
 
     def result(self, fits: Sequence[RunFit], phi: Float, settled: bool) -> Shared:
         """The result, with the errors of the joint fit."""
-        options, quadratics = self.options(fits, phi), self.profile(fits, phi).quadratics
-        fitted = []
-        for number, quadratic in quadratics.items():
-            at = dict(zip(quadratic.names, quadratic.x.tolist(), strict=True))
-            given = {"settings": options[number]["settings"], "at": at}
-            fitted.append(FittedRun(run=self.runs[number], fit=fits[number], quadratic=quadratic, options=given))
-        errors, own_errors = joint_errors(self.workers, fitted, self.names)
+        quadratics = self.profile(fits, phi).quadratics
+        if self.settings.loss == "linear":
+            errors, own_errors = self._errors([fits[n] for n in quadratics], list(quadratics.values()))
+        else:
+            errors, own_errors = self._errors_of_robust_loss(fits, quadratics, self.options(fits, phi))
         params = {name: self._parameter(i, float(phi[i]), errors) for i, name in enumerate(self.names)}
         done = list(fits)
         for number, own in zip(quadratics, own_errors, strict=True):
             done[number] = _with_errors(done[number], own, self.names)
         return Shared(runs=tuple(done), params=params, covar=errors[1], success=settled)
+
+    def _errors(self, fits: Sequence[RunFit], quadratics: Sequence[Curvature]) -> tuple[Errors, list[Errors]]:
+        """Errors of the shared parameters, and of each run's own in the order of its ``var_names``."""
+        free = sum(fit.ndata - len(fit.var_names) for fit in fits) - len(self.names)
+        redchi = sum(quadratic.squares for quadratic in quadratics) / free if free > 0 else float("nan")
+        shared, added = [], []
+        for factor in (1.0, 1 / widening(redchi, "linear")):  # on the information
+            parts = [Parts.of(quadratic.scaled(factor), self.names) for quadratic in quadratics]
+            covar = shared_covariance(parts, self.names)
+            shared.append(covar)
+            follow = (part.follow @ covar @ part.follow.T for part in parts)
+            added.append([self._own_order(*own) for own in zip(fits, quadratics, follow, strict=True)])
+        own = [
+            (np.diag([fit.params[name].stderr_noise ** 2 for name in fit.var_names]) + more, fit.covar + more_wide)
+            for fit, more, more_wide in zip(fits, *added, strict=True)
+        ]
+        return (shared[0], shared[1]), own
+
+    def _errors_of_robust_loss(
+        self, fits: Sequence[RunFit], quadratics: Mapping[int, Curvature], options: Mapping[int, Mapping[str, Any]]
+    ) -> tuple[Errors, list[Errors]]:
+        """The sandwich of :func:`rotorfit.estimators.inference.covariance.information`, put together from the runs. Its
+        filling is the scatter of each run's slope, which reaches the shared parameters directly and through those of
+        the run's own that follow them. The scatter shows a model that does not fit already: nothing is widened."""
+        runs = [self.runs[number] for number in quadratics]
+        given: list[dict[str, Any]] = [
+            {"settings": options[number]["settings"], "at": dict(zip(one.names, one.x.tolist(), strict=True))}
+            for number, one in quadratics.items()
+        ]
+        found = self.workers(_bends_of, runs, given)
+        bend = float(np.mean(np.concatenate([own for own, _ in found])))
+        parts = [
+            Parts.of(replace(one, matrix=squares + np.diag(one.prior)).scaled(bend), self.names)
+            for one, (_, squares) in zip(quadratics.values(), found, strict=True)
+        ]
+        inverse = shared_covariance(parts, self.names)
+        asked = [own | {"bend": bend, "covar": p.covariance(inverse)} for own, p in zip(given, parts, strict=True)]
+        scatters = self.workers(_scatter_of, runs, asked)
+        reached = [part.reach().T @ scatter @ part.reach() for part, scatter in zip(parts, scatters, strict=True)]
+        filling = np.sum(reached, axis=0)
+        own = []
+        for (number, one), part, scatter, direct in zip(quadratics.items(), parts, scatters, reached, strict=True):
+            pull, follow = part.pull(inverse), part.follow @ inverse
+            whole = pull @ scatter @ pull.T + follow @ (filling - direct) @ follow.T
+            own.append((self._own_order(fits[number], one, whole),) * 2)
+        return (inverse @ filling @ inverse,) * 2, own
+
+    def _own_order(self, fit: RunFit, quadratic: Curvature, matrix: Float) -> Float:
+        """A matrix of own parameters in the order of the fit."""
+        own = [name for name in quadratic.names if name not in self.names]
+        order = [own.index(name) for name in fit.var_names]
+        return np.asarray(matrix[np.ix_(order, order)])
 
     def _parameter(self, i: int, value: float, errors: Errors) -> FittedParameter:
         parameter = self.workers.model.parameter(self.names[i])
@@ -235,38 +290,51 @@ def _with_errors(fit: RunFit, errors: Errors, names: Sequence[str]) -> RunFit:
 # ---- work on one run, here or elsewhere --------------------------------------------------------------------------
 
 
-def _problem_at(
-    model: RotorModel, run: Run, settings: FitSettings, at: Mapping[str, float]
-) -> tuple[Problem, tuple[str, ...], Float] | str:
-    """The problem of one run, its entries by name, and the vector of given parameters; or why there is none."""
+def _curvature(
+    model: RotorModel,
+    run: Run,
+    *,
+    settings: FitSettings,
+    at: Mapping[str, float],
+    shared: Mapping[str, float] | None = None,
+) -> Curvature | str:
+    """Cost of one run and its derivatives at given parameters, where shared ones are given at the best of its own
+    beside them; the reason in words where there is none."""
     try:
-        problem = build_problem(model, run.experiment, settings)
+        if shared is not None:
+            known = replace(settings, known={**settings.known, **shared})
+            problem, names, begin = _problem_at(model, run, known, at)
+            x = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options()).x
+            at = {**dict(zip(names, x.tolist(), strict=True)), **shared}
+        problem, names, x = _problem_at(model, run, settings, at)
     except (ValueError, KeyError, ClosedFormError) as reason:
         return str(reason)
-    names = (*problem.space.names, *problem.space.nuisance)
-    return problem, names, np.array([at.get(n, 0.0) if n in problem.space.nuisance else at[n] for n in names])
-
-
-def _curvature(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float]) -> Curvature | str:
-    """Cost of one run and its derivatives at given parameters; the reason in words where there is none."""
-    found = _problem_at(model, run, settings, at)
-    if isinstance(found, str):
-        return found
-    problem, names, x = found
     cost, gradient, matrix = problem.gauss_newton(x)
     squares = float(np.sum(np.abs(problem.residuals(x)) ** 2))
     prior = prior_curvature(problem, x)
     return Curvature(names=names, x=x, cost=cost, squares=squares, gradient=gradient, matrix=matrix, prior=prior)
 
 
-def _least_curvature(
-    model: RotorModel, run: Run, *, settings: FitSettings, shared: Mapping[str, float], at: Mapping[str, float]
-) -> Curvature | str:
-    """Cost of one run and its derivatives where its own parameters are best for the shared ones given."""
-    found = _problem_at(model, run, replace(settings, known={**settings.known, **shared}), at)
-    if isinstance(found, str):
-        return found
-    problem, names, begin = found
-    solution = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options())
-    own = dict(zip(names, solution.x.tolist(), strict=True))
-    return _curvature(model, run, settings=settings, at={**own, **shared})
+def _problem_at(
+    model: RotorModel, run: Run, settings: FitSettings, at: Mapping[str, float]
+) -> tuple[Problem, tuple[str, ...], Float]:
+    """The problem of one run, its entries by name, and the vector of given parameters."""
+    problem = build_problem(model, run.experiment, settings)
+    names = (*problem.space.names, *problem.space.nuisance)
+    return problem, names, np.array([at.get(n, 0.0) if n in problem.space.nuisance else at[n] for n in names])
+
+
+def _bends_of(model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float]) -> tuple[Float, Float]:
+    """Bends of a robust loss in one run's readings, shape ``(R,)``, and its matrix by squares, shape ``(p, p)``."""
+    problem = build_problem(model, run.experiment, settings)
+    r, J = problem.jacobian(np.array([at[name] for name in problem.space.names]))
+    return bends(problem.loss, r), np.asarray((J.conj().T @ J).real)
+
+
+def _scatter_of(
+    model: RotorModel, run: Run, *, settings: FitSettings, at: Mapping[str, float], bend: float, covar: Float
+) -> Float:
+    """Scatter of the slope of one run's cost, shape ``(p, p)``."""
+    problem = build_problem(model, run.experiment, settings)
+    x = np.array([at[name] for name in problem.space.names])
+    return score_scatter(problem, x, *problem.jacobian(x), bend=bend, covar=covar)

@@ -100,7 +100,8 @@ def trends_of(
     x = np.array([[float(run.attributes[name]) for name in against] for run in runs])
     value = np.array([run.params[parameter].value for run in runs])
     stderr = np.array([run.params[parameter].stderr for run in runs])
-    surface = _surface(x - centre, value, stderr, degree)
+    away = x - centre
+    surface = _surface(away, value, stderr, degree)
     if surface is None:
         which = f"the runs{f' with {group}' if group else ''}"
         if len(against) > 1:
@@ -112,14 +113,16 @@ def trends_of(
             f"{which} do not give {parameter} a polynomial of degree {degree}: that needs {degree + 1} values of "
             f"{against[0]} well apart, there are {np.unique(x).size}; give a lower degree"
         )
-    own = [(x[:, k, None] - centre[k]) ** np.arange(1, degree + 1) @ surface.powers(k) for k in range(len(against))]
+    attribute, coefficients_of_all, covar_of_all, scatter = surface
     found = []
     for k, name in enumerate(against):
-        chosen = np.r_[0, np.flatnonzero(surface.attribute == k)]
-        coefficients, covar = surface.coefficients[chosen], surface.covar[np.ix_(chosen, chosen)]
+        chosen = np.r_[0, np.flatnonzero(attribute == k)]
+        coefficients, covar = coefficients_of_all[chosen], covar_of_all[np.ix_(chosen, chosen)]
         slope = (coefficients[1], np.sqrt(covar[1, 1])) if chosen.size > 1 else (np.nan, np.nan)
         order = np.argsort(x[:, k], kind="stable")
-        adjusted = value - sum(other for i, other in enumerate(own) if i != k)
+        others = np.flatnonzero((attribute >= 0) & (attribute != k))  # powers of the other attributes, ascending
+        powers = away[:, attribute[others]] ** np.tile(np.arange(1, degree + 1), others.size // degree)
+        adjusted = value - powers @ coefficients_of_all[others]
         found.append(
             Trend(
                 parameter=parameter,
@@ -131,7 +134,7 @@ def trends_of(
                 stderr=stderr[order],
                 runs=tuple(runs[i].name for i in order),
                 slope=Quantity(float(slope[0]), float(slope[1]), f"{unit} per {name}"),
-                scatter=surface.scatter,
+                scatter=scatter,
                 _centre=float(centre[k]),
                 _coefficients=coefficients,
                 _covar=covar,
@@ -140,24 +143,12 @@ def trends_of(
     return found
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Surface:
-    """A constant and a polynomial in each attribute, through the values of runs."""
-
-    degree: int  # of the polynomials
-    attribute: Index  # which attribute each coefficient belongs to, -1 for the constant
-    coefficients: Float  # value at the centre, then powers of each attribute that changes, ascending
-    covar: Float  # their covariance, widened where the runs scatter more than their errors say
-    scatter: float  # chi-squared over the degrees of freedom, NaN where none are left
-
-    def powers(self, attribute: int) -> Float:
-        """Coefficients of an attribute's powers, zero where it does not change."""
-        mine = self.coefficients[self.attribute == attribute]
-        return mine if mine.size else np.zeros(self.degree)
-
-
-def _surface(x: Float, value: Float, stderr: Float, degree: int) -> _Surface | None:
-    """The surface over attributes ``(R, A)``, counted from the centre; ``None`` where its terms cannot be separated."""
+def _surface(x: Float, value: Float, stderr: Float, degree: int) -> tuple[Index, Float, Float, float] | None:
+    """A constant and a polynomial in each attribute, ``(R, A)`` and counted from the centre, through the values of
+    runs: which attribute each coefficient belongs to, -1 for the constant; the value at the centre, then coefficients
+    of the powers of each attribute that changes, ascending; their covariance, widened where the runs scatter more than
+    their errors say; chi-squared over the degrees of freedom, NaN where none are left. ``None`` where the terms cannot
+    be separated."""
     spread, middle = np.ptp(x, axis=0), x.mean(axis=0)
     moving = np.flatnonzero(spread > COLLINEAR * np.abs(x).max(axis=0))
     attribute, power = np.repeat(moving, degree), np.tile(np.arange(1, degree + 1), moving.size)
@@ -168,17 +159,13 @@ def _surface(x: Float, value: Float, stderr: Float, degree: int) -> _Surface | N
     coefficients, *_ = np.linalg.lstsq(design, value / stderr, rcond=None)
     free = design.shape[0] - design.shape[1]
     scatter = float(np.sum((value / stderr - design @ coefficients) ** 2) / free) if free > 0 else float("nan")
+    attribute = np.r_[-1, attribute]
     to_centre = np.eye(design.shape[1])
     for k in moving:
-        mine = np.flatnonzero(np.r_[-1, attribute] == k)
+        mine = np.flatnonzero(attribute == k)
         to_centre[np.ix_(np.r_[0, mine], mine)] = _powers(-middle[k] / spread[k], 1 / spread[k], degree)[:, 1:]
-    return _Surface(
-        degree=degree,
-        attribute=np.r_[-1, attribute],
-        coefficients=to_centre @ coefficients,
-        covar=to_centre @ np.linalg.inv(design.T @ design) @ to_centre.T * widening(scatter, "linear"),
-        scatter=scatter,
-    )
+    covar = to_centre @ np.linalg.inv(design.T @ design) @ to_centre.T * widening(scatter, "linear")
+    return attribute, to_centre @ coefficients, covar, scatter
 
 
 def _powers(shift: float, scale: float, degree: int) -> Float:
@@ -195,35 +182,26 @@ def trend_table(trends: Sequence[Trend]) -> str:
     rows: list[list[str | Wide]] = [["parameter", "group", "against", "runs", "slope", "scatter", "at the middle"]]
     for parameter, against in dict.fromkeys((t.parameter, t.against) for t in trends):
         mine = [t for t in trends if (t.parameter, t.against) == (parameter, against)]
-        middle = _middle(mine)
+        # Middle of the range that all groups cover, of the whole range where they do not overlap.
+        low, high = max(t.x[0] for t in mine), min(t.x[-1] for t in mine)
+        if low > high:
+            low, high = min(t.x[0] for t in mine), max(t.x[-1] for t in mine)
+        middle = float(low + high) / 2
         for t in mine:
             slope = plus_minus(t.slope.value, t.slope.stderr) if np.isfinite(t.slope.value) else "one condition"
             scatter = f"{t.scatter:.2f}" if np.isfinite(t.scatter) else "-"
             at = t.at(middle)
             rows.append([parameter, t.group, against, str(t.x.size), slope, scatter, plus_minus(at.value, at.stderr)])
-        curves = [t.words for t in mine if t.degree > 1]
-        rows += [
-            ["", Wide(sentence, 6, remark=True)] for sentence in (*curves, *_comparisons(mine, middle), *_far(mine))
-        ]
+        remarks = [*(t.words for t in mine if t.degree > 1), *_comparisons(mine, middle)]
+        with_group = [(f" with {t.group}" if t.group else "", t.far) for t in mine]
+        remarks += [f"far from the line of the others{which}: {listed(far)}" for which, far in with_group if far]
+        rows += [["", Wide(sentence, 6, remark=True)] for sentence in remarks]
     table = text_table(rows, "<10 <1 <1 >6 >26 >9 >26")
     held = ", each with the others held" if len(names) > 1 else ""
     where = ", at the mean of the runs" if any(t.degree > 1 for t in trends) else ""
     return "\n".join(
         [*table, f"slopes per {' and per '.join(names)}{held}{where}; scatter is chi-squared per degree of freedom"]
     )
-
-
-def _middle(trends: Sequence[Trend]) -> float:
-    """Middle of the range that all groups cover, of the whole range where they do not overlap."""
-    low, high = max(t.x[0] for t in trends), min(t.x[-1] for t in trends)
-    if low > high:
-        low, high = min(t.x[0] for t in trends), max(t.x[-1] for t in trends)
-    return float(low + high) / 2
-
-
-def _far(trends: Sequence[Trend]) -> list[str]:
-    words = "far from the line of the others"
-    return [f"{words}{f' with {t.group}' if t.group else ''}: {listed(t.far)}" for t in trends if t.far]
 
 
 def _comparisons(trends: Sequence[Trend], middle: float) -> list[str]:
