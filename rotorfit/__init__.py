@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.data.weights import Influences as Influences
     from rotorfit.data.weights import influence as influence
     from rotorfit.diagnosis.check import check as check
-    from rotorfit.diagnosis.read import read as read
+    from rotorfit.diagnosis.check import read as read
     from rotorfit.fitting.assumptions.calibration import Calibration as Calibration
     from rotorfit.fitting.fit import closed_form as closed_form
     from rotorfit.fitting.fit import fit as fit
@@ -99,8 +99,7 @@ _NAMES = {
     "data.ring_down": "ring_down_modes",
     "data.synchronous": "difference_synchronous",
     "data.weights": "Influences influence",
-    "diagnosis.check": "check",
-    "diagnosis.read": "read",
+    "diagnosis.check": "check read",
     "fitting.assumptions.calibration": "Calibration",
     "fitting.fit": "closed_form fit",
     "fitting.fit_file": "load_fit save_fit",

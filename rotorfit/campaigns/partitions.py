@@ -13,7 +13,7 @@ from pathlib import Path
 from rotorfit.campaigns.runs import Run, distinct, runs_of
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import DataWarning
-from rotorfit.diagnosis.read import read
+from rotorfit.diagnosis.check import read
 from rotorfit.executors import carry_out
 
 Reader = Callable[[], Experiment]

@@ -1,9 +1,12 @@
-"""Look a test over before fitting: errors of sign, direction, scale and plan that the data themselves give away."""
+"""Look a test over before fitting: errors of sign, direction, scale and plan that the data themselves give away; and
+read it with a warning of them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+import warnings
+from collections.abc import Callable, Iterator
+from functools import wraps
+from typing import Any, ParamSpec
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +19,7 @@ from rotorfit.data.experiments import (
     RingDownTest,
     StaticTest,
 )
-from rotorfit.data.findings import Finding, errors_first, listed
+from rotorfit.data.findings import DataWarning, Finding, errors_first, listed
 from rotorfit.data.weights import dwells
 from rotorfit.diagnosis.forces import exchanged_axes, force_along_axis, turning_force
 from rotorfit.diagnosis.orbits import orbits_of
@@ -26,7 +29,10 @@ from rotorfit.diagnosis.probe_pairs import reciprocity, uneven_probes
 from rotorfit.diagnosis.readings import amplitudes, clipped, copied_readings, rows_of, unread
 from rotorfit.diagnosis.signs import half_turns, signs, wrong_direction
 from rotorfit.estimators.blocks.row_keys import words
+from rotorfit.io import files
 from rotorfit.models.array_types import Bool
+
+P = ParamSpec("P")
 
 
 def check(test: Experiment) -> list[Finding]:
@@ -52,7 +58,15 @@ def check(test: Experiment) -> list[Finding]:
     measured: list[NDArray[Any]] = [getattr(test, name) for name in test._columns() if name not in _MAY_BE_NAN]
     numeric = [np.isfinite(values) for values in measured if values.dtype.kind in "fc"]
     whole = np.logical_and.reduce(numeric) if numeric else np.ones(len(test), dtype=bool)
-    findings = [*_numbers(test, whole), *_machines(test)]
+    findings = [*_numbers(test, whole)]
+    machines = words(np.asarray(test.attributes.get("machine", np.zeros(0))))[0]
+    if len(machines) > 1:
+        text = (
+            f"The readings are of {len(machines)} machines, {listed(sorted(map(str, machines)))}: a fit takes them for "
+            f"one. Fit each by itself (`--where machine={machines[0]}`), or give parameters a value for each "
+            "(`--per K0=machine`)."
+        )
+        findings.append(Finding("warning", "several-machines", text))
     finite = np.flatnonzero(whole)
     if finite.size:
         rest = test if finite.size == len(test) else test.select(finite)
@@ -96,17 +110,6 @@ def _physics(test: PerturbationTest) -> Iterator[Finding]:
     yield from signs(orbits)
 
 
-def _machines(test: Experiment) -> Iterator[Finding]:
-    names = words(np.asarray(test.attributes.get("machine", np.zeros(0))))[0]
-    if len(names) > 1:
-        text = (
-            f"The readings are of {len(names)} machines, {listed(sorted(map(str, names)))}: a fit takes them for one. "
-            f"Fit each by itself (`--where machine={names[0]}`), or give parameters a value for each "
-            "(`--per K0=machine`)."
-        )
-        yield Finding("warning", "several-machines", text)
-
-
 _MAY_BE_NAN = ("sigma", "eccentricity", "position")
 """Columns in which NaN stands for what was not measured, or was given in another column."""
 
@@ -137,3 +140,21 @@ def _numbers(test: Experiment, finite: Bool) -> Iterator[Finding]:
     elif not (test.synchronous and dwells(test)):
         text = f"The force is zero in {still.sum()} rows; remove them, they have no dynamic stiffness."
         yield Finding("error", "no-force", text, rows_of(still), undo="remove these rows")
+
+
+def checking(reader: Callable[P, Experiment]) -> Callable[P, Experiment]:
+    """A reader that warns of errors in what it reads."""
+
+    @wraps(reader)
+    def read(*args: P.args, **options: P.kwargs) -> Experiment:
+        test = reader(*args, **options)
+        for finding in check(test):
+            if finding.severity == "error":
+                warnings.warn(finding.message, DataWarning, stacklevel=2)
+        return test
+
+    return read
+
+
+read = checking(files.read)
+read.__module__ = __name__  # under which other processes find it

@@ -12,7 +12,6 @@ from rotorfit.data.probes import at_common_zero
 from rotorfit.diagnosis.check import check
 from rotorfit.diagnosis.probe_pairs import UNEVEN
 from rotorfit.diagnosis.trials.explanations import explained
-from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.inference.smooth_causes import Kind
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
@@ -54,7 +53,8 @@ def other_rig(fit: FitResult) -> Iterator[Finding]:
         if block.beside is None:
             continue
         dry, _ = _mass(np.abs(block.s), block.beside)
-        added, error = _added(block)
+        whole = stiffness_matrices(block)
+        added, error = _mass(np.abs(whole.frequency), np.asarray(whole.kappa - block.beside[whole.first_line]))
         least = max(largest_loss * abs(dry), SIGNIFICANT_ERRORS * error)
         if baseline is None:
             given, undo = f"stator_mass_kg is {significant(dry, 3)}", "the mass of this stator in kg"
@@ -69,27 +69,15 @@ def other_rig(fit: FitResult) -> Iterator[Finding]:
         if added < -least:
             yield Finding("error", "other-rig", f"{seen}. A fluid adds mass. {question}", undo=undo)
             continue
-        missing = added - _modelled(fit, block)
+        _, group, speed = block.condition
+        inertia = [fit.model.coefficients(fit.thetas[g], float(v))[2].real for g, v in zip(group, speed, strict=True)]
+        missing = added - float(np.mean([np.diag(one).mean() for one in inertia]))  # the mass of the fitted model, kg
         if missing > least and fit.redchi > fit.largest_redchi:
             text = (
                 f"{seen}, and the model lacks {significant(missing, 3)} kg. {question} If it is right, leave "
                 "the fluid's mass free."
             )
             yield Finding("error", "missing-mass", text, undo=undo)
-
-
-def _added(block: Responses) -> tuple[float, float]:
-    """Mass that the test has beyond the dry run's, kg, and its standard error."""
-    whole = stiffness_matrices(block)
-    beside = 0.0 if block.beside is None else block.beside[whole.first_line]
-    return _mass(np.abs(whole.frequency), np.asarray(whole.kappa - beside))
-
-
-def _modelled(fit: FitResult, block: Responses) -> float:
-    """Mass of the fitted model, mean of the directions and conditions, kg."""
-    _, group, speed = block.condition
-    inertia = [fit.model.coefficients(fit.thetas[g], float(v))[2].real for g, v in zip(group, speed, strict=True)]
-    return float(np.mean([np.diag(one).mean() for one in inertia]))
 
 
 def _mass(w: Float, kappa: ComplexArray) -> tuple[float, float]:

@@ -32,13 +32,18 @@ BACKWARD_SHARES = (0.05, 0.95)
 def force_along_axis(orbits: Orbits) -> Iterator[Finding]:
     """Runs that only a force along x or along y explains, though it was given as circular."""
     found: dict[str, set[str]] = {}
-    modes = len({*orbits.names("plane"), *orbits.names("force_plane")}) if orbits.paired.any() else 0
+    modes = len({*orbits.plane.tolist(), *orbits.force_plane.tolist()}) if orbits.paired.any() else 0
     for (run, _, force_plane), at in orbits.groups("run", "speed", "force_plane") if modes else ():
         planes = dict.fromkeys(orbits.plane[at].tolist())
         explained = [_explains(orbits, at[orbits.plane[at] == plane], modes) for plane in planes]
         if True in explained and False not in explained:
             drive = at[orbits.plane[at] == force_plane]
-            found.setdefault(_axis(orbits, drive if drive.size else at), set()).add(run)
+            ahead, behind, _ = _halves(orbits, drive if drive.size else at)
+            some = np.isfinite(ahead) & np.isfinite(behind) & (ahead != 0) & (behind != 0)
+            ahead, behind = ahead[some], behind[some]
+            # Damping, the part of kappa odd in w, is imaginary; taken along the other axis it is real.
+            odd = np.sum((1 / ahead - 1 / behind) * np.abs(ahead * behind))
+            found.setdefault("x" if abs(odd.imag) >= abs(odd.real) else "y", set()).add(run)
     for axis, names in sorted(found.items()):
         runs = [run for run in dict.fromkeys(orbits.run.tolist()) if run in names]
         text = (
@@ -119,8 +124,8 @@ def turning_force(test: PerturbationTest) -> Iterator[Finding]:
             f"All orbits in {listed(found)} turn one way, as under a force that turns; one along an axis drives a "
             "rotor forward and backward at once. Leave force_direction out there, or write circular."
         )
-        rows = tuple(np.flatnonzero(np.isin(test.run, found)).tolist())
-        yield Finding("error", "turning-force", text, rows, undo="force_direction circular")
+        undo = "force_direction circular"
+        yield Finding("error", "turning-force", text, rows_of(np.isin(test.run, found)), undo=undo)
 
 
 def _explains(orbits: Orbits, at: Index, modes: int) -> bool | None:
@@ -133,7 +138,7 @@ def _explains(orbits: Orbits, at: Index, modes: int) -> bool | None:
     if not BACKWARD_SHARES[0] * (along + against) < against < BACKWARD_SHARES[1] * (along + against):
         return False
     ahead, behind, force = _halves(orbits, at)
-    noise = math.hypot(*(noise_from_smoothness(w, part) for part in (orbits.x(at), orbits.y(at)))) / 2
+    noise = math.hypot(*(noise_from_smoothness(w, part) for part in orbits.xy(at))) / 2
     some = enough(w.size)
     size = np.tile((2 * noise / np.abs(force))[some], 2)
     # along y both halves are multiplied by j, which leaves a rational function one
@@ -147,15 +152,6 @@ def _halves(orbits: Orbits, at: Index) -> tuple[ComplexArray, ComplexArray, Comp
     force = np.where(backward, orbits.force[at].conj(), orbits.force[at])
     ahead, behind = np.where(backward, wrong, right), np.where(backward, right, wrong)
     return np.asarray(2 * ahead / force), np.asarray(2 * behind / force.conj()), np.asarray(force)
-
-
-def _axis(orbits: Orbits, at: Index) -> str:
-    """Axis of the force: damping, the part of kappa odd in w, is imaginary; taken along the other axis it is real."""
-    ahead, behind, _ = _halves(orbits, at[np.isfinite(orbits.wrong[at])])
-    some = (ahead != 0) & (behind != 0)
-    ahead, behind = ahead[some], behind[some]
-    odd = np.sum((1 / ahead - 1 / behind) * np.abs(ahead * behind))
-    return "x" if abs(odd.imag) >= abs(odd.real) else "y"
 
 
 def _rational(w: Float, values: ComplexArray, sigma: Float, modes: int) -> bool:

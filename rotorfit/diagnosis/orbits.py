@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.data.experiments import PerturbationTest
+from rotorfit.data.findings import listed
 from rotorfit.data.linear_force import directional, probe_pairs, whirl_parts
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, rows_by
 from rotorfit.models.array_types import ComplexArray, Float, Index
@@ -60,14 +61,10 @@ class Orbits:
         """Rotative speed that each was set to, rad/s."""
         return self.test.set_speed[self.first]
 
-    def x(self, at: Index, probe: int = 0) -> ComplexArray:
-        """Reading x of some, NaN where there is none."""
-        rows = self.rows[at, probe]
-        return np.where(rows >= 0, self.test.response[rows], np.nan)
-
-    def y(self, at: Index) -> ComplexArray:
-        """Reading y of some, NaN where there is none."""
-        return self.x(at, 1)
+    def xy(self, at: Index) -> tuple[ComplexArray, ComplexArray]:
+        """Readings x and y of some, NaN where there is none."""
+        x, y = (np.where(rows >= 0, self.test.response[rows], np.nan) for rows in self.rows[at, :2].T)
+        return x, y
 
     @cached_property
     def paired(self) -> NDArray[np.bool_]:
@@ -77,22 +74,7 @@ class Orbits:
     @cached_property
     def driven(self) -> NDArray[np.bool_]:
         """Where the measured plane is that of the force."""
-        driven = np.zeros(self.first.size, dtype=bool)
-        for plane in self.test.lines.names["plane"]:
-            driven |= self.at("plane", plane) & self.at("force_plane", plane)
-        return driven
-
-    def names(self, column: str) -> list[str]:
-        """Distinct entries of a column of text."""
-        lines = self.test.lines
-        there = np.bincount(lines.number[column][self.first], minlength=len(lines.names[column])) > 0
-        return [name for name, some in zip(lines.names[column], there, strict=True) if some]
-
-    def at(self, column: str, name: str) -> NDArray[np.bool_]:
-        """Where a column of text has an entry."""
-        lines = self.test.lines
-        place = lines.names[column].index(name) if name in lines.names[column] else -1
-        return np.asarray(lines.number[column][self.first] == place)
+        return np.asarray(self.plane == self.force_plane)
 
     def number(self, *names: str) -> Index:
         """Number of the group of equal values of columns that each belongs to, in order of appearance."""
@@ -114,6 +96,10 @@ class Orbits:
         """Rows of the whole test behind orbits."""
         rows = self.rows[indices]
         return tuple(np.unique(self.origin[rows[rows >= 0]]).tolist())
+
+    def runs(self, indices: Index) -> str:
+        """Runs of orbits in words."""
+        return listed(list(dict.fromkeys(self.run[indices].tolist())))
 
 
 def enough(count: int) -> slice:

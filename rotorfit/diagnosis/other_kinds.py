@@ -11,6 +11,7 @@ from rotorfit.data.findings import Finding, listed
 from rotorfit.data.linear_force import directional
 from rotorfit.data.ring_down import ring_down_modes
 from rotorfit.diagnosis.orbits import orbits_of, total_power
+from rotorfit.diagnosis.readings import rows_of
 from rotorfit.diagnosis.signs import AGAINST_SHARE, signs, turned
 from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.digits import significant
@@ -23,13 +24,13 @@ def static_positions(test: StaticTest) -> Iterator[Finding]:
     Under a load P a stable journal rests at P / (K - j D lam Omega): along the load and ahead of it in the sense of
     rotation where lam > 0.
     """
-    idle = np.flatnonzero(test.load == 0)
-    if idle.size:
+    idle = test.load == 0
+    if idle.any():
         text = (
-            f"The load is zero in {idle.size} rows. Positions count from that without a load: subtract it from the "
+            f"The load is zero in {idle.sum()} rows. Positions count from that without a load: subtract it from the "
             "others and remove its row."
         )
-        yield Finding("error", "no-load", text, tuple(idle.tolist()))
+        yield Finding("error", "no-load", text, rows_of(idle))
     turned = test.displacement * np.exp(-1j * np.angle(test.load))
     at_load = (test.plane == test.load_plane) & (test.load != 0)
     if back := _runs(test, at_load, turned.real):
@@ -37,13 +38,13 @@ def static_positions(test: StaticTest) -> Iterator[Finding]:
             f"The journal moves against the load in {listed(back)}. Check the direction of the load (load_deg, from x "
             "towards y), the signs of x and y, or x and y exchanged."
         )
-        yield Finding("error", "against-load", text, tuple(np.flatnonzero(np.isin(test.run, back)).tolist()))
+        yield Finding("error", "against-load", text, rows_of(np.isin(test.run, back)))
     elif aside := _runs(test, at_load, turned.imag * np.sign(test.speed)):
         text = (
             f"Under load the journal moves to the side against the rotation in {listed(aside)}: lam would be negative. "
             "Check that x turns towards y with the rotor, the sign of x and y, or x and y exchanged."
         )
-        yield Finding("warning", "against-rotation", text, tuple(np.flatnonzero(np.isin(test.run, aside)).tolist()))
+        yield Finding("warning", "against-rotation", text, rows_of(np.isin(test.run, aside)))
 
 
 def _runs(test: StaticTest, at_load: Bool, part: Float) -> list[str]:
@@ -86,15 +87,13 @@ def free_vibration(test: ImpulseTest | RingDownTest) -> Iterator[Finding]:
 
 def imposed_orbits(test: DisplacementTest) -> Iterator[Finding]:
     """Orbits of no size, forces that turn against the orbit, and forces that drive it where they must resist."""
-    still = np.flatnonzero(test.displacement == 0)
-    if still.size:
-        text = f"The imposed orbit is zero in {still.size} rows; remove them, they have no dynamic stiffness."
-        yield Finding("error", "no-orbit", text, tuple(still.tolist()))
-    moved = np.flatnonzero(test.displacement)
-    if not moved.size:
-        return
-    for finding in _turning(test.select(moved)):
-        yield finding.at_rows(moved)
+    still = test.displacement == 0
+    if still.any():
+        text = f"The imposed orbit is zero in {still.sum()} rows; remove them, they have no dynamic stiffness."
+        yield Finding("error", "no-orbit", text, rows_of(still))
+    if not still.all():
+        moved = np.flatnonzero(~still)
+        yield from (finding.at_rows(moved) for finding in _turning(test.select(moved)))
 
 
 def _turning(test: DisplacementTest) -> Iterator[Finding]:
@@ -109,7 +108,7 @@ def _turning(test: DisplacementTest) -> Iterator[Finding]:
             f"The force turns mostly against the imposed orbit, in {listed(wrong)}. Check x and y of the force "
             "exchanged, one of the two inverted, phases of lag read as lead, or the sign of the frequency."
         )
-        yield Finding("error", "wrong-direction", text, tuple(np.flatnonzero(np.isin(test.run, wrong)).tolist()))
+        yield Finding("error", "wrong-direction", text, rows_of(np.isin(test.run, wrong)))
         return
     torn = np.zeros(count, dtype=bool)
     for own in mine.values():
@@ -121,7 +120,7 @@ def _turning(test: DisplacementTest) -> Iterator[Finding]:
             f"it, and nowhere between the two: {runs}. Check the sign of the frequency in these lines, and those of "
             "the forces."
         )
-        yield Finding("error", "turned-lines", text, tuple(np.flatnonzero(torn).tolist()))
+        yield Finding("error", "turned-lines", text, rows_of(torn))
         return
     driven = np.flatnonzero(along)
     moved = np.where(backward, test.displacement.conj(), test.displacement)[driven] / along[driven]

@@ -73,7 +73,13 @@ def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
         elif one.delay and (one.dynamic or good):
             yield _late(plane, one)
         elif one.filtered is not None and (one.dynamic or good):
-            yield _filtered(plane, one.filtered, one.rows)
+            probe, (what, undo) = one.filtered.probe, one.filtered.words
+            text = (
+                f"The readings of the {probe} probe at {plane} are {what}: so it differs from the other probe at every "
+                f"frequency, as no rotor does. Half of that is in every response there. To undo it: {undo}, or leave "
+                "it out."
+            )
+            yield Finding("warning", "probe-filter", text, one.rows, undo=undo)
         else:
             uneven.append(plane)
     if uneven:
@@ -106,7 +112,8 @@ def _relations(orbits: Orbits) -> dict[str, _Relation]:
 
 
 def _relation(orbits: Orbits, at: Index) -> _Relation | None:
-    at = at[np.isfinite(orbits.wrong[at]) & (np.abs(orbits.x(at)) > 0) & (np.abs(orbits.y(at)) > 0)]
+    x, y = orbits.xy(at)
+    at = at[np.isfinite(orbits.wrong[at]) & (np.abs(x) > 0) & (np.abs(y) > 0)]
     if at.size < FEWEST_READINGS:
         return None
     against, along = total_power(orbits.wrong[at]), total_power(orbits.right[at])
@@ -116,21 +123,26 @@ def _relation(orbits: Orbits, at: Index) -> _Relation | None:
     exchanged_share = 0.55
     if share > exchanged_share:
         return None
-    expected = np.where(orbits.frequency[at] < 0, 1j, -1j) * orbits.x(at)
-    if _differs_by_noise(orbits, at, expected):
+    x, y = orbits.xy(at)
+    expected = np.where(orbits.frequency[at] < 0, 1j, -1j) * x
+    if _differs_by_noise(orbits, at, expected, y):
         return _Relation(even=True, share=share)
-    noise = _noise(orbits, at)
+    noise = _noise(orbits, at, x, y)
     known = np.isfinite(noise).all(axis=1)
     at, noise, expected = at[known], noise[known], expected[known]
     if at.size < FEWEST_READINGS:
         return None
     backward = orbits.frequency[at] < 0
-    pair = Pair(w=np.abs(orbits.frequency[at]), expected=expected, seen=orbits.y(at), noise=noise)
-    ratio, error, mirrored = _ratio_of_sides(pair, backward)
+    pair = Pair(w=np.abs(orbits.frequency[at]), expected=expected, seen=y[known], noise=noise)
+    # Ratio of y to what is expected of forward orbits, its error, and whether backward ones have its conjugate.
+    sides = {side: _ratio(pair, expected, backward == side) for side in (False, True) if (backward == side).any()}
+    ratio, error = sides[False] if False in sides else (sides[True][0].conjugate(), sides[True][1])
+    behind = sides[True][0] if True in sides else ratio
+    mirrored = False in sides and abs(behind - ratio.conjugate()) < abs(behind - ratio)
     even = _misfit(pair, expected, 1.0)
     constant = _misfit(pair, expected, np.where(backward & mirrored, np.conj(ratio), ratio))
     size = np.abs(orbits.right[at] / orbits.force[at])
-    clear = size[np.abs(orbits.x(at)) > 10 * noise[:, 0]]
+    clear = size[np.abs(expected) > 10 * noise[:, 0]]
     certain = abs(ratio - 1) > _SIGNIFICANT_ERRORS * error
     neither = constant >= LARGEST_REDCHI and even >= LARGEST_REDCHI
     part = pair.part(enough(at.size))
@@ -158,10 +170,10 @@ def _relation(orbits: Orbits, at: Index) -> _Relation | None:
     )
 
 
-def _differs_by_noise(orbits: Orbits, at: Index, expected: ComplexArray) -> bool:
+def _differs_by_noise(orbits: Orbits, at: Index, expected: ComplexArray, y: ComplexArray) -> bool:
     """True if what departs from an isotropic rotor jumps from line to line, as noise does, sweep by sweep."""
     for sweep in _sweeps(orbits, at, "run", "force_plane"):
-        u, rest = expected[sweep], orbits.y(at[sweep]) - expected[sweep]
+        u, rest = expected[sweep], y[sweep] - expected[sweep]
         slope = np.vdot(u, rest) / np.vdot(u, u)  # what one factor more explains
         jumps = np.abs(np.diff(rest - slope * u)) ** 2 / 2
         level = float(np.mean(jumps)) if sweep.size > 1 else 0.0
@@ -171,25 +183,20 @@ def _differs_by_noise(orbits: Orbits, at: Index, expected: ComplexArray) -> bool
     return True
 
 
-def _sweeps(orbits: Orbits, at: Index, *names: str) -> Iterator[Index]:
+def _sweeps(orbits: Orbits, at: Index, *names: str) -> list[Index]:
     """Places among some orbits of those of one direction of whirl and of one value of columns, by frequency."""
     number = combined(orbits.number(*names)[at], (orbits.frequency[at] < 0).astype(np.intp))
-    return iter(rows_by(number, orbits.frequency[at]))
+    return rows_by(number, orbits.frequency[at])
 
 
-def _noise(orbits: Orbits, at: Index) -> Float:
+def _noise(orbits: Orbits, at: Index, x: ComplexArray, y: ComplexArray) -> Float:
     """Noise of x and of y at each orbit, from the smoothness of their sweeps, NaN where those are too short."""
     noise = np.full((at.size, 2), np.nan)
-    names = (
-        ("run", "speed", "force_plane")
-        if np.unique(orbits.speed[at]).size <= FEWEST_READINGS
-        else ("run", "force_plane")
-    )
-    for sweep in _sweeps(orbits, at, *names):
+    speeds = ["speed"] if np.unique(orbits.speed[at]).size <= FEWEST_READINGS else []
+    for sweep in _sweeps(orbits, at, "run", *speeds, "force_plane"):
         if sweep.size >= FEWEST_READINGS:
             w = np.abs(orbits.frequency[at[sweep]])
-            for k, readings in enumerate((orbits.x, orbits.y)):
-                noise[sweep, k] = noise_from_smoothness(w, readings(at[sweep]))
+            noise[sweep] = [noise_from_smoothness(w, readings[sweep]) for readings in (x, y)]
     return noise
 
 
@@ -197,16 +204,6 @@ def _misfit(pair: Pair, expected: ComplexArray, ratio: complex | ComplexArray) -
     """Mean square of ``seen - ratio expected`` over its noise, 1 for noise alone."""
     variance = pair.noise[:, 1] ** 2 + np.abs(ratio) ** 2 * pair.noise[:, 0] ** 2
     return float(np.mean(np.abs(pair.seen - ratio * expected) ** 2 / (2 * variance)))
-
-
-def _ratio_of_sides(pair: Pair, backward: NDArray[np.bool_]) -> tuple[complex, float, bool]:
-    """Ratio of y to what is expected of forward orbits, its error, and whether backward ones have its conjugate."""
-    sides = {side: _ratio(pair, pair.expected, backward == side) for side in (False, True) if (backward == side).any()}
-    if False not in sides:
-        return sides[True][0].conjugate(), sides[True][1], False
-    ratio, error = sides[False]
-    back = sides[True][0] if True in sides else ratio
-    return ratio, error, abs(back - ratio.conjugate()) < abs(back - ratio)
 
 
 def _ratio(pair: Pair, expected: ComplexArray, some: NDArray[np.bool_]) -> tuple[complex, float]:
@@ -241,26 +238,15 @@ def _delay(pair: Pair, most: float) -> float:
 
 def _late(plane: str, one: _Relation) -> Finding:
     late, early = ("y", "x") if one.delay > 0 else ("x", "y")
-    lag = np.degrees(one.highest * abs(one.delay))
+    lag, time = np.degrees(one.highest * abs(one.delay)), significant(abs(one.delay), 3)
     text = (
-        f"The {late} probe at {plane} is {significant(abs(one.delay), 3)} s late against the {early} probe: it lags in "
+        f"The {late} probe at {plane} is {time} s late against the {early} probe: it lags in "
         f"proportion to the frequency, by {significant(lag, 2)} degrees at the highest, as no rotor does. Half of that "
         "is in every response there, and in the damping and lam that follow from it. Find out which probe is wrong: if "
-        f"{early} is right, delays, {plane}.{late} = {significant(abs(one.delay), 3)} s; if {late} is right, "
-        f"{plane}.{early} = -{significant(abs(one.delay), 3)} s (of recordings delay_s of the probe in rig.toml)."
+        f"{early} is right, delays, {plane}.{late} = {time} s; if {late} is right, "
+        f"{plane}.{early} = -{time} s (of recordings delay_s of the probe in rig.toml)."
     )
-    return Finding(
-        "warning", "probe-delay", text, one.rows, undo=f"delays, {plane}.{late} = {significant(abs(one.delay), 3)} s"
-    )
-
-
-def _filtered(plane: str, one: FilteredProbe, rows: tuple[int, ...]) -> Finding:
-    what, undo = one.words
-    text = (
-        f"The readings of the {one.probe} probe at {plane} are {what}: so it differs from the other probe at every "
-        f"frequency, as no rotor does. Half of that is in every response there. To undo it: {undo}, or leave it out."
-    )
-    return Finding("warning", "probe-filter", text, rows, undo=undo)
+    return Finding("warning", "probe-delay", text, one.rows, undo=f"delays, {plane}.{late} = {time} s")
 
 
 def _gain(plane: str, one: _Relation) -> Finding:
@@ -308,7 +294,7 @@ def reciprocity(orbits: Orbits) -> Iterator[Finding]:
         low, middle, high = np.quantile(logs, [0.25, 0.5, 0.75]).tolist()
         if abs(middle) <= largest_median or high - low >= largest_spread:
             continue
-        there, forced = (orbits.at(column, one) | orbits.at(column, other) for column in ("plane", "force_plane"))
+        there, forced = (np.isin(column, (one, other)) for column in (orbits.plane, orbits.force_plane))
         factor, (a, b) = float(2 ** abs(middle)), (one, other) if middle > 0 else (other, one)
         size = significant(factor, 3)
         text = (
@@ -328,7 +314,7 @@ def _ratios(orbits: Orbits, a: str, b: str) -> Float:
     size = np.abs(orbits.right / orbits.force)
     last = np.full((2, int(condition.max()) + 1), -1, dtype=np.intp)
     for found, (forced, plane) in zip(last, ((b, a), (a, b)), strict=True):
-        at: Index = np.flatnonzero(orbits.at("force_plane", forced) & orbits.at("plane", plane) & (size > 0))
+        at: Index = np.flatnonzero((orbits.force_plane == forced) & (orbits.plane == plane) & (size > 0))
         found[condition[at]] = at
     there, back = last[:, (last >= 0).all(axis=0)]
     return np.asarray(np.log2(size[there] / size[back]))

@@ -107,7 +107,7 @@ def signs(orbits: Orbits) -> Iterator[Finding]:
     score, hit = max(_drives_backward(drives, kappa), key=lambda one: one[0])
     if score > _SIGNIFICANT_DEVIATIONS:  # the fluid, which drives slow forward whirl, seems to drive backward whirl
         text = (
-            f"Slow backward forces drive the rotor instead of damping it in {listed(_runs(drives, hit))}: lam would "
+            f"Slow backward forces drive the rotor instead of damping it in {drives.runs(hit)}: lam would "
             "be negative. The sense of rotation is reversed, or x and y are exchanged together with the sign of the "
             "frequency; x has to turn towards y with the rotor."
         )
@@ -129,7 +129,7 @@ def _dissipates(drives: Orbits, kappa: ComplexArray) -> Float:
 
 def _negative_damping(drives: Orbits, kappa: ComplexArray, hit: Index) -> Finding:
     begin = "Damping would be negative at the drive point (quadrature dynamic stiffness falls with frequency) in "
-    begin += listed(_runs(drives, hit))
+    begin += drives.runs(hit)
     slow = hit[np.abs(drives.frequency[hit]) <= np.quantile(np.abs(drives.frequency[hit]), 0.2)]
     both = bool(drives.paired[hit].all())
     if np.median(kappa.real[slow]) <= 0:
@@ -193,10 +193,6 @@ def _established(values: Float) -> float:
     return float(values.sum()) / size if size > 0 else 0.0
 
 
-def _runs(orbits: Orbits, at: Index) -> list[str]:
-    return list(dict.fromkeys(orbits.run[at].tolist()))
-
-
 def half_turns(orbits: Orbits) -> Iterator[Finding]:
     """Planes whose readings change their sign between two lines of a sweep, as no rotor's do.
 
@@ -218,7 +214,7 @@ def half_turns(orbits: Orbits) -> Iterator[Finding]:
         text = (
             f"At {plane} the readings turn by half a turn between {significant(low * RPM_PER_RAD_S, 4)} and "
             f"{significant(high * RPM_PER_RAD_S, 4)} rpm, and are smooth on both sides, as no rotor's are, in "
-            f"{listed(list(dict.fromkeys(orbits.run[hit].tolist())))}. Either side may be the inverted one: check "
+            f"{orbits.runs(hit)}. Either side may be the inverted one: check "
             "range, polarity and filters of the probes there, and the angle of the force."
         )
         yield Finding("warning", "half-turn", text, orbits.rows_of(np.sort(hit)))

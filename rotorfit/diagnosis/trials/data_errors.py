@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, combinations, islice
+from itertools import combinations, islice
 from typing import Any
 
 import numpy as np
@@ -153,7 +153,7 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
                 code=code,
                 message=message,
                 undo=undo,
-                correct=partial(_with_forces_grown, power=right - given),
+                correct=partial(_with_forces_times, power=right - given),
                 leaves_scale_open=True,
             )
     yield from _exchanges(tests)
@@ -181,7 +181,7 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
             message="all forces are one angle off against all readings, as where weight holes, Keyphasor and probes "
             "have no common zero",
             undo="give the angle, or fit it (phase_offsets common)",
-            correct=partial(_with_forces_turned, degrees=degrees),
+            correct=partial(_with_forces_times, factor=np.exp(1j * np.radians(degrees))),
             frees_datum=True,
         )
     planes = np.unique(np.concatenate([test.plane for test in tests])).tolist()
@@ -227,17 +227,16 @@ def _exchanges(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
             continue  # there the speed is the frequency
         values = np.unique(np.concatenate([getattr(test, column) for test in tests])).tolist()
         for a, b in islice(combinations(values, 2), 3):
-            which, message = (
-                f"{column} {a} and {b}",
-                f"the planes {a} and {b} of the {_PLANES.get(column)} are exchanged",
-            )
             if column == "speed":
                 which = f"{a * RPM_PER_RAD_S:.6g} and {b * RPM_PER_RAD_S:.6g} rpm"
-                message = f"the speeds {which} are exchanged"
+                code, of, what = "speeds-exchanged", which, f"speeds {which}"
+            else:
+                which = f"{a} and {b}"
+                code, of, what = "planes-exchanged", f"{column} {which}", f"planes {which} of the {_PLANES[column]}"
             yield DataError(
-                code="speeds-exchanged" if column == "speed" else "planes-exchanged",
-                of=which,
-                message=message,
+                code=code,
+                of=of,
+                message=f"the {what} are exchanged",
                 undo=f"exchange them in the column {column}",
                 correct=partial(_exchanged, column=column, a=a, b=b),
             )
@@ -245,31 +244,27 @@ def _exchanges(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
 
 def _exchanged_runs(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
     """Two runs with the same readings in their plan, under each other's names."""
-    places = {(number, run): _places(test, run) for number, test in enumerate(tests) for run in test.runs}
-    same_plan = (
-        (number, a, b, own, other)
-        for ((number, a), own), ((also, b), other) in combinations(places.items(), 2)
-        if number == also and own.size == other.size and _is_one_plan(tests[number], own, other)
-    )
-    for number, a, b, own, other in islice(same_plan, 12):  # pairs of runs
+
+    def pairs() -> Iterator[tuple[PerturbationTest, str, str, Index, Index]]:
+        for test in tests:
+            places = {}  # rows of each run by plane, direction and frequency
+            for run in test.runs:
+                rows = np.flatnonzero(test.run == run)
+                places[run] = rows[np.lexsort([test.frequency[rows], test.direction[rows], test.plane[rows]])]
+            for (a, own), (b, other) in combinations(places.items(), 2):
+                if own.size != other.size or any((c[own] != c[other]).any() for c in (test.plane, test.direction)):
+                    continue
+                if np.allclose(test.frequency[own], test.frequency[other], rtol=1e-3, atol=0.0):
+                    yield test, a, b, own, other
+
+    for test, a, b, own, other in islice(pairs(), 12):
         yield DataError(
             code="runs-exchanged",
             of=f"{a} and {b}",
             message=f"the readings of the runs {a} and {b} are exchanged",
             undo="exchange the names of the two runs",
-            correct=partial(_with_readings_of, wrong=tests[number], rows=own, others=other),
+            correct=partial(_with_readings_of, wrong=test, rows=own, others=other),
         )
-
-
-def _places(test: PerturbationTest, run: str) -> Index:
-    """Rows of a run by plane, direction and frequency."""
-    rows = np.flatnonzero(test.run == run)
-    return rows[np.lexsort([test.frequency[rows], test.direction[rows], test.plane[rows]])]
-
-
-def _is_one_plan(test: PerturbationTest, own: Index, other: Index) -> bool:
-    places = all((column[own] == column[other]).all() for column in (test.plane, test.direction))
-    return places and bool(np.allclose(test.frequency[own], test.frequency[other], rtol=1e-3, atol=0.0))
 
 
 # ---- corrections -------------------------------------------------------------------------------------------------
@@ -304,12 +299,8 @@ def _with_readings_of(
     return replace(test, response=response, sigma=sigma)
 
 
-def _with_forces_grown(test: PerturbationTest, *, power: int) -> PerturbationTest:
-    return test.with_forces(lambda force: force * test.frequency**power)
-
-
-def _with_forces_turned(test: PerturbationTest, *, degrees: float) -> PerturbationTest:
-    return test.with_forces(lambda force: force * np.exp(1j * np.radians(degrees)))
+def _with_forces_times(test: PerturbationTest, *, factor: complex = 1.0, power: int = 0) -> PerturbationTest:
+    return test.with_forces(lambda force: force * factor * test.frequency**power)
 
 
 def _with_speeds(test: PerturbationTest, *, factor: float) -> PerturbationTest:
@@ -354,22 +345,13 @@ def undone(experiments: Sequence[Experiment], names: Sequence[str]) -> tuple[Exp
     """The data with errors undone one after the other."""
     corrected = list(experiments)
     for name in names:
-        known = {error.name: error for error in _possible(corrected)}
+        tests = [test for test in corrected if isinstance(test, PerturbationTest)]
+        orbits = orbits_of_tests(tests)
+        beside = (*backward_angles(tests), *data_errors(tests))
+        possible = (*mirrored_orbits(orbits), *filtered_probes(uneven_planes(orbits)), *beside)
+        known = {error.name: error for error in possible if error.can_be_undone}
         if name not in known:
             raise ValueError(f"undo: {unknown_name('error of these data', name, known)}")
-        error = known[name]
-        corrected = [error.correct(test) if isinstance(test, PerturbationTest) else test for test in corrected]
+        correct = known[name].correct
+        corrected = [correct(test) if isinstance(test, PerturbationTest) else test for test in corrected]
     return tuple(corrected)
-
-
-def _possible(experiments: Sequence[Experiment]) -> Iterator[DataError]:
-    """Every error that the data may have and that the data as given can be corrected for."""
-    tests = [test for test in experiments if isinstance(test, PerturbationTest)]
-    orbits = orbits_of_tests(tests)
-    found = (
-        mirrored_orbits(orbits),
-        filtered_probes(uneven_planes(orbits)),
-        backward_angles(tests),
-        data_errors(tests),
-    )
-    yield from (error for error in chain(*found) if error.can_be_undone)

@@ -56,20 +56,17 @@ def explained(fit: FitResult, shown: Collection[str] = ()) -> list[Finding]:
         return []
     tests = [test for test in fit.experiments if isinstance(test, PerturbationTest)]
     orbits = orbits_of_tests(tests)
-    if "wrong-direction" in shown and (found := _findings(list(_turning_anew(fit, orbits)))):
+    # Corrections that make orbits turn with the force and nothing else look wrong, by the share of motion left: a fit
+    # does not see motion against the force.
+    turning = []
+    for error in mirrored_orbits(orbits) if "wrong-direction" in shown else ():
+        problem = _corrected(fit, error)
+        # Without the error data show no other one, as negative damping.
+        if problem is not None and not errors_in(one for test in tests for one in check(error.correct(test))):
+            turning.append(error.explains(trial(problem)[0] / _power(problem)))
+    if found := _findings(turning):
         return found
     return _findings(list(_explanations(fit, tests, orbits))) if fit.redchi >= _LEAST_REDCHI else []
-
-
-def _turning_anew(fit: FitResult, orbits: Sequence[Orbits]) -> Iterator[Explanation]:
-    """Corrections that make orbits turn with the force and nothing else look wrong, by the share of motion left: a fit
-    does not see motion against the force."""
-    tests = [test for test in fit.experiments if isinstance(test, PerturbationTest)]
-    for error in mirrored_orbits(orbits):
-        problem = _corrected(fit, error)
-        shown = () if problem is None else (found for test in tests for found in check(error.correct(test)))
-        if problem is not None and not errors_in(shown):  # without it data show no other error, as negative damping
-            yield error.explains(trial(problem)[0] / _power(problem))
 
 
 def _explanations(fit: FitResult, tests: Sequence[PerturbationTest], orbits: Sequence[Orbits]) -> Iterator[Explanation]:
