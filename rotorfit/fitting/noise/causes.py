@@ -59,7 +59,7 @@ def _at_own_optimum(
         return data, columns
     at, sizes, share = x, np.zeros(len(taken)), 1.0
     for _ in range(15):  # Gauss-Newton steps, shorter where they do not descend; three do unless a cause is large
-        step = share * NoiseFit.of(data, data.sigma, np.zeros(len(data.kinds))).solution.step
+        step = share * data.alone.solution.step
         ahead, beside = at + step[: x.size], sizes + step[x.size :]
         there, changes = linearise(problem, ahead), cause_columns(problem, ahead, causes)
         r = np.full(1, np.inf) if there is None else there.r + changes[:, taken] @ beside
@@ -91,8 +91,7 @@ def _most_likely(data: LinearisedFit, columns: ComplexArray, own: Sequence[Index
     """The cause that explains most by an F test, its residuals weighed by the size that they have; none by chance."""
     from scipy.special import fdtrc  # late: loading it takes longer than a fit
 
-    fit = NoiseFit.of(replace(data, sigma_given=False), data.sigma, np.zeros(len(data.kinds)))
-    sigma = sigma_of_residuals(fit, (RESPONSE, SPEED))[1]
+    sigma = sigma_of_residuals(data.alone, (RESPONSE, SPEED))[1]
     scale = (sigma / data.sigma)[:, None]
     gains = joint_gains(data.r / scale[:, 0], data.J / scale, columns / scale, data.prior, own)
     F = gains.gain / np.maximum(gains.rank, 1) / ((gains.square - gains.gain) / (gains.freedom - gains.rank))

@@ -21,6 +21,9 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 
 _FLUID = ("K0", "D", "lam", "lam_D")
 
+RESPONSE, SPEED = "of the response", "of the speed, as it moves the response"
+"""Quantities that noise may grow with."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LinearisedFit:
@@ -45,6 +48,19 @@ class LinearisedFit:
     def sweeps(self) -> list[Index]:
         """All sweeps."""
         return [sweep for sweeps in self.channels for sweep in sweeps]
+
+    @cached_property
+    def sizes(self) -> dict[str, Float]:
+        """Squares of what noise may grow with, in units of what the sensors measured."""
+        found = {RESPONSE: np.abs(self.predicted) ** 2 * self.rate**2}  # as by a force that jitters
+        if "run_lam" in self.kinds:
+            found[SPEED] = np.abs(self.Z[:, self.kinds.index("run_lam")] * self.sigma) ** 2 * self.rate**2
+        return found
+
+    @cached_property
+    def alone(self) -> NoiseFit:
+        """The fit with the noise of the data and without effects of runs."""
+        return NoiseFit.of(self, self.sigma, np.zeros(len(self.kinds)))
 
     def weighed(self, sigma: Float) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
         """Residuals, derivatives and effects in units of another noise."""
@@ -147,9 +163,6 @@ _LEAST_SHAPE_GAIN = 12.0
 """Twice the gain in log likelihood, for each probe, from which noise by residuals replaces that of the data alone: the
 99.75 % point of chi-squared with the two parts of a shape as degrees of freedom."""
 
-RESPONSE, SPEED = "of the response", "of the speed, as it moves the response"
-"""Quantities that noise may grow with."""
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NoiseFit:
@@ -189,6 +202,17 @@ class NoiseFit:
         """Mean squared residual over the noise of the data."""
         return float(np.sum(self.weight * self.power / self.power_given) / np.sum(self.weight))
 
+    def shapes(self, along: str) -> list[list[Shape]]:
+        """Noise of each probe by restricted likelihood, of which a share may grow with something."""
+        if along not in self._shapes:
+            sizes = self.data.sizes[along]
+            self._shapes[along] = fit_probes(self.data.channels, self.power, self.weight, sizes, along=along)
+        return self._shapes[along]
+
+    @cached_property
+    def _shapes(self) -> dict[str, list[list[Shape]]]:
+        return {}
+
     def memory(self, sigma: Float) -> Memory:
         """Correlation along the sweeps of residuals in units of a noise."""
         values = self.residuals.values * (self.sigma / sigma)
@@ -197,7 +221,7 @@ class NoiseFit:
 
 def reweighted(data: LinearisedFit, variance: Float) -> NoiseFit:
     """The mixed model weighed by the noise of its own residuals."""
-    fit = NoiseFit.of(data, data.sigma, variance)
+    fit = NoiseFit.of(data, data.sigma, variance) if variance.any() else data.alone
     # Times that the fit is weighed anew by the noise of its residuals: in nineteen of twenty fits of
     # ``benchmarks/honest_errors.py`` a third would change sigma by less than a percent.
     for _ in range(2):
@@ -216,21 +240,15 @@ def weighing_sigma(fit: NoiseFit) -> Float:
 
 
 def sigma_of_residuals(fit: NoiseFit, along: Sequence[str]) -> tuple[list[Shape], Float]:
-    """Noise of all probes by restricted likelihood, and sigma of each reading; that of the data where it was given."""
+    """Noise of all probes by restricted likelihood, and sigma of each reading."""
     data, sigma = fit.data, fit.data.sigma.copy()
-    if data.sigma_given:
-        return [], sigma
-    sizes = {RESPONSE: np.abs(data.predicted) ** 2 * data.rate**2}  # as by a force that jitters
-    if "run_lam" in data.kinds:
-        sizes[SPEED] = np.abs(data.Z[:, data.kinds.index("run_lam")] * data.sigma) ** 2 * data.rate**2
     shapes: list[Shape] = []
-    trials_along = [fit_probes(data.channels, fit.power, fit.weight, sizes[a], along=a) for a in along if a in sizes]
-    for trials in zip(*trials_along, strict=True):
+    for trials in zip(*(fit.shapes(a) for a in along if a in data.sizes), strict=True):
         gains = [sum(shape.log_likelihood for shape in trial) for trial in trials]
         best = int(np.argmax(gains))
         shapes += trials[best if 2 * (gains[best] - gains[0]) > _LEAST_SHAPE_GAIN else 0]
     for shape in shapes:
-        sigma[shape.rows] = np.sqrt(shape.variance(sizes[shape.along])) / data.rate[shape.rows]
+        sigma[shape.rows] = np.sqrt(shape.variance(data.sizes[shape.along])) / data.rate[shape.rows]
     return shapes, sigma
 
 

@@ -47,20 +47,20 @@ def study_residuals(problem: Problem, x: Float, *, ask_causes: bool = True) -> R
     study = _study(problem, x, beside, causes)
     # Share of redchi that a fixed cause may leave where that is a misfit still: large causes are not linear. Chosen.
     largest_rest = 0.1
-    if causes and study.verdict is NoiseVerdict.MISFIT:
-        left, whole = (NoiseFit.of(one, one.sigma, np.zeros(len(one.kinds))).redchi for one in (beside, data))
-        if left >= largest_rest * whole:  # causes explain little of the misfit
-            return _study(problem, x, data, ())
-    return study
+    missed = bool(causes) and study.verdict is NoiseVerdict.MISFIT
+    little = missed and beside.alone.redchi >= largest_rest * data.alone.redchi
+    return _study(problem, x, data, ()) if little else study
 
 
 def _study(problem: Problem, x: Float, data: LinearisedFit, causes: tuple[Cause, ...]) -> ResidualStudy:
     """The study beside fixed causes, columns of which the linearised fit has after those of its values."""
     variance, possible = random_effects(data)
     fit = reweighted(data, variance)
-    shapes, sigma = sigma_of_residuals(fit, (RESPONSE, SPEED))
+    shapes, sigma = ([], data.sigma) if data.sigma_given else sigma_of_residuals(fit, (RESPONSE, SPEED))
     remembered = fit.memory(fit.sigma)
     verdict = _verdict(fit, remembered, as_found=data.sigma_given or explains(fit, shapes))
+    # A misfit may be noise of overlapping filters if its memory fades: that of smooth misfits does not.
+    filtered = verdict is NoiseVerdict.MISFIT and remembered.fades
     odd = odd_run(data.r, data.J, data.prior, data.rows, data.sweeps)
     own_shape = np.full(sigma.size, np.sqrt(max(1.0, fit.redchi))) if data.sigma_given else sigma / data.sigma
     if verdict is not NoiseVerdict.SHAPED:
@@ -68,6 +68,14 @@ def _study(problem: Problem, x: Float, data: LinearisedFit, causes: tuple[Cause,
         sigma = data.sigma * (np.sqrt(max(1.0, fit.redchi)) if variance.any() else 1.0)
     if verdict is NoiseVerdict.MISFIT:  # runs may seem to differ by what the model misses
         variance, possible = np.zeros((2, len(data.kinds)))
+    # Degrees of freedom of the noise within runs, infinite where it was given.
+    freedom = 2 * float(fit.weight.sum())
+    if verdict is NoiseVerdict.SHAPED:
+        freedom = min(2 * float(fit.weight[shape.rows].sum()) for shape in shapes)
+    elif verdict is NoiseVerdict.CORRELATED or filtered:
+        freedom /= 1 + 2 * sum(lag**2 for lag in remembered.lags)
+    elif data.sigma_given or verdict is NoiseVerdict.MISFIT:
+        freedom = float("inf")
     effects = _run_effects(problem, fit, sigma, variance, possible)
     found = None
     if variance.any() or verdict is NoiseVerdict.SHAPED:
@@ -80,12 +88,12 @@ def _study(problem: Problem, x: Float, data: LinearisedFit, causes: tuple[Cause,
         lags=remembered.lags,
         response_noise=_response_noise(problem, shapes) if verdict is NoiseVerdict.SHAPED else (),
         found=found,
-        noise_ratio=tuple(problem.by_block(own_shape)) if _perhaps_filtered(verdict, remembered) else (),
+        noise_ratio=tuple(problem.by_block(own_shape)) if filtered else (),
         possible_effects=tuple(e for e in effects if not e.values),
         run_count=len(data.runs),
         misses=_misses(problem, data) if verdict is NoiseVerdict.MISFIT else (),
         run_left_out=None if odd is None else (data.runs[odd[0]], odd[1]),
-        scatter_freedom=max(_scatter_freedom(fit, verdict, shapes, remembered), 1.0),
+        scatter_freedom=max(freedom, 1.0),
     )
 
 
@@ -100,16 +108,10 @@ def _verdict(fit: NoiseFit, remembered: Memory, *, as_found: bool) -> NoiseVerdi
 
 
 def _follows(remembered: Memory) -> bool:
-    """True if residuals follow one another along the sweeps."""
-    # Memory along the sweeps counts where the correlation of neighbours is significant, and widens standard errors by a
-    # fifth at least
+    """True if residuals follow one another along the sweeps: where the correlation of neighbours is significant, and
+    widens standard errors by a fifth at least."""
     memory_correlation = 0.25
     return remembered.first > memory_correlation and remembered.z > SIGNIFICANT_ERRORS
-
-
-def _perhaps_filtered(verdict: NoiseVerdict, remembered: Memory) -> bool:
-    """True if a misfit may be noise of overlapping filters: its memory fades, that of smooth misfits does not."""
-    return verdict is NoiseVerdict.MISFIT and remembered.fades
 
 
 # ---- differences from run to run ---------------------------------------------------------------------------------
@@ -171,19 +173,6 @@ def _run_effects(
         for kind, own in zip(kinds.tolist(), freedom, strict=True)
     ]
     return tuple(sorted(effects, key=lambda effect: effect.kind != "phase"))
-
-
-# ---- sigma of the readings ---------------------------------------------------------------------------------------
-
-
-def _scatter_freedom(fit: NoiseFit, verdict: NoiseVerdict, shapes: Sequence[Shape], remembered: Memory) -> float:
-    """Degrees of freedom of the noise within runs, infinite where it was given."""
-    if verdict is NoiseVerdict.SHAPED:
-        return min(2 * float(fit.weight[shape.rows].sum()) for shape in shapes)
-    freedom = 2 * float(fit.weight.sum())
-    if verdict is NoiseVerdict.CORRELATED or _perhaps_filtered(verdict, remembered):
-        return freedom / (1 + 2 * sum(lag**2 for lag in remembered.lags))
-    return float("inf") if fit.data.sigma_given or verdict is NoiseVerdict.MISFIT else freedom
 
 
 # ---- responses and places ----------------------------------------------------------------------------------------
