@@ -29,7 +29,7 @@ from reporting import RESULTS, environment, table
 import rotorfit as rf
 from rotorfit.fitting.problem_setup import build_problem
 from rotorfit.fitting.settings import FitSettings
-from rotorfit.fitting.structure.structure_error import structure_error
+from rotorfit.fitting.summary import structure_error
 from rotorfit.models import KnownStructure
 
 ELEMENTS = (30, 60, 100, 200, 300)

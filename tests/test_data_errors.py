@@ -18,7 +18,7 @@ from synthetic import circular_test, covering_frequencies
 
 import rotorfit as rf
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.diagnosis.trials.explanations import explained
+from rotorfit.diagnosis.findings import explained
 
 Slip = Callable[[PerturbationTest], PerturbationTest]
 

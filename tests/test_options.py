@@ -12,8 +12,7 @@ from scipy import stats
 from rotorfit.cli.arguments import fit_study
 from rotorfit.cli.main import build_parser
 from rotorfit.fitting.fit import fit
-from rotorfit.fitting.keywords import FitKeywords
-from rotorfit.fitting.settings import FitOptions
+from rotorfit.fitting.settings import FitKeywords, FitOptions
 from rotorfit.options.table import CAMPAIGN, FIT, LAW, LAW_RANKING, MODEL, UNCERTAINTY, command_words
 from rotorfit.studies import run
 from rotorfit.studies.study import Study

@@ -29,7 +29,7 @@ from synthetic import TYPICAL
 import rotorfit as rf
 from rotorfit.cli import main as cli
 from rotorfit.data.experiments import PerturbationTest
-from rotorfit.diagnosis.trials.explanations import explained
+from rotorfit.diagnosis.findings import explained
 
 Slip = Callable[[PerturbationTest], PerturbationTest]
 

@@ -26,7 +26,7 @@ from rotorfit.app.parts import (
     message,
 )
 from rotorfit.app.session import Session, toml_of
-from rotorfit.diagnosis.trials.data_errors import PHASE_ZEROS
+from rotorfit.diagnosis.data_errors import PHASE_ZEROS
 from rotorfit.fitting.fit_file import fit_to_json
 from rotorfit.fitting.quantities import THRESHOLD
 from rotorfit.io.files import to_dataframe

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from rotorfit.app.folder import Folder
 from rotorfit.app.work import Data, Task
 from rotorfit.data.selection import without
-from rotorfit.diagnosis.trials.data_errors import PHASE_ZEROS
+from rotorfit.diagnosis.data_errors import PHASE_ZEROS
 from rotorfit.models import MODELS
 from rotorfit.recordings.formats.files import ALWAYS_RAW
 from rotorfit.studies.data_files import RecordingFiles, checked_again

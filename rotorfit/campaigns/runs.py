@@ -1,8 +1,12 @@
-"""The runs of a campaign: distinguished in the data, fitted one by one, here or by the workers of an executor."""
+"""The runs of a campaign: distinguished in the data, fitted one by one, here or by the workers of an executor; fits of
+thousands in little memory, and as a store keeps them meanwhile, exact and without pickle."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import pickle
+import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
@@ -13,22 +17,25 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from rotorfit.campaigns.kept import HeldParameters, from_bytes, key_of, run_key, to_bytes
 from rotorfit.data.content import content_hash
 from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.blocks.row_keys import rows_by, words
+from rotorfit.estimators.file_reading import decompressed, reading
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.executors import Kept, carry_out
 from rotorfit.fitting.fit import fit
+from rotorfit.fitting.json_values import decode, encode
 from rotorfit.fitting.noise.record import FoundNoise
 from rotorfit.fitting.problem_setup import as_tuple
-from rotorfit.fitting.quantities import FittedParameter, Quantity
+from rotorfit.fitting.quantities import FittedParameter, Quantity, Source
 from rotorfit.fitting.settings import FitSettings
 from rotorfit.models import RotorModel
 from rotorfit.models.array_types import Float
+from rotorfit.version import __version__
 
 if TYPE_CHECKING:
     from rotorfit.campaigns.partitions import ReadingsOfPart
+
 
 T = TypeVar("T")
 
@@ -240,12 +247,15 @@ class Workers:
         found: dict[str, Any] = {}
         if kept is not None:
             work = _fit_alone  # type: ignore[assignment]
-            common = {id(option): key_of(self.model, option) for option in options}
-            keys = [run_key(common[id(option)], run.readings.content) for run, option in pairs]
+            how = {}
+            for option in {id(one): one for one in options}.values():
+                said = [__version__, encode(self.model), encode(dict(option))]
+                how[id(option)] = json.dumps(said, sort_keys=True)
+            whole = (f"{how[id(option)]}{run.readings.content}" for run, option in pairs)
+            keys = [hashlib.sha256(one.encode()).hexdigest() for one in whole]
             some = 1000  # fits looked for at a time, so that few are in memory as they are stored
             for begin in range(0, len(keys), some):
-                pieces = kept.find(keys[begin : begin + some])
-                found |= {key: RunFit(**from_bytes(data)) for key, data in pieces.items()}
+                found |= {key: _from_bytes(data) for key, data in kept.find(keys[begin : begin + some]).items()}
         left = [number for number in range(len(pairs)) if not keys or keys[number] not in found]
         # So many runs of one part of the data go together, more where it is to be read first.
         items = []
@@ -259,8 +269,7 @@ class Workers:
             nonlocal count
             count += len(results)
             if kept is not None:
-                entries = [{entry.name: getattr(one, entry.name) for entry in fields(one)} for one in results]
-                kept.keep({keys[n]: to_bytes(own) for n, own in zip(item[0], entries, strict=True)})
+                kept.keep({keys[n]: _to_bytes(one) for n, one in zip(item[0], results, strict=True)})
             if self.progress is not None:
                 self.progress(count, len(pairs))
 
@@ -291,3 +300,63 @@ def _work_batch(model: RotorModel | bytes, work: Work[T], item: tuple[Sequence[i
     """Results of a batch, here or on a worker, to which the model goes packed."""
     rotor = _unpacked(model) if isinstance(model, bytes) else model
     return [work(rotor, run, **option) for run, option in item[1]]
+
+
+# ---- fits that are held ----------------------------------------------------------------------------------------------
+
+
+_NUMBERS = ("value", "stderr", "stderr_noise", "init_value", "freedom")
+_COMMON = ("name", "unit", "meaning", "min", "max", "vary", "resolved", "at_bound")
+
+
+class HeldParameters(Mapping[str, FittedParameter]):
+    """Parameters of one result, each made when it is asked for."""
+
+    __slots__ = ("_common", "_fit", "_numbers")
+
+    def __init__(self, params: Mapping[str, FittedParameter], fit: Source) -> None:
+        common = tuple(tuple(getattr(p, name) for name in _COMMON) for p in params.values())
+        numbers = np.array([[getattr(p, name) for name in _NUMBERS] for p in params.values()])
+        self.__setstate__((common, numbers, fit))
+
+    def __getstate__(self) -> tuple[Any, ...]:
+        return tuple(self._common.values()), self._numbers, self._fit
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        common, self._numbers, self._fit = state
+        self._common = _by_name(common)
+
+    def __getitem__(self, name: str) -> FittedParameter:
+        common = self._common[name]
+        numbers = self._numbers[list(self._common).index(name)].tolist()
+        given = dict(zip((*_COMMON, *_NUMBERS), (*common, *numbers), strict=True))
+        found = FittedParameter(**given)
+        object.__setattr__(found, "fit", self._fit)
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._common)
+
+    def __len__(self) -> int:
+        return len(self._common)
+
+    def __repr__(self) -> str:
+        return repr(dict(self))
+
+
+def _to_bytes(fit: RunFit) -> bytes:
+    """A fit as compressed JSON."""
+    entries = encode({entry.name: getattr(fit, entry.name) for entry in fields(fit)})
+    return zlib.compress(json.dumps(entries, allow_nan=False).encode("utf-8"))
+
+
+def _from_bytes(data: bytes) -> RunFit:
+    name = "a fit that the store keeps"
+    with reading(name, "fit of a run"):
+        return RunFit(**decode(json.loads(decompressed(name, data, len(data)))))
+
+
+@lru_cache(maxsize=256)
+def _by_name(common: tuple[tuple[Any, ...], ...]) -> dict[str, tuple[Any, ...]]:
+    """The shared entries of each parameter; the same object for all results that agree in them."""
+    return {entries[0]: entries for entries in common}

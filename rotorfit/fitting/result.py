@@ -21,11 +21,10 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.sweep_noise import READINGS_OF_NOISE
 from rotorfit.executors import executor_of
 from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN
-from rotorfit.fitting.keywords import JudgeKeywords, PredictKeywords, SampleKeywords, check_keywords
 from rotorfit.fitting.noise.residual_study import ResidualStudy, is_misfit, largest_redchi
 from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Quantity, ResponseQuality
 from rotorfit.fitting.result_figures import FitFigures
-from rotorfit.fitting.settings import FitSettings
+from rotorfit.fitting.settings import FitSettings, JudgeKeywords, PredictKeywords, SampleKeywords, check_keywords
 from rotorfit.models import RotorModel, Threshold, threshold_speed
 from rotorfit.models.array_types import Float
 from rotorfit.models.digits import significant
@@ -42,8 +41,7 @@ if TYPE_CHECKING:
     from rotorfit.fitting.assumptions.anisotropy import TurningAnisotropy
     from rotorfit.fitting.assumptions.assumption_table import Assumptions
     from rotorfit.fitting.assumptions.calibration import Uncertainty
-    from rotorfit.fitting.structure.coefficients import CoefficientRows, Coefficients
-    from rotorfit.fitting.structure.frequency_coefficients import FrequencyRows
+    from rotorfit.fitting.structure.coefficients import CoefficientRows, Coefficients, FrequencyRows
     from rotorfit.fitting.structure.modes import Modes
     from rotorfit.io.shafts.ross_elements import ElementKind, RossElement
     from rotorfit.uncertainty.bootstrap import Bootstrap
@@ -508,7 +506,7 @@ class FitResult(FitFigures):
         Raises:
             ValueError: a fit of anything but :class:`~rotorfit.models.Anisotropic` of one plane.
         """
-        from rotorfit.fitting.structure.frequency_coefficients import frequency_coefficients_of
+        from rotorfit.fitting.structure.coefficients import frequency_coefficients_of
 
         return frequency_coefficients_of(self, speeds)
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Unpack
 
 from rotorfit.data.figure_keywords import PlotKeywords
-from rotorfit.fitting.keywords import BodeKeywords, DrivePointKeywords, StiffnessKeywords, WhirlKeywords
+from rotorfit.fitting.settings import BodeKeywords, DrivePointKeywords, StiffnessKeywords, WhirlKeywords
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

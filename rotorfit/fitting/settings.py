@@ -1,19 +1,25 @@
-"""Options and settings of a fit."""
+"""Options and settings of a fit; keywords that are handed on to another function, and the refusal of others."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict
 
+from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.estimators.minimisation.objective import Method
 from rotorfit.estimators.misfit.problem import Loss
+from rotorfit.models.parameters import unknown_name
 from rotorfit.version import renamed
 
 if TYPE_CHECKING:
-    from rotorfit.data.experiments import PerturbationTest
+    from rotorfit.data.experiments import Experiment, PerturbationTest
+    from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress
+    from rotorfit.estimators.inference.log_posterior import Noise
     from rotorfit.fitting.assumptions.calibration import Calibration
     from rotorfit.fitting.noise.record import FoundNoise
+
 
 PhaseOffsets: TypeAlias = bool | Literal["common"]
 """An offset of the phase reference for every run but the first, one common to all, or none."""
@@ -104,3 +110,111 @@ class FitSettings(FitOptions):
     def rescaled(self) -> bool:
         """True if the noise was scaled to the residuals, or what runs differ by joined it."""
         return bool(self.noise_scale) or self.noise is not None
+
+
+# ---- keywords, which an editor completes where they are handed on ----------------------------------------------------
+
+
+class FitKeywords(TypedDict, total=False):
+    """Keywords of :func:`rotorfit.fit` but for ``known``; see there."""
+
+    bounds: Mapping[str, tuple[float | None, float | None]] | None
+    priors: Mapping[str, Any] | None
+    per: Mapping[str, str] | None
+    loss: Loss
+    start: Mapping[str, float] | None
+    phase_offsets: PhaseOffsets
+    baseline: Experiment | None
+    stator_mass_kg: float | None
+    calibration: Calibration | None
+    assumptions: Mapping[str, float] | None
+    method: Method
+    max_iterations: int
+
+
+class SamplerKeywords(TypedDict, total=False):
+    """Keywords of :func:`rotorfit.sample` for one model or several; see there."""
+
+    seed: int | None
+    walkers: int | None
+    ess: float
+    max_steps: int
+    noise: Noise | None
+    progress: bool | Callable[[SamplerProgress], None]
+    moves: Sequence[tuple[Any, float]] | None
+    accelerate: bool | None
+
+
+class SampleKeywords(SamplerKeywords, total=False):
+    """All keywords of :func:`rotorfit.sample`; see there."""
+
+    refine: bool
+    checkpoint: str | os.PathLike[str] | None
+
+
+class PredictKeywords(TypedDict, total=False):
+    """Keywords of :meth:`rotorfit.FitResult.predict`; see there."""
+
+    force_plane: str | None
+    force: complex | None
+    mr: complex | None
+    plane: str | None
+    direction: str | None
+    level: float
+    whole: bool
+    statistical: bool
+    at: Mapping[str, Any] | None
+
+
+class JudgeKeywords(TypedDict, total=False):
+    """Keywords of :meth:`rotorfit.FitResult.stability_report`; see there."""
+
+    max_speed_rpm: float | None
+    min_speed_rpm: float | None
+    min_decrement: float
+    min_threshold_ratio: float
+    cross_coupling: Mapping[str, float] | None
+    min_cross_coupling_ratio: float
+    unbalance_g_mm: Mapping[str, float] | None
+    plane: str | None
+    max_amplitude_um: float | None
+    sensitivity: str | None
+    max_sensitivity: float
+    cases: Mapping[str, Mapping[str, float]] | None
+    level: float
+    at: Mapping[str, Any] | None
+
+
+class BodeKeywords(PlotKeywords, total=False):
+    """Keywords of :meth:`rotorfit.FitResult.plot_bode`; see there."""
+
+    against: str
+    mr: float | None
+
+
+class DrivePointKeywords(PlotKeywords, total=False):
+    """Keywords of :meth:`rotorfit.FitResult.plot_drive_point`; see there."""
+
+    plane: str | None
+    mr: float | None
+
+
+class StiffnessKeywords(PlotKeywords, total=False):
+    """Keywords of :meth:`rotorfit.FitResult.plot_dynamic_stiffness`; see there."""
+
+    against: str
+
+
+class WhirlKeywords(PlotKeywords, total=False):
+    """Keywords of :meth:`rotorfit.FitResult.plot_whirl`; see there."""
+
+    max_speed_rpm: float | None
+    group: int
+
+
+def check_keywords(function: str, given: Iterable[str], keywords: type, *own: str) -> None:
+    """Refuse a keyword that a function does not take."""
+    allowed = (*own, *keywords.__annotations__)
+    for name in given:
+        if name not in allowed:
+            raise TypeError(unknown_name(f"keyword of {function}", name, allowed))

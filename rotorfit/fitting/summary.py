@@ -5,24 +5,28 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rotorfit.data.findings import errors_in
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.starting.start_points import EARLIER_FIT, GIVEN
 from rotorfit.fitting.assumptions.anisotropy import lines_cut_off
 from rotorfit.fitting.noise.record import NoiseVerdict, is_run_effect
-from rotorfit.fitting.noise.words import VERDICTS
+from rotorfit.fitting.noise.residual_study import VERDICTS
 from rotorfit.fitting.quantities import THRESHOLD
-from rotorfit.fitting.structure.structure_error import caveats_of
+from rotorfit.fitting.result import FitResult
 from rotorfit.models import RotorModel, TurningOnSupports, eigenvalues, unstable_bands
 from rotorfit.models.digits import plus_minus, significant, two_digits, with_error, with_errors
 from rotorfit.models.motion.stability import growing_bands
 from rotorfit.models.parameters import bare_name
+from rotorfit.models.shafts.shaft import Shaft
 from rotorfit.models.structure import block_parameters, block_symbols
 from rotorfit.models.text_table import Wide, text_html, text_table
 from rotorfit.units import RPM_PER_RAD_S
@@ -31,7 +35,6 @@ if TYPE_CHECKING:
     from rotorfit.estimators.inference.identifiability import Combination
     from rotorfit.fitting.noise.residual_study import ResidualStudy
     from rotorfit.fitting.quantities import FittedParameter
-    from rotorfit.fitting.result import FitResult
 
 
 _FEW = 15  # degrees of freedom below which 1.96 standard errors are well short of a 95 % interval
@@ -299,3 +302,64 @@ def fit_html(fit: FitResult) -> str:
     first, last = text[0], "\n".join(text[2:])
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
     return f"<p>{escape(first).replace(chr(10), '<br>')}</p>{table}{text_html(last)}"
+
+
+# ---- caveats ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class StructureError:
+    """Reduction of a known structure in a fit."""
+
+    coordinates: int  # of the structure
+    kept: int  # of the reduced structures, the largest
+    estimate: float
+    over_noise: float
+    checked: int  # these lines
+
+    def __str__(self) -> str:
+        return (
+            f"the structure's {self.coordinates} coordinates were reduced to {self.kept}; estimated error of the "
+            f"stiffness at the planes {self.estimate:.1e} of it; against exact condensation, predictions at "
+            f"{self.checked} lines change by at most {self.over_noise:.1e} of the noise"
+        )
+
+
+def caveats_of(fit: FitResult) -> list[str]:
+    """Sentences that belong beside the numbers of a fit: those of its model, and the error of a reduced structure."""
+    tilts = [k for k, coordinate in enumerate(fit.model.coordinates) if coordinate.axis == "r"]
+    read = any(np.isin(base.coordinate, tilts).any() for base in fit.problem.responses)
+    caveats, reduced = [*fit.model.caveats, *(() if read else fit.model.caveats_without_tilts)], structure_error(fit)
+    return [*caveats, str(reduced)] if reduced else caveats
+
+
+def structure_error(fit: FitResult) -> StructureError | None:
+    """Error of the reduced structure in a fit; None where there is no structure, or none was reduced."""
+    model = fit.model
+    while hasattr(model, "base"):  # the same structure on other supports, or on a shaft that is not round
+        model = model.base
+    shaft = model.shaft
+    if not isinstance(shaft, Shaft) or not shaft.parts:
+        return None
+    worst, checked, theta = 0.0, 0, fit.thetas
+    lines = 8  # lines of each experiment: few enough to be condensed exactly
+    for block in fit.problem.blocks:
+        base = responses_of(block)
+        if base is None or not isinstance(block, Responses | OrbitResponses):
+            continue
+        some = np.unique(np.linspace(0, base.frequency.size - 1, lines).astype(int))
+        keep = np.zeros(base.frequency.size, dtype=bool)
+        keep[some] = True
+        rows = keep[base.line]
+        change = block.predict(theta)[rows] - block.lines(keep).predict(theta)
+        worst, checked = max(worst, float(np.abs(change / base.sigma[rows]).max())), checked + some.size
+    used = shaft.reductions
+    if not used:
+        return None
+    return StructureError(
+        coordinates=shaft.terms.size,
+        kept=max(r.size for r in used),
+        estimate=max(r.error for r in used),
+        over_noise=worst,
+        checked=checked,
+    )

@@ -9,8 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rotorfit.estimators.significance import CHANCE_ERRORS
-from rotorfit.fitting.structure.coefficients import UNITS, CoefficientRows, Coefficients
-from rotorfit.fitting.structure.frequency_coefficients import ENTRIES, FrequencyRows
+from rotorfit.fitting.structure.coefficients import ENTRIES, UNITS, CoefficientRows, Coefficients, FrequencyRows
 from rotorfit.models.coefficient_tables import COEFFICIENTS
 from rotorfit.plots.style import colour_of, draw_curve, grid, legend_below, looked, per_rad_s, prefix, rate_unit
 

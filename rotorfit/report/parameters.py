@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from rotorfit.estimators.blocks.correlated import quantile
 from rotorfit.estimators.inference.identifiability import Combination
-from rotorfit.fitting.noise.words import VERDICTS
+from rotorfit.fitting.noise.residual_study import VERDICTS
 from rotorfit.fitting.quantities import THRESHOLD, FittedParameter
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.summary import (

@@ -9,11 +9,10 @@ import numpy as np
 
 from rotorfit.data.findings import Finding, attributed, errors_in
 from rotorfit.fitting.noise.record import NoiseVerdict
-from rotorfit.fitting.noise.residual_study import MODEL_LIMITED_REDCHI
-from rotorfit.fitting.noise.words import VERDICTS
+from rotorfit.fitting.noise.residual_study import MODEL_LIMITED_REDCHI, VERDICTS
 from rotorfit.fitting.quantities import THRESHOLD, Quantity
 from rotorfit.fitting.result import FitResult
-from rotorfit.fitting.structure.structure_error import caveats_of
+from rotorfit.fitting.summary import caveats_of
 from rotorfit.models.motion.stability import growth_rate
 from rotorfit.models.parameters import bare_name
 from rotorfit.report.html import Html, bullets, element, join

@@ -16,8 +16,7 @@ from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.significance import CHANCE_ERRORS
 from rotorfit.fitting.quantities import FittedParameter
 from rotorfit.fitting.result import FitResult
-from rotorfit.fitting.structure.coefficients import of_a_rig
-from rotorfit.fitting.structure.frequency_coefficients import measured_by_frequency
+from rotorfit.fitting.structure.coefficients import measured_by_frequency, of_a_rig
 from rotorfit.fitting.structure.modes import own_modes
 from rotorfit.io.tables.result_tables import rows_csv
 from rotorfit.models.array_types import Float

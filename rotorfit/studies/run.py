@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import Finding, without_phases
-from rotorfit.diagnosis.trials.data_errors import undone
+from rotorfit.diagnosis.data_errors import undone
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.fitting.assumptions.calibration import calibration_of
 from rotorfit.fitting.fit import closed_form, fit

@@ -9,8 +9,8 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.fitting.keywords import SamplerKeywords, check_keywords
 from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.settings import SamplerKeywords, check_keywords
 from rotorfit.models.digits import significant, with_error
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.text_table import text_table

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.data.figure_keywords import PlotKeywords
-from rotorfit.fitting.keywords import JudgeKeywords, PredictKeywords, check_keywords
 from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.settings import JudgeKeywords, PredictKeywords, check_keywords
 from rotorfit.models.array_types import Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.models.shafts.angular_rates import angular_rate, angular_rates

@@ -14,7 +14,7 @@ from rotorfit.estimators.blocks.correlated import freedom_of
 from rotorfit.estimators.inference import ensemble_sampler
 from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress
 from rotorfit.estimators.inference.log_posterior import LogPosterior, Noise
-from rotorfit.fitting.fit_warnings import why_not_refined
+from rotorfit.fitting.judge import why_not_refined
 from rotorfit.fitting.noise.error_bars import effect_entries
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.structure.refine import refine as refine_fit

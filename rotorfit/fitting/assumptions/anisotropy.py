@@ -13,19 +13,16 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from rotorfit.estimators.blocks.shaft_lines import PairResponses
 from rotorfit.estimators.inference.covariance import standard_error
+from rotorfit.fitting.quantities import Quantity
+from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Float
 from rotorfit.models.digits import significant
-
-if TYPE_CHECKING:
-    from rotorfit.fitting.quantities import Quantity
-    from rotorfit.fitting.result import FitResult
-
 
 _FAR = 12.0
 """Standard deviations from zero beyond which Rice's distribution is a normal one."""
@@ -81,8 +78,6 @@ def turning_anisotropy(
     fit: FitResult, *, level: float = 0.95, at: Mapping[str, Any] | None = None
 ) -> TurningAnisotropy:
     """Turning anisotropy of a fit with the parameters dK_cos, dK_sin and K."""
-    from rotorfit.fitting.quantities import Quantity
-
     names = fit.model.parameter_names
     if "dK_cos" not in names or "dK_sin" not in names:
         raise ValueError(f"{fit.model.name} has no turning anisotropy dK_cos, dK_sin")

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.estimators.inference.smooth_causes import Cause, Kind, beyond, changed_values, onset_terms
-from rotorfit.fitting.fit_warnings import why_not_refined
+from rotorfit.fitting.judge import why_not_refined
 from rotorfit.fitting.quantities import Quantity
+from rotorfit.fitting.result import FitResult
 from rotorfit.models import Threshold, eigenvalues
 from rotorfit.models.array_types import Float
 from rotorfit.models.motion.stability import SPEEDS, eigenvalue_gradient, fastest_growth, first_growth, search_limits
 from rotorfit.units import RPM_PER_RAD_S
-
-if TYPE_CHECKING:
-    from rotorfit.fitting.result import FitResult
 
 
 def onset_of(fit: FitResult, group: int) -> Quantity:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -47,9 +46,6 @@ from rotorfit.models.laws import Muszynska
 from rotorfit.models.motion.neglected_terms import LeftOut, fluid_coordinates, onset_shift, terms_left_out
 from rotorfit.models.structure import block_parameters
 from rotorfit.observing.circular import Places
-
-if TYPE_CHECKING:
-    from rotorfit.fitting.result import FitResult
 
 _RESULTS = ("K0", "D", "lam", "lam_D", "lam_M", "Mf", "n_K", "n_D", "b")
 _PLAUSIBLE = {

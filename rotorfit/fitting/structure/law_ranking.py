@@ -13,9 +13,9 @@ import numpy as np
 from rotorfit.data.experiments import CoefficientTable, Experiment
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.fitting.fit import fit, solve_again
-from rotorfit.fitting.keywords import FitKeywords, check_keywords
 from rotorfit.fitting.problem_setup import as_tuple, build_problem
 from rotorfit.fitting.result import FitResult
+from rotorfit.fitting.settings import FitKeywords, check_keywords
 from rotorfit.models import Constant, EvenPolynomial, Law, MonotoneSpline, Muszynska, OneMode, RotorModel
 from rotorfit.models.digits import significant
 from rotorfit.models.parameters import bare_name, unknown_name

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,9 +21,6 @@ from rotorfit.models.parameters import MATRIX_UNITS, unknown_name
 from rotorfit.models.shafts.angular_rates import angular_rate
 from rotorfit.models.text_table import Printed, text_table
 from rotorfit.units import RPM_PER_RAD_S
-
-if TYPE_CHECKING:
-    from rotorfit.fitting.result import FitResult
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

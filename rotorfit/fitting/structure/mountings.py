@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.fitting.quantities import Quantity
+from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.structure.coefficients import UNITS, Coefficients, Tabulated
 from rotorfit.models.array_types import Float
 from rotorfit.models.coefficient_tables import COEFFICIENTS
@@ -25,8 +26,6 @@ from rotorfit.models.text_table import text_table
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-    from rotorfit.fitting.result import FitResult
 
 
 @dataclass(frozen=True, kw_only=True)

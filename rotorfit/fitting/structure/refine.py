@@ -13,8 +13,7 @@ from rotorfit.estimators.inference.covariance import excess
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.assumptions.shifts import assuming
 from rotorfit.fitting.fit import fitted, solve_again
-from rotorfit.fitting.fit_warnings import why_not_refined
-from rotorfit.fitting.judge import with_model_uncertainty
+from rotorfit.fitting.judge import why_not_refined, with_model_uncertainty
 from rotorfit.fitting.noise.residual_study import MODEL_LIMITED_REDCHI
 from rotorfit.fitting.noise.study import NOISE_LIKE_REDCHI
 from rotorfit.fitting.problem_setup import with_noise_scale

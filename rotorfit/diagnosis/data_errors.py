@@ -2,7 +2,7 @@
 
 An unbalance read as a constant force, or two speeds exchanged, leave responses like those of a rotor, only of another
 one: nothing in the signs and sizes of the readings is odd. Each is scored alike: by the misfit of a trial fit with the
-error undone (:mod:`rotorfit.diagnosis.trials.explanations`). A new error of this kind is one more entry here.
+error undone (:mod:`rotorfit.diagnosis.findings`). A new error of this kind is one more entry here.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.diagnosis.orbits import Orbits, orbits_of_tests, total_power
 from rotorfit.diagnosis.probe_filters import FilteredProbe
 from rotorfit.diagnosis.probe_pairs import uneven_planes
-from rotorfit.diagnosis.trials.trial_fits import MOST_PLANES, Explanation
+from rotorfit.diagnosis.trial_fits import MOST_PLANES, Explanation
 from rotorfit.models.array_types import Float, Index
 from rotorfit.models.parameters import unknown_name
 from rotorfit.units import RPM_PER_RAD_S
