@@ -194,9 +194,9 @@ def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mappin
         return RunFit(name=run.name, attributes=run.attributes, message=f"not fitted: {reason}")
     # What differs between the sweeps of a run is in the covariance, and in no parameter.
     own = [i for i, name in enumerate(found.var_names) if name in found.params]
-    problem = found.problem
-    still = float(np.sum(np.abs(problem.measured / problem.sigma) ** 2))  # chi-squared of no motion
-    misses = (np.concatenate(problem.predict(found.x)) - problem.measured) / problem.sigma
+    data = found.problem
+    still = float(np.sum(np.abs(data.measured / data.sigma) ** 2))  # chi-squared of no motion
+    misses = (np.concatenate(data.predict(found.x)) - data.measured) / data.sigma
     missed = float(np.sum(np.abs(misses) ** 2))
     # Fall of chi-squared a parameter that fitting noise does not reach: noise alone lowers it by one on average, a
     # search for the best of many resonances by some times that, a rotor by as many times as there are readings.
