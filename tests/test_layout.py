@@ -390,7 +390,7 @@ def undocumented(callables: dict[str, object], classes: dict[str, type]) -> list
     """Functions and methods whose Args part does not name their arguments.
 
     A method of a base class or a protocol is documented there: one that takes its place, with the same arguments, says
-    at most what is different. Figures may say in a sentence that they take ``ax`` and ``unit``.
+    at most what is different. A sentence that names all arguments may stand in place of the Args part.
     """
     found = []
     for name, function in callables.items():
@@ -399,9 +399,8 @@ def undocumented(callables: dict[str, object], classes: dict[str, type]) -> list
         if told == [None] and owner in classes:
             told = [documented(vars(kind)[own].__doc__) for kind in stands_in_for(classes[owner]) if own in vars(kind)]
         wanted = arguments(function)
-        if "``ax`` and ``unit``" in str(function.__doc__) and told == [None]:
-            wanted = [name for name in wanted if name != "look"]
-        if wanted and wanted not in told:
+        said = [("``ax`` and ``unit``" if one == "look" else f"``{one}``") in str(function.__doc__) for one in wanted]
+        if wanted not in (*told, []) and not (documented(function.__doc__) is None and all(said)):
             found.append(name)
     return found
 

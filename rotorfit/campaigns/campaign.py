@@ -97,10 +97,7 @@ class Campaign(Printed):
         return tuple(dict.fromkeys(name for run in self.runs for name in run.attributes))
 
     def values(self, parameter: str) -> tuple[Float, Float]:
-        """A parameter's values and standard errors, NaN in runs that do not give it, shape ``(R,)`` each.
-
-        Args:
-            parameter: its name.
+        """Values and standard errors of ``parameter``, by name, NaN in runs that do not give it, shape ``(R,)`` each.
 
         Raises:
             KeyError: no such parameter.
@@ -186,10 +183,7 @@ class Campaign(Printed):
         return names
 
     def fit(self, run: str) -> FitResult:
-        """The full result of one run, fitted anew with the shared parameters at their values.
-
-        Args:
-            run: its name.
+        """The full result of one ``run``, by name, fitted anew with the shared parameters at their values.
 
         Raises:
             KeyError: no such run.
@@ -205,11 +199,7 @@ class Campaign(Printed):
     # ---- presentation -------------------------------------------------------------------------------------------
 
     def table(self, attributes: Sequence[str] | None = None) -> str:
-        """Values and standard errors of all runs as text; ``attributes`` are shown first, by default all of them.
-
-        Args:
-            attributes: columns shown first, by default all attributes.
-        """
+        """Values and standard errors of all runs as text; ``attributes`` are shown first, by default all of them."""
         shown = self.attributes if attributes is None else tuple(attributes)
         rows: list[list[str | Wide]] = [["run", *shown]]
         for name in self.fitted:
@@ -262,8 +252,7 @@ class Campaign(Printed):
     def condition_remarks(self, against: str | Sequence[str]) -> list[str]:
         """Runs that have no number for a condition, and runs in which it changed by more than a tenth of its range.
 
-        Args:
-            against: attribute, or attributes, that trends are shown against.
+        ``against`` is the attribute, or the attributes, that trends are shown against.
         """
         axes = (against,) if isinstance(against, str) else tuple(against)
         sentences: list[str] = []
@@ -293,11 +282,7 @@ class Campaign(Printed):
         return read_csv(io.StringIO(self.to_csv()))
 
     def to_csv(self, path: str | Path | None = None) -> str:
-        """All runs as CSV: conditions, values, standard errors (``K0_stderr``), quality; also written to ``path``.
-
-        Args:
-            path: file to write as well.
-        """
+        """All runs as CSV: conditions, values, standard errors (``K0_stderr``), quality; also written to ``path``."""
         names, quality = (*self.shared, *self.fitted), ("redchi", "readings", "success", "message", "silent")
         columns = [column for name in names for column in (name, f"{name}_stderr")]
         rows: list[list[Any]] = [["run", *self.attributes, *columns, *quality]]

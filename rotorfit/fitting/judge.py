@@ -243,18 +243,14 @@ def _parameters(
     theta = space.theta(x)[0].tolist()
     for place, known in enumerate(space.model.parameters):
         if (space.index[:, place] < 0).all():
-            entries[known.name] = FittedParameter(
-                name=known.name,
-                value=theta[place],
-                stderr=0.0,
-                stderr_noise=0.0,
-                init_value=theta[place],
-                unit=known.unit,
-                meaning=known.meaning,
-                min=known.lower,
-                max=known.upper,
-                vary=False,
-            )
+            said: dict[str, Any] = {
+                "unit": known.unit,
+                "meaning": known.meaning,
+                "min": known.lower,
+                "max": known.upper,
+            }
+            exact = {"value": theta[place], "init_value": theta[place], "stderr": 0.0, "stderr_noise": 0.0}
+            entries[known.name] = FittedParameter(name=known.name, vary=False, **said, **exact)
     order = {name: i for i, name in enumerate(space.model.parameter_names)}
     return dict(sorted(entries.items(), key=lambda item: order.get(bare_name(item[0]), len(order))))
 

@@ -229,23 +229,19 @@ class FitResult(FitFigures):
     def systematic(self, name: str) -> float:
         """Standard uncertainty by what the model leaves out or takes as known; see :meth:`assumptions`.
 
-        Each entry of that table has a plausible size, or the one given by ``rf.fit(..., assumptions=)``, as standard
-        uncertainty; as far as the data cannot tell it, it moves the results. Zero where nothing of the kind is known:
-        fits that did not converge, and those with parameters per attribute.
-
-        Args:
-            name: a fitted or known parameter, or "threshold_speed", rad/s.
+        ``name`` is a fitted or known parameter, or "threshold_speed", rad/s. Each entry of that table has a plausible
+        size, or the one given by ``rf.fit(..., assumptions=)``, as standard uncertainty; as far as the data cannot tell
+        it, it moves the results. Zero where nothing of the kind is known: fits that did not converge, and those with
+        parameters per attribute.
         """
         return self.assumed.systematic(THRESHOLD_COLUMN if name == THRESHOLD else name)
 
     def moved_by(self, name: str) -> str:
         """The entry of :meth:`assumptions` that leaves a number open, in words; empty where the number stands.
 
-        A number whose interval holds zero by its systematic share is not printed as one: summary, report and stability
-        report say "not determined" and this in its place. Its interval remains.
-
-        Args:
-            name: a fitted or known parameter, or "threshold_speed".
+        ``name`` is that of a parameter, or "threshold_speed". A number whose interval holds zero by its systematic
+        share is not printed as one: summary, report and stability report say "not determined" and this in its place.
+        Its interval remains.
 
         Example:
             >>> fit.moved_by("lam")
@@ -296,11 +292,7 @@ class FitResult(FitFigures):
         return distinct if distinct.size <= 50 else np.zeros(0)
 
     def group(self, at: Mapping[str, Any] | None = None) -> int:
-        """Number of the parameter group with given attribute values, ``{"speed_rpm": 1000}``.
-
-        Args:
-            at: values of attributes that name one group, ``{"speed_rpm": 1000}``; needed where parameters were fitted
-                per attribute.
+        """Number of the parameter group that ``at`` names by values of attributes, ``{"speed_rpm": 1000}``.
 
         Raises:
             ValueError: parameters were fitted per attribute and ``at`` does not name one group.
@@ -308,11 +300,7 @@ class FitResult(FitFigures):
         return self.problem.space.group(at)
 
     def theta(self, at: Mapping[str, Any] | None = None) -> Float:
-        """Model parameter vector, shape ``(P,)``, of the group named by ``at``.
-
-        Args:
-            at: names a group of parameters, as for :meth:`group`.
-        """
+        """Model parameter vector, shape ``(P,)``, of the group that ``at`` names as for :meth:`group`."""
         return np.asarray(self.thetas[self.group(at)])
 
     @property
@@ -321,25 +309,14 @@ class FitResult(FitFigures):
         return self.problem.space.theta(self.x)
 
     def propagate(self, value: float, gradient: Float, unit: str, at: Mapping[str, Any] | None = None) -> Quantity:
-        """Standard error of a derived quantity by the delta method.
+        """A derived quantity with its standard error by the delta method.
 
-        Args:
-            value: the quantity.
-            gradient: its derivative by the model parameters, shape ``(P,)``.
-            unit: its unit.
-            at: group of parameters it belongs to.
+        ``value`` in ``unit``, ``gradient`` by the model parameters, shape ``(P,)``, of the group that ``at`` names.
         """
         return self.propagate_in(self.group(at), value, gradient, unit)
 
     def propagate_in(self, group: int, value: float, gradient: Float, unit: str) -> Quantity:
-        """As :meth:`propagate`, for the parameter group with a given number.
-
-        Args:
-            group: its number, from 0.
-            value: the quantity.
-            gradient: its derivative by the model parameters, shape ``(P,)``.
-            unit: its unit.
-        """
+        """As :meth:`propagate` with ``value``, ``gradient`` and ``unit``, for the ``group`` of that number, from 0."""
         return self._with_error(value, self.problem.space.pull_back(np.asarray(gradient), group), unit)
 
     def _with_error(self, value: float, slope: Float, unit: str) -> Quantity:
@@ -356,10 +333,7 @@ class FitResult(FitFigures):
     def quantity(self, value: float, slopes: Mapping[str, float], unit: str) -> Quantity:
         """A quantity made of parameters and the threshold speed, with its error and its systematic share.
 
-        Args:
-            value: the quantity.
-            slopes: its derivatives, by names in :attr:`params` or that of the threshold speed.
-            unit: its unit.
+        ``value`` in ``unit``, ``slopes`` by names in :attr:`params` or that of the threshold speed.
         """
         slope = np.array([slopes.get(name, 0.0) for name in self.var_names])
         by_onset = slopes.get(THRESHOLD_COLUMN, 0.0)
@@ -409,21 +383,13 @@ class FitResult(FitFigures):
         return self.propagate(onset.speed, onset.gradient, "rad/s", at)
 
     def threshold_of(self, group: int) -> Quantity:
-        """Threshold speed of the parameter group with a given number; see :meth:`threshold_speed`.
-
-        Args:
-            group: its number, from 0.
-        """
+        """Threshold speed of the parameter ``group`` of that number, from 0; see :meth:`threshold_speed`."""
         from rotorfit.fitting.assumptions.onset import onset_of
 
         return onset_of(self, group)
 
     def onset(self, group: int) -> Threshold | None:
-        """Where a parameter group becomes unstable, searched once: of a large known structure that takes seconds.
-
-        Args:
-            group: its number, from 0.
-        """
+        """Onset of instability of the ``group`` of that number, searched once: a large structure takes seconds."""
         if group not in self._onsets:
             self._onsets[group] = threshold_speed(self.model, self.thetas[group], band=self.stability_band)
         return self._onsets[group]
@@ -433,21 +399,13 @@ class FitResult(FitFigures):
         return {}
 
     def onset_note(self, group: int = 0) -> str:
-        """Limitation of the threshold speed of a parameter group; empty where its whirl lies in the tested band.
-
-        Args:
-            group: its number, from 0.
-        """
+        """Limitation of the threshold speed of a ``group`` by number; empty where its whirl lies in the tested band."""
         from rotorfit.fitting.assumptions.onset import onset_note
 
         return onset_note(self, group)
 
     def whirl_ratio(self, at: Mapping[str, Any] | None = None) -> float:
-        """Frequency of the self-excited whirl at onset over the threshold speed, NaN without a threshold.
-
-        Args:
-            at: names a group of parameters, as for :meth:`group`.
-        """
+        """Whirl frequency at onset over the threshold speed, NaN without one, of the group that ``at`` names."""
         onset = self.onset(self.group(at))
         if onset is None and math.isfinite(self.stability_band) and self.settings.onsets:
             return self.settings.onsets[self.group(at)].whirl_ratio
@@ -483,12 +441,8 @@ class FitResult(FitFigures):
         return coefficients_of(self, speed, plane, at, eccentricity)
 
     def coefficient_table(self, speeds: Sequence[float] | None = None, *, plane: str | None = None) -> CoefficientRows:
-        """:meth:`coefficients` at several speeds, and in all conditions that parameters were fitted per, as text, data
-        frame and CSV.
-
-        Args:
-            speeds: rotative speeds, rad/s, by default those that were tested.
-            plane: name of the plane, where forces were fitted at several.
+        """:meth:`coefficients` at several ``speeds``, rad/s, by default those that were tested, and in all conditions
+        that parameters were fitted per, as text, data frame and CSV; ``plane`` as there.
 
         Example:
             >>> fit.coefficient_table().to_csv(folder / "coefficients.csv")
@@ -500,8 +454,7 @@ class FitResult(FitFigures):
     def frequency_coefficients(self, speeds: Sequence[float] | None = None) -> FrequencyRows:
         """Stiffness and damping of a seal or bearing frequency by frequency, as measured, beside the fitted ones.
 
-        Args:
-            speeds: rotative speeds, rad/s, by default those that were tested.
+        ``speeds`` are rotative speeds, rad/s, by default those that were tested.
 
         Raises:
             ValueError: a fit of anything but :class:`~rotorfit.models.Anisotropic` of one plane.
@@ -511,11 +464,9 @@ class FitResult(FitFigures):
         return frequency_coefficients_of(self, speeds)
 
     def natural_frequencies(self, speed: float, at: Mapping[str, Any] | None = None) -> list[tuple[Quantity, Quantity]]:
-        """Damped natural frequency (rad/s, signed) and damping ratio of each mode at a rotative speed (rad/s).
+        """Damped natural frequency (rad/s, signed) and damping ratio of each mode at a rotative speed.
 
-        Args:
-            speed: rotative speed, rad/s, negative from y to x.
-            at: names a group of parameters, as for :meth:`group`.
+        ``speed`` in rad/s is negative from y to x; ``at`` names a group of parameters, as for :meth:`group`.
 
         Raises:
             ValueError: a speed that is no finite number.
@@ -555,9 +506,7 @@ class FitResult(FitFigures):
     def turning_anisotropy(self, *, level: float = 0.95, at: Mapping[str, Any] | None = None) -> TurningAnisotropy:
         """dK, dK/K and the stiff direction of a shaft that is not round; see rotorfit.fitting.assumptions.anisotropy.
 
-        Args:
-            level: probability of the interval, between 0 and 1.
-            at: names a group of parameters, as for :meth:`group`.
+        ``level`` is the probability of the intervals, ``at`` names a group of parameters, as for :meth:`group`.
         """
         from rotorfit.fitting.assumptions.anisotropy import turning_anisotropy
 
@@ -604,13 +553,10 @@ class FitResult(FitFigures):
     def profile(
         self, name: str, *, level: float = 0.95, points: int = 21, at: Mapping[str, Any] | None = None
     ) -> Profile:
-        """Interval and curve by profile likelihood; see :func:`rotorfit.uncertainty.profile.profile`.
+        """Interval and curve of a fitted parameter or the threshold speed, ``name``, by profile likelihood.
 
-        Args:
-            name: a fitted parameter, or ``"threshold_speed"``.
-            level: probability of the interval, between 0 and 1.
-            points: of the curve.
-            at: names a group of parameters, as for :meth:`group`.
+        The interval has the probability ``level``, the curve so many ``points``; ``at`` names a group of parameters.
+        See :func:`rotorfit.uncertainty.profile.profile`.
 
         Example:
             >>> low, high = fit.profile("lam", points=5).interval
@@ -790,11 +736,7 @@ class FitResult(FitFigures):
     # ---- files, imported when asked for ------------------------------------------------------------------------------
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the result and its data to a JSON file; :func:`rotorfit.load_fit` reads it.
-
-        Args:
-            path: file to write, whole or not at all.
-        """
+        """Write the result and its data to a JSON file ``path``, whole or not at all, for :func:`rotorfit.load_fit`."""
         from rotorfit.fitting.fit_file import save_fit
 
         save_fit(self, path)

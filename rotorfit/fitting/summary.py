@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from html import escape
+from operator import add, mul, sub, truediv
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,13 +15,12 @@ import numpy as np
 from rotorfit.data.findings import errors_in
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Responses
-from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.starting.start_points import EARLIER_FIT, GIVEN
 from rotorfit.fitting.assumptions.anisotropy import lines_cut_off
 from rotorfit.fitting.noise.record import NoiseVerdict, is_run_effect
 from rotorfit.fitting.noise.residual_study import VERDICTS
-from rotorfit.fitting.quantities import THRESHOLD
+from rotorfit.fitting.quantities import THRESHOLD, FittedParameter, Number, Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import RotorModel, TurningOnSupports, eigenvalues, unstable_bands
 from rotorfit.models.digits import plus_minus, significant, two_digits, with_error, with_errors
@@ -40,13 +40,13 @@ if TYPE_CHECKING:
 _FEW = 15  # degrees of freedom below which 1.96 standard errors are well short of a 95 % interval
 
 
-_MEANT: dict[str, tuple[str, Callable[[float, float], tuple[float, float, float]]]] = {
-    "sum": ("+", lambda a, b: (a + b, 1.0, 1.0)),
-    "difference": ("-", lambda a, b: (a - b, 1.0, -1.0)),
-    "product": ("*", lambda a, b: (a * b, b, a)),
-    "ratio": ("/", lambda a, b: (a / b, 1 / b, -a / b**2)),
+_MEANT: dict[str, tuple[str, Callable[[Number, Number], Quantity]]] = {
+    "sum": ("+", add),
+    "difference": ("-", sub),
+    "product": ("*", mul),
+    "ratio": ("/", truediv),
 }
-"""Sign of what is determined of two parameters; its value and its derivatives."""
+"""Sign of what is determined of two parameters, and how it is made of them."""
 
 
 def combined(fit: FitResult, combination: Combination) -> str:
@@ -55,12 +55,9 @@ def combined(fit: FitResult, combination: Combination) -> str:
         return ""
     first, second = (fit.params[name] for name in combination.names)
     sign, of = _MEANT[combination.kind]
-    value, by_first, by_second = of(first.value, second.value)
-    slope = np.zeros(fit.x.size)
-    slope[[fit.var_names.index(name) for name in combination.names]] = by_first, by_second
-    error = float(standard_error(slope, fit.covar))
+    found = of(first, second)
     unit = f" {first.unit}" if combination.kind in ("sum", "difference") and first.unit != "1" else ""
-    return f"{first.name} {sign} {second.name} = {plus_minus(value, error)}{unit}"
+    return f"{first.name} {sign} {second.name} = {plus_minus(found.value, found.stderr)}{unit}"
 
 
 def fit_summary(fit: FitResult) -> str:

@@ -91,17 +91,9 @@ def watch_rules(
     conditions: Mapping[str, Float] | None = None,
     margin: tuple[WatchedValues, float] | None = None,
 ) -> tuple[Rule, ...]:
-    """The rules of one machine, which share its false-alarm rate evenly.
-
-    Args:
-        watched: values whose level is watched.
-        false_alarm: probability that a machine which does not change ever raises an alarm.
-        conditions: regressors by name of a value, shape ``(N, C)``: the level may depend on them in a straight line.
-        margin: the threshold speed and what is required of it, rad/s.
-
-    Raises:
-        ValueError: a probability that is none.
-    """
+    """The rules of one machine, which share its false-alarm rate evenly: the probability that a machine which does not
+    change ever raises an alarm. Levels may depend in a straight line on ``conditions``, regressors by name of a value,
+    shape ``(N, C)``; the margin is the threshold speed and what is required of it, rad/s."""
     if not 0 < false_alarm < 1:
         raise ValueError(f"false_alarm is a probability, between 0 and 1, got {false_alarm:g}")
     share = false_alarm / max(len(watched) + (margin is not None), 1)

@@ -141,15 +141,7 @@ class Assumptions(Printed):
         return (*(entry.words for entry in main), *more)
 
     def with_priors(self, priors: Mapping[str, float]) -> Assumptions:
-        """With standard uncertainties given for some terms.
-
-        Args:
-            priors: by name in the table.
-
-        Raises:
-            KeyError: there is no such term.
-            ValueError: an uncertainty that is negative or infinite.
-        """
+        """With standard uncertainties given for some terms, by name in the table."""
         for name, size in priors.items():
             entry = self[name]
             if not 0 <= size < math.inf:
@@ -157,19 +149,11 @@ class Assumptions(Printed):
         return Assumptions(tuple(replace(e, prior=priors.get(e.name, math.nan)) for e in self.entries))
 
     def systematic(self, result: str) -> float:
-        """Standard uncertainty of a result by all entries, each on its own; zero for what is no result.
-
-        Args:
-            result: name of a column of the table, ``"lam"`` or ``"threshold speed"``; SI.
-        """
+        """Standard uncertainty, SI, of a column of the table by all entries, each on its own; zero for what is none."""
         return math.hypot(*(entry.shifts.get(result, 0.0) * entry.left for entry in self.entries))
 
     def systematic_along(self, slopes: Mapping[str, float]) -> float:
-        """The same of a quantity, by its derivatives by parameters; a known one moves with its own entry.
-
-        Args:
-            slopes: by name of the parameter, SI.
-        """
+        """The same of a quantity, by its derivatives by parameters; a known one moves with its own entry."""
 
         def moved(entry: Assumption) -> float:
             own = {**entry.shifts, entry.name: entry.shifts.get(entry.name, 1.0)}
@@ -178,13 +162,7 @@ class Assumptions(Printed):
         return math.hypot(*map(moved, self.entries))
 
     def moves(self, result: str, value: float, unit: str) -> str:
-        """The weightiest entry, where all together may well move a result by more than its value; else empty.
-
-        Args:
-            result: see :meth:`systematic`.
-            value: of the result, SI.
-            unit: SI unit, "1" for none.
-        """
+        """The weightiest entry, where all together may well move a result by more than its value; else empty."""
         error = self.entries[0].errors.get(result, 0.0) if self.entries else 0.0
         if not is_left_open(value, error, self.systematic(result)):
             return ""
@@ -193,11 +171,7 @@ class Assumptions(Printed):
         return f"{entry.name} moves it by {two_digits(factor * entry.shifts[result] * entry.left, '+')} {unit}".rstrip()
 
     def combined(self, result: str) -> float:
-        """Standard error of a result by the fit and :meth:`systematic` together.
-
-        Args:
-            result: see there.
-        """
+        """Standard error of a result by the fit and :meth:`systematic` together."""
         return math.hypot(self.entries[0].errors[result], self.systematic(result))
 
     def rows(self, least: float = 0.0) -> list[list[str]]:

@@ -90,11 +90,7 @@ class ResidualStudy:
         return self.verdict is NoiseVerdict.CORRELATED or self.perhaps_filtered
 
     def degrees(self, gradient: Float) -> float:
-        """Degrees of freedom of the variance of a derived quantity (Satterthwaite), infinite for a known one.
-
-        Args:
-            gradient: its derivative by the fitted vector, shape ``(p,)``.
-        """
+        """Degrees of freedom of the variance of a derived quantity (Satterthwaite), infinite for a known one."""
         return _satterthwaite([float(gradient @ share @ gradient) for share in self.shares], self.freedom)
 
     def own_degrees(self) -> tuple[float, ...]:
@@ -128,11 +124,7 @@ class ResidualStudy:
         return "" if self.run_left_out is None else odd_run(*self.run_left_out)
 
     def warnings(self, redchi: float) -> list[str]:
-        """Warnings about the noise.
-
-        Args:
-            redchi: of the fit, by the noise of the data.
-        """
+        """Warnings about the noise of a fit with such a redchi, by the noise of the data."""
         large = redchi > MODEL_LIMITED_REDCHI
         return [*self.notable, *verdict_warning(self.verdict, redchi, self.correlation, large=large)]
 

@@ -53,11 +53,7 @@ class Tabulated:
         raise NotImplementedError
 
     def to_csv(self, path: str | Path) -> None:
-        """Write the table as CSV.
-
-        Args:
-            path: the file.
-        """
+        """Write the table as CSV to the file ``path``."""
         with whole_file(Path(path)) as draft:
             draft.write_text(frame_csv(self.to_dataframe()), encoding="utf-8")
 
@@ -125,23 +121,12 @@ class Coefficients:
         return self._of(ratio, "1")
 
     def effective_stiffness(self, frequency: float) -> Quantity:
-        """Stiffness that forward circular whirl meets, N/m: Re of the dynamic stiffness at a frequency.
-
-        Args:
-            frequency: of the whirl, rad/s, negative for backward whirl.
-        """
+        """Stiffness that whirl meets, N/m: Re of the dynamic stiffness at ``frequency``, rad/s, signed."""
         w = frequency
-
-        def stiffness(v: Float) -> float:
-            return float((v[0] + v[3]) + w * (v[5] - v[6]) - w**2 * (v[8] + v[11])) / 2
-
-        return self._of(stiffness, "N/m")
+        return self._of(lambda v: float((v[0] + v[3]) + w * (v[5] - v[6]) - w**2 * (v[8] + v[11])) / 2, "N/m")
 
     def effective_damping(self, frequency: float) -> Quantity:
-        """Damping that forward circular whirl meets, N s/m: Im of the dynamic stiffness over the frequency.
-
-        Args:
-            frequency: of the whirl, rad/s, negative for backward whirl, not zero.
+        """Damping that whirl meets, N s/m: Im of the dynamic stiffness over ``frequency``, rad/s, signed.
 
         Raises:
             ValueError: a frequency of zero.
@@ -149,11 +134,7 @@ class Coefficients:
         w = frequency
         if w == 0:
             raise ValueError("effective damping is that of whirl at a frequency; at zero there is none")
-
-        def damping(v: Float) -> float:
-            return float((v[4] + v[7]) - (v[1] - v[2]) / w + w * (v[9] - v[10])) / 2
-
-        return self._of(damping, "N s/m")
+        return self._of(lambda v: float((v[4] + v[7]) - (v[1] - v[2]) / w + w * (v[9] - v[10])) / 2, "N s/m")
 
     def _of(self, function: Callable[[Float], float], unit: str) -> Quantity:
         """A quantity of the coefficients; its slopes by central differences, exact for what is at most quadratic."""

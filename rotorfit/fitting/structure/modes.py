@@ -266,21 +266,16 @@ def half_power(curves: Sequence[tuple[Float, Float]], frequency: float) -> float
         if near.size < 3:
             continue
         peak = int(near[np.argmax(size[near])])
-        ends = [_crossing(w, size, peak, step) for step in (-1, 1)]
-        if peak not in (near[0], near[-1]) and np.isfinite(ends).all():
-            found.append(abs(ends[1] ** 2 - ends[0] ** 2) / (4 * w[peak] ** 2))
+        level = size[peak] / np.sqrt(2)
+        low = np.flatnonzero(size <= level)
+        before, behind = low[low < peak], low[low > peak]
+        if peak not in (near[0], near[-1]) and before.size and behind.size:
+            # The level is crossed between two readings on either side.
+            one, other = int(before[-1]), int(behind[0])
+            first = np.interp(level, size[[one, one + 1]], w[[one, one + 1]])
+            last = np.interp(level, size[[other, other - 1]], w[[other, other - 1]])
+            found.append(abs(last**2 - first**2) / (4 * w[peak] ** 2))
     return float(np.median(found)) if found else float("nan")
-
-
-def _crossing(w: Float, size: Float, peak: int, step: int) -> float:
-    """Frequency at which a response has fallen to half the power of its peak, between two readings."""
-    level, k = size[peak] / np.sqrt(2), peak
-    while 0 <= k + step < w.size and size[k + step] > level:
-        k += step
-    if not 0 <= k + step < w.size:
-        return float("nan")
-    share = (size[k] - level) / (size[k] - size[k + step])
-    return float(w[k] + share * (w[k + step] - w[k]))
 
 
 def two_disk_from_modes(fit: FitResult) -> dict[str, Quantity]:

@@ -45,11 +45,7 @@ class MountedCoefficient:
     single: Float
 
     def next_mounting(self, level: float = 0.95) -> tuple[float, float]:
-        """Interval for the coefficient of a seal that is mounted next.
-
-        Args:
-            level: probability that such intervals hold it.
-        """
+        """Interval for the coefficient of a seal that is mounted next, which such intervals hold so often."""
         spread = math.hypot(self.scatter, self.mean.stderr)
         freedom = max(self.mean.freedom - 1, 1.0)  # Higgins, Thompson and Spiegelhalter, J. R. Stat. Soc. A 172, 2009
         return Quantity(self.mean.value, spread, self.mean.unit, freedom).interval(level)

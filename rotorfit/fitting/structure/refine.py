@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.estimators.inference.covariance import excess
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.assumptions.shifts import assuming
@@ -257,18 +258,15 @@ def rescale_noise(fit: FitResult) -> FitResult:
 
 def _noise_scale(problem: Problem, x: Float) -> dict[str, float]:
     """Root mean square of the whitened residuals of each response, over the share that the fitted values leave."""
-    sums: dict[str, float] = {}
-    counts: dict[str, int] = {}
-    for block, part in zip(problem.blocks, problem.by_block(problem.residuals(x)), strict=True):
-        for number, name in enumerate(block.labels):
-            rows = block.label == number
-            sums[name] = sums.get(name, 0.0) + float(np.sum(np.abs(part[rows]) ** 2))
-            counts[name] = counts.get(name, 0) + 2 * int(rows.sum())
+    names, number = words(np.concatenate([np.array(block.labels)[block.label] for block in problem.blocks]))
+    squares = np.bincount(number, np.abs(problem.residuals(x)) ** 2)
+    counts = 2 * np.bincount(number)
     free = 1 - x.size / problem.n_data
-    fewest_readings = 30  # readings of a response from which their scatter gives their noise within 10 %
-    enough = [name for name in sums if counts[name] >= 2 * fewest_readings]
     smallest_scale = 1e-3  # scale below which exact data, not noise, are in hand
-    return {name: max(float(np.sqrt(sums[name] / (counts[name] * free))), smallest_scale) for name in enough}
+    scale = np.maximum(np.sqrt(squares / (counts * free)), smallest_scale)
+    fewest_readings = 30  # readings of a response from which their scatter gives their noise within 10 %
+    enough = counts >= 2 * fewest_readings
+    return {name: own for name, own, some in zip(names, scale.tolist(), enough, strict=True) if some}
 
 
 def refit(
@@ -330,7 +328,15 @@ def one_lam_test(fit: FitResult, *, level: float = 0.01) -> OneLamTest:
 
     if "lam" not in fit.model.parameter_names:
         raise ValueError(f"{fit.model.name} as used here has no single lam to test")
-    wide = _of_two_lams(fit)
+    # The same data fitted with a ratio each for damping and inertia; what was said of the single one is dropped.
+    lam = fit.params["lam"].value if "lam" in fit.params else float("nan")
+    start = {name: p.value for name, p in fit.params.items() if p.vary and name != "lam"}
+    asked = fit.settings.asked
+    said: dict[str, Any] = {field: dict(getattr(asked, field)) for field in ("known", "bounds", "priors")}
+    for values in said.values():
+        values.pop("lam", None)
+    wanted = replace(asked, **said, start={**start, "lam_D": lam, "lam_M": lam})
+    wide = fitted(fit.model.variant(two_lam=True), fit.experiments, wanted)
     d, m = wide.params["lam_D"], wide.params["lam_M"]
     if not (d.resolved and m.resolved):
         raise ValueError("these data do not determine lam_D and lam_M apart: " + str(wide.identifiability))
@@ -360,15 +366,3 @@ def one_lam_test(fit: FitResult, *, level: float = 0.01) -> OneLamTest:
         message=verdict,
         fit=wide,
     )
-
-
-def _of_two_lams(fit: FitResult) -> FitResult:
-    """The same data fitted with a ratio each for damping and inertia; what was said of the single one is dropped."""
-    lam = fit.params["lam"].value if "lam" in fit.params else float("nan")
-    start = {name: p.value for name, p in fit.params.items() if p.vary and name != "lam"}
-    asked = fit.settings.asked
-    said: dict[str, Any] = {field: dict(getattr(asked, field)) for field in ("known", "bounds", "priors")}
-    for values in said.values():
-        values.pop("lam", None)
-    wanted = replace(asked, **said, start={**start, "lam_D": lam, "lam_M": lam})
-    return fitted(fit.model.variant(two_lam=True), fit.experiments, wanted)
