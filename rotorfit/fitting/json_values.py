@@ -63,7 +63,7 @@ def encode(value: Any) -> Any:
         if isinstance(value, kinds):
             return writer(value)
     if is_dataclass(value) and not isinstance(value, type):
-        return _encode_record(value)
+        return _encode_own(value)
     if hasattr(value, "logpdf") and hasattr(value, "dist"):
         return _encode_distribution(value)
     raise ValueError(f"a {type(value).__name__} cannot be written to a file: {value!r}")
@@ -123,7 +123,8 @@ def _decode_array(value: Mapping[str, Any]) -> NDArray[Any]:
 # ---- distributions ---------------------------------------------------------------------------------------------------
 
 
-def _distribution(name: Any) -> Any:
+def _family(name: Any) -> Any:
+    """The continuous distribution of scipy.stats of that name, None where there is none."""
     from scipy import stats
 
     found = getattr(stats, name, None) if isinstance(name, str) else None
@@ -132,14 +133,14 @@ def _distribution(name: Any) -> Any:
 
 def _encode_distribution(frozen: Any) -> Any:
     name = frozen.dist.name
-    if type(_distribution(name)) is not type(frozen.dist):
+    if type(_family(name)) is not type(frozen.dist):
         raise ValueError(f"the prior {name!r} is not a continuous distribution of scipy.stats: a file cannot hold it")
     kwds = {key: encode(item) for key, item in frozen.kwds.items()}
     return {"distribution": name, "args": [encode(a) for a in frozen.args], "kwds": kwds}
 
 
 def _decode_distribution(value: Mapping[str, Any]) -> Any:
-    family = _distribution(value["distribution"])
+    family = _family(value["distribution"])
     if family is None:
         raise ValueError(f"scipy.stats has no continuous distribution {value['distribution']!r}")
     return family(*map(decode, value["args"]), **{key: decode(item) for key, item in value["kwds"].items()})
@@ -157,12 +158,14 @@ def _home(name: Any) -> Any:
     return None
 
 
-def _encode_record(record: Any) -> Any:
-    kind = type(record)
-    if _home(kind.__name__) is not kind:
-        raise UserDefinedError(f"{kind.__name__} is not a class of rotorfit: a file cannot say how to make it again")
-    entries = {f.name: encode(getattr(record, f.name)) for f in fields(record) if f.init}
-    return {"record": kind.__name__, "fields": entries}
+def _encode_own(value: Any) -> Any:
+    """A record or a model, by the name of its class."""
+    name, what = type(value).__name__, "model" if isinstance(value, RotorModel) else "class"
+    if _home(name) is not type(value):
+        raise UserDefinedError(f"{name} is not a {what} of rotorfit: a file cannot say how to make it again")
+    if isinstance(value, RotorModel):
+        return {"model": name, "options": {key: encode(option) for key, option in value.options().items()}}
+    return {"record": name, "fields": {f.name: encode(getattr(value, f.name)) for f in fields(value) if f.init}}
 
 
 def _decode_record(value: Mapping[str, Any]) -> Any:
@@ -178,9 +181,9 @@ def _decode_record(value: Mapping[str, Any]) -> Any:
     if unknown or missing:
         what = [f"unknown entries {', '.join(unknown)}"] * bool(unknown) + [f"no {', '.join(missing)}"] * bool(missing)
         raise ValueError(f"record {value['record']} has {' and '.join(what)}")
-    record: Any = kind
     entries = {name: decode(item) for name, item in given.items()}
     check_types(kind, entries, f"record {value['record']}: ")
+    record: Any = kind
     return record(**entries)
 
 
@@ -205,23 +208,15 @@ def _is_of(value: Any, annotation: str) -> bool:
     return any(isinstance(value, own) and (bool in own or not isinstance(value, bool)) for own in classes if own)
 
 
-def _encode_model(model: RotorModel) -> Any:
-    kind = type(model)
-    if _home(kind.__name__) is not kind:
-        raise UserDefinedError(f"{kind.__name__} is not a model of rotorfit: a file cannot say how to make it again")
-    return {"model": kind.__name__, "options": {name: encode(option) for name, option in model.options().items()}}
-
-
 def _decode_model(value: Mapping[str, Any]) -> RotorModel:
     kind = _home(value["model"])
     if kind is None or not issubclass(kind, RotorModel):
         raise ValueError(f"this version of rotorfit has no model {value['model']!r}")
     options = {name: decode(option) for name, option in value["options"].items()}
     try:
-        made: RotorModel = kind(**options)
+        return kind(**options)  # type: ignore[no-any-return]
     except TypeError as reason:
         raise ValueError(f"the model {value['model']} cannot be made with {', '.join(options)}: {reason}") from reason
-    return made
 
 
 _WRITERS: tuple[tuple[Any, Callable[[Any], Any]], ...] = (
@@ -230,7 +225,7 @@ _WRITERS: tuple[tuple[Any, Callable[[Any], Any]], ...] = (
     ((float, np.floating), _encode_float),
     ((complex, np.complexfloating), lambda value: {"complex": [_encode_float(value.real), _encode_float(value.imag)]}),
     (np.ndarray, _encode_array),
-    (RotorModel, _encode_model),
+    (RotorModel, _encode_own),
     (Mapping, lambda value: {"mapping": [[encode(key), encode(item)] for key, item in value.items()]}),
     (tuple, lambda value: {"tuple": [encode(item) for item in value]}),
     (list, lambda value: [encode(item) for item in value]),

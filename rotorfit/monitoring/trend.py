@@ -104,20 +104,16 @@ class PlaceTrend:
         sentence = f"{since} (p = {significant(self.change.p_value, 2)}): {sizes}"
         if self.names[0] in ("dK/K", "dK") and self.change.shift[0] > 0:
             return [*words, sentence, "a turning anisotropy that grows is what a propagating crack makes"]
-        return [*words, sentence, *self._cause_sentences()]
-
-    def _cause_sentences(self) -> list[str]:
-        if not self.causes:
-            return []
+        words.append(sentence)
         likely = [cause for cause in self.causes if cause.probability > P_CHANCE]
-        if not likely:
-            return ["neither K, M nor D alone, nor all in proportion, explains it: more than one thing changed"]
-        words = []
+        if self.causes and not likely:
+            words.append("neither K, M nor D alone, nor all in proportion, explains it: more than one thing changed")
+        words += ["several single causes explain it:"] * (len(likely) > 1)
         for cause in likely:
             way = _WAYS.get(cause.name, ("", ""))[cause.size > 0]
             size = f"{_percent(cause.size, sign='+')} +- {_percent(cause.stderr)} %"
             words.append(f"{cause.name} alone ({size}) explains it: {_MEANING[cause.name].format(way=way)}")
-        return words if len(words) == 1 else ["several single causes explain it:", *words]
+        return words
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -263,6 +259,12 @@ def _place(place: str, entries: list[DatedValues], level: float, orders: int, se
     names, values, stderr = names[:count], values[:, :count], stderr[:, :count]
     change = find_change(values, orders=orders, seed=seed) if len(entries) >= fewest_dates(count) else None
     significant = change is not None and change.p_value <= level
+    causes = []
+    if change is not None and significant and names == list(MATRIX_UNITS):  # K, M and D one at a time, and all alike
+        directions = {name: np.where(np.arange(len(names)) == i, change.before, 0.0) for i, name in enumerate(names)}
+        for name, direction in {**directions, "all in proportion": change.before}.items():
+            size, error, probability = along(change, direction)
+            causes.append(Cause(name=name, size=size, stderr=error, probability=probability))
     return PlaceTrend(
         place=place,
         dates=tuple(entry.date or entry.source or f"test {i + 1}" for i, entry in enumerate(entries)),
@@ -273,21 +275,8 @@ def _place(place: str, entries: list[DatedValues], level: float, orders: int, se
         stderr=stderr,
         change=change,
         found=significant,
-        causes=_causes(change, names) if change is not None and significant else (),
+        causes=tuple(sorted(causes, key=lambda cause: -cause.probability)),
     )
-
-
-def _causes(change: Change, names: list[str]) -> tuple[Cause, ...]:
-    """K, M and D one at a time, and all in proportion."""
-    if names != list(MATRIX_UNITS):
-        return ()
-    directions = {name: np.where(np.arange(len(names)) == i, change.before, 0.0) for i, name in enumerate(names)}
-    directions["all in proportion"] = change.before
-    causes = []
-    for name, direction in directions.items():
-        size, error, probability = along(change, direction)
-        causes.append(Cause(name=name, size=size, stderr=error, probability=probability))
-    return tuple(sorted(causes, key=lambda cause: -cause.probability))
 
 
 PLACE = "turning anisotropy"

@@ -85,7 +85,14 @@ def turning_anisotropy(
         raise ValueError(f"level {level} is a probability, between 0 and 1")
     theta = dict(zip(names, fit.theta(at).tolist(), strict=True))
     v, K = np.array([theta["dK_cos"], theta["dK_sin"]]), theta.get("K", math.nan)
-    covar = _covariance(fit, at)
+    # Covariance of dK_cos, dK_sin and K; known ones have none, those that the data leave open an infinite one.
+    index = fit.problem.space.index[fit.group(at)]
+    entries = np.array([int(index[names.index(name)]) if name in names else -1 for name in ("dK_cos", "dK_sin", "K")])
+    known = entries < 0
+    covar = np.where(known[:, None] | known, 0.0, fit.covar[np.ix_(entries, entries)])
+    for i in np.flatnonzero(~known).tolist():
+        if not fit.params[fit.var_names[entries[i]]].resolved:
+            covar[i, i] = math.inf
     over_K = np.column_stack([np.eye(2) / K, -v / K**2])
     size = float(np.hypot(*v))
     interval = ratio_interval = (0.0, math.inf)
@@ -106,19 +113,6 @@ def turning_anisotropy(
         ratio_interval=ratio_interval,
         level=level,
     )
-
-
-def _covariance(fit: FitResult, at: Mapping[str, Any] | None) -> Float:
-    """Covariance of dK_cos, dK_sin and K; known ones have none, those that the data leave open an infinite one."""
-    index = fit.problem.space.index[fit.group(at)]
-    names = fit.model.parameter_names
-    entries = np.array([int(index[names.index(name)]) if name in names else -1 for name in ("dK_cos", "dK_sin", "K")])
-    known = entries < 0
-    covar = np.where(known[:, None] | known, 0.0, fit.covar[np.ix_(entries, entries)])
-    for i in np.flatnonzero(~known).tolist():
-        if not fit.params[fit.var_names[entries[i]]].resolved:
-            covar[i, i] = math.inf
-    return np.asarray(covar)
 
 
 def magnitude_interval(v: Float, covar: Float, level: float) -> tuple[float, float]:

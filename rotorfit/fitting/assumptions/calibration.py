@@ -93,7 +93,14 @@ def nuisance_entries(
     """Lay a calibration out as nuisance entries ``gain[disk]``, ``probe_phase[disk]``, ``mr``, ``keyphasor``. An
     isotropic model sees the mean of the x and the y probe of a plane: the errors of both are then one entry, with the
     uncertainty of their mean."""
-    pairs = [_checked(experiment, block) for experiment, block in zip(experiments, blocks, strict=True)]
+    pairs = []
+    for test, block in zip(experiments, blocks, strict=True):
+        only = f"{getattr(test, 'source', '') or type(test).__name__}: a calibration can be given for"
+        if not isinstance(test, PerturbationTest) or not isinstance(block, Responses) or block.imposed:
+            raise ValueError(f"{only} responses to rotating forces of linear models only")
+        if block.model.eccentricity_dependent:
+            raise ValueError(f"{only} linear models only, without a law of eccentricity")
+        pairs.append((test, block))
     probes = [_probes(test, block) for test, block in pairs]
     columns = [
         *_probe_columns("gain", "probe_gain", calibration.probe_gain, 1.0, pairs, probes),
@@ -103,15 +110,6 @@ def nuisance_entries(
     if calibration.keyphasor_deg:
         columns.append(("keyphasor", math.radians(calibration.keyphasor_deg), [block.by_phase for _, block in pairs]))
     return columns
-
-
-def _checked(experiment: Experiment, block: Block) -> tuple[PerturbationTest, Responses]:
-    where = getattr(experiment, "source", "") or type(experiment).__name__
-    if not isinstance(experiment, PerturbationTest) or not isinstance(block, Responses) or block.imposed:
-        raise ValueError(f"{where}: a calibration can be given for responses to rotating forces of linear models only")
-    if block.model.eccentricity_dependent:
-        raise ValueError(f"{where}: a calibration can be given for linear models only, without a law of eccentricity")
-    return experiment, block
 
 
 def _probe_columns(
@@ -126,12 +124,12 @@ def _probe_columns(
         return []
     every = list(dict.fromkeys(group for groups in where for group in groups if group))
     probes = list(dict.fromkeys(probe for group in every for probe in group))
-    if isinstance(given, Mapping):
-        names = [*(plane for plane, _ in probes), *(f"{plane}.{direction}" for plane, direction in probes)]
-        _refuse_unknown(option, given, names)
     by_place = given if isinstance(given, Mapping) else dict.fromkeys((plane for plane, _ in probes), float(given))
+    _refuse_unknown(option, by_place, [*(plane for plane, _ in probes), *(f"{p}.{d}" for p, d in probes)])
     error = {(p, d): unit * by_place.get(f"{p}.{d}", by_place.get(p, 0.0)) for p, d in probes}
-    merged = _merged(every)
+    # Probes that are always read together, the others one by one.
+    together = [g for g in every if all(g == other or not set(g) & set(other) for other in every)]
+    merged = [*together, *((probe,) for probe in probes if not any(probe in g for g in together))]
     planes = [members[0][0] for members in merged]
     columns: list[_Column] = []
     for members, plane in zip(merged, planes, strict=True):
@@ -154,20 +152,16 @@ _Probe = tuple[str, str]
 def _probes(test: PerturbationTest, block: Responses) -> list[tuple[_Probe, ...]]:
     """Probes (plane, direction) that the readings of each coordinate of the model come from."""
     seen = sorted(set(zip(test.plane.tolist(), test.direction.tolist(), strict=True)))
-    result = []
-    for coordinate in block.model.coordinates:
-        at = [probe for probe in seen if probe[0] == coordinate.plane]
-        tilt = [probe for probe in at if probe[1].startswith("r") == (coordinate.axis == "r")]
-        own = [probe for probe in tilt if block.model.frame == "z" or probe[1] == coordinate.axis]
-        result.append(tuple(own))
-    return result
-
-
-def _merged(groups: Sequence[tuple[_Probe, ...]]) -> list[tuple[_Probe, ...]]:
-    """Probes that are always read together, the others one by one."""
-    shared = [g for g in groups if all(g == other or not set(g) & set(other) for other in groups)]
-    rest = dict.fromkeys(probe for g in groups if g not in shared for probe in g)
-    return [*shared, *((probe,) for probe in rest)]
+    return [
+        tuple(
+            (plane, way)
+            for plane, way in seen
+            if plane == coordinate.plane
+            and way.startswith("r") == (coordinate.axis == "r")
+            and (block.model.frame == "z" or way == coordinate.axis)
+        )
+        for coordinate in block.model.coordinates
+    ]
 
 
 def _force_columns(given: Uncertainty, pairs: Sequence[tuple[PerturbationTest, Responses]]) -> list[_Column]:

@@ -13,7 +13,7 @@ from rotorfit.fitting.judge import why_not_refined
 from rotorfit.fitting.quantities import Quantity
 from rotorfit.fitting.result import FitResult
 from rotorfit.models import Threshold, eigenvalues
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.motion.stability import SPEEDS, eigenvalue_gradient, fastest_growth, first_growth, search_limits
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -101,13 +101,16 @@ def onset_with(fit: FitResult, onset: Threshold, cause: Cause, shift: Float) -> 
 
 def _growth_error(fit: FitResult, group: int) -> float:
     """Infinite where undetermined parameters, such as lam of tests at rest, move the least stable mode, or NaN."""
-    theta, model, band = fit.thetas[group], fit.model, fit.stability_band
+    theta, model = fit.thetas[group], fit.model
     if not model.speed_dependent:
         return math.nan
-    s = eigenvalues(model, theta, 0.0)
-    speed = float(np.abs(s[np.isfinite(s) & (np.abs(s) <= band)]).max(initial=0.0))
-    s = eigenvalues(model, theta, speed)
-    s = s[np.isfinite(s) & (np.abs(s) <= band) & (np.abs(s) > 0)]
+
+    def in_band(speed: float) -> ComplexArray:
+        s = eigenvalues(model, theta, speed)
+        return np.asarray(s[np.isfinite(s) & (np.abs(s) <= fit.stability_band) & (np.abs(s) > 0)])
+
+    speed = float(np.abs(in_band(0.0)).max(initial=0.0))
+    s = in_band(speed)
     if not s.size:
         return math.nan
     least = complex(s[np.argmax(s.real)])
