@@ -253,21 +253,13 @@ class FittedParameter(Number):
 
 @dataclass(frozen=True, kw_only=True)
 class ResponseQuality:
-    """Agreement of one measured response with the fit.
+    """Agreement of one measured response with the fit."""
 
-    Attributes:
-        name: run and channel.
-        nrmse: rms residual over rms response.
-        frac: frequency response assurance criterion, 1 for responses of equal shape.
-        redchi: mean squared whitened residual, 1 for noise alone.
-        count: number of readings.
-    """
-
-    name: str
-    nrmse: float
-    frac: float
-    redchi: float
-    count: int
+    name: str  # run and channel
+    nrmse: float  # rms residual over rms response
+    frac: float  # frequency response assurance criterion, 1 for responses of equal shape
+    redchi: float  # mean squared whitened residual, 1 for noise alone
+    count: int  # number of readings
 
 
 def _combined(one: Number, by_a: float, other: Number | float, by_b: float, value: float, unit: str) -> Quantity:

@@ -30,25 +30,16 @@ _FAR = 12.0
 
 @dataclass(frozen=True, kw_only=True)
 class TurningAnisotropy:
-    """The fitted turning anisotropy.
+    """The fitted turning anisotropy."""
 
-    Attributes:
-        dK: half the difference of the two lateral stiffnesses, N/m.
-        ratio: dK/K, NaN for models without one K.
-        angle: direction of the greater stiffness ahead of the Keyphasor mark, rad, between -pi/2 and pi/2; its standard
-            error is infinite where dK may be zero.
-        interval: of dK, N/m.
-        ratio_interval: of dK/K.
-        level: of both intervals.
-        significant: whether dK = 0 is outside.
-    """
-
-    dK: Quantity
-    ratio: Quantity
+    dK: Quantity  # half the difference of the two lateral stiffnesses, N/m
+    ratio: Quantity  # dK/K, NaN for models without one K
+    # direction of the greater stiffness ahead of the Keyphasor mark, rad, between -pi/2 and pi/2; its standard
+    # error is infinite where dK may be zero
     angle: Quantity
-    interval: tuple[float, float]
-    ratio_interval: tuple[float, float]
-    level: float
+    interval: tuple[float, float]  # of dK, N/m
+    ratio_interval: tuple[float, float]  # of dK/K
+    level: float  # of both intervals
 
     @property
     def significant(self) -> bool:

@@ -99,13 +99,9 @@ class Assumption:
 
 @dataclass(frozen=True, repr=False)
 class Assumptions(Printed):
-    """Assumptions of a fit, those first that the data refuse, then by how much they would move results.
+    """Assumptions of a fit, those first that the data refuse, then by how much they would move results."""
 
-    Attributes:
-        entries: one for each term that is left out or taken as known.
-    """
-
-    entries: tuple[Assumption, ...]
+    entries: tuple[Assumption, ...]  # one for each term that is left out or taken as known
 
     @property
     def missing(self) -> tuple[Assumption, ...]:

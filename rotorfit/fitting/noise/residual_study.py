@@ -22,42 +22,30 @@ MODEL_LIMITED_REDCHI = 2.0
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ResidualStudy:
-    """Study of the residuals of a fit, and the basis of its error bars.
+    """Study of the residuals of a fit, and the basis of its error bars."""
 
-    Attributes:
-        verdict: what the residuals are, beside ``causes``.
-        causes: fixed causes that explain what the fit misses; the results are those of the model without them.
-        correlation: of residuals at neighbouring lines of a sweep: near zero for noise, whatever its shape.
-        lags: the same at distances 1, 2, ... as far as it is more than chance.
-        response_noise: noise of the responses by restricted likelihood, where it replaced that of the data alone.
-        noise_ratio: for each block, size of the residuals over the noise given, or found in the data alone, where a
-            misfit may as well be noise behind overlapping filters.
-        found: what the fit was repeated with: other noise, differences from run to run; ``None`` for neither.
-        possible_effects: differences of runs that chance explains as well: the errors allow for them, the estimate does
-            without.
-        run_count: runs that were compared, zero where they could not be.
-        misses: responses and frequencies where the model misses most.
-        run_left_out: name of the one run without which the misfit would be a third or less, and redchi without it.
-        robust: whether standard errors follow the scatter of the residuals line by line (HC3).
-        scatter_freedom: degrees of freedom of the noise within runs, infinite where it was given.
-        runs: name, estimate and standard error of each effect of a run.
-        shares, freedom: parts of ``covar`` and the degrees of freedom of each part's variance.
-    """
-
-    verdict: NoiseVerdict
+    verdict: NoiseVerdict  # what the residuals are, beside ``causes``
+    # fixed causes that explain what the fit misses; the results are those of the model without them
     causes: tuple[Cause, ...] = ()
-    correlation: float = 0.0
-    lags: tuple[float, ...] = ()
+    correlation: float = 0.0  # of residuals at neighbouring lines of a sweep: near zero for noise, whatever its shape
+    lags: tuple[float, ...] = ()  # the same at distances 1, 2, ... as far as it is more than chance
+    # noise of the responses by restricted likelihood, where it replaced that of the data alone
     response_noise: tuple[ResponseNoise, ...] = ()
+    # for each block, size of the residuals over the noise given, or found in the data alone, where a misfit may
+    # as well be noise behind overlapping filters
     noise_ratio: tuple[Float, ...] = ()
+    # what the fit was repeated with: other noise, differences from run to run; ``None`` for neither
     found: FoundNoise | None = None
+    # differences of runs that chance explains as well: the errors allow for them, the estimate does without
     possible_effects: tuple[RunEffect, ...] = ()
-    run_count: int = 0
-    misses: tuple[Miss, ...] = ()
+    run_count: int = 0  # runs that were compared, zero where they could not be
+    misses: tuple[Miss, ...] = ()  # responses and frequencies where the model misses most
+    # name of the one run without which the misfit would be a third or less, and redchi without it
     run_left_out: tuple[str, float] | None = None
-    robust: bool = False
-    scatter_freedom: float = float("inf")
-    runs: tuple[tuple[str, float, float], ...] = ()
+    robust: bool = False  # whether standard errors follow the scatter of the residuals line by line (HC3)
+    scatter_freedom: float = float("inf")  # degrees of freedom of the noise within runs, infinite where it was given
+    runs: tuple[tuple[str, float, float], ...] = ()  # name, estimate and standard error of each effect of a run
+    # shares, freedom: parts of ``covar`` and the degrees of freedom of each part's variance
     shares: tuple[Float, ...] = ()
     freedom: tuple[float, ...] = ()
 

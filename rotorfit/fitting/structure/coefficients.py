@@ -287,38 +287,25 @@ ENTRIES = ("xx", "xy", "yx", "yy")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrequencyCoefficients:
-    """Stiffness and damping against frequency in one condition; entries xx, xy, yx, yy along the first axis.
+    """Stiffness and damping against frequency in one condition; entries xx, xy, yx, yy along the first axis."""
 
-    Attributes:
-        condition: its name.
-        frequency: rad/s, shape ``(L,)``.
-        stiffness, damping: as measured, N/m and N s/m, shape ``(4, L)``.
-        stiffness_stderr, damping_stderr: from the noise of readings, forces and dry run.
-        fitted_stiffness, fitted_damping: by the fitted coefficients, ``K - w^2 M`` and C.
-        fitted_stiffness_stderr, fitted_damping_stderr: their standard errors.
-    """
-
-    condition: str
-    frequency: Float
-    stiffness: Float
+    condition: str  # its name
+    frequency: Float  # rad/s, shape ``(L,)``
+    stiffness: Float  # stiffness, damping: as measured, N/m and N s/m, shape ``(4, L)``
     damping: Float
-    stiffness_stderr: Float
+    stiffness_stderr: Float  # stiffness_stderr, damping_stderr: from the noise of readings, forces and dry run
     damping_stderr: Float
-    fitted_stiffness: Float
+    fitted_stiffness: Float  # fitted_stiffness, fitted_damping: by the fitted coefficients, ``K - w^2 M`` and C
     fitted_damping: Float
-    fitted_stiffness_stderr: Float
+    fitted_stiffness_stderr: Float  # fitted_stiffness_stderr, fitted_damping_stderr: their standard errors
     fitted_damping_stderr: Float
 
 
 @dataclass(frozen=True, eq=False)
 class FrequencyRows(Tabulated):
-    """Stiffness and damping against frequency of all conditions: see :meth:`FitResult.frequency_coefficients`.
+    """Stiffness and damping against frequency of all conditions: see :meth:`FitResult.frequency_coefficients`."""
 
-    Attributes:
-        rows: one a condition.
-    """
-
-    rows: tuple[FrequencyCoefficients, ...]
+    rows: tuple[FrequencyCoefficients, ...]  # one a condition
 
     def to_dataframe(self) -> DataFrame:
         """A row for each condition and frequency, SI units, ``frequency_hz``."""

@@ -28,24 +28,15 @@ DECISIVE_AIC = 10.0
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LawFit:
-    """One law in a comparison.
+    """One law in a comparison."""
 
-    Attributes:
-        law: the law.
-        fit: its fit, ``None`` where there is none.
-        reason: why it is not ranked, empty if it is.
-        count: parameters that the data determine: directions that they do not see do not count.
-        aic, bic: with that count; infinite where not ranked.
-        weight: Akaike weight, its share of the support among those compared.
-    """
-
-    law: Law
-    fit: FitResult | None
-    reason: str
-    count: int
-    aic: float
+    law: Law  # the law
+    fit: FitResult | None  # its fit, ``None`` where there is none
+    reason: str  # why it is not ranked, empty if it is
+    count: int  # parameters that the data determine: directions that they do not see do not count
+    aic: float  # aic, bic: with that count; infinite where not ranked
     bic: float
-    weight: float = 0.0
+    weight: float = 0.0  # Akaike weight, its share of the support among those compared
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -25,25 +25,21 @@ from rotorfit.units import RPM_PER_RAD_S
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Mode:
-    """One mode of a fitted rotor.
+    """One mode of a fitted rotor."""
 
-    Attributes:
-        frequency: natural frequency, rad/s: undamped where ``mass`` is there, else damped, negative for backward whirl.
-        damping_ratio: share of critical damping.
-        half_power: the same from the half-power bandwidth of the measured responses, median over these; NaN where none
-            has the peak with both sides.
-        shape: deflection at each plane, one at that of the normalisation; its sign, or, of a rotor that is not passive,
-            its size, whose phase is ``phase``.
-        phase: lead of each plane's motion in x + j y over that of the normalisation, rad; zero of a passive rotor.
-        mass, stiffness, damping: of the mode by itself (the paper's M_I, K_I, D_I), kg, N/m, N s/m; None for a rotor
-            that is not passive, whose modes have none of their own.
-    """
-
+    # natural frequency, rad/s: undamped where ``mass`` is there, else damped, negative for backward whirl
     frequency: Quantity
-    damping_ratio: Quantity
+    damping_ratio: Quantity  # share of critical damping
+    # the same from the half-power bandwidth of the measured responses, median over these; NaN where none has the
+    # peak with both sides
     half_power: float
+    # deflection at each plane, one at that of the normalisation; its sign, or, of a rotor that is not passive,
+    # its size, whose phase is ``phase``
     shape: Mapping[str, Quantity]
+    # lead of each plane's motion in x + j y over that of the normalisation, rad; zero of a passive rotor
     phase: Mapping[str, Quantity]
+    # mass, stiffness, damping: of the mode by itself (the paper's M_I, K_I, D_I), kg, N/m, N s/m; None for a
+    # rotor that is not passive, whose modes have none of their own
     mass: Quantity | None
     stiffness: Quantity | None
     damping: Quantity | None
@@ -65,15 +61,10 @@ class Mode:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Modes(Printed, Sequence[Mode]):
-    """The modes of a fitted rotor at a speed, by natural frequency; ``print`` shows them as a table.
+    """The modes of a fitted rotor at a speed, by natural frequency; ``print`` shows them as a table."""
 
-    Attributes:
-        modes: one after the other.
-        speed: rotative speed, rad/s.
-    """
-
-    modes: tuple[Mode, ...]
-    speed: float
+    modes: tuple[Mode, ...]  # one after the other
+    speed: float  # rotative speed, rad/s
 
     def __len__(self) -> int:
         return len(self.modes)

@@ -30,19 +30,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class MountedCoefficient:
-    """One coefficient over m mountings.
+    """One coefficient over m mountings."""
 
-    Attributes:
-        mean: over mountings, its error with their scatter; ``mean.interval()`` has Student's t.
-        scatter: standard deviation between mountings, beyond the errors of the fits.
-        scatter_interval: its 95 % interval.
-        single: coefficient and error of each mounting, shape ``(m, 2)``.
-    """
-
-    mean: Quantity
-    scatter: float
-    scatter_interval: tuple[float, float]
-    single: Float
+    mean: Quantity  # over mountings, its error with their scatter; ``mean.interval()`` has Student's t
+    scatter: float  # standard deviation between mountings, beyond the errors of the fits
+    scatter_interval: tuple[float, float]  # its 95 % interval
+    single: Float  # coefficient and error of each mounting, shape ``(m, 2)``
 
     def next_mounting(self, level: float = 0.95) -> tuple[float, float]:
         """Interval for the coefficient of a seal that is mounted next, which such intervals hold so often."""

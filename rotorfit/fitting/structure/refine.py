@@ -284,26 +284,16 @@ def refit(
 
 @dataclass(frozen=True, kw_only=True)
 class OneLamTest:
-    """Test of eq. (13)'s single velocity ratio against lam_D and lam_M of their own.
+    """Test of eq. (13)'s single velocity ratio against lam_D and lam_M of their own."""
 
-    Attributes:
-        lam_D, lam_M: (estimate, standard error).
-        difference: lam_D - lam_M and its standard error.
-        statistic: fall of chi-squared, over redchi of the wider model where that exceeds 1.
-        p_value: probability of such a fall if one lam held, chi-squared with one degree of freedom.
-        rejected: whether one lam is refused at the level asked for.
-        message: the verdict in words.
-        fit: the fit with both ratios.
-    """
-
-    lam_D: tuple[float, float]
+    lam_D: tuple[float, float]  # lam_D, lam_M: (estimate, standard error)
     lam_M: tuple[float, float]
-    difference: tuple[float, float]
-    statistic: float
-    p_value: float
-    rejected: bool
-    message: str
-    fit: FitResult
+    difference: tuple[float, float]  # lam_D - lam_M and its standard error
+    statistic: float  # fall of chi-squared, over redchi of the wider model where that exceeds 1
+    p_value: float  # probability of such a fall if one lam held, chi-squared with one degree of freedom
+    rejected: bool  # whether one lam is refused at the level asked for
+    message: str  # the verdict in words
+    fit: FitResult  # the fit with both ratios
 
 
 def one_lam_test(fit: FitResult, *, level: float = 0.01) -> OneLamTest:
