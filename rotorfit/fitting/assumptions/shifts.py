@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -71,19 +71,8 @@ def assumptions_of(fit: FitResult, priors: Mapping[str, float] | None = None) ->
         raise ValueError(
             "assumptions are tested where all tests share their parameters; these were fitted per attribute"
         )
-    linear = _linear(fit)
-    moving = any(base.frequency.any() for base in linear)  # constant loads alone see no inertia
-    divided = any(isinstance(block, OrbitResponses | OffCentreResponses) for block in fit.problem.blocks)
-    params = [fit.params.get(name) for name in fit.model.parameter_names]
-    terms: list[Term] = [
-        *(term for term in (terms_left_out(fit.model) if linear else ()) if moving or term.terms[0][1] == 0),
-        *_offsets(fit, linear),
-        *([Clearance()] if divided and fit.model.clearance else []),
-        *(place for place, p in enumerate(params) if p is not None and not p.vary and p.value),
-        *_gains(fit),
-        *_rest(fit),
-        *_causes(fit),
-    ]
+    linear = [base for block in fit.problem.blocks if is_linear(block) and (base := responses_of(block)) is not None]
+    terms = [*_left_out(fit, linear), *_offsets(fit, linear), *_known(fit), *_gains(fit), *_rest(fit), *_causes(fit)]
     # An isotropic fit bears what pairs of probes show of the supports where it moves nothing by half its error.
     pair = Kind.PAIR.value
     largest_shift = 0.5  # shift over the standard error up to which intervals of 95 % hold the truth in 92 % and more
@@ -107,14 +96,14 @@ def assuming(fit: FitResult, given: Mapping[str, float], *, also_fitted: bool = 
     return replace(fit, settings=replace(fit.settings, assumptions=dict(given)))
 
 
-def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
+def _entries(fit: FitResult, described: Sequence[_Described]) -> list[Assumption]:
     """Entries of the table for some terms; of found causes with the size that the study of residuals gave them. Effects
     of runs, which the fit may have since, take up a part of a cause. Other terms have the size that residuals ask for
     beside those causes: what explains the same is no second reason to doubt the results, but for gyroscopic effects,
     which rotors have as large as it takes in the place of the cause."""
-    if not terms:
+    if not described:
         return []
-    problem = fit.problem
+    problem, terms = fit.problem, [term for term, *_ in described]
     residuals, jacobian = problem.jacobian(fit.x)
     columns = whitened_columns(problem, fit.x, terms)
     root = np.sqrt(robust_weights(problem.loss, np.abs(residuals) ** 2)[1])[:, None]
@@ -122,13 +111,12 @@ def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
     prior = prior_curvature(problem, fit.x)
     scores = beside = score_tests(residuals, jacobian, columns, prior)
     found = np.array([isinstance(term, Cause) and bool(term.sizes) for term in terms])
-    described = [_described(fit, term) for term in terms]
     rivals: dict[int, tuple[int, float, float]] = {}
     # Times its plausible size up to which a gyroscopic effect may be in the place of a cause that was found: that of a
     # full disk at a third of the span has the share 0.3 where its radius is 0.44 of the span. Chosen.
     largest_rival = 5.0
     if found.any():
-        largest = [largest_rival * plausible if name.startswith("g[") else 0.0 for name, *_, plausible in described]
+        largest = [largest_rival * size if name.startswith("g[") else 0.0 for _, name, *_, size in described]
         beside, rivals = _beside(residuals, jacobian, columns, prior, found, np.array(largest))
     onset = fit.onset(0) if fit.model.speed_dependent else None
     errors = {name: fit.params[name].stderr for name in _RESULTS if name in fit.var_names}
@@ -137,14 +125,13 @@ def _entries(fit: FitResult, terms: Sequence[Term]) -> list[Assumption]:
     if onset is not None and onset.speed > 0:
         errors[THRESHOLD_COLUMN] = fit.threshold_of(0).stderr
     entries = []
-    for number, term in enumerate(terms):
-        name, meaning, unit, plausible = described[number]
+    for number, (term, name, meaning, unit, plausible) in enumerate(described):
         tested = scores if found[number] else beside
         estimate, stderr = float(tested.estimate[number]), float(tested.stderr[number])
         if number in rivals:
             cause, estimate, stderr = rivals[number]
             plausible = max(plausible, abs(estimate))
-            meaning += f", which explains the misfit as well as {described[cause][0]}"
+            meaning += f", which explains the misfit as well as {described[cause][1]}"
         shifts = dict(zip(fit.problem.space.names, scores.shift[number].tolist(), strict=False))
         if THRESHOLD_COLUMN in errors:
             shifts[THRESHOLD_COLUMN] = _onset_change(fit, onset, term, scores.shift[number])
@@ -203,97 +190,91 @@ def _onset_change(fit: FitResult, onset: Threshold | None, term: Term, shift: Fl
     return change + (float(onset.gradient[term]) if isinstance(term, int) else 0.0)
 
 
-def _linear(fit: FitResult) -> list[Responses]:
-    """Responses of a linear rotor."""
-    found = (responses_of(block) for block in fit.problem.blocks if is_linear(block))
-    return [base for base in found if base is not None]
+# ---- terms ---------------------------------------------------------------------------------------------------------
 
 
-def _offsets(fit: FitResult, blocks: Sequence[Responses]) -> list[Offset]:
+_Described = tuple[Term, str, str, str, float]
+"""A term with its name, meaning, unit and plausible size."""
+
+
+def _left_out(fit: FitResult, blocks: Sequence[Responses]) -> Iterator[_Described]:
+    """Terms of linear motion that the model leaves out."""
+    moving = any(base.frequency.any() for base in blocks)  # constant loads alone see no inertia
+    for term in terms_left_out(fit.model) if blocks else ():
+        _, power, speeds = term.terms[0]
+        if not moving and power:
+            continue
+        stiffness, frequency, speed = _levels(fit)
+        part = _PLAUSIBLE["gyroscopic" if term.name.startswith("g[") else "term"]
+        share = part * stiffness / frequency**power / speed**speeds
+        # What acts between the planes acts at the journal too, about as much.
+        damper = max(_damper(fit), _coupled(fit)) if term.name.startswith("Ds") else 0.0
+        yield term, term.name, term.meaning, term.unit, max(share, damper)
+
+
+def _offsets(fit: FitResult, blocks: Sequence[Responses]) -> Iterator[_Described]:
     """Probes and forces that are not at their planes, towards the next plane."""
-    size = len(fit.model.planes)
+    planes, size = [c.plane for c in fit.model.coordinates], len(fit.model.planes)
     if size < 2 or fit.model.frame != "z":
-        return []
+        return
     read = {int(k) for base in blocks for k in np.unique(base.coordinate)}
     driven = {int(k) for base in blocks for k in np.flatnonzero(base.force.any(axis=0))}
-    return [
-        Offset(kind=kind, at=at, towards=at + 1 if at + 1 < size else at - 1)
-        for kind, places in (("probe", read), ("force", driven))
-        for at in sorted(places)
-        if at < size
-    ]
+    for kind, places in (("probe", read), ("force", driven)):
+        for at in sorted(place for place in places if place < size):
+            towards = at + 1 if at + 1 < size else at - 1
+            meaning = f"offset towards {planes[towards]}"
+            yield Offset(kind=kind, at=at, towards=towards), f"{kind}[{planes[at]}]", meaning, "1", _PLAUSIBLE["offset"]
 
 
-def _rest(fit: FitResult) -> list[Rest]:
+def _known(fit: FitResult) -> Iterator[_Described]:
+    """The clearance, where motion was divided by it, and values that were taken as known."""
+    divided = any(isinstance(block, OrbitResponses | OffCentreResponses) for block in fit.problem.blocks)
+    if divided and fit.model.clearance:
+        meaning = "radial clearance, taken as known, as a share of it"
+        yield Clearance(), "clearance", meaning, "1", _PLAUSIBLE["clearance"]
+    for place, name in enumerate(fit.model.parameter_names):
+        p = fit.params.get(name)
+        if p is not None and not p.vary and p.value:
+            size = max(_PLAUSIBLE["term"] * abs(p.value), _damper(fit) if name.startswith("Ds") else 0.0)
+            yield place, name, f"{p.meaning}, taken as known", p.unit, size
+
+
+def _rest(fit: FitResult) -> Iterator[_Described]:
     """A journal that rests off centre, by the model's law or a typical one: circular forces hardly show it."""
     model = fit.model
     shown = any(isinstance(block, OrbitResponses) or is_linear(block) for block in fit.problem.blocks)
     if not fluid_coordinates(model) or not shown:
-        return []
-    eccentricity = fit.settings.assumptions.get(_rest_name(fit), 0.0) or _PLAUSIBLE["rest"]
+        return
+    name = f"rest[{model.coordinates[fluid_coordinates(model)[0]].plane}]"
+    eccentricity = fit.settings.assumptions.get(name, 0.0) or _PLAUSIBLE["rest"]
     law = Muszynska().start(1.0, 1.0)
     factors = {"K0": (1 - eccentricity**2) ** law["n_K"], "D": (1 - eccentricity**2) ** law["n_D"]}
     factors |= dict.fromkeys(("lam", "lam_D", "lam_M"), (1 - eccentricity) ** -law["b"])
     factor = np.array([factors.get(name, 1.0) for name in model.parameter_names])
-    return [Rest(change=fit.theta() * (factor - 1) / eccentricity, eccentricity=eccentricity)]
+    rest = Rest(change=fit.theta() * (factor - 1) / eccentricity, eccentricity=eccentricity)
+    yield rest, name, "eccentricity of the journal at rest, taken as centred", "1", _PLAUSIBLE["rest"]
 
 
-def _rest_name(fit: FitResult) -> str:
-    return f"rest[{fit.model.coordinates[fluid_coordinates(fit.model)[0]].plane}]"
-
-
-def _gains(fit: FitResult) -> list[Gain]:
+def _gains(fit: FitResult) -> Iterator[_Described]:
     """Gains that nothing in the data tells: of a single run, and of planes with a single probe."""
     tests = [test for test in fit.experiments if isinstance(test, PerturbationTest)]
     if not tests or fit.model.frame != "z" or fit.settings.calibration is not None:
-        return []
-    runs = {name for test in tests for name in test.run.tolist()}
+        return
+    if len({name for test in tests for name in test.run.tolist()}) == 1:
+        yield Gain(), "gain", "gain of the only run", "1", _PLAUSIBLE["gain"]
     read = {(plane, way) for t in tests for plane, way in zip(t.plane.tolist(), t.direction.tolist(), strict=True)}
-    alone = [
-        Gain(at=number)
-        for number, place in enumerate(fit.model.coordinates)
-        if place.axis == "z" and {way for plane, way in read if plane == place.plane and way in "xyz"} in ({"x"}, {"y"})
-    ]
-    return [*[Gain()] * (len(runs) == 1), *alone]
+    for number, place in enumerate(fit.model.coordinates):
+        ways = {way for plane, way in read if plane == place.plane and way in "xyz"}
+        if place.axis == "z" and ways in ({"x"}, {"y"}):
+            yield Gain(at=number), f"gain[{place.plane}]", "gain of the only probe", "1", _PLAUSIBLE["gain"]
 
 
-def _causes(fit: FitResult) -> list[Cause]:
+def _causes(fit: FitResult) -> Iterator[_Described]:
     """Causes that the data show, and values of the fluid that may change with speed, found or not."""
     found = [] if fit.noise is None else list(fit.noise.causes)
     there = {cause.name for cause in found}
-    return [*found, *(c for c in (*uneven_supports(fit), *changes_with_speed(fit.problem)) if c.name not in there)]
-
-
-def _described(fit: FitResult, term: Term) -> tuple[str, str, str, float]:
-    """Name, meaning, unit and plausible size."""
-    planes = [c.plane for c in fit.model.coordinates]
-    match term:
-        case Clearance():
-            described = "clearance", "radial clearance, taken as known, as a share of it", "1", _PLAUSIBLE["clearance"]
-        case Gain():
-            name = "gain" if term.at is None else f"gain[{planes[term.at]}]"
-            described = name, f"gain of the only {'run' if term.at is None else 'probe'}", "1", _PLAUSIBLE["gain"]
-        case Cause():
-            described = _described_cause(fit, term)
-        case Rest():
-            meaning = "eccentricity of the journal at rest, taken as centred"
-            described = _rest_name(fit), meaning, "1", _PLAUSIBLE["rest"]
-        case Offset():
-            name = f"{term.kind}[{planes[term.at]}]"
-            described = name, f"offset towards {planes[term.towards]}", "1", _PLAUSIBLE["offset"]
-        case LeftOut():
-            stiffness, frequency, speed = _levels(fit)
-            part = _PLAUSIBLE["gyroscopic" if term.name.startswith("g[") else "term"]
-            _, power, speeds = term.terms[0]
-            share = part * stiffness / frequency**power / speed**speeds
-            # What acts between the planes acts at the journal too, about as much.
-            damper = max(_damper(fit), _coupled(fit)) if term.name.startswith("Ds") else 0.0
-            described = term.name, term.meaning, term.unit, max(share, damper)
-        case _:
-            p = fit.params[fit.model.parameter_names[term]]
-            damper = _damper(fit) if p.name.startswith("Ds") else 0.0
-            described = p.name, f"{p.meaning}, taken as known", p.unit, max(_PLAUSIBLE["term"] * abs(p.value), damper)
-    return described
+    others = (c for c in (*uneven_supports(fit), *changes_with_speed(fit.problem)) if c.name not in there)
+    yield from ((cause, *_described_cause(fit, cause)) for cause in (*found, *others))
 
 
 def _described_cause(fit: FitResult, cause: Cause) -> tuple[str, str, str, float]:
