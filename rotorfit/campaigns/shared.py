@@ -169,7 +169,13 @@ class _Joint:
         params = {name: self._parameter(i, float(phi[i]), errors) for i, name in enumerate(self.names)}
         done = list(fits)
         for number, own in zip(quadratics, own_errors, strict=True):
-            done[number] = _with_errors(done[number], own, self.names)
+            fit = done[number]
+            errors_of_run = [np.sqrt(np.maximum(np.diag(covar), 0.0)).tolist() for covar in own]
+            changed = {name: parameter for name, parameter in fit.params.items() if name not in self.names}
+            for name, noise, error in zip(fit.var_names, *errors_of_run, strict=True):
+                if changed[name].resolved:
+                    changed[name] = replace(changed[name], stderr=error, stderr_noise=noise)
+            done[number] = replace(fit, params=changed, covar=own[1])
         return Shared(runs=tuple(done), params=params, covar=errors[1], success=settled)
 
     def _errors(self, fits: Sequence[RunFit], quadratics: Sequence[Curvature]) -> tuple[Errors, list[Errors]]:
@@ -276,15 +282,6 @@ def _own_values(fit: RunFit, start: Mapping[str, float]) -> Mapping[str, float]:
 def _with_noise(settings: FitSettings, fit: RunFit) -> FitSettings:
     """Settings with the noise that a fit found; the very same where it found none, which runs then share."""
     return settings if fit.noise is None else replace(settings, noise=fit.noise)
-
-
-def _with_errors(fit: RunFit, errors: Errors, names: Sequence[str]) -> RunFit:
-    params = {name: parameter for name, parameter in fit.params.items() if name not in names}
-    for i, name in enumerate(fit.var_names):
-        if params[name].resolved:
-            noise, error = (float(np.sqrt(covar[i, i])) for covar in errors)
-            params[name] = replace(params[name], stderr=error, stderr_noise=noise)
-    return replace(fit, params=params, covar=errors[1])
 
 
 # ---- work on one run, here or elsewhere --------------------------------------------------------------------------

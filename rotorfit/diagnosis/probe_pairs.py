@@ -287,34 +287,30 @@ def reciprocity(orbits: Orbits) -> Iterator[Finding]:
     largest_median = 0.4
     largest_spread = 0.3  # octaves between the quartiles of ratios that one factor explains
     fewest_ratios = 8  # ratios from which quartiles say anything
+    condition = in_order(combined(orbits.number("speed"), numbers(np.round(orbits.frequency, 6))))[1]
+    size = np.abs(orbits.right / orbits.force)
     for one, other in sorted(planes):
-        logs = _ratios(orbits, one, other)
+        # log2 of how much more one plane answers a force at the other than the other way round, by condition.
+        last = np.full((2, int(condition.max()) + 1), -1, dtype=np.intp)
+        for found, (forced, plane) in zip(last, ((other, one), (one, other)), strict=True):
+            at: Index = np.flatnonzero((orbits.force_plane == forced) & (orbits.plane == plane) & (size > 0))
+            found[condition[at]] = at
+        there, back = last[:, (last >= 0).all(axis=0)]
+        logs = np.log2(size[there] / size[back])
         if logs.size < fewest_ratios:
             continue
         low, middle, high = np.quantile(logs, [0.25, 0.5, 0.75]).tolist()
         if abs(middle) <= largest_median or high - low >= largest_spread:
             continue
-        there, forced = (np.isin(column, (one, other)) for column in (orbits.plane, orbits.force_plane))
+        between = np.isin(orbits.plane, (one, other)) & np.isin(orbits.force_plane, (one, other))
         factor, (a, b) = float(2 ** abs(middle)), (one, other) if middle > 0 else (other, one)
-        size = significant(factor, 3)
+        times = significant(factor, 3)
         text = (
-            f"Plane {a} answers forces at {b} {size} times as much as {b} answers forces at {a}, at every frequency; "
-            f"on a rotor the two are alike. Either the readings at {a} are {size} times too large{likeness(factor)}, "
+            f"Plane {a} answers forces at {b} {times} times as much as {b} answers forces at {a}, at every frequency; "
+            f"on a rotor the two are alike. Either the readings at {a} are {times} times too large{likeness(factor)}, "
             f"or those at {b} as many times too small{likeness(1 / factor)}, or so are the forces at {b}, or those at "
             f"{a} are too large. No fit can tell which: it goes into sigma, or into every mass and stiffness of one "
             "plane."
         )
         undo = "name the unit of the amplitudes, or correct with gains"
-        yield Finding("warning", "reciprocity", text, orbits.rows_of(np.flatnonzero(there & forced)), undo=undo)
-
-
-def _ratios(orbits: Orbits, a: str, b: str) -> Float:
-    """log2 of how much more one plane answers a force at another than the other way round, condition by condition."""
-    condition = in_order(combined(orbits.number("speed"), numbers(np.round(orbits.frequency, 6))))[1]
-    size = np.abs(orbits.right / orbits.force)
-    last = np.full((2, int(condition.max()) + 1), -1, dtype=np.intp)
-    for found, (forced, plane) in zip(last, ((b, a), (a, b)), strict=True):
-        at: Index = np.flatnonzero((orbits.force_plane == forced) & (orbits.plane == plane) & (size > 0))
-        found[condition[at]] = at
-    there, back = last[:, (last >= 0).all(axis=0)]
-    return np.asarray(np.log2(size[there] / size[back]))
+        yield Finding("warning", "reciprocity", text, orbits.rows_of(np.flatnonzero(between)), undo=undo)

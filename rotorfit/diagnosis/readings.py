@@ -158,11 +158,15 @@ def clipped(test: PerturbationTest) -> Iterator[Finding]:
     if np.bincount(channel[flat]).max(initial=0) < _CLIPPED_READINGS:
         return
     steps = _steps(channel, size, slice(-_AMPLITUDES_COMPARED, None))
-    ends = {
-        int(channel[sweep[0]])
-        for sweep in _sweeps(test, channel)
-        if _flat_top(sweep, size, flat, steps[int(channel[sweep[0]])])
-    }
+    ends = set()  # channels of which several readings in a row are at the largest, and those beside fall steeply
+    for sweep in _sweeps(test, channel):
+        step = steps[int(channel[sweep[0]])]
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], flat[sweep], [False]]).astype(np.int8)))
+        for begin, end in edges.reshape(-1, 2).tolist():
+            beside = [size[sweep[at]] for at in (begin - 1, end) if 0 <= at < sweep.size]
+            in_a_row = end - begin >= _CLIPPED_IN_A_ROW and bool(beside)
+            if in_a_row and size[sweep[begin]] - min(beside) > _ROUNDING_STEPS * step:
+                ends.add(int(channel[sweep[0]]))
     cut = np.flatnonzero(flat & np.isin(channel, list(ends)))
     if cut.size:
         text = (
@@ -187,10 +191,10 @@ def _channels(test: PerturbationTest) -> Index:
     return combined(number["plane"], number["direction"])
 
 
-def _sweeps(test: PerturbationTest, channel: Index) -> Iterator[Index]:
+def _sweeps(test: PerturbationTest, channel: Index) -> list[Index]:
     """Rows of one probe in one run and under one force's plane, in the order of frequency."""
     number = test.lines.number
-    return iter(rows_by(combined(number["run"], number["force_plane"], channel), test.frequency))
+    return rows_by(combined(number["run"], number["force_plane"], channel), test.frequency)
 
 
 def _steps(channel: Index, size: Float, some: slice) -> dict[int, float]:
@@ -202,13 +206,3 @@ def _steps(channel: Index, size: Float, some: slice) -> dict[int, float]:
         steps = np.diff(distinct)
         found[one] = float(steps[steps > _LAST_DIGIT * distinct[1:]].min(initial=np.inf))
     return {one: step if step < np.inf else 0.0 for one, step in found.items()}
-
-
-def _flat_top(sweep: Index, size: Float, flat: Bool, step: float) -> bool:
-    """True if several readings in a row are at the largest amplitude, and those beside them fall from it steeply."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flat[sweep], [False]]).astype(np.int8)))
-    for begin, end in edges.reshape(-1, 2).tolist():
-        beside = [size[sweep[at]] for at in (begin - 1, end) if 0 <= at < sweep.size]
-        if end - begin >= _CLIPPED_IN_A_ROW and beside and size[sweep[begin]] - min(beside) > _ROUNDING_STEPS * step:
-            return True
-    return False

@@ -11,7 +11,6 @@ import numpy as np
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.joined import runs_apart
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
-from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.minimisation.objective import Method
 from rotorfit.estimators.misfit.cost_graph import cost_graph
@@ -198,17 +197,16 @@ def closed_form(
     problem = build_problem(model, several, settings)
     if has_lines(problem):
         raise ClosedFormError("combination lines have none; the fit starts from linear steps, one line after the other")
-    blocks = tuple(_of_forces(block) for block in problem.blocks)
+    # Responses to measured forces and beside a dry run are taken without what their errors have in common.
+    blocks = tuple(
+        block.base
+        if isinstance(block, CorrelatedResponses) and not (block.base.beside is None and block.base.force_noise is None)
+        else block
+        for block in problem.blocks
+    )
     estimate = solve_closed_form(problem.space, blocks, weighted=weighted)
     start = Start(x=estimate.x, kind=CLOSED_FORM)
     return judge(problem, several, settings, estimate.x, start, "closed form", None, estimate.notes, estimate)
-
-
-def _of_forces(block: Block) -> Block:
-    """Responses to measured forces and beside a dry run, without what their errors have in common."""
-    if isinstance(block, CorrelatedResponses) and not (block.base.beside is None and block.base.force_noise is None):
-        return block.base
-    return block
 
 
 def solve_again(fit: FitResult, problem: Problem) -> FitResult:

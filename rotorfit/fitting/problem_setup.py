@@ -172,9 +172,8 @@ def _has_phase(block: Block) -> bool:
 
 
 def _phase_factors(block: Block, runs: Sequence[str]) -> ComplexArray:
-    """Sensitivity of the logarithm of each prediction to the phase reference of each run, shape ``(R, n_runs)``. In
-    complex coordinates a backward run's amplitude is the conjugate of its phasors, and so is the effect of an
-    offset."""
+    """Sensitivity of the logarithm of each prediction to the phase reference of each run, shape ``(R, n_runs)``: in
+    complex coordinates the conjugate for a backward run, as its amplitude is of its phasors."""
     circular = responses_of(block)
     by_phase = np.full(block.measured.size, 1j) if circular is None else circular.by_phase
     return np.asarray(by_phase[:, None] * (_has_phase(block) & (block.run[:, None] == np.array(runs))))

@@ -113,7 +113,12 @@ def _noise_lines(fit: FitResult) -> list[str]:
     lines = [f"noise: {beside}{VERDICTS[noise.verdict]} (neighbouring lines correlate by {noise.correlation:+.2f})"]
     lines += _levels(noise)
     lines += [f"  {sentence}" for sentence in noise.sentences if sentence not in fit.warnings]
-    lines += _without_runs(fit)
+    if noise.effects and fit.success and np.unique(fit.problem.run).size > 2:  # beside the random effect
+        left_out = fit.jackknife()
+        names = [name for name in fit.problem.space.names if fit.params[name].resolved]
+        errors = {name: left_out.parameter(name).stderr for name in names}
+        shown = [f"{name} {two_digits(error)}" for name, error in errors.items() if np.isfinite(error)]
+        lines += [f"  standard errors from leaving out runs one by one: {', '.join(shown)}"] * bool(shown)
     few = [p for p in fit.params.values() if p.vary and p.resolved and p.freedom < _FEW]
     for p in few:
         low, high = p.interval(0.95, statistical=True)
@@ -146,18 +151,6 @@ def _levels(noise: ResidualStudy) -> list[str]:
 def _small(value: float, unit: str) -> str:
     """A noise level: motion in millionths, as probes are read."""
     return f"{two_digits(1e6 * value)} u{unit}" if unit in ("m", "rad") else f"{two_digits(value)} {unit}".rstrip()
-
-
-def _without_runs(fit: FitResult) -> list[str]:
-    """Errors from leaving out runs, beside the random effect of a fit that found runs to differ."""
-    effects = fit.settings.noise is not None and bool(fit.settings.noise.effects)
-    if not (effects and fit.success and np.unique(fit.problem.run).size > 2):
-        return []
-    found = fit.jackknife()
-    names = [name for name in fit.problem.space.names if fit.params[name].resolved]
-    errors = {name: found.parameter(name).stderr for name in names}
-    shown = [f"{name} {two_digits(error)}" for name, error in errors.items() if np.isfinite(error)]
-    return [f"  standard errors from leaving out runs one by one: {', '.join(shown)}"] if shown else []
 
 
 def correction_names(model: RotorModel) -> set[str]:

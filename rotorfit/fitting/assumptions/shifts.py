@@ -125,7 +125,8 @@ def _entries(fit: FitResult, described: Sequence[_Described]) -> list[Assumption
     if onset is not None and onset.speed > 0:
         errors[THRESHOLD_COLUMN] = fit.threshold_of(0).stderr
     entries = []
-    for number, (term, name, meaning, unit, plausible) in enumerate(described):
+    for number, (term, name, what, unit, usual) in enumerate(described):
+        meaning, plausible = what, usual
         tested = scores if found[number] else beside
         estimate, stderr = float(tested.estimate[number]), float(tested.stderr[number])
         if number in rivals:

@@ -11,7 +11,6 @@ import numpy as np
 
 from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.estimators.inference.covariance import excess
-from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.fitting.assumptions.shifts import assuming
 from rotorfit.fitting.fit import fitted, solve_again
 from rotorfit.fitting.judge import why_not_refined, with_model_uncertainty
@@ -246,27 +245,22 @@ def rescale_noise(fit: FitResult) -> FitResult:
     if fit.settings.loss != "linear" or fit.model_limited or (fit.noise is None and fit.redchi > NOISE_LIKE_REDCHI):
         return fit
     plain = with_noise_scale(fit.problem, fit.settings.noise_scale, -1)
+    names, number = words(np.concatenate([np.array(block.labels)[block.label] for block in plain.blocks]))
+    counts, free = 2 * np.bincount(number), 1 - fit.x.size / plain.n_data
+    fewest_readings = 30  # readings of a response from which their scatter gives their noise within 10 %
+    enough = counts >= 2 * fewest_readings
+    smallest_scale = 1e-3  # scale below which exact data, not noise, are in hand
     for _ in range(5):
-        scale = _noise_scale(plain, fit.x)
+        # Root mean square of the whitened residuals of each response, over the share that the fitted values leave.
+        squares = np.bincount(number, np.abs(plain.residuals(fit.x)) ** 2)
+        sizes = np.maximum(np.sqrt(squares / (counts * free)), smallest_scale).tolist()
+        scale = {name: size for name, size, some in zip(names, sizes, enough, strict=True) if some}
         settled = all(abs(scale[name] / fit.settings.noise_scale.get(name, 1.0) - 1) < 1e-3 for name in scale)
         if settled:
             break
         rescaled = replace(fit, settings=replace(fit.settings, noise_scale=scale))
         fit = solve_again(rescaled, with_noise_scale(plain, scale))
     return fit
-
-
-def _noise_scale(problem: Problem, x: Float) -> dict[str, float]:
-    """Root mean square of the whitened residuals of each response, over the share that the fitted values leave."""
-    names, number = words(np.concatenate([np.array(block.labels)[block.label] for block in problem.blocks]))
-    squares = np.bincount(number, np.abs(problem.residuals(x)) ** 2)
-    counts = 2 * np.bincount(number)
-    free = 1 - x.size / problem.n_data
-    smallest_scale = 1e-3  # scale below which exact data, not noise, are in hand
-    scale = np.maximum(np.sqrt(squares / (counts * free)), smallest_scale)
-    fewest_readings = 30  # readings of a response from which their scatter gives their noise within 10 %
-    enough = counts >= 2 * fewest_readings
-    return {name: own for name, own, some in zip(names, scale.tolist(), enough, strict=True) if some}
 
 
 def refit(
