@@ -52,19 +52,6 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _misfits(runs: Sequence[RunFit]) -> list[str]:
-    """A line on the runs whose misfit is more than their noise."""
-    missed = [run for run in runs if run.redchi > MODEL_LIMITED_REDCHI and not run.silent]
-    if not missed:
-        return []
-    above = f"redchi is above {MODEL_LIMITED_REDCHI:g}"
-    if 2 * len(missed) > len(runs):
-        return [f"{above} in {len(missed)} of {len(runs)} runs: more than noise, in most of them"]
-    missed.sort(key=lambda run: -run.redchi)
-    named = listed([f"{run.name} ({significant(run.redchi, 3)})" for run in missed])
-    return [f"{above}, more than noise: {named}; look at their units, speeds and directions"]
-
-
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Campaign(Printed):
     """Fits of all runs of a campaign.
@@ -243,7 +230,13 @@ class Campaign(Printed):
         lines += [f"shared {p.name} = {plus_minus(p.value, p.stderr)} {p.unit}" for p in self.shared.values()]
         out = "; left out of trends"
         lines += [f"{run.name}: {run.remark}{out * run.silent}" for run in self.runs if run.remark]
-        lines += _misfits(done)
+        missed = sorted((r for r in done if r.redchi > MODEL_LIMITED_REDCHI and not r.silent), key=lambda r: -r.redchi)
+        above = f"redchi is above {MODEL_LIMITED_REDCHI:g}"
+        if 2 * len(missed) > len(done):
+            lines.append(f"{above} in {len(missed)} of {len(done)} runs: more than noise, in most of them")
+        elif missed:
+            named = listed([f"{run.name} ({significant(run.redchi, 3)})" for run in missed])
+            lines.append(f"{above}, more than noise: {named}; look at their units, speeds and directions")
         if against is not None:
             trends = trend_table(self.trends(parameters, against=against, by=by, degree=degree))
             lines += [*self.condition_remarks(against), "", trends]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -107,11 +106,9 @@ def _observed(
     blocks: list[Block] = []
     for experiment, found, rows in zip(seen, influences, groups, strict=True):
         block = observe_any(model, experiment, rows)
-        base = responses_of(block)
-        if found is not None and isinstance(block, Responses) and base is not None:
-            block = correlated(base, found)
-        block = with_baseline(model, block, experiment, settings.baseline, settings.stator_mass_kg)
-        blocks.append(block)
+        if found is not None and isinstance(block, Responses):
+            block = correlated(block, found)
+        blocks.append(with_baseline(model, block, experiment, settings.baseline, settings.stator_mass_kg))
     return seen, tuple(blocks), suffixes
 
 
@@ -148,13 +145,8 @@ def _phase_entries(
 
 def with_noise_scale(problem: Problem, scale: Mapping[str, float], power: int = 1) -> Problem:
     """The problem with the noise of responses multiplied by factors of their own."""
-    if not scale:
-        return problem
-    blocks = []
-    for block in problem.blocks:
-        factors = np.array([scale.get(name, 1.0) for name in block.labels]) ** power
-        blocks.append(block.with_noise(factors[block.label]))
-    return replace(problem, blocks=tuple(blocks))
+    by_label = ((np.array([scale.get(name, 1.0) for name in block.labels]), block.label) for block in problem.blocks)
+    return problem.with_noise(np.concatenate([own[at] for own, at in by_label]) ** power) if scale else problem
 
 
 def with_noise_of_data(problem: Problem, settings: FitSettings, x: Float) -> tuple[Problem, Float]:

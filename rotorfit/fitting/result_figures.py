@@ -90,17 +90,13 @@ class FitFigures:
         return plot_residuals(self._fit, **look)
 
     def plot_lines(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """Spectral lines of a shaft that is not round, and of its twist, against the perturbation frequency.
-
-        ``ax`` and ``unit`` are as for :meth:`plot_bode`."""
+        """Lines of an uneven shaft and its twist against frequency; ``ax`` and ``unit`` as for :meth:`plot_bode`."""
         from rotorfit.plots.shaft_lines import plot_lines
 
         return plot_lines(self._fit, **look)
 
     def plot_stability(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """Eigenvalues against rotative speed with the threshold and its interval.
-
-        ``ax`` and ``unit`` are as for :meth:`plot_bode`."""
+        """Eigenvalues against speed, threshold with its interval; ``ax`` and ``unit`` as for :meth:`plot_bode`."""
         from rotorfit.plots.stability import plot_stability
 
         return plot_stability(self._fit, **look)
@@ -138,9 +134,7 @@ class FitFigures:
         return plot_law(self._fit, **look)
 
     def plot_nonlinear_stiffness(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """Nonlinear minus linear dynamic stiffness at the journal (Figs 13 to 15).
-
-        ``ax`` and ``unit`` are as for :meth:`plot_bode`."""
+        """Nonlinear minus linear dynamic stiffness (Figs 13 to 15); ``ax`` and ``unit`` as for :meth:`plot_bode`."""
         from rotorfit.plots.eccentricity import plot_nonlinear_stiffness
 
         return plot_nonlinear_stiffness(self._fit, **look)
@@ -152,17 +146,13 @@ class FitFigures:
         return plot_static_locus(self._fit, **look)
 
     def plot_static_stiffness(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """Static load over displacement, across and along the load, against eccentricity (Figs 27 and 28).
-
-        ``ax`` and ``unit`` are as for :meth:`plot_bode`."""
+        """Static stiffness against eccentricity (Figs 27 and 28); ``ax`` and ``unit`` as for :meth:`plot_bode`."""
         from rotorfit.plots.static_and_impulse import plot_static_stiffness
 
         return plot_static_stiffness(self._fit, **look)
 
     def plot_velocity_ratio(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """Frequency over speed of free vibrations against eccentricity (Fig. 29).
-
-        ``ax`` and ``unit`` are as for :meth:`plot_bode`."""
+        """Frequency over speed of free vibrations (Fig. 29); ``ax`` and ``unit`` as for :meth:`plot_bode`."""
         from rotorfit.plots.static_and_impulse import plot_velocity_ratio
 
         return plot_velocity_ratio(self._fit, **look)
@@ -170,12 +160,9 @@ class FitFigures:
     def plot_coefficients(
         self, speeds: Sequence[float] | None = None, *, plane: str | None = None, **look: Unpack[PlotKeywords]
     ) -> Figure:
-        """Draw the coefficients of ``fit.coefficient_table`` against speed, with their 95 % errors.
+        """Coefficients of ``fit.coefficient_table`` against speed, with their 95 % errors.
 
-        Args:
-            speeds: rotative speeds, rad/s, by default those that were tested.
-            plane: name of the plane, where forces were fitted at several.
-            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
+        ``speeds`` and ``plane`` are as there, ``ax`` and ``unit`` as for :meth:`plot_bode`.
         """
         from rotorfit.plots.coefficients import coefficients
 
@@ -184,11 +171,9 @@ class FitFigures:
     def plot_frequency_coefficients(
         self, speeds: Sequence[float] | None = None, **look: Unpack[PlotKeywords]
     ) -> Figure:
-        """Draw stiffness and damping against frequency as measured, with the fitted ones and their 95 % bands.
+        """Stiffness and damping against frequency as measured, with the fitted ones and their 95 % bands.
 
-        Args:
-            speeds: rotative speeds, rad/s, by default those that were tested.
-            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
+        ``speeds`` are rotative, rad/s, by default those that were tested; ``ax`` and ``unit`` as for :meth:`plot_bode`.
         """
         from rotorfit.plots.coefficients import frequency_coefficients
 

@@ -19,8 +19,8 @@ from rotorfit.models.array_types import ComplexArray, Float, Index
 
 def with_noise(problem: Problem, noise: FoundNoise) -> Problem:
     """The problem with noise of another size, and differences of runs as nuisance entries with priors."""
-    blocks = tuple(block.with_noise(factor) for block, factor in zip(problem.blocks, noise.factors, strict=True))
-    space, priors = problem.space, problem.priors
+    problem = problem.with_noise(np.concatenate(noise.factors))
+    space, priors, blocks = problem.space, problem.priors, problem.blocks
     factors = problem.factors or (None,) * len(blocks)
     for effect in noise.effects:
         columns = [
@@ -39,7 +39,7 @@ def with_noise(problem: Problem, noise: FoundNoise) -> Problem:
         )
         spread = CentredNormal(effect.sd)
         priors += tuple(Prior(first + i, spread) for i in range(len(effect.runs)))
-    return replace(problem, space=space, blocks=blocks, priors=priors, factors=factors)
+    return replace(problem, space=space, priors=priors, factors=factors)
 
 
 def effect_entries(problem: Problem, noise: FoundNoise | None) -> list[tuple[Index, float]]:
@@ -51,7 +51,6 @@ def effect_entries(problem: Problem, noise: FoundNoise | None) -> list[tuple[Ind
 
 def without_noise(problem: Problem, noise: FoundNoise) -> Problem:
     """The problem before :func:`with_noise`; offsets of phase_offsets stay, with their priors."""
-    blocks = tuple(block.with_noise(1 / factor) for block, factor in zip(problem.blocks, noise.factors, strict=True))
     count = problem.space.size - sum(len(effect.runs) for effect in noise.effects if effect.kind in RUN_KINDS)
     own = count - len(problem.space.names)
     space = replace(
@@ -62,7 +61,8 @@ def without_noise(problem: Problem, noise: FoundNoise) -> Problem:
     )
     priors = tuple(prior for prior in problem.priors if prior.entry < count)
     factors = tuple(None if part is None or not own else part[:, :own] for part in problem.factors)
-    return replace(problem, space=space, blocks=blocks, priors=priors, factors=factors)
+    given = problem.with_noise(1 / np.concatenate(noise.factors))
+    return replace(given, space=space, priors=priors, factors=factors)
 
 
 def with_scatter(
@@ -117,13 +117,11 @@ def shares_of_possible_effects(
     """Contribution of possible differences of runs to the covariance, kind by kind, each of shape ``(p, p)``."""
     if not study.possible_effects:
         return ()
-    run = problem.run
-    sigma = problem.sigma
-    whitened = np.concatenate(problem.predict(x)) / sigma
+    whitened = np.concatenate(problem.predict(x)) / problem.sigma
     shares = []
     for effect in study.possible_effects:
         change = effect.sd * np.concatenate(effect.sensitivities) * whitened
-        columns = change[:, None] * (run[:, None] == np.array(effect.runs))
+        columns = change[:, None] * (problem.run[:, None] == np.array(effect.runs))
         moves = scattered @ (J.conj().T @ columns).real
         shares.append(moves @ moves.T)
     return tuple(shares)

@@ -130,9 +130,9 @@ def _over_mountings(name: str, condition: str, rows: Sequence[Coefficients]) -> 
     from scipy.stats import chi2  # late: loading it takes longer than a fit
 
     single = np.array([[row[name].value, row[name].stderr] for row in rows])
-    if not np.isfinite(single).all():
-        number = int(np.flatnonzero(~np.isfinite(single).all(axis=1))[0]) + 1
-        raise ValueError(f"the data of mounting {number} do not determine {name} at {condition}")
+    for number, known in enumerate(np.isfinite(single).all(axis=1), 1):
+        if not known:
+            raise ValueError(f"the data of mounting {number} do not determine {name} at {condition}")
     y, within = single[:, 0], single[:, 1] ** 2
     free = y.size - 1
     between = _variance_at(free, y, within)
