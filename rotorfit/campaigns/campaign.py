@@ -213,14 +213,8 @@ class Campaign(Printed):
         by: str | None = None,
         degree: int = 1,
     ) -> str:
-        """The shared parameters, how the runs went, and with ``against`` the trends as for :meth:`trends`.
-
-        Args:
-            parameters: names whose trends are shown, by default K0, lam and D where fitted.
-            against: attribute, or attributes, that trends are shown against.
-            by: attribute that makes groups.
-            degree: of the trends' polynomials.
-        """
+        """The shared parameters, how the runs went, and with ``against`` the trends of ``parameters``, in groups ``by``
+        an attribute and as polynomials of a ``degree``, all as for :meth:`trends`."""
         done = [run for run in self.runs if run.params]
         redchi = [run.redchi for run in done]
         lines = [f"{self.model.name}: {len(done)} of {len(self.runs)} runs fitted"]
@@ -302,14 +296,10 @@ class Campaign(Printed):
         degree: int = 1,
         **look: Unpack[PlotKeywords],
     ) -> Figure:
-        """Parameters with error bars and trend lines or curves against attributes, as of :meth:`trends`.
+        """Parameters with error bars and trend lines or curves against attributes, a column of panels each.
 
-        Args:
-            parameters: names to show, by default K0, lam and D where fitted.
-            against: attribute on the horizontal axis, ``"oil_C"``, or several, a column of panels each.
-            by: attribute that makes groups, each with a line of its own.
-            degree: of the lines' polynomials.
-            **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
+        ``parameters``, ``against``, ``by`` and ``degree`` are as for :meth:`trends`, ``ax`` and ``unit`` as for
+        :meth:`FitResult.plot_bode`.
         """
         from rotorfit.campaigns.trend_figure import plot_trends
 

@@ -16,13 +16,7 @@ from rotorfit.data.experiments import PerturbationTest
 from rotorfit.data.findings import Finding, attributed, errors_in
 from rotorfit.data.probes import at_common_zero
 from rotorfit.diagnosis.check import check
-from rotorfit.diagnosis.data_errors import (
-    DataError,
-    backward_angles,
-    data_errors,
-    filtered_probes,
-    mirrored_orbits,
-)
+from rotorfit.diagnosis.data_errors import DataError, backward_angles, data_errors, filtered_probes, mirrored_orbits
 from rotorfit.diagnosis.orbits import Orbits, orbits_of_tests
 from rotorfit.diagnosis.probe_filters import CHANNEL_FILTERS, POWERS, ChannelFilter, values_to_try
 from rotorfit.diagnosis.probe_pairs import UNEVEN, uneven_planes

@@ -204,14 +204,10 @@ class FitResult(FitFigures):
         return min(known, float(self.nfree)) if self.widening > 1 and math.isfinite(known) else known
 
     def interval(self, name: str, level: float = 0.95, *, statistical: bool = False) -> tuple[float, float]:
-        """Interval of a parameter: estimate and standard error, by Student's t where these have few degrees of freedom.
+        """Interval that holds the parameter ``name``, or "threshold_speed" in rad/s, with the probability ``level``.
 
-        Infinite where the data do not determine the parameter. Holds the systematic share, see :meth:`systematic`.
-
-        Args:
-            name: a fitted or known parameter, or "threshold_speed", rad/s.
-            level: probability that the interval holds the true value, between 0 and 1.
-            statistical: leave the systematic share out.
+        By Student's t where standard errors have few degrees of freedom; infinite where the data do not determine it.
+        It holds the systematic share, see :meth:`systematic`, unless ``statistical``.
 
         Raises:
             KeyError: no such parameter; the message names the nearest.
@@ -579,11 +575,8 @@ class FitResult(FitFigures):
     ) -> tuple[Profile, ...]:
         """Profiles of several quantities, found together; see :func:`rotorfit.uncertainty.profile.profiles`.
 
-        Args:
-            names: as :meth:`profile` takes them; by default every fitted parameter.
-            level, points, at: as for :meth:`profile`.
-            executor, client: that find them beside each other, as for :meth:`bootstrap`: for nonlinear rotors; those of
-                linear ones take less time here than a worker needs to begin.
+        ``names`` are by default those of every fitted parameter; ``level``, ``points`` and ``at`` as for
+        :meth:`profile`, ``executor`` and ``client`` as for :meth:`bootstrap`.
 
         Example:
             >>> lam, D = fit.profiles(["lam", "D"])
@@ -715,15 +708,11 @@ class FitResult(FitFigures):
         mr: Uncertainty = 0.0,
         keyphasor_deg: float = 0.0,
     ) -> Budget:
-        """Random and systematic uncertainty apart (GUM type A and B); see :class:`rotorfit.Calibration`.
+        """Random and systematic uncertainty apart (GUM type A and B).
 
         The fit is repeated with the errors of calibration as nuisance entries; it is the ``fit`` of the answer.
-
-        Args:
-            probe_gain: standard uncertainty of the probes' gains, a fraction; for all, or by plane.
-            probe_phase_deg: that of their phases, degrees.
-            mr: that of the unbalance, a fraction; for all, or by force plane.
-            keyphasor_deg: that of the phase reference, degrees.
+        ``probe_gain``, ``probe_phase_deg``, ``mr`` and ``keyphasor_deg`` are standard uncertainties as of
+        :class:`rotorfit.Calibration`.
         """
         from rotorfit.fitting.assumptions.calibration import Calibration
         from rotorfit.uncertainty.budget import budget
