@@ -3,7 +3,7 @@ one probe of a pair behind a filter: its ratio to the other one changes with fre
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -135,11 +135,7 @@ class Pair:
 
 def filtered_probe(pair: Pair, limit: float) -> FilteredProbe | None:
     """The probe of a pair behind a filter that explains how y differs from what x makes one expect, if one does."""
-    found = [one for one in _candidates(pair) if one[0] < limit]
-    return min(found, key=lambda one: one[0])[1] if found else None
-
-
-def _candidates(pair: Pair) -> Iterator[tuple[float, FilteredProbe]]:
+    found: list[tuple[float, FilteredProbe]] = []
     s, middle = np.asarray(1j * pair.w), float(np.exp(np.mean(np.log(pair.w))))
     count = 60  # corners; neighbours differ by a tenth
     for probe in _PROBES:
@@ -150,7 +146,7 @@ def _candidates(pair: Pair) -> Iterator[tuple[float, FilteredProbe]]:
             if abs(np.angle(factors[0])) < INSTRUMENT_SCATTER:
                 value = middle / float(abs(factors[0])) ** (1 / power)
                 one = FilteredProbe(probe=probe, words=(words[0], words[1]), kind=power, value=value)
-                yield float(misfits[0]), one
+                found.append((float(misfits[0]), one))
         for kind in CHANNEL_FILTERS:
             if not kind.corner:
                 continue  # a probe that comes late is looked for by itself
@@ -165,7 +161,9 @@ def _candidates(pair: Pair) -> Iterator[tuple[float, FilteredProbe]]:
                 tried = np.geomspace(tried[at - 1], tried[at + 1], 21)
             else:
                 if abs(np.log(factor)) < INSTRUMENT_SCATTER:
-                    yield left, FilteredProbe(probe=probe, words=kind.words(value), kind=kind, value=value)
+                    found.append((left, FilteredProbe(probe=probe, words=kind.words(value), kind=kind, value=value)))
+    left, best = min(found, key=lambda one: one[0], default=(np.inf, None))
+    return best if left < limit else None
 
 
 def _misfits(filters: ComplexArray, probe: str, pair: Pair) -> tuple[Float, ComplexArray]:

@@ -243,8 +243,8 @@ def _late(plane: str, one: _Relation) -> Finding:
         f"The {late} probe at {plane} is {time} s late against the {early} probe: it lags in "
         f"proportion to the frequency, by {significant(lag, 2)} degrees at the highest, as no rotor does. Half of that "
         "is in every response there, and in the damping and lam that follow from it. Find out which probe is wrong: if "
-        f"{early} is right, delays, {plane}.{late} = {time} s; if {late} is right, "
-        f"{plane}.{early} = -{time} s (of recordings delay_s of the probe in rig.toml)."
+        f"{early} is right, delays, {plane}.{late} = {time} s; if {late} is right, {plane}.{early} = -{time} s "
+        "(of recordings delay_s of the probe in rig.toml)."
     )
     return Finding("warning", "probe-delay", text, one.rows, undo=f"delays, {plane}.{late} = {time} s")
 

@@ -95,7 +95,16 @@ def signs(orbits: Orbits) -> Iterator[Finding]:
     if not drives.frequency.size:
         return
     kappa = drives.force / drives.right
-    dissipates = _dissipates(drives, kappa)
+    # Sign of the dissipation of each drive at |w| >= Omega, whatever lam < 1 is; 0: unknown.
+    fast = np.abs(drives.frequency) >= np.abs(drives.speed) * (1 - SYNCHRONOUS_DISTANCE)
+    sine = kappa.imag / np.abs(kappa) * np.sign(drives.frequency)
+    small_sine = 0.1  # sine of the phase of kappa below which its sign says little
+    # a phase of a few degrees may be an error of the reference: such readings hardly count
+    sign = np.where(fast, sine / np.hypot(sine, small_sine), 0.0)
+    total, square, count = (np.bincount(drives.number(*_DRIVE), values) for values in (sign, sign**2, fast))
+    deviations = total / np.where(square > 0, np.sqrt(square), 1.0)
+    known = (count >= FEWEST_READINGS) & (np.abs(deviations) > _SIGNIFICANT_DEVIATIONS)
+    dissipates = np.where(known, np.sign(deviations), 0.0)
     hit = np.flatnonzero((dissipates < 0)[drives.number(*_DRIVE)])
     if not dissipates.any():
         planes = len(orbits.groups("plane"))
@@ -112,19 +121,6 @@ def signs(orbits: Orbits) -> Iterator[Finding]:
             "frequency; x has to turn towards y with the rotor."
         )
         yield Finding("error", "reversed-rotation", text, drives.rows_of(hit))
-
-
-def _dissipates(drives: Orbits, kappa: ComplexArray) -> Float:
-    """Sign of the dissipation of each drive at |w| >= Omega, whatever lam < 1 is, shape ``(G,)``; 0: unknown."""
-    fast = np.abs(drives.frequency) >= np.abs(drives.speed) * (1 - SYNCHRONOUS_DISTANCE)
-    sine = kappa.imag / np.abs(kappa) * np.sign(drives.frequency)
-    small_sine = 0.1  # sine of the phase of kappa below which its sign says little
-    # a phase of a few degrees may be an error of the reference: such readings hardly count
-    sign = np.where(fast, sine / np.hypot(sine, small_sine), 0.0)
-    of = drives.number(*_DRIVE)
-    total, square, count = (np.bincount(of, values) for values in (sign, sign**2, fast))
-    score = total / np.where(square > 0, np.sqrt(square), 1.0)
-    return np.where((count >= FEWEST_READINGS) & (np.abs(score) > _SIGNIFICANT_DEVIATIONS), np.sign(score), 0.0)
 
 
 def _negative_damping(drives: Orbits, kappa: ComplexArray, hit: Index) -> Finding:

@@ -118,8 +118,15 @@ def readings_of(problem: Problem) -> Readings | None:
     most_readings = 1500  # readings that show an error
     every = -(-sum(block.measured.size for block in blocks) // most_readings)
     if every > 1:
-        problem = _some_lines(problem, blocks, every)
-        blocks = problem.responses
+        kept, factors = [], []
+        for number, block in enumerate(blocks):
+            run = numbers(block.run[np.searchsorted(block.line, np.arange(block.speed.size))])
+            keep = np.zeros(run.size, dtype=bool)
+            keep[np.concatenate([rows[::every] for rows in rows_by(run, np.abs(block.frequency))])] = True
+            kept.append(block.lines(keep))
+            own = problem.factors[number] if problem.factors else None
+            factors.append(None if own is None else own[keep[block.line]])
+        problem, blocks = replace(problem, blocks=tuple(kept), factors=tuple(factors)), kept
     names = np.array([c.plane for c in problem.space.model.coordinates])
     forced = [names[np.abs(block.force).argmax(axis=1)][block.line] for block in blocks]
     return Readings(
@@ -131,19 +138,6 @@ def readings_of(problem: Problem) -> Readings | None:
         frequency=np.concatenate([block.frequency[block.line] for block in blocks]),
         conjugated=np.concatenate([block.conjugated for block in blocks]),
     )
-
-
-def _some_lines(problem: Problem, blocks: list[Responses], every: int) -> Problem:
-    kept, factors = [], []
-    for number, block in enumerate(blocks):
-        first = np.searchsorted(block.line, np.arange(block.speed.size))
-        run = numbers(block.run[first])
-        keep = np.zeros(run.size, dtype=bool)
-        keep[np.concatenate([rows[::every] for rows in rows_by(run, np.abs(block.frequency))])] = True
-        kept.append(block.lines(keep))
-        own = problem.factors[number] if problem.factors else None
-        factors.append(None if own is None else own[keep[block.line]])
-    return replace(problem, blocks=tuple(kept), factors=tuple(factors))
 
 
 # ---- factors of some readings ----------------------------------------------------------------------------------------

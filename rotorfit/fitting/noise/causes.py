@@ -73,12 +73,9 @@ def _at_own_optimum(
 
 def with_sizes(causes: Sequence[Cause], step: Float) -> tuple[Cause, ...]:
     """Causes with their sizes, which the step to the optimum has last."""
-    sizes = step[step.size - sum(len(cause.parts) for cause in causes) :].tolist()
-    found = []
-    for cause in causes:
-        found.append(replace(cause, sizes=tuple(sizes[: len(cause.parts)])))
-        sizes = sizes[len(cause.parts) :]
-    return tuple(found)
+    counts = [len(cause.parts) for cause in causes]
+    own = np.split(step[step.size - sum(counts) :], np.cumsum(counts)[:-1])
+    return tuple(replace(cause, sizes=tuple(sizes.tolist())) for cause, sizes in zip(causes, own, strict=False))
 
 
 def _beside(data: LinearisedFit, columns: ComplexArray) -> LinearisedFit:

@@ -78,7 +78,13 @@ def linearise(problem: Problem, x: Float) -> LinearisedFit | None:
     r, J = problem.jacobian(x)
     sigma = problem.sigma
     predicted = problem.measured + r * sigma
-    runs, rows = _runs_of(problem)
+    # Runs that may differ, with the readings of each; none where they are one, too many, or one has too few.
+    names, number = words(problem.run)
+    rows = rows_by(number)
+    most_runs = 200  # each costs a small matrix; of more, a difference from run to run is noise
+    fewest_readings = 3  # fewest from which an effect of the run can be estimated
+    comparable = 2 <= len(names) <= most_runs and all(own.size >= fewest_readings for own in rows)
+    runs, rows = (tuple(names), rows) if comparable else ((), [])
     columns = effects_of_runs(problem, x, predicted / sigma, J) if runs else {}
     # Entries of the fitted vector that offset the phase reference of a run without a prior, and the run.
     first, bound = len(problem.space.names), {prior.entry for prior in problem.priors}
@@ -104,17 +110,6 @@ def linearise(problem: Problem, x: Float) -> LinearisedFit | None:
         Z=np.array(list(columns.values())).T if kinds else np.zeros((r.size, 0), dtype=complex),
         forced=(kinds.index("run_phase"),) if offsets else (),
     )
-
-
-def _runs_of(problem: Problem) -> tuple[tuple[str, ...], list[Index]]:
-    """Runs that may differ, with the readings of each; none where they are one, too many, or one has too few."""
-    names, number = words(problem.run)
-    rows = rows_by(number)
-    most_runs = 200  # each costs a small matrix; of more, a difference from run to run is noise
-    fewest_readings = 3  # fewest from which an effect of the run can be estimated
-    if not 2 <= len(names) <= most_runs or any(own.size < fewest_readings for own in rows):
-        return (), []
-    return tuple(names), rows
 
 
 def effects_of_runs(problem: Problem, x: Float, whitened: ComplexArray, J: ComplexArray) -> dict[str, ComplexArray]:

@@ -120,9 +120,20 @@ def refine(fit: FitResult) -> Refinement:
     if best.noise is not None and best.noise.causes:  # they act on every candidate
         steps = [step if step is fit or step is best else refit(step, step.model) for step in steps]
     chosen = with_model_uncertainty(rescale_noise(best), _model_uncertainty(best, steps))
-    onsets = _candidate_onsets(steps, best)
+    # Threshold speeds by group of the best candidate that holds beyond the tested band, and of its neighbours.
+    onsets: list[Onset] = []
+    whole = [step for step in steps if step.model.order <= 2 and (step.success or step is best)]
+    if best.model.speed_dependent and whole:
+        place = min(range(len(whole)), key=lambda number: whole[number].aic)
+        mine, beside = whole[place], [*whole[max(place - 1, 0) : place], *whole[place + 1 : place + 2]]
+        for group in range(len(best.thetas)):
+            onset = mine.threshold_of(group)
+            apart = max((abs(step.threshold_of(group).value - onset.value) for step in beside), default=0.0)
+            whirl = threshold_speed(mine.model, mine.thetas[group])
+            ratio = math.nan if whirl is None else whirl.whirl_ratio
+            onsets.append(Onset(speed=onset.value, stderr=onset.stderr, difference=apart, whirl_ratio=ratio))
     warnings = (*chosen.warnings, *_warnings(fit, chosen))
-    chosen = replace(chosen, settings=replace(chosen.settings, onsets=onsets), warnings=warnings)
+    chosen = replace(chosen, settings=replace(chosen.settings, onsets=tuple(onsets)), warnings=warnings)
     return Refinement(tuple(steps), chosen)
 
 
@@ -219,23 +230,6 @@ def _model_uncertainty(best: FitResult, steps: Sequence[FitResult]) -> Float:
     found = np.zeros((len(names), len(names)))
     found[np.ix_(sure, sure)] = apart + excess(mixed, best.covar[np.ix_(sure, sure)])
     return found
-
-
-def _candidate_onsets(steps: Sequence[FitResult], best: FitResult) -> tuple[Onset, ...]:
-    """Threshold speeds by group of the best candidate that holds beyond the tested band, and of its neighbours."""
-    whole = [step for step in steps if step.model.order <= 2 and (step.success or step is best)]
-    if not best.model.speed_dependent or not whole:
-        return ()
-    place = min(range(len(whole)), key=lambda number: whole[number].aic)
-    mine, beside = whole[place], [*whole[max(place - 1, 0) : place], *whole[place + 1 : place + 2]]
-    found = []
-    for group in range(len(best.thetas)):
-        onset = mine.threshold_of(group)
-        apart = max((abs(step.threshold_of(group).value - onset.value) for step in beside), default=0.0)
-        whirl = threshold_speed(mine.model, mine.thetas[group])
-        ratio = math.nan if whirl is None else whirl.whirl_ratio
-        found.append(Onset(speed=onset.value, stderr=onset.stderr, difference=apart, whirl_ratio=ratio))
-    return tuple(found)
 
 
 def rescale_noise(fit: FitResult) -> FitResult:
