@@ -14,7 +14,7 @@ import numpy as np
 
 from rotorfit.campaigns.partitions import Reader, is_lazy, lazy_runs
 from rotorfit.campaigns.runs import Run, RunFit, Workers, fit_run, split_runs
-from rotorfit.campaigns.shared import Shared, fit_shared, refuse_none
+from rotorfit.campaigns.shared import fit_shared, refuse_none
 from rotorfit.campaigns.trends import Trend, trend_table, trends_of
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.figure_keywords import PlotKeywords
@@ -361,19 +361,20 @@ def campaign(
     there = executor_of(executor, client)
     runs = _runs(experiments, split, there)
     workers = Workers(model, there, progress, store)
+    params: Mapping[str, FittedParameter] = {}
+    covar, settled = np.empty((0, 0)), True
     if names:
-        joint = fit_shared(workers, runs, names, settings, start)
+        (fits, params, covar), settled = fit_shared(workers, runs, names, settings, start)
     else:
         fits = tuple(workers(fit_run, runs, [{"settings": settings, "start": start}] * len(runs)))
         refuse_none(fits)
-        joint = Shared(runs=fits, params={}, covar=np.empty((0, 0)), success=True)
     return Campaign(
         model=model,
-        runs=joint.runs,
-        shared=joint.params,
-        shared_covar=joint.covar,
+        runs=fits,
+        shared=params,
+        shared_covar=covar,
         settings=settings,
-        success=joint.success and all(run.success for run in joint.runs),
+        success=settled and all(run.success for run in fits),
         _data=runs,
     )
 

@@ -45,14 +45,8 @@ Errors = tuple[Float, Float]
 _STEP_TOLERANCE = 1e-4  # of a standard error: a step that changes nothing any more
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Shared:
-    """Joint fit of a campaign: the runs, and what they share."""
-
-    runs: tuple[RunFit, ...]
-    params: Mapping[str, FittedParameter]  # the shared parameters
-    covar: Float  # their covariance, SI units, shape ``(s, s)``
-    success: bool  # whether the search for them settled
+Shared = tuple[tuple[RunFit, ...], Mapping[str, FittedParameter], Float]
+"""Joint fit of a campaign: the runs, what they share, and the covariance of that, SI units, shape ``(s, s)``."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -159,7 +153,7 @@ class _Joint:
             quadratics=quadratics,
         )
 
-    def result(self, fits: Sequence[RunFit], phi: Float, settled: bool) -> Shared:
+    def result(self, fits: Sequence[RunFit], phi: Float) -> Shared:
         """The result, with the errors of the joint fit."""
         quadratics = self.profile(fits, phi).quadratics
         if self.settings.loss == "linear":
@@ -176,7 +170,7 @@ class _Joint:
                 if changed[name].resolved:
                     changed[name] = replace(changed[name], stderr=error, stderr_noise=noise)
             done[number] = replace(fit, params=changed, covar=own[1])
-        return Shared(runs=tuple(done), params=params, covar=errors[1], success=settled)
+        return tuple(done), params, errors[1]
 
     def _errors(self, fits: Sequence[RunFit], quadratics: Sequence[Curvature]) -> tuple[Errors, list[Errors]]:
         """Errors of the shared parameters, and of each run's own in the order of its ``var_names``."""
@@ -250,8 +244,8 @@ class _Joint:
 
 def fit_shared(
     workers: Workers, runs: Sequence[Run], names: Sequence[str], settings: FitSettings, start: Mapping[str, float]
-) -> Shared:
-    """Fit shared and per-run parameters together."""
+) -> tuple[Shared, bool]:
+    """Fit shared and per-run parameters together; whether the search for the shared ones settled."""
     joint = _Joint(workers=workers, runs=runs, names=names, settings=settings, start=start)
     phi, fits = joint.first()
     phi = np.clip(phi, *joint.limits)
@@ -266,7 +260,7 @@ def fit_shared(
         fits = joint.fits(phi, [_own_values(fit, start) if number else start for fit in fits])
         if not settled:
             break
-    return joint.result(fits, phi, settled)
+    return joint.result(fits, phi), settled
 
 
 def refuse_none(fits: Sequence[RunFit]) -> None:

@@ -133,14 +133,30 @@ def _phase_entries(
         raise ValueError(f"phase_offsets is {offsets!r}; allowed: False, True (one a run but the first), 'common'")
     if not offsets:
         return (), []
-    turning = [block for block in blocks if _has_phase(block)]
+    phases = [_by_phase(block) for block in blocks]
+    turning = [block for block, own in zip(blocks, phases, strict=True) if own is not None]
     runs = list(dict.fromkeys(run for block in turning for run in block.run.tolist()))
-    if offsets != "common":
-        names = tuple(f"phase[{run}]" for run in runs[1:])
-        return names, [tuple(_phase_factors(block, runs[1:]) for block in blocks)] if names else []
-    if not turning:
+    if offsets == "common" and not runs:
         raise ValueError("phase_offsets='common' needs responses to turning forces; these data have none")
-    return (DATUM,), [tuple(_phase_factors(block, runs).sum(axis=1, keepdims=True) for block in blocks)]
+    runs = runs if offsets == "common" else runs[1:]
+    factors = [
+        np.zeros((block.measured.size, len(runs)), dtype=complex)
+        if own is None
+        else own[:, None] * (block.run[:, None] == np.array(runs))
+        for block, own in zip(blocks, phases, strict=True)
+    ]
+    if offsets == "common":
+        return (DATUM,), [tuple(part.sum(axis=1, keepdims=True) for part in factors)]
+    return tuple(f"phase[{run}]" for run in runs), [tuple(factors)] if runs else []
+
+
+def _by_phase(block: Block) -> ComplexArray | None:
+    """Sensitivity of the logarithm of each prediction to a turning reference of phases, in complex coordinates the
+    conjugate for a backward run, as its amplitude is of its phasors; None where there is no such reference."""
+    circular, off_centre = responses_of(block), isinstance(block, OffCentreResponses)
+    if circular is None:
+        return np.full(block.measured.size, 1j) if off_centre else None
+    return circular.by_phase if off_centre or circular.frequency.any() else None
 
 
 def with_noise_scale(problem: Problem, scale: Mapping[str, float], power: int = 1) -> Problem:
@@ -155,20 +171,6 @@ def with_noise_of_data(problem: Problem, settings: FitSettings, x: Float) -> tup
     given = with_noise_scale(problem if noise is None else without_noise(problem, noise), settings.noise_scale, -1)
     count = given.space.size
     return given, noise.before if noise is not None and noise.before.size == count else x[:count]
-
-
-def _has_phase(block: Block) -> bool:
-    """True if the observations are phasors relative to a turning reference."""
-    circular = responses_of(block)
-    return isinstance(block, OffCentreResponses) or (circular is not None and bool(circular.frequency.any()))
-
-
-def _phase_factors(block: Block, runs: Sequence[str]) -> ComplexArray:
-    """Sensitivity of the logarithm of each prediction to the phase reference of each run, shape ``(R, n_runs)``: in
-    complex coordinates the conjugate for a backward run, as its amplitude is of its phasors."""
-    circular = responses_of(block)
-    by_phase = np.full(block.measured.size, 1j) if circular is None else circular.by_phase
-    return np.asarray(by_phase[:, None] * (_has_phase(block) & (block.run[:, None] == np.array(runs))))
 
 
 def make_priors(space: ParameterSpace, priors: Mapping[str, Any]) -> tuple[Prior, ...]:
