@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Unpack
 
 from rotorfit.data.figure_keywords import PlotKeywords
-from rotorfit.fitting.settings import BodeKeywords, DrivePointKeywords, StiffnessKeywords, WhirlKeywords
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,13 +19,13 @@ class FitFigures:
         """The result, whose file knows this one and not the other way round."""
         return self
 
-    def plot_dynamic_stiffness(self, **options: Unpack[StiffnessKeywords]) -> Figure:
+    def plot_dynamic_stiffness(self, *, against: str = "frequency", **look: Unpack[PlotKeywords]) -> Figure:
         """Direct and quadrature dynamic stiffness against signed frequency, data with error bars and fit.
 
         Args:
-            **options: ``against``: ``"frequency"``, ``"square"`` (the direct part against the square of the frequency:
-                straight lines, as in Figs 6, 25 and 36) or ``"ratio"`` (frequency over rotative speed). ``ax`` and
-                ``unit``, as for :meth:`plot_bode`.
+            against: ``"frequency"``, ``"square"`` (the direct part against the square of the frequency: straight lines,
+                as in Figs 6, 25 and 36) or ``"ratio"`` (frequency over rotative speed).
+            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
 
         Raises:
             ValueError: no such abscissa or unit, or a ratio to a speed that is swept.
@@ -36,18 +35,18 @@ class FitFigures:
         """
         from rotorfit.plots.dynamic_stiffness import plot_dynamic_stiffness
 
-        return plot_dynamic_stiffness(self._fit, **options)
+        return plot_dynamic_stiffness(self._fit, against=against, **look)
 
-    def plot_bode(self, **options: Unpack[BodeKeywords]) -> Figure:
+    def plot_bode(self, *, against: str = "frequency", mr: float | None = None, **look: Unpack[PlotKeywords]) -> Figure:
         """Amplitude and phase of every response against frequency.
 
         Args:
-            **options: ``against``: ``"frequency"``, signed; ``"ratio"``, that over the rotative speed (Fig. 9);
-                ``"size"``, forward and backward over one another (Fig. 8). ``mr``: an unbalance, kg m, for which
-                amplitudes are drawn in place of those per unit force. ``ax``: axes to draw in, one or as many as the
-                figure has panels; one place for several panels is divided, and a figure or subfigure filled. ``unit``:
-                of frequencies (``"rpm"``, ``"hz"``, ``"rad_s"``), of lengths (``"um"``, ``"mil_pp"``, ``"mm"``), or
-                both, ``("hz", "mil_pp")``.
+            against: ``"frequency"``, signed; ``"ratio"``, that over the rotative speed (Fig. 9); ``"size"``, forward and
+                backward over one another (Fig. 8).
+            mr: an unbalance, kg m, for which amplitudes are drawn in place of those per unit force.
+            **look: ``ax``: axes to draw in, one or as many as the figure has panels; one place for several panels is
+                divided, and a figure or subfigure filled. ``unit``: of frequencies (``"rpm"``, ``"hz"``, ``"rad_s"``),
+                of lengths (``"um"``, ``"mil_pp"``, ``"mm"``), or both, ``("hz", "mil_pp")``.
 
         Raises:
             ValueError: no such abscissa or unit, a ratio to a speed that is swept, or axes that are too many or few.
@@ -57,14 +56,17 @@ class FitFigures:
         """
         from rotorfit.plots.bode import plot_bode
 
-        return plot_bode(self._fit, **options)
+        return plot_bode(self._fit, against=against, mr=mr, **look)
 
-    def plot_drive_point(self, **options: Unpack[DrivePointKeywords]) -> Figure:
+    def plot_drive_point(
+        self, *, plane: str | None = None, mr: float | None = None, **look: Unpack[PlotKeywords]
+    ) -> Figure:
         """Phase, amplitude and dynamic stiffness of a forced plane above one another, a colour a condition (Fig. 11).
 
         Args:
-            **options: ``plane``: a plane that was forced and read, the last unless given. ``mr``: an unbalance, kg m,
-                for which amplitudes are drawn. ``ax`` and ``unit``, as for :meth:`plot_bode`.
+            plane: one that was forced and read, the last unless given.
+            mr: an unbalance, kg m, for which amplitudes are drawn.
+            **look: ``ax`` and ``unit``, as for :meth:`plot_bode`.
 
         Raises:
             ValueError: no such plane.
@@ -75,7 +77,7 @@ class FitFigures:
         """
         from rotorfit.plots.bode import plot_drive_point
 
-        return plot_drive_point(self._fit, **options)
+        return plot_drive_point(self._fit, plane=plane, mr=mr, **look)
 
     def plot_polar(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Responses in the complex plane; ``ax`` and ``unit`` as for :meth:`plot_bode`."""
@@ -101,19 +103,18 @@ class FitFigures:
 
         return plot_stability(self._fit, **look)
 
-    def plot_whirl(self, **options: Unpack[WhirlKeywords]) -> Figure:
+    def plot_whirl(self, *, max_speed_rpm: float | None = None, group: int = 0, **look: Unpack[PlotKeywords]) -> Figure:
         """Radius and frequency of the whirl that the rotor keeps up beyond its threshold, against speed, with a band.
 
-        Args:
-            **options: ``max_speed_rpm``: end of the speeds, 2.5 times the threshold unless given. ``group``: number of
-                the parameter group, from 0. ``ax`` and ``unit``, as for :meth:`plot_bode`.
+        ``max_speed_rpm`` ends the speeds, 2.5 times the threshold unless given; ``group`` is the number of a parameter
+        group, from 0; ``ax`` and ``unit`` are as for :meth:`plot_bode`.
 
         Raises:
             ValueError: a fluid that does not change with eccentricity, or no threshold up to the end.
         """
         from rotorfit.plots.beyond_onset import plot_whirl
 
-        return plot_whirl(self._fit, **options)
+        return plot_whirl(self._fit, group=group, max_speed_rpm=max_speed_rpm, **look)
 
     def plot_side_load(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Threshold speed against static eccentricity and side load, with its 95 % band.
@@ -173,7 +174,7 @@ class FitFigures:
     ) -> Figure:
         """Stiffness and damping against frequency as measured, with the fitted ones and their 95 % bands.
 
-        ``speeds`` are rotative, rad/s, by default those that were tested; ``ax`` and ``unit`` as for :meth:`plot_bode`.
+        ``speeds`` are rotative, rad/s, by default the tested ones; ``ax`` and ``unit`` as for :meth:`plot_bode`.
         """
         from rotorfit.plots.coefficients import frequency_coefficients
 

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict
 
-from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.estimators.minimisation.objective import Method
 from rotorfit.estimators.misfit.problem import Loss
 from rotorfit.models.parameters import unknown_name
@@ -183,33 +182,6 @@ class JudgeKeywords(TypedDict, total=False):
     cases: Mapping[str, Mapping[str, float]] | None
     level: float
     at: Mapping[str, Any] | None
-
-
-class BodeKeywords(PlotKeywords, total=False):
-    """Keywords of :meth:`rotorfit.FitResult.plot_bode`; see there."""
-
-    against: str
-    mr: float | None
-
-
-class DrivePointKeywords(PlotKeywords, total=False):
-    """Keywords of :meth:`rotorfit.FitResult.plot_drive_point`; see there."""
-
-    plane: str | None
-    mr: float | None
-
-
-class StiffnessKeywords(PlotKeywords, total=False):
-    """Keywords of :meth:`rotorfit.FitResult.plot_dynamic_stiffness`; see there."""
-
-    against: str
-
-
-class WhirlKeywords(PlotKeywords, total=False):
-    """Keywords of :meth:`rotorfit.FitResult.plot_whirl`; see there."""
-
-    max_speed_rpm: float | None
-    group: int
 
 
 def check_keywords(function: str, given: Iterable[str], keywords: type, *own: str) -> None:
