@@ -41,8 +41,8 @@ class FitFigures:
         """Amplitude and phase of every response against frequency.
 
         Args:
-            against: ``"frequency"``, signed; ``"ratio"``, that over the rotative speed (Fig. 9); ``"size"``, forward and
-                backward over one another (Fig. 8).
+            against: ``"frequency"``, signed; ``"ratio"``, that over the rotative speed (Fig. 9); ``"size"``, forward
+                and backward over one another (Fig. 8).
             mr: an unbalance, kg m, for which amplitudes are drawn in place of those per unit force.
             **look: ``ax``: axes to draw in, one or as many as the figure has panels; one place for several panels is
                 divided, and a figure or subfigure filled. ``unit``: of frequencies (``"rpm"``, ``"hz"``, ``"rad_s"``),
