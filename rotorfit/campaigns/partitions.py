@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
 
-from rotorfit.campaigns.runs import Run, distinct, runs_of
+from rotorfit.campaigns.runs import Run, distinct, packed, runs_of
 from rotorfit.data.experiments import Experiment
 from rotorfit.data.findings import DataWarning
 from rotorfit.diagnosis.check import read
@@ -47,21 +47,15 @@ def is_lazy(item: object) -> bool:
 
 def lazy_runs(parts: Sequence[str | Path | Reader], split: str | None, executor: Executor | None) -> tuple[Run, ...]:
     """The runs of all parts, each of which is read once to see what it holds."""
-    packed = [_packed(partial(read, part) if isinstance(part, str | Path) else part) for part in parts]
-    found = carry_out(partial(_looked_over, split), packed, executor)
+    refusal = (
+        "a part of a campaign cannot be read by other processes ({problem}): give its path, "
+        "functools.partial(rf.read, path, ...), or a function of a module"
+    )
+    readers = [packed(partial(read, part) if isinstance(part, str | Path) else part, refusal) for part in parts]
+    found = carry_out(partial(_looked_over, split), readers, executor)
     for said in dict.fromkeys(said for _, warned in found for said in warned):
         warnings.warn(said, DataWarning, stacklevel=4)
     return tuple(distinct([run for runs, _ in found for run in runs]))
-
-
-def _packed(reader: Reader) -> bytes:
-    try:
-        return pickle.dumps(reader)
-    except (pickle.PicklingError, AttributeError, TypeError) as problem:
-        raise ValueError(
-            f"a part of a campaign cannot be read by other processes ({problem}): give its path, "
-            "functools.partial(rf.read, path, ...), or a function of a module"
-        ) from problem
 
 
 @lru_cache(maxsize=1)
@@ -79,9 +73,10 @@ def _looked_over(split: str | None, part: bytes) -> tuple[list[Run], list[str]]:
         warnings.simplefilter("always")
         runs = _runs_in(part, split)
     said = [str(one.message) for one in caught if issubclass(one.category, DataWarning)]
-    return [replace(run, readings=_left(run, part, split, number)) for number, run in enumerate(runs)], said
-
-
-def _left(run: Run, part: bytes, split: str | None, number: int) -> ReadingsOfPart:
-    spans = {name: span for name in run.attributes if (span := run.readings.span(name)) is not None}
-    return ReadingsOfPart(part=part, split=split, number=number, content=run.readings.content, spans=spans)
+    left = []
+    for number, run in enumerate(runs):
+        spans = {name: span for name in run.attributes if (span := run.readings.span(name)) is not None}
+        content = run.readings.content
+        readings = ReadingsOfPart(part=part, split=split, number=number, content=content, spans=spans)
+        left.append(replace(run, readings=readings))
+    return left, said

@@ -273,20 +273,20 @@ class Workers:
             if self.progress is not None:
                 self.progress(count, len(pairs))
 
-        model = self.model if self.executor is None else _packed(self.model)
+        remedy = "define its class in a module of its own, or leave executor out"
+        refusal = f"{self.model.name} cannot be sent to other workers ({{problem}}): {remedy}"
+        model = self.model if self.executor is None else packed(self.model, refusal)
         made = carry_out(partial(_work_batch, model, work), items, self.executor, done)
         results = dict(zip(left, (result for batch in made for result in batch), strict=True))
         return [results[n] if n in results else found[keys[n]] for n in range(len(pairs))]
 
 
-def _packed(model: RotorModel) -> bytes:
+def packed(thing: Any, refusal: str) -> bytes:
+    """What other workers are sent, refused with a remedy where it cannot be."""
     try:
-        return pickle.dumps(model)
+        return pickle.dumps(thing)
     except (pickle.PicklingError, AttributeError, TypeError) as problem:
-        raise ValueError(
-            f"{model.name} cannot be sent to other workers ({problem}): define its class in a module of its own, or "
-            "leave executor out"
-        ) from problem
+        raise ValueError(refusal.format(problem=problem)) from problem
 
 
 @lru_cache(maxsize=4)

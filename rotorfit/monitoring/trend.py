@@ -185,7 +185,8 @@ def trend(
     level = false_alarm / len(by_place)
     if orders < 10 / level:
         orders = int(np.ceil(10 / level))  # a p-value below the level needs so many orders
-    places = (_place(name, _sorted(mine), level, orders, seed) for name, mine in by_place.items())
+    in_time = {name: sorted(own, key=_time) if own[0].date else own for name, own in by_place.items()}
+    places = (_place(name, own, level, orders, seed) for name, own in in_time.items())
     return MachineTrend(places=tuple(places))
 
 
@@ -208,20 +209,14 @@ def _dated(test: ObservedStiffness | DatedValues) -> DatedValues:
     return DatedValues(date=test.date, values=values, units=units, place=place, source=test.source)
 
 
-def _sorted(entries: list[DatedValues]) -> list[DatedValues]:
-    if not entries[0].date:
-        return entries
-    times = []
-    for entry in entries:
-        try:
-            time = datetime.fromisoformat(entry.date)
-        except ValueError:
-            raise ValueError(
-                f"{entry.source or 'a test'}: the date {entry.date!r} cannot be read; write 2026-03-01 or "
-                "2026-03-01T14:30"
-            ) from None
-        times.append(time.replace(tzinfo=None) if time.tzinfo is None else time.astimezone().replace(tzinfo=None))
-    return [entries[i] for i in np.argsort(np.array(times, dtype="datetime64[us]"), kind="stable")]
+def _time(entry: DatedValues) -> datetime:
+    try:
+        time = datetime.fromisoformat(entry.date)
+    except ValueError:
+        raise ValueError(
+            f"{entry.source or 'a test'}: the date {entry.date!r} cannot be read; write 2026-03-01 or 2026-03-01T14:30"
+        ) from None
+    return time.replace(tzinfo=None) if time.tzinfo is None else time.astimezone().replace(tzinfo=None)
 
 
 def _matching(name: str, values: Mapping[str, tuple[float, float]]) -> str | None:
