@@ -146,7 +146,9 @@ class Modal(RotorModel):
                 for number in range(1, self.modes + 1):
                     mode = self.coordinate(f"mode {number}", axis)
                     parts[0][force][mode] = -self._gain(p, number, plane, axis)
-                    parts[0][mode][force] = -self._participation(p, number, plane)
+                    one = Complex(float(plane in self.force_planes))
+                    free = plane in self.force_planes[1:]
+                    parts[0][mode][force] = -(self._complex(p, self._named("phi", number, plane)) if free else one)
             for number in range(1, self.modes + 1):
                 mode = self.coordinate(f"mode {number}", axis)
                 end = axis if self.apart else ""
@@ -162,11 +164,6 @@ class Modal(RotorModel):
         if (plane, axis) not in self._free_probes():
             return Complex(1.0)
         return self._complex(p, self._named("g", number, plane, axis))
-
-    def _participation(self, p: Any, number: int, plane: str) -> Complex:
-        if plane not in self.force_planes[1:]:
-            return Complex(float(plane in self.force_planes))
-        return self._complex(p, self._named("phi", number, plane))
 
     def _complex(self, p: Any, name: str) -> Complex:
         return Complex.of(getattr(p, name)) + J * Complex.of(getattr(p, f"{name}_im"))

@@ -12,6 +12,7 @@ import pytest
 from report_pages import report_of
 from scipy import optimize, stats
 from scipy.integrate import solve_ivp
+from scipy.signal import find_peaks
 from sentences import hear, refuses
 from synthetic import TYPICAL, circular_test
 
@@ -23,8 +24,7 @@ from rotorfit.models.motion.stability import spectrum
 from rotorfit.studies.folder import CONTENTS
 from rotorfit.uncertainty.stability import report as judging
 from rotorfit.uncertainty.stability.rotors import Rotors
-from rotorfit.uncertainty.stability.task import Task
-from rotorfit.uncertainty.stability.unbalance import margin_asked, peaks_near, peaks_of
+from rotorfit.uncertainty.stability.task import Task, margin_asked, peaks_of
 
 RPM = 30 / np.pi
 MODEL = rf.models.OneMode(planes=("disk",))
@@ -172,9 +172,9 @@ def test_margin_that_is_asked() -> None:
     assert margin_asked(np.array([4.0]), np.array([False]))[0] == pytest.approx(0.10 + 0.17 * 0.6)
     speed = np.linspace(1.0, 10.0, 400)
     flat = np.ones_like(speed)
-    assert peaks_near(flat).size == 0
+    assert find_peaks(flat)[0].size == 0
     rising = np.exp(-((speed - 9.9) ** 2))  # one side does not fall to 0.707 of it
-    assert peaks_of(speed, rising[None], peaks_near(rising))[0].amplification[0] == 0
+    assert peaks_of(speed, rising[None], find_peaks(rising)[0])[0].amplification[0] == 0
 
 
 def test_intervals_hold_the_truth_and_probabilities_are_calibrated(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,18 +6,18 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from itertools import pairwise
 
 import numpy as np
 
 from rotorfit.fitting.quantities import THRESHOLD
 from rotorfit.fitting.result import FitResult
-from rotorfit.models.array_types import Float
+from rotorfit.models.array_types import Bool, Float, Index
 from rotorfit.models.digits import significant
 from rotorfit.models.motion.stability import threshold_speeds, whirls_forward
 from rotorfit.uncertainty.derived import onsets_of
 from rotorfit.uncertainty.stability.record import SENSITIVITY, Curve, ModeDamping
 from rotorfit.uncertainty.stability.rotors import Rotors, decrement
-from rotorfit.uncertainty.stability.unbalance import Peaks, margin, margin_asked, peaks_near, peaks_of
 from rotorfit.units import RPM_PER_RAD_S
 
 
@@ -203,9 +203,11 @@ class Task:
 
     def unbalance_questions(self, one: Rotors, max_amplitude_um: float | None) -> list[Question]:
         """Margins of the critical speeds that the rotor of the case has, and the largest amplitude."""
+        from scipy.signal import find_peaks
+
         speeds, running = self._speeds_of_curves(one), self.running
         curve = one.response(speeds, self.seen, self.unbalance)[0]
-        near = peaks_near(curve)
+        near = find_peaks(curve)[0]
         found = peaks_of(speeds, curve[None], near) if near.size else []
 
         @lru_cache(maxsize=8)
@@ -244,3 +246,58 @@ class Task:
         band = self.quantiles(few.response(speeds, *at)).T
         weights = ", ".join(f"{significant(mr * 1e6, 3)} g mm at {where}" for where, mr in self.unbalance.items())
         return (Curve(label=f"{self.seen}, {weights}", x=speeds, y=one.response(speeds, *at)[0], band=band),)
+
+
+# ---- critical speeds of unbalance responses: amplification factors and separation margins ----------------------------
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Peaks:
+    """One critical speed of many rotors."""
+
+    speed: Float  # of the peak, shape ``(W,)``, NaN for rotors without a peak there
+    amplification: Float  # ``N_c / (N_2 - N_1)``, zero where one side does not fall to 0.707 of the peak
+
+
+def peaks_of(speed: Float, amplitudes: Float, near: Index) -> list[Peaks]:
+    """The peaks of many curves ``(W, S)`` that belong to those of a reference curve."""
+    middle = (near[1:] + near[:-1]) // 2
+    edges = [0, *middle.tolist(), speed.size]
+    found = []
+    for low, high in pairwise(edges):
+        pairs = np.array([_peak(speed, curve, low, high) for curve in amplitudes]).reshape(-1, 2)
+        found.append(Peaks(speed=pairs[:, 0], amplification=pairs[:, 1]))
+    return found
+
+
+def _peak(speed: Float, curve: Float, low: int, high: int) -> tuple[float, float]:
+    from scipy.signal import peak_widths
+
+    at = low + int(np.argmax(curve[low:high]))
+    if at in (0, speed.size - 1) or not curve[at - 1] < curve[at] >= curve[at + 1]:
+        return np.nan, np.nan
+    half_power = 1 / np.sqrt(2.0)  # share of a peak's amplitude between whose speeds the amplification factor is read
+    places = np.array([at])
+    whole = (curve[places], np.array([0]), np.array([speed.size - 1]))  # down to zero, not to the next valley
+    _, _, left, right = peak_widths(curve, places, rel_height=1 - half_power, prominence_data=whole)
+    ends = np.interp([left[0], right[0]], np.arange(speed.size), speed)
+    reached = curve[[int(np.floor(left[0])), int(np.ceil(right[0]))]] <= half_power * curve[at]
+    x, y = speed[at - 1 : at + 2], curve[at - 1 : at + 2]  # the top is that of the parabola through three points
+    rise, fall = np.diff(y) / np.diff(x)
+    top = float((x[0] + x[1]) / 2 + rise / (rise - fall) * (x[2] - x[0]) / 2)
+    return top, float(top / (ends[1] - ends[0])) if reached.all() else 0.0
+
+
+def margin(critical: Float, lowest: float, highest: float) -> Float:
+    """Distance of critical speeds from a range of running speeds, as a share of its nearer end; zero inside."""
+    below, above = 1 - critical / lowest, critical / highest - 1
+    return np.asarray(np.maximum(np.maximum(below, above), 0.0))
+
+
+def margin_asked(amplification: Float, is_below: Bool) -> Float:
+    """Separation margin that API 617 and 684 are said to ask for; shares of the running speed."""
+    well_damped = 2.5  # amplification factor up to which no margin is asked for, as API 617 and 684 are cited
+    damped = amplification <= well_damped
+    rise = 1 - 1 / (np.where(damped, well_damped, amplification) - 1.5)
+    asked = np.where(is_below, np.minimum(0.16, 0.17 * rise), np.minimum(0.26, 0.10 + 0.17 * rise))
+    return np.asarray(np.where(damped, 0.0, asked))
