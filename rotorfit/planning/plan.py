@@ -5,26 +5,29 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from rotorfit.data.experiments import Experiment
+from rotorfit.estimators.inference.optimal_shares import Lines
 from rotorfit.fitting.assumptions.calibration import Calibration
 from rotorfit.fitting.problem_setup import as_tuple
 from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.settings import FitSettings, PhaseOffsets
 from rotorfit.models import RotorModel
+from rotorfit.models.array_types import Float
 from rotorfit.models.motion.stability import stability_band
 from rotorfit.planning.design import Design
 from rotorfit.planning.guesses import Values
 from rotorfit.planning.noise import PlannedNoise
 from rotorfit.planning.record import Plan
-from rotorfit.planning.speed_choice import with_best_speeds
-from rotorfit.planning.suggestions import suggest
-from rotorfit.planning.targets import Wanted
-from rotorfit.planning.task import Task
+from rotorfit.planning.suggestions import Choices, suggest
+from rotorfit.planning.targets import Wanted, all_targets
+from rotorfit.planning.task import Task, errors_of
 from rotorfit.uncertainty.posterior import Posterior
+from rotorfit.units import RPM_PER_RAD_S
 
 
 def plan(
@@ -130,3 +133,50 @@ def _apart(tests: Any) -> tuple[tuple[Experiment, ...], Design | None]:
     if not designs or patterns:
         patterns = list(as_tuple(patterns))
     return tuple(patterns), designs[0] if designs else None
+
+
+# ---- which of the possible speeds to run -----------------------------------------------------------------------------
+
+
+def with_best_speeds(task: Task, design: Design) -> tuple[Design, Choices]:
+    """The design with as many speeds as can be run, those of the even test with the least errors, and all choices."""
+    count = design.speed_count
+    if count is None or count == design.speeds.size:
+        return design, []
+    whole = replace(design, speed_count=None)
+    test = task.candidates(whole)
+    found = task.expect(test)
+    targets, names = all_targets(found.problem.space, task.quantity, task.band)
+    first = sum(block.measured.size for block in found.problem.blocks[: len(task.patterns)])
+    errors = errors_of(found, targets)
+    lines, _ = task.lines(found, [targets[name] for name in names if math.isfinite(errors[name].stderr)], first)
+    speed = test.speed[test.lines.apart()[1]]
+    order = sorted(_compared(lines, speed, design.speeds, count).items(), key=lambda choice: choice[1])
+    speeds, best = order[0]
+    # The criterion is a mean logarithm of variances.
+    choices = [(chosen, math.exp((criterion - best) / 2)) for chosen, criterion in order]
+    return replace(whole, speed_rpm=np.array(speeds) * RPM_PER_RAD_S), choices
+
+
+def _compared(lines: Lines, speed: Float, speeds: Float, count: int) -> dict[tuple[float, ...], float]:
+    """Criterion of an even test at each choice of speeds."""
+
+    def criterion(chosen: tuple[float, ...]) -> float:
+        # Weight of lines at other speeds, so that a quantity that the chosen ones do not determine has a huge variance
+        trace = 1e-9
+        return lines.criterion(np.where(np.isin(speed, chosen), 1.0, trace))
+
+    possible = speeds.tolist()
+    most_choices = 2000  # choices of speeds that are all compared; of more, speeds are exchanged one by one
+    if math.comb(len(possible), count) <= most_choices:
+        return {chosen: criterion(chosen) for chosen in combinations(possible, count)}
+    spread = np.unique(np.round(np.linspace(0, len(possible) - 1, count)).astype(int))
+    best = tuple(possible[i] for i in spread.tolist())
+    found = {best: criterion(best)}
+    while True:
+        near = [tuple(sorted({*best, new} - {old})) for old in best for new in possible if new not in best]
+        found |= {chosen: criterion(chosen) for chosen in near if chosen not in found}
+        better = min(near, key=lambda chosen: found[chosen])
+        if found[better] >= found[best]:
+            return found
+        best = better

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -15,10 +16,12 @@ from rotorfit.models.motion.stability import decay_rate
 from rotorfit.observing.circular import first_rows
 from rotorfit.planning.design import Design, candidate_test, line_times, too_fast
 from rotorfit.planning.record import ExpectedError, Plan, duration
-from rotorfit.planning.speed_choice import Choices
 from rotorfit.planning.targets import all_targets
 from rotorfit.planning.task import Task, errors_of
 from rotorfit.units import RPM_PER_RAD_S
+
+Choices: TypeAlias = list[tuple[tuple[float, ...], float]]
+"""Choices of speeds, rad/s, best first, each with the standard errors of an even test over that of the best one."""
 
 NAMED = 3  # runs, lines and quantities that a sentence names
 
