@@ -9,7 +9,7 @@ import numpy as np
 
 from rotorfit.data.findings import Finding, listed
 from rotorfit.estimators.signals.pulse_numbers import NumberedPulses, from_index, number_pulses, uneven_turns
-from rotorfit.estimators.signals.pulses import PulseLevels, find_edges, find_levels
+from rotorfit.estimators.signals.pulses import find_edges, find_levels
 from rotorfit.estimators.signals.shaft_angle import SmoothAngle, smooth_angle
 from rotorfit.estimators.signals.spectral_lines import steady_angle
 from rotorfit.models.array_types import Float
@@ -24,7 +24,6 @@ class AngleTrack(SmoothAngle):
 
     pulses: Float  # times of the pulses used, s, shape ``(N,)``
     pulses_per_turn: int = 1  # of the wheel
-    levels: PulseLevels | None = None  # voltages of the pulses; None where the angle was not found from pulses
     findings: tuple[Finding, ...] = ()  # missing, double and noisy pulses, and what else was odd
 
     def speeds(self, count: int = 200) -> Float:
@@ -66,7 +65,7 @@ def track(record: Signals, reference: Reference) -> AngleTrack:
             "cannot be counted for sure. Set the trigger level anew (level_V), or cut that part of the record off."
         )
         findings.append(Finding("error", "pulses-uneven", text))
-    return AngleTrack(**vars(smooth), pulses=kept, pulses_per_turn=per_turn, levels=levels, findings=tuple(findings))
+    return AngleTrack(**vars(smooth), pulses=kept, pulses_per_turn=per_turn, findings=tuple(findings))
 
 
 def _sample(record: Signals, channel: str) -> Float:
@@ -206,9 +205,9 @@ class SpeedTrack:
     raw_speed: Float  # speed from one pulse to the next, rad/s
 
 
-def speeds(marks: Marks, points: int = 2000) -> list[SpeedTrack]:
+def speeds(marks: Marks) -> list[SpeedTrack]:
     """Speed of each mark between its first and its last pulse, with the speed that single intervals would give."""
-    found = []
+    found, points = [], 2000
     for name, angle in marks.present.items():
         t = np.linspace(angle.begin, angle.end, points)
         pulses = angle.pulses[:: max(angle.pulses.size // (5 * points), 1)]

@@ -5,10 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.models.array_types import Bool, Float, Index
 from rotorfit.recordings.signals import Signals
@@ -62,44 +60,39 @@ def statistics(record: Signals, name: str) -> ChannelStatistics:
     integers = record.raw.channels[name].full_count is not None
     total = squares = changes = 0.0
     step = 1.0 if integers else np.inf  # in counts, or in what the file stores
-    bottom, top = _Extreme(highest=False), _Extreme(highest=True)
-    held = _Held()
-    window = 0.05  # length of the windows in which a channel is looked at, s
-    fewest = 32  # samples of a window
-    windows = _Windows(length=max(fewest, round(window * record.sample_rate)))
+    bottom, top = _Top(), _Top()
+    window, fewest = 0.05, 32  # length of the windows in which a channel is looked at, s, and their samples at least
+    quiet = _Quiet(length=max(fewest, round(window * record.sample_rate)))
     for piece in record.stored_pieces(name):
         values = piece.astype(float)
+        differences = np.diff(values)
         total += float(values.sum())
         squares += float(values @ values)
-        changes += float(np.sum(np.diff(values) ** 2))
-        windows.see(values)
-        held.see(values)
+        changes += float(differences @ differences)
+        quiet.see(values, differences)
         if not np.isfinite(step):
-            differences = np.abs(np.diff(values[:4096]))
-            step = float(differences[differences > 0].min(initial=np.inf))
-        bottom.see(piece, step)
-        top.see(piece, step)
-    mean = total / record.size
-    clipped = [extreme.value for extreme in (bottom, top) if extreme.stretches >= CLIPPED_STRETCHES]
+            sizes = np.abs(differences[:4095])
+            step = float(sizes[sizes > 0].min(initial=np.inf))
+        bottom.see(-values, step)
+        top.see(values, step)
+    mean, lowest, highest = total / record.size, -bottom.value, top.value
+    clipped = [v for v, end in ((lowest, bottom), (highest, top)) if end.stretches >= CLIPPED_STRETCHES]
     probe = next(probe for probe in record.probes if probe.channel == name)
     if factor < 0:
-        bottom, top = top, bottom
+        bottom, top, lowest, highest = top, bottom, highest, lowest
     channels = record.force.channels if record.force is not None and record.speed == 0 else ("", "")
     axis = 0.0 if channels[0] else np.pi / 2  # of the force of a rotor at rest, where it has one
     return ChannelStatistics(
         mean=mean * factor + offset,
         deviation=float(np.sqrt(max(squares / record.size - mean**2, 0.0))) * abs(factor),
-        low=bottom.value * factor + offset,
-        high=top.value * factor + offset,
+        low=lowest * factor + offset,
+        high=highest * factor + offset,
         flat_low=bottom.stretches,
         flat_high=top.stretches,
         step=step * abs(factor) if np.isfinite(step) else 0.0,
         at_low=bottom.samples / record.size,
         at_high=top.samples / record.size,
-        still=tuple(
-            (low / record.sample_rate, high / record.sample_rate)
-            for low, high in _joined([*windows.still(), *held.stretches(windows.step, clipped)])
-        ),
+        still=tuple((low / record.sample_rate, high / record.sample_rate) for low, high in quiet.stretches(clipped)),
         noise=float(np.sqrt(changes / (2 * record.size))) * abs(factor),
         idle=bool(channels[0]) != bool(channels[1]) and abs(np.cos((probe.angle or 0.0) - axis)) < 0.5,
         unit=probe.unit or "V",
@@ -112,30 +105,53 @@ def _stretches(true: Bool) -> Index:
 
 
 @dataclass(kw_only=True)
-class _Windows:
-    """How far a channel moves within each whole window of its pieces."""
+class _Quiet:
+    """Where a channel stands still: windows in which it moves by less than a count, and stretches of equal samples, as
+    a card or a network leaves them that lost some and repeats the last one."""
 
     length: int  # samples of a window
     seen: int = 0  # samples so far
-    begin: list[Index] = field(default_factory=list)
-    moves: list[Float] = field(default_factory=list)
     step: float = np.inf  # smallest change between samples: a card may have fewer bits than the file
+    begin: list[Index] = field(default_factory=list)  # of the windows
+    moves: list[Float] = field(default_factory=list)  # deviation within each window
+    equal: int = 0  # neighbours that are equal, those of long stretches left out
+    held: list[tuple[int, int, float, float]] = field(default_factory=list)  # from, to, value, jump at an end
 
-    def see(self, values: Float) -> None:
+    def see(self, values: Float, differences: Float) -> None:
         windows = values[: values.size // self.length * self.length].reshape(-1, self.length)
-        mean = windows.mean(axis=1)
         square = np.einsum("ij,ij->i", windows, windows) / self.length
-        self.moves.append(np.sqrt(np.maximum(square - mean**2, 0.0)))
+        self.moves.append(np.sqrt(np.maximum(square - windows.mean(axis=1) ** 2, 0.0)))
         self.begin.append(self.seen + self.length * np.arange(len(windows)))
-        self.seen += values.size
-        changes = np.abs(np.diff(values))
+        changes = np.abs(differences)
         self.step = min(self.step, float(changes.min(where=changes > 0, initial=np.inf)))
+        begin, end = _stretches(changes == 0).T  # first and last sample of each stretch
+        long = end - begin + 1 >= _HELD_SAMPLES
+        self.equal += int(np.sum((end - begin)[~long]))
+        for low, high in zip(begin[long].tolist(), end[long].tolist(), strict=True):
+            beside = values[[max(low - 1, 0), min(high + 1, values.size - 1)]]
+            jump = float(np.abs(beside - values[low]).max())
+            self.held.append((self.seen + low, self.seen + high + 1, float(values[low]), jump))
+        self.seen += values.size
 
-    def still(self) -> list[tuple[int, int]]:
-        """Stretches on one count, samples from and to, that the channel enters or leaves with all its noise."""
-        begin, moves = np.concatenate(self.begin), np.concatenate(self.moves)
+    def stretches(self, clipped: Sequence[float]) -> list[tuple[int, int]]:
+        """Samples from and to, in order; where a channel is cut off at an extreme again and again it is clipped."""
         if not np.isfinite(self.step):
             return []
+        still = self._windows()
+        if self.equal <= _LARGEST_EQUAL_SHARE * self.seen:
+            least = _JUMP_COUNTS * self.step
+            still += [(low, high) for low, high, value, jump in self.held if jump > least and value not in clipped]
+        found: list[tuple[int, int]] = []
+        for low, high in sorted(still):
+            if found and low <= found[-1][1]:  # they overlap
+                found[-1] = (found[-1][0], max(found[-1][1], high))
+            else:
+                found.append((low, high))
+        return found
+
+    def _windows(self) -> list[tuple[int, int]]:
+        """Stretches on one count, that the channel enters or leaves with all its noise."""
+        begin, moves = np.concatenate(self.begin), np.concatenate(self.moves)
         found = []  # to and fro between two neighbouring counts has 0.5
         for low, high in _stretches(moves <= 0.6 * self.step).tolist():
             # The window that holds the end of the stretch is passed over.
@@ -148,64 +164,23 @@ class _Windows:
 
 
 @dataclass(kw_only=True)
-class _Held:
-    """Stretches of equal samples: a card or a network that lost some repeats the last one."""
+class _Top:
+    """The highest value so far, how often the signal stayed there and how long."""
 
-    seen: int = 0  # samples so far
-    equal: int = 0  # neighbours that are equal, those of long stretches left out
-    found: list[tuple[int, int, float, float]] = field(default_factory=list)  # from, to, value, jump at an end
-
-    def see(self, values: Float) -> None:
-        begin, end = _stretches(np.diff(values) == 0).T  # first and last sample of each stretch
-        long = end - begin + 1 >= _HELD_SAMPLES
-        self.equal += int(np.sum((end - begin)[~long]))
-        for low, high in zip(begin[long].tolist(), end[long].tolist(), strict=True):
-            beside = values[[max(low - 1, 0), min(high + 1, values.size - 1)]]
-            jump = float(np.abs(beside - values[low]).max())
-            self.found.append((self.seen + low, self.seen + high + 1, float(values[low]), jump))
-        self.seen += values.size
-
-    def stretches(self, step: float, clipped: Sequence[float]) -> list[tuple[int, int]]:
-        """Samples from and to; where a channel is cut off at an extreme again and again it is clipped, not held."""
-        if self.equal > _LARGEST_EQUAL_SHARE * self.seen or not np.isfinite(step):
-            return []
-        return [
-            (low, high) for low, high, value, jump in self.found if jump > _JUMP_COUNTS * step and value not in clipped
-        ]
-
-
-def _joined(stretches: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Stretches in order, those that overlap as one."""
-    found: list[tuple[int, int]] = []
-    for low, high in sorted(stretches):
-        if found and low <= found[-1][1]:
-            found[-1] = (found[-1][0], max(found[-1][1], high))
-        else:
-            found.append((low, high))
-    return found
-
-
-@dataclass(kw_only=True)
-class _Extreme:
-    """The highest or lowest stored value so far, how often the signal stayed there and how long."""
-
-    highest: bool
-    value: float = np.nan
+    value: float = -np.inf
     stretches: int = 0
     samples: int = 0
 
-    def see(self, piece: NDArray[Any], step: float) -> None:
-        extreme = piece.max() if self.highest else piece.min()
-        beyond = extreme > self.value if self.highest else extreme < self.value
-        if beyond or np.isnan(self.value):
-            self.value, self.stretches, self.samples = float(extreme), 0, 0
-        if extreme == self.value:
-            at = piece == extreme
+    def see(self, values: Float, step: float) -> None:
+        highest = float(values.max())
+        if highest > self.value:
+            self.value, self.stretches, self.samples = highest, 0, 0
+        if highest == self.value:
+            at = values == highest
             # Stretches of three and more samples that begin or end with a jump of several counts: the crest of a slow
             # and quiet signal stays on one count too, but comes there count by count.
             begin, end = _stretches(at).T
-            here = piece[begin].astype(float)
-            before, after = piece[np.maximum(begin - 1, 0)], piece[np.minimum(end, piece.size - 1)]
-            jump = np.maximum(np.abs(here - before), np.abs(here - after))
+            before, after = values[np.maximum(begin - 1, 0)], values[np.minimum(end, values.size - 1)]
+            jump = highest - np.minimum(before, after)
             self.stretches += int(np.sum((end - begin >= 3) & (jump > _JUMP_COUNTS * step)))
             self.samples += int(at.sum())

@@ -10,7 +10,7 @@ from rotorfit.data.findings import NO_COPIES, Finding, listed
 from rotorfit.estimators.signals.spectral_lines import folded_orders, mains_hum, turning_power
 from rotorfit.models.digits import significant
 from rotorfit.recordings.angle_track import AngleTrack
-from rotorfit.recordings.channel_statistics import ChannelStatistics
+from rotorfit.recordings.channel_statistics import CLIPPED_STRETCHES, ChannelStatistics
 from rotorfit.recordings.rig.setup import Probe
 from rotorfit.recordings.signals import Signals
 from rotorfit.units import RPM_PER_RAD_S
@@ -78,10 +78,9 @@ def _stops(each: ChannelStatistics, where: str) -> Finding:
 
 
 def _clips(each: ChannelStatistics, where: str) -> Finding:
-    share = (each.at_low if each.flat_low >= 3 else 0.0) + (each.at_high if each.flat_high >= 3 else 0.0)
-    limit = " and ".join(
-        f"{v:.3f} {each.unit}" for v, n in ((each.low, each.flat_low), (each.high, each.flat_high)) if n >= 3
-    )
+    ends = ((each.low, each.flat_low, each.at_low), (each.high, each.flat_high, each.at_high))
+    limit = " and ".join(f"{value:.3f} {each.unit}" for value, flat, _ in ends if flat >= CLIPPED_STRETCHES)
+    share = sum(at for _, flat, at in ends if flat >= CLIPPED_STRETCHES)
     words = (
         f"{where} is clipped at {limit} ({share:.1%} of the samples): amplitudes there are too small. Set the input "
         "range wider and measure again, or leave the probe out."
@@ -114,9 +113,7 @@ def _largest(found: Mapping[str, ChannelStatistics], unit: str) -> float:
 
 def _dead(each: ChannelStatistics, largest: float) -> bool:
     """Whether a channel stands still, or carries noise alone where others move."""
-    # Share of a deviation that is between neighbours from which a channel carries noise: white noise has 1, motion
-    # sampled ten times a period 0.3
-    white_share = 0.5
+    white_share = 0.5  # of a deviation, between neighbours: white noise has 1, motion sampled ten times a period 0.3
     noise_alone = each.noise > white_share * each.deviation and not each.idle
     smallest_deviation = 1e-5  # no probe is so quiet, V rms
     return each.deviation <= max(each.step, smallest_deviation if each.unit == "V" else 0.0) or (
@@ -126,9 +123,8 @@ def _dead(each: ChannelStatistics, largest: float) -> bool:
 
 def spoiled(found: Mapping[str, ChannelStatistics]) -> tuple[str, ...]:
     """Channels of probes that are dead, interrupted or clipped, so that no response can be had of them."""
-    return tuple(
-        name for name, each in found.items() if each.clipped or each.still or _dead(each, _largest(found, each.unit))
-    )
+    lost = {name: each.clipped or each.still or _dead(each, _largest(found, each.unit)) for name, each in found.items()}
+    return tuple(name for name, spoils in lost.items() if spoils)
 
 
 def copied_recordings(records: Sequence[Signals]) -> Iterator[Finding]:
@@ -292,8 +288,7 @@ def setting_findings(record: Signals) -> Iterator[Finding]:
         )
         yield Finding("error", "sampling-slow", words)
     force = record.force
-    # Unbalance, kg m, beyond that of any trial weight: a rotor of 50 t, balanced to G 2.5 at 3000 rpm, has 0.4
-    largest_unbalance = 1.0
+    largest_unbalance = 1.0  # of any trial weight, kg m: a rotor of 50 t, balanced to G 2.5 at 3000 rpm, has 0.4
     if force is not None and force.mr > largest_unbalance:
         words = (
             f"{record.name}: an unbalance of {force.mr:g} kg m is that of no trial weight: is its unit right (mr_kg_m, "
@@ -305,14 +300,12 @@ def setting_findings(record: Signals) -> Iterator[Finding]:
 def mark_findings(record: Signals, shaft: AngleTrack, perturbator: AngleTrack) -> Iterator[Finding]:
     """Marks that are exchanged: the shaft's speed sweeps while the perturbator's is steady."""
     sweeps, steady = (np.ptp(angle.speeds()) / np.abs(angle.speeds()).mean() for angle in (shaft, perturbator))
-    # Range of a speed over its mean beyond which it sweeps, and below which it is steady
-    swept_range, steady_range = 0.2, 0.02
+    swept_range, steady_range = 0.2, 0.02  # of a speed over its mean
     if sweeps > swept_range and steady < steady_range:
         turning = float(np.mean(perturbator.speeds()))
         given = record.speed is not None and abs(turning - abs(record.speed)) < 0.03 * abs(record.speed)
-        yield Finding(
-            "error" if given else "warning",
-            "marks-exchanged",
+        words = (
             f"{record.name}: the shaft's mark sweeps and the perturbator's is steady: are the channels of [shaft] and "
-            "[perturbator] exchanged?",
+            "[perturbator] exchanged?"
         )
+        yield Finding("error" if given else "warning", "marks-exchanged", words)

@@ -19,33 +19,15 @@ from rotorfit.data.figure_keywords import PlotKeywords
 from rotorfit.data.findings import Finding
 from rotorfit.models.array_types import Float
 from rotorfit.models.digits import significant
+from rotorfit.recordings import quality, views
 from rotorfit.recordings.angle_track import AngleTrack, Marks, speeds, steady_track, track
 from rotorfit.recordings.channel_statistics import ChannelStatistics, statistics
 from rotorfit.recordings.formats.files import open_raw
-from rotorfit.recordings.quality import (
-    direction_findings,
-    folding_findings,
-    hum_findings,
-    mark_findings,
-    probe_findings,
-    setting_findings,
-    speed_findings,
-)
 from rotorfit.recordings.rig.resolve import complete
 from rotorfit.recordings.rig.rig_toml import read_setup
 from rotorfit.recordings.rig.setup import Probe, RigSetup
 from rotorfit.recordings.signals import Signals
 from rotorfit.recordings.slow_roll import RunOut, find_run_out, in_words
-from rotorfit.recordings.views import (
-    OrderVectors,
-    cascade,
-    centreline,
-    spectrum,
-    steady_lines,
-    stretch,
-    twist_cascade,
-    twist_of,
-)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -101,9 +83,9 @@ class Recording(Signals):
         how = self.rig.slow_roll
         if how is None or self.setup is None:
             return None
-        if how.file is None:
-            return find_run_out(self, self.shaft_angle(), how)
-        slow = read_recording(self.path.parent / how.file, replace(self.setup, slow_roll=None))
+        slow = self
+        if how.file is not None:
+            slow = read_recording(self.path.parent / how.file, replace(self.setup, slow_roll=None))
         return find_run_out(slow, slow.shaft_angle(), how)
 
     def without_run_out(self, probe: Probe, start: int = 0, stop: int | None = None) -> Float:
@@ -139,7 +121,7 @@ class Recording(Signals):
         Raises:
             ValueError: no twist was measured, or a wheel without pulses.
         """
-        return twist_of(self)
+        return views.twist_of(self)
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
@@ -147,12 +129,12 @@ class Recording(Signals):
         found = [*(Finding("note", "file", text) for text in self.raw.remarks), *self.rig.findings]
         shaft, perturbator = self.marks.shaft, self.marks.perturbator
         found += [finding for angle in (shaft, perturbator) if angle is not None for finding in angle.findings]
-        found += [*setting_findings(self)]
-        found += [] if shaft is None else [*speed_findings(self, shaft), *folding_findings(self, shaft)]
-        found += [] if shaft is None or perturbator is None else mark_findings(self, shaft, perturbator)
-        found += probe_findings(self, self.statistics)
-        found += direction_findings(self, shaft, perturbator)
-        found += hum_findings(self, shaft)
+        found += [*quality.setting_findings(self)]
+        found += [] if shaft is None else [*quality.speed_findings(self, shaft), *quality.folding_findings(self, shaft)]
+        found += [] if shaft is None or perturbator is None else quality.mark_findings(self, shaft, perturbator)
+        found += quality.probe_findings(self, self.statistics)
+        found += quality.direction_findings(self, shaft, perturbator)
+        found += quality.hum_findings(self, shaft)
         found += [] if self.run_out is None else [Finding("note", "slow-roll", in_words(self, self.run_out))]
         return tuple(found)
 
@@ -179,7 +161,7 @@ class Recording(Signals):
         """
         from rotorfit.plots.recordings import plot_timebase
 
-        parts = [stretch(self, self.marks, each, at, turns) for each in self._of(plane)]
+        parts = [views.stretch(self, self.marks, each, at, turns) for each in self._of(plane)]
         return plot_timebase(parts, self.name, **look)
 
     def plot_orbit(
@@ -205,7 +187,7 @@ class Recording(Signals):
         """
         from rotorfit.plots.recordings import plot_orbit
 
-        parts = [stretch(self, self.marks, each, at, turns, clearance) for each in self._pairs(plane)]
+        parts = [views.stretch(self, self.marks, each, at, turns, clearance) for each in self._pairs(plane)]
         return plot_orbit(parts, self.name, **look)
 
     def plot_centreline(
@@ -225,7 +207,7 @@ class Recording(Signals):
 
         if any(finding.code == "ac-coupled" for finding in self.findings):
             raise ValueError(f"{self.name} has no gap voltages (AC-coupled?): there is no centreline in it")
-        lines = [centreline(self, self.marks, each, clearance=clearance) for each in self._pairs(plane)]
+        lines = [views.centreline(self, self.marks, each, clearance=clearance) for each in self._pairs(plane)]
         return plot_centreline(lines, self.name, **look)
 
     def plot_bode(
@@ -289,8 +271,8 @@ class Recording(Signals):
         """
         from rotorfit.plots.recordings import plot_full_spectrum
 
-        spectra = {each: spectrum(self, each, start, stop) for each in self._of(plane)}
-        lines = steady_lines(self.marks, start, self.duration if stop is None else stop)
+        spectra = {each: views.spectrum(self, each, start, stop) for each in self._of(plane)}
+        lines = views.steady_lines(self.marks, start, self.duration if stop is None else stop)
         return plot_full_spectrum(spectra, lines, self.name, limit_hz, marks or {}, **look)
 
     def plot_cascade(
@@ -321,7 +303,7 @@ class Recording(Signals):
         """
         from rotorfit.plots.recordings import plot_cascade
 
-        found = cascade(self, self.marks, self._of(plane)[0], over=over, spectra=spectra, direction=direction)
+        found = views.cascade(self, self.marks, self._of(plane)[0], over=over, spectra=spectra, direction=direction)
         return plot_cascade(found, self.name, limit_hz, lines or {}, **look)
 
     def plot_twist(
@@ -347,7 +329,7 @@ class Recording(Signals):
         """
         from rotorfit.plots.twist import plot_twist
 
-        found = twist_cascade(self, self.marks, over=over, spectra=spectra)
+        found = views.twist_cascade(self, self.marks, over=over, spectra=spectra)
         return plot_twist(found, self.name, limit_hz, marks or {}, **look)
 
     def plot_speed(self, **look: Unpack[PlotKeywords]) -> Figure:
@@ -371,7 +353,7 @@ class Recording(Signals):
         whirl = 1 if self.force is None else self.force.whirl
         return Marks(shaft=self.shaft, perturbator=self._perturbator, whirl=whirl)
 
-    def _vectors(self, reference: str | None, turns: float | None) -> OrderVectors:
+    def _vectors(self, reference: str | None, turns: float | None) -> views.OrderVectors:
         known = self.__dict__.setdefault("_known_vectors", {})
         key = (reference or self.marks.main, turns)
         if key not in known:
@@ -422,6 +404,8 @@ def read_recording(path: str | Path, setup: str | Path | RigSetup | None = None)
 def named_apart(records: Recording | Sequence[Recording]) -> list[Recording]:
     """The recordings of a test; those whose files have one name are named by as many folders as tell them apart."""
     listed = list(records) if isinstance(records, Sequence) else [records]
+    if not listed:
+        raise ValueError("no recordings given")
     count = Counter(record.name for record in listed)
     return [
         record if count[record.name] == 1 else replace(record, label=_distinct_name(record.path, listed))

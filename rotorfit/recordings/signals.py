@@ -193,10 +193,8 @@ class Signals:
         probes = self._probes_of(plane)
         if len(probes) < 2 or any(probe.centre is None for probe in probes):
             return None
-        volts = [float(probe.centre or 0.0) - self.gap_voltage(probe.channel) for probe in probes]
-        return complex(
-            self._mixing(plane) @ [v / float(p.sensitivity or 1.0) for v, p in zip(volts, probes, strict=True)]
-        )
+        volts = np.array([float(probe.centre or 0.0) - self.gap_voltage(probe.channel) for probe in probes])
+        return complex(self._mixing(plane) @ (volts / [float(probe.sensitivity or 1.0) for probe in probes]))
 
     def force_signal(self, start: int = 0, stop: int | None = None) -> ComplexArray:
         """A measured force ``Fx + j Fy``, N."""

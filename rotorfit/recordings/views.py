@@ -71,8 +71,7 @@ def stretch(
     start, stop = _window(record, middle, turns * 2 * np.pi / slowest)
     z = np.asarray(record.motion(plane, start, stop))
     t = np.arange(start, stop) / record.sample_rate
-    angles = [angle.angle(t) for angle in marks.present.values()]
-    filtered = {}
+    angles, filtered = [angle.angle(t) for angle in marks.present.values()], {}
     if angles:
         vectors = order_vectors(z.astype(complex), angles, 2)
         for name, angle, vector in zip(marks.present, angles, vectors, strict=True):
@@ -107,8 +106,6 @@ class OrderVectors:
     speed: Float  # of the mark, rad/s, shape ``(W,)``
     phasors: ComplexArray  # of each probe, ``Re(phasor exp(j angle))`` is its motion, m, shape ``(P, W)``
     probes: tuple[tuple[str, float], ...]  # plane and angle (rad) of each probe
-    forward: dict[str, ComplexArray]  # amplitudes of the two directions in planes with two probes, complex, m, by plane
-    backward: dict[str, ComplexArray]
 
 
 def vectors_over_time(
@@ -120,7 +117,6 @@ def vectors_over_time(
     centres = np.linspace(main.begin, main.end, windows)
     speed = main.speed(centres)
     phasors = np.full((len(record.probes), windows), np.nan + 0j)
-    forward, backward = ({plane: np.full(windows, np.nan + 0j) for plane in record.pairs} for _ in range(2))
     for i, (middle, rate) in enumerate(zip(centres, speed, strict=True)):
         length = turns * 2 * np.pi / max(abs(rate), 1e-3)
         if middle - length / 2 < main.begin or middle + length / 2 > main.end:
@@ -130,13 +126,8 @@ def vectors_over_time(
         angles = [*(angle.angle(t) for angle in others), main.angle(t)]  # who comes last must stand apart from the rest
         along = np.stack([record.displacement(probe, start, stop) for probe in record.probes]).astype(complex)
         phasors[:, i] = 2 * order_vectors(along, angles, 2)[-1, 3]
-        for plane in record.pairs:
-            x, y = record.resolved(plane, phasors[[p.plane == plane for p in record.probes], i])
-            forward[plane][i], backward[plane][i] = (x + 1j * y) / 2, np.conj(x - 1j * y) / 2
     sites = tuple((probe.plane, float(probe.angle or 0.0)) for probe in record.probes)
-    return OrderVectors(
-        reference=reference, t=centres, speed=speed, phasors=phasors, probes=sites, forward=forward, backward=backward
-    )
+    return OrderVectors(reference=reference, t=centres, speed=speed, phasors=phasors, probes=sites)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -167,7 +158,7 @@ def centreline(
     t = np.array(edges[1:-1]) / record.sample_rate
     speed = np.full(t.size, np.nan) if marks.shaft is None else marks.shaft.speed(t)
     circle = clearance_of(record, plane, clearance)
-    circle = None if circle is None else replace(circle, centre=circle.centre - z[0])
+    circle = circle and replace(circle, centre=circle.centre - z[0])
     return Centreline(plane=plane, t=t, z=z - z[0], speed=speed, clearance=circle)
 
 

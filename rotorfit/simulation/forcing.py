@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,8 +30,7 @@ from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 LineOrder = Literal["rest", "up", "down"]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Lines:
+class _Lines(NamedTuple):
     """Forced motion to integrate, all shape ``(L,)``, force and load ``(L, n)``."""
 
     run: Text
@@ -91,8 +89,7 @@ def perturbation(
                 "sweep": 2 * number + (w < 0),
             }
         )
-    lines = _Lines(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
-    return _test(rig, lines, _steady(rig, lines, order), off_centre=bool(load))
+    return _test(rig, parts, order)
 
 
 def squeeze_film(
@@ -104,9 +101,8 @@ def squeeze_film(
     planes: str | Sequence[str] | None = None,
 ) -> PerturbationTest:
     """Squeeze film (Fig. 25): rotating forces on a rotor that does not turn."""
-    return perturbation(
-        rig, speed_rpm=0.0, frequency_rpm=frequency_rpm, force=force, unbalance=unbalance, planes=planes
-    )
+    forced: dict[str, Any] = {"force": force, "unbalance": unbalance, "planes": planes}
+    return perturbation(rig, speed_rpm=0.0, frequency_rpm=frequency_rpm, **forced)
 
 
 def synchronous(
@@ -146,8 +142,7 @@ def synchronous(
                 "sweep": np.full(speed.size, 2 * number),
             }
         )
-    lines = _Lines(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
-    return _test(rig, lines, _steady(rig, lines, "rest"), off_centre=False)
+    return _test(rig, parts, "rest")
 
 
 def _weights(
@@ -180,7 +175,7 @@ def displacement(
 ) -> DisplacementTest:
     """Constant circular displacement input (Figs 4, 16 and 17): an orbit is imposed, its force measured."""
     rig.need_circular("imposed orbits")
-    radii, speeds = (positive("amplitude_um", amplitude_um) * 1e-6, rates_rpm("speed_rpm", speed_rpm) * RAD_S_PER_RPM)
+    radii, speeds = positive("amplitude_um", amplitude_um) * 1e-6, rates_rpm("speed_rpm", speed_rpm) * RAD_S_PER_RPM
     cases = np.array(list(product(speeds, radii, rates_rpm("frequency_rpm", frequency_rpm) * RAD_S_PER_RPM)))
     speed, radius, w = cases.T
     at = rig.seat if plane is None else rig.model.coordinate(plane, "z")
@@ -246,8 +241,10 @@ def _steady(rig: VirtualRig, lines: _Lines, order: LineOrder) -> Steady:
     return Steady(**parts)
 
 
-def _test(rig: VirtualRig, lines: _Lines, steady: Steady, *, off_centre: bool) -> PerturbationTest:
-    """Readings of x and y at every coordinate of every line."""
+def _test(rig: VirtualRig, parts: Sequence[Mapping[str, Any]], order: LineOrder) -> PerturbationTest:
+    """Readings of x and y at every coordinate of every line of several sweeps."""
+    lines = _Lines(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    steady = _steady(rig, lines, order)
     factors = rig.model.functions.factors(rig.theta)
     columns: dict[str, list[NDArray[np.generic]]] = {}
     for number, coordinate in enumerate(rig.model.coordinates):
@@ -266,7 +263,7 @@ def _test(rig: VirtualRig, lines: _Lines, steady: Steady, *, off_centre: bool) -
                 "response": rig.noisy(exact, sigma),
                 "sigma": rig.sigma_given(sigma),
             }
-            if off_centre:
+            if lines.load.any():
                 rest = steady.mean[:, rig.seat] * factors[rig.seat].real
                 cells |= {"static_x_um": rest.real * 1e6, "static_y_um": rest.imag * 1e6}
             for name, cell in cells.items():

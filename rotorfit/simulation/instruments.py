@@ -113,10 +113,8 @@ def record(played: Played, instruments: Instruments, folder: Path, rng: np.rando
     if played.perturbator is not None:
         channels["keyphasor_perturbator"] = _keyphasor(played.perturbator, instruments, rng, mishaps=False)
     said = instruments.said(instruments.probe_angles) | {"keyphasor": "falling edge of a notch, -2 V to -8 V"}
-    path = folder / f"{played.name}.h5"
-    return write_counts(
-        path, channels, {**said, **played.attributes}, bits=instruments.bits, full_scale=instruments.full_scale
-    )
+    path, said = folder / f"{played.name}.h5", said | dict(played.attributes)
+    return write_counts(path, channels, said, bits=instruments.bits, full_scale=instruments.full_scale)
 
 
 def write_counts(
@@ -140,9 +138,8 @@ def write_counts(
     with h5py.File(content, "w") as file:
         for name, volts in channels.items():
             counts = np.clip(np.rint(volts / step), -limit, limit - 1).astype(np.int16 if limit <= 2**15 else np.int32)
-            data = file.create_dataset(
-                name, data=counts, chunks=(min(6000, counts.size),), compression="gzip", shuffle=True
-            )
+            chunks = (min(6000, counts.size),)
+            data = file.create_dataset(name, data=counts, chunks=chunks, compression="gzip", shuffle=True)
             data.attrs["volts_per_count"] = step
         file.attrs.update(attributes)
     with whole_file(path) as draft:

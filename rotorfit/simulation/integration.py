@@ -241,7 +241,7 @@ def steady_state(
     octave = np.floor(np.log2(w[left] / w.min())) if left.size else left
     groups: list[Index] = []
     # States integrated together: times the 13 slopes of a step of DOP853 they stay below the 4096 elements from which
-    # OpenBLAS starts threads, whose waiting for each other takes longer than the product
+    # OpenBLAS starts threads, whose waiting for each other takes longer than the product.
     states_together = 300
     for number in np.unique(octave):
         mine = left[octave == number]
@@ -307,8 +307,7 @@ def _settle(
         settled = np.abs(forward - before).max(axis=1) <= 10 * tolerance * np.abs(forward).max(axis=1)
         done = left[settled]
         turn = np.exp(-1j * omega * time)[settled, None]
-        centred = {"forward": forward, "backward": backward, "mean": mean}
-        for name, values in centred.items():
+        for name, values in {"forward": forward, "backward": backward, "mean": mean}.items():
             result[name][done] = values[settled]
         result["z"][done] = (z[settled] - mean[settled]) * turn + mean[settled]
         result["v"][done] = v[settled] * turn
@@ -334,9 +333,7 @@ def _typical(motion: Motion, w: Float, force: ComplexArray, load: ComplexArray) 
 def _phasors(path: Path, frequency: Float) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """Mean, forward and backward amplitude by least squares over the last whole periods, shapes ``(L, n)``. Harmonics
     are fitted along: small motion about an eccentric equilibrium has some."""
-    orders = [0, 1, -1]
-    harmonics = 3
-    orders += [sign * k for k in range(2, harmonics + 1) for sign in (1, -1)]
+    orders = [0, 1, -1, 2, -2, 3, -3]
     amplitudes = np.zeros((3, *path.z.shape[1:]), dtype=complex)
     length = path.time[-1] - path.time[0]
     for line, w in enumerate(np.abs(frequency).tolist()):

@@ -12,31 +12,21 @@ import numpy as np
 from rotorfit.estimators.atomic_file import file_name, whole_file
 from rotorfit.models import RotorModel
 from rotorfit.models.parameters import unknown_name
+from rotorfit.simulation import recorded_kinds as kinds
 from rotorfit.simulation.instruments import Instruments, Played, record
-from rotorfit.simulation.recorded_kinds import (
-    balance,
-    dwell,
-    hammer,
-    impulse,
-    measured_force,
-    perturbation,
-    release,
-    static_load,
-    synchronous,
-)
 from rotorfit.simulation.rig import RecordedRig
 from rotorfit.simulation.simulate import RecordingOptions, check_options
 
 RECORDED: Mapping[str, Callable[..., Iterator[Played]]] = {
-    "perturbation": perturbation,
-    "dwell": dwell,
-    "synchronous": synchronous,
-    "balance": balance,
-    "measured-force": measured_force,
-    "impulse": impulse,
-    "hammer": hammer,
-    "release": release,
-    "static-load": static_load,
+    "perturbation": kinds.perturbation,
+    "dwell": kinds.dwell,
+    "synchronous": kinds.synchronous,
+    "balance": kinds.balance,
+    "measured-force": kinds.measured_force,
+    "impulse": kinds.impulse,
+    "hammer": kinds.hammer,
+    "release": kinds.release,
+    "static-load": kinds.static_load,
 }
 """Kinds of tests that are recorded."""
 

@@ -134,29 +134,6 @@ class RecordedRig(VirtualRig):
     instruments: Instruments  # what measures it
     residual: float  # unbalance of the rotor itself, kg m
 
-    def path(self, speed: Callable[[Float], Float], forces: Mapping[str, Force], count: int) -> dict[str, ComplexArray]:
-        """Motion of each plane under forces ``Fx + j Fy`` at some of them."""
-        model, theta = self.model, self.theta
-        integrated = nonlinear_path if model.eccentricity_dependent else linear_path
-
-        def generalised(t: Float) -> ComplexArray:
-            found = np.zeros((t.size, len(model.coordinates)), dtype=complex)
-            for plane, force in forces.items():
-                f = force(t)
-                if model.frame == "z":
-                    found[:, model.coordinate(plane, "z")] += f
-                else:
-                    found[:, model.coordinate(plane, "x")] += f.real
-                    found[:, model.coordinate(plane, "y")] += f.imag
-            return found
-
-        path = integrated(model, theta, speed=speed, force=generalised, rate=self.instruments.sample_rate, count=count)
-        path = path * model.functions.factors(theta)
-        if model.frame == "z":
-            return {c.plane: path[:, i] for i, c in enumerate(model.coordinates) if c.axis == "z"}
-        axes = {(c.plane, c.axis): path[:, i].real for i, c in enumerate(model.coordinates)}
-        return {plane: axes[plane, "x"] + 1j * axes[plane, "y"] for plane in model.planes}
-
     def run(
         self,
         name: str,
@@ -166,8 +143,29 @@ class RecordedRig(VirtualRig):
         attributes: Mapping[str, str | float],
         **more: Any,
     ) -> Played:
-        """A run under forces at some planes while the shaft turns."""
-        motion = self.path(shaft.speed, acting, time.size)
+        """A run under forces ``Fx + j Fy`` at some planes while the shaft turns."""
+        model, theta = self.model, self.theta
+        integrated = nonlinear_path if model.eccentricity_dependent else linear_path
+
+        def generalised(t: Float) -> ComplexArray:
+            found = np.zeros((t.size, len(model.coordinates)), dtype=complex)
+            for plane, force in acting.items():
+                f = force(t)
+                if model.frame == "z":
+                    found[:, model.coordinate(plane, "z")] += f
+                else:
+                    found[:, model.coordinate(plane, "x")] += f.real
+                    found[:, model.coordinate(plane, "y")] += f.imag
+            return found
+
+        rate = self.instruments.sample_rate
+        path = integrated(model, theta, speed=shaft.speed, force=generalised, rate=rate, count=time.size)
+        path = path * model.functions.factors(theta)
+        axes = {(c.plane, c.axis): path[:, i] for i, c in enumerate(model.coordinates)}
+        if model.frame == "z":
+            motion = {plane: z for (plane, axis), z in axes.items() if axis == "z"}
+        else:
+            motion = {plane: axes[plane, "x"].real + 1j * axes[plane, "y"].real for plane in model.planes}
         return Played(name=name, motion=motion, shaft=shaft.angle(time), attributes=attributes, **more)
 
     def shaft(self, speed: float) -> Wander:

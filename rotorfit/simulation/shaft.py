@@ -61,9 +61,9 @@ class Perturbation:
         return turned if self.forward else turned.conj()
 
 
-def steady(speed: float) -> RunUp:
-    """A motor that turns evenly."""
-    return RunUp(first=speed, last=speed, duration=1.0)
+def _motor(speed: float | RunUp) -> RunUp:
+    """A motor whose speed changes as given, or that turns evenly."""
+    return speed if isinstance(speed, RunUp) else RunUp(first=speed, last=speed, duration=1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +95,7 @@ def shaft_motion(
     instants = np.asarray(time, dtype=float)
     if instants.ndim != 1 or instants.size < 2 or not (np.diff(instants) > 0).all():
         raise ValueError("time must be at least two ascending instants, s")
-    motor = speed if isinstance(speed, RunUp) else steady(speed)
+    motor = _motor(speed)
     slope = _equations(model, values, motor, force, crack, support)
     z, v, phi, rate = start
     begin = np.array([np.real(z), np.imag(z), np.real(v), np.imag(v), phi, rate])
@@ -188,12 +188,9 @@ def record_shaft(
     starts from its steady state without perturbation. Channels: ``PLANE_X``, ``PLANE_Y``, ``twist``,
     ``keyphasor_shaft`` and, with a perturbation, ``keyphasor_perturbator``; the attributes say the rest."""
     how = acquisition or Acquisition()
-    motor = speed if isinstance(speed, RunUp) else steady(speed)
-    for name, number in (
-        ("speed", min(motor.first, motor.last)),
-        ("duration", duration),
-        ("sample_rate", how.sample_rate),
-    ):
+    motor = _motor(speed)
+    numbers = {"speed": min(motor.first, motor.last), "duration": duration, "sample_rate": how.sample_rate}
+    for name, number in numbers.items():
         if not (np.isfinite(number) and number > 0):
             raise ValueError(f"{name} must be positive, got {number}")
     time = np.arange(round(duration * how.sample_rate)) / how.sample_rate

@@ -12,15 +12,7 @@ from numpy.typing import ArrayLike
 from rotorfit.data.experiments import Experiment
 from rotorfit.models import RotorModel
 from rotorfit.models.parameters import unknown_name
-from rotorfit.simulation.forcing import (
-    LineOrder,
-    displacement,
-    impulse,
-    perturbation,
-    squeeze_film,
-    static_load,
-    synchronous,
-)
+from rotorfit.simulation import forcing
 from rotorfit.simulation.rig import VirtualRig
 
 
@@ -32,7 +24,7 @@ class ExperimentOptions(TypedDict, total=False):
     force: complex | Sequence[complex] | None  # N, with its phase
     unbalance: complex | Sequence[complex] | Mapping[str, float] | None  # m r, kg m, with its phase
     planes: str | Sequence[str] | None  # planes that are forced, all by default
-    order: LineOrder  # in which a sweep goes through its frequencies
+    order: forcing.LineOrder  # in which a sweep goes through its frequencies
     kept: bool  # whether trial weights stay in, after a run without one, in place of weights at 0 and 180 degrees
     residual: Mapping[str, complex] | None  # unbalance of the rotor itself, kg m, by plane
     amplitude_um: ArrayLike  # radius of an imposed orbit
@@ -74,20 +66,19 @@ def check_options(kind: str, options: Mapping[str, Any], kinds: Mapping[str, Cal
     allowed = {name: p for name, p in inspect.signature(kinds[kind]).parameters.items() if name != "rig"}
     unknown = [name for name in options if name not in allowed]
     missing = [name for name, p in allowed.items() if p.default is p.empty and name not in options]
-    if unknown or missing:
-        wrong = [f"does not know {', '.join(unknown)}"] * bool(unknown) + [f"needs {', '.join(missing)}"] * bool(
-            missing
-        )
+    wrong = [f"does not know {', '.join(unknown)}"] if unknown else []
+    wrong += [f"needs {', '.join(missing)}"] if missing else []
+    if wrong:
         raise TypeError(f"simulation of kind {kind} {' and '.join(wrong)}; its options are {', '.join(allowed)}")
 
 
 SIMULATED: Mapping[str, Callable[..., Experiment]] = {
-    "perturbation": perturbation,
-    "squeeze-film": squeeze_film,
-    "synchronous": synchronous,
-    "displacement": displacement,
-    "static-load": static_load,
-    "impulse": impulse,
+    "perturbation": forcing.perturbation,
+    "squeeze-film": forcing.squeeze_film,
+    "synchronous": forcing.synchronous,
+    "displacement": forcing.displacement,
+    "static-load": forcing.static_load,
+    "impulse": forcing.impulse,
 }
 """Kinds of experiments by name, each a function of a :class:`~rotorfit.simulation.rig.VirtualRig` and its options."""
 

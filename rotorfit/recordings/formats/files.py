@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.estimators.atomic_file import note_input
 from rotorfit.estimators.file_reading import check_unpacked, reading, shown
 from rotorfit.models.parameters import unknown_name
-from rotorfit.recordings.formats.raw_file import RawChannel, RawFile
+from rotorfit.recordings.formats.raw_file import RawFile
 
 KINDS = {
     "hdf5": ("HDF5 file", (".h5", ".hdf5", ".hdf")),
@@ -61,15 +59,8 @@ def open_raw(path: str | Path) -> RawFile:
         if not (np.isfinite(channel.offset) and np.isfinite(channel.volts_per_count or 1.0)):
             raise ValueError(f"{file.name}: the scale of {channel.name} is not a finite number")
     said = {shown(name): shown(value) if isinstance(value, str) else value for name, value in raw.attributes.items()}
-    guarded = {name: _guarded(file.name, kind, channel) for name, channel in channels.items()}
+    guarded = {  # samples name the file where they cannot be read
+        name: replace(channel, samples=reading(f"{file.name}, {name}", kind)(channel.samples))
+        for name, channel in channels.items()
+    }
     return replace(raw, channels=guarded, attributes=said)
-
-
-def _guarded(source: str, kind: str, channel: RawChannel) -> RawChannel:
-    """A channel whose samples name the file where they cannot be read."""
-
-    def samples(start: int, stop: int) -> NDArray[Any]:
-        with reading(f"{source}, {channel.name}", kind):
-            return channel.samples(start, stop)
-
-    return replace(channel, samples=samples)

@@ -77,9 +77,8 @@ def _channels(
             base = own or (key if key.lower() not in _EMPTY_NAMES else above or key)
             listed: list[Any] = [base] if value.count == 1 else [f"{base}_{i + 1}" for i in range(value.count)]
             if len(names) == value.count:
-                listed = [
-                    name if isinstance(name, str) and name else one for name, one in zip(names, listed, strict=True)
-                ]
+                both = zip(names, listed, strict=True)
+                listed = [name if isinstance(name, str) and name else one for name, one in both]
             unit = unit_said(beside) or unit_said(near)
             yield from value.channels(listed, sample_rate=rate_of(beside) or rate, unit=unit)
         elif isinstance(value, dict) and not (key == "X" and "Y" in tree):  # dSPACE: X holds the times of all Y

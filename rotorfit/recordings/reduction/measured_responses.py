@@ -290,9 +290,7 @@ def _with_across(test: PerturbationTest, driven: _Driven, ratio: ComplexArray) -
 
 def _clear(driven: _Driven, found: LocalResponse, report: Report) -> Bool:
     """Lines that are clear of the shaft's orders and at which the force stands out of its noise, shape ``(L,)``."""
-    reduced = driven.reduced
-    # Noise of the force over the force, in power, beyond which a line says nothing that could be trusted
-    largest_noise_share = 0.1
+    reduced, largest_noise_share = driven.reduced, 0.1  # of the force, in power, up to which a line can be trusted
     clear = clear_lines(reduced, found, 0, report) & (driven.noise < largest_noise_share * _power(found, reduced))
     if not clear.any():
         raise ValueError(f"{reduced.record.name}: the measured force does not stand out of the noise of its channels")

@@ -63,19 +63,14 @@ class ReducedRate:
         return np.asarray(np.pad(taps / taps.sum(), (0, self.factor - 1)).reshape(-1, self.factor).T)
 
     @property
-    def _half(self) -> int:
-        """Blocks before and after the centre of the filter."""
-        return int(self._filter.shape[1]) // 2
-
-    @property
     def count(self) -> int:
         """Samples at the reduced rate, those that the filter reaches in full."""
-        return max((self.size - 1) // self.factor + 1 - 2 * self._half, 0)
+        return max((self.size - 1) // self.factor + 1 - 2 * (len(self._filter.T) // 2), 0)
 
     @property
     def time(self) -> Float:
         """Their times from the start of the recording, s."""
-        return (np.arange(self.count) + self._half) * self.factor / self.full_rate
+        return (np.arange(self.count) + len(self._filter.T) // 2) * self.factor / self.full_rate
 
     def reduce(self, read: Callable[[int, int], Signal]) -> Signal:
         """A signal at the reduced rate, shape ``(count,)``."""
@@ -153,9 +148,8 @@ class ReducedRecord:
                 continue
             along, against = (plus, minus) if self.whirl > 0 else (minus, plus)
             outputs += [along, against, plus + minus, (plus - minus) / 1j]
-        others = [
-            self.spectrum(np.exp(1j * n * angle)) for angle in [self.shaft_angle] if angle is not None for n in orders
-        ]
+        angle = np.zeros(0) if self.shaft_angle is None else self.shaft_angle
+        others = [self.spectrum(np.exp(1j * n * angle)) for n in orders]
         return RecordSpectra(
             frequency=self.lines,
             outputs=np.array(outputs),
@@ -194,9 +188,8 @@ class ReducedRecord:
 
 def reduce_record(record: Recording, drive: AngleTrack, whirl: int) -> ReducedRecord:
     """Bring a recording to the rate that the band of its drive needs."""
-    shaft = record.shaft
-    begin = max(track.begin for track in (drive, shaft) if track is not None)
-    end = min(track.end for track in (drive, shaft) if track is not None)
+    shaft, marks = record.shaft, [track for track in (drive, record.shaft) if track is not None]
+    begin, end = max(mark.begin for mark in marks), min(mark.end for mark in marks)
     fastest = float(drive.speed(np.linspace(begin, end, 20_001)).max())
     reduced, part = reduced_times(record, shaft, fastest, begin, end)
     time = reduced.time[part]
@@ -231,9 +224,8 @@ def reduced_times(
         reduced = ReducedRate.for_band(1.02 * top / (2 * np.pi), record.sample_rate, record.size)
     inside = np.flatnonzero((reduced.time >= begin) & (reduced.time <= end))
     if inside.size < 32:
-        raise ValueError(
-            f"{record.name}: the pulses leave {significant(max(end - begin, 0), 3)} s of the recording, too little"
-        )
+        seconds = significant(max(end - begin, 0), 3)
+        raise ValueError(f"{record.name}: the pulses leave {seconds} s of the recording, too little")
     return reduced, slice(int(inside[0]), int(inside[0]) + int(prev_fast_len(inside.size)))
 
 

@@ -162,8 +162,7 @@ def image_seen(reduced: ReducedRecord, found: LocalResponse) -> bool:
     row = 0
     for plane in reduced.record.planes:
         pair = plane in reduced.record.pairs
-        # Share of what the responses leave over that is the image, from which it stands out of the noise
-        image_share = 0.4
+        image_share = 0.4  # of what the responses leave over, from which it stands out of the noise
         if pair and _share(found, row, drives) > image_share:
             return True
         row += 4 if pair else 1
@@ -173,8 +172,7 @@ def image_seen(reduced: ReducedRecord, found: LocalResponse) -> bool:
 def _share(found: LocalResponse, row: int, drives: Sequence[ComplexArray]) -> float:
     """Share of the power left over that drives explain, those of two rows from one on."""
     explained = left = 0.0
-    # Spectral lines of a band in which the response to the image's drive is one number: noise explains 1/12 so.
-    lines = 12
+    lines = 12  # of a band in which the response to the image's drive is one number: noise explains 1/12 so
     for rest, drive in zip(found.residual[0][row : row + 2], drives, strict=True):
         inside = np.flatnonzero(np.isfinite(rest))
         count = inside.size // lines * lines
@@ -204,9 +202,7 @@ def swept_vectors(record: Recording) -> OrderVectors | None:
     for number, (plane, direction) in enumerate(channels):
         rows = (test.plane == plane) & (test.direction == direction)
         phasors[number, np.searchsorted(frequency, np.abs(test.frequency[rows]))] = test.response[rows]
-    steps = np.diff(frequency)
-    # Steps between lines, over the usual step, from which a curve is interrupted: one line is left out, or more
-    gap = 2.5
+    steps, gap = np.diff(frequency), 2.5  # usual steps from which a curve is interrupted: a line is left out, or more
     gaps = np.flatnonzero(steps > gap * np.median(steps)) if steps.size else np.zeros(0, dtype=np.intp)
     speed = np.insert(frequency, gaps + 1, (frequency[gaps] + frequency[gaps + 1]) / 2)
     return OrderVectors(
@@ -215,8 +211,6 @@ def swept_vectors(record: Recording) -> OrderVectors | None:
         speed=speed,
         phasors=np.insert(phasors, gaps + 1, np.nan, axis=1),
         probes=tuple((plane, {"y": np.pi / 2}.get(direction, 0.0)) for plane, direction in channels),
-        forward={},
-        backward={},
     )
 
 
@@ -224,8 +218,7 @@ def dwelling(record: Recording) -> bool:
     """True if the shaft of a recording dwells at one speed, or at several in turn."""
     shaft = record.shaft_angle()
     turns = abs(float(np.ptp(shaft.angle(np.array([shaft.begin, shaft.end]))))) / (2 * np.pi)
-    # Times a turn at which a shaft is looked at to see whether it dwells.
-    time = np.linspace(shaft.begin, shaft.end, max(int(8 * turns), 200))
+    time = np.linspace(shaft.begin, shaft.end, max(int(8 * turns), 200))  # some times a turn
     return bool(dwells(time, shaft.angle(time), shaft.speed(time)))
 
 
@@ -290,7 +283,7 @@ def _speed(part: ReducedRecord) -> float:
 
 def _angle_error(part: ReducedRecord) -> float:
     """Standard error of the drive's angle, averaged over a dwell, rad; none without a mark, whose datum is free."""
-    if part.drive is None or part.drive.levels is None:
+    if part.drive is None or not part.drive.count:
         return 0.0
     pulses = int(np.sum((part.drive.pulses >= part.time[0]) & (part.drive.pulses <= part.time[-1])))
     independent = max(pulses * part.drive.share, 1.0)  # values that the smooth angle has in the dwell

@@ -33,10 +33,8 @@ def estimated(
 def clear_lines(reduced: ReducedRecord, found: LocalResponse, power: int, report: Report) -> Bool:
     """Lines where the force says enough and that no order of the shaft is too near to."""
     enough = driven(found, power)
-    apart = apart_from_orders(reduced, found.frequency)
-    say_lost(
-        reduced.record, int(np.sum(enough & ~apart)), int(enough.sum()), reduced.time[-1] - reduced.time[0], report
-    )
+    apart, seconds = apart_from_orders(reduced, found.frequency), float(np.ptp(reduced.time))
+    say_lost(reduced.record, int(np.sum(enough & ~apart)), int(enough.sum()), seconds, report)
     return enough & apart
 
 

@@ -96,8 +96,6 @@ def checked_responses(
     checked: bool = True,
 ) -> PerturbationTest:
     """As :func:`responses`, with findings about the recordings themselves."""
-    if not records:
-        raise ValueError("no recordings given")
     tell = progress or (lambda stage: None)
     forces = [force_of(record) for record in records]
     kinds = {driven_by(record): record.name for record in records}
@@ -248,8 +246,6 @@ def recorded_tests(
     progress: Callable[[str], None] | None = None,
 ) -> tuple[Experiment, ...]:
     """One experiment for each kind of test that there is among recordings."""
-    if not records:
-        raise ValueError("no recordings given")
     report = on_finding or (lambda finding: None)
     tell = progress or (lambda stage: None)
     kinds: dict[str, list[Recording]] = {}

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -81,8 +80,7 @@ def rest_of(reduced: ReducedRecord, struck: Sequence[Blow]) -> tuple[Bool, float
     return quiet, 0.0 if rests else float(max(at_ends)) / len(struck)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Blow:
+class Blow(NamedTuple):
     """One blow of a hammer whose force was measured."""
 
     begin: float  # when the force rises, s
@@ -98,9 +96,8 @@ def blows(record: Recording) -> list[Blow]:
     pieces = [(start, start + SAMPLES_OF_A_PIECE) for start in range(0, record.size, SAMPLES_OF_A_PIECE)]
     greatest = max(float(np.abs(record.force_signal(*piece) - level).max()) for piece in pieces)
     acting_force_share = 0.1  # share of the greatest force of a recording from which it acts
-    acts = np.concatenate(
-        [np.abs(record.force_signal(*piece) - level) > acting_force_share * greatest for piece in pieces]
-    )
+    least = acting_force_share * greatest
+    acts = np.concatenate([np.abs(record.force_signal(*piece) - level) > least for piece in pieces])
     largest_struck_share = 0.1  # share of a recording in which the force acts, below which it is one of blows
     if not acts.any() or acts.mean() > largest_struck_share:
         return []
@@ -108,20 +105,13 @@ def blows(record: Recording) -> list[Blow]:
     longest_break = 1e-3  # time for which noise may interrupt a blow, s: none bounces so soon
     apart = np.flatnonzero(np.diff(at) > max(longest_break * record.sample_rate, 1.0))
     found = []
-    # Share of its peak within which a blow is at its top, and the share of its length at half the peak that the top of
-    # no blow lasts: half sines and their squares have 0.1
-    top_share, largest_top_share = 5e-3, 0.2
+    # Share of its peak within which a blow is at its top, and share of its length at half the peak that no top lasts
+    top_share, largest_top_share = 5e-3, 0.2  # half sines and their squares have 0.1
     for low, high in zip(at[np.append(0, apart + 1)].tolist(), (at[np.append(apart, -1)] + 1).tolist(), strict=True):
         size = np.abs(record.force_signal(low, high) - level)
         top, half = int(np.sum(size > (1 - top_share) * size.max())), int(np.sum(size > size.max() / 2))
-        found.append(
-            Blow(
-                begin=low / record.sample_rate,
-                end=high / record.sample_rate,
-                peak=float(size.max()),
-                cut=top >= 3 and top > largest_top_share * half,
-            )
-        )
+        begin, end, peak = low / record.sample_rate, high / record.sample_rate, float(size.max())
+        found.append(Blow(begin, end, peak, top >= 3 and top > largest_top_share * half))
     return found
 
 
@@ -138,9 +128,8 @@ def blow_findings(record: Recording, found: Sequence[Blow]) -> Iterator[Finding]
     bounce_time = 0.1  # time after a blow within which no one strikes on purpose, s: the hammer bounced
     again = [(first, second) for first, second in pairwise(found) if second.begin - first.end < bounce_time]
     if again:
-        when = listed(
-            [f"{a.begin:.3f} s and again {significant((b.begin - a.begin) * 1e3, 3)} ms later" for a, b in again]
-        )
+        later = [f"{significant((b.begin - a.begin) * 1e3, 3)} ms later" for a, b in again]
+        when = listed([f"{a.begin:.3f} s and again {time}" for (a, _), time in zip(again, later, strict=True)])
         words = (
             f"{record.name}: the hammer struck at {when}. The responses hold, for all of the force was measured, but "
             "where both blows cancel they are worse by what the errors say. Strike again if these lines matter."
@@ -203,12 +192,11 @@ def ring_downs(
     parts: list[tuple[str, float, Float, ComplexArray]] = []
     jobs = []
     for record in listed:
-        said = record.rig.impulse.highest if record.rig.impulse is not None else None
-        highest = highest_hz if highest_hz is not None else HIGHEST_HZ if said is None else said / (2 * np.pi)
-        jobs.append((record, _plane(record, plane), highest))
-    for (record, _, _), (mean, blows) in zip(
-        jobs, carry_out(_reduced, jobs, executor_of(executor, client)), strict=True
-    ):
+        said = None if record.rig.impulse is None else record.rig.impulse.highest
+        highest = HIGHEST_HZ if said is None else said / (2 * np.pi)
+        jobs.append((record, _plane(record, plane), highest if highest_hz is None else highest_hz))
+    reduced = carry_out(_reduced, jobs, executor_of(executor, client))
+    for (record, _, _), (mean, blows) in zip(jobs, reduced, strict=True):
         for number, (speed, time, z, settled) in enumerate(blows, start=1):
             at = z + (position if position is not None else 0.0 if mean is None else mean + settled)
             parts.append((f"{record.name}, blow {number}", speed, time, at))
@@ -225,8 +213,7 @@ def _reduced(job: tuple[Recording, str, float]) -> tuple[complex | None, list[_B
 
 
 def _plane(record: Recording, asked: str | None) -> str:
-    said = record.rig.impulse.plane if record.rig.impulse is not None else None
-    asked = asked or said
+    asked = asked or (None if record.rig.impulse is None else record.rig.impulse.plane)
     found = asked or ("journal" if "journal" in record.planes else record.planes[0])
     if found not in record.planes:
         raise ValueError(f"{record.name}: {unknown_name('plane', found, record.planes)}")

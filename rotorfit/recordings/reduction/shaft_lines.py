@@ -74,13 +74,17 @@ def shaft_lines(
         ValueError: a recording without what this needs; the message says what.
     """
     several = named_apart(records)
-    if not several:
-        raise ValueError("no recordings: give at least one")
-    _same_weight(several)
+    weights: dict[complex, str] = {}
+    for record in filter(_is_start_up, several):  # different weights are different eccentricities
+        force = record.force
+        weights.setdefault(0.0 if force is None else force.mr * complex(np.exp(1j * force.angle)), record.name)
+    if len(weights) > 1:
+        one, other, *_ = weights.values()
+        raise ValueError(f"{one} and {other} are start-ups with different weights, so with eccentricities of their own")
     if runout_um is not None and not (np.isfinite(runout_um) and runout_um >= 0):
         raise ValueError(f"runout_um is the size of the run-out, zero or more, not {runout_um}")
-    parts = []
-    noted: dict[str, list[NDArray[Any]]] = {name: [] for name in several[0].attributes}
+    parts: list[dict[str, NDArray[Any]]] = []
+    counts = []
     for record in several:
         if record.attributes.keys() != several[0].attributes.keys():
             raise ValueError(
@@ -88,14 +92,11 @@ def shaft_lines(
                 f"{', '.join(several[0].attributes) or 'none'}: give all recordings the same"
             )
         own = _start_up(record) if _is_start_up(record) else _lines_of(record, runout_um, supports)
-        count = sum(part["run"].size for part in own)
-        if runout_um is not None:
-            noted.setdefault("runout_um", []).append(np.full(count, runout_um))
-        for name, value in record.attributes.items():
-            noted[name].append(np.full(count, value))
+        counts.append(sum(part["run"].size for part in own))
         parts += own
     columns: dict[str, Any] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    attributes = {name: np.concatenate(values) for name, values in noted.items()}
+    said = [{**record.attributes, **({} if runout_um is None else {"runout_um": runout_um})} for record in several]
+    attributes = {name: np.repeat([each[name] for each in said], counts) for name in said[0]}
     return LineTest(source=source_of(several), attributes=attributes, **columns)
 
 
@@ -122,23 +123,9 @@ def _is_start_up(record: Recording) -> bool:
     """True if nothing but the shaft itself drives a recording, and its speed changes."""
     if record.rig.perturbator is not None or (record.force is not None and record.force.measured):
         return False
-    shaft = record.shaft_angle()
-    speed = shaft.speeds(1001)
-    # Highest speed over the lowest from which a recording without a perturbator is a start-up
-    start_up_speed_ratio = 1.2
+    speed = record.shaft_angle().speeds(1001)
+    start_up_speed_ratio = 1.2  # highest speed over the lowest from which it is one
     return bool(speed.max() > start_up_speed_ratio * speed.min())
-
-
-def _same_weight(records: Sequence[Recording]) -> None:
-    """Refuse start-ups with different weights: they have different eccentricities."""
-    weights: dict[complex, str] = {}
-    for record in records:
-        if _is_start_up(record):
-            force = record.force
-            weights.setdefault(0.0 if force is None else force.mr * complex(np.exp(1j * force.angle)), record.name)
-    if len(weights) > 1:
-        one, other, *_ = weights.values()
-        raise ValueError(f"{one} and {other} are start-ups with different weights, so with eccentricities of their own")
 
 
 def _start_up(record: Recording) -> list[dict[str, NDArray[Any]]]:
@@ -214,14 +201,15 @@ def _frequencies(record: Recording) -> Float:
 
 
 def _order_of(direction: str, name: str) -> Order:
-    return (TWIST if direction == "twist" else LATERAL | _OF_SUPPORTS)[name]
+    """What a line's frequency is of w and of the rotative speed."""
+    m, n = (TWIST if direction == "twist" else LATERAL | _OF_SUPPORTS)[name]
+    return m, n - m + (direction != "twist")
 
 
 def _ends(direction: str, name: str, swept: _Swept) -> tuple[float, float]:
     """Lowest and highest frequency that a line passes through."""
-    m, n = _order_of(direction, name)
-    shift = (n - m + (direction != "twist")) * swept.speed
-    low, high = sorted((m * swept.low + shift, m * swept.high + shift))
+    m, shift = _order_of(direction, name)
+    low, high = sorted(m * end + shift * swept.speed for end in (swept.low, swept.high))
     return low, high
 
 
@@ -238,10 +226,8 @@ def _fit(
     The drive of the twist at 2(w - Om) is the square of the motion at w, whose line is ``main``.
     """
     w = _frequencies(record)
-    output, spectra = (
-        _spectrum(signal),
-        {name: (_ends(direction, name, swept), _spectrum(d)) for name, d in drives.items()},
-    )
+    output = _spectrum(signal)
+    spectra = {name: (_ends(direction, name, swept), _spectrum(d)) for name, d in drives.items()}
     if not np.iscomplexobj(signal):  # every line of a real signal has a twin at minus its frequency
         for k, ((low, high), d) in list(spectra.items()):
             mirrored = np.fft.fftshift(np.roll(np.fft.ifftshift(d)[::-1], 1)).conj()  # that of the conjugate
@@ -251,11 +237,8 @@ def _fit(
     for name in drives:
         (low, high), own = spectra[name]
         others = [drive for k, ((a, b), drive) in spectra.items() if k != name and max(low, a) < min(high, b)]
-        response = local_response(
-            [RecordSpectra(frequency=w, outputs=output[None], forces=np.array([own, *others]), others=orders)],
-            low,
-            high,
-        )
+        spectrum = RecordSpectra(frequency=w, outputs=output[None], forces=np.array([own, *others]), others=orders)
+        response = local_response([spectrum], low, high)
         parts = (response.frequency, response.response[0, 0], response.sigma[0, 0])
         if name == "2w-2Om" and main is not None:
             found.append(_square_rows(swept, main, *parts))
@@ -289,8 +272,7 @@ def _rows(
 ) -> dict[str, NDArray[Any]]:
     """Rows of a line, its answer to a unit drive taken to the force at w; w and the speed are those while it was at a
     frequency, of the whole record where that was passed in less than a sample."""
-    m, n = _order_of(direction, name)
-    shift = n - m + (direction != "twist")
+    m, shift = _order_of(direction, name)
     passed = m * swept.rates + shift * swept.speeds
     order = np.argsort(passed, kind="stable")
     low, high = (np.searchsorted(passed[order], nu + side * width / 2) for side in (-1, 1))

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +24,11 @@ from rotorfit.recordings.rig.setup import Probe
 from rotorfit.recordings.signals import source_of
 from rotorfit.units import RPM_PER_RAD_S
 
+STEADY_SPEED_RANGE = 0.02
+"""Change of the speed, relative, up to which it counts as one."""
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Zero:
+
+class _Zero(NamedTuple):
     """Where a plane is without load."""
 
     z: complex = 0.0  # m
@@ -69,8 +72,6 @@ def static_positions(
         ['111 um', '222 um']
     """
     listed = named_apart(records)
-    if not listed:
-        raise ValueError("no recordings given")
     report = on_finding or (lambda finding: None)
     rests: list[RestPosition] = []
     for record in listed:
@@ -128,9 +129,8 @@ def _zeros(loaded: Sequence[RestPosition], unloaded: Sequence[RestPosition], rep
 
 def _zero(unloaded: Sequence[RestPosition], speed: float) -> _Zero:
     """Mean of the positions without load at about a speed."""
-    near = [
-        rest for rest in unloaded if abs(float(rest.speed[0]) - speed) <= STEADY_SPEED_RANGE * max(abs(speed), 1e-9)
-    ]
+    most = STEADY_SPEED_RANGE * max(abs(speed), 1e-9)
+    near = [rest for rest in unloaded if abs(float(rest.speed[0]) - speed) <= most]
     z = np.array([rest.z[0] for rest in near])
     own = float(np.mean([rest.variance[0] for rest in near]))
     scatter = float(np.sum(np.abs(z - z.mean()) ** 2) / (2 * (z.size - 1))) if z.size > 1 else 0.0
@@ -162,12 +162,6 @@ def _test(loaded: Sequence[RestPosition], zeros: Sequence[_Zero], source: str) -
     )
 
 
-POSITIONS = 20
-"""Positions taken of a recording in which the speed changes."""
-STEADY_SPEED_RANGE = 0.02
-"""Change of the speed, relative, up to which it counts as one."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RestPosition:
     """Mean positions of one plane in one recording."""
@@ -188,8 +182,8 @@ class RestPosition:
 def rest_positions(record: Recording) -> tuple[list[RestPosition], list[str]]:
     """Mean positions in all planes with two good probes, and why the others are left out.
 
-    A recording of one speed gives one position a plane, one whose speed changes :data:`POSITIONS`. The error of a
-    mean voltage is the scatter of the means of parts of the recording, slow drift included.
+    A recording of one speed gives one position a plane, one whose speed changes twenty. The error of a mean voltage is
+    the scatter of the means of parts of the recording, slow drift included.
     """
     coupled = [name for name, each in record.statistics.items() if each.without_gap]
     if coupled:
@@ -221,15 +215,14 @@ def _rest(record: Recording, plane: str, probes: Sequence[Probe]) -> RestPositio
     parts_of_record = 16  # parts of a recording whose mean voltages tell how well the mean of the whole is known
     for p, probe in enumerate(probes):
         each, scale = record.statistics[probe.channel], float(probe.sensitivity or 1.0)
-        volts = reduced.reduce(lambda first, last, name=probe.channel: record.channel(name, first, last)).real  # type: ignore[misc]
+        volts = reduced.reduce(partial(record.channel, probe.channel)).real
         # a signal that moves by less than a count is not known better than that
         rounding = each.step**2 / 12 if each.deviation < each.step else 0.0
         for s, (begin, end) in enumerate(edges):
             inside = (reduced.time >= begin) & (reduced.time <= end)
             if inside.sum() < 4 * parts_of_record:
-                raise ValueError(
-                    f"{record.name}: {significant(end - begin, 3)} s are too short to tell a mean voltage and its error"
-                )
+                length = f"{significant(end - begin, 3)} s"
+                raise ValueError(f"{record.name}: {length} are too short to tell a mean voltage and its error")
             parts = np.array_split(np.flatnonzero(inside), parts_of_record)
             levels = np.array([_level(volts[part], reduced.time[part], shaft) for part in parts])
             # where voltages drift, longer parts scatter more than their length says
@@ -246,7 +239,7 @@ def _stretches(record: Recording, shaft: AngleTrack | None) -> tuple[list[tuple[
     if shaft is None:
         return [(0.0, record.duration)], np.array([abs(record.speed or 0.0)])
     speeds = shaft.speeds(400)
-    count = 1 if np.ptp(speeds) <= STEADY_SPEED_RANGE * np.abs(speeds).mean() else POSITIONS
+    count = 1 if np.ptp(speeds) <= STEADY_SPEED_RANGE * np.abs(speeds).mean() else 20
     edges = np.linspace(shaft.begin, shaft.end, count + 1)
     mean = np.diff(shaft.angle(edges)) / np.diff(edges)
     return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)), np.asarray(mean)

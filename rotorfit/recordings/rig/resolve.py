@@ -161,9 +161,8 @@ def _check_tables(whole: RigSetup, shaft: Reference | None, planes: Sequence[str
                 "wheel (the other) and teeth"
             )
         if twist.teeth is not None and twist.teeth < fewest_teeth:
-            raise ValueError(
-                f"{where}: {twist.teeth} teeth a turn are too few for a twist; at least {fewest_teeth} are needed"
-            )
+            few = f"{twist.teeth} teeth a turn are too few for a twist"
+            raise ValueError(f"{where}: {few}; at least {fewest_teeth} are needed")
     if slow_roll is not None and slow_roll.below is None and slow_roll.file is None:
         raise ValueError(
             f"{source}, [slow_roll]: give below_rpm, the speed below which the shaft does not vibrate, or file, a "
@@ -181,9 +180,7 @@ def _merged(given: RigSetup | None, own: RigSetup) -> RigSetup:
     whole = own if given is None else prefer(given, own)
     if given is not None and given.probes:
         known = {probe.channel: probe for probe in own.probes or ()}
-        probes = (
-            prefer(p, replace(known[p.channel], plane=p.plane)) if p.channel in known else p for p in given.probes
-        )
+        probes = [prefer(probe, known.get(probe.channel, probe)) for probe in given.probes]
         whole = replace(whole, probes=tuple(probes))
     if given is not None and given.twist is not None and given.twist.wheel:
         whole = replace(whole, twist=given.twist)
@@ -229,7 +226,7 @@ def _unit_of(raw: RawFile, channel: str, said: str | None, setup: RigSetup) -> C
     given = said or (scale.unit if scale is not None else None)
     if given is None and scale is not None:
         return None  # volts of a count
-    return (channel_unit(given) if given else None) or _unit_in_file(raw, channel)
+    return channel_unit(given or "") or _unit_in_file(raw, channel)
 
 
 def _unit_in_file(raw: RawFile, channel: str) -> ChannelUnit | None:

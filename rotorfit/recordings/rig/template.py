@@ -47,11 +47,12 @@ def template(path: str | Path) -> str:
     ]
     for channel in raw.channels.values():
         if channel.full_count is not None and channel.volts_per_count is None:
+            scale = "# full_scale_V = 10.0            # FILL IN: volts of the largest count, or volts_per_count"
             parts += [
                 "",
                 "[[channel]]                      # it holds counts",
                 f"name = {_quoted(channel.name)}",
-                "# full_scale_V = 10.0            # FILL IN: volts of the largest count, or volts_per_count",
+                scale,
             ]
     return "\n".join(parts) + "\n"
 
@@ -85,15 +86,14 @@ def _probe(probe: Probe, own: RigSetup, raw: RawFile) -> list[str]:
     unit = next((each.name for each in said if each is not None and each.quantity == "length"), "")
     angle = None if probe.angle is None else math.degrees(probe.angle)
     sensitivity = None if own.sensitivity is None else own.sensitivity / 1e3
+    scale = _line("sensitivity_V_per_mm", sensitivity, 7.87, 'or _mV_per_mil, ...; or unit = "um" if it is scaled')
     return [
         "",
         "[[probe]]",
         f"plane = {_quoted(probe.plane)}",
         f"channel = {_quoted(probe.channel)}",
         _line("angle_deg", angle, 0.0, "where the probe sits, from x counter-clockwise"),
-        _line("unit", unit, "um", "")
-        if unit
-        else _line("sensitivity_V_per_mm", sensitivity, 7.87, 'or _mV_per_mil, ...; or unit = "um" if it is scaled'),
+        _line("unit", unit, "um", "") if unit else scale,
         _line("delay_us", None, 0.0, "by which the channel is late, as on a card of its own", must=False),
     ]
 
@@ -122,6 +122,5 @@ def _force(known: ForceSetup | None) -> list[str]:
         _line(key, None if angle is None else math.degrees(angle), 33.0, "heavy spot ahead of the mark", must=False),
         _line("whirl", whirl, "forward", "or backward: which way the perturbator turns", must=False),
     ]
-    if known is not None:
-        return ["", "# [force]                        # said by the recording:", *lines]
-    return ["", "# [force]                        # FILL IN if the rotor is driven, else leave out", *lines]
+    words = "FILL IN if the rotor is driven, else leave out" if known is None else "said by the recording:"
+    return ["", f"{'# [force]':<32} # {words}", *lines]
