@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy import stats
-from sentences import refuses
 
 from rotorfit.estimators.minimisation.batch import batch_fit, with_measured
 from rotorfit.estimators.minimisation.least_squares import minimise
@@ -115,12 +114,6 @@ def test_optima_are_those_of_one_at_a_time(make, loss, accelerate):
         step = x - expected.x
         assert step @ matrix @ step < 1e-10  # squared distance in standard errors
         assert cost == pytest.approx(expected.cost, rel=1e-10)
-
-
-def test_readings_of_the_wrong_shape_are_refused(make):
-    problem, truth = make("one-mode")
-    with refuses(ValueError):
-        batch_fit(problem, np.zeros((3, 5), dtype=complex), truth)
 
 
 def test_kernels_are_kept_only_where_nobody_else_writes(tmp_path, monkeypatch):

@@ -289,13 +289,8 @@ def test_nested_and_concurrent_fits() -> None:
 @pytest.mark.parametrize(
     "arguments",
     [
-        {"start": [np.nan, 1.0]},
-        {"start": []},
         {"start": [1.0, 1.0], "lower": [2.0, 0.0]},
         {"start": [1.0, 1.0], "upper": [1.0, 0.0]},
-        {"start": [1.0, 1.0], "lower": [0.0, 0.0, 0.0]},
-        {"start": [1.0, 1.0], "upper": [np.nan, 0.0]},
-        {"start": [1.0, 1.0], "scale": [1.0, 0.0]},
     ],
 )
 def test_wrong_arguments(arguments: dict[str, Any]) -> None:
@@ -305,7 +300,7 @@ def test_wrong_arguments(arguments: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"max_iterations": 0}, {"tolerance": 0.0}, {"tolerance": 1e-3}, {"hessian": "bfgs"}],
+    [{"max_iterations": 0}, {"method": "bfgs"}],
 )
 def test_wrong_options(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):

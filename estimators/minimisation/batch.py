@@ -56,16 +56,10 @@ def batch_fit(
     options: Options = _DEFAULTS,
 ) -> BatchFit:
     """Fit many sets of readings of one problem."""
-    measured = np.asarray(measured, dtype=complex)
-    p, count = problem.space.size, problem.n_data // 2
-    if measured.ndim != 2 or measured.shape[1] != count:
-        raise ValueError(f"measured has shape {measured.shape}; the problem has {count} readings: (B, {count})")
-    x = np.asarray(start, dtype=float)
-    if x.shape not in ((p,), (measured.shape[0], p)):
-        raise ValueError(f"start has shape {x.shape}; ({p},) or ({measured.shape[0]}, {p}) is needed")
-    x = np.clip(np.broadcast_to(x, (measured.shape[0], p)), problem.space.lower, problem.space.upper)
+    x = np.broadcast_to(np.asarray(start, dtype=float), (len(measured), problem.space.size))
+    x = np.clip(x, problem.space.lower, problem.space.upper)
     evaluations = 5  # a member's gradients until it has converged, typically
-    batch = Batch(problem, accelerate=accelerate, work=evaluations * measured.shape[0], gradients=True)
+    batch = Batch(problem, accelerate=accelerate, work=evaluations * len(measured), gradients=True)
     with np.errstate(all="ignore"):  # a trial point may well be absurd
         end = _Descent(problem, x.copy(), batch.of_readings(measured))
     alone = ~end.converged

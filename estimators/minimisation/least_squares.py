@@ -38,8 +38,8 @@ def minimise(
     objective: Objective,
     start: ArrayLike,
     *,
-    lower: ArrayLike | None = None,
-    upper: ArrayLike | None = None,
+    lower: ArrayLike = -np.inf,
+    upper: ArrayLike = np.inf,
     scale: ArrayLike | None = None,
     options: Options = _DEFAULTS,
     graph: ca.Function | None = None,
@@ -48,21 +48,12 @@ def minimise(
     ``x``, is what Ipopt as chosen method descends on; the objective judges its end. May be called from several threads
     and from within an objective, which itself is called by one thread."""
     x = np.array(start, dtype=float, ndmin=1)
-    if x.ndim != 1 or x.size == 0 or not np.isfinite(x).all():
-        raise ValueError(f"start is {start!r}; a non-empty vector of finite numbers is needed")
-    bounds = _bound("lower", lower, -np.inf, x.size), _bound("upper", upper, np.inf, x.size)
-    outside = np.flatnonzero((x < bounds[0]) | (x > bounds[1]) | (bounds[0] > bounds[1]))
-    if outside.size:
-        i = int(outside[0])
-        raise ValueError(f"start[{i}] is {x[i]}; its bounds allow {bounds[0][i]} to {bounds[1][i]}")
-    if scale is not None:
-        scales = np.broadcast_to(np.asarray(scale, dtype=float), x.shape)
-        if not (np.isfinite(scales).all() and (scales > 0).all()):
-            raise ValueError(f"scale is {scales.tolist()}; every entry must be finite and positive")
-    else:
-        scales = _default_scale(objective, x)
+    low, high = (np.broadcast_to(np.asarray(bound, dtype=float), x.shape) for bound in (lower, upper))
+    if ((x < low) | (x > high)).any():
+        raise ValueError(f"start is {x.tolist()}; its bounds allow {low.tolist()} to {high.tolist()}")
+    scales = _default_scale(objective, x) if scale is None else np.asarray(scale, dtype=float)
     # Scaling by powers of two near the sizes is exact and commutes with the bounds.
-    run = Minimisation(objective, x, bounds, np.exp2(np.round(np.log2(scales))), options)
+    run = Minimisation(objective, x, (low, high), np.exp2(np.round(np.log2(scales))), options)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # a trial point may well be absurd
         status = _descend(run, graph)
         if status is Status.STALLED:  # where the exact Hessian leads nowhere, as between kinks of a robust loss
@@ -79,15 +70,6 @@ def minimise(
         hessian=run.kind,
         offset=best.offset,
     )
-
-
-def _bound(name: str, value: ArrayLike | None, absent: float, n: int) -> Vector:
-    bound = np.asarray(absent if value is None else value, dtype=float)
-    if bound.shape not in ((), (n,)):
-        raise ValueError(f"{name} has shape {bound.shape}; a scalar or shape ({n},) is needed")
-    if np.isnan(bound).any():
-        raise ValueError(f"{name} is {bound.tolist()}; nan is not allowed, use infinities for absent bounds")
-    return bound if bound.shape else np.full(n, bound)
 
 
 def _default_scale(objective: Objective, x: Vector) -> Vector:

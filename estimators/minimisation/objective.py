@@ -55,15 +55,8 @@ class Options:
     def __post_init__(self) -> None:
         if self.max_iterations < 1:
             raise ValueError(f"max_iterations is {self.max_iterations}; it must be at least 1")
-        if not 0.0 < self.tolerance <= self.acceptable < 1.0:
-            raise ValueError(
-                f"tolerance is {self.tolerance} and acceptable is {self.acceptable}; "
-                "they must satisfy 0 < tolerance <= acceptable < 1"
-            )
         if self.method not in METHODS:
             raise ValueError(f"method is {self.method!r}; allowed: {', '.join(map(repr, METHODS))}")
-        if self.hessian not in ("auto", "gauss-newton", "exact"):
-            raise ValueError(f"hessian is {self.hessian!r}; allowed: 'auto', 'gauss-newton', 'exact'")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -228,10 +228,6 @@ _PULLED = """for k in range(group.size):
 @lru_cache(maxsize=16)
 def source(model: RotorModel, patterns: tuple[Pattern, ...]) -> str:
     """Source of ``sums`` and ``slopes`` for a model read in given ways; ``np``, ``inner``, ``outer`` are around it."""
-    if len(model.coordinates) > LARGEST_UNROLLED:
-        raise ValueError(
-            f"{model.name} has {len(model.coordinates)} coordinates; up to {LARGEST_UNROLLED} are unrolled"
-        )
     n = _coefficient_graph(model)[2].numel()
     parts = [_model_source(model), *(_pattern_source(model, p, i) for i, p in enumerate(patterns))]
     prepare = f"seed = np.empty((group.size, {n}))\n    by_theta = np.empty(template.shape[1])"

@@ -32,8 +32,6 @@ def solve(reading: ComplexArray, count: Float, design: ComplexArray, repeat: flo
     """Coefficients and the variance between mountings, by restricted maximum likelihood."""
     there = np.flatnonzero(np.isfinite(reading))
     y, X, n = reading[there], design[there], count[there]
-    if not determines(X):
-        raise ValueError(f"{there.size} mountings do not determine {design.shape[1]} coefficients")
     freedom = there.size - X.shape[1]
     within = (0.0 if np.isnan(repeat) else repeat) / n
     if freedom:
