@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -188,11 +187,8 @@ def _solved(matrix: Float, *sides: Float) -> tuple[Float, ...]:
     right[~usable] = np.nan
     try:
         found = np.linalg.solve(unit, right)
-    except np.linalg.LinAlgError:  # one of them at least
+    except np.linalg.LinAlgError:  # one of them at least: each is searched by itself
         found = np.full_like(right, np.nan)
-        for i, (one, side) in enumerate(zip(unit, right, strict=True)):
-            with suppress(np.linalg.LinAlgError):
-                found[i] = np.linalg.solve(one, side)
     return tuple(found[..., i] / size for i in range(len(sides)))
 
 

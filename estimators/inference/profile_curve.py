@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.estimators.inference.constrained_minima import Constraint, Minima
+from rotorfit.estimators.inference.constrained_minima import Constraint
 from rotorfit.models.array_types import Float
 
 
@@ -46,8 +46,8 @@ class Curve:
     def __init__(self, held: Constraint, value: float, x: Float, cost: float, direction: Float, entry: int = 0) -> None:
         self.held, self.entry, self._cost = held, entry, cost
         self._points = [_Point(value, x, 0.0, direction)]
-        self._rises = {value: 0.0}
-        self._contraction = 0.0
+        self.rises = {value: 0.0}  # where they have been found, infinite where there is no minimum
+        self.contraction = 0.0  # of lengths of steps, the largest met
         self.unsettled = 0
 
     @property
@@ -55,32 +55,11 @@ class Curve:
         """Least rise met, below zero if the minimum given was not the lowest."""
         return min(point.rise for point in self._points)
 
-    @property
-    def contraction(self) -> float:
-        """Of lengths of steps, the largest met; one where none was."""
-        return self._contraction or 1.0
-
-    def unknown(self, values: Sequence[float]) -> list[float]:
-        """Those of some values where the rise has not been found yet."""
-        return [value for value in dict.fromkeys(values) if value not in self._rises]
-
-    def rise(self, value: float) -> float:
-        """Rise at a value where it has been found, infinite where there is no minimum."""
-        return self._rises[value]
-
-    def take(self, value: float, minima: Minima, number: int) -> None:
+    def keep(self, value: float, cost: float, x: Float, slope: Float) -> None:
         """Keep a point that was found."""
-        self._rises[value] = rise = 2 * (float(minima.cost[number]) - self._cost)
-        self._points.append(_Point(value, minima.x[number], rise, minima.slope[number]))
-        self._contraction = max(self._contraction, float(minima.contraction[number]))
-
-    def follow(self, value: float) -> None:
-        """Find a point by itself, from those that are known by now."""
-        cost, x, settled = self.held.alone(self.entry, value, self.predict([value])[0])
-        self.unsettled += not settled
-        self._rises[value] = rise = 2 * (cost - self._cost) if math.isfinite(cost) else math.inf
+        self.rises[value] = rise = 2 * (cost - self._cost)
         if math.isfinite(rise):
-            self._points.append(_Point(value, x, rise, np.full_like(x, np.nan)))
+            self._points.append(_Point(value, x, rise, slope))
 
     def predict(self, values: Sequence[float]) -> Float:
         """Vectors at values, shape ``(W, p)``: Hermite's cubic where slopes are known, else a straight line. It goes
@@ -142,7 +121,8 @@ class Curve:
 
 def find_rises(curves: Sequence[Curve], values: Sequence[Sequence[float]]) -> None:
     """Find the rises of curves at some values each; those that full steps do not reach are followed in their order."""
-    unknown = [(curve, curve.unknown(some)) for curve, some in zip(curves, values, strict=True)]
+    pairs = zip(curves, values, strict=True)
+    unknown = [(curve, [value for value in dict.fromkeys(some) if value not in curve.rises]) for curve, some in pairs]
     for held in dict.fromkeys(curve.held for curve, some in unknown if some):
         mine = [(curve, some) for curve, some in unknown if some and curve.held is held]
         each = [(curve, value) for curve, some in mine for value in some]
@@ -150,14 +130,17 @@ def find_rises(curves: Sequence[Curve], values: Sequence[Sequence[float]]) -> No
             np.array([curve.entry for curve, _ in each]),
             np.array([value for _, value in each]),
             np.concatenate([curve.predict(some) for curve, some in mine]),
-            np.array([curve.contraction for curve, _ in each]),
+            np.array([curve.contraction or 1.0 for curve, _ in each]),
         )
         for number in np.flatnonzero(minima.found).tolist():
             curve, value = each[number]
-            curve.take(value, minima, number)
+            curve.keep(value, float(minima.cost[number]), minima.x[number], minima.slope[number])
+            curve.contraction = max(curve.contraction, float(minima.contraction[number]))
         for number in np.flatnonzero(~minima.found).tolist():
             curve, value = each[number]
-            curve.follow(value)
+            cost, x, settled = held.alone(curve.entry, value, curve.predict([value])[0])
+            curve.unsettled += not settled
+            curve.keep(value, cost, x, np.full_like(x, np.nan))
 
 
 def find_ends(curves: Sequence[Curve], searches: Sequence[tuple[Search, ...]]) -> list[list[End]]:
@@ -169,7 +152,7 @@ def find_ends(curves: Sequence[Curve], searches: Sequence[tuple[Search, ...]]) -
         for curve, own, waiting, found in zip(curves, searches, asked, ends, strict=True):
             for place, value in tuple(waiting.items()):
                 try:
-                    waiting[place] = own[place].send(curve.rise(value))
+                    waiting[place] = own[place].send(curve.rises[value])
                 except StopIteration as last:
                     found[place] = last.value
                     del waiting[place]

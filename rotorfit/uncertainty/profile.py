@@ -194,7 +194,7 @@ class _Line:
             lower=ends[0].value,
             upper=ends[1].value,
             values=np.array([self.shown(place) for place in places]),
-            rise=np.array([self.curve.rise(place) for place in places]) / self.scale,
+            rise=np.array([self.curve.rises[place] for place in places]) / self.scale,
             message=_message(self.curve, ends, self.scale, self.known.unit, self.goal, self.beyond),
             stderr=self.known.stderr,
             freedom=self.known.freedom,
