@@ -14,7 +14,7 @@ from rotorfit.data.experiments import Experiment, PerturbationTest
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.fitting.result import FitResult
-from rotorfit.io.tables.tidy_csv import columns_without_attributes
+from rotorfit.io.tables.kinds import columns_of
 from rotorfit.models.digits import significant
 from rotorfit.report.html import Html, element
 from rotorfit.report.parts import note, section
@@ -134,7 +134,7 @@ def _panels(fit: FitResult, found: Sequence[SweepCurve]) -> tuple[list[tuple[Any
 
 def _readings(experiment: Experiment, base: Responses) -> list[tuple[str, str, str]]:
     """Of each reading: its frequency and speed, its run, and the rows of the data that it was made from."""
-    columns = {**experiment.attributes, **columns_without_attributes(experiment)}
+    columns = {**experiment.attributes, **columns_of(experiment)}
     rows = list(zip(*(values.tolist() for values in columns.values()), strict=True))
     line = experiment.lines.apart()[0] if isinstance(experiment, PerturbationTest) else np.arange(len(rows))
     of_line: dict[tuple[int, str], list[str]] = {}

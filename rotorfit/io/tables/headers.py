@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rotorfit.io.tables.cells import NOT_TAKEN, Numbers, lacking, taken
-from rotorfit.io.tables.table import MOTION, PREFIXES, Table, floats
+from rotorfit.io.tables.table import MOTION, PREFIXES, Table, floats, quantity
 from rotorfit.models.array_types import Float
 from rotorfit.units import UNITS, si_factor, units_of
 
@@ -107,11 +107,11 @@ def _meaning(rest: str, *, tilt: bool) -> tuple[str, float] | None:
             return f"{part}_{'urad' if tilt else 'um'}", units[unit] * 1e6
     if rest == "coherence":
         return rest, 1.0
-    for quantity, usual in () if tilt else (("velocity", "m_s"), ("acceleration", "m_s2")):  # in SI units
-        for prefix, part in ((quantity, "amplitude"), ("real", "real"), ("imag", "imag")):
+    for kind, usual in () if tilt else (("velocity", "m_s"), ("acceleration", "m_s2")):  # in SI units
+        for prefix, part in ((kind, "amplitude"), ("real", "real"), ("imag", "imag")):
             unit = rest.removeprefix(f"{prefix}_")
-            if unit != rest and unit in UNITS[quantity]:
-                return f"{part}_{usual}", UNITS[quantity][unit]
+            if unit != rest and unit in UNITS[kind]:
+                return f"{part}_{usual}", UNITS[kind][unit]
     unit = rest.removeprefix("phase_")
     return ("phase_deg", UNITS["phase"][unit] / si_factor("phase", "deg")) if unit in UNITS["phase"] else None
 
@@ -156,19 +156,12 @@ def with_force_rows(table: Table) -> Table:
 
 def _force_columns(table: Table, axis: str) -> tuple[tuple[str, float], tuple[str, float]] | None:
     """Columns of the force along an axis and of its phase, with their factors to SI."""
-    found = []
-    for prefix, units in ((f"force_{axis}", UNITS["force"]), (f"force_{axis}_phase", UNITS["phase"])):
-        own = table.find(prefix, units)
-        if len(own) > 1:
-            raise ValueError(f"{table.source}: {prefix} is given twice, as {' and '.join(own)}; keep one of them")
-        found.append(next(iter(own.items()), None))
-    size, phase = found
-    if size is not None and phase is not None:
-        return size, phase
-    if size is None and phase is None:
-        return None
-    lacking = f"force_{axis}_phase_deg" if phase is None else f"force_{axis}_N"
-    raise ValueError(f"{table.source}: missing columns: {lacking}. A force along {axis} has a size and a phase")
+    wanted = quantity(f"force_{axis}", UNITS["force"]), quantity(f"force_{axis}_phase", UNITS["phase"])
+    size, phase = ([*one.columns(table).items()] for one in wanted)
+    if bool(size) != bool(phase):
+        lacking = f"force_{axis}_phase_deg" if size else f"force_{axis}_N"
+        raise ValueError(f"{table.source}: missing columns: {lacking}. A force along {axis} has a size and a phase")
+    return (size[0], phase[0]) if size else None
 
 
 _BRACKETS = re.compile(r"[(\[{]([^()\[\]{}]*)[)\]}]")

@@ -8,7 +8,7 @@ unbalance ``mr_g_mm`` (force m r w^2), in place of amplitude and phase ``real_um
 an axial probe at ``probe_radius_mm``, positive when a positive slope gives a positive reading. Columns that are none of
 these become test attributes. Left out, ``run`` is one for each forced plane and speed, ``plane`` the journal,
 ``force_plane`` the only plane; empty readings are skipped. Wide tables, a column a probe:
-:mod:`rotorfit.io.tables.headers`. Columns of the other experiments: :mod:`rotorfit.io.tables.other_kinds`. Exports of
+:mod:`rotorfit.io.tables.headers`. Columns of the other experiments: :mod:`rotorfit.io.tables.kinds`. Exports of
 condition-monitoring systems: :mod:`rotorfit.io.tables.machine_tables`.
 """
 
@@ -49,9 +49,9 @@ from rotorfit.io.tables.headers import (
     with_force_rows,
     with_given_names,
 )
+from rotorfit.io.tables.kinds import columns_of, kind_of, line_test, read_kind
 from rotorfit.io.tables.machine_tables import BODE_HEADER, bode_table, is_sample_table, sample_table, with_weight
 from rotorfit.io.tables.motion import noise, response, with_amplitudes
-from rotorfit.io.tables.other_kinds import columns_of, kind_of, line_test, read_kind
 from rotorfit.io.tables.skipped_rows import (
     completed,
     with_reference_rows,
@@ -72,7 +72,7 @@ from rotorfit.io.tables.table import (
 )
 from rotorfit.models.array_types import Float, Index, Text
 from rotorfit.models.parameters import unknown_name
-from rotorfit.units import RAD_S_PER_RPM, UNITS
+from rotorfit.units import UNITS
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -273,42 +273,11 @@ def _cell(value: Any) -> str:
     return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',;"#\t') else text
 
 
-def _written_perturbation(test: PerturbationTest) -> dict[str, Any]:
-    tilt = np.char.startswith(test.direction, "r")
-    columns: dict[str, Any] = {
-        "run": test.run,
-        "speed_rpm": test.speed / RAD_S_PER_RPM,
-        "frequency_rpm": test.frequency / RAD_S_PER_RPM,
-        "force_plane": test.force_plane,
-        "force_N": np.abs(test.force),
-        "force_phase_deg": np.degrees(np.angle(test.force)),
-        "plane": test.plane,
-        "direction": test.direction,
-    }
-    if test.linear.any():
-        columns["force_direction"] = test.force_direction
-    values = {"amplitude": np.abs(test.response)}
-    if np.isfinite(test.sigma).any():
-        values["sigma"] = test.sigma
-    for name, value in values.items():
-        if not tilt.all():
-            columns[f"{name}_um"] = np.where(tilt, np.nan, value * 1e6)
-        if tilt.any():
-            columns[f"{name}_urad"] = np.where(tilt, value * 1e6, np.nan)
-    columns["phase_deg"] = np.degrees(np.angle(test.response))
-    return columns
-
-
-def columns_without_attributes(experiment: Experiment) -> dict[str, NDArray[Any]]:
-    """Columns of a tidy CSV by name, in rpm, um (urad for slopes), N and degrees; of several forces the first."""
-    return _written_perturbation(experiment) if isinstance(experiment, PerturbationTest) else columns_of(experiment)
-
-
 def written_columns(experiment: Experiment) -> dict[str, NDArray[Any]]:
     """Columns of a tidy CSV by name, in rpm, um (urad for slopes), N and degrees, attributes last."""
     if isinstance(experiment, PerturbationTest):
         experiment = written_per_force(experiment)
-    columns = columns_without_attributes(experiment)
+    columns = columns_of(experiment)
     own = (FORCE_SIGMA, "coherence")  # columns that are kept as attributes
     meant = {name for name in experiment.attributes if name not in own and quantity_meant(name)}
     taken = {*columns, *meant} & set(experiment.attributes)

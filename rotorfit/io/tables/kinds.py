@@ -1,4 +1,4 @@
-"""Columns of tidy tables of all experiments but perturbation tests, read and written.
+"""Columns of tidy tables by kind of experiment: all are written, and all but perturbation tests are read.
 
 :data:`_KINDS` says what the columns of each kind are called in a table. Of static loads, impulses, ring-down records
 and tables of coefficients ``run`` may be left out: one run. A plane left out is the journal. A row of a line test is
@@ -20,6 +20,7 @@ from rotorfit.data.experiments import (
     Experiment,
     ImpulseTest,
     LineTest,
+    PerturbationTest,
     RingDownTest,
     StaticTest,
 )
@@ -226,11 +227,11 @@ LINE_COLUMNS = (
     "run, speed_rpm, frequency_rpm, force_plane, force_N, force_phase_deg, plane, direction (z or twist), line (w, "
     "2Om-w, 1x, w-Om, ...), real_um, imag_um, sigma_um of motion, real_urad, imag_urad, sigma_urad of twist"
 )
-_LINE = (
+_FORCED = (
     _Column("frequency", (_FREQUENCY,)),
     _Column("force_plane"),
     _Column("force", (("force", "N", UNITS["force"]), ("force_phase", "deg", UNITS["phase"])), polar=True),
-    *map(_Column, ("plane", "direction", "line")),
+    *map(_Column, ("plane", "direction")),
 )
 _PARTS = ("real", "imag", "sigma")
 _TURNS = {"urad": 1e-6, "mrad": 1e-3, "rad": 1.0}
@@ -280,16 +281,26 @@ def line_test(table: Table, speed_tolerance: float) -> LineTest:
 
 
 def columns_of(test: Experiment) -> dict[str, NDArray[Any]]:
-    """Columns of a CSV file by name, in rpm, um, urad, N, degrees and s."""
+    """Columns of a tidy CSV by name, in rpm, um (urad for slopes and twist), N, degrees and s; of several forces the
+    first."""
     if isinstance(test, ImpulseTest) and 0 < np.isfinite(test.eccentricity).sum() < len(test):
         raise ValueError("a CSV holds impulses with eccentricities or with positions, not some with either")
-    own = _LINE if isinstance(test, LineTest) else _KINDS[type(test)].columns
+    own = _FORCED if isinstance(test, LineTest | PerturbationTest) else _KINDS[type(test)].columns
     found: dict[str, NDArray[Any]] = {}
     for column in (*_RUN, *own):
         found |= column.written(getattr(test, column.name))
+    if not isinstance(test, LineTest | PerturbationTest):
+        return found
+    values = {"amplitude": np.abs(test.response)}
     if isinstance(test, LineTest):
-        values = {"real": test.response.real, "imag": test.response.imag, "sigma": test.sigma}
-        for unit, rows in (("um", test.direction != "twist"), ("urad", test.direction == "twist")):
-            if rows.any():
-                found |= {f"{name}_{unit}": np.where(rows, v * 1e6, np.nan) for name, v in values.items()}
-    return found
+        found["line"] = test.line
+        values = {"real": test.response.real, "imag": test.response.imag}
+    elif test.linear.any():
+        found["force_direction"] = test.force_direction
+    if isinstance(test, LineTest) or np.isfinite(test.sigma).any():
+        values["sigma"] = test.sigma
+    angular = (test.direction == "twist") | np.char.startswith(test.direction, "r")
+    for unit, rows in (("um", ~angular), ("urad", angular)):
+        if rows.any():
+            found |= {f"{name}_{unit}": np.where(rows, v * 1e6, np.nan) for name, v in values.items()}
+    return found if isinstance(test, LineTest) else found | {"phase_deg": np.degrees(np.angle(test.response))}
