@@ -75,12 +75,9 @@ def pair(key: str, value: Any) -> tuple[float, float]:
     """Two numbers."""
     if not isinstance(value, list) or len(value) != 2:
         raise ValueError(f"{key} must be two numbers in brackets, got {value!r}")
-    return _end(key, value[0]), _end(key, value[1])
-
-
-def _end(key: str, value: Any) -> float:
-    """A number, or infinity where a range is open."""
-    return float(value) if isinstance(value, float) and math.isinf(value) else number(key, value)
+    open_ends = (math.inf, -math.inf)
+    low, high = (float(end) if end in open_ends else number(key, end) for end in value)
+    return low, high
 
 
 def _texts(key: str, value: Any) -> tuple[str, ...]:
@@ -209,10 +206,6 @@ def planes_word(word: str) -> Planes:
     return found
 
 
-def _planes_written(planes: Planes) -> str:
-    return ",".join(f"{name}={at}" for name, at in planes.items()) if isinstance(planes, Mapping) else ",".join(planes)
-
-
 def number_word(word: str) -> float:
     """A number, refused in words otherwise."""
     try:
@@ -287,7 +280,11 @@ KINDS: Mapping[str, Kind] = {
     "PhaseOffsets": Kind(toml=phase_offsets, word=_common_word, written=str, bare=True),
     **dict.fromkeys(("str", "Loss", "Method"), Kind(toml=text, word=str, written=str)),
     "tuple[str, ...]": Kind(toml=_texts, word=words, written=",".join),
-    "Planes": Kind(toml=_planes, word=planes_word, written=_planes_written),
+    "Planes": Kind(
+        toml=_planes,
+        word=planes_word,
+        written=lambda planes: ",".join(f"{p}={planes[p]}" if isinstance(planes, Mapping) else p for p in planes),
+    ),
     **dict.fromkeys(("float", "float | None"), Kind(toml=_positive, word=positive_word, written=_digits)),
     "int": Kind(toml=count, word=count_word, written=str),
     "int | None": Kind(toml=whole, word=whole_word, written=str),

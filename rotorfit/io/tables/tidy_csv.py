@@ -14,7 +14,7 @@ condition-monitoring systems: :mod:`rotorfit.io.tables.machine_tables`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -164,7 +164,7 @@ _OF_WEIGHTS = ("force_plane", "force_phase", "force_angle")
 def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
     columns = _perturbation_columns(table)
     run, force_plane, plane = (columns.words(name) for name in ("run", "force_plane", "plane"))
-    direction = _directions(columns)
+    direction = _among(columns, "direction", columns.words("direction"), DIRECTIONS)
     w = columns.number("frequency")
     force_direction = _force_directions(columns, w, direction)
     size = columns.number("mr") * w**2 if columns.has("mr") else columns.number("force")
@@ -239,26 +239,22 @@ def _perturbation_columns(table: Table) -> Columns:
     return columns
 
 
-def _directions(columns: Columns) -> Text:
-    written, number = distinct(columns.words("direction"))
-    for place, name in enumerate(written):
-        if name.lower() not in DIRECTIONS:
-            allowed = unknown_name("direction", name, DIRECTIONS)
-            raise ValueError(f"{columns.where(int(np.argmax(number == place)), 'direction')}: {allowed}")
-    return np.array([name.lower() for name in written])[number]
+def _among(columns: Columns, name: str, cells: Text, allowed: Sequence[str], blank: str = "") -> Text:
+    """Cells of a column that has to name some of few words, in lower case."""
+    written, number = distinct(cells)
+    for place, word in enumerate(written):
+        if (word or blank).lower() not in allowed:
+            row = int(np.argmax(number == place))
+            raise ValueError(f"{columns.where(row, name)}: {unknown_name(name, word, allowed)}")
+    return np.array([(word or blank).lower() for word in written])[number]
 
 
 def _force_directions(columns: Columns, w: Float, direction: Text) -> Text:
     """Kind of each force, turning or along an axis; a blank cell is a circular force, as is a missing column."""
     if not columns.has("force_direction"):
         return np.broadcast_to("circular", w.shape)
-    written = columns.table.cells["force_direction"]
-    cells = np.array([cell.lower() or "circular" for cell in written])
-    unknown = ~np.isin(cells, FORCE_DIRECTIONS)
-    if unknown.any():
-        row = int(np.flatnonzero(unknown)[0])
-        allowed = unknown_name("force_direction", written[row], FORCE_DIRECTIONS)
-        raise ValueError(f"{columns.where(row, 'force_direction')}: {allowed}")
+    written = np.array(columns.table.cells["force_direction"], dtype=str)
+    cells = _among(columns, "force_direction", written, FORCE_DIRECTIONS, "circular")
     backward = (cells != "circular") & (w < 0) & ~np.char.endswith(direction, "z")
     columns.refuse(backward, "force_direction", "is a force that does not turn; its frequency has to be positive")
     return cells
