@@ -21,7 +21,7 @@ from rotorfit.models.digits import significant
 from rotorfit.models.parameters import MATRIX_UNITS
 from rotorfit.models.text_table import Printed, Wide, text_table
 from rotorfit.observing.circular import observe
-from rotorfit.observing.measured_stiffness import isotropic_planes
+from rotorfit.observing.measured_stiffness import IsotropicPlanes
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 
 
@@ -114,7 +114,7 @@ def observed_stiffness(
 
 def _observed(test: PerturbationTest, date: str, force_plane: str, plane: str) -> ObservedStiffness:
     names = tuple(dict.fromkeys([force_plane, plane]))
-    seen = observe(isotropic_planes(names), test, np.zeros(len(test), dtype=np.intp))
+    seen = observe(IsotropicPlanes(names), test, np.zeros(len(test), dtype=np.intp))
     order = np.argsort(seen.speed[seen.line], kind="stable")
     speed = seen.speed[seen.line][order]
     force = seen.force[seen.line, 0][order]

@@ -14,8 +14,8 @@ from rotorfit.models import Anisotropic, RotorModel
 from rotorfit.observing.circular import observe
 
 
-class _Planes(RotorModel):
-    """Coordinates of isotropic planes; nothing is known of the rotor."""
+class IsotropicPlanes(RotorModel):
+    """Coordinates ``z`` of some planes, for observing a test of a rotor of which nothing is known."""
 
     name: ClassVar[str] = "isotropic planes"
     parameters = ()
@@ -26,11 +26,6 @@ class _Planes(RotorModel):
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> list[list[list[float]]]:
         """Unit stiffness; only the coordinates are used."""
         return [np.eye(len(self.planes)).tolist()]
-
-
-def isotropic_planes(names: Sequence[str]) -> RotorModel:
-    """Coordinates ``z`` of some planes, for observing a test of which no model is known."""
-    return _Planes(names)
 
 
 def dynamic_stiffness(
@@ -58,7 +53,7 @@ def dynamic_stiffness(
         (2, 2)
     """
     names = tuple(planes or test.planes)
-    model: RotorModel = isotropic_planes(names) if isotropic else Anisotropic(names)
+    model: RotorModel = IsotropicPlanes(names) if isotropic else Anisotropic(names)
     refuse_several(test, "the inversion by eq. (7)")
     chosen = test.select(np.isin(test.plane, names) & np.isin(test.force_plane, names))
     if not len(chosen):

@@ -12,7 +12,7 @@ from rotorfit.data.experiments import PerturbationTest
 from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.parameters import unknown_name
 from rotorfit.observing.circular import observe
-from rotorfit.observing.measured_stiffness import dynamic_stiffness, isotropic_planes
+from rotorfit.observing.measured_stiffness import IsotropicPlanes, dynamic_stiffness
 from rotorfit.plots.dynamic_stiffness import AGAINST, abscissa_words, drive_points, places
 from rotorfit.plots.style import colour_of, grid, in_colours, legend_below, literal, looked, prefix, rate_words
 
@@ -62,7 +62,7 @@ def _entries(test: PerturbationTest, names: tuple[str, ...]) -> list[_Entry]:
     except ValueError:
         chosen = test.select(np.isin(test.plane, names) & np.isin(test.force_plane, names))
         none = np.zeros(len(chosen), dtype=np.intp)
-        drive = drive_points(observe(isotropic_planes(names), chosen, none)) if len(chosen) else []
+        drive = drive_points(observe(IsotropicPlanes(names), chosen, none)) if len(chosen) else []
         if not drive:
             raise
         title = "force over response, {}"
