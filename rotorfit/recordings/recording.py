@@ -70,7 +70,7 @@ class Recording(Signals):
         Raises:
             ValueError: no pulses on its channel, or no steady line in the motion.
         """
-        return self._perturbator
+        return self.marks.perturbator
 
     @cached_property
     def run_out(self) -> RunOut | None:
@@ -106,13 +106,6 @@ class Recording(Signals):
     def shaft(self) -> AngleTrack | None:
         """Angle of the shaft; None where it has no mark."""
         return None if self.rig.shaft is None else track(self, self.rig.shaft)
-
-    @cached_property
-    def _perturbator(self) -> AngleTrack | None:
-        reference = self.rig.perturbator
-        if reference is None or reference.channel is not None:
-            return None if reference is None else track(self, reference)
-        return steady_track(self, self.shaft, 1 if self.force is None else self.force.whirl)
 
     @cached_property
     def twist(self) -> Float:
@@ -350,8 +343,12 @@ class Recording(Signals):
     @cached_property
     def marks(self) -> Marks:
         """Angles of shaft and perturbator, either may be missing."""
-        whirl = 1 if self.force is None else self.force.whirl
-        return Marks(shaft=self.shaft, perturbator=self._perturbator, whirl=whirl)
+        reference, whirl = self.rig.perturbator, 1 if self.force is None else self.force.whirl
+        perturbator = None
+        if reference is not None:
+            steady = reference.channel is None
+            perturbator = steady_track(self, self.shaft, whirl) if steady else track(self, reference)
+        return Marks(shaft=self.shaft, perturbator=perturbator, whirl=whirl)
 
     def _vectors(self, reference: str | None, turns: float | None) -> views.OrderVectors:
         known = self.__dict__.setdefault("_known_vectors", {})

@@ -210,31 +210,21 @@ def displacement(
 
 
 def _steady(rig: VirtualRig, lines: _Lines, order: LineOrder) -> Steady:
+    """Steady motion of all lines: each from rest, or one after the other in the sweeps that they are of."""
     frequency = lines.frequency if rig.model.frame == "z" else np.abs(lines.frequency)
     motion = rig.motion(lines.speed)
-
-    def settle(part: Index, start: tuple[ComplexArray, ComplexArray] | None) -> Steady:
-        return steady_state(
-            motion.select(part),
-            frequency[part],
-            lines.force[part],
-            lines.decay[part],
-            load=lines.load[part],
-            start=start,
-            tolerance=rig.tolerance,
-        )
-
-    if order == "rest":
-        return settle(np.arange(frequency.size), None)
+    direction = -1 if order == "down" else 1
+    queues = list(np.arange(frequency.size)[:, None])
+    if order != "rest":
+        sweeps = [np.flatnonzero(lines.sweep == number) for number in np.unique(lines.sweep)]
+        queues = [sweep[np.argsort(direction * np.abs(frequency[sweep]))] for sweep in sweeps]
     parts = {name: np.zeros_like(lines.force) for name in Steady._fields}
-    direction = 1 if order == "up" else -1
-    queues = [np.flatnonzero(lines.sweep == number) for number in np.unique(lines.sweep)]
-    queues = [queue[np.argsort(direction * np.abs(frequency[queue]))] for queue in queues]
     z, v = np.zeros((2, len(queues), lines.force.shape[1]), dtype=complex)
     for step in range(max(queue.size for queue in queues)):
         running = np.array([k for k, queue in enumerate(queues) if queue.size > step])
         part = np.array([queues[k][step] for k in running])
-        steady = settle(part, (z[running], v[running]))
+        acting, start = (frequency[part], lines.force[part], lines.decay[part]), (z[running], v[running])
+        steady = steady_state(motion.select(part), *acting, load=lines.load[part], start=start, tolerance=rig.tolerance)
         z[running], v[running] = steady.z, steady.v
         for name, values in steady._asdict().items():
             parts[name][part] = values

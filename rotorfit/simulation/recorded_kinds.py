@@ -221,9 +221,17 @@ def hammer(
 def _struck(
     rig: RecordedRig, kind: str, speed_rpm: ArrayLike, size: float, plane: str | None, blows: int, apart: float
 ) -> Iterator[Played]:
-    """Runs under blows along x, whose force is measured if a hammer gives them."""
+    """Runs under smooth blows of so many N s along x, not quite evenly spaced, measured if a hammer gives them."""
     where, measured = plane or rig.model.planes[-1], kind == "hammer"
-    time, force = rig.instruments.time(apart * (blows + 1)), _blows(size, blows, apart, rig.rng)
+    time = rig.instruments.time(apart * (blows + 1))
+    at = apart * (np.arange(1, blows + 1) + rig.rng.uniform(-0.1, 0.1, blows))
+    length = 4e-3  # length of a blow, s: long enough that a recorder without a filter sees all of it
+
+    def force(t: Float) -> ComplexArray:
+        into = (t[:, None] - at) / length
+        pulse = np.where((into > 0) & (into < 1), 1 - np.cos(2 * np.pi * into), 0.0).sum(axis=1)
+        return np.asarray(size / length * pulse, dtype=complex)
+
     for rpm in _speeds(rig, speed_rpm):
         said: dict[str, str | float] = {"speed_rpm": rpm, "force_plane" if measured else "impulse_plane": where}
         forces = {"force_X": force(time).real} if measured else {}
@@ -285,20 +293,6 @@ def _speeds(rig: RecordedRig, speed_rpm: ArrayLike) -> Iterator[float]:
     for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
         rig.decay(rpm * RPM)
         yield rpm
-
-
-def _blows(size: float, blows: int, apart: float, rng: np.random.Generator) -> Force:
-    """Smooth blows of so many N s along x, not quite evenly spaced."""
-    at = apart * (np.arange(1, blows + 1) + rng.uniform(-0.1, 0.1, blows))
-
-    length = 4e-3  # length of a blow, s: long enough that a recorder without a filter sees all of it
-
-    def force(t: Float) -> ComplexArray:
-        into = (t[:, None] - at) / length
-        pulse = np.where((into > 0) & (into < 1), 1 - np.cos(2 * np.pi * into), 0.0).sum(axis=1)
-        return np.asarray(size / length * pulse, dtype=complex)
-
-    return force
 
 
 def _rest(rig: RecordedRig, rpm: float, newton: complex, plane: str) -> dict[str, complex]:

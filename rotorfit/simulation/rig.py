@@ -192,8 +192,7 @@ def linear_path(
     inside = (_POINTS + 1) * h / 2
     speeds = speed(np.arange(count, dtype=float) * h)
     change = np.abs(np.diff(speeds)).max(initial=0.0) if model.speed_dependent else 0.0
-    # Share of the speed by which it may change within a block, whose coefficients are those of its middle
-    speed_change = 1e-4
+    speed_change = 1e-4  # share by which it may change within a block, whose coefficients are those of its middle
     block = int(np.clip(speed_change * np.abs(speeds).max() / change, 64, 1 << 15)) if change else 1 << 15
     path = np.zeros((count, n), dtype=complex)
     state = np.zeros(2 * n, dtype=complex)

@@ -162,8 +162,7 @@ def _refuse_alone(pairs: Sequence[tuple[Recording, Force]]) -> None:
     if len(weights) > 1:
         return
     record = pairs[0][0]
-    shaft = record.shaft_angle()
-    rpm = float(np.mean(shaft.speeds())) * RPM_PER_RAD_S
+    rpm = float(np.mean(record.shaft_angle().speeds())) * RPM_PER_RAD_S
     raise ValueError(
         f"{record.name}: the shaft keeps its speed, {rpm:.0f} rpm, so this is no start-up; and no run without a weight "
         "(mr = 0) or with one elsewhere is beside it, so it is no balance run. If a perturbator drives the rotor, name "
