@@ -37,7 +37,7 @@ _LARGEST_ERROR_RATIO = 10.0
 class _Swept:
     """A recording with its angles: what the drives are made of."""
 
-    name: str  # of the run
+    record: Recording  # the recording
     plane: str  # of probes and force
     time: Float  # s
     force: ComplexArray  # complex force, N
@@ -107,15 +107,15 @@ def _lines_of(record: Recording, runout_um: float | None, supports: bool) -> lis
         raise ValueError(f"{record.name}: {swept.plane} has one probe; lines and images need motion in x and in y")
     f, turn = swept.force, swept.turn
     drives = {"w": f, "2Om-w": f.conj() * turn**2}
-    found = _fit(record, swept, motion, "z", drives | ({"-w": f.conj(), "w-2Om": f / turn**2} if supports else {}))
+    found = _fit(swept, motion, "z", drives | ({"-w": f.conj(), "w-2Om": f / turn**2} if supports else {}))
     if runout_um is not None:
-        found += [_steady(record, swept, motion, name, runout_um * 1e-6) for name in ("1x", "2x")]
+        found += [_steady(swept, motion, name, runout_um * 1e-6) for name in ("1x", "2x")]
     if record.rig.twist is not None and not supports:
         spectrum, w = np.fft.fft(motion), 2 * np.pi * np.fft.fftfreq(motion.size, swept.time[1] - swept.time[0])
         whirl = np.fft.ifft(np.where((w >= swept.low) & (w <= swept.high), spectrum, 0.0))  # the motion at w alone
         drives = {"w-Om": f / turn, "w-2Om": f / turn**2, "2w-2Om": whirl**2 / turn**2}
         # phi = Re(Phi exp(j nu t)) has half of Phi at +nu.
-        found += _fit(record, swept, 2.0 * record.twist, "twist", drives, found[0])
+        found += _fit(swept, 2.0 * record.twist, "twist", drives, found[0])
     return _with_angle_errors(swept, found)
 
 
@@ -176,7 +176,7 @@ def _swept(record: Recording) -> _Swept:
     margin = margin_share * (high - low)
     ends = sorted((d * (low + margin), d * (high - margin)))
     return _Swept(
-        name=record.name,
+        record=record,
         plane=force.plane,
         time=time,
         force=force.mr * (rate**2 - 1j * d * perturbator.acceleration(time)) * turn,
@@ -214,7 +214,6 @@ def _ends(direction: str, name: str, swept: _Swept) -> tuple[float, float]:
 
 
 def _fit(
-    record: Recording,
     swept: _Swept,
     signal: ComplexArray | Float,
     direction: str,
@@ -225,7 +224,7 @@ def _fit(
 
     The drive of the twist at 2(w - Om) is the square of the motion at w, whose line is ``main``.
     """
-    w = _frequencies(record)
+    w = _frequencies(swept.record)
     output = _spectrum(signal)
     spectra = {name: (_ends(direction, name, swept), _spectrum(d)) for name, d in drives.items()}
     if not np.iscomplexobj(signal):  # every line of a real signal has a twin at minus its frequency
@@ -263,7 +262,7 @@ def _square_rows(
     motion = force / stiffness
     spread = np.hypot(sigma * np.abs(motion) ** 2, 2 * np.abs(response * motion**2) * error)
     known = spread <= _LARGEST_ERROR_RATIO * np.median(spread)
-    place = (swept.name, swept.plane, swept.speed, "twist", "2w-2Om")
+    place = (swept.record.name, swept.plane, swept.speed, "twist", "2w-2Om")
     return _columns(place, w[known], force[known], (response * motion**2)[known], spread[known])
 
 
@@ -282,7 +281,7 @@ def _rows(
     force = np.asarray(swept.mr * w**2, dtype=complex)  # its angles are in the drives
     response, sigma = response * force, sigma * np.abs(force)
     known = sigma <= _LARGEST_ERROR_RATIO * np.median(sigma)
-    place = (swept.name, swept.plane, speed[known], direction, name)
+    place = (swept.record.name, swept.plane, speed[known], direction, name)
     return _columns(place, w[known], force[known], response[known], sigma[known])
 
 
@@ -324,18 +323,16 @@ def _with_angle_errors(swept: _Swept, parts: list[dict[str, NDArray[Any]]]) -> l
     return [{**part, "sigma": own} for part, own in zip(parts, wider, strict=True)]
 
 
-def _steady(
-    record: Recording, swept: _Swept, motion: ComplexArray, name: str, runout: float
-) -> dict[str, NDArray[Any]]:
+def _steady(swept: _Swept, motion: ComplexArray, name: str, runout: float) -> dict[str, NDArray[Any]]:
     """A line that is locked to the shaft, over the whole record; its noise is that of the spectrum around it."""
     order = {"1x": 1, "2x": 2}[name]
     basis = swept.turn ** np.array(_ORDERS)[:, None]
     amplitude = np.linalg.lstsq(basis.T, motion, rcond=None)[0][list(_ORDERS).index(order)]
-    w = _frequencies(record)
+    w = _frequencies(swept.record)
     at = int(np.searchsorted(w, order * swept.speed))
     beside = 40  # spectral lines to each side of an order that tell its noise
     near = np.abs(_spectrum(motion))[[*range(at - beside, at - 4), *range(at + 5, at + beside + 1)]]
     sigma = float(np.hypot(np.median(near) / np.sqrt(2 * np.log(2)), runout / np.sqrt(2)))
     none = np.zeros(1)
-    place = (swept.name, swept.plane, swept.speed, "z", name)
+    place = (swept.record.name, swept.plane, swept.speed, "z", name)
     return _columns(place, none, none.astype(complex), np.array([amplitude]), np.array([sigma]))
