@@ -133,15 +133,15 @@ def eigenvalue_shift(
 
 
 def eigenvalues_with(
-    model: RotorModel, coefficients: ComplexArray, speed: float, s: ComplexArray, terms: Sequence[LeftOut], sizes: Float
+    model: RotorModel, coefficients: ComplexArray, speed: float, s: ComplexArray, terms: Sequence[tuple[LeftOut, Float]]
 ) -> ComplexArray:
-    """Eigenvalues with left-out terms, shape ``(W, m)``, in no order. To first order in the terms, as of modes that may
-    be close to one another: where two nearly coincide, the change of each by itself (:func:`eigenvalue_shift`) has no
-    limit, while the terms mix both and move them by little."""
+    """Eigenvalues with left-out terms, given with their sizes ``(W,)``; shape ``(W, m)``, in no order. To first order
+    in the terms, as of modes that may be close to one another: where two nearly coincide, the change of each by itself
+    (:func:`eigenvalue_shift`) has no limit, while the terms mix both and move them by little."""
     left, right, slope = mode_vectors(coefficients[:, None], s)
     at = seats(model)
     pressed = np.zeros((*s.shape, s.shape[-1]), dtype=complex)
-    for term, size in zip(terms, sizes.T, strict=True):
+    for term, size in terms:
         factor = size[:, None] * term.factor(s, np.asarray(speed))
         for i, j, weight in term.entries:
             pressed += weight * left[..., at[i], None] * (factor * right[..., at[j]])[:, None, :]

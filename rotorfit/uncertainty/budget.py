@@ -90,16 +90,11 @@ class Budget(Printed):
             source = names[prior.entry] if prior.entry >= first else PRIORS
             columns.setdefault(source, []).append(moved[:, prior.entry] * math.sqrt(curvature))
         if fit.model_uncertainty is not None:
-            columns[STRUCTURE] = list(self._root(fit.model_uncertainty).T)
+            size = np.sqrt(np.diag(fit.covar)[:first])
+            size = np.where(size > 0, size, 1.0)
+            own = size[:, None] * spreading(fit.model_uncertainty / np.outer(size, size))
+            columns[STRUCTURE] = list(np.pad(own, ((0, fit.x.size - first), (0, 0))).T)
         return {source: np.column_stack(parts) for source, parts in columns.items()}
-
-    def _root(self, uncertainty: Float) -> Float:
-        """Changes of the estimate, one a column, whose squares add up to a covariance of the parameters."""
-        size = np.sqrt(np.diag(self.fit.covar)[: len(uncertainty)])
-        size = np.where(size > 0, size, 1.0)
-        changes = np.zeros((self.fit.x.size, len(uncertainty)))
-        changes[: len(uncertainty)] = size[:, None] * spreading(uncertainty / np.outer(size, size))
-        return changes
 
     @cached_property
     def systematic(self) -> Float:

@@ -253,13 +253,14 @@ def _threshold(fit: FitResult, problem: Problem, x: Float, level: float, at: Map
     error = float(standard_error(slope, covar))
     direction = covar @ slope / error**2 if error > 0 else np.zeros_like(x)
     curve = Curve(QuantityConstraint(problem, speed, _condition(fit, group)), value, x, problem.cost(x), direction)
-    step, reach = _reach(0.0, math.inf, value, value, error)
+    step = error if error > 0 else 0.1 * value
     given: dict[str, Any] = {
         "known": fit.threshold_speed(at),
         "name": THRESHOLD,
         "scale": _scale(fit, THRESHOLD),
         "level": level,
     }
+    reach = limits(0.0, math.inf, value, value, step)
     return _Line(value=value, curve=curve, step=step, reach=reach, beyond=_beyond_tests(fit, at), **given)
 
 
@@ -279,8 +280,10 @@ def _parameter(fit: FitResult, held: EntryConstraint, problem: Problem, x: Float
         return _along_ratios(problem, ratios, x, error, given)
     direction = covar[:, i] / covar[i, i] if error > 0 else np.zeros_like(x)
     lower, upper = box(problem)
-    step, reach = _reach(lower[i], upper[i], value, float(_sizes(problem, x)[i]), error)
+    size = float(_sizes(problem, x)[i])
+    step = error if error > 0 else 0.1 * size
     curve = Curve(held, value, x, problem.cost(x), direction, i)
+    reach = limits(float(lower[i]), float(upper[i]), value, size, step)
     return _Line(value=value, curve=curve, step=step, reach=reach, **given)
 
 
@@ -347,13 +350,6 @@ def _condition(fit: FitResult, group: int) -> Condition | None:
         return -s.real, space.pull_back(by_theta.real, group), growing
 
     return condition
-
-
-def _reach(
-    low: float, high: float, value: float, size: float, error: float
-) -> tuple[float, tuple[tuple[float, bool], ...]]:
-    step = error if error > 0 else 0.1 * size
-    return step, limits(float(low), float(high), value, size, step)
 
 
 def _grid(value: float, ends: list[End], points: int) -> list[float]:

@@ -97,19 +97,21 @@ class Rotors:
 
     def _with_terms(self, motion: ComplexArray, speed: float, s: ComplexArray) -> ComplexArray:
         """Eigenvalues ``(W, modes)`` moved by the left-out terms."""
-        own = [k for k, term in enumerate(self.terms) if isinstance(term, LeftOut)]
-        if not own:
-            return s
-        terms = [term for term in self.terms if isinstance(term, LeftOut)]
-        return matched(eigenvalues_with(self.model, motion, speed, s, terms, self.sizes[:, own]), s)
+        own = self._left_out
+        return matched(eigenvalues_with(self.model, motion, speed, s, own), s) if own else s
+
+    @property
+    def _left_out(self) -> list[tuple[LeftOut, Float]]:
+        """Terms of the equation of motion that the model leaves out, with their sizes ``(W,)``."""
+        return [(term, size) for term, size in zip(self.terms, self.sizes.T, strict=True) if isinstance(term, LeftOut)]
 
     def at(self, speed: Float, some: slice = slice(None)) -> Float:
         """Parameter vectors at speeds ``(S,)``, shape ``(W, S, P)``."""
         theta = self.theta[some, None]
         changes = np.zeros((len(theta), speed.size, theta.shape[-1]))
-        for number, part in enumerate(self.terms):
+        for part, size in zip(self.terms, self.sizes[some].T, strict=True):
             if isinstance(part, Part):
-                grown = self.sizes[some, number, None] * beyond(part, np.abs(speed))
+                grown = size[:, None] * beyond(part, np.abs(speed))
                 changes += grown[..., None] * changed_values(self.model, theta, part.value)
         return theta + changes
 
@@ -161,10 +163,8 @@ class Rotors:
         """Dynamic stiffness of the terms and the coupling at the coordinates, shape ``(W, S, n, n)``."""
         size = len(self.model.coordinates)
         total = np.zeros((len(self.theta[some]), s.size, size, size), dtype=complex)
-        for number, term in enumerate(self.terms):
-            if isinstance(term, Part):
-                continue
-            factor = self.sizes[some, number, None] * term.factor(s, speed)
+        for term, sizes in self._left_out:
+            factor = sizes[some, None] * term.factor(s, speed)
             for i, j, weight in term.entries:
                 total[..., i, j] += weight * factor
         for plane, stiffness in self.coupling.items():
@@ -218,9 +218,7 @@ def drawn_rotors(fit: FitResult, group: int, draws: int, thetas: Float | None = 
     rng = np.random.default_rng(0)
     theta = _scattered(fit, group, draws, rng) if thetas is None else thetas.copy()
     names, planes, onset = fit.model.parameter_names, has_planes(fit.model), fit.onset(group)
-    terms: list[LeftOut | Part] = []
-    sizes: list[Float] = []
-    onset_shifts: list[float] = []
+    acting: list[tuple[LeftOut | Part, Float, float]] = []  # terms with their sizes and shifts of the threshold speed
     for entry in fit.assumed.entries:
         size = entry.left * rng.normal(size=len(theta))
         for name, shift in entry.shifts.items():
@@ -229,25 +227,25 @@ def drawn_rotors(fit: FitResult, group: int, draws: int, thetas: Float | None = 
         if isinstance(entry.acts, int):
             theta[:, entry.acts] += size
         elif entry.acts is not None and planes:
-            own, shares = _acting(entry.acts)
-            terms += own
-            sizes += [share * size for share in shares]
-            onset_shifts += [_onset_shift(fit, group, onset, entry), *[0.0] * (len(own) - 1)] if own else []
-    columns = np.reshape(sizes, (len(sizes), len(theta))).T
-    return replace(rotors_of(fit, theta), terms=tuple(terms), sizes=columns, onset_shifts=tuple(onset_shifts))
+            shift = _onset_shift(fit, group, onset, entry)
+            for number, (term, share) in enumerate(_acting(entry.acts)):
+                acting.append((term, share * size, 0.0 if number else shift))
+    if not acting:
+        return rotors_of(fit, theta)
+    terms, sizes, shifts = zip(*acting, strict=True)
+    return replace(rotors_of(fit, theta), terms=terms, sizes=np.column_stack(sizes), onset_shifts=shifts)
 
 
-def _acting(term: Term) -> tuple[list[LeftOut | Part], list[float]]:
+def _acting(term: Term) -> list[tuple[LeftOut | Part, float]]:
     """What of a term acts on the rotor beside the parameters, and the share of its size that each has. The damping of
     hysteresis is that of a forward whirl, which may become unstable."""
     if isinstance(term, LeftOut):
-        return [term], [1.0]
+        return [(term, 1.0)]
     if not isinstance(term, Cause):
-        return [], []
+        return []
     if term.kind in (Kind.SPEED, Kind.BEND):
-        return list(term.parts), term.shares.tolist()
-    own = onset_terms(term, 1.0)
-    return list(own), [1.0] * len(own)
+        return list(zip(term.parts, term.shares.tolist(), strict=True))
+    return [(own, 1.0) for own in onset_terms(term, 1.0)]
 
 
 def _onset_shift(fit: FitResult, group: int, onset: Threshold | None, entry: Assumption) -> float:
