@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rotorfit.data.findings import Finding
     from rotorfit.models import RotorModel
     from rotorfit.recordings.recording import Recording
-    from rotorfit.studies.study import Outcome, Study
+    from rotorfit.studies.study import Study
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,7 +36,6 @@ class Session:
     data: Data | None = None  # the tests with all their readings, once they were read
     experiments: tuple[Experiment, ...] = ()  # the tests as the fit takes them
     findings: tuple[tuple[Finding, ...], ...] = ()  # what the data check found in them, test by test
-    outcome: Outcome | None = None  # the result of this very study
 
     @property
     def study(self) -> Study:
@@ -53,7 +52,7 @@ class Session:
         content = {key: item for key, item in self.content.items() if key != name}
         if value not in (None, "", False, [], {}):
             content[name] = value
-        return replace(self, content=content, outcome=None)
+        return replace(self, content=content)
 
     def with_files(self, entries: Sequence[Any]) -> Session:
         """The session with other files, neither opened nor read yet."""

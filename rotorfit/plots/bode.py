@@ -182,7 +182,11 @@ def finish_bode(fit: FitResult, pair: Sequence[Any], found: Sequence[SweepCurve]
     amplitude.set_yscale("log")
     style.decade_ticks(amplitude.yaxis)
     shown = [(along.scale(c.frequency) * np.abs(c.measured), along.scale(c.fine) * np.abs(c.fitted)) for c in found]
-    _amplitude_limits(amplitude, factor * np.concatenate([part for both in shown for part in both]))
+    # Limits around points and lines: bands of what is not determined would leave nothing else to be seen.
+    sizes = factor * np.concatenate([part for both in shown for part in both])
+    sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
+    if sizes.size:
+        amplitude.set_ylim(float(sizes.min()) / 1.5, 1.5 * float(sizes.max()))
     imposed = unit.startswith("N/")
     roomy = 4  # rows of panels up to which whole words fit beside one
     place = amplitude.get_subplotspec()
@@ -203,13 +207,6 @@ def _bode_unit(fit: FitResult, coordinate: int, along: _Axis) -> tuple[float, st
     if unit.startswith("N/"):
         raise ValueError("mr is for responses to a force; these orbits were imposed")
     return factor, style.amplitude_unit(unit.removesuffix("/N"))
-
-
-def _amplitude_limits(axis: Any, sizes: Float) -> None:
-    """Limits around points and lines: bands of what is not determined would leave nothing else to be seen."""
-    sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
-    if sizes.size:
-        axis.set_ylim(float(sizes.min()) / 1.5, 1.5 * float(sizes.max()))
 
 
 @style.looked

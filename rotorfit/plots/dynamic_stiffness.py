@@ -299,18 +299,13 @@ def _limits(
     nearly zero all data scatter further than the fit reaches.
     """
     size = max(float(np.abs(k).max()) for k in curves)
-    parts = [
-        [factor * np.concatenate([part(k) for k in which]) for which in (curves, points) if which]
-        for part in (np.real, np.imag)
-    ]
-    together = pair[0] is pair[1]
-    groups = (
-        [(pair[0], [np.concatenate(both) for both in zip(*parts, strict=True)])]
-        if together
-        else list(zip(pair, parts, strict=True))
-    )
-    for axis, (shown, *measured) in groups:
-        middle = np.quantile(np.concatenate(measured), (0.25, 0.75)) if measured else shown[:1]
+    drawn = [(axis, part) for axis, part in zip(pair, (np.real, np.imag), strict=True)]
+    for axis in dict.fromkeys(pair):
+        shown, measured = (
+            factor * np.concatenate([np.zeros(0), *(part(k) for own, part in drawn if own is axis for k in which)])
+            for which in (curves, points)
+        )
+        middle = np.quantile(measured, (0.25, 0.75)) if measured.size else shown[:1]
         low, high = float(min(shown.min(), middle.min())), float(max(shown.max(), middle.max()))
         reach = max(high - low, 0.25 * max(abs(low), abs(high)))
         if reach <= 1e-6 * factor * size:

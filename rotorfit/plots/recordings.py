@@ -78,15 +78,18 @@ def _orbit(axis: Any, part: Stretch, z: NDArray[Any], dots: dict[str, Float], ha
         handles[f"mark of the {mark}"] = axis.plot(x, y, "o", color=_MARK_COLOURS[mark], markersize=4)[0]
     middle = complex(np.mean(z)) if np.isfinite(z).all() else 0j
     reach = 1.1 * float(np.nanmax(np.abs(z - middle), initial=1e-3))
-    axis.set_xlim(middle.real - reach, middle.real + reach)
-    axis.set_ylim(middle.imag - reach, middle.imag + reach)
-    axis.set_aspect("equal")
+    _plane_of_motion(axis, middle, reach)
     for side in (axis.xaxis, axis.yaxis):
         style.few_ticks(side, 4)
-    axis.set(xlabel=f"x, {style.position_unit()[1]}", ylabel=f"y, {style.position_unit()[1]}")
     if not np.isfinite(z).any():
         text = "not distinguished from the other mark"
         axis.text(0.5, 0.5, text, transform=axis.transAxes, ha="center", fontsize=8, color=style.GREY)
+
+
+def _plane_of_motion(axis: Any, middle: complex, reach: float) -> None:
+    """Limits of x and y about a place, with their names."""
+    axis.set(xlim=(middle.real - reach, middle.real + reach), ylim=(middle.imag - reach, middle.imag + reach))
+    axis.set(xlabel=f"x, {style.position_unit()[1]}", ylabel=f"y, {style.position_unit()[1]}", aspect="equal")
 
 
 def _draw_clearance(axis: Any, clearance: Clearance) -> dict[str, Any]:
@@ -121,13 +124,10 @@ def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
         scale.ax.tick_params(labelsize=7)
         middle = (z.real.min() + z.real.max() + 1j * (z.imag.min() + z.imag.max())) / 2
         reach = max(1.1 * float(np.abs(z - middle).max()), 1.0)  # less than a micrometre is not worth a figure of it
-        axis.set_xlim(middle.real - reach, middle.real + reach)
-        axis.set_ylim(middle.imag - reach, middle.imag + reach)
+        _plane_of_motion(axis, middle, reach)
         if line.clearance is not None:
             handles |= _draw_clearance(axis, line.clearance)
-        axis.set_aspect("equal")
         axis.set_title(style.literal(line.plane))
-        axis.set(xlabel=f"x, {style.position_unit()[1]}", ylabel=f"y, {style.position_unit()[1]}")
     style.legend_below(figure, handles)
     return figure
 
@@ -145,36 +145,22 @@ def plot_bode(vectors: OrderVectors, name: str) -> Figure:
     figure, axes = style.grid(2, len(planes), style.literal(f"{name}: {_what(vectors)}"), size=(4.4, 2.5))
     rpm, over = np.abs(vectors.speed) * style.per_rad_s(), _axis_of(vectors)
     x = rpm if over == "speed" else vectors.t
-    for column, plane in enumerate(planes):
-        top, bottom = axes[0, column], axes[1, column]
-        for number, (place, angle) in enumerate(vectors.probes):
-            if place != plane:
-                continue
-            values = vectors.phasors[number]
-            colour = style.COLOURS[sum(p == plane for p, _ in vectors.probes[:number]) % len(style.COLOURS)]
-            top.plot(
-                x,
-                np.abs(values) * style.length()[0],
-                color=colour,
-                linewidth=1,
-                label=f"probe at {np.degrees(angle):g}°",
-            )
-            first = next(k for k, (other, _) in enumerate(vectors.probes) if other == plane)
-            bottom.plot(x, _unwrapped(values, vectors.phasors[first]), color=colour, linewidth=1)
+    # Where windows cannot tell the mark's turns from the other mark's, there is no vector.
+    good = np.flatnonzero(np.isfinite(vectors.phasors).all(axis=0))
+    missing = good.size and not np.isfinite(vectors.phasors[:, good[0] : good[-1]]).all()
+    for (top, bottom), plane in zip(axes.T, planes, strict=True):
+        own = [(angle, row) for (at, angle), row in zip(vectors.probes, vectors.phasors, strict=True) if at == plane]
+        for number, (angle, values) in enumerate(own):
+            look: dict[str, Any] = {"color": style.COLOURS[number % len(style.COLOURS)], "linewidth": 1}
+            top.plot(x, np.abs(values) * style.length()[0], label=f"probe at {np.degrees(angle):g}°", **look)
+            bottom.plot(x, _unwrapped(values, own[0][1]), **look)
         top.set_title(style.literal(plane))
         top.set_ylabel(f"amplitude, {style.amplitude_unit()}")
         top.set_ylim(bottom=0)
-        top.legend(fontsize=8, title=_gap(vectors), title_fontsize=7)
+        top.legend(fontsize=8, title="gaps: at orders of the other mark" if missing else None, title_fontsize=7)
         bottom.set_ylabel(style.PHASE_LABEL)
         bottom.set_xlabel(f"speed of the {vectors.reference}, {style.rate_unit()}" if over == "speed" else "time, s")
     return figure
-
-
-def _gap(vectors: OrderVectors) -> str | None:
-    """Where windows cannot tell the mark's turns from the other mark's, there is no vector; say so."""
-    good = np.flatnonzero(np.isfinite(vectors.phasors).all(axis=0))
-    missing = good.size and not np.isfinite(vectors.phasors[:, good[0] : good[-1]]).all()
-    return "gaps: at orders of the other mark" if missing else None
 
 
 def _what(vectors: OrderVectors) -> str:
@@ -211,22 +197,14 @@ def plot_polar(vectors: OrderVectors, name: str) -> Figure:
     for axis in axes.flat[len(vectors.probes) :]:
         axis.set_visible(False)
     for axis, (plane, angle), values in zip(axes.flat, vectors.probes, vectors.phasors, strict=False):
-        axis.plot(
-            np.angle(values), np.abs(values) * style.length()[0], color=style.COLOURS[0], linewidth=1
-        )  # a gap stays a gap
+        factor, look = style.length()[0], {"ms": 3, "ls": "", "marker": "o"}
+        axis.plot(np.angle(values), np.abs(values) * factor, color=style.COLOURS[0], linewidth=1)  # a gap stays a gap
         for words, value in _round_speeds(vectors, values) if _axis_of(vectors) == "speed" else ():
-            out = value / abs(value)
-            axis.plot(np.angle(value), abs(value) * style.length()[0], "o", color=style.COLOURS[1], markersize=3)
-            axis.annotate(
-                words,
-                (np.angle(value), abs(value) * style.length()[0]),
-                xytext=(4 * out.real, 4 * out.imag),
-                textcoords="offset points",
-                ha="left" if out.real > 0 else "right",
-                va="bottom" if out.imag > 0 else "top",
-                fontsize=7,
-                color=style.GREY,
-            )
+            out, place = value / abs(value), (np.angle(value), abs(value) * factor)
+            axis.plot(*place, color=style.COLOURS[1], **look)
+            beside = {"ha": "left" if out.real > 0 else "right", "va": "bottom" if out.imag > 0 else "top"}
+            offset = (4 * out.real, 4 * out.imag)
+            axis.annotate(words, place, offset, textcoords="offset points", fontsize=7, color=style.GREY, **beside)
         axis.set_title(style.literal(f"{plane}, probe at {np.degrees(angle):g}°"))
         axis.tick_params(labelsize=7)
         axis.yaxis.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 2.5, 5, 10]))
@@ -348,20 +326,24 @@ def _order_lines(
     lines |= {style.literal(name): of_w * perturbation + of_speed * shaft for name, (of_w, of_speed) in further.items()}
     if cascade.direction is not None:
         lines = {name: np.abs(at) for name, at in lines.items()}
-    order = np.argsort(position)
     for label, at in lines.items():
-        if not np.isfinite(at).any():
-            continue
-        colour = style.COLOURS[1] if "w" in label else "0.35"
-        inside = np.where(np.abs(at) <= edge, at, np.nan)[order]
-        axis.plot(inside, position[order], color=colour, linewidth=0.8, linestyle="--", zorder=998, alpha=0.7)
-        shown = np.flatnonzero(np.isfinite(inside))
-        if shown.size:
-            at_edge = 0.93 * edge  # beyond it a label would reach out of the axes
-            place = (float(np.clip(inside[shown[-1]], -0.99 * edge, 0.99 * edge)), position[order][shown[-1]])
-            side = "right" if place[0] > at_edge else "left" if place[0] < -at_edge else "center"
-            look = {"fontsize": 8, "color": colour, "ha": side, "zorder": 999, "bbox": _LABEL}
-            axis.annotate(label, place, (0, 14 if "w" in label else 4), textcoords="offset points", **look)
+        draw_order_line(axis, label, np.where(np.abs(at) <= edge, at, np.nan), position, edge)
+
+
+def draw_order_line(axis: Any, label: str, at: Float, position: Float, edge: float) -> None:
+    """An order along spectra that stand at positions, NaN where it is not shown; its label stands at its end."""
+    order = np.argsort(position)
+    at, position = at[order], position[order]
+    shown = np.flatnonzero(np.isfinite(at))
+    if not shown.size:
+        return
+    colour = style.COLOURS[1] if "w" in label else "0.35"
+    axis.plot(at, position, color=colour, linewidth=0.8, linestyle="--", zorder=998, alpha=0.7)
+    at_edge = 0.93 * edge  # beyond it a label would reach out of the axes
+    place = (float(np.clip(at[shown[-1]], -0.99 * edge, 0.99 * edge)), float(position[shown[-1]]))
+    side = "right" if place[0] > at_edge else "left" if place[0] < -at_edge else "center"
+    look = {"fontsize": 8, "color": colour, "ha": side, "zorder": 999, "bbox": _LABEL}
+    axis.annotate(label, place, (0, 14 if "w" in label else 4), textcoords="offset points", **look)
 
 
 @style.looked

@@ -98,42 +98,47 @@ def _curves(fit: FitResult) -> Iterator[_Curve]:
         for title, rows in _kinds(fit, block):
             still = rows[block.force[rows] == 0]
             if isinstance(block, LineResponses) and np.unique(block.speed[still]).size >= LineTest.START_UP:
-                yield _run_up(fit, block, title, still[np.argsort(block.speed[still])], predicted)
-            for speed in np.unique(np.round(block.speed[rows], 3)).tolist():
-                here = rows[(np.round(block.speed[rows], 3) == speed) & (block.force[rows] != 0)]
-                here = here[np.argsort(block.frequency[here])]
+                yield _curve(fit, block, f"{title}\nstart-up", np.nan, still, predicted)
+            rounded = np.round(block.speed[rows], 3)
+            for speed in np.unique(rounded).tolist():
+                here = rows[(rounded == speed) & (block.force[rows] != 0)]
                 if here.size:
-                    drive = np.abs(block.force[here])
-                    fine, line = _fitted_line(fit, block, here)
-                    unit = "rad/N" if block.direction[rows[0]] == "twist" else "m/N"
-                    measured, fitted, sigma = (c[here] / drive for c in (block.measured, predicted, block.sigma))
-                    given = {"title": title, "unit": unit, "speed": speed, "frequency": block.frequency[here]}
-                    numbers = {"measured": measured, "sigma": sigma, "fitted": fitted, "fine": fine}
-                    yield _Curve(line_fitted=line, **given, **numbers)
+                    yield _curve(fit, block, title, speed, here, predicted)
 
 
-def _run_up(fit: FitResult, block: LineResponses, title: str, rows: Index, predicted: ComplexArray) -> _Curve:
-    """A line without force against speed."""
+def _curve(
+    fit: FitResult, block: LineResponses | PairResponses, title: str, speed: float, rows: Index, predicted: ComplexArray
+) -> _Curve:
+    """Readings of a line against frequency, or without force against speed, per unit of what drives them; and the fit
+    on a grid fine enough for sharp resonances."""
+    x = block.speed if np.isnan(speed) else block.frequency
+    rows = rows[np.argsort(x[rows])]
+    drive = np.ones(rows.size) if np.isnan(speed) else np.abs(block.force[rows])
+    fine = np.linspace(x[rows[0]], x[rows[-1]], style.CURVE_POINTS)
     first = int(rows[0])
-    speed, direction = block.speed[rows], str(block.direction[first])
-    fine = np.linspace(speed[0], speed[-1], style.CURVE_POINTS)
+    theta, direction, line = fit.thetas[int(block.reading_group[first])], str(block.direction[first]), block.line[first]
+    if isinstance(block, PairResponses):
+        base, turning = block.base, float(block.speed[first])
+        place, force = base.coordinate[first], base.force[base.line[first]] / np.abs(block.force[first])
+        pair = base.model.receptance(theta, fine - turning, turning)[:, place] @ force
+        pair = pair * base.model.functions.factors(theta)[place]
+        fitted = pair.conj() if is_image_line(block.line)[first] else pair
+    elif np.isnan(speed):
+        fitted = block.model.lines(theta, direction, line_order(direction, str(line)), 0.0, fine, 0.0)
+    else:
+        force = np.interp(fine, x[rows], drive) * np.exp(1j * np.angle(block.force[first]))
+        order, turning = line_order(direction, str(line)), float(block.speed[first])
+        fitted = block.model.lines(theta, direction, order, fine, turning, force) / np.abs(force)
     return _Curve(
-        title=f"{title}\nstart-up",
-        unit="rad" if direction == "twist" else "m",
-        speed=np.nan,
-        frequency=speed,
-        measured=block.measured[rows],
-        sigma=block.sigma[rows],
-        fitted=predicted[rows],
+        title=title,
+        unit=("rad" if direction == "twist" else "m") + ("" if np.isnan(speed) else "/N"),
+        speed=speed,
+        frequency=x[rows],
+        measured=block.measured[rows] / drive,
+        sigma=block.sigma[rows] / drive,
+        fitted=predicted[rows] / drive,
         fine=fine,
-        line_fitted=block.model.lines(
-            fit.thetas[int(block.reading_group[first])],
-            direction,
-            line_order(direction, str(block.line[first])),
-            0.0,
-            fine,
-            0.0,
-        ),
+        line_fitted=np.asarray(fitted),
     )
 
 
@@ -148,29 +153,6 @@ def _kinds(fit: FitResult, block: LineResponses | PairResponses) -> Iterator[tup
     for place, drive in np.unique(np.column_stack([block.base.coordinate, forced]), axis=0).tolist():
         rows = np.flatnonzero((block.base.coordinate == place) & (forced == drive))
         yield f"{planes[place % n]} at {block.line[rows[0]]}\nforce at {planes[drive]}", rows
-
-
-def _fitted_line(fit: FitResult, block: LineResponses | PairResponses, rows: Index) -> tuple[Float, ComplexArray]:
-    """Fitted line per unit of force on a grid fine enough for sharp resonances."""
-    w = block.frequency[rows]
-    fine = np.linspace(w[0], w[-1], style.CURVE_POINTS)
-    if isinstance(block, PairResponses):
-        return fine, _fitted_pair(fit, block, rows, fine)
-    force = np.interp(fine, w, np.abs(block.force[rows])) * np.exp(1j * np.angle(block.force[rows[0]]))
-    theta = fit.thetas[int(block.reading_group[rows[0]])]
-    direction, speed = str(block.direction[rows[0]]), float(block.speed[rows[0]])
-    order = line_order(direction, str(block.line[rows[0]]))
-    return fine, block.model.lines(theta, direction, order, fine, speed, force) / np.abs(force)
-
-
-def _fitted_pair(fit: FitResult, block: PairResponses, rows: Index, fine: Float) -> ComplexArray:
-    first = int(rows[0])
-    speed, theta = float(block.speed[first]), fit.thetas[int(block.reading_group[first])]
-    drive = block.base.force[block.base.line[first]] / np.abs(block.force[first])
-    response = block.base.model.receptance(theta, fine - speed, speed)[:, block.base.coordinate[first]] @ drive
-    factors = block.base.model.functions.factors(theta)
-    found = response * factors[block.base.coordinate[first]]
-    return np.asarray(found.conj() if is_image_line(block.line)[first] else found)
 
 
 def _draw(size: Any, phase: Any, curve: _Curve, factor: float, colour: str) -> None:

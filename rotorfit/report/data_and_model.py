@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from rotorfit.data.experiments import Experiment, PerturbationTest
-from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.structure.refine import structure_name
 from rotorfit.models import Constant, Law
 from rotorfit.models.motion.equation_text import stiffness_entries, to_mathml
 from rotorfit.report.html import Html, element, paragraph, table
 from rotorfit.report.material import ReportInput
 from rotorfit.report.numbers import plain, speeds_in_words, with_error
-from rotorfit.report.parts import groups_of, section
+from rotorfit.report.parts import section
 from rotorfit.units import RPM_PER_RAD_S
 
 _FROM_READINGS = (
@@ -106,18 +103,16 @@ def model_section(material: ReportInput) -> Html:
     if len(model.coordinates) > written_out:
         content.append(paragraph("The matrix is too large to be written out here."))
     else:
-        for i, row in enumerate(stiffness_entries(model)):
-            content += [_equation(_entry_line(i, k, entry, model.parameter_names)) for k, entry in enumerate(row)]
+        for i, row in enumerate(stiffness_entries(model), 1):
+            for k, entry in enumerate(row, 1):
+                left = f"<msub><mi>κ</mi><mrow><mn>{i}</mn><mn>{k}</mn></mrow></msub><mo>=</mo>"
+                right = to_mathml(entry.direct, model.parameter_names)
+                if entry.quadrature:
+                    quadrature = to_mathml(entry.quadrature, model.parameter_names)
+                    right = right + "<mo>+</mo>" if entry.direct else ""
+                    right += f"<mi>j</mi><mrow><mo>[</mo>{quadrature}<mo>]</mo></mrow>"
+                content.append(_equation(left + right))
     return section("Model", *content)
-
-
-def _entry_line(row: int, column: int, entry: Any, names: tuple[str, ...]) -> str:
-    left = f"<msub><mi>κ</mi><mrow><mn>{row + 1}</mn><mn>{column + 1}</mn></mrow></msub><mo>=</mo>"
-    direct = to_mathml(entry.direct, names)
-    if not entry.quadrature:
-        return left + direct
-    quadrature = "<mi>j</mi><mrow><mo>[</mo>" + to_mathml(entry.quadrature, names) + "<mo>]</mo></mrow>"
-    return left + (direct + "<mo>+</mo>" if entry.direct else "") + quadrature
 
 
 def _equation(inner: str) -> Html:
@@ -134,7 +129,12 @@ def refinement_section(material: ReportInput) -> Html:
         return Html("")
     rows = []
     for step in refinement.candidates:
-        numbers = str(step.nvarys), plain(step.redchi, 4), f"{step.aic:.1f}", _threshold_cell(step)
+        threshold = ""
+        if step.model.speed_dependent and len(step.thetas) == 1:
+            onset = step.threshold_of(0)
+            value, error = with_error(onset.value * RPM_PER_RAD_S, onset.stderr * RPM_PER_RAD_S)
+            threshold = f"{value} ± {error}" if error != "–" else value
+        numbers = str(step.nvarys), plain(step.redchi, 4), f"{step.aic:.1f}", threshold
         rows.append([structure_name(step.model), *numbers, "chosen" if step is refinement.best else ""])
     words = (
         "Structural blocks that a lumped model leaves out (coupling mass, gyroscopic, damping between and within, "
@@ -147,11 +147,3 @@ def refinement_section(material: ReportInput) -> Html:
         words += " This report is not of the chosen model."
     head = ["structure", "fitted values", "redchi", "AIC", "threshold, rpm", ""]
     return section("Structural refinement", paragraph(words), table(head, rows, numeric=(1, 2, 3, 4)), folded=True)
-
-
-def _threshold_cell(fit: FitResult) -> str:
-    if not fit.model.speed_dependent or len(groups_of(fit)) > 1:
-        return ""
-    onset = fit.threshold_of(0)
-    value, error = with_error(onset.value * RPM_PER_RAD_S, onset.stderr * RPM_PER_RAD_S)
-    return f"{value} ± {error}" if error != "–" else value

@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from rotorfit.estimators.atomic_file import file_name
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses
 from rotorfit.estimators.blocks.small_motion import FreeVibrations
 from rotorfit.fitting.result import FitResult
@@ -39,48 +38,32 @@ _FIRST = ("D", "lam", "lam_D", "lam_M", "Mf", "K0")
 """Parameters that a corner plot shows before others."""
 
 
-@dataclass(frozen=True)
-class ReportFigure:
+class ReportFigure(NamedTuple):
     """A figure of the report and the kind of data that it shows."""
 
     title: str  # heading of its section
     draw: Callable[[FitResult], Figure]  # makes the figure of a fit; ``plot_NAME`` gives its file the name ``NAME.png``
     caption: str  # words below it
-    shows: Callable[[object], bool]  # whether a block of observations appears in it
+    kinds: set[str]  # of data that appear in it, as `_kinds` names them
 
 
-def _turning(block: object) -> bool:
-    """Responses to circular forces, or forces under imposed orbits."""
+def _kinds(block: Block) -> Iterator[str]:
+    """Kinds of data that a block of observations holds, for the figures that show them."""
     responses = responses_of(block)
-    return responses is not None and bool(responses.frequency.any())
-
-
-def _orbits(block: object) -> bool:
-    """Circular orbits of a model with a law of eccentricity, the journal's motion measured."""
-    return isinstance(block, OrbitResponses) and _turning(block) and bool(np.isfinite(block.eccentricity).any())
-
-
-def _loads(block: object) -> bool:
-    """Positions under constant loads of a model with a law of eccentricity, the journal's measured."""
-    return isinstance(block, OrbitResponses) and not _turning(block) and bool(np.isfinite(block.eccentricity).any())
-
-
-def _impulses(block: object) -> bool:
-    """Frequencies and damping of free vibration off the centre, of a model with a law of eccentricity."""
-    if not isinstance(block, FreeVibrations) or not block.model.eccentricity_dependent:
-        return False
-    return bool((block.eccentricity > 0).any())
-
-
-def _of_modes(block: object) -> bool:
-    """Responses of modes alone."""
-    return _turning(block) and isinstance(getattr(block, "model", None), Modal)
-
-
-def _many_lines(block: object) -> bool:
-    """So many frequencies that poles of some orders beyond those of the model can be looked for."""
-    fewest, responses = 50, responses_of(block)
-    return responses is not None and np.unique(responses.frequency).size >= fewest
+    turning = responses is not None and bool(responses.frequency.any())
+    if turning:  # circular forces, or forces under imposed orbits
+        yield "responses"
+    if isinstance(block, OrbitResponses) and np.isfinite(block.eccentricity).any():
+        yield "orbits" if turning else "loads"
+    if isinstance(block, FreeVibrations) and block.model.eccentricity_dependent and (block.eccentricity > 0).any():
+        yield "impulses"
+    if isinstance(block, LineResponses | PairResponses) and block.force.any():
+        yield "spectral lines"
+    if turning and responses is not None and isinstance(responses.model, Modal):
+        yield "modes"
+        fewest = 50  # frequencies at which poles of some orders beyond those of the model can be looked for
+        if np.unique(responses.frequency).size >= fewest:
+            yield "many frequencies of modes"
 
 
 _TO_FORCE = "Responses to a unit force. Points: measured. Lines: fit, with its 95 % band."
@@ -93,59 +76,59 @@ FIGURES: tuple[ReportFigure, ...] = (
         FitResult.plot_dynamic_stiffness,
         "Points: measured ± σ. Lines: fit, with its 95 % band. Dotted: λΩ, where the fluid's part of the quadrature "
         "stiffness vanishes.",
-        _turning,
+        {"responses"},
     ),
-    ReportFigure("Bode plots", FitResult.plot_bode, _TO_FORCE, _turning),
-    ReportFigure("Polar plots", FitResult.plot_polar, _POLAR, _turning),
-    ReportFigure("Residuals", FitResult.plot_residuals, _BAND, _turning),
+    ReportFigure("Bode plots", FitResult.plot_bode, _TO_FORCE, {"responses"}),
+    ReportFigure("Polar plots", FitResult.plot_polar, _POLAR, {"responses"}),
+    ReportFigure("Residuals", FitResult.plot_residuals, _BAND, {"responses"}),
     ReportFigure(
         "Mode shapes",
         FitResult.plot_mode_shapes,
         "Gains of the probes in each mode, one where all are normalised, with 95 % errors.",
-        _of_modes,
+        {"modes"},
     ),
     ReportFigure(
         "Stabilisation",
         FitResult.plot_stabilisation,
         "Natural frequencies of poles against how many are looked for, over the size of all responses. Poles of modes "
         "stay where they are, those of noise do not.",
-        lambda block: _of_modes(block) and _many_lines(block),
+        {"many frequencies of modes"},
     ),
     ReportFigure(
         "Spectral lines",
         FitResult.plot_lines,
         "Lines per unit of force. Points: measured ± σ. Lines: fit. A line at w has its image at 2 Om − w.",
-        lambda block: isinstance(block, LineResponses | PairResponses) and bool(block.force.any()),
+        {"spectral lines"},
     ),
     ReportFigure(
         "Fluid against eccentricity",
         FitResult.plot_law,
         "The law's K0, D and lam with their 95 % bands; ticks: eccentricities of the data, dotted: beyond them.",
-        lambda block: _orbits(block) or _loads(block) or _impulses(block),
+        {"orbits", "loads", "impulses"},
     ),
     ReportFigure(
         "Nonlinear dynamic stiffness",
         FitResult.plot_nonlinear_stiffness,
         "Nonlinear minus linear dynamic stiffness at the journal. Points: measured. Lines: fit.",
-        _orbits,
+        {"orbits"},
     ),
     ReportFigure(
         "Static loads",
         FitResult.plot_static_locus,
         "Positions of the journal under constant loads over the clearance. Points: measured. Lines: fitted locus.",
-        _loads,
+        {"loads"},
     ),
     ReportFigure(
         "Static stiffness",
         FitResult.plot_static_stiffness,
         "Static load over displacement. Points: measured. Lines: fit, with its 95 % band.",
-        _loads,
+        {"loads"},
     ),
     ReportFigure(
         "Impulse tests",
         FitResult.plot_velocity_ratio,
         "Damped frequency over rotative speed. Points: measured. Solid lines: fitted eigenvalues; dashed: lam itself.",
-        _impulses,
+        {"impulses"},
     ),
 )
 """Figures in their order; further kinds of experiments add theirs here."""
@@ -154,17 +137,23 @@ FIGURES: tuple[ReportFigure, ...] = (
 def figure_sections(material: ReportInput) -> tuple[list[Html], list[Html]]:
     """The two figures that carry the verdict, the first of the data and that of stability; the other figures."""
     fit = material.fit
-    shown = [kind for kind in FIGURES if any(kind.shows(block) for block in fit.problem.blocks)]
+    kinds = {kind for block in fit.problem.blocks for kind in _kinds(block)}
     of_data = []
-    for kind in shown if material.figure_format != "none" else ():
-        name = kind.draw.__name__.removeprefix("plot_")
-        drawn = embedded(material, name, partial(kind.draw, fit), kind.caption)
-        of_data.append(section(kind.title, drawn, figure=True))
+    for figure in FIGURES if material.figure_format != "none" else ():
+        if figure.kinds & kinds:
+            name = figure.draw.__name__.removeprefix("plot_")
+            picture_in = embedded(material, name, partial(figure.draw, fit), figure.caption)
+            of_data.append(section(figure.title, picture_in, figure=True))
     first, further = [*of_data[:1], section("Stability", *_stability(material))], of_data[1:]
     if fit.responses:
         further.append(section("Quality of fit", *_quality(fit)))
     if material.profiles:
-        further.append(section("Profile likelihoods", element("div", *_profiles(material), class_="side")))
+        drawn = []
+        for p in material.profiles:
+            name = file_name(re.sub(r"\W+", "_", f"profile_{p.name}").rstrip("_"), material.pictures)
+            caption = p.name.replace("_", " ") + (f". {p.message}" if p.message else "")
+            drawn.append(embedded(material, name, p.plot, caption))
+        further.append(section("Profile likelihoods", element("div", *drawn, class_="side")))
     if material.posterior is not None:
         further.append(section("Posterior", *_posterior(material, material.posterior)))
     return first, further
@@ -180,12 +169,6 @@ def embedded(material: ReportInput, name: str, draw: Callable[[], Figure], capti
     png = picture_of(figure)
     material.pictures[name] = png if material.figure_format == "png" else picture_of(figure, material.figure_format)
     return picture(png, caption, figure.get_figwidth())
-
-
-def _drawn(function: str, *arguments: Any, **options: Any) -> Callable[[], Figure]:
-    """A function of the room of plots, which is loaded when the figure is drawn."""
-    module, _, name = function.partition(".")
-    return lambda: getattr(import_module(f"rotorfit.plots.{module}"), name)(*arguments, **options)
 
 
 def _quality(fit: FitResult) -> Iterator[Html]:
@@ -206,28 +189,27 @@ def _stability(material: ReportInput) -> Iterator[Html]:
     for label, group in groups_of(fit):
         caption = "Modes of the fitted rotor against its speed" + (f", {label}." if label else ".")
         name = "stability" if group == 0 else f"stability_{group + 1}"
-        yield embedded(material, name, _drawn("stability.plot_stability", fit, group=group), caption)
+
+        def of_group(group: int = group) -> Figure:
+            from rotorfit.plots.stability import plot_stability
+
+            return plot_stability(fit, group=group)
+
+        yield embedded(material, name, of_group, caption)
     rows = [row for label, group in groups_of(fit) for row in _mode_rows(fit, label, group)]
     head = ["group", "rotative speed, rpm", "damped frequency, rpm", "±", "damping ratio", "±"]
     if rows and not rows[0][0]:
         head, rows = head[1:], [row[1:] for row in rows]
     modes = table(head, rows, numeric=range(len(head) - 5, len(head)))
     yield from _criteria(material)
-    yield from _own_modes(fit)
+    own = own_modes(fit)  # modal masses, stiffnesses and shapes of a passive rotor
+    if own is not None:
+        yield element("h3", "Modes one by one")
+        yield table(own.rows()[0], own.rows()[1:], numeric=range(1, len(own.rows()[0])))
+        of_each = f"are those of each mode by itself, with a deflection of one at {next(iter(own[0].shape))}."
+        words = f"Mass, stiffness and damping {of_each}"
+        yield note(f"{words} Half-power: damping ratio by the width of the measured peaks.")
     yield element("details", element("summary", "Modes at the tested speeds"), modes)
-
-
-def _own_modes(fit: FitResult) -> Iterator[Html]:
-    """Modal masses, stiffnesses and shapes of a passive rotor."""
-    modes = own_modes(fit)
-    if modes is None:
-        return
-    head, *rows = modes.rows()
-    yield element("h3", "Modes one by one")
-    yield table(head, rows, numeric=range(1, len(head)))
-    place = next(iter(modes[0].shape))
-    own = f"Mass, stiffness and damping are those of each mode by itself, with a deflection of one at {place}."
-    yield note(f"{own} Half-power: damping ratio by the width of the measured peaks.")
 
 
 def _criteria(material: ReportInput) -> Iterator[Html]:
@@ -259,12 +241,6 @@ def _mode_rows(fit: FitResult, label: str, group: int) -> Iterator[list[str]]:
             yield [label, shown, *with_error(*in_rpm), *with_error(damping.value, damping.stderr)]
 
 
-def _profiles(material: ReportInput) -> Iterator[Html]:
-    for p in material.profiles:
-        name = file_name(re.sub(r"\W+", "_", f"profile_{p.name}").rstrip("_"), material.pictures)
-        yield embedded(material, name, p.plot, p.name.replace("_", " ") + (f". {p.message}" if p.message else ""))
-
-
 def _posterior(material: ReportInput, posterior: Posterior) -> Iterator[Html]:
     fit = material.fit
     names, samples = list(posterior.names), np.asarray(posterior.samples)
@@ -277,13 +253,22 @@ def _posterior(material: ReportInput, posterior: Posterior) -> Iterator[Html]:
     caption = "Posterior: margins with their 95 % interval, and pairs with contours of 68 and 95 %; lines: the optimum."
     if len(shown) < len(names):
         caption += f" {len(shown)} of {len(names)} parameters: the fluid's, and those most correlated with others."
-    corner = _drawn("uncertainty.plot_corner", samples[:, shown], labels, marks)
+
+    def corner() -> Figure:
+        from rotorfit.plots.uncertainty import plot_corner
+
+        return plot_corner(samples[:, shown], labels, marks)
+
+    def traces() -> Figure:
+        from rotorfit.plots.uncertainty import plot_traces
+
+        return plot_traces(posterior.chain[..., shown], [names[i] for i in shown])
+
     yield embedded(material, "corner", corner, caption)
     yield element("h3", "Health of the chains")
     yield paragraph(sentence(posterior.message))
     yield paragraph(sentence(posterior.treatment))
     yield _health(posterior)
-    traces = _drawn("uncertainty.plot_traces", posterior.chain[..., shown], [names[i] for i in shown])
     yield embedded(material, "chains", traces, "Walkers' paths after burn-in.")
 
 
