@@ -10,20 +10,8 @@ import panel as pn
 from bokeh.layouts import column
 from bokeh.models import ColumnDataSource, HoverTool
 
+from rotorfit.app import parts
 from rotorfit.app.forms import SetupForm, read_form
-from rotorfit.app.parts import (
-    TOOLS,
-    WIDE,
-    button,
-    colour_key,
-    figures_beside,
-    finding_words,
-    framed,
-    heading,
-    in_a_row,
-    markup,
-    message,
-)
 from rotorfit.app.session import entry_table
 from rotorfit.app.signals import SignalsView
 from rotorfit.app.work import read
@@ -46,28 +34,30 @@ class DataView:
     def __init__(self, page: Front) -> None:
         self._page, self._session = page, page.session
         self._signals: SignalsView | None = None
-        self._looked = pn.Column(**WIDE)
-        self._shown = pn.Column(**WIDE)
+        self._looked = pn.Column(**parts.WIDE)
+        self._shown = pn.Column(**parts.WIDE)
         entries = enumerate(self._session.content["files"])
         forms = [read_form(page, number) for number, entry in entries if "path" in entry_table(entry)]
-        self.parts = [heading("What was recognised"), *self._tests(), *forms, *self._recorded()]
+        self.parts = [parts.heading("What was recognised"), *self._tests(), *forms, *self._recorded()]
 
     # ---- tests ----------------------------------------------------------------------------------------------------
 
     def _tests(self) -> list[Any]:
-        parts: list[Any] = []
+        listed: list[Any] = []
         for number, (test, findings) in enumerate(zip(self._session.experiments, self._session.findings, strict=True)):
             words = [line for line in describe_test(test, ()).splitlines() if "check: " not in line]
-            parts.append(markup(element("pre", "\n".join(words))))
-            parts += [markup(finding_words(found)) for found in findings]
+            listed.append(parts.markup(element("pre", "\n".join(words))))
+            listed += [parts.markup(parts.finding_words(found)) for found in findings]
             if not findings:
-                parts.append(message("The check of the data found nothing.", "good"))
-            parts.append(self._readings(number))
+                listed.append(parts.message("The check of the data found nothing.", "good"))
+            listed.append(self._readings(number))
         undone = self._session.content.get("undo", ())
         if undone:
-            back = button("Take the data as they were given", lambda: self._page.change(self._session.with_all_errors))
-            parts += [message(f"Undone in the data: {', '.join(undone)}.", "warning"), back]
-        return parts
+            back = parts.button(
+                "Take the data as they were given", lambda: self._page.change(self._session.with_all_errors)
+            )
+            listed += [parts.message(f"Undone in the data: {', '.join(undone)}.", "warning"), back]
+        return listed
 
     def _readings(self, number: int) -> Any:
         """The readings of a test to be brushed, and what can be done with those that are."""
@@ -78,8 +68,8 @@ class DataView:
         def skip(rows: Callable[[], Set[int]]) -> None:
             change(lambda: session.with_skipped(number, rows()))
 
-        leave = button("Leave out what is brushed", lambda: skip(lambda: skipped | brushed))
-        back = button("Take it again", lambda: skip(lambda: skipped - brushed))
+        leave = parts.button("Leave out what is brushed", lambda: skip(lambda: skipped | brushed))
+        back = parts.button("Take it again", lambda: skip(lambda: skipped - brushed))
         leave.disabled = back.disabled = True
 
         def on_brush(rows: set[int]) -> None:
@@ -91,10 +81,12 @@ class DataView:
         figures = [] if data is None else readings_figures(data.experiments[number], skipped, on_brush)
         if data is None or not figures:
             return pn.Column()
-        out = [markup(element("p", f"{len(skipped)} readings are left out, drawn as crosses."))] if skipped else []
+        out = (
+            [parts.markup(element("p", f"{len(skipped)} readings are left out, drawn as crosses."))] if skipped else []
+        )
         colours = colours_of_runs(data.experiments[number])
-        key = colour_key("Draw a box or a lasso around readings to leave them out.", colours)
-        return pn.Column(key, figures_beside(figures), in_a_row(leave, back), *out, **WIDE)
+        key = parts.colour_key("Draw a box or a lasso around readings to leave them out.", colours)
+        return pn.Column(key, parts.figures_beside(figures), parts.in_a_row(leave, back), *out, **parts.WIDE)
 
     # ---- recordings -----------------------------------------------------------------------------------------------
 
@@ -112,7 +104,7 @@ class DataView:
         chosen = pn.widgets.Select(name="Recording", options=list(known), width=220)
         plane = pn.widgets.Select(name="Plane", options=list(records[0].planes), width=160)
         unread = self._session.data is None
-        make = button("Make vectors of the recordings", lambda: self._page.start(read), main=unread)
+        make = parts.button("Make vectors of the recordings", lambda: self._page.start(read), main=unread)
 
         def choose(_: Any) -> None:
             plane.param.update(options=list(known[chosen.value].planes))
@@ -120,23 +112,26 @@ class DataView:
 
         chosen.param.watch(choose, "value")
         plane.param.watch(lambda event: self._look(known[chosen.value], event.new), "value")
-        return [self._looked, in_a_row(chosen, plane, make), self._shown, *setup]
+        return [self._looked, parts.in_a_row(chosen, plane, make), self._shown, *setup]
 
     def complete(self) -> None:
         """Show the first recording, then what takes longer: what is linked to the cursor, and what is odd."""
         records = self._session.records
         if not records:
             return
-        self._looked.objects = [markup(element("pre", "\n".join(map(repr, records))))]
+        self._looked.objects = [parts.markup(element("pre", "\n".join(map(repr, records))))]
         self._look(records[0], records[0].planes[0])
-        parts: list[Any] = []
+        listed: list[Any] = []
         for record in records:
             try:
                 words = [line for line in summary(record).splitlines() if "[" not in line or "] " not in line]
-                parts += [markup(element("pre", "\n".join(words))), *map(markup, map(finding_words, record.findings))]
+                listed += [
+                    parts.markup(element("pre", "\n".join(words))),
+                    *map(parts.markup, map(parts.finding_words, record.findings)),
+                ]
             except ValueError as problem:
-                parts.append(message(sentence(problem), "error"))
-            self._looked.objects = parts
+                listed.append(parts.message(sentence(problem), "error"))
+            self._looked.objects = listed
 
     def _look(self, record: Recording, plane: str) -> None:
         """Show a plane of a recording."""
@@ -209,9 +204,9 @@ def _pair(channel: str, source: Any, test: PerturbationTest) -> Any:
         ("phase lead", "@phase{0.0}°"),
     ]
     across = "speed, rpm" if test.synchronous else "frequency, rpm (backward < 0 < forward)"
-    common: dict[str, Any] = {"tools": f"box_select,lasso_select,{TOOLS}", "active_drag": "box_select"}
-    top = framed(channel, 220, "", f"{unit} 0-peak", y_axis_type="log", **common)
-    bottom = framed("", 190, across, "phase lead, °", x_range=top.x_range, **common)
+    common: dict[str, Any] = {"tools": f"box_select,lasso_select,{parts.TOOLS}", "active_drag": "box_select"}
+    top = parts.framed(channel, 220, "", f"{unit} 0-peak", y_axis_type="log", **common)
+    bottom = parts.framed("", 190, across, "phase lead, °", x_range=top.x_range, **common)
     bottom.y_range.start, bottom.y_range.end = -190, 190
     for plot, values in ((top, "amplitude"), (bottom, "phase")):
         look = {"color": "colour", "nonselection_alpha": 0.25, "selection_color": _BRUSHED}

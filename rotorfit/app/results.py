@@ -12,19 +12,7 @@ import panel as pn
 from bokeh.layouts import column
 from bokeh.models import BoxAnnotation, ColumnDataSource, HoverTool
 
-from rotorfit.app.parts import (
-    WIDE,
-    button,
-    colour_key,
-    download,
-    figures_beside,
-    finding_words,
-    framed,
-    heading,
-    in_a_row,
-    markup,
-    message,
-)
+from rotorfit.app import parts
 from rotorfit.app.session import Session, toml_of
 from rotorfit.diagnosis.data_errors import PHASE_ZEROS
 from rotorfit.fitting.fit_file import fit_to_json
@@ -49,21 +37,21 @@ def result_parts(outcome: Outcome, undo: Callable[[Finding], None]) -> list[Any]
     """The parts of the page that show an outcome."""
     fit = outcome.best
     went = (
-        message(outcome.failure, "error")
+        parts.message(outcome.failure, "error")
         if outcome.failure
-        else message(f"Fit: {fit.message}.", "warning" if fit.identifiability.unresolved else "good")
+        else parts.message(f"Fit: {fit.message}.", "warning" if fit.identifiability.unresolved else "good")
     )
     findings: list[Any] = []
     for found in fit.findings:
-        findings.append(markup(finding_words(found)))
+        findings.append(parts.markup(parts.finding_words(found)))
         if found.correction is not None or found.code == PHASE_ZEROS:  # the data can be corrected as they stand
-            findings.append(button("Undo this and fit again", partial(undo, found)))
+            findings.append(parts.button("Undo this and fit again", partial(undo, found)))
     return [
-        heading("Result"),
+        parts.heading("Result"),
         went,
-        markup(parameter_table(fit), *_notes(fit)),
+        parts.markup(parameter_table(fit), *_notes(fit)),
         *findings,
-        *[message(text, "warning") for text in fit.warnings],
+        *[parts.message(text, "warning") for text in fit.warnings],
         _figures(fit),
     ]
 
@@ -98,7 +86,7 @@ def _notes(fit: FitResult) -> list[Html]:
 
 def _figures(fit: FitResult) -> Any:
     """A tab for each kind of figure, with one for each pair of probe and force; what is not shown is not sent."""
-    tabs = pn.Tabs(dynamic=True, **WIDE)
+    tabs = pn.Tabs(dynamic=True, **parts.WIDE)
     try:
         conditions, found = curves(fit)
     except ValueError:  # of tests without turning forces there is nothing over frequency
@@ -111,14 +99,14 @@ def _figures(fit: FitResult) -> Any:
             own = [curve for curve in sweeps if (curve.coordinate, curve.force_plane) == (probe, force)]
             unit = "µrad/N" if fit.model.coordinates[probe].axis == "r" else "µm/N"
             figures.append(draw(own, panel_name(fit, probe, force), unit))
-        tabs.append((name, pn.Column(colour_key("", colours), figures_beside(figures), **WIDE)))
+        tabs.append((name, pn.Column(parts.colour_key("", colours), parts.figures_beside(figures), **parts.WIDE)))
     return tabs
 
 
 def bode(found: Sequence[SweepCurve], title: str, unit: str) -> Any:
     """Amplitude and phase of a response to a unit force: points measured, lines fitted, with their 95 % bands."""
-    top = framed(title, 260, "", unit, y_axis_type="log")
-    bottom = framed("", 200, _FREQUENCY, "phase lead, °", x_range=top.x_range)
+    top = parts.framed(title, 260, "", unit, y_axis_type="log")
+    bottom = parts.framed("", 200, _FREQUENCY, "phase lead, °", x_range=top.x_range)
     bottom.y_range.start, bottom.y_range.end = -190, 190
     for curve in found:
         fine, band = curve.fine * RPM_PER_RAD_S, {"color": curve.condition.colour, "alpha": 0.2}
@@ -137,7 +125,7 @@ def bode(found: Sequence[SweepCurve], title: str, unit: str) -> Any:
 
 def polar(found: Sequence[SweepCurve], title: str, unit: str) -> Any:
     """Response to a unit force in the complex plane."""
-    plot = framed(title, 380, f"in phase, {unit}", f"quadrature, {unit}", match_aspect=True)
+    plot = parts.framed(title, 380, f"in phase, {unit}", f"quadrature, {unit}", match_aspect=True)
     for curve in found:
         fitted = 1e6 * curve.fitted
         plot.line(fitted.real, fitted.imag, color=curve.condition.colour, line_width=1.4)
@@ -149,7 +137,7 @@ def polar(found: Sequence[SweepCurve], title: str, unit: str) -> Any:
 
 def residuals(found: Sequence[SweepCurve], title: str, unit: str) -> Any:
     """Residuals over their noise: dots real, crosses imaginary; noise alone leaves 95 % in the band."""
-    plot = framed(title, 240, _FREQUENCY, "residual / noise")
+    plot = parts.framed(title, 240, _FREQUENCY, "residual / noise")
     plot.add_layout(BoxAnnotation(bottom=-2, top=2, fill_color="#d5dbe1", fill_alpha=0.5, level="underlay"))
     for curve in found:
         points = _measured(curve)
@@ -192,33 +180,33 @@ class Takeaway:
     def __init__(self, session: Session, outcome: Outcome) -> None:
         self._session = session
         files = [
-            download("study.toml", partial(toml_of, session, absolute=True)),
-            download("fit.json", partial(fit_to_json, outcome.best)),
+            parts.download("study.toml", partial(toml_of, session, absolute=True)),
+            parts.download("fit.json", partial(fit_to_json, outcome.best)),
         ]
         for number, test in enumerate(outcome.experiments, 1):
             as_csv = partial(lambda own: frame_csv(to_dataframe(own)), test)
             name = "data.csv" if len(outcome.experiments) == 1 else f"data-{number}.csv"
-            files.append(download(name, as_csv))
-        self._report = pn.Column(message("drawing the report ..."), width=220)
+            files.append(parts.download(name, as_csv))
+        self._report = pn.Column(parts.message("drawing the report ..."), width=220)
         free = session.folder.free_name("study.toml")
         name = pn.widgets.TextInput(name="Or keep the study in the folder, as", value=free, width=220)
-        keep, self._kept = button("Keep", lambda: self._keep(name.value), width=90), pn.Column(**WIDE)
+        keep, self._kept = parts.button("Keep", lambda: self._keep(name.value), width=90), pn.Column(**parts.WIDE)
         self.parts = [
-            heading("Take away"),
-            markup(element("p", "rotorfit run study.toml gives the same numbers again, to the last digit.")),
-            in_a_row(*files, self._report),
-            in_a_row(name, keep),
+            parts.heading("Take away"),
+            parts.markup(element("p", "rotorfit run study.toml gives the same numbers again, to the last digit.")),
+            parts.in_a_row(*files, self._report),
+            parts.in_a_row(name, keep),
             self._kept,
         ]
 
     def add_report(self, text: str) -> None:
         """Offer the report, which is drawn after the fit."""
-        self._report.objects = [download("report.html", partial(str, text))]
+        self._report.objects = [parts.download("report.html", partial(str, text))]
 
     def _keep(self, name: str) -> None:
         try:
             self._session.folder.write_new(name, toml_of(self._session, absolute=False))
         except (ValueError, OSError) as problem:
-            self._kept.objects = [message(sentence(problem), "error")]
+            self._kept.objects = [parts.message(sentence(problem), "error")]
         else:
-            self._kept.objects = [message(f"{name} is written; rotorfit run {name} repeats the fit.", "good")]
+            self._kept.objects = [parts.message(f"{name} is written; rotorfit run {name} repeats the fit.", "good")]

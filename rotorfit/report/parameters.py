@@ -21,20 +21,10 @@ from rotorfit.fitting.summary import (
 from rotorfit.models import RotorModel
 from rotorfit.models.digits import significant
 from rotorfit.models.parameters import bare_name
+from rotorfit.report import parts
 from rotorfit.report.html import Html, bullets, element, paragraph, table
 from rotorfit.report.material import ReportInput
 from rotorfit.report.numbers import interval, plain, with_errors
-from rotorfit.report.parts import (
-    at_of,
-    groups_of,
-    note,
-    onset_interval,
-    section,
-    sentence,
-    symbol,
-    threshold_interval,
-    unit_shown,
-)
 from rotorfit.uncertainty.profile import Profile
 from rotorfit.units import RPM_PER_RAD_S
 
@@ -59,15 +49,15 @@ def parameter_section(material: ReportInput) -> Html:
     elif fit.settings.noise_scale:
         notes.append("They follow the residuals of each response where these exceed the noise.")
     if fit.noise is not None:
-        notes.append(sentence(f"noise: {VERDICTS[fit.noise.verdict]}"))
-        notes += [sentence(words) for words in fit.noise.sentences]
+        notes.append(parts.sentence(f"noise: {VERDICTS[fit.noise.verdict]}"))
+        notes += [parts.sentence(words) for words in fit.noise.sentences]
     if fit.settings.calibration is not None:
         notes.append("They include the uncertainty of the calibration; see the budget.")
     if any(p.systematic for p in fit.params.values() if p.vary):
         given = ", ".join(f"{name} {plain(size, 3)}" for name, size in fit.settings.assumptions.items())
         words = "They are statistical; the intervals below include the systematic share"
-        notes.append(sentence(f"{words}, with the sizes given ({given})" if given else words))
-    notes += [sentence(line) for line in (*interval_lines(fit), *fit.remarks)]
+        notes.append(parts.sentence(f"{words}, with the sizes given ({given})" if given else words))
+    notes += [parts.sentence(line) for line in (*interval_lines(fit), *fit.remarks)]
     corrections = correction_names(fit.model)
 
     def listed(of_structure: bool) -> Html:
@@ -77,15 +67,15 @@ def parameter_section(material: ReportInput) -> Html:
 
     more = f"{len(corrections)} corrections of the structure"
     folded = [element("details", element("summary", more), listed(True))] if corrections else []
-    return section("Parameters", listed(False), *folded, note(*notes))
+    return parts.section("Parameters", listed(False), *folded, parts.note(*notes))
 
 
 def _row(p: FittedParameter, model: RotorModel, start: str) -> list[str]:
-    name, unit = symbol(p.name, model), unit_shown(p.unit)
+    name, unit = parts.symbol(p.name, model), parts.unit_shown(p.unit)
     if not p.vary:
         return [name, plain(p.value), "known", "", unit, "", p.meaning, ""]
     if not p.resolved or p.moved_by:
-        return [name, "not determined", "", "", unit, start, p.meaning, unit_shown(p.moved_by)]
+        return [name, "not determined", "", "", unit, start, p.meaning, parts.unit_shown(p.moved_by)]
     value, error, noise = with_errors(p.value, math.hypot(p.stderr, p.systematic), p.stderr, p.stderr_noise)
     bound = "at its bound: no symmetric interval" if p.at_bound else ""
     return [name, value, error, noise if noise != error else "", unit, start, p.meaning, bound]
@@ -131,8 +121,10 @@ def interval_section(material: ReportInput) -> Html:
         )
     if not material.profiles and material.posterior is None and simulated is None:
         words.append("A posterior or profile likelihoods would test it.")
-    words += [sentence(f"{p.name}: {p.message}") for p in material.profiles if p.message]
-    return section("95 % intervals", table(head, rows, numeric=range(1, 7), whole=(7,)), note(*words), folded=True)
+    words += [parts.sentence(f"{p.name}: {p.message}") for p in material.profiles if p.message]
+    return parts.section(
+        "95 % intervals", table(head, rows, numeric=range(1, 7), whole=(7,)), parts.note(*words), folded=True
+    )
 
 
 def _shown(p: FittedParameter) -> bool:
@@ -144,13 +136,13 @@ def _interval_row(material: ReportInput, p: FittedParameter, profile: Profile | 
     shares = material.shares.get(p.name)
     posterior, simulated = material.posterior, material.bootstrap
     return [
-        symbol(p.name, material.fit.model),
+        parts.symbol(p.name, material.fit.model),
         "–" if p.at_bound else laplace,
         "" if profile is None else interval(*profile.interval),
         "" if posterior is None else interval(*posterior.interval(p.name)),
         "" if simulated is None else interval(*simulated.interval(p.name)),
         *(("", "") if shares is None else (plain(shares[0], 2), plain(shares[1], 2))),
-        unit_shown(p.unit),
+        parts.unit_shown(p.unit),
     ]
 
 
@@ -158,10 +150,10 @@ def _threshold_rows(material: ReportInput, profile: Profile | None) -> Iterator[
     fit = material.fit
     if not fit.model.speed_dependent or fit.moved_by(THRESHOLD):
         return
-    for label, group in groups_of(fit):
+    for label, group in parts.groups_of(fit):
         onset = fit.threshold_of(group)
         if math.isfinite(onset.value) and math.isfinite(onset.stderr):
-            low, high = onset_interval(fit, onset)
+            low, high = parts.onset_interval(fit, onset)
             yield [
                 "threshold speed" + (f", {label}" if label else ""),
                 interval(low * RPM_PER_RAD_S, high * RPM_PER_RAD_S),
@@ -169,8 +161,8 @@ def _threshold_rows(material: ReportInput, profile: Profile | None) -> Iterator[
                 interval(profile.lower * RPM_PER_RAD_S, profile.upper * RPM_PER_RAD_S)
                 if profile is not None and not label
                 else "",
-                threshold_interval(material.posterior, at_of(fit, group)),
-                threshold_interval(material.bootstrap, at_of(fit, group)),
+                parts.threshold_interval(material.posterior, parts.at_of(fit, group)),
+                parts.threshold_interval(material.bootstrap, parts.at_of(fit, group)),
                 *(plain(RPM_PER_RAD_S * share, 2) for share in (onset.stderr, fit.systematic(THRESHOLD))),
                 "rpm",
             ]
@@ -182,7 +174,7 @@ def _threshold_rows(material: ReportInput, profile: Profile | None) -> Iterator[
 def _open(fit: FitResult, combination: Combination) -> str:
     """A combination of undetermined parameters, and the value of it that the data determine."""
     value = combined(fit, combination)
-    return sentence(combination.message) + (f" Determined: {value.replace('+-', '±')}." if value else "")
+    return parts.sentence(combination.message) + (f" Determined: {value.replace('+-', '±')}." if value else "")
 
 
 def identifiability_section(material: ReportInput) -> Html:
@@ -201,4 +193,4 @@ def identifiability_section(material: ReportInput) -> Html:
         listed = ", ".join(f"{a} and {b} ({plain(r, 2)})" for a, b, r in pairs)
         advice = "A prior or a known value of one would narrow the other."
         content.append(paragraph(f"Estimates that are strongly correlated: {listed}. {advice}"))
-    return section("Identifiability", *content)
+    return parts.section("Identifiability", *content)

@@ -15,19 +15,10 @@ from rotorfit.fitting.result import FitResult
 from rotorfit.fitting.summary import caveats_of
 from rotorfit.models.motion.stability import growth_rate
 from rotorfit.models.parameters import bare_name
+from rotorfit.report import parts
 from rotorfit.report.html import Html, bullets, element, join
 from rotorfit.report.material import ReportInput
 from rotorfit.report.numbers import interval, plain, with_error
-from rotorfit.report.parts import (
-    at_of,
-    groups_of,
-    onset_interval,
-    section,
-    sentence,
-    tested_speeds,
-    threshold_interval,
-    unit_shown,
-)
 from rotorfit.units import RPM_PER_RAD_S
 
 _FLUID = ("D", "lam", "lam_D", "lam_M", "Mf")
@@ -49,12 +40,12 @@ def verdict_section(material: ReportInput) -> Html:
     if material.posterior is not None and not material.posterior.converged:
         warnings.append(f"posterior: {material.posterior.message}")
     if warnings:
-        content.append(bullets((sentence(w) for w in warnings), class_="warnings"))
+        content.append(bullets((parts.sentence(w) for w in warnings), class_="warnings"))
     caveats = caveats_of(fit)
     caveats += [f"not shown by these data: {words}" for words in fit.assumed.main_foundations]
     if caveats:
-        content.append(bullets((sentence(c) for c in caveats), class_="note"))
-    return section("Verdict", *content)
+        content.append(bullets((parts.sentence(c) for c in caveats), class_="note"))
+    return parts.section("Verdict", *content)
 
 
 def data_errors(material: ReportInput) -> tuple[str, ...]:
@@ -91,8 +82,8 @@ def _headline(material: ReportInput) -> Iterator[str]:
         )
     elif fit.problem.loss == "linear":
         redchi = f"redchi {plain(fit.redchi, 3)}, by noise alone at most {plain(fit.largest_redchi, 3)}"
-        yield f"{sentence(_agreement(fit)).removesuffix('.')} ({redchi}{_by_response(fit)})."
-        yield from ([] if fit.noise is None else (sentence(words) for words in fit.noise.notable))
+        yield f"{parts.sentence(_agreement(fit)).removesuffix('.')} ({redchi}{_by_response(fit)})."
+        yield from ([] if fit.noise is None else (parts.sentence(words) for words in fit.noise.notable))
     else:
         yield f"Outliers were given less weight ({fit.problem.loss} loss)."
     unresolved = len(fit.identifiability.unresolved)
@@ -125,15 +116,15 @@ def _by_response(fit: FitResult) -> str:
 
 def _stability_words(material: ReportInput) -> Iterator[str]:
     fit = material.fit
-    onsets = [(fit.threshold_of(group), label, group) for label, group in groups_of(fit)]
+    onsets = [(fit.threshold_of(group), label, group) for label, group in parts.groups_of(fit)]
     found = [(onset, label) for onset, label, _ in onsets if not math.isnan(onset.value)]
     if any(_unstable(fit, group) for _, _, group in onsets):
         yield "The fitted rotor is unstable at a speed that was tested."
-    elif tested_speeds(fit).size:
+    elif parts.tested_speeds(fit).size:
         yield "The rotor is stable at every tested speed."
     if not found and any(math.isinf(onset.stderr) for onset, _, _ in onsets):
         yield "These data do not determine whether or at which speed it becomes unstable."
-        yield from (sentence(note) for note in {fit.onset_note(group) for _, _, group in onsets} if note)
+        yield from (parts.sentence(note) for note in {fit.onset_note(group) for _, _, group in onsets} if note)
         return
     if not found:
         yield "No threshold of instability was found at any speed searched."
@@ -157,16 +148,16 @@ def _stability_words(material: ReportInput) -> Iterator[str]:
         for what, speed in _reference_speeds(material)
     )
     shares = f" ({_shares(lowest.stderr * RPM_PER_RAD_S, more * RPM_PER_RAD_S)})" if more else ""
-    highest = float(tested_speeds(fit).max(initial=0.0))
+    highest = float(parts.tested_speeds(fit).max(initial=0.0))
     beyond = ", extrapolated" if 0 < highest < lowest.value else ""
     yield f"It becomes unstable at {value} ± {error} rpm{shares}{where}{', ' + margins if margins else ''}{beyond}."
     if note:
-        yield sentence(note)
+        yield parts.sentence(note)
 
 
 def _unstable(fit: FitResult, group: int) -> bool:
     """True if the fitted rotor is unstable at a speed that was tested."""
-    theta, speeds = fit.thetas[group], tested_speeds(fit)
+    theta, speeds = fit.thetas[group], parts.tested_speeds(fit)
     if not speeds.size:
         return False
     rates = growth_rate(fit.model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds, fit.stability_band)
@@ -175,7 +166,7 @@ def _unstable(fit: FitResult, group: int) -> bool:
 
 def _reference_speeds(material: ReportInput) -> Iterator[tuple[str, float]]:
     """Speeds, rad/s, that a margin of stability refers to."""
-    highest = float(tested_speeds(material.fit).max(initial=0.0))
+    highest = float(parts.tested_speeds(material.fit).max(initial=0.0))
     if highest > 0:
         yield f"highest tested speed ({highest * RPM_PER_RAD_S:.0f} rpm)", highest
     if material.operating_speed is not None:
@@ -216,7 +207,7 @@ def _stability_cards(material: ReportInput) -> Iterator[Html]:
         yield _card("Threshold of instability", "none", "this model does not depend on the rotative speed")
         return
     systematic = fit.systematic(THRESHOLD)
-    for label, group in groups_of(fit):
+    for label, group in parts.groups_of(fit):
         name = "Threshold of instability" + (f", {label}" if label else "")
         onset = fit.threshold_of(group)
         if math.isinf(onset.stderr) or fit.moved_by(THRESHOLD):
@@ -225,12 +216,12 @@ def _stability_cards(material: ReportInput) -> Iterator[Html]:
         elif math.isnan(onset.value):
             yield _card(name, "none found", "the fitted rotor is stable at every speed searched")
         else:
-            low, high = (RPM_PER_RAD_S * end for end in onset_interval(fit, onset))
+            low, high = (RPM_PER_RAD_S * end for end in parts.onset_interval(fit, onset))
             lines = [f"95 % Laplace {interval(low, high)} rpm"]
-            posterior = threshold_interval(material.posterior, at_of(fit, group))
+            posterior = parts.threshold_interval(material.posterior, parts.at_of(fit, group))
             lines += [f"95 % posterior {posterior} rpm"] if posterior else []
             for what, speed in _reference_speeds(material):
-                half_width = 100 * (onset_interval(fit, onset)[1] - onset.value) / speed
+                half_width = 100 * (parts.onset_interval(fit, onset)[1] - onset.value) / speed
                 value, half = with_error(abs(100 * (onset.value / speed - 1)), half_width)
                 lines.append(f"{value} ± {half} % (95 %) {_side(onset, speed)} the {what}")
             if onset.value == 0:
@@ -266,8 +257,8 @@ def _fluid_cards(fit: FitResult) -> Iterator[Html]:
     for p in (wanted or fitted)[:cards]:
         name = f"{p.name}, {p.meaning}"
         if not p.resolved or p.moved_by:
-            yield _card(name, "not determined", unit_shown(p.moved_by) or "see identifiability", bad=True)
+            yield _card(name, "not determined", parts.unit_shown(p.moved_by) or "see identifiability", bad=True)
         else:
             more = p.systematic
             shown = [_shares(p.stderr, more)] if more else []
-            yield _card(name, _plus_minus(p.value, math.hypot(p.stderr, more)), *shown, unit=unit_shown(p.unit))
+            yield _card(name, _plus_minus(p.value, math.hypot(p.stderr, more)), *shown, unit=parts.unit_shown(p.unit))
