@@ -10,17 +10,7 @@ from matplotlib.figure import Figure
 from rotorfit.fitting.result import FitResult
 from rotorfit.models.array_types import Index
 from rotorfit.models.coefficient_tables import law_curves, law_of
-from rotorfit.plots import style
-from rotorfit.plots.journal import (
-    JournalLines,
-    drive_stiffness,
-    eccentricities,
-    group_label,
-    half_width,
-    journal_lines,
-    law_series,
-    reach,
-)
+from rotorfit.plots import journal, style
 from rotorfit.plots.sweeps import levels
 
 
@@ -31,9 +21,9 @@ def plot_law(fit: FitResult) -> Figure:
     Dotted beyond the data, where the law alone speaks. A law that changes with speed has a curve for each tested one.
     """
     law_of(fit.model)
-    limit, measured = reach(fit), eccentricities(fit)
+    limit, measured = journal.reach(fit), journal.eccentricities(fit)
     eps = np.linspace(0.0, limit + 0.15 * min(limit, 1 - limit), 200)
-    series = law_series(fit)
+    series = journal.law_series(fit)
     sets = [law_curves(fit.model, fit.thetas[group], eps, speed) for group, speed in series]
     figure, axes = style.grid(len(sets[0]), 1, f"Fluid against eccentricity, {fit.model.name}", size=(5.6, 2.2))
     seen = eps <= limit
@@ -43,7 +33,7 @@ def plot_law(fit: FitResult) -> Figure:
         factor, unit = style.prefix(every, curves[0].unit)
         for number, ((group, _), curve) in enumerate(zip(series, curves, strict=True)):
             colour, value = style.colour_of(number, len(series)), factor * curve.value
-            band = factor * half_width(fit, group, curve.slope)
+            band = factor * journal.half_width(fit, group, curve.slope)
             axis.plot(eps[seen], value[seen], color=colour, lw=1.4)
             axis.plot(eps[~seen], value[~seen], ":", color=colour, lw=1.4)
             axis.fill_between(eps, value - band, value + band, color=colour, alpha=style.BAND, lw=0)
@@ -53,7 +43,7 @@ def plot_law(fit: FitResult) -> Figure:
         axis.plot(measured, np.zeros(measured.size), "|", **ticks)
     axes[-1, 0].set_xlabel("eccentricity of the journal over clearance")
     speeds = ["" if speed is None else style.rate_words(speed) for _, speed in series]
-    groups = [style.literal(group_label(fit, group)) for group, _ in series]
+    groups = [style.literal(journal.group_label(fit, group)) for group, _ in series]
     names = [", ".join(filter(None, both)) for both in zip(groups, speeds, strict=True)]
     entries = style.in_colours(names) if len(names) > 1 else {}
     entries |= {"fit and 95 % band": {"lw": 1.4}, "beyond the data": {"lw": 1.4, "ls": ":"}}
@@ -69,7 +59,7 @@ def plot_nonlinear_stiffness(fit: FitResult) -> Figure:
     one colour a force level; right against eccentricity. Above the direct, below the quadrature part.
     """
     law_of(fit.model)
-    blocks = list(journal_lines(fit, static=False))
+    blocks = list(journal.journal_lines(fit, static=False))
     if not blocks:
         raise ValueError("this fit has no circular orbits of the journal to plot")
     sweeps = [part for lines in blocks for part in _sweeps(lines)]
@@ -93,7 +83,7 @@ def plot_nonlinear_stiffness(fit: FitResult) -> Figure:
     return figure
 
 
-def _sweeps(lines: JournalLines) -> list[tuple[str, JournalLines, Index]]:
+def _sweeps(lines: journal.JournalLines) -> list[tuple[str, journal.JournalLines, Index]]:
     """Rows of each speed and force level, by frequency, with a name for the legend."""
     level = np.array(levels(np.abs(lines.force), lines.frequency))
     found = []
@@ -104,13 +94,15 @@ def _sweeps(lines: JournalLines) -> list[tuple[str, JournalLines, Index]]:
     return found
 
 
-def _draw_sweep(fit: FitResult, axes: Any, lines: JournalLines, rows: Index, colour: str, factor: float) -> None:
+def _draw_sweep(
+    fit: FitResult, axes: Any, lines: journal.JournalLines, rows: Index, colour: str, factor: float
+) -> None:
     theta = fit.thetas
     w, change = lines.frequency[rows], lines.stiffness[rows] - lines.linear[rows]
     eps, sigma = lines.eccentricity[rows], factor * lines.stiffness_sigma[rows]
     fitted_eps = lines.fitted_eccentricity[rows]
     drive = [
-        drive_stiffness(fit.model, theta[g], 1j * f, speed, np.array([e]))[0][0]
+        journal.drive_stiffness(fit.model, theta[g], 1j * f, speed, np.array([e]))[0][0]
         for g, f, speed, e in zip(lines.group[rows], w, lines.speed[rows], fitted_eps, strict=True)
     ]
     fitted = np.array(drive) - lines.linear[rows]

@@ -47,32 +47,16 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
     label = group_label(fit, group)
     title = f"Stability, {fit.model.name}" + (f", {style.literal(label)}" if label else "")
     figure, axes = style.grid(2, 2, title, size=(5.4, 2.6))
-    growth, frequency, damping, decrement = axes.flat
-    size = np.where(np.abs(s) > 0, np.abs(s), np.nan)
-    zeta = -s.real / size
-    overdamped = 0.99  # damping ratio from which a mode no longer oscillates and has no decrement
-    swings = np.abs(zeta) < overdamped
-    delta = np.where(swings, 2 * np.pi * zeta / np.sqrt(np.where(swings, 1 - zeta**2, 1.0)), np.nan)
-    panels = {
-        f"damped frequency, {style.rate_unit()}": (frequency, s.imag * style.per_rad_s()),
-        "growth rate, 1/s": (growth, s.real),
-        "damping ratio": (damping, zeta),
-        "logarithmic decrement": (decrement, delta),
-    }
-    for name, (axis, values) in panels.items():
-        for mode in range(s.shape[1]):
-            axis.plot(x, values[:, mode], color=_MODES[mode % len(_MODES)], lw=1.4)
-        axis.set(xlabel=f"rotative speed, {style.rate_unit()}", ylabel=name, xlim=(0, x[-1]))
+    _draw_modes(axes, x, s)
+    for axis in axes.flat:
+        axis.set(xlabel=f"rotative speed, {style.rate_unit()}", xlim=(0, x[-1]))
         mark_speeds(axis, tested.tolist())
         if onset is not None:
             axis.axvline(onset.value * style.per_rad_s(), color=_THRESHOLD, lw=1.4)
             if np.isfinite(onset.stderr):
                 low, high = (end * style.per_rad_s() for end in onset.interval(0.95))
                 axis.axvspan(low, high, color=_THRESHOLD, alpha=0.3, lw=0)
-    _unstable_half(growth, s.real, above=True)
-    _unstable_half(damping, zeta, above=False)
-    largest = 3.0  # largest decrement worth a place on its axis: what matters is near zero
-    _unstable_half(decrement, np.minimum(delta, largest), above=False)
+    frequency = axes[0, 1]
     frequency.plot(x, x, "--", color="0.6", lw=0.9)
     span = np.nanmax(np.abs(s.imag), initial=0.0)
     frequency.set_ylim(-1.1 * span * style.per_rad_s(), 1.1 * span * style.per_rad_s())
@@ -90,6 +74,28 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
         entries["resonances of the responses"] = {"color": "black", "marker": "o", "mfc": "none", "ls": ""}
     style.legend_below(figure, entries)
     return figure
+
+
+def _draw_modes(axes: Any, x: Float, s: ComplexArray) -> None:
+    """Growth rate and frequency of each mode above, its damping ratio and decrement below."""
+    zeta = -s.real / np.where(np.abs(s) > 0, np.abs(s), np.nan)
+    overdamped = 0.99  # damping ratio from which a mode no longer oscillates and has no decrement
+    swings = np.abs(zeta) < overdamped
+    delta = np.where(swings, 2 * np.pi * zeta / np.sqrt(np.where(swings, 1 - zeta**2, 1.0)), np.nan)
+    panels = {
+        "growth rate, 1/s": s.real,
+        f"damped frequency, {style.rate_unit()}": s.imag * style.per_rad_s(),
+        "damping ratio": zeta,
+        "logarithmic decrement": delta,
+    }
+    for axis, (name, values) in zip(axes.flat, panels.items(), strict=True):
+        axis.set_ylabel(name)
+        for mode in range(s.shape[1]):
+            axis.plot(x, values[:, mode], color=_MODES[mode % len(_MODES)], lw=1.4)
+    largest = 3.0  # largest decrement worth a place on its axis: what matters is near zero
+    _unstable_half(axes[0, 0], s.real, above=True)
+    _unstable_half(axes[1, 0], zeta, above=False)
+    _unstable_half(axes[1, 1], np.minimum(delta, largest), above=False)
 
 
 def _threshold_words(onset: Quantity) -> str:
