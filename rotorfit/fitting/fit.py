@@ -158,7 +158,7 @@ def judged(
         begin = np.array([before.get(name, 0.0) for name in (*problem.space.names, *problem.space.nuisance)])
         again = solve(problem, begin, Options(max_iterations=settings.max_iterations, method=settings.method))
         solution = replace(again, n_evaluations=solution.n_evaluations + again.n_evaluations)
-    return judge(problem, experiments, settings, solution.x, start, "least squares", solution, notes, noise=study)
+    return judge(problem, experiments, settings, start, solution, notes, study)
 
 
 def closed_form(
@@ -205,8 +205,7 @@ def closed_form(
         for block in problem.blocks
     )
     estimate = solve_closed_form(problem.space, blocks, weighted=weighted)
-    start = Start(x=estimate.x, kind=CLOSED_FORM)
-    return judge(problem, several, settings, estimate.x, start, "closed form", None, estimate.notes, estimate)
+    return judge(problem, several, settings, Start(x=estimate.x, kind=CLOSED_FORM), estimate, estimate.notes)
 
 
 def solve_again(fit: FitResult, problem: Problem) -> FitResult:
@@ -216,7 +215,7 @@ def solve_again(fit: FitResult, problem: Problem) -> FitResult:
     begin[: min(fit.x.size, begin.size)] = fit.x[: begin.size]
     solution = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options(method=settings.method))
     start = Start(x=begin, kind=EARLIER_FIT)
-    found = judge(problem, fit.experiments, settings, solution.x, start, "least squares", solution, (), noise=fit.noise)
+    found = judge(problem, fit.experiments, settings, start, solution, noise=fit.noise)
     return found if fit.model_uncertainty is None else with_model_uncertainty(found, fit.model_uncertainty)
 
 

@@ -44,30 +44,30 @@ def judge(
     problem: Problem,
     experiments: tuple[Experiment, ...],
     settings: FitSettings,
-    x: Float,
     start: Start,
-    method: str,
-    solution: Solution | None,
-    notes: tuple[str, ...],
-    estimate: ClosedForm | None = None,
+    solved: Solution | ClosedForm,
+    notes: tuple[str, ...] = (),
     noise: ResidualStudy | None = None,
 ) -> FitResult:
     """The result of a solved problem, or of a closed form."""
-    x = np.concatenate([x, np.zeros(problem.space.size - x.size)])
+    x = np.concatenate([solved.x, np.zeros(problem.space.size - solved.x.size)])
     residuals, jacobian = problem.jacobian(x)
     goodness = _goodness(problem, settings, x, residuals)
     redchi, nfree = goodness["redchi"], goodness["nfree"]
+    estimate = solved if isinstance(solved, ClosedForm) else None
     scattered, covar, degrees, verdict, noise = _standard_errors(
         problem, settings, x, residuals, jacobian, redchi, nfree, estimate, noise
     )
     params = _parameters(problem.space, x, start.x, scattered, covar, degrees, verdict.unresolved)
-    # A minimum along a whole line is one: the identifiability verdict names the line.
-    success = solution is None or solution.success or solution.status is Status.SINGULAR
+    warnings = [*notes, *fit_warnings(problem, x, redchi, params, verdict, bool(settings.noise_scale), noise)]
+    success, method, message, evaluations = True, "closed form", "closed form, no iteration", 0
+    if isinstance(solved, Solution):
+        # A minimum along a whole line is one: the identifiability verdict names the line.
+        success = solved.success or solved.status is Status.SINGULAR
+        method, message, evaluations = "least squares", solved.message, solved.n_evaluations
     if not success:  # where a search stalled the curvature tells nothing of the error
         params = {n: replace(p, stderr=np.nan, stderr_noise=np.nan) if p.vary else p for n, p in params.items()}
-    warnings = [*notes, *fit_warnings(problem, x, redchi, params, verdict, bool(settings.noise_scale), noise)]
-    if solution is not None and not success:
-        warnings.insert(0, f"the optimisation did not converge, so no standard errors are given: {solution.message}")
+        warnings.insert(0, f"the optimisation did not converge, so no standard errors are given: {message}")
     return FitResult(
         model=problem.space.model,
         experiments=experiments,
@@ -80,10 +80,10 @@ def judge(
         ndata=problem.n_data,
         **goodness,
         success=success,
-        message=solution.message if solution is not None else "closed form, no iteration",
+        message=message,
         start=start.kind,
         perhaps_local=start.perhaps_local,
-        nfev=solution.n_evaluations if solution is not None else 0,
+        nfev=evaluations,
         identifiability=verdict,
         warnings=tuple(warnings),
         noise=noise,

@@ -161,8 +161,10 @@ def _by_phase(block: Block) -> ComplexArray | None:
 
 def with_noise_scale(problem: Problem, scale: Mapping[str, float], power: int = 1) -> Problem:
     """The problem with the noise of responses multiplied by factors of their own."""
-    by_label = ((np.array([scale.get(name, 1.0) for name in block.labels]), block.label) for block in problem.blocks)
-    return problem.with_noise(np.concatenate([own[at] for own, at in by_label]) ** power) if scale else problem
+    if not scale:
+        return problem
+    factor = np.array([scale.get(name, 1.0) for name in problem.channel_names])
+    return problem.with_noise(factor[problem.channel] ** power)
 
 
 def with_noise_of_data(problem: Problem, settings: FitSettings, x: Float) -> tuple[Problem, Float]:

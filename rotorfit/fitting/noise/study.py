@@ -178,13 +178,8 @@ def _run_effects(
 # ---- responses and places ----------------------------------------------------------------------------------------
 
 
-def _labels(problem: Problem) -> NDArray[np.str_]:
-    """Response of each reading."""
-    return np.concatenate([np.array(block.labels)[block.label] for block in problem.blocks])
-
-
 def _response_noise(problem: Problem, shapes: Sequence[Shape]) -> tuple[ResponseNoise, ...]:
-    labels = _labels(problem)
+    labels = np.array(problem.channel_names)[problem.channel]
     units = np.concatenate([_units(block) for block in problem.responses])
     return tuple(
         ResponseNoise(
@@ -208,7 +203,7 @@ def _units(block: Responses) -> NDArray[np.str_]:
 
 def _misses(problem: Problem, data: LinearisedFit) -> tuple[Miss, ...]:
     """Where residuals, averaged over neighbouring lines, are largest."""
-    labels = _labels(problem)
+    labels = np.array(problem.channel_names)[problem.channel]
     w = np.concatenate([block.frequency[block.line] for block in problem.responses])
     found = []
     miss_lines = 5  # lines over which residuals are averaged to see where the model misses, and places that are named

@@ -239,7 +239,7 @@ def rescale_noise(fit: FitResult) -> FitResult:
     if fit.settings.loss != "linear" or fit.model_limited or (fit.noise is None and fit.redchi > NOISE_LIKE_REDCHI):
         return fit
     plain = with_noise_scale(fit.problem, fit.settings.noise_scale, -1)
-    names, number = words(np.concatenate([np.array(block.labels)[block.label] for block in plain.blocks]))
+    names, number = words(np.array(plain.channel_names)[plain.channel])
     counts, free = 2 * np.bincount(number), 1 - fit.x.size / plain.n_data
     fewest_readings = 30  # readings of a response from which their scatter gives their noise within 10 %
     enough = counts >= 2 * fewest_readings
