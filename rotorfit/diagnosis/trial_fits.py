@@ -69,7 +69,6 @@ class Readings:
     """Readings of all blocks one after the other, shape ``(R,)`` each."""
 
     problem: Problem  # as the data were given
-    run: Text  # run of each reading
     plane: Text  # plane of its probe
     force_plane: Text  # plane of its force
     speed: Float  # rad/s
@@ -93,21 +92,15 @@ class Readings:
 
     def corrected(self, factor: ComplexArray) -> Problem:
         """The problem with readings that were given as so many times the truth."""
-        whole = self.seen(factor)
-        return self._with(self.problem.measured / whole, self.problem.sigma / np.abs(whole))
+        whole, problem = self.seen(factor), self.problem
+        columns = problem.by_block(problem.measured / whole), problem.by_block(problem.sigma / np.abs(whole))
+        parts = zip(problem.responses, *columns, strict=True)
+        return replace(problem, blocks=tuple(replace(block, measured=m, sigma=e) for block, m, e in parts))
 
     def without(self, rows: Bool) -> Problem:
         """The problem in which some readings have no weight."""
         hidden = 1e4  # factor on the noise of readings that are left out, which then have no weight
-        return self._with(self.problem.measured, np.where(rows, hidden, 1.0) * self.problem.sigma)
-
-    def _with(self, measured: ComplexArray, sigma: Float) -> Problem:
-        by_block = self.problem.by_block
-        parts = zip(self.problem.blocks, by_block(measured), by_block(sigma), strict=True)
-        blocks = tuple(
-            replace(block, measured=m, sigma=e) if isinstance(block, Responses) else block for block, m, e in parts
-        )
-        return replace(self.problem, blocks=blocks)
+        return self.problem.with_noise(np.where(rows, hidden, 1.0))
 
 
 def readings_of(problem: Problem) -> Readings | None:
@@ -131,7 +124,6 @@ def readings_of(problem: Problem) -> Readings | None:
     forced = [names[np.abs(block.force).argmax(axis=1)][block.line] for block in blocks]
     return Readings(
         problem=problem,
-        run=np.concatenate([block.run for block in blocks]),
         plane=np.concatenate([names[block.coordinate] for block in blocks]),
         force_plane=np.concatenate(forced),
         speed=np.concatenate([block.set_speed[block.line] for block in blocks]),
@@ -159,7 +151,7 @@ class _Group:
 
 def factors_of_groups(readings: Readings, missed: float, hint: Hint, known: Sequence[str]) -> Iterator[Explanation]:
     """Explanations of the data by factors and angles that some readings alone have."""
-    seen = {np.ones(readings.run.size, dtype=bool).tobytes()}
+    seen = {np.ones(readings.problem.run.size, dtype=bool).tobytes()}
     count = 0
     for level in _levels(readings, known):
         explained = False
@@ -196,10 +188,10 @@ def _of_group(readings: Readings, group: _Group, missed: float) -> Iterator[tupl
         problem = readings.corrected(seen)
         left, x = trial(problem)
         # Runs beside the one that was corrected are as expected: where all differ, none has the error.
-        others = np.unique(readings.run[~one.rows]).tolist()
-        if np.unique(readings.run[one.rows]).size == 1 and len(others) >= fewest_other_runs:
+        others = np.unique(readings.problem.run[~one.rows]).tolist()
+        if np.unique(readings.problem.run[one.rows]).size == 1 and len(others) >= fewest_other_runs:
             corrected, expected = replace(readings, problem=problem), np.concatenate(problem.predict(x))
-            apart = (abs(np.log(_factor(corrected, readings.run == run, expected, (0,))[1])) for run in others)
+            apart = (abs(np.log(_factor(corrected, readings.problem.run == run, expected, (0,))[1])) for run in others)
             if max(apart) >= abs(np.log(own)) / least_difference_ratio:
                 continue
         yield one, _explanation(one, power, own, left / missed)
@@ -210,7 +202,7 @@ def _levels(readings: Readings, known: Sequence[str]) -> Iterator[list[_Group]]:
     w = readings.frequency
     speeds = np.unique(readings.speed).tolist()
     ways = [
-        [(f"of run {run}", readings.run == run) for run in np.unique(readings.run).tolist()],
+        [(f"of run {run}", readings.problem.run == run) for run in np.unique(readings.problem.run).tolist()],
         [(f"at {v * RPM_PER_RAD_S:.6g} rpm", readings.speed == v) for v in speeds if len(speeds) <= _MOST_SPEEDS],
         [("of forward whirl", w > 0), ("of backward whirl", w < 0)],
     ]
