@@ -148,9 +148,12 @@ class Campaign(Printed):
             groups: dict[str, list[RunFit]] = {}
             for run in self.runs:
                 parameter = run.params.get(name)
-                usable = parameter is not None and parameter.resolved and np.isfinite(parameter.stderr)
-                usable = usable and not run.silent and parameter is not None and parameter.stderr > 0
-                if usable and all(np.isfinite(float(run.attributes.get(axis, np.nan))) for axis in axes):
+                usable = parameter is not None and parameter.resolved and 0 < parameter.stderr < np.inf
+                if (
+                    usable
+                    and not run.silent
+                    and all(np.isfinite(float(run.attributes.get(axis, np.nan))) for axis in axes)
+                ):
                     value = "" if by is None else run.attributes.get(by, "")
                     label = value if isinstance(value, str) else f"{value:.6g}"
                     groups.setdefault(label, []).append(run)

@@ -58,11 +58,8 @@ class TurningAnisotropy:
             size = f"dK = {self.dK} ({level} {low} to {high} N/m)"
         if not self.significant:
             return f"{size}: a round shaft is not ruled out"
-        degrees = math.degrees(self.angle.value), math.degrees(self.angle.stderr)
-        return (
-            f"{size}, stiff direction {significant(degrees[0], 4)} +- {significant(degrees[1], 2)} deg ahead "
-            "of the mark"
-        )
+        angle, error = (math.degrees(part) for part in (self.angle.value, self.angle.stderr))
+        return f"{size}, stiff direction {significant(angle, 4)} +- {significant(error, 2)} deg ahead of the mark"
 
 
 def turning_anisotropy(

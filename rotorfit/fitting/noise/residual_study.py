@@ -325,17 +325,16 @@ def odd_run(name: str, redchi_without: float) -> str:
 
 def verdict_warning(verdict: NoiseVerdict, redchi: float, correlation: float, *, large: bool) -> list[str]:
     """The verdict as a warning, where it changes standard errors; ``large``: redchi is."""
+    yet = f"redchi is {significant(redchi, 3)}, yet neighbouring residuals are not correlated:"
     if verdict is NoiseVerdict.SHAPED and large:
         return [
-            f"redchi is {significant(redchi, 3)}, yet neighbouring residuals are not correlated: readings scatter more "
-            "than was estimated from the data alone, as where a force or a speed jitters. Weights and errors follow "
-            "the scatter of the residuals"
+            f"{yet} readings scatter more than was estimated from the data alone, as where a force or a speed jitters. "
+            "Weights and errors follow the scatter of the residuals"
         ]
     if verdict is NoiseVerdict.LARGER:
         return [
-            f"redchi is {significant(redchi, 3)}, yet neighbouring residuals are not correlated: the noise is "
-            "larger than given, "
-            "and standard errors are widened accordingly. Without sigma_um or coherence the noise is estimated"
+            f"{yet} the noise is larger than given, and standard errors are widened accordingly. Without sigma_um or "
+            "coherence the noise is estimated"
         ]
     if verdict is NoiseVerdict.CORRELATED:
         return [

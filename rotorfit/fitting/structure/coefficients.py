@@ -95,8 +95,7 @@ class Coefficients:
         """Correlations of the coefficients, zero beside one that is known, shape ``(12, 12)``."""
         size = np.sqrt(np.diag(self.covariance))
         scale = np.outer(size, size)
-        good = (scale > 0) & np.isfinite(scale)
-        found = np.divide(self.covariance, scale, out=np.zeros_like(scale), where=good)
+        found = np.divide(self.covariance, scale, out=np.zeros_like(scale), where=(scale > 0) & np.isfinite(scale))
         np.fill_diagonal(found, 1.0)
         return np.asarray(found)
 
@@ -189,9 +188,7 @@ def _shown(found: Quantity) -> str:
         return "none"
     if found.stderr == 0:
         return f"{found.value:.6g} known"
-    if not math.isfinite(found.stderr):
-        return "not determined"
-    return plus_minus(found.value, found.stderr)
+    return plus_minus(found.value, found.stderr) if math.isfinite(found.stderr) else "not determined"
 
 
 def coefficients_of(

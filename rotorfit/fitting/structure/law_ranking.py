@@ -92,20 +92,16 @@ class LawComparison(Printed):
         if not self.nonlinear:
             words.append("the data do not ask for a fluid that changes with eccentricity")
         else:
-            gap = f"a linear fluid is worse by {linear - best.aic:.1f} in AIC" if np.isfinite(linear) else ""
-            words.append("the data ask for a fluid that changes with eccentricity" + f": {gap}" * bool(gap))
+            gap = f": a linear fluid is worse by {linear - best.aic:.1f} in AIC" if np.isfinite(linear) else ""
+            words.append(f"the data ask for a fluid that changes with eccentricity{gap}")
             if np.isnan(self.stiffness):
                 words.append("whether its radial stiffness changes too is not determined")
             else:
-                asks = "ask for" if self.nonlinear_stiffness else "do not ask for"
-                words.append(
-                    f"they {asks} a nonlinear stiffness: held constant it would change AIC by {self.stiffness:+.1f}"
-                )
-        if _fit_of(best).model_limited:
-            words.append(
-                f"even the best law leaves redchi {significant(_fit_of(best).redchi, 3)}: none of these "
-                "explains the data"
-            )
+                ask = "they ask for" if self.nonlinear_stiffness else "they do not ask for"
+                words.append(f"{ask} a nonlinear stiffness: held constant it would change AIC by {self.stiffness:+.1f}")
+        if self.best.model_limited:
+            left = significant(self.best.redchi, 3)
+            words.append(f"even the best law leaves redchi {left}: none of these explains the data")
         return "; ".join(words)
 
     def __str__(self) -> str:
@@ -178,9 +174,7 @@ def compare_laws(
     gap = clearance_um if clearance_um is not None else model.options()["clearance_um"]
     if gap is None:
         raise ValueError("laws of eccentricity need the radial clearance: give it (clearance_um=, --clearance-um)")
-    candidates = (
-        tuple(laws) if laws is not None else _default_laws(model.variant(law=Muszynska(), clearance_um=gap), several)
-    )
+    candidates = _default_laws(model.variant(law=Muszynska(), clearance_um=gap), several) if laws is None else (*laws,)
     if not candidates:
         raise ValueError("laws is empty: name at least one law")
     known = known or {}
