@@ -178,13 +178,12 @@ class Campaign(Printed):
         Raises:
             KeyError: no such run.
         """
-        for data in self._data:
-            if data.name == run:
-                s = self.settings
-                known = {**s.known, **{name: parameter.value for name, parameter in self.shared.items()}}
-                given: dict[str, Any] = {"known": known, "bounds": s.bounds, "priors": s.priors, "loss": s.loss}
-                return fit_model(self.model, data.experiment, **given)
-        raise KeyError(unknown_name("run of the campaign", run, [data.name for data in self._data]))
+        named, s = {data.name: data for data in self._data}, self.settings
+        if run not in named:
+            raise KeyError(unknown_name("run of the campaign", run, named))
+        known = {**s.known, **{name: parameter.value for name, parameter in self.shared.items()}}
+        test = named[run].experiment
+        return fit_model(self.model, test, known=known, bounds={**s.bounds}, priors=s.priors, loss=s.loss)
 
     # ---- presentation -------------------------------------------------------------------------------------------
 

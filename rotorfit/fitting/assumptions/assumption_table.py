@@ -109,10 +109,10 @@ class Assumptions(Printed):
         return tuple(entry for entry in self.entries if entry.missing)
 
     def __getitem__(self, name: str) -> Assumption:
-        for entry in self.entries:
-            if entry.name == name:
-                return entry
-        raise KeyError(f"no assumption {name!r}; there are {', '.join(entry.name for entry in self.entries)}")
+        named = {entry.name: entry for entry in self.entries}
+        if name not in named:
+            raise KeyError(f"no assumption {name!r}; there are {', '.join(named)}")
+        return named[name]
 
     @property
     def foundations(self) -> tuple[str, ...]:

@@ -121,13 +121,11 @@ class Modes(Printed, Sequence[Mode]):
 
     def numbers(self) -> list[list[Any]]:
         """The table in SI units, each number with its standard error, its head first."""
-        head: list[Any] = ["mode", "half_power"]
-        rows = [head]
+        names = list(self.modes[0].quantities()) if self.modes else []
+        rows: list[list[Any]] = [["mode", "half_power", *(part for name in names for part in (name, f"{name}_stderr"))]]
         for number, mode in enumerate(self.modes, 1):
-            own = mode.quantities()
-            if number == 1:
-                head += [part for name in own for part in (name, f"{name}_stderr")]
-            rows.append([number, mode.half_power, *(part for q in own.values() for part in (q.value, q.stderr))])
+            own = mode.quantities().values()
+            rows.append([number, mode.half_power, *(part for q in own for part in (q.value, q.stderr))])
         return rows
 
     def __str__(self) -> str:
