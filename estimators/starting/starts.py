@@ -14,7 +14,7 @@ from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.small_motion import FreeVibrations, OffCentreResponses
-from rotorfit.estimators.minimisation.least_squares import Options, Solution, minimise
+from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.problem import LOSS_SCALE, Problem
 from rotorfit.estimators.starting.closed_form import ClosedForm, ClosedFormError, closed_form, closed_forms
@@ -179,6 +179,11 @@ def _nonlinear_guess(problem: Problem) -> Start:
     if starts:
         ends = short_fits(explicit, np.array(starts))
         found = _short_fit(problem, full_vector(problem, ends.best[:size]))
+        if found.status not in (Status.CONVERGED, Status.SINGULAR):
+            # Data that leave a combination open: Ipopt follows a flat valley to its end, damped steps creep along it.
+            along = min((_short_fit(explicit, start) for start in starts), key=lambda fit: fit.cost)
+            other = _short_fit(problem, full_vector(problem, along.x[:size]))
+            found = min(found, other, key=lambda fit: (not fit.success, fit.cost))
         if found.cost < noise_limit(problem):
             return Start(x=found.x[:size], kind=SHORT_FIT)
     random = full_vector(problem, _explicit_multistart(explicit_with_sense(explicit)))
