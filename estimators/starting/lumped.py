@@ -26,12 +26,12 @@ _NEITHER, _LINEAR, _RECIPROCAL = 0, 1, 2
 class Lumped:
     """Lumped coefficients as functions of the fitted vector."""
 
-    def __init__(self, graph: LumpedGraph, given: tuple[float, ...], scale: Float) -> None:
+    def __init__(self, graph: LumpedGraph, given: tuple[float, ...], scale: Float, kind: Index) -> None:
         # The speeds come first, the number -1 is that of the NaN behind all.
         self.place = graph._replace(speed=np.array([*given, np.nan])[graph.speed])
         self.size, self._given = scale.size, given
         self._rows, self._columns = graph.of_coefficient, graph.by_value
-        self._kind = self._dependence(scale)
+        self._kind = kind  # how each coefficient depends on each parameter in it
         count = self.place.row.size
         self.basis, self.spread, self.offset = _independent(self, scale)
         if self.basis.size == count:  # to the last digit
@@ -54,17 +54,6 @@ class Lumped:
         jacobian = np.zeros((len(values), self.size))
         jacobian[self._rows, self._columns] = slopes
         return values, jacobian
-
-    def _dependence(self, scale: Float) -> Index:
-        """How each coefficient depends on each parameter in it: linear, linear in its reciprocal, or neither."""
-        here = scale * np.exp(np.random.default_rng(2).uniform(-1, 1, scale.size))
-        factors = np.array([0.7, 1.9, 31.0])
-        moved = here[:, None, None] * np.where(np.eye(self.size)[:, :, None], factors, 1.0)  # each by itself
-        slopes, moved_slopes = self._evaluate(here)[1][:, None], self._evaluate(moved)[1]
-        own = moved_slopes[np.arange(self._rows.size), self._columns]
-        linear = np.isclose(own, slopes, rtol=1e-9, atol=0).all(axis=1)
-        reciprocal = np.isclose(own * factors**2, slopes, rtol=1e-9, atol=0).all(axis=1)
-        return np.where(linear, _LINEAR, np.where(reciprocal, _RECIPROCAL, _NEITHER))
 
     def parameters(self, values: Float, typical: Float) -> Float:
         """Solve the coefficients for the parameters one after the other. Each comes from a coefficient in which it is
@@ -111,12 +100,31 @@ def lumped_coefficients(space: ParameterSpace, blocks: Sequence[Responses]) -> L
     layout = (space.model, form, tuple(map(tuple, space.index.tolist())), tuple(kinds), len(space.names))
     if (lumped_graph(*layout).speed < 0).all():  # none of them holds at one speed only
         speeds = [0.0] * len(speeds)
-    return _lumped(layout, (*speeds, *known), tuple(space.typical.tolist()))
+    return _lumped(layout, tuple(speeds), known, tuple(space.typical.tolist()))
 
 
 @lru_cache(maxsize=32)
-def _lumped(layout: tuple[Any, ...], given: tuple[float, ...], scale: tuple[float, ...]) -> Lumped:
-    return Lumped(lumped_graph(*layout), given, np.array(scale))
+def _lumped(
+    layout: tuple[Any, ...], speeds: tuple[float, ...], known: tuple[float, ...], scale: tuple[float, ...]
+) -> Lumped:
+    kind = _dependence(layout, len(speeds), known, scale)
+    return Lumped(lumped_graph(*layout), (*speeds, *known), np.array(scale), kind)
+
+
+@lru_cache(maxsize=32)
+def _dependence(layout: tuple[Any, ...], speeds: int, known: tuple[float, ...], scale: tuple[float, ...]) -> Index:
+    """How each coefficient depends on each parameter in it, at any speeds: linear, linear in its reciprocal, or
+    neither."""
+    graph, size = lumped_graph(*layout), len(scale)
+    given = (*(100.0 * (number + 1) for number in range(speeds)), *known)
+    here = np.array(scale) * np.exp(np.random.default_rng(2).uniform(-1, 1, size))
+    factors = np.array([0.7, 1.9, 31.0])
+    moved = here[:, None, None] * np.where(np.eye(size)[:, :, None], factors, 1.0)  # each by itself
+    slopes, moved_slopes = (graph.function([*x, *given])[graph.row.size :] for x in (here.tolist(), moved))
+    own = moved_slopes[np.arange(graph.by_value.size), graph.by_value]
+    linear = np.isclose(own, slopes[:, None], rtol=1e-9, atol=0).all(axis=1)
+    reciprocal = np.isclose(own * factors**2, slopes[:, None], rtol=1e-9, atol=0).all(axis=1)
+    return np.where(linear, _LINEAR, np.where(reciprocal, _RECIPROCAL, _NEITHER))
 
 
 def _independent(lumped: Lumped, scale: Float) -> tuple[Index, Float, Float]:
