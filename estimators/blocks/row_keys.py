@@ -50,9 +50,27 @@ def _spread(number: Index, lengths: Index | None) -> Index:
 
 def _first_places(column: NDArray[Any]) -> tuple[list[Any], Index]:
     """Distinct words or records in the order of the rows, and the number of each row's."""
+    if column.dtype.kind == "U" and column.size > 1000:
+        names, number = _few(column)
+        if names:
+            return names, number
     place: dict[Any, int] = {}
     number = np.array([place.setdefault(word, len(place)) for word in column.tolist()], dtype=np.intp)
     return list(place), number
+
+
+def _few(column: NDArray[Any]) -> tuple[list[Any], Index]:
+    """The same of many rows with up to eight words, as of planes and directions; none of more words."""
+    names: list[Any] = []
+    number, left = np.zeros(column.size, dtype=np.intp), np.ones(column.size, dtype=bool)
+    while left[at := int(left.argmax())]:
+        if len(names) == 8:
+            return [], number
+        same = column == column[at]
+        number[same] = len(names)
+        names.append(column[at].item())
+        left &= ~same
+    return names, number
 
 
 def _ranks(column: NDArray[Any]) -> Index:
