@@ -90,10 +90,8 @@ class Campaign(Printed):
             KeyError: no such parameter.
         """
         self.model.parameter(parameter)
-        pairs = [
-            (p.value, p.stderr) if (p := self._parameter(run, parameter)) and p.resolved else (np.nan, np.nan)
-            for run in self.runs
-        ]
+        found = [self._parameter(run, parameter) for run in self.runs]
+        pairs = [(p.value, p.stderr) if p is not None and p.resolved else (np.nan, np.nan) for p in found]
         value, stderr = np.array(pairs, dtype=float).reshape(-1, 2).T
         return value, stderr
 
@@ -244,7 +242,7 @@ class Campaign(Printed):
         ``against`` is the attribute, or the attributes, that trends are shown against.
         """
         axes = (against,) if isinstance(against, str) else tuple(against)
-        sentences: list[str] = []
+        sentences = []
         largest_change = 0.1  # of the range of a condition over the runs, by which it may change within one
         for axis in axes:
             means = {run.name: run.attributes.get(axis, np.nan) for run in self.runs}
