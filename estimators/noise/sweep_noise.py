@@ -46,26 +46,21 @@ def estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool, con
     same = np.zeros_like(w) if condition is None else condition
     for rows, level in _repeated(block, w, (speed, same)):
         sigma[rows] = level
-    sweeps = [rows for rows in sweeps_of(block, synchronous=synchronous) if np.isnan(sigma[rows]).any()]
-    for parts in _both_ways(block, w, speed, plane, sweeps):
+    both: dict[tuple[Any, ...], list[Index]] = {}  # sweeps that differ in the sense of whirl only
+    for rows in sweeps_of(block, synchronous=synchronous):
+        if np.isnan(sigma[rows]).any():
+            drive = np.abs(block.force[block.line[rows], plane[rows]]).sum()
+            extent = (f"{v:.6g}" for v in (np.abs(w[rows]).min(), np.abs(w[rows]).max(), drive))
+            first = rows[0]
+            test = (block.coordinate[first], plane[first], speed[first], rows.size, *extent)
+            both.setdefault(test, []).append(rows)
+    for parts in both.values():
         try:
             for rows, level in _noise_of(block, w, wrong, parts):
                 sigma[rows] = level
         except ValueError as reason:
             raise ValueError(f"{block.labels[block.label[parts[0][0]]]}: {reason}") from reason
     return sigma
-
-
-def _both_ways(block: Responses, w: Float, speed: Float, plane: Index, sweeps: Sequence[Index]) -> list[list[Index]]:
-    """Sweeps put together that differ in the sense of whirl only."""
-    both: dict[tuple[Any, ...], list[Index]] = {}
-    for rows in sweeps:
-        drive = np.abs(block.force[block.line[rows], plane[rows]])
-        extent = (np.abs(w[rows]).min(), np.abs(w[rows]).max(), drive.sum())
-        first, shown = rows[0], (f"{v:.6g}" for v in extent)
-        test = (block.coordinate[first], plane[first], speed[first], rows.size, *shown)
-        both.setdefault(test, []).append(rows)
-    return list(both.values())
 
 
 def _noise_of(

@@ -196,25 +196,20 @@ def unread_starts(problem: Problem, blocks: Sequence[Responses], fit: RationalFi
     unread = np.flatnonzero(~read[0])
     typical = full_vector(problem, problem.space.typical)
     draws = 6  # rotors drawn for each zero: mass and damping of the rest are not given
+    power = np.array([problem.space.model.parameter(name).frequency_power for name in problem.space.base])
     for drawn in (typical, *random_starts(problem, draws - 1)):
+        rest = blocks[0].model.coefficients(problem.space.theta(drawn)[0], float(blocks[0].speed[0]))
+        matrix, scale = companion(rest[:, unread][:, :, unread])
+        slowest = np.abs(np.linalg.eigvals(matrix)).max() / scale  # one over the lowest frequency of the rest
         for zero in fit.zeros:
-            start = _with_rest_at(problem, blocks[0], drawn, unread, zero)
+            # All frequencies are scaled so that the lowest one of the rest, what was read being held, is the zero.
+            start = full_vector(problem, drawn[: power.size] * (zero * slowest) ** power)
             theta = problem.space.theta(start)
             try:
                 found = closed_form(problem.space, tuple(_completed(block, theta, unread) for block in blocks))
             except ClosedFormError:
                 continue
             yield full_vector(problem, found.x)
-
-
-def _with_rest_at(problem: Problem, block: Responses, start: Float, unread: Index, frequency: float) -> Float:
-    """A rotor with all frequencies scaled so that the lowest one of its rest, what was read being held, is as given."""
-    space, theta = problem.space, problem.space.theta(start)
-    rest = block.model.coefficients(theta[0], float(block.speed[0]))[:, unread][:, :, unread]
-    matrix, scale = companion(rest)
-    slowest = np.abs(np.linalg.eigvals(matrix)).max() / scale  # one over the lowest frequency
-    power = np.array([space.model.parameter(name).frequency_power for name in space.base])
-    return full_vector(problem, start[: power.size] * (frequency * slowest) ** power)
 
 
 def _completed(block: Responses, theta: Float, unread: Index) -> Responses:
