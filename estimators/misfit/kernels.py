@@ -204,12 +204,14 @@ class Batch:
 
     def of_readings(self, measured: ComplexArray) -> Callable[[Float, Index], tuple[Float, Float]]:
         """The same of vectors of some members, which have readings ``(M, R)`` in place of the problem's."""
-        rest = measured[:, ~self._in_kernels]
-        sorted_ = None if self._kernels is None else self._kernels.sorted(measured[:, self._in_kernels])
+        chosen = self._in_kernels
+        rest = measured[:, ~chosen] if chosen.any() else measured
+        sorted_ = self._kernels.sorted(measured if chosen.all() else measured[:, chosen]) if self._kernels else None
 
         def evaluate(x: Float, members: Index) -> tuple[Float, Float]:
-            targets = None if sorted_ is None else (sorted_[0][members], sorted_[1][members])
-            return self._sums(x, rest[members], targets)
+            some = slice(None) if members.size == len(measured) else members  # of all of them without a copy
+            targets = None if sorted_ is None else (sorted_[0][some], sorted_[1][some])
+            return self._sums(x, rest[some], targets)
 
         return evaluate
 
