@@ -364,5 +364,7 @@ def picture_of(figure: Figure, file_format: str = "png", dpi: float = 200.0) -> 
     # 256 colours, which no eye tells from all: a third of the bytes, in less than half the time of the default.
     picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     picture = picture.quantize(method=Image.Quantize.FASTOCTREE)
+    # The octree's white is the mean with what is nearly white, which a printer would print.
+    picture.putpalette([255 if level == 254 else level for level in picture.getpalette() or []])
     picture.save(stream, "png", compress_level=3, dpi=(dpi, dpi))
     return stream.getvalue()
