@@ -142,6 +142,9 @@ def test_what_is_missing_or_mixed_is_refused(sweeps: list[Path], tmp_path: Path)
         rf.responses([rf.read_recording(sweeps[0]), rf.read_recording(started[0])])
     with refuses(ValueError):
         rf.responses([])
+    for paths in ("disk-fwd.h5", [Path("disk-fwd.h5")]):
+        with refuses(TypeError):
+            rf.responses(paths)  # type: ignore[arg-type]
 
 
 def test_vectors_from_the_command_line_read_back_and_fit(

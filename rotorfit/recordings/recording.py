@@ -400,9 +400,12 @@ def read_recording(path: str | Path, setup: str | Path | RigSetup | None = None)
 
 def named_apart(records: Recording | Sequence[Recording]) -> list[Recording]:
     """The recordings of a test; those whose files have one name are named by as many folders as tell them apart."""
-    listed = list(records) if isinstance(records, Sequence) else [records]
+    listed = list(records) if isinstance(records, Sequence) and not isinstance(records, str) else [records]
     if not listed:
         raise ValueError("no recordings given")
+    for record in listed:
+        if not isinstance(record, Recording):
+            raise TypeError(f"{str(record)!r:.80} is no recording; rf.read_recording reads one from its file")
     count = Counter(record.name for record in listed)
     return [
         record if count[record.name] == 1 else replace(record, label=_distinct_name(record.path, listed))
