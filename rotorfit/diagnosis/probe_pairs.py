@@ -134,11 +134,7 @@ def _relation(orbits: Orbits, at: Index) -> _Relation | None:
         return None
     backward = orbits.frequency[at] < 0
     pair = Pair(w=np.abs(orbits.frequency[at]), expected=expected, seen=y[known], noise=noise)
-    # Ratio of y to what is expected of forward orbits, its error, and whether backward ones have its conjugate.
-    sides = {side: _ratio(pair, expected, backward == side) for side in (False, True) if (backward == side).any()}
-    ratio, error = sides[False] if False in sides else (sides[True][0].conjugate(), sides[True][1])
-    behind = sides[True][0] if True in sides else ratio
-    mirrored = False in sides and abs(behind - ratio.conjugate()) < abs(behind - ratio)
+    ratio, error, mirrored = _ratio_of_sides(pair, backward)
     even = _misfit(pair, expected, 1.0)
     constant = _misfit(pair, expected, np.where(backward & mirrored, np.conj(ratio), ratio))
     size = np.abs(orbits.right[at] / orbits.force[at])
@@ -204,6 +200,16 @@ def _misfit(pair: Pair, expected: ComplexArray, ratio: complex | ComplexArray) -
     """Mean square of ``seen - ratio expected`` over its noise, 1 for noise alone."""
     variance = pair.noise[:, 1] ** 2 + np.abs(ratio) ** 2 * pair.noise[:, 0] ** 2
     return float(np.mean(np.abs(pair.seen - ratio * expected) ** 2 / (2 * variance)))
+
+
+def _ratio_of_sides(pair: Pair, backward: NDArray[np.bool_]) -> tuple[complex, float, bool]:
+    """Ratio of y to what is expected of forward orbits, its error, and whether backward ones have its conjugate."""
+    sides = {side: _ratio(pair, pair.expected, backward == side) for side in (False, True) if (backward == side).any()}
+    if False not in sides:
+        return sides[True][0].conjugate(), sides[True][1], False
+    ratio, error = sides[False]
+    behind = sides[True][0] if True in sides else ratio
+    return ratio, error, abs(behind - ratio.conjugate()) < abs(behind - ratio)
 
 
 def _ratio(pair: Pair, expected: ComplexArray, some: NDArray[np.bool_]) -> tuple[complex, float]:

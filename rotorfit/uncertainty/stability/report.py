@@ -21,12 +21,8 @@ from rotorfit.uncertainty.derived import DERIVED_DRAWS, SHAFT_DRAWS
 from rotorfit.uncertainty.predict import extrapolation
 from rotorfit.uncertainty.stability.record import Criterion, StabilityReport
 from rotorfit.uncertainty.stability.rotors import Rotors, drawn_rotors, has_planes, rotors_of, unseen_rotors
-from rotorfit.uncertainty.stability.task import Question, Task
+from rotorfit.uncertainty.stability.task import Limits, Question, Task
 from rotorfit.units import RAD_S_PER_RPM, RPM_PER_RAD_S
-
-_LIMITS = (
-    "min_decrement", "min_threshold_ratio", "min_cross_coupling_ratio", "max_amplitude_um", "max_sensitivity",
-)  # fmt: skip
 
 
 def stability_report(
@@ -49,9 +45,9 @@ def stability_report(
     thetas: Float | None = None,
 ) -> StabilityReport:
     """Judge a fitted rotor, by the fit's covariance or over parameter vectors of draws, shape ``(W, P)``."""
-    limits = min_decrement, min_threshold_ratio, min_cross_coupling_ratio, max_amplitude_um, max_sensitivity
-    for name, limit in zip(_LIMITS, limits, strict=True):
-        if limit is not None and not (isinstance(limit, Real) and 0 < limit < math.inf):
+    limits = Limits(min_decrement, min_threshold_ratio, min_cross_coupling_ratio, max_amplitude_um, max_sensitivity)
+    for name, limit in limits._asdict().items():
+        if limit is not None and not (isinstance(limit, Real) and 0 < float(limit) < math.inf):
             raise ValueError(f"{name} is {limit!r}; a limit is a positive, finite number")
     group = fit.group(at)
     running = _running(fit, min_speed_rpm, max_speed_rpm, level)
@@ -70,35 +66,14 @@ def stability_report(
         unbalance=unbalance,
         seen=seen,
         loop=sensitivity,
+        limits=limits,
     )
     one, unseen = rotors_of(fit, fit.thetas[group][None]), unseen_rotors(fit, group)
     many = drawn_rotors(fit, group, DERIVED_DRAWS if fit.model.shaft is None else SHAFT_DRAWS, thetas)
-
-    def questions(rotor: Rotors) -> list[Question]:
-        """Critical speeds and resonances of a loop are looked for where the rotor of the case has them."""
-        asked = [task.decrement_question(min_decrement, {})]
-        if fit.model.speed_dependent:
-            asked.append(task.threshold_question(min_threshold_ratio))
-        if coupling:
-            asked.append(task.coupling_question(min_cross_coupling_ratio))
-            asked.append(task.decrement_question(min_decrement, coupling, " with Qa"))
-        if unbalance:
-            asked += task.unbalance_questions(rotor, max_amplitude_um)
-        if sensitivity is not None:
-            asked.append(task.loop_question(rotor, max_sensitivity))
-        return asked
-
-    def answers(case: str, factors: Mapping[str, float]) -> list[Criterion]:
-        if not isinstance(factors, Mapping):
-            raise TypeError(f"case {case!r} is {factors!r}; a case is factors by parameter, {{'K0': 1.3, 'D': 1.5}}")
-        rotors = one.scaled(factors), many.scaled(factors), unseen.scaled(factors)
-        try:
-            return [_answer(question, case, *rotors, task) for question in questions(rotors[0])]
-        except np.linalg.LinAlgError:
-            who = f"case {case!r} leaves a rotor" if case else "the fit is a rotor"
-            raise ValueError(f"{who} without stiffness, which cannot be judged") from None
-
-    criteria = [one for case, factors in {"": {}, **(cases or {})}.items() for one in answers(case, factors)]
+    judged = {"": {}, **(cases or {})}
+    criteria = [
+        found for case, factors in judged.items() for found in _criteria(task, case, factors, one, many, unseen)
+    ]
     # Rotors from which bands of curves are read: a limit of 95 % is known to a tenth of a standard deviation
     curve_draws = 300
     few = many.part(slice(curve_draws))
@@ -178,6 +153,20 @@ def _refuse_sensitivity(fit: FitResult, plane: str | None) -> None:
         raise ValueError(f"{model.name} keeps x and y apart; a sensitivity function is that of one loop")
     if not loop_stiffness(model, fit.thetas[:1], np.array([1j]), 1.0, plane).any():
         raise ValueError(f"{model.name} has no bearing or seal at {plane} whose loop could be opened")
+
+
+def _criteria(
+    task: Task, case: str, factors: Mapping[str, float], one: Rotors, many: Rotors, unseen: Rotors
+) -> list[Criterion]:
+    """Answers about the rotor with some parameters times factors."""
+    if not isinstance(factors, Mapping):
+        raise TypeError(f"case {case!r} is {factors!r}; a case is factors by parameter, {{'K0': 1.3, 'D': 1.5}}")
+    rotors = one.scaled(factors), many.scaled(factors), unseen.scaled(factors)
+    try:
+        return [_answer(question, case, *rotors, task) for question in task.questions(rotors[0])]
+    except np.linalg.LinAlgError:
+        who = f"case {case!r} leaves a rotor" if case else "the fit is a rotor"
+        raise ValueError(f"{who} without stiffness, which cannot be judged") from None
 
 
 def _answer(question: Question, case: str, one: Rotors, many: Rotors, unseen: Rotors, task: Task) -> Criterion:

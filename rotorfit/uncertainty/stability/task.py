@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,9 +34,19 @@ class Question:
     left_open: bool = False  # what the data do not show moves it by more than itself
 
 
+class Limits(NamedTuple):
+    """Limits of the answers, by the names under which a user gives them."""
+
+    min_decrement: float
+    min_threshold_ratio: float
+    min_cross_coupling_ratio: float
+    max_amplitude_um: float | None
+    max_sensitivity: float
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Task:
-    """A fitted rotor, what it must stand, and the probability of bands; limits are asked for in the report."""
+    """A fitted rotor, what it must stand, and the probability of bands."""
 
     fit: FitResult
     group: int  # of its parameters
@@ -45,6 +56,22 @@ class Task:
     unbalance: Mapping[str, float]  # by plane, kg m
     seen: str  # plane whose motion is judged
     loop: str | None  # plane of the bearing whose sensitivity function is judged
+    limits: Limits
+
+    def questions(self, rotor: Rotors) -> list[Question]:
+        """All that is asked; critical speeds and resonances of a loop are looked for where this rotor has them."""
+        limits = self.limits
+        asked = [self.decrement_question(limits.min_decrement, {})]
+        if self.fit.model.speed_dependent:
+            asked.append(self.threshold_question(limits.min_threshold_ratio))
+        if self.coupling:
+            asked.append(self.coupling_question(limits.min_cross_coupling_ratio))
+            asked.append(self.decrement_question(limits.min_decrement, self.coupling, " with Qa"))
+        if self.unbalance:
+            asked += self.unbalance_questions(rotor, limits.max_amplitude_um)
+        if self.loop is not None:
+            asked.append(self.loop_question(rotor, limits.max_sensitivity))
+        return asked
 
     def quantiles(self, drawn: Float) -> Float:
         """Equal shares outside on both sides, along the first axis; infinities are in order."""
