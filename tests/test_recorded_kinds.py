@@ -55,10 +55,13 @@ def test_from_the_virtual_rig_to_volts_and_back(kind: str, tmp_path: Path, capsy
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--kind", "dwell"], "needs frequency_rpm"),
-        (["--kind", "static-load"], "needs load"),
+        (["--kind", "dwell"], "needs --frequency-rpm"),
+        (["--kind", "static-load"], "needs --load"),
         (["--kind", "release", "--load", "1,2"], "--load takes 1 number, got 2"),
-        (["--kind", "hammer", "--unbalance", "1e-5"], "does not know unbalance; its options are speed_rpm, impulse"),
+        (
+            ["--kind", "hammer", "--unbalance", "1e-5"],
+            "--unbalance: a test of kind hammer takes --speed-rpm, --impulse",
+        ),
         (["--kind", "dwell", "--frequency-rpm", "300", "--backward"], "--backward is for files of vectors"),
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from rotorfit.options.table import LAW, MODEL
 from rotorfit.simulation.instruments import Instruments
 from rotorfit.simulation.integration import IntegrationError
 from rotorfit.simulation.recordings import RECORDED, simulate_recordings
-from rotorfit.simulation.simulate import SIMULATED
+from rotorfit.simulation.simulate import SIMULATED, options_of
 from rotorfit.simulation.simulate import simulate as simulated
 from rotorfit.studies.folder import complete_folder
 from rotorfit.studies.study import Study, build_model
@@ -35,7 +36,7 @@ _LISTS = {
     "--load": "constant loads, N",
     "--sweep-rpm": "first and last frequency of a sweep that is recorded",
 }
-"""Lists of numbers, named as the options of the kinds are in Python."""
+"""Lists of numbers."""
 _NUMBERS = {
     "--impulse": ("N_S", "momentum of the blow, N s"),
     "--impulse-deg": ("DEG", "its direction from x towards y [0]"),
@@ -47,6 +48,8 @@ _WORDS = {
     "--load-plane": "plane of the constant load of a perturbation test [the journal]",
     "--order": "rest, up or down: how a sweep goes through its frequencies [rest]",
 }
+_NAMES = {word: word[2:].replace("-", "_") for word in (*_LISTS, *_NUMBERS, *_WORDS)} | {"--force-planes": "planes"}
+"""Names of the kinds' options in Python."""
 _ONE_VALUE = {("perturbation", "load"), ("synchronous", "unbalance")}
 
 
@@ -81,9 +84,10 @@ def simulate(options: argparse.Namespace) -> Answer:
     if options.kind not in SIMULATED:
         raise ValueError(unknown_name("kind of experiment", options.kind, SIMULATED))
     model, params, settings = _model(options), pairs("--set", options.set, number_word), _settings(options)
+    _check(options.kind, settings, SIMULATED)
     try:
         test = simulated(model, params, options.kind, noise=options.noise, seed=options.seed, **settings)
-    except (TypeError, IntegrationError) as problem:  # an option that the kind does not have, or needs
+    except IntegrationError as problem:
         raise ValueError(str(problem)) from problem
     write(test, options.out)
     if options.quiet:
@@ -116,6 +120,7 @@ def _recorded(options: argparse.Namespace) -> list[str]:
         raise ValueError("--backward is for files of vectors; recordings are made forward and backward")
     settings = _settings(options)
     instruments = Instruments(sample_rate=settings.pop("sampling_hz", Instruments().sample_rate))
+    _check(kind, settings, RECORDED)
     for name, value in settings.items():
         count, numbers = _COUNTS.get((kind, name)), np.atleast_1d(value)
         if count is not None and numbers.size != count:
@@ -125,11 +130,19 @@ def _recorded(options: argparse.Namespace) -> list[str]:
             settings[name] = float(numbers[0]) if count == 1 else tuple(numbers.tolist())
     params = pairs("--set", options.set, number_word)
     own = {"instruments": instruments, "seed": options.seed, **settings}
-    try:
-        with complete_folder(options.recordings) as folder:
-            return [file.name for file in simulate_recordings(_model(options), params, folder, kind, **own)]
-    except TypeError as problem:  # an option that the kind does not have, or needs
-        raise ValueError(str(problem)) from problem
+    with complete_folder(options.recordings) as folder:
+        return [file.name for file in simulate_recordings(_model(options), params, folder, kind, **own)]
+
+
+def _check(kind: str, settings: Mapping[str, Any], kinds: Mapping[str, Callable[..., Any]]) -> None:
+    """Refuse options that the kind of test does not have, or lacks."""
+    needed = options_of(kind, kinds)
+    taken = ", ".join(word for word, name in _NAMES.items() if name in needed)
+    for word, name in _NAMES.items():
+        if name in settings and name not in needed:
+            raise ValueError(f"{word}: a test of kind {kind} takes {taken}")
+        if needed.get(name) and name not in settings:
+            raise ValueError(f"a test of kind {kind} needs {word}; it takes {taken}")
 
 
 def _model(options: argparse.Namespace) -> RotorModel:
@@ -141,11 +154,8 @@ def _model(options: argparse.Namespace) -> RotorModel:
 
 def _settings(options: argparse.Namespace) -> dict[str, Any]:
     """The options given, by the names that the kinds have for it in Python."""
-
-    names = [name[2:].replace("-", "_") for name in (*_LISTS, *_NUMBERS, *_WORDS)]
-    given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
-    if options.force_planes is not None:
-        given["planes"] = options.force_planes
+    named = {name: getattr(options, word[2:].replace("-", "_")) for word, name in _NAMES.items()}
+    given = {name: value for name, value in named.items() if value is not None}
     if options.backward:
         if "frequency_rpm" not in given:
             raise ValueError("--backward turns frequencies around: give --frequency-rpm")

@@ -61,11 +61,17 @@ class RecordingOptions(TypedDict, total=False):
     load_deg: float  # its direction from x towards y
 
 
+def options_of(kind: str, kinds: Mapping[str, Callable[..., Any]]) -> dict[str, bool]:
+    """Options of a kind of experiment, and whether it needs them."""
+    parameters = inspect.signature(kinds[kind]).parameters
+    return {name: p.default is p.empty for name, p in parameters.items() if name != "rig"}
+
+
 def check_options(kind: str, options: Mapping[str, Any], kinds: Mapping[str, Callable[..., Any]]) -> None:
     """Refuse options that a kind of experiment does not have, or lacks."""
-    allowed = {name: p for name, p in inspect.signature(kinds[kind]).parameters.items() if name != "rig"}
+    allowed = options_of(kind, kinds)
     unknown = [name for name in options if name not in allowed]
-    missing = [name for name, p in allowed.items() if p.default is p.empty and name not in options]
+    missing = [name for name, needed in allowed.items() if needed and name not in options]
     wrong = [f"does not know {', '.join(unknown)}"] if unknown else []
     wrong += [f"needs {', '.join(missing)}"] if missing else []
     if wrong:
