@@ -108,7 +108,7 @@ def test_every_other_kind_is_written_and_described(run: Run, tmp_path: Path, kin
     ([*RIG, *SWEEP, "--set", "M=2"], "names M twice"),
     ([*RIG[:8], *SWEEP], "needs a value for n_K"),
     ([*RIG, *SWEEP, "--kind", "statical"], "static-load"),
-    ([*RIG, *SWEEP, "--kind", "static-load"], "does not know frequency_rpm, force and needs load"),
+    ([*RIG, *SWEEP, "--kind", "static-load"], "--frequency-rpm: a test of kind static-load takes"),
     ([*RIG, *SWEEP, "--load", "1,2"], "takes one value, got 2"),
     ([*RIG, *SWEEP, "--noise", "-1"], "noise must be zero or positive"),
     ([*RIG, *SWEEP, "--force", "0"], "finite and not zero"),
