@@ -148,6 +148,11 @@ class Responses(Observed):
         return self.coordinate * self.speed.size + self.line
 
     @cached_property
+    def turned_powers(self) -> ComplexArray:
+        """:attr:`s_powers` times j."""
+        return 1j * self.s_powers
+
+    @cached_property
     def condition_readings(self) -> list[Index]:
         """Readings of each distinct (group, speed) pair."""
         return rows_by(self.condition[0][self.line])

@@ -164,10 +164,10 @@ def _sensitivities(block: Responses, theta: Float, left: ComplexArray, right: Co
     for number, (row, column, power, turned) in enumerate(plan.factors):
         one = products[..., number, :]
         np.multiply(left[row], right[column], out=one)
-        if power:
-            one *= block.s_powers[power]
         if turned:
-            one *= 1j
+            one *= block.turned_powers[power]
+        elif power:
+            one *= block.s_powers[power]
     return Sensitivities(products, numbers)
 
 
