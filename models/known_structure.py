@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.coefficients import CoefficientJacobian
 from rotorfit.models.complexes import Complex, Number
 from rotorfit.models.fluid import FluidForce, fluid_at, fluid_parameters
 from rotorfit.models.laws import Constant, Law, clearance_of
-from rotorfit.models.model import CoefficientJacobian, Coordinate, Matrix, RotorModel
+from rotorfit.models.model import Coordinate, Matrix, RotorModel
 from rotorfit.models.parameters import Parameter
 from rotorfit.models.shafts.shaft import KnownStiffness, Shaft, StructureMatrices, complex_matrices
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import ComplexArray
+from rotorfit.models.coefficients import CoefficientJacobian
 from rotorfit.models.complexes import Complex, J, Number
-from rotorfit.models.model import CoefficientJacobian, Coordinate, Matrix, RotorModel
+from rotorfit.models.model import Coordinate, Matrix, RotorModel
 from rotorfit.models.parameters import Parameter, unknown_name
 
 Gains: TypeAlias = Literal["probe", "plane"]

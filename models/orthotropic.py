@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.coefficients import CoefficientJacobian
 from rotorfit.models.complexes import Complex, Number
-from rotorfit.models.model import CoefficientJacobian, Matrix, RotorModel
+from rotorfit.models.model import Matrix, RotorModel
 from rotorfit.models.parameters import Parameter, unknown_name
 from rotorfit.models.shafts.shaft import KnownStiffness, ShaftApart
 

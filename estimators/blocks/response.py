@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.models.coefficients import CompiledModel
 from rotorfit.models.modal import Modal
-from rotorfit.models.model import CompiledModel, RotorModel
+from rotorfit.models.model import RotorModel
 from rotorfit.models.motion.journal import known_structure
 from rotorfit.models.shafts.shaft import KnownStiffness
 

@@ -36,7 +36,7 @@ def arguments(theta: ArrayLike, *others: ArrayLike) -> list[Any]:
 
 class LineStiffness:
     """Dynamic stiffness of a model without its known structure, and its derivatives, each written out as one graph in
-    the frequency. :class:`~rotorfit.models.model.CompiledModel` gives coefficients of powers of s, once for each
+    the frequency. :class:`~rotorfit.models.coefficients.CompiledModel` gives coefficients of powers of s, once for each
     condition of the rotor. Where the fluid changes from line to line by its eccentricity nothing is shared, and the sum
     over the powers belongs into the graph: common terms are computed once, and everything broadcasts, so that many
     parameter vectors meet many lines."""

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import ComplexArray, Index
-from rotorfit.models.model import CoefficientJacobian, RotorModel
+from rotorfit.models.coefficients import CoefficientJacobian
+from rotorfit.models.model import RotorModel
 from rotorfit.models.motion.journal import journal, known_structure, line_stiffness
 from rotorfit.models.motion.orbits import OrbitEquation, all_roots
 from rotorfit.models.motion.stability import SPEEDS, Threshold, first_growth, mode_vectors, seats, spectrum

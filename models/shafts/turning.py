@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.models.coefficients import CoefficientJacobian
 from rotorfit.models.complexes import Complex, J, Number
-from rotorfit.models.model import CoefficientJacobian, Coordinate, Matrix, RotorModel
+from rotorfit.models.model import Coordinate, Matrix, RotorModel
 from rotorfit.models.orthotropic import shaft_apart
 from rotorfit.models.parameters import Parameter, unknown_name
 from rotorfit.models.shafts.angular_rates import angular_rate
