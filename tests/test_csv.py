@@ -1,5 +1,6 @@
 import re
 import time
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from sentences import refuses
 import rotorfit
 from rotorfit.data.experiments import DisplacementTest, PerturbationTest, perturbation_test
 from rotorfit.io.files import read
+from rotorfit.io.tables.cells import encoding_of
 from rotorfit.io.tables.result_tables import frame_csv, records_csv, rows_csv
 from rotorfit.io.tables.tidy_csv import read_csv, write_csv
 
@@ -226,6 +228,27 @@ def test_random_tables_are_read_or_refused_in_words(tmp_path_factory, header, ro
     path = tmp_path_factory.mktemp("csv") / "t.csv"
     path.write_bytes("\n".join(",".join(row) for row in [header, *rows]).encode("utf-8", "surrogatepass"))
     refused_in_words(path)
+
+
+def test_bytes_of_another_encoding_are_found_block_by_block(tmp_path):
+    path, size = tmp_path / "long.csv", 5_000_000
+    text = b"-" * ((1 << 20) - 1) + "µ".encode() + b"-" * size  # the second block begins in a character
+    path.write_bytes(text)
+    tracemalloc.start()
+    assert encoding_of(path) == "utf-8"
+    assert tracemalloc.get_traced_memory()[1] < size  # the file is not read as a whole
+    tracemalloc.stop()
+    path.write_bytes(text + b"\xff\x81")  # neither in UTF-8 nor in Windows-1252
+    with pytest.raises(ValueError, match=rf"at byte {len(text) + 1}\); save it"):
+        encoding_of(path)
+
+
+def test_a_warning_of_a_file_names_the_line_that_read_it(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("\n".join([HEADER, ROW, ROW.rpartition(",")[0] + ","]), encoding="utf-8")
+    with pytest.warns(UserWarning, match="1 of 2 readings are empty") as told:
+        rotorfit.read(path)
+    assert {warning.filename for warning in told} == {__file__}
 
 
 @pytest.mark.filterwarnings("ignore:.*readings are empty")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rotorfit.campaigns.runs import Run, distinct, packed, runs_of
 from rotorfit.data.experiments import Experiment
-from rotorfit.data.findings import DataWarning
+from rotorfit.data.findings import DataWarning, level_of_caller
 from rotorfit.diagnosis.check import read
 from rotorfit.executors import carry_out
 
@@ -54,7 +54,7 @@ def lazy_runs(parts: Sequence[str | Path | Reader], split: str | None, executor:
     readers = [packed(partial(read, part) if isinstance(part, str | Path) else part, refusal) for part in parts]
     found = carry_out(partial(_looked_over, split), readers, executor)
     for said in dict.fromkeys(said for _, warned in found for said in warned):
-        warnings.warn(said, DataWarning, stacklevel=4)
+        warnings.warn(said, DataWarning, stacklevel=level_of_caller())
     return tuple(distinct([run for runs, _ in found for run in runs]))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,6 +10,8 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+_PACKAGE = __name__.partition(".")[0]
 
 
 class DataWarning(UserWarning):
@@ -61,9 +64,17 @@ def report(findings: Iterable[Finding], on_finding: Callable[[Finding], None] | 
     """Hand findings on, or without a callback warn of them where :func:`rotorfit.read` was called."""
     for finding in findings:
         if on_finding is None:
-            warnings.warn(finding.message, stacklevel=5)
+            warnings.warn(finding.message, stacklevel=level_of_caller())
         else:
             on_finding(finding)
+
+
+def level_of_caller() -> int:
+    """Level of the stack, as :func:`warnings.warn` counts, at which somebody outside this package called."""
+    frame, level = inspect.currentframe(), 0
+    while frame is not None and frame.f_globals.get("__name__", "").partition(".")[0] == _PACKAGE:
+        frame, level = frame.f_back, level + 1
+    return level
 
 
 def _places(what: str, places: Sequence[int]) -> str:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.data.experiments import DERIVATIVES, MEASURED, PerturbationTest, perturbation_test
+from rotorfit.data.findings import level_of_caller
 from rotorfit.units import UNITS, find_unit
 
 DIRECTIONS = {1: ("x", 1.0), 2: ("y", 1.0), 5: ("rx", 1.0), 4: ("ry", -1.0)}
@@ -86,7 +87,7 @@ def read_foreign(
         kinds.setdefault(what, []).append(where)
     for what, places in kinds.items():
         more = f" and {len(places) - 3} more" if len(places) > 3 else ""
-        warnings.warn(f"{source}: {what}: {', '.join(places[:3])}{more}", stacklevel=2)
+        warnings.warn(f"{source}: {what}: {', '.join(places[:3])}{more}", stacklevel=level_of_caller())
     by_run = _by_channel(rows)
     if _lonely(by_run):  # the second ID line may be a remark that differs between the two directions of force
         by_run = _by_channel([{**frf, "run": ""} for frf in rows])

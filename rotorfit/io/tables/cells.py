@@ -8,6 +8,7 @@ import math
 import re
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
@@ -290,6 +291,9 @@ def _is_number(cell: str) -> bool:
     return bool(_POINT.fullmatch(cell) or _COMMA.fullmatch(cell))
 
 
+_BLOCK = 1 << 20  # bytes of a file that are decoded at a time
+
+
 def marked_encoding(raw: bytes) -> str:
     """Encoding that the first bytes of a text tell; empty where they do not: UTF-8 or an older one."""
     encoding = next((name for mark, name in _MARKS if raw.startswith(mark)), "")
@@ -300,20 +304,34 @@ def marked_encoding(raw: bytes) -> str:
 
 def encoding_of(path: Path) -> str:
     """Encoding of a text file: UTF-8, UTF-16 or, as old programs save it, Windows' Western code page."""
-    raw = path.read_bytes()
-    if raw.startswith((_ARCHIVE, _OLD_EXCEL)):
-        raise ValueError(f"{path.name} is no text but a workbook, as Excel writes them: {_workbook_advice(raw)}")
-    marked = marked_encoding(raw)
-    reason = ""
-    for encoding in (marked,) if marked else ("utf-8", "cp1252"):
-        try:
-            raw.decode(encoding)
-            return encoding
-        except UnicodeDecodeError as problem:
-            reason = f"{problem.reason} at byte {problem.start}"
-        if marked or b"\0" in raw:
-            raise ValueError(f"{path.name} is not text: {reason}")
+    with path.open("rb") as stream:
+        head = stream.read(400)
+        if head.startswith((_ARCHIVE, _OLD_EXCEL)):
+            raise ValueError(f"{path.name} is no text but a workbook, as Excel writes them: {_workbook_advice(head)}")
+        marked, reason = marked_encoding(head), ""
+        for encoding in (marked,) if marked else ("utf-8", "cp1252"):
+            reason = _undecodable(stream, encoding)
+            if not reason:
+                return encoding
+            stream.seek(0)
+            if marked or any(b"\0" in block for block in iter(partial(stream.read, _BLOCK), b"")):
+                raise ValueError(f"{path.name} is not text: {reason}")
     raise ValueError(f"{path.name} is neither UTF-8 nor Windows-1252 text ({reason}); save it as CSV UTF-8")
+
+
+def _undecodable(stream: BinaryIO, encoding: str) -> str:
+    """Why a stream is not in an encoding, empty where it is; block by block, as recordings may not fit memory."""
+    stream.seek(0)
+    decoder, before, block = codecs.getincrementaldecoder(encoding)(), 0, b"-"
+    while block:
+        block = stream.read(_BLOCK)
+        kept = len(decoder.getstate()[0])  # bytes of a character that the last block cut
+        try:
+            decoder.decode(block, final=not block)
+        except UnicodeDecodeError as problem:
+            return f"{problem.reason} at byte {before - kept + problem.start}"
+        before += len(block)
+    return ""
 
 
 def _workbook_advice(raw: bytes) -> str:
