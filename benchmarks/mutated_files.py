@@ -445,28 +445,39 @@ class Reader:
         self._process.communicate()
 
 
+def _format(name: str, folder: Path, reader: Reader, mutations: int, seed: int) -> tuple[Counter[str], list[str]]:
+    """Outcomes of one format, and a line for each that is none of the harmless ones."""
+    kind = FORMATS[name]
+    whole, damaged = folder / f"whole{kind.suffix}", folder / f"damaged{kind.suffix}"
+    ending, fingerprint = reader.outcome(name, f"{folder.name}/{whole.name}", "write", 60.0)
+    if ending != "read":
+        raise RuntimeError(f"{name}: the valid file was not read: {fingerprint}")
+    rng = np.random.default_rng((seed, list(FORMATS).index(name)))
+    count: Counter[str] = Counter()
+    lines = []
+    for at in range(mutations):
+        damaged.write_bytes(mutated(whole.read_bytes(), rng))
+        ending, words = reader.outcome(name, f"{folder.name}/{damaged.name}")
+        if ending == "read" and kind.checked and words != fingerprint:
+            ending = "other numbers"
+        count[ending] += 1
+        if ending not in HARMLESS:
+            lines.append(f"{name}, mutation {at}: {ending}: {words}")
+    return count, lines
+
+
 def study(names: list[str], mutations: int, seed: int) -> tuple[dict[str, Counter[str]], list[str]]:
     """Outcomes by format, and a line for each that is none of the harmless ones."""
     counts: dict[str, Counter[str]] = {}
-    lines = []
-    with tempfile.TemporaryDirectory() as made, closing(Reader(Path(made))) as reader:
+    lines: list[str] = []
+    with tempfile.TemporaryDirectory() as made:
         for number, name in enumerate(names):
-            kind, folder = FORMATS[name], Path(made) / f"{number}"
+            folder = Path(made) / f"{number}"
             folder.mkdir()
-            whole, damaged = folder / f"whole{kind.suffix}", folder / f"damaged{kind.suffix}"
-            ending, fingerprint = reader.outcome(name, f"{number}/{whole.name}", "write", 60.0)
-            if ending != "read":
-                raise RuntimeError(f"{name}: the valid file was not read: {fingerprint}")
-            rng = np.random.default_rng((seed, list(FORMATS).index(name)))
-            counts[name] = Counter()
-            for at in range(mutations):
-                damaged.write_bytes(mutated(whole.read_bytes(), rng))
-                ending, words = reader.outcome(name, f"{number}/{damaged.name}")
-                if ending == "read" and kind.checked and words != fingerprint:
-                    ending = "other numbers"
-                counts[name][ending] += 1
-                if ending not in HARMLESS:
-                    lines.append(f"{name}, mutation {at}: {ending}: {words}")
+            # A process for each: the libraries of all formats together leave little of its address space.
+            with closing(Reader(Path(made))) as reader:
+                counts[name], found = _format(name, folder, reader, mutations, seed)
+            lines += found
     return counts, lines
 
 
