@@ -26,7 +26,7 @@ from kept_weights import MORE, Complex, best_weights, held, random_rig, runs  # 
 from reporting import RESULTS, environment, table, write_csv  # noqa: E402
 
 import rotorfit as rf  # noqa: E402
-from rotorfit.estimators.blocks.correlated import quantile  # noqa: E402
+from rotorfit.base.significance import quantile  # noqa: E402
 
 KINDS: dict[str, tuple[bool, tuple[Complex, ...], float]] = {
     "noise given": (True, (), np.inf),

@@ -31,12 +31,12 @@ from posterior_rivals import log_density, numba_loop
 from reporting import RESULTS, environment, table, write_csv
 from rigs import chain_rig, true_vector
 
+from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.estimators.minimisation.batch import batch_fit, with_measured
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.kernels import Batch
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import ComplexArray, Float
 
 PACKAGES = ("numpy", "casadi", "numba", "lmfit", "optimistix", "jax")
 PLANES = (1, 2, 4, 8, 20)

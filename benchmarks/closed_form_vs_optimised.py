@@ -29,11 +29,11 @@ from nonlinearity import second_order
 from reporting import RESULTS, environment, table, write_csv
 from rigs import RIGS, Rig, true_vector, with_noise
 
+from rotorfit.base.array_types import Float
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import closed_form
 from rotorfit.estimators.starting.starts import find_start
-from rotorfit.models.array_types import Float
 
 OPTIMISED = "optimised"
 ESTIMATORS = ("closed form, unweighted", "closed form, weighted", OPTIMISED)

@@ -34,8 +34,8 @@ import campaign_throughput
 from reporting import environment, table
 
 import rotorfit as rf
-from rotorfit.campaigns.runs import RUNS_OF_A_BATCH
-from rotorfit.executors import carry_out, cluster
+from rotorfit.base.executors import carry_out, cluster
+from rotorfit.studies.campaigns.runs import RUNS_OF_A_BATCH
 
 KNOWN = campaign_throughput.KNOWN
 FITTED = campaign_throughput.FITTED

@@ -35,8 +35,8 @@ from cluster import RUNS_OF_A_PART, descendants, killing, resident
 from reporting import RESULTS, environment, table, write_csv
 
 import rotorfit as rf
-from rotorfit.data.experiments import PerturbationTest
-from rotorfit.executors import cluster
+from rotorfit.base.executors import cluster
+from rotorfit.lab.data.experiments import PerturbationTest
 
 LOOK = 10.0
 """Seconds between looks at the memory."""

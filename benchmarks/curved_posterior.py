@@ -28,13 +28,13 @@ from posterior_speed import bulk_ess
 from reporting import RESULTS, environment, table, write_csv
 from rigs import FORCE, RIGS, Rig, true_vector, with_noise
 
+from rotorfit.base.array_types import Float
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.inference.ensemble_sampler import IndependenceMove, sample
 from rotorfit.estimators.inference.log_posterior import LogPosterior
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.models.array_types import Float
 
 NAMES = ("K0", "D", "lam")
 SPEED, TOP = 100.0, 3.0

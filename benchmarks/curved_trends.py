@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from reporting import RESULTS, environment, table
 
 import rotorfit as rf
-from rotorfit.campaigns.trends import Trend
+from rotorfit.studies.campaigns.trends import Trend
 
 STRUCTURE = {"M": 1.2, "K": 5e3, "Ds": 8.0}
 RUNS, NOISE, AT, LEVEL = 10, 0.03, 7.0, 0.95

@@ -31,15 +31,15 @@ import lmfit_rival
 from reporting import RESULTS, environment, table, write_csv
 from rigs import FORCE, RIGS
 
-from rotorfit.data.experiments import PerturbationTest
+from rotorfit.base.array_types import Float
 from rotorfit.estimators.minimisation.batch import batch_fit
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.starts import find_start
-from rotorfit.fitting.fit import fit as rf_fit
-from rotorfit.fitting.problem_setup import build_problem
-from rotorfit.fitting.settings import FitSettings
-from rotorfit.models.array_types import Float
+from rotorfit.identify.fitting.fit import fit as rf_fit
+from rotorfit.identify.fitting.problem_setup import build_problem
+from rotorfit.identify.fitting.settings import FitSettings
+from rotorfit.lab.data.experiments import PerturbationTest
 
 LINES = 400
 SPEED = 150.0

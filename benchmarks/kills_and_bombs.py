@@ -34,7 +34,7 @@ import numpy as np
 from reporting import RESULTS, environment, table
 
 import rotorfit as rf
-from rotorfit.cli.main import main as command
+from rotorfit.apps.cli.main import main as command
 
 MEMORY = 1 << 30
 """Bytes that reading a bomb may take."""

@@ -36,13 +36,13 @@ from reporting import RESULTS, environment, table
 from rigs import RIGS
 
 import rotorfit as rf
-from rotorfit.data.experiments import PerturbationTest
-from rotorfit.fitting.result import FitResult
-from rotorfit.recordings.formats.files import open_raw
-from rotorfit.recordings.rig.rig_toml import read_setup
-from rotorfit.studies.plan_file import read_plan
-from rotorfit.studies.study_file import read_study
-from rotorfit.uncertainty.posterior import Posterior
+from rotorfit.apps.study_files.plan_file import read_plan
+from rotorfit.apps.study_files.study_file import read_study
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.identify.uncertainty.posterior import Posterior
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.recordings.formats.files import open_raw
+from rotorfit.lab.recordings.rig.rig_toml import read_setup
 
 MEMORY = 1 << 30
 """Address space of a reading process, bytes."""
@@ -113,7 +113,7 @@ def _volts() -> dict[str, Any]:
 
 
 def _write_h5(path: Path) -> None:
-    from rotorfit.simulation.instruments import write_counts
+    from rotorfit.lab.simulation.instruments import write_counts
 
     write_counts(path, _volts(), {"sample_rate_hz": _RATE, "rig": "one with a name"})
 

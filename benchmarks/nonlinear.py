@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from reporting import RESULTS, environment, table, write_csv
 
 import rotorfit as rf
-from rotorfit.models.array_types import Float
+from rotorfit.base.array_types import Float
 from rotorfit.models.motion.journal import journal
 
 TRUTH = {

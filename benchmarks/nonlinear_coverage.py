@@ -30,7 +30,7 @@ from law_data import CLEARANCE_UM, LIGHT, WHIRL_WHIP, impulse, squeeze, static, 
 from reporting import RESULTS, environment, table, write_csv  # noqa: E402
 
 import rotorfit as rf  # noqa: E402
-from rotorfit.data.experiments import (  # noqa: E402
+from rotorfit.lab.data.experiments import (  # noqa: E402
     DisplacementTest,
     Experiment,
     ImpulseTest,

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.base.array_types import Float
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.models.array_types import Float
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,9 +26,9 @@ from reporting import RESULTS, environment, table, write_csv  # noqa: E402
 from rigs import RIGS  # noqa: E402
 
 import rotorfit as rf  # noqa: E402
-from rotorfit.data.experiments import PerturbationTest  # noqa: E402
-from rotorfit.models.array_types import Float  # noqa: E402
-from rotorfit.units import RPM_PER_RAD_S  # noqa: E402
+from rotorfit.base.array_types import Float  # noqa: E402
+from rotorfit.base.units import RPM_PER_RAD_S  # noqa: E402
+from rotorfit.lab.data.experiments import PerturbationTest  # noqa: E402
 
 QUANTITIES = ("lam", "threshold_speed")
 ONE, TWO = RIGS["one-mode"], RIGS["whirl-whip"]

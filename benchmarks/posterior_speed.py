@@ -33,10 +33,10 @@ from fit_speed import Case, make_case
 from posterior_rivals import ORDER, Nuts, emcee_by_hand, log_density
 from reporting import RESULTS, environment, table, write_csv
 
+from rotorfit.base.array_types import Float
 from rotorfit.estimators.inference.ensemble_sampler import sample
 from rotorfit.estimators.inference.log_posterior import LogPosterior
-from rotorfit.models.array_types import Float
-from rotorfit.uncertainty.posterior_file import load_arviz
+from rotorfit.identify.uncertainty.posterior_file import load_arviz
 
 Run = Callable[[int], tuple[Float, float]]
 

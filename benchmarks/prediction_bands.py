@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from reporting import RESULTS, environment, table
 
 import rotorfit as rf
-from rotorfit.uncertainty.prediction import Band
+from rotorfit.identify.uncertainty.prediction import Band
 
 MODEL = rf.models.WhirlWhip()
 VALUES = {

@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from reporting import RESULTS, environment, table
 
 import rotorfit as rf
-from rotorfit.data.experiments import PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
 
 RIG = rf.models.WhirlWhip()
 VALUES = {"Md": 0.97, "Ds": 3.0, "K1": 14e3, "K2": 14e3, "sigma": 1.0, "Mb": 0.33, "K3": 6e3, "K0": 9e3, "D": 450.0,

@@ -33,11 +33,11 @@ sys.path.insert(0, str(Path(__file__).parent))
 from reporting import RESULTS, environment, table, write_csv
 
 import rotorfit as rf
-from rotorfit.data.experiments import PerturbationTest, perturbation_test
+from rotorfit.base.units import RAD_S_PER_RPM
 from rotorfit.estimators.signals.tracking import track_windows
-from rotorfit.recordings.recording import Recording
-from rotorfit.recordings.reduction.reduced_record import ReducedRecord, reduce_record
-from rotorfit.units import RAD_S_PER_RPM
+from rotorfit.lab.data.experiments import PerturbationTest, perturbation_test
+from rotorfit.lab.recordings.recording import Recording
+from rotorfit.lab.recordings.reduction.reduced_record import ReducedRecord, reduce_record
 
 RIG = rf.models.WhirlWhip()
 VALUES = {"Md": 0.97, "Ds": 3.0, "K1": 14e3, "K2": 14e3, "sigma": 1.0, "Mb": 0.33, "K3": 6e3, "K0": 9e3, "D": 450.0,
@@ -98,7 +98,7 @@ def as_test(record: Recording, w: NDArray, along: dict[str, NDArray], clear: NDA
 
 
 def joined(parts: list[PerturbationTest]) -> PerturbationTest:
-    from rotorfit.data.synchronous import join
+    from rotorfit.lab.data.synchronous import join
 
     return join(parts)
 

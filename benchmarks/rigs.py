@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.data.experiments import PerturbationTest, perturbation_test
+from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.fitting.problem_setup import build_problem
-from rotorfit.fitting.settings import FitSettings
+from rotorfit.identify.fitting.problem_setup import build_problem
+from rotorfit.identify.fitting.settings import FitSettings
+from rotorfit.lab.data.experiments import PerturbationTest, perturbation_test
 from rotorfit.models import Anisotropic, Chain, OneMode, Overhung, RotorModel, TwoDisk, WhirlWhip
-from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.motion.stability import eigenvalues
 
 FORCE = 5.0

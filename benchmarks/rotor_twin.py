@@ -28,7 +28,7 @@ from recorded import notch, write_hdf5  # noqa: E402
 from reporting import RESULTS, environment  # noqa: E402
 
 import rotorfit as rf  # noqa: E402
-from rotorfit.models.array_types import Float  # noqa: E402
+from rotorfit.base.array_types import Float  # noqa: E402
 
 MASS, OFFSET, SPEED = 5.0, 1e-4, 300.0
 TRUTH = {"kx": 1.0e6, "ky": 1.2e6, "cx": 250.0, "cy": 300.0}

@@ -31,6 +31,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from reporting import RESULTS, environment, table, write_csv
 from rigs import RIGS, Rig
 
+from rotorfit.base.array_types import Float, Index
 from rotorfit.estimators.inference.ensemble_sampler import sample
 from rotorfit.estimators.inference.log_posterior import LogPosterior, Noise
 from rotorfit.estimators.minimisation.batch import with_measured
@@ -38,7 +39,6 @@ from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.starts import find_start
-from rotorfit.models.array_types import Float, Index
 from rotorfit.models.motion.stability import growth_rate
 
 DRAWS = 500

@@ -28,9 +28,9 @@ from rotorfit.estimators.minimisation.least_squares import Options
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.start_points import full_vector
 from rotorfit.estimators.starting.starts import find_start
-from rotorfit.fitting.fit import solve
-from rotorfit.fitting.problem_setup import build_problem
-from rotorfit.fitting.settings import FitSettings
+from rotorfit.identify.fitting.fit import solve
+from rotorfit.identify.fitting.problem_setup import build_problem
+from rotorfit.identify.fitting.settings import FitSettings
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent / "tests"))  # the families of rotors live with the tests

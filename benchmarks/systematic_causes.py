@@ -35,8 +35,8 @@ import fe_rigs  # noqa: E402
 from reporting import RESULTS, environment, table, write_csv  # noqa: E402
 
 import rotorfit as rf  # noqa: E402
-from rotorfit.fitting.assumptions.shifts import assuming  # noqa: E402
-from rotorfit.models.digits import significant  # noqa: E402
+from rotorfit.base.digits import significant  # noqa: E402
+from rotorfit.identify.fitting.assumptions.shifts import assuming  # noqa: E402
 
 Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]

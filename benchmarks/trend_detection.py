@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from reporting import environment
 
 import rotorfit as rf
-from rotorfit.models.array_types import ComplexArray
+from rotorfit.base.array_types import ComplexArray
 
 STARTS, CHANGE = 40, 25
 LOSSES = (0.05, 0.02, 0.01, 0.0)

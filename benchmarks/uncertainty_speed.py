@@ -36,10 +36,10 @@ from reporting import RESULTS, environment, table, write_csv
 from time_shares import library_shares, python_shares
 
 import rotorfit as rf
+from rotorfit.base.array_types import Float
 from rotorfit.estimators.misfit.kernels import Batch
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models import threshold_speed
-from rotorfit.models.array_types import Float
 
 Check = Callable[[Any], str]
 

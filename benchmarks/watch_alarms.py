@@ -24,7 +24,7 @@ from scipy.signal import lfilter
 from scipy.stats import t
 
 import rotorfit as rf
-from rotorfit.monitoring.alarms import WatchedValues, watch_rules
+from rotorfit.studies.monitoring.alarms import WatchedValues, watch_rules
 
 Values = NDArray[np.float64]
 RATES = (0.05, 0.01)

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.models.array_types import ROUND_OFF, Float
+from rotorfit.base.array_types import ROUND_OFF, Float
 
 FEWEST_DATES = 2
 """Dates on either side of a change: one date alone may be a slip."""

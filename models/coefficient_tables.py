@@ -12,7 +12,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.array_types import Bool, ComplexArray, Float
+from rotorfit.base.array_types import Bool, ComplexArray, Float
+from rotorfit.base.names import unknown_name
 from rotorfit.models.compiled import array_function
 from rotorfit.models.fluid import fluid_parameters
 from rotorfit.models.known_structure import KnownStructure
@@ -20,7 +21,6 @@ from rotorfit.models.laws import Law
 from rotorfit.models.lumped import Anisotropic
 from rotorfit.models.model import RotorModel
 from rotorfit.models.orthotropic import Orthotropic
-from rotorfit.models.parameters import unknown_name
 
 COEFFICIENTS = tuple(f"{kind}{row}{column}" for kind in "KCM" for row in "xy" for column in "xy")
 """Kxx, Kxy, ... Myy: Kxy is the force in x for a displacement in y."""

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 import casadi as ca
 import numpy as np
 
-from rotorfit.models.array_types import Float
+from rotorfit.base.array_types import Float
 
 _BINARY = {
     ca.OP_ADD: "{} + {}",

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.models.coefficients import CoefficientJacobian
 from rotorfit.models.complexes import Complex, Number
 from rotorfit.models.fluid import FluidForce, fluid_at, fluid_parameters
@@ -241,7 +241,7 @@ class KnownStructure(RotorModel):
             ...     "shaft.mat", planes={"disk": 7, "journal": 14}, fluid="journal"
             ... )  # doctest: +SKIP
         """
-        from rotorfit.io.shafts.ross_rotor import structure_options
+        from rotorfit.lab.io.shafts.ross_rotor import structure_options
 
         taken_out = {
             name: (given,) if isinstance(given, str) else tuple(given)

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 
-from rotorfit.models.digits import significant
+from rotorfit.base.digits import significant
 from rotorfit.models.parameters import Parameter
 
 

@@ -8,11 +8,12 @@ from typing import Any, ClassVar, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.array_types import ComplexArray
+from rotorfit.base.array_types import ComplexArray
+from rotorfit.base.names import unknown_name
 from rotorfit.models.coefficients import CoefficientJacobian
 from rotorfit.models.complexes import Complex, J, Number
 from rotorfit.models.model import Coordinate, Matrix, RotorModel
-from rotorfit.models.parameters import Parameter, unknown_name
+from rotorfit.models.parameters import Parameter
 
 Gains: TypeAlias = Literal["probe", "plane"]
 

@@ -14,13 +14,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.base.array_types import ComplexArray, Float
+from rotorfit.base.names import unknown_name
+from rotorfit.base.text_table import text_table
 from rotorfit.models.coefficients import CoefficientJacobian, CompiledModel, Symbolic
 from rotorfit.models.complexes import Complex, Number
-from rotorfit.models.parameters import Parameter, unknown_name
+from rotorfit.models.parameters import Parameter
 from rotorfit.models.probes import Probes, with_probes
 from rotorfit.models.shafts.angular_rates import angular_rates
-from rotorfit.models.text_table import text_table
 
 if TYPE_CHECKING:
     from rotorfit.models.shafts.shaft import KnownStiffness, SeenShaft

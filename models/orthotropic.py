@@ -16,11 +16,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.base.array_types import ComplexArray, Float
+from rotorfit.base.names import unknown_name
 from rotorfit.models.coefficients import CoefficientJacobian
 from rotorfit.models.complexes import Complex, Number
 from rotorfit.models.model import Matrix, RotorModel
-from rotorfit.models.parameters import Parameter, unknown_name
+from rotorfit.models.parameters import Parameter
 from rotorfit.models.shafts.shaft import KnownStiffness, ShaftApart
 
 

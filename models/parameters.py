@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 
@@ -53,14 +51,3 @@ MATRIX_UNITS = {"K": "N/m", "M": "kg", "D": "N s/m"}
 def bare_name(name: str) -> str:
     """Name of a parameter without its group: ``K0`` of ``K0[speed_rpm=1000]``."""
     return name.partition("[")[0]
-
-
-def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> str:
-    """Sentence for an error: the unknown name, the nearest known one, and all that is allowed."""
-    longest = 80  # characters of an unknown name that are compared and shown
-    allowed, name = list(allowed), name[:longest]
-    near = difflib.get_close_matches(name, allowed, n=1, cutoff=0.5)
-    if not near:
-        near = [other for other in allowed if other.lower() == name.lower()]
-    hint = f", did you mean {near[0]!r}?" if near else "."
-    return f"unknown {kind} {name!r}{hint} Allowed: {', '.join(allowed)}"

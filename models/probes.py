@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 
 import casadi as ca
 
+from rotorfit.base.names import unknown_name
 from rotorfit.models.complexes import Complex
-from rotorfit.models.parameters import Parameter, unknown_name
+from rotorfit.models.parameters import Parameter
 
 Probes = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
 """Probes between the planes: each name with its shares of the motion of planes."""

@@ -16,8 +16,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from rotorfit.base.names import unknown_name
 from rotorfit.models.complexes import Complex
-from rotorfit.models.parameters import Parameter, unknown_name
+from rotorfit.models.parameters import Parameter
 
 Terms = tuple[tuple[complex, int, int], ...]
 """Factor, power of s and power of the rotative speed, of each part of what multiplies entries of a matrix."""

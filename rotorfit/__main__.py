@@ -8,7 +8,7 @@ import os
 import sys
 from typing import TextIO
 
-from rotorfit.estimators.file_reading import shown_lines
+from rotorfit.base.file_reading import shown_lines
 
 _ERASE = "\r\033[K"
 """Erases a line, as a line of progress does."""
@@ -39,7 +39,7 @@ def main() -> int:
     gc.set_threshold(100_000)
     # What is printed must arrive somewhere, as in other programs; of errors and warnings there is the exit code.
     sys.stdout, sys.stderr = _plain(sys.stdout, os.O_RDONLY), _plain(sys.stderr, os.O_WRONLY)
-    from rotorfit.cli.main import main as run
+    from rotorfit.apps.cli.main import main as run
 
     try:
         return run()

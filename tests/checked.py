@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.data.experiments import Experiment
-from rotorfit.data.findings import Finding
-from rotorfit.diagnosis.check import check
+from rotorfit.identify.diagnosis.check import check
+from rotorfit.lab.data.experiments import Experiment
+from rotorfit.lab.data.findings import Finding
 
 
 def found(test: Experiment, code: str) -> Finding:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from synthetic import MODELS, TYPICAL, circular_test, covering_frequencies
 
-from rotorfit.data.experiments import PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.models import RotorModel
 from rotorfit.models.motion.stability import growth_rate
 

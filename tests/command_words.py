@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import rotorfit as rf
-from rotorfit.cli import main as cli
-from rotorfit.studies.folder import CONTENTS
+from rotorfit.apps.cli import main as cli
+from rotorfit.apps.study_files.folder import CONTENTS
 
 RIG = str(rf.datasets.path("rig_open.csv"))
 TRUTH = rf.datasets.truth("rig_open")

@@ -16,8 +16,8 @@ import sentences
 if TYPE_CHECKING:
     from browser import Browser
 
-    from rotorfit.fitting.result import FitResult
-    from rotorfit.fitting.structure.refine import Refinement
+    from rotorfit.identify.fitting.result import FitResult
+    from rotorfit.identify.fitting.structure.refine import Refinement
 
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")  # before NumPy is imported: pytest-xdist's processes fight over the cores
@@ -41,7 +41,7 @@ def run(draw: Callable[..., tuple[int, str, str]], sketched: None) -> Callable[.
 @pytest.fixture
 def draw(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
     """The same with figures."""
-    from rotorfit.cli.main import main
+    from rotorfit.apps.cli.main import main
 
     def call(*words: str | Path) -> tuple[int, str, str]:
         try:
@@ -64,7 +64,7 @@ def rig_fit() -> FitResult:
 @pytest.fixture(scope="session")
 def rig_refinement(rig_fit: FitResult) -> Refinement:
     """All candidates of structural blocks from there."""
-    from rotorfit.fitting.structure.refine import refine
+    from rotorfit.identify.fitting.structure.refine import refine
 
     return refine(rig_fit)
 

@@ -6,7 +6,7 @@ import numpy as np
 from beams import shaft
 from scipy.optimize import brentq
 
-from rotorfit.data.experiments import perturbation_test
+from rotorfit.lab.data.experiments import perturbation_test
 
 RPM = np.pi / 30
 STEEL = {"E": 2.11e11, "G": 8.12e10, "rho": 7810.0}

@@ -42,8 +42,8 @@ from test_known_structure import known_rig
 from test_shaft_lines import ALL, TORSION, VALUES, line_test
 
 import rotorfit as rf
-from rotorfit.cli.main import main
-from rotorfit.data.experiments import Experiment
+from rotorfit.apps.cli.main import main
+from rotorfit.lab.data.experiments import Experiment
 
 GOLDEN = Path(__file__).parent / "data" / "golden.json"
 MOVED = 1e-6

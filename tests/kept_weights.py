@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rotorfit as rf
-from rotorfit.data.balancing import Balance
+from rotorfit.lab.data.balancing import Balance
 
 Complex = NDArray[np.complex128]
 SPEEDS = np.array([300.0, 377.0])

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from rotorfit.data.experiments import (
+from rotorfit.base.array_types import ComplexArray, Float
+from rotorfit.lab.data.experiments import (
     DisplacementTest,
     ImpulseTest,
     PerturbationTest,
@@ -16,7 +17,6 @@ from rotorfit.data.experiments import (
     StaticTest,
     perturbation_test,
 )
-from rotorfit.models.array_types import ComplexArray, Float
 
 Values = Mapping[str, float]
 

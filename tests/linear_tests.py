@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.data.experiments import PerturbationTest, perturbation_test
+from rotorfit.base.array_types import Float
+from rotorfit.lab.data.experiments import PerturbationTest, perturbation_test
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import Float
 from rotorfit.models.motion.journal import journal
 
 

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 import rotorfit as rf
-from rotorfit.fitting.result import FitResult
-from rotorfit.plots import style
-from rotorfit.report import figures, recorded
-from rotorfit.report.html import Html, picture
-from rotorfit.report.material import ReportInput
-from rotorfit.uncertainty.posterior import SampleSettings
-from rotorfit.uncertainty.profile import Profile
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.identify.uncertainty.posterior import SampleSettings
+from rotorfit.identify.uncertainty.profile import Profile
+from rotorfit.show.plots import style
+from rotorfit.show.report import figures, recorded
+from rotorfit.show.report.html import Html, picture
+from rotorfit.show.report.material import ReportInput
 
 DOT = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNkYPhfDwAChwGA60e6kgAAAABJRU5ErkJggg=="

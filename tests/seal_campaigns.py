@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from synthetic import circular_test
 
-from rotorfit.data.experiments import PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.models import OneMode
 
 KNOWN = {"M": 1.2, "K": 8000.0, "Ds": 8.0}

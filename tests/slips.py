@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.data.experiments import PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
 
 
 def mixed(

@@ -9,7 +9,7 @@ import numpy as np
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
-from rotorfit.data.experiments import PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
 
 STUDY = {"model": "one-mode", "known": {"Ds": 8.0, "K": 8000.0}}
 """A study of them."""

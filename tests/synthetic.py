@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit import models
-from rotorfit.data.experiments import PerturbationTest, perturbation_test
+from rotorfit.lab.data.experiments import PerturbationTest, perturbation_test
 from rotorfit.models import RotorModel
 from rotorfit.models.motion.stability import eigenvalues, growth_rate
 

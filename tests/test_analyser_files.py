@@ -13,8 +13,8 @@ from sentences import refuses, warns
 from synthetic import TYPICAL
 
 import rotorfit as rf
-from rotorfit.cli import main as cli
-from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.apps.cli import main as cli
+from rotorfit.lab.data.experiments import Experiment, PerturbationTest
 from rotorfit.models import OneMode, Overhung
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from sentences import refuses
 
+from rotorfit.lab.simulation.shaft import Crack, shaft_motion
 from rotorfit.models import AnisotropicShaft, OneMode, eigenvalues, unstable_bands
 from rotorfit.models.shafts.combination_lines import LATERAL, TWIST, line_order
-from rotorfit.simulation.shaft import Crack, shaft_motion
 
 SPEED = 120.0
 ROUND = {"M": 1.0, "D": 14.0, "K": 4e4, "ec": 6e-5, "es": 2e-5, "Px": 1.0, "Py": -8.0}

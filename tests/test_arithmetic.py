@@ -9,7 +9,7 @@ import pytest
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.fitting.quantities import Quantity
+from rotorfit.identify.fitting.quantities import Quantity
 
 
 def draws(fit: rf.FitResult) -> dict[str, np.ndarray]:

@@ -13,8 +13,8 @@ from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.estimators.inference.score_tests import score_tests, whitened_columns
-from rotorfit.fitting.assumptions.assumption_table import THRESHOLD_COLUMN
-from rotorfit.fitting.structure.refine import refit
+from rotorfit.identify.fitting.assumptions.assumption_table import THRESHOLD_COLUMN
+from rotorfit.identify.fitting.structure.refine import refit
 from rotorfit.models import WhirlWhip, threshold_speed
 from rotorfit.models.complexes import Complex, J
 from rotorfit.models.laws import Muszynska

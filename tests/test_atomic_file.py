@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from sentences import refuses
 
-from rotorfit.estimators.atomic_file import whole_file
+from rotorfit.base.atomic_file import whole_file
 
 
 def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
@@ -50,9 +50,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import rotorfit as rf
 from posteriors import KNOWN, one_mode_test
-from rotorfit.recordings.formats.files import open_raw
-from rotorfit.simulation.instruments import write_counts
-from rotorfit.studies.folder import complete_folder
+from rotorfit.lab.recordings.formats.files import open_raw
+from rotorfit.lab.simulation.instruments import write_counts
+from rotorfit.apps.study_files.folder import complete_folder
 from scipy.io import savemat
 
 warnings.simplefilter("ignore")
@@ -124,7 +124,7 @@ def test_a_full_disk_is_one_sentence_and_leaves_old_files(tmp_path: Path) -> Non
 def test_drafts_that_a_kill_left_are_swept_a_day_later(tmp_path: Path) -> None:
     import time
 
-    from rotorfit.studies.folder import complete_folder
+    from rotorfit.apps.study_files.folder import complete_folder
 
     old = time.time() - 2 * 24 * 3600
     gone = [tmp_path / ".123-456-a.csv", tmp_path / ".rotorfit-99-out"]

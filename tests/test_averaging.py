@@ -11,8 +11,8 @@ from scipy import stats
 from sentences import refuses
 
 import rotorfit as rf
+from rotorfit.identify.uncertainty.model_average import NEGLIGIBLE_WEIGHT
 from rotorfit.models import WhirlWhip
-from rotorfit.uncertainty.model_average import NEGLIGIBLE_WEIGHT
 
 OPTIONS = {"seed": 1, "walkers": 64, "ess": 2000}
 

@@ -13,8 +13,8 @@ from recorded import ATTRIBUTES, RATE, SETUP, volts, write_hdf5
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.cli.main import main
-from rotorfit.recordings.rig.setup import Force
+from rotorfit.apps.cli.main import main
+from rotorfit.lab.recordings.rig.setup import Force
 
 CHANNELS = volts(1.0)
 NAMES = list(CHANNELS)

@@ -17,8 +17,8 @@ from scipy import stats
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.cli import main as cli
-from rotorfit.data.experiments import PerturbationTest
+from rotorfit.apps.cli import main as cli
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.models import OneMode, WhirlWhip
 
 K3 = {"K3": 6000.0}

@@ -11,8 +11,8 @@ from scipy.stats import binom
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.cli import main as cli
-from rotorfit.estimators.blocks.correlated import quantile
+from rotorfit.apps.cli import main as cli
+from rotorfit.base.significance import quantile
 
 
 @pytest.mark.parametrize("draws", [60, pytest.param(500, marks=pytest.mark.slow)])

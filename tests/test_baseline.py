@@ -14,8 +14,8 @@ from seal_rig import FLUID, STATOR_MASS, floating_stator
 from sentences import hear, refuses
 
 import rotorfit as rf
-from rotorfit.cli import main as cli
-from rotorfit.data.experiments import PerturbationTest
+from rotorfit.apps.cli import main as cli
+from rotorfit.lab.data.experiments import PerturbationTest
 
 MODEL = rf.models.Anisotropic(("stator",))
 STIFFNESS_AND_DAMPING = [k + i + j for k in "KD" for i in "xy" for j in "xy"]

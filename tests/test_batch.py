@@ -17,8 +17,8 @@ from rotorfit.estimators.misfit import accelerator
 from rotorfit.estimators.misfit.kernels import Batch
 from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.estimators.misfit.problem import LOSSES, robust_weights
-from rotorfit.fitting.problem_setup import build_problem
-from rotorfit.fitting.settings import FitSettings
+from rotorfit.identify.fitting.problem_setup import build_problem
+from rotorfit.identify.fitting.settings import FitSettings
 
 LINES, MEMBERS = 20, 6
 

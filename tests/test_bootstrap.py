@@ -14,9 +14,9 @@ from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
 from rotorfit.estimators.minimisation.batch import with_measured
-from rotorfit.fitting.fit import solve_again
+from rotorfit.identify.fitting.fit import solve_again
+from rotorfit.identify.uncertainty.bootstrap import _simulate
 from rotorfit.models import Muszynska, OneMode, WhirlWhip
-from rotorfit.uncertainty.bootstrap import _simulate
 
 RIG = TYPICAL["one-mode"]
 W = np.r_[-np.linspace(20, 250, 16)[::-1], np.linspace(20, 250, 16)]

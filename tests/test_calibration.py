@@ -11,10 +11,10 @@ from sentences import refuses
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
-from rotorfit.fitting.assumptions.calibration import Calibration, calibration_of
-from rotorfit.fitting.fit import solve_again
-from rotorfit.fitting.fit_file import fit_from_json, fit_to_json
-from rotorfit.fitting.problem_setup import build_problem
+from rotorfit.identify.fitting.assumptions.calibration import Calibration, calibration_of
+from rotorfit.identify.fitting.fit import solve_again
+from rotorfit.identify.fitting.fit_file import fit_from_json, fit_to_json
+from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.models import Anisotropic, Muszynska, OneMode, WhirlWhip
 
 RIG = TYPICAL["whirl-whip"]
@@ -216,8 +216,8 @@ def test_robust_losses_and_priors_of_parameters_count_too():
 
 @pytest.mark.usefixtures("sketched")
 def test_studies_and_reports_carry_a_calibration(tmp_path, rig_fit):
-    from rotorfit.studies.study import Study
-    from rotorfit.studies.study_file import read_study
+    from rotorfit.apps.study_files.study import Study
+    from rotorfit.apps.study_files.study_file import read_study
 
     file = tmp_path / "study.toml"
     file.write_text(

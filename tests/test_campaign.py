@@ -14,8 +14,8 @@ from sentences import refuses
 import rotorfit as rf
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.starting.starts import find_start
-from rotorfit.fitting.problem_setup import build_problem
-from rotorfit.fitting.settings import FitSettings
+from rotorfit.identify.fitting.problem_setup import build_problem
+from rotorfit.identify.fitting.settings import FitSettings
 from rotorfit.models import OneMode
 
 

@@ -13,9 +13,9 @@ from sentences import hear, refuses
 from synthetic import circular_test
 
 import rotorfit as rf
-from rotorfit.cli.main import main
+from rotorfit.apps.cli.main import main
+from rotorfit.apps.study_files.folder import CONTENTS
 from rotorfit.models import OneMode
-from rotorfit.studies.folder import CONTENTS
 
 
 @pytest.fixture(scope="module")

@@ -19,9 +19,9 @@ from synthetic import KNOWN as KNOWN_VALUES
 from synthetic import SPEEDS, TYPICAL, circular_test
 
 import rotorfit as rf
-from rotorfit.campaigns import runs
 from rotorfit.estimators.starting import lumped
 from rotorfit.models import MODELS, OneMode
+from rotorfit.studies.campaigns import runs
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,8 @@ from scipy.io import savemat, wavfile
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.cli.main import main
-from rotorfit.recordings.rig.setup import channel_unit, name_and_unit
+from rotorfit.apps.cli.main import main
+from rotorfit.lab.recordings.rig.setup import channel_unit, name_and_unit
 
 SECONDS = 4.0
 TOLD = {name: value for name, value in ATTRIBUTES.items() if name != "sensitivity_V_per_mm"}

@@ -19,9 +19,9 @@ from slow_cases import slow_but
 from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
-from rotorfit.cli import main as cli
-from rotorfit.data.experiments import PerturbationTest
-from rotorfit.diagnosis.check import check
+from rotorfit.apps.cli import main as cli
+from rotorfit.identify.diagnosis.check import check
+from rotorfit.lab.data.experiments import PerturbationTest
 
 Change = Callable[[PerturbationTest], PerturbationTest]
 

@@ -12,8 +12,8 @@ from checked import codes, found
 from sentences import hear, refuses
 
 import rotorfit as rf
-from rotorfit.data.experiments import DisplacementTest, RingDownTest, StaticTest
-from rotorfit.diagnosis.check import check
+from rotorfit.identify.diagnosis.check import check
+from rotorfit.lab.data.experiments import DisplacementTest, RingDownTest, StaticTest
 
 # ---- imposed orbits ------------------------------------------------------------
 

@@ -10,8 +10,8 @@ from checked import codes, found, rows
 from sentences import hear
 
 import rotorfit as rf
-from rotorfit.data.experiments import PerturbationTest
-from rotorfit.diagnosis.check import check
+from rotorfit.identify.diagnosis.check import check
+from rotorfit.lab.data.experiments import PerturbationTest
 
 
 @pytest.fixture(scope="module")

@@ -21,8 +21,8 @@ from slips import thinned
 
 import rotorfit
 import rotorfit as rf
-from rotorfit.cli import main as cli
-from rotorfit.cli.answer import ProgressLine
+from rotorfit.apps.cli import main as cli
+from rotorfit.apps.cli.answer import ProgressLine
 
 ROOT = Path(__file__).parent.parent
 
@@ -246,7 +246,7 @@ def test_interruption_leaves_nothing(run: Run, tmp_path: Path, monkeypatch: pyte
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("rotorfit.cli.fits.write_outcome", interrupted)
+    monkeypatch.setattr("rotorfit.apps.cli.fits.write_outcome", interrupted)
     code, _, err = run(*FIT, "--out", tmp_path / "out")
     assert (code, err) == (cli.ExitCode.INTERRUPTED, "rotorfit: interrupted, nothing was written\n")
     assert list(tmp_path.iterdir()) == []
@@ -335,7 +335,7 @@ def test_a_bug_is_not_hidden_as_bad_input(run: Run, monkeypatch: pytest.MonkeyPa
     def broken(*_: object) -> None:
         raise KeyError("bug")
 
-    monkeypatch.setattr("rotorfit.studies.results.summary", broken)
+    monkeypatch.setattr("rotorfit.apps.study_files.results.summary", broken)
     with refuses(KeyError):
         run(*FIT, "--out", tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
@@ -435,7 +435,7 @@ def test_time_left_is_told_and_the_bar_is_full_only_at_the_end(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = iter([0.0, 0.0, 0.0, 0.0, 10.0, 10.0, 30.0, 30.0])
-    monkeypatch.setattr("rotorfit.cli.answer.monotonic", lambda: next(clock))
+    monkeypatch.setattr("rotorfit.apps.cli.answer.monotonic", lambda: next(clock))
     line = ProgressLine(enabled=True)
     line("sampling", 0.0)
     line("sampling", 0.25)  # a quarter in 10 s: 30 s more

@@ -13,7 +13,7 @@ from sentences import hear
 from synthetic import TYPICAL
 
 import rotorfit as rf
-from rotorfit.cli.main import main
+from rotorfit.apps.cli.main import main
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ import pytest
 from command_words import Run
 
 import rotorfit as rf
-from rotorfit.plots import eccentricity, static_and_impulse
-from rotorfit.studies.folder import CONTENTS
+from rotorfit.apps.study_files.folder import CONTENTS
+from rotorfit.show.plots import eccentricity, static_and_impulse
 
 TRUTH = {"M": 1.2, "K": 2000.0, "Ds": 8.0, "K0": 9000.0, "D": 60.0, "lam": 0.46, "Mf": 0.4}
 LAW = {"n_K": 2.0, "n_D": 1.4, "b": 0.5}

@@ -12,9 +12,9 @@ from command_words import FIGURES, SAMPLED, TABLES, WHOLE, Run, refused
 from synthetic import circular_test
 
 import rotorfit as rf
-from rotorfit.cli import main as cli
-from rotorfit.cli.answer import ProgressLine
-from rotorfit.studies.folder import CHECKPOINT
+from rotorfit.apps.cli import main as cli
+from rotorfit.apps.cli.answer import ProgressLine
+from rotorfit.apps.study_files.folder import CHECKPOINT
 
 
 @pytest.fixture

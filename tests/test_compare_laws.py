@@ -10,8 +10,8 @@ from nonlinear_rigs import CLEARANCE_UM, EVEN, ONE_MODE, POWER
 from sentences import refuses
 
 import rotorfit as rf
+from rotorfit.identify.observing.observations import observe_any
 from rotorfit.models.laws import Law
-from rotorfit.observing.observations import observe_any
 
 RPM = np.concatenate([-np.linspace(200, 2500, 12), np.linspace(200, 2500, 12)])
 LAWS = (rf.models.Constant(), rf.models.Muszynska(), rf.models.EvenPolynomial(1))

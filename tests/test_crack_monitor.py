@@ -5,7 +5,7 @@ import pytest
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.cli.main import main
+from rotorfit.apps.cli.main import main
 from rotorfit.models.shafts.combination_lines import line_order
 
 SHAFT = rf.models.AnisotropicShaft(torsion=None)

@@ -7,7 +7,7 @@ import pytest
 from law_data import CLEARANCE_UM, LIGHT, impulse, static
 
 import rotorfit as rf
-from rotorfit.studies.results import _curve_rows
+from rotorfit.apps.study_files.results import _curve_rows
 
 
 def columns(fit: rf.FitResult) -> dict[str, np.ndarray]:

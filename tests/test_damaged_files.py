@@ -15,9 +15,9 @@ import pytest
 from sentences import refuses
 
 import rotorfit as rf
+from rotorfit.base.file_reading import check_hdf5, check_mat, reading
 from rotorfit.estimators import file_reading
-from rotorfit.estimators.file_reading import check_hdf5, check_mat, reading
-from rotorfit.recordings.formats.files import open_raw
+from rotorfit.lab.recordings.formats.files import open_raw
 
 BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
 

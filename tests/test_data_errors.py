@@ -17,8 +17,8 @@ from slow_cases import slow_but
 from synthetic import circular_test, covering_frequencies
 
 import rotorfit as rf
-from rotorfit.data.experiments import PerturbationTest
-from rotorfit.diagnosis.findings import explained
+from rotorfit.identify.diagnosis.findings import explained
+from rotorfit.lab.data.experiments import PerturbationTest
 
 Slip = Callable[[PerturbationTest], PerturbationTest]
 

@@ -10,7 +10,7 @@ import pytest
 from synthetic import SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
-from rotorfit.models.digits import interval, plus_minus, significant, with_error, with_errors
+from rotorfit.base.digits import interval, plus_minus, significant, with_error, with_errors
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotorfit.data.linear_force import directional, directional_noise
+from rotorfit.lab.data.linear_force import directional, directional_noise
 
 RIGHT, WRONG = 3e-5 * np.exp(0.7j), 1e-5 * np.exp(-1.1j)
 

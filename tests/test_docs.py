@@ -12,7 +12,7 @@ import pytest
 from report_pages import leave_pixels_out
 from slow_cases import slow_but
 
-from rotorfit.cli.main import main
+from rotorfit.apps.cli.main import main
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("[!_]*.md")), *sorted((ROOT / "docs").glob("[!_]*/*.md"))]

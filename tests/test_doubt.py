@@ -9,9 +9,9 @@ import pytest
 
 import rotorfit as rf
 from rotorfit.estimators.inference.covariance import excess
-from rotorfit.fitting.assumptions.calibration import Calibration
-from rotorfit.fitting.judge import inverse_curvature
-from rotorfit.uncertainty.budget import budget
+from rotorfit.identify.fitting.assumptions.calibration import Calibration
+from rotorfit.identify.fitting.judge import inverse_curvature
+from rotorfit.identify.uncertainty.budget import budget
 
 
 def averaged(rig_refinement, value):

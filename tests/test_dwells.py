@@ -12,9 +12,9 @@ from sentences import hear, refuses
 from unreliable import Unreliable
 
 import rotorfit as rf
-from rotorfit.cli.main import main
+from rotorfit.apps.cli.main import main
 from rotorfit.estimators.signals.tracking import dwells
-from rotorfit.simulation.turning_speeds import Dwells, Sweep
+from rotorfit.lab.simulation.turning_speeds import Dwells, Sweep
 
 RIG = rf.models.WhirlWhip()
 VALUES = {"Md": 0.97, "Ds": 3.0, "K1": 14e3, "K2": 14e3, "sigma": 1.0, "Mb": 0.33, "K3": 6e3, "K0": 9e3, "D": 450.0,

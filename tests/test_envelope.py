@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rotorfit as rf
-from rotorfit.recordings.views import envelope
+from rotorfit.lab.recordings.views import envelope
 
 RATE, HOUR = 5120, 3600
 SETUP = "rotation = 'ccw'\n[[probe]]\nplane = 'disk'\nchannel = 'X'\nangle_deg = 0.0\nsensitivity_V_per_mm = 8.0\n"

@@ -21,8 +21,8 @@ from seal_campaigns import KNOWN, same_fits, seal_campaign
 from sentences import warns
 
 import rotorfit as rf
-from rotorfit.cli.main import main
-from rotorfit.executors import carry_out, cluster
+from rotorfit.apps.cli.main import main
+from rotorfit.base.executors import carry_out, cluster
 from rotorfit.models import OneMode
 
 FORK = multiprocessing.get_context("fork")
@@ -110,7 +110,7 @@ def test_a_campaign_that_was_killed_takes_up_where_it_stopped(tmp_path):
 
 PARENT = """
 import time
-from rotorfit.executors import process_pool
+from rotorfit.base.executors import process_pool
 if __name__ == "__main__":
     with process_pool(2) as pool:
         for work in [pool.submit(time.sleep, 0.5) for _ in range(2)]:
@@ -205,7 +205,7 @@ import os, signal, sys
 sys.path.insert(0, sys.argv[1])
 import rotorfit as rf
 from seal_campaigns import KNOWN, seal_campaign
-from rotorfit.executors import cluster
+from rotorfit.base.executors import cluster
 
 def kill(done, total):
     workers = [worker.pid for worker in pool._client.cluster.workers.values() if worker.pid]  # None while one starts

@@ -13,9 +13,9 @@ from slow_cases import slow_but
 from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
-from rotorfit.data.experiments import DisplacementTest, perturbation_test
 from rotorfit.estimators.misfit.problem import LOSSES, robust_weights
 from rotorfit.estimators.starting.closed_form import ClosedFormError
+from rotorfit.lab.data.experiments import DisplacementTest, perturbation_test
 from rotorfit.models import Anisotropic, OneMode, TwoDisk, WhirlWhip
 
 FLUID = {name: TYPICAL["one-mode"][name] for name in ("K", "Ds")}

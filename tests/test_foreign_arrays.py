@@ -12,7 +12,7 @@ from analyser_files import MODE, SPEED, Complex, W
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import Experiment, PerturbationTest
 from rotorfit.models import OneMode
 
 
@@ -41,7 +41,7 @@ def dataset(**units: str) -> Any:
     """The columns by hand as an xarray data set, in other units where asked."""
     import xarray as xr
 
-    from rotorfit.units import units_of
+    from rotorfit.base.units import units_of
 
     factors = units_of("frequency", "displacement", "force")
     columns = columns_by_hand()

@@ -17,8 +17,8 @@ from slow_cases import slow_but
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
-from rotorfit.data.experiments import DisplacementTest, Experiment, PerturbationTest, perturbation_test
-from rotorfit.io.files import read
+from rotorfit.lab.data.experiments import DisplacementTest, Experiment, PerturbationTest, perturbation_test
+from rotorfit.lab.io.files import read
 from rotorfit.models import WhirlWhip
 
 UFF_RTOL = 1.1e-11

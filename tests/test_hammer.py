@@ -11,8 +11,8 @@ from sentences import refuses
 from swept import two_modes
 
 import rotorfit as rf
-from rotorfit.cli.main import main
-from rotorfit.recordings.reduction.measured_responses import look_at_force
+from rotorfit.apps.cli.main import main
+from rotorfit.lab.recordings.reduction.measured_responses import look_at_force
 
 RATE, TURNS = 2048.0, 25.0  # Hz
 LENGTH = 4e-3  # of a blow, s

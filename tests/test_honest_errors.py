@@ -19,10 +19,10 @@ from rotorfit.estimators.inference.log_posterior import LogPosterior
 from rotorfit.estimators.noise.residuals import fit_probes, line_scatter, memory, scatter
 from rotorfit.estimators.noise.run_effects import MixedModel, select_effects, shared_variances
 from rotorfit.estimators.noise.sweep_noise import deviations_of_repeats
-from rotorfit.fitting.noise.error_bars import effect_entries, shares_of_possible_effects
-from rotorfit.fitting.noise.record import NoiseVerdict, RunEffect
-from rotorfit.fitting.problem_setup import build_problem
-from rotorfit.fitting.settings import FitSettings
+from rotorfit.identify.fitting.noise.error_bars import effect_entries, shares_of_possible_effects
+from rotorfit.identify.fitting.noise.record import NoiseVerdict, RunEffect
+from rotorfit.identify.fitting.problem_setup import build_problem
+from rotorfit.identify.fitting.settings import FitSettings
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
 from honest_errors import WATCHED, WORLDS, World, interval, simulate, threshold

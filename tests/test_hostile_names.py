@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 import rotorfit as rf
-from rotorfit.data.experiments import PerturbationTest
-from rotorfit.estimators.file_reading import shown, shown_lines
-from rotorfit.recordings.formats.files import open_raw
-from rotorfit.recordings.rig.template import template
+from rotorfit.base.file_reading import shown, shown_lines
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.recordings.formats.files import open_raw
+from rotorfit.lab.recordings.rig.template import template
 
 HOSTILE = ("\x1b[31mred", "all\rwell", "a\nrotorfit: all is well", "gnp\u202e", "\x9b2J\u2028\t\x07")
 STEERS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]|^rotorfit: all", re.MULTILINE)

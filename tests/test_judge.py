@@ -17,14 +17,14 @@ from sentences import hear, refuses
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
-from rotorfit.cli.main import main
+from rotorfit.apps.cli.main import main
+from rotorfit.apps.study_files.folder import CONTENTS
+from rotorfit.identify.uncertainty.stability import report as judging
+from rotorfit.identify.uncertainty.stability.rotors import Rotors
+from rotorfit.identify.uncertainty.stability.task import Task, margin_asked, peaks_of
 from rotorfit.models import eigenvalues
 from rotorfit.models.motion.neglected_terms import eigenvalue_shift, terms_left_out
 from rotorfit.models.motion.stability import spectrum
-from rotorfit.studies.folder import CONTENTS
-from rotorfit.uncertainty.stability import report as judging
-from rotorfit.uncertainty.stability.rotors import Rotors
-from rotorfit.uncertainty.stability.task import Task, margin_asked, peaks_of
 
 RPM = 30 / np.pi
 MODEL = rf.models.OneMode(planes=("disk",))

@@ -10,7 +10,7 @@ import pytest
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.fitting.settings import FitKeywords, SampleKeywords
+from rotorfit.identify.fitting.settings import FitKeywords, SampleKeywords
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ from sentences import hear, refuses, warns
 from synthetic import SPEEDS, TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
-from rotorfit.cli.main import main
-from rotorfit.io.templates import KINDS, example
+from rotorfit.apps.cli.main import main
+from rotorfit.lab.io.templates import KINDS, example
 
 COLUMNS = ("run", "force_plane", "plane", "direction", "speed", "frequency", "force", "response")
 
@@ -414,7 +414,7 @@ def test_a_shaft_along_another_axis(tmp_path, axes):
 
 
 def test_axes_are_two_different_ones(tmp_path):
-    from rotorfit.io.universal_foreign import turned
+    from rotorfit.lab.io.universal_foreign import turned
 
     for axes in ("xx", "x", "yzx", "ab"):
         with refuses(ValueError):
@@ -487,7 +487,7 @@ def test_the_template_of_a_study_runs(tmp_path, capsys):
     assert main(["template", "study"]) == 0
     text = capsys.readouterr().out
     (tmp_path / "rig.csv").write_bytes(rf.datasets.path("rig_open.csv").read_bytes())
-    from rotorfit.studies.study_file import read_study
+    from rotorfit.apps.study_files.study_file import read_study
 
     (tmp_path / "study.toml").write_text(text)
     assert read_study(tmp_path / "study.toml").known == {"K3": 6000.0}

@@ -124,7 +124,7 @@ def test_a_delay_that_cannot_be_is_refused(tmp_path: Path, said: str) -> None:
 
 
 def test_the_template_offers_a_delay(tmp_path: Path) -> None:
-    from rotorfit.recordings.rig.template import template
+    from rotorfit.lab.recordings.rig.template import template
 
     path = recorded(tmp_path, 0)[0]
     text = template(path)

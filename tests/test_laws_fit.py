@@ -25,12 +25,12 @@ from scipy.stats import binom, chi2
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.data.experiments import Experiment, PerturbationTest, perturbation_test
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.fitting.problem_setup import build_problem
-from rotorfit.fitting.result import FitResult
-from rotorfit.fitting.settings import FitSettings
+from rotorfit.identify.fitting.problem_setup import build_problem
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.identify.fitting.settings import FitSettings
+from rotorfit.lab.data.experiments import Experiment, PerturbationTest, perturbation_test
 from rotorfit.models import (
     Chain,
     Constant,

@@ -66,14 +66,14 @@ RECORDING_FLOORS = (
 """The same inside ``recordings/``; the third floor's are files, which may know each other."""
 INNER_FLOORS = {"estimators": ESTIMATOR_FLOORS, "recordings": RECORDING_FLOORS}
 ALONE = {
-    "rotorfit.fitting.noise": {"rotorfit.fitting.settings"},
+    "rotorfit.identify.fitting.noise": {"rotorfit.identify.fitting.settings"},
 }
 """Rooms inside a room of loose files, and all that they may know of those."""
 UPWARD = (
-    "rotorfit.data.experiments",
-    "rotorfit.fitting.result",
-    "rotorfit.fitting.result_figures",
-    "rotorfit.recordings.recording",
+    "rotorfit.lab.data.experiments",
+    "rotorfit.identify.fitting.result",
+    "rotorfit.identify.fitting.result_figures",
+    "rotorfit.lab.recordings.recording",
     "rotorfit.models.known_structure",
 )
 """Their convenience methods (plots, profile, sample, from_ross, ...) import upwards when called, as pandas does."""
@@ -169,7 +169,8 @@ def test_imports_go_down() -> None:
 def test_methods_of_a_fit_that_import_upwards_are_one_line() -> None:
     floor = {name: i for i, names in enumerate(FLOORS) for name in names}
     sources = (
-        source_of(f"rotorfit.fitting.{name}").read_text(encoding="utf-8") for name in ("result", "result_figures")
+        source_of(f"rotorfit.identify.fitting.{name}").read_text(encoding="utf-8")
+        for name in ("result", "result_figures")
     )
     nodes = [node for source in sources for node in ast.walk(ast.parse(source))]
     upward = []
@@ -243,7 +244,7 @@ def test_every_module_imports_without_a_front_part() -> None:
     code = (
         "import sys, rotorfit.estimators.minimisation.least_squares, rotorfit.estimators.starting.closed_form\n"
         "front = [m for m in sys.modules if m.startswith('rotorfit.')"
-        " and not m.startswith(('rotorfit.models', 'rotorfit.estimators', 'rotorfit.version'))]\n"
+        " and not m.startswith(('rotorfit.models', 'rotorfit.estimators', 'rotorfit.base.version'))]\n"
         "sys.exit(' '.join(front) or 0)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

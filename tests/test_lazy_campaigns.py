@@ -17,7 +17,7 @@ from seal_campaigns import KNOWN, same_fits, seal_campaign
 from sentences import warns
 
 import rotorfit as rf
-from rotorfit.executors import process_pool
+from rotorfit.base.executors import process_pool
 from rotorfit.models import OneMode
 
 FIT = ["--model", "one-mode", "--known", "M=1.2,K=8000,Ds=8", "--quiet"]

@@ -13,8 +13,8 @@ from sentences import hear, refuses
 from synthetic import MODELS, TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
-from rotorfit.data.experiments import PerturbationTest
-from rotorfit.diagnosis.forces import turning_force
+from rotorfit.identify.diagnosis.forces import turning_force
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.models.motion.stability import growth_rate
 
 W = np.linspace(5.0, 500.0, 120)

@@ -11,7 +11,7 @@ import pytest
 from sentences import refuses, warns
 
 import rotorfit as rf
-from rotorfit.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import Experiment, PerturbationTest
 
 HEADER = ("run", "speed_rpm", "frequency_rpm", "force_plane", "force_N", "force_phase_deg", "plane", "direction",
           "amplitude_um", "phase_deg", "valve")  # fmt: skip
@@ -136,12 +136,12 @@ def of_two_planes(cells: list[list[str]]) -> list[list[str]]:
     ]  # fmt: skip
 
 
-@pytest.mark.filterwarnings("ignore::rotorfit.data.findings.DataWarning")
+@pytest.mark.filterwarnings("ignore::rotorfit.lab.data.findings.DataWarning")
 def test_memory_of_a_check_is_some_hundred_bytes_a_reading(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Lines of a test take 60 bytes a reading, its orbits 90, the windows of a sweep up to 200, and the check makes one
     more array at a time. In all 472 with NumPy 2.4; others may take a tenth more. Filters that were tried at every
     reading took 1500."""
-    monkeypatch.setattr("rotorfit.diagnosis.orbits._ENOUGH_READINGS", 500)
+    monkeypatch.setattr("rotorfit.identify.diagnosis.orbits._ENOUGH_READINGS", 500)
     test = read(written(tmp_path / "a.csv", of_two_planes(rows(24_000))))
     rf.check(test.select(np.arange(2400)))
     tracemalloc.start()

@@ -7,7 +7,7 @@ import pytest
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.cli.main import main
+from rotorfit.apps.cli.main import main
 
 CHANNELS = "CH#|Channel Name|Machine Name|Status|Angle|Direction|Speed Units(P)|Amp Unit|Phase Unit|"
 SAMPLES = (

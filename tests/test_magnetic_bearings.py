@@ -10,10 +10,10 @@ from sentences import refuses
 from supported_shaft import FLUID, at_rest, dynamic_stiffness, held, magnets, matrices, model, motion, rotating
 
 import rotorfit as rf
-from rotorfit.cli import main as cli
+from rotorfit.apps.cli import main as cli
+from rotorfit.identify.uncertainty.stability.rotors import rotors_of
 from rotorfit.models import KnownStructure, eigenvalues
 from rotorfit.models.motion.stability import eigenvalue_gradient
-from rotorfit.uncertainty.stability.rotors import rotors_of
 
 TRUTH = FLUID | magnets()
 MAGNETS = {name: value for name, value in TRUTH.items() if name.startswith("Km")}

@@ -11,8 +11,8 @@ from scipy.io import savemat
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.cli import main as cli
-from rotorfit.data.experiments import PerturbationTest
+from rotorfit.apps.cli import main as cli
+from rotorfit.lab.data.experiments import PerturbationTest
 
 W = np.linspace(300.0, 900.0, 7)
 

@@ -12,7 +12,7 @@ from swept import Sweep, two_modes
 
 import rotorfit as rf
 from rotorfit.estimators.signals.local_response import RecordSpectra, local_response
-from rotorfit.recordings.reduction.measured_responses import look_at_force
+from rotorfit.lab.recordings.reduction.measured_responses import look_at_force
 
 RIG = rf.models.WhirlWhip()
 VALUES = {"Md": 0.97, "Ds": 3.0, "K1": 14e3, "K2": 14e3, "sigma": 1.0, "Mb": 0.33, "K3": 6e3, "K0": 9e3, "D": 450.0,

@@ -11,7 +11,7 @@ from systematic_causes import CAUSES, measured, one_mode
 
 import rotorfit as rf
 from rotorfit.estimators.signals.spectral_lines import mains_hum
-from rotorfit.fitting.structure.refine import _warnings
+from rotorfit.identify.fitting.structure.refine import _warnings
 
 
 def test_blows_at_equal_times_are_no_hum_and_hum_is() -> None:

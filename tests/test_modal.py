@@ -116,7 +116,7 @@ def test_wrong_options_are_refused_in_words(options: dict[str, object]) -> None:
 
 def test_published_modes_give_the_published_damping() -> None:
     """Modal masses, frequencies, dampings and shapes of the paper; D is rounded to 0.1, shapes to two digits."""
-    from rotorfit.fitting.structure.modes import disk_values
+    from rotorfit.identify.fitting.structure.modes import disk_values
 
     model = rf.models.Modal(("inboard", "outboard"), modes=2, gains="plane")
     values = {
@@ -204,7 +204,7 @@ def test_eight_sensors_and_three_modes(lines, coherence) -> None:
 
 def test_modes_normalised_where_they_move_against_the_force() -> None:
     """Mass between the forced plane and that of the first probe is negative in modes in which these are opposed."""
-    from rotorfit.studies.study import modal_options
+    from rotorfit.apps.study_files.study import modal_options
 
     test = hammer_test(400, 0.95, seed=3)
     model = rf.models.Modal(("s5", *(s for s in EIGHT if s != "s5")), modes=3, gains="plane", force_planes=("s0",))
@@ -270,7 +270,7 @@ def beam(modes: int) -> rf.models.Modal:
 @pytest.mark.parametrize("noise", [0.02, 0.3])
 def test_more_modes_than_the_responses_hold_are_refused_at_once(noise: float) -> None:
     from rotorfit.estimators.starting.modal_start import modal_start
-    from rotorfit.observing.circular import observe
+    from rotorfit.identify.observing.circular import observe
 
     blocks = [observe(beam(3), test, np.zeros(len(test), dtype=np.intp)) for test in [eight_sensors(noise)]]
     values, _ = modal_start(beam(3), blocks)

@@ -12,8 +12,8 @@ from slow_cases import slow_but
 from synthetic import circular_test
 
 import rotorfit as rf
-from rotorfit.cli import main as cli
-from rotorfit.fitting.fit_file import fit_from_json, fit_to_json
+from rotorfit.apps.cli import main as cli
+from rotorfit.identify.fitting.fit_file import fit_from_json, fit_to_json
 from rotorfit.models import BLOCKS, LAWS, MODELS, RotorModel
 from rotorfit.models.parameters import Parameter
 
@@ -73,7 +73,7 @@ def test_a_model_is_made_again_from_its_options(name: str, options: dict[str, An
     again = model.variant()
     assert repr(again) == repr(model)
     assert again.parameter_names == model.parameter_names
-    from rotorfit.fitting.json_values import decode, encode
+    from rotorfit.identify.fitting.json_values import decode, encode
 
     back = decode(encode(model))
     assert repr(back.options()) == repr(model.options())

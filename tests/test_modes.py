@@ -12,8 +12,8 @@ from sentences import refuses
 from synthetic import SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
-from rotorfit.cli.main import main
-from rotorfit.fitting.structure.modes import half_power, own_modes
+from rotorfit.apps.cli.main import main
+from rotorfit.identify.fitting.structure.modes import half_power, own_modes
 from rotorfit.models import MODELS, TwoDisk
 
 

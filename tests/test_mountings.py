@@ -11,8 +11,8 @@ from seal_rig import FLUID, floating_stator
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.fitting.quantities import Quantity
-from rotorfit.fitting.structure.mountings import _over_mountings
+from rotorfit.identify.fitting.quantities import Quantity
+from rotorfit.identify.fitting.structure.mountings import _over_mountings
 
 MODEL = rf.models.Anisotropic(("stator",))
 NAMES = [kind + row + column for kind in "KD" for row in "xy" for column in "xy"]

@@ -17,9 +17,9 @@ from rotorfit.estimators.noise.sweep_noise import (
     noise_from_samples,
     noise_from_smoothness,
 )
-from rotorfit.fitting.problem_setup import group_rows
+from rotorfit.identify.fitting.problem_setup import group_rows
+from rotorfit.identify.observing.circular import observe
 from rotorfit.models import OneMode
-from rotorfit.observing.circular import observe
 
 
 def complex_normal(rng, *shape):

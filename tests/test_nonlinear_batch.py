@@ -10,12 +10,12 @@ import pytest
 from law_data import CLEARANCE_UM, JUMPING, LIGHT, ONE_MODE, WHIRL_WHIP, impulse, off_centre, squeeze, static, sweep
 
 import rotorfit as rf
-from rotorfit.data.experiments import Experiment
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.misfit.kernels import Batch
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.fitting.problem_setup import build_problem
-from rotorfit.fitting.settings import FitSettings
+from rotorfit.identify.fitting.problem_setup import build_problem
+from rotorfit.identify.fitting.settings import FitSettings
+from rotorfit.lab.data.experiments import Experiment
 from rotorfit.models.motion.journal import journal, line_stiffness
 from rotorfit.models.motion.orbits import OrbitEquation, all_roots, nearest_orbits
 

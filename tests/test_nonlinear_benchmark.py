@@ -7,8 +7,8 @@ import pytest
 
 import rotorfit as rf
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
-from rotorfit.fitting.problem_setup import build_problem
-from rotorfit.fitting.settings import FitSettings
+from rotorfit.identify.fitting.problem_setup import build_problem
+from rotorfit.identify.fitting.settings import FitSettings
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ import pytest
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
-from rotorfit.cli.main import main
+from rotorfit.apps.cli.main import main
 
 
 class Cells(HTMLParser):

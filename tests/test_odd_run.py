@@ -11,8 +11,8 @@ from honest_errors import WORLDS, simulate
 from slips import thinned
 
 import rotorfit as rf
-from rotorfit.data.experiments import PerturbationTest
 from rotorfit.estimators.noise.run_effects import misfit_without
+from rotorfit.lab.data.experiments import PerturbationTest
 
 ODD = "journal-bwd-2000"
 Slip = Callable[[PerturbationTest], PerturbationTest]

@@ -8,8 +8,9 @@ from linear_tests import linearised
 from nonlinear_rigs import rig
 from sentences import refuses
 
+from rotorfit.base.array_types import ComplexArray, Float
+from rotorfit.lab.simulation.integration import IntegrationError, Motion, rest_position, steady_state
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.off_centre import (
     coupled_stiffness,
@@ -18,7 +19,6 @@ from rotorfit.models.motion.off_centre import (
     static_equilibria,
 )
 from rotorfit.models.motion.stability import eigenvalues
-from rotorfit.simulation.integration import IntegrationError, Motion, rest_position, steady_state
 
 SPEED = 100.0
 RIGS = ["muszynska", "even", "spline", "two planes", "two ratios"]

@@ -13,8 +13,8 @@ from sentences import refuses, warns
 from synthetic import MODELS, TYPICAL, known_of
 
 import rotorfit as rf
-from rotorfit.data.experiments import PerturbationTest
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.base.array_types import ComplexArray, Float
+from rotorfit.lab.data.experiments import PerturbationTest
 
 HZ = np.linspace(4.0, 80.0, 120)
 W = 2 * np.pi * HZ

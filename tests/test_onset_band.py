@@ -7,8 +7,8 @@ import pytest
 from fe_rigs import K3, TYPICAL, Rig
 
 import rotorfit as rf
+from rotorfit.base.digits import interval
 from rotorfit.models import WhirlWhip
-from rotorfit.models.digits import interval
 from rotorfit.models.structure import BLOCKS
 
 RPM = np.pi / 30

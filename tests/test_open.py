@@ -159,8 +159,8 @@ def test_wrong_files_and_two_tabs(browser: Browser, address: str, folder: Path, 
 
 
 def test_the_history_beside_a_store_is_shown_and_can_do_nothing(tmp_path: Path) -> None:
-    from rotorfit.app.folder import Folder
-    from rotorfit.app.parts import document
+    from rotorfit.apps.app.folder import Folder
+    from rotorfit.apps.app.parts import document
 
     for name in ("machine.db", "machine.html", "other.html"):
         (tmp_path / name).write_text("<script>alert('x')</script>", encoding="utf-8")
@@ -171,8 +171,8 @@ def test_the_history_beside_a_store_is_shown_and_can_do_nothing(tmp_path: Path) 
 
 
 def test_the_cursor_of_a_sweep_stands_at_the_speed_of_its_time() -> None:
-    from rotorfit.app.signals import VectorFigures
-    from rotorfit.plots.recordings import vectors_shown
+    from rotorfit.apps.app.signals import VectorFigures
+    from rotorfit.show.plots.recordings import vectors_shown
 
     record = rf.read_recording(datasets.path(VOLTS[0]))
     mark = record.marks.named("perturbator", record)

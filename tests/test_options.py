@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 from scipy import stats
 
-from rotorfit.cli.arguments import fit_study
-from rotorfit.cli.main import build_parser
-from rotorfit.fitting.fit import fit
-from rotorfit.fitting.settings import FitKeywords, FitOptions
-from rotorfit.options.table import CAMPAIGN, FIT, LAW, LAW_RANKING, MODEL, UNCERTAINTY, command_words
-from rotorfit.studies import run
-from rotorfit.studies.study import Study
+from rotorfit.apps.cli.arguments import fit_study
+from rotorfit.apps.cli.main import build_parser
+from rotorfit.apps.study_files import run
+from rotorfit.apps.study_files.study import Study
+from rotorfit.identify.fitting.fit import fit
+from rotorfit.identify.fitting.settings import FitKeywords, FitOptions
+from rotorfit.identify.options.table import CAMPAIGN, FIT, LAW, LAW_RANKING, MODEL, UNCERTAINTY, command_words
 
 SETTINGS = {
     "structure": "shaft.mat",

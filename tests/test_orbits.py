@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 from sentences import refuses
 from slow_cases import slow_but
 
+from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.estimators.blocks.nonlinear import OrbitBranch, OrbitResponses
 from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.lab.simulation.integration import IntegrationError, Motion, integrate, steady_state
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.orbits import OrbitEquation, all_roots, followed_roots, nearest_orbits
 from rotorfit.models.motion.stability import growth_rate
-from rotorfit.simulation.integration import IntegrationError, Motion, integrate, steady_state
 
 SPEED = 100.0
 

@@ -8,8 +8,8 @@ from fe_rigs import DISK, JOURNAL, RPM, TYPICAL, Rig
 from sentences import hear, refuses
 
 import rotorfit as rf
-from rotorfit.cli.main import main
-from rotorfit.fitting.fit_file import fit_from_json, fit_to_json
+from rotorfit.apps.cli.main import main
+from rotorfit.identify.fitting.fit_file import fit_from_json, fit_to_json
 from rotorfit.models.motion.stability import eigenvalue_gradient, growth_rate
 
 K3X, K3Y = 6000.0, 16000.0

@@ -19,9 +19,9 @@ from synthetic import TYPICAL, circular_test, covering_frequencies, known_of
 from test_known_structure import FITTED, known_rig
 
 import rotorfit as rf
-from rotorfit.cli.main import main
+from rotorfit.apps.cli.main import main
+from rotorfit.base.array_types import Float
 from rotorfit.estimators.inference.optimal_shares import GAP, Lines, optimal_shares
-from rotorfit.models.array_types import Float
 
 ONE = rf.models.OneMode()
 TRUTH = TYPICAL["one-mode"]

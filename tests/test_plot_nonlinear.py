@@ -15,9 +15,9 @@ from slow_cases import slow_but
 import rotorfit as rf
 from rotorfit.models.coefficient_tables import law_curves
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues
-from rotorfit.plots.eccentricity import plot_law, plot_nonlinear_stiffness
-from rotorfit.plots.journal import drive_stiffness, half_width
-from rotorfit.plots.static_and_impulse import plot_static_locus, plot_static_stiffness, plot_velocity_ratio
+from rotorfit.show.plots.eccentricity import plot_law, plot_nonlinear_stiffness
+from rotorfit.show.plots.journal import drive_stiffness, half_width
+from rotorfit.show.plots.static_and_impulse import plot_static_locus, plot_static_stiffness, plot_velocity_ratio
 
 RPM = np.pi / 30
 NONLINEAR = (plot_law, plot_nonlinear_stiffness, plot_static_locus, plot_static_stiffness, plot_velocity_ratio)

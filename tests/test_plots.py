@@ -14,8 +14,8 @@ from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequenci
 
 import rotorfit as rf
 from rotorfit.models import OneMode, WhirlWhip
-from rotorfit.plots.style import decade_ticks, picture_of
-from rotorfit.plots.uncertainty import plot_corner, plot_traces
+from rotorfit.show.plots.style import decade_ticks, picture_of
+from rotorfit.show.plots.uncertainty import plot_corner, plot_traces
 
 RPM = 30 / np.pi
 FIGURES = ("dynamic_stiffness", "bode", "polar", "residuals", "stability")
@@ -80,7 +80,7 @@ def test_dynamic_stiffness_panels_show_force_over_response():
 
 def test_confidence_band_is_that_of_refitted_noise():
     """Half-width of the band at one frequency against the scatter of fits to fresh noise."""
-    from rotorfit.plots.dynamic_stiffness import _fitted, _shown
+    from rotorfit.show.plots.dynamic_stiffness import _fitted, _shown
 
     values = []
     for fit in fits_of_draws():
@@ -210,8 +210,8 @@ def test_boxes_and_stability_say_which_speed_they_hold_for():
     fit = rf.fit(OneMode(), two_files()[0], known=known_of("one-mode", TYPICAL["one-mode"]), per={"D": "speed_rpm"})
     boxes = [t.get_text() for axis in fit.plot_dynamic_stiffness().axes for t in axis.texts if "slope" in t.get_text()]
     assert boxes[0].startswith("1719 rpm:")
-    from rotorfit.plots.stability import plot_stability
-    from rotorfit.report.parts import groups_of
+    from rotorfit.show.plots.stability import plot_stability
+    from rotorfit.show.report.parts import groups_of
 
     labels = [label for label, _ in groups_of(fit)]
     assert [round(float(label.partition("=")[2])) for label in labels] == [573, 955, 1719]
@@ -257,7 +257,7 @@ def test_no_panel_is_empty():
 
 def test_bode_bands_are_those_of_refitted_noise():
     logs, bands = [], []
-    from rotorfit.plots.sweeps import curves
+    from rotorfit.show.plots.sweeps import curves
 
     for fit in fits_of_draws():
         forward = curves(fit)[1][1]
@@ -281,7 +281,7 @@ def test_points_are_shown_without_the_fits_errors_of_phase():
 
     off = replace(tests[1], force=tests[1].force * np.exp(0.2j), run=np.array(["b" + r for r in tests[1].run]))
     fit = rf.fit(model, [tests[0], off], known=known_of("one-mode", truth), phase_offsets=True)
-    from rotorfit.plots.sweeps import curves
+    from rotorfit.show.plots.sweeps import curves
 
     for curve in curves(fit)[1]:
         at = np.interp(curve.frequency, curve.fine, np.unwrap(np.angle(curve.fitted)))

@@ -12,10 +12,10 @@ from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.estimators.inference.log_posterior import LogPosterior
+from rotorfit.identify.uncertainty.derived import Derived
+from rotorfit.identify.uncertainty.posterior_file import load_arviz
 from rotorfit.models import OneMode, threshold_speed
 from rotorfit.models.motion.stability import threshold_speeds
-from rotorfit.uncertainty.derived import Derived
-from rotorfit.uncertainty.posterior_file import load_arviz
 
 # ---- the finite-element rig -----------------------------------------------------------------------------------------
 

@@ -15,9 +15,9 @@ from slow_cases import slow_but
 from synthetic import TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
-from rotorfit.cli.main import main
-from rotorfit.fitting.assumptions.shifts import assuming
-from rotorfit.models.array_types import Float
+from rotorfit.apps.cli.main import main
+from rotorfit.base.array_types import Float
+from rotorfit.identify.fitting.assumptions.shifts import assuming
 
 NAME, TESTED, ELSEWHERE = "whirl-whip", (100.0, 180.0), 220.0
 DRAWS, LEVEL = 60, 0.9

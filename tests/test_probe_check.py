@@ -12,8 +12,8 @@ from slips import exchanged, forced_by, lag_as_lead, mixed, read_through, thinne
 from slow_cases import slow_but
 
 import rotorfit as rf
-from rotorfit.data.experiments import PerturbationTest
-from rotorfit.data.findings import Finding
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.findings import Finding
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,8 @@ from sentences import hear, refuses
 from slow_cases import slow_but
 
 import rotorfit as rf
-from rotorfit.models.array_types import ComplexArray
-from rotorfit.plots.journal import journal_lines
+from rotorfit.base.array_types import ComplexArray
+from rotorfit.show.plots.journal import journal_lines
 
 RPM = np.pi / 30
 CLEARANCE = 200e-6
@@ -121,8 +121,8 @@ def test_static_loads_are_read_by_the_same_probes() -> None:
 
 
 def test_derivatives_of_readings_off_the_centre_hold_the_factors() -> None:
-    from rotorfit.fitting.problem_setup import build_problem
-    from rotorfit.fitting.settings import FitSettings
+    from rotorfit.identify.fitting.problem_setup import build_problem
+    from rotorfit.identify.fitting.settings import FitSettings
 
     rotor = rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=1e6 * CLEARANCE, betas=True)
     true = ONE
@@ -210,7 +210,7 @@ def test_a_factor_that_nothing_else_tells_is_called_undetermined() -> None:
 
 
 def test_saved_and_on_the_command_line(tmp_path, capsys) -> None:
-    from rotorfit.cli.main import main
+    from rotorfit.apps.cli.main import main
 
     fit = rf.fit(model(), measured(0), known=KNOWN)
     fit.save(tmp_path / "fit.json")

@@ -14,7 +14,7 @@ import rotorfit as rf
 from rotorfit.estimators.inference.constrained_minima import Minima
 from rotorfit.estimators.inference.profile_curve import Curve, find_ends
 from rotorfit.estimators.minimisation.batch import with_measured
-from rotorfit.fitting.fit import solve_again
+from rotorfit.identify.fitting.fit import solve_again
 from rotorfit.models import OneMode, WhirlWhip
 
 Q95 = stats.chi2.ppf(0.95, 1)

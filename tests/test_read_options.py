@@ -14,11 +14,11 @@ from sentences import refuses
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
-from rotorfit.data.experiments import Experiment, PerturbationTest
-from rotorfit.data.probes import correct_channels, resolve_probe_angles
-from rotorfit.io.files import SUFFIXES
+from rotorfit.apps.study_files.study_file import read_study
+from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.probes import correct_channels, resolve_probe_angles
+from rotorfit.lab.io.files import SUFFIXES
 from rotorfit.models import WhirlWhip
-from rotorfit.studies.study_file import read_study
 
 SPEED = 200.0
 W = np.r_[-500.0:0:50, 50:501:50]  # holds the speed on either side

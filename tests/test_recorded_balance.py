@@ -10,7 +10,7 @@ from sentences import refuses
 from synthetic import TYPICAL
 
 import rotorfit as rf
-from rotorfit.cli.main import main
+from rotorfit.apps.cli.main import main
 
 ROTOR = rf.models.TwoDisk()
 VALUES = TYPICAL["two-disk"]

@@ -9,8 +9,8 @@ from sentences import refuses
 from synthetic import TYPICAL, circular_test, covering_frequencies, overhung_without_slopes
 
 import rotorfit as rf
-from rotorfit.cli.main import main
-from rotorfit.simulation.recordings import RECORDED
+from rotorfit.apps.cli.main import main
+from rotorfit.lab.simulation.recordings import RECORDED
 
 VALUES = {"M": 1.2, "K": 8000.0, "Ds": 8.0, "K0": 3000.0, "D": 60.0, "lam": 0.45, "Mf": 0.2}
 """One mode: a fit of any kind of test takes no time."""

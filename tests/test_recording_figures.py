@@ -10,13 +10,13 @@ from recorded import ATTRIBUTES, RATE, perturbator_angle, shaft_angle, volts, wr
 from sentences import hear, refuses
 
 import rotorfit as rf
-from rotorfit.cli.main import main
+from rotorfit.apps.cli.main import main
+from rotorfit.apps.study_files.folder import CONTENTS
 from rotorfit.estimators.signals.spectral_lines import full_spectrum
 from rotorfit.estimators.signals.tracking import order_vectors
-from rotorfit.recordings.angle_track import Marks, speeds
-from rotorfit.recordings.reduction.reductions import swept_vectors
-from rotorfit.recordings.views import OrderVectors, cascade, centreline, spectrum, stretch, vectors_over_time
-from rotorfit.studies.folder import CONTENTS
+from rotorfit.lab.recordings.angle_track import Marks, speeds
+from rotorfit.lab.recordings.reduction.reductions import swept_vectors
+from rotorfit.lab.recordings.views import OrderVectors, cascade, centreline, spectrum, stretch, vectors_over_time
 
 FIGURES = ("timebase", "orbit", "centreline", "bode", "polar", "full_spectrum", "cascade", "speed")
 

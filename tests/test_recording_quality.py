@@ -10,8 +10,8 @@ from recorded import ATTRIBUTES, RATE, notch, shaft_angle, volts, write_hdf5
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.models.array_types import Float
-from rotorfit.recordings.reduction.responses import recorded_tests
+from rotorfit.base.array_types import Float
+from rotorfit.lab.recordings.reduction.responses import recorded_tests
 
 
 def codes(path: Path, channels: dict[str, Float], **said: float | str) -> dict[str, str]:

@@ -18,10 +18,10 @@ from scipy.io import savemat, wavfile
 from sentences import hear, refuses
 
 import rotorfit as rf
-from rotorfit.cli.main import main
-from rotorfit.models.array_types import Float
-from rotorfit.recordings.formats.files import open_raw
-from rotorfit.recordings.recording import named_apart
+from rotorfit.apps.cli.main import main
+from rotorfit.base.array_types import Float
+from rotorfit.lab.recordings.formats.files import open_raw
+from rotorfit.lab.recordings.recording import named_apart
 
 CHANNELS = volts()
 TIME = np.arange(CHANNELS["disk_X"].size) / RATE

@@ -9,9 +9,9 @@ import pytest
 from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
-from rotorfit.fitting.noise.record import NoiseVerdict
-from rotorfit.fitting.noise.residual_study import ResidualStudy, largest_redchi
-from rotorfit.fitting.result import FitResult
+from rotorfit.identify.fitting.noise.record import NoiseVerdict
+from rotorfit.identify.fitting.noise.residual_study import ResidualStudy, largest_redchi
+from rotorfit.identify.fitting.result import FitResult
 
 
 def random_rig(seed: int, *, sigma_known: bool, quieter: float = 1.0) -> FitResult:

@@ -11,9 +11,9 @@ from sentences import refuses
 from synthetic import TYPICAL
 
 import rotorfit as rf
-from rotorfit.cli import main as cli
-from rotorfit.data.experiments import PerturbationTest
-from rotorfit.data.joined import runs_apart
+from rotorfit.apps.cli import main as cli
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.joined import runs_apart
 
 
 def test_a_start_up_without_weight_takes_the_residual_unbalance_out_of_those_with_one(

@@ -28,14 +28,14 @@ from synthetic import (
 
 import rotorfit as rf
 from rotorfit import datasets
-from rotorfit.cli import main as cli
-from rotorfit.data.findings import Finding
-from rotorfit.fitting.result import FitResult
-from rotorfit.report import interactive
-from rotorfit.report.interactive import interactive_section
-from rotorfit.report.numbers import with_error
-from rotorfit.report.page import SECTIONS, VERDICT
-from rotorfit.report.write import document
+from rotorfit.apps.cli import main as cli
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.lab.data.findings import Finding
+from rotorfit.show.report import interactive
+from rotorfit.show.report.interactive import interactive_section
+from rotorfit.show.report.numbers import with_error
+from rotorfit.show.report.page import SECTIONS, VERDICT
+from rotorfit.show.report.write import document
 
 RPM = 30 / np.pi
 HOSTILE = '<script>alert(1)</script>&"$x_{'
@@ -458,7 +458,7 @@ def test_a_posterior_of_something_else(rig_fit: FitResult, rig_refinement: rf.Re
 
 @pytest.mark.usefixtures("sketched")
 def test_document_is_deterministic_but_for_its_date(rig_fit: FitResult) -> None:
-    from rotorfit.report.material import ReportInput
+    from rotorfit.show.report.material import ReportInput
 
     material = ReportInput(fit=rig_fit, findings=[[]])
     first, second = (re.sub(r"\d{4}-\d\d-\d\d \d\d:\d\d", "", document(material, "title")) for _ in range(2))

@@ -17,7 +17,7 @@ from browser import Browser
 from report_pages import normal_draws
 
 import rotorfit as rf
-from rotorfit.units import RPM_PER_RAD_S
+from rotorfit.base.units import RPM_PER_RAD_S
 
 MEASURE = """<script>
 window.onload = () => {

@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from sentences import hear, refuses
 
 import rotorfit as rf
-from rotorfit.cli.main import main
-from rotorfit.simulation.rig import linear_path
+from rotorfit.apps.cli.main import main
+from rotorfit.lab.simulation.rig import linear_path
 
 RIG = rf.models.WhirlWhip()
 VALUES = {"Md": 0.97, "Ds": 3.0, "K1": 14e3, "K2": 14e3, "sigma": 1.0, "Mb": 0.33, "K3": 6e3, "K0": 9e3, "D": 450.0,

@@ -11,9 +11,9 @@ import pytest
 from sentences import hear, refuses
 
 import rotorfit as rf
-from rotorfit.cli.main import main
-from rotorfit.estimators.atomic_file import file_name, protected_inputs, whole_file
-from rotorfit.studies.folder import CONTENTS, complete_folder
+from rotorfit.apps.cli.main import main
+from rotorfit.apps.study_files.folder import CONTENTS, complete_folder
+from rotorfit.base.atomic_file import file_name, protected_inputs, whole_file
 
 
 def fill(out: Path, **files: str) -> None:
@@ -77,7 +77,7 @@ def test_names_of_planes_give_names_of_recordings_that_work(tmp_path: Path, plan
 def test_names_of_planes_give_names_of_figures_that_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plane: str
 ) -> None:
-    monkeypatch.setattr("rotorfit.plots.style.picture_of", lambda figure, *, dpi: b"")  # drawing takes seconds
+    monkeypatch.setattr("rotorfit.show.plots.style.picture_of", lambda figure, *, dpi: b"")  # drawing takes seconds
     turns = 20 * np.pi * np.arange(4096) / 1024.0
     volts = np.column_stack([turns, np.cos(turns), np.sin(turns), np.where(turns % (2 * np.pi) < 0.3, -8.0, -2.0)])
     volts[:, 0] /= 20 * np.pi

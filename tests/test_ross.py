@@ -15,8 +15,8 @@ from sentences import refuses
 from test_known_structure import rig_matrices
 
 import rotorfit as rf
-from rotorfit.cli import main as cli
-from rotorfit.io.shafts import ross_rotor
+from rotorfit.apps.cli import main as cli
+from rotorfit.lab.io.shafts import ross_rotor
 from rotorfit.models import KnownStructure, eigenvalues
 
 FILES = Path(__file__).parent / "data" / "ross"
@@ -322,8 +322,8 @@ def code_of(words):
 
 
 def test_the_report_says_how_to_make_a_fit_of_a_file_s_shaft_again(rig, capsys):
-    from rotorfit.report.material import ReportInput
-    from rotorfit.report.reproduce import _calls, _command
+    from rotorfit.show.report.material import ReportInput
+    from rotorfit.show.report.reproduce import _calls, _command
 
     model = rf.models.KnownStructure.from_ross(rig / "shaft.mat", planes={"disk": 2, "oil": 4}, fluid="oil")
     fit = rf.fit(model, rf.read(rig / "rig.csv"))
@@ -427,7 +427,7 @@ def test_what_the_table_is_called_belongs_to_the_line_of_ross(fit):
 def test_supports_become_elements_of_their_own():
     model = from_file("2.3.0", damping="disk")
     odd = rf.models.Orthotropic(KnownStructure.from_ross(FILES / "shaft-2.3.0.mat", planes=PLANES, supports="oil"))
-    from rotorfit.io.shafts.ross_elements import ross_elements
+    from rotorfit.lab.io.shafts.ross_elements import ross_elements
 
     common = {"speeds": [0, 1, 2, 3, 4], "version": 3, "nodes": None, "element": "seal", "eccentricity": 0.0}
     both = ross_elements(model, model.vector({"Ds": 4.0, "K0": 1e4, "D": 5.0, "lam": 0.4, "Mf": 0.1}), **common)

@@ -15,7 +15,7 @@ import pytest
 from sentences import warns
 
 import rotorfit as rf
-from rotorfit.fitting.noise.record import NoiseVerdict
+from rotorfit.identify.fitting.noise.record import NoiseVerdict
 
 SAVED = Path(__file__).parent / "data" / "saved-0.1.0"
 EXPECTED = json.loads((SAVED / "expected.json").read_text(encoding="utf-8"))
@@ -59,7 +59,7 @@ def test_a_posterior_of_version_0_1_0_is_read() -> None:
 
 def test_a_study_of_version_0_1_0_is_read() -> None:
     """Every key that the version had, in one file."""
-    from rotorfit.studies.study_file import read_study
+    from rotorfit.apps.study_files.study_file import read_study
 
     study = read_study(SAVED / "study.toml")
     assert study.phase_offsets is True

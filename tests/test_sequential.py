@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from rotorfit.estimators.change import FEWEST_FREEDOM, SHIFTS, change_evidence, low_evidence, without_any
-from rotorfit.monitoring.alarms import WatchedValues, watch_rules
+from rotorfit.studies.monitoring.alarms import WatchedValues, watch_rules
 
 
 def marginal(values: np.ndarray, step: np.ndarray, size: float) -> float:

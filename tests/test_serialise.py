@@ -15,7 +15,7 @@ from sentences import refuses
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
-from rotorfit.fitting.fit_file import fit_from_json, fit_to_json
+from rotorfit.identify.fitting.fit_file import fit_from_json, fit_to_json
 from rotorfit.models import Chain, EvenPolynomial, KnownStructure, MonotoneSpline, Muszynska, OneMode, WhirlWhip
 from rotorfit.models.model import RotorModel
 from rotorfit.models.parameters import Parameter
@@ -104,7 +104,7 @@ LAWS = (Muszynska(), EvenPolynomial(terms=1), MonotoneSpline(knots=(0.1, 0.3), r
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
 def test_laws_come_back_with_their_options(law):
-    from rotorfit.fitting.json_values import decode, encode
+    from rotorfit.identify.fitting.json_values import decode, encode
 
     model = WhirlWhip(planes=("rotor", "seal"), law=law, clearance_um=127.3, blocks=("gyroscopic",), two_lam=True)
     back = decode(json.loads(json.dumps(encode(model))))
@@ -239,7 +239,7 @@ def test_files_that_are_not_right_say_what_is_wrong(rig_fit, tmp_path):
 
 
 def test_awkward_numbers_are_exact():
-    from rotorfit.fitting.json_values import decode, encode
+    from rotorfit.identify.fitting.json_values import decode, encode
 
     values = np.array([0.1, -0.0, 5e-324, 1.7976931348623157e308, np.nan, np.inf, -np.inf, np.nextafter(1.0, 2.0)])
     for value in (values, values.view(complex), values.reshape(2, 4), np.array(["a", "β"]), values > 0):

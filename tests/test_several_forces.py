@@ -13,9 +13,9 @@ from nonlinear_rigs import POWER, WHIRL_WHIP, rig
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.cli import main as cli
+from rotorfit.apps.cli import main as cli
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
-from rotorfit.observing.observations import observe_any
+from rotorfit.identify.observing.observations import observe_any
 
 HEAD = (
     "run,speed_rpm,frequency_rpm,force_plane,mr_g_mm,force_phase_lag_deg,plane,direction,amplitude_mil_pp,phase_lag_deg"

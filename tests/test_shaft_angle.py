@@ -8,11 +8,11 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import brentq
 from sentences import refuses
 
+from rotorfit.base.array_types import Float
 from rotorfit.estimators.signals.pulse_numbers import from_index, number_pulses, uneven_turns
 from rotorfit.estimators.signals.pulses import find_edges, find_levels
 from rotorfit.estimators.signals.shaft_angle import smooth_angle
-from rotorfit.models.array_types import Float
-from rotorfit.simulation.turning_speeds import Sweep
+from rotorfit.lab.simulation.turning_speeds import Sweep
 
 RATE = 6400.0
 

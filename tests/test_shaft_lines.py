@@ -5,7 +5,7 @@ import pytest
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.fitting.assumptions.anisotropy import magnitude_interval
+from rotorfit.identify.fitting.assumptions.anisotropy import magnitude_interval
 from rotorfit.models.shafts.combination_lines import line_order
 
 SPEED = 120.0

@@ -8,8 +8,8 @@ from sentences import refuses
 from shaft_setups import TWISTED
 
 import rotorfit as rf
-from rotorfit.cli.main import main
-from rotorfit.simulation.shaft import Acquisition, Crack, Perturbation, record_shaft
+from rotorfit.apps.cli.main import main
+from rotorfit.lab.simulation.shaft import Acquisition, Crack, Perturbation, record_shaft
 
 SPEED = 120.0
 SHAFT = rf.models.AnisotropicShaft()

@@ -9,8 +9,8 @@ from test_shaft_lines import ALL, TORSION, VALUES, W, line_test
 
 import rotorfit as rf
 from rotorfit.estimators.misfit.ratios import LogRatioProblem, ratios_of
-from rotorfit.fitting.problem_setup import build_problem
-from rotorfit.fitting.settings import FitSettings
+from rotorfit.identify.fitting.problem_setup import build_problem
+from rotorfit.identify.fitting.settings import FitSettings
 
 FEW = -np.linspace(30.0, 310.0, 30)
 TRUTH = VALUES | TORSION

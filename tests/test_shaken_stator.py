@@ -11,7 +11,7 @@ from sentences import hear
 from shaken_stator import SETUP, rods, shaken
 
 import rotorfit as rf
-from rotorfit.cli.main import main
+from rotorfit.apps.cli.main import main
 
 MODEL = rf.models.Anisotropic(("stator",))
 

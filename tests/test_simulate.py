@@ -14,12 +14,12 @@ from slow_cases import slow_but
 from synthetic import TYPICAL
 
 import rotorfit as rf
-from rotorfit.data.ring_down import ring_down_modes
+from rotorfit.identify.observing.observations import observe_any
+from rotorfit.lab.data.ring_down import ring_down_modes
+from rotorfit.lab.simulation.integration import IntegrationError
+from rotorfit.lab.simulation.recordings import RECORDED
+from rotorfit.lab.simulation.simulate import SIMULATED, ExperimentOptions, RecordingOptions
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues, static_equilibria
-from rotorfit.observing.observations import observe_any
-from rotorfit.simulation.integration import IntegrationError
-from rotorfit.simulation.recordings import RECORDED
-from rotorfit.simulation.simulate import SIMULATED, ExperimentOptions, RecordingOptions
 
 RPM = np.pi / 30
 VALUES = ONE_MODE | POWER

@@ -11,7 +11,7 @@ from recorded import RATE, notch, write_hdf5
 from sentences import hear, refuses
 
 import rotorfit as rf
-from rotorfit.cli.main import main
+from rotorfit.apps.cli.main import main
 
 FIRST, LAST, SECONDS, SLOW = 2.0, 25.0, 20.0, 4.0  # turns a second; slow roll below 4, which is 1.7 s of the start-up
 SIZE, NOISE = 60e-6, 3e-3  # m of vibration at the highest speed; V

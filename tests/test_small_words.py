@@ -9,7 +9,7 @@ import pytest
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.cli import main as cli
+from rotorfit.apps.cli import main as cli
 
 HEAD = "run,speed_rpm,frequency_rpm,force_plane,{force},force_phase_deg,plane,direction,amplitude_um,phase_deg"
 ROW = "a,1000,300,journal,2,0,journal,x,1,0"
@@ -53,7 +53,7 @@ def test_one_reading_is_one_reading(tmp_path: Path) -> None:
 def test_an_attribute_keeps_its_last_digit() -> None:
     from dataclasses import replace
 
-    from rotorfit.campaigns.runs import conditions
+    from rotorfit.studies.campaigns.runs import conditions
 
     test = rf.datasets.rig_open()
     told = replace(test, attributes={"oil_C": np.full(len(test), 16.49)})

@@ -11,10 +11,10 @@ import pytest
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.fitting.result import FitResult
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.identify.uncertainty.posterior import Posterior
 from rotorfit.models.motion.off_centre import static_equilibria
 from rotorfit.models.motion.stability import growing_bands, growth_rate
-from rotorfit.uncertainty.posterior import Posterior
 
 NONE_SUCH = (
     math.nan,

@@ -6,9 +6,9 @@ from sentences import refuses
 from shaft_setups import PERTURBED, PROBES
 
 import rotorfit as rf
-from rotorfit.cli.main import main
+from rotorfit.apps.cli.main import main
 from rotorfit.estimators.signals.start_up_lines import StartUp, start_up_lines
-from rotorfit.simulation.shaft import Acquisition, Perturbation, RunUp, record_shaft, shaft_motion
+from rotorfit.lab.simulation.shaft import Acquisition, Perturbation, RunUp, record_shaft, shaft_motion
 
 SHAFT = rf.models.AnisotropicShaft(torsion=None)
 TRUTH = {

@@ -19,8 +19,8 @@ from synthetic import (
 
 import rotorfit as rf
 from rotorfit.estimators.starting.many_starts import rational_fit
-from rotorfit.fitting.problem_setup import build_problem
-from rotorfit.fitting.settings import FitSettings
+from rotorfit.identify.fitting.problem_setup import build_problem
+from rotorfit.identify.fitting.settings import FitSettings
 from rotorfit.models import WhirlWhip
 
 COUNT = 200

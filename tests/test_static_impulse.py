@@ -28,11 +28,11 @@ from sentences import refuses, warns
 from slow_cases import slow_but
 
 import rotorfit as rf
-from rotorfit.cli.main import main
-from rotorfit.data.experiments import Experiment
-from rotorfit.fitting.problem_setup import build_problem
-from rotorfit.fitting.result import FitResult
-from rotorfit.fitting.settings import FitSettings
+from rotorfit.apps.cli.main import main
+from rotorfit.identify.fitting.problem_setup import build_problem
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.identify.fitting.settings import FitSettings
+from rotorfit.lab.data.experiments import Experiment
 from rotorfit.models import Muszynska, OneMode, WhirlWhip
 
 KNOWN = {"Ds": 8.0}

@@ -24,8 +24,8 @@ from stored import STUDY, day, days
 from unreliable import Unreliable
 
 import rotorfit as rf
-from rotorfit.executors import process_pool
-from rotorfit.store.database import Database
+from rotorfit.apps.store.database import Database
+from rotorfit.base.executors import process_pool
 
 FORK = multiprocessing.get_context("fork")
 """Processes that need not import everything again."""

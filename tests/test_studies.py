@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from command_words import FIGURES, FIT, RIG, TABLES, WHOLE, Run, refused
 
-from rotorfit.cli.arguments import fit_study
-from rotorfit.cli.main import build_parser
-from rotorfit.studies.data_files import DataFile
-from rotorfit.studies.study import Study
-from rotorfit.studies.study_file import read_study
+from rotorfit.apps.cli.arguments import fit_study
+from rotorfit.apps.cli.main import build_parser
+from rotorfit.apps.study_files.data_files import DataFile
+from rotorfit.apps.study_files.study import Study
+from rotorfit.apps.study_files.study_file import read_study
 
 STUDY = """
 files = ["rig.csv"]

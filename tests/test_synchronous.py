@@ -7,10 +7,10 @@ from sentences import refuses, warns
 
 import rotorfit as rf
 from rotorfit import datasets  # noqa: F401 - the package has to be importable
-from rotorfit.data.experiments import perturbation_test
-from rotorfit.data.synchronous import DIFFERENCED, difference_synchronous
 from rotorfit.estimators.blocks.set_speeds import set_speeds
-from rotorfit.io.files import read, write
+from rotorfit.lab.data.experiments import perturbation_test
+from rotorfit.lab.data.synchronous import DIFFERENCED, difference_synchronous
+from rotorfit.lab.io.files import read, write
 from rotorfit.models import TwoDisk
 
 VALUES = {

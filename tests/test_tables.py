@@ -8,7 +8,7 @@ from seal_campaigns import KNOWN, seal_campaign
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.fitting.habits import ELSEWHERE
+from rotorfit.identify.fitting.habits import ELSEWHERE
 
 
 def test_a_table_in_memory_is_read_as_its_file_is(tmp_path) -> None:

@@ -11,10 +11,10 @@ from recorded import RATE, volts, write_hdf5
 from sentences import hear, refuses
 
 import rotorfit as rf
-from rotorfit.cli.main import main
-from rotorfit.recordings.rig.rig_toml import setup_of
-from rotorfit.recordings.rig.setup import ForceSetup
-from rotorfit.recordings.rig.template import template
+from rotorfit.apps.cli.main import main
+from rotorfit.lab.recordings.rig.rig_toml import setup_of
+from rotorfit.lab.recordings.rig.setup import ForceSetup
+from rotorfit.lab.recordings.rig.template import template
 
 
 def test_a_recording_that_says_all_gets_a_template_that_reads_at_once(tmp_path: Path) -> None:

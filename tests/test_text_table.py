@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import rotorfit as rf
+from rotorfit.base.text_table import Wide, text_table
 from rotorfit.models import WhirlWhip
-from rotorfit.models.text_table import Wide, text_table
 
 NAME = "K0_seal[speed_rpm=1000.523]"
 

@@ -11,9 +11,9 @@ from sentences import hear, refuses
 from trend_detection import CHANGE, history, judged
 
 import rotorfit as rf
-from rotorfit.cli.main import main
+from rotorfit.apps.cli.main import main
+from rotorfit.apps.study_files.folder import CONTENTS
 from rotorfit.estimators.change import find_change
-from rotorfit.studies.folder import CONTENTS
 
 SPEED = np.linspace(30.0, 80.0, 12)
 
@@ -55,7 +55,7 @@ def test_x_and_y_probes_are_read_as_forward_motion() -> None:
         )
         for axis, factor in (("x", 1.0), ("y", -1j))
     ]  # fmt: skip
-    from rotorfit.data.synchronous import join
+    from rotorfit.lab.data.synchronous import join
 
     (seen,) = rf.observed_stiffness(join(both))
     assert seen.observed["K"][0] == pytest.approx(4e5, rel=1e-9)

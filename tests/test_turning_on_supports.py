@@ -7,11 +7,11 @@ from sentences import refuses
 from shaft_setups import PERTURBED
 
 import rotorfit as rf
-from rotorfit.fitting.assumptions.anisotropy import lines_cut_off
+from rotorfit.identify.fitting.assumptions.anisotropy import lines_cut_off
+from rotorfit.lab.simulation.shaft import Acquisition, Perturbation, record_shaft
 from rotorfit.models import Chain, KnownStructure, Turning, TurningOnSupports
 from rotorfit.models.motion.stability import growth_rate
 from rotorfit.models.shafts.turning_on_supports import LINES
-from rotorfit.simulation.shaft import Acquisition, Perturbation, record_shaft
 
 SPEED = 130.0
 MODEL = TurningOnSupports(Turning(Chain(2), ("mass-1", "mass-2")), at="mass-2", terms=5)

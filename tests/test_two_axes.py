@@ -12,7 +12,7 @@ from seal_rig import FLUID, STATOR_MASS, dry_stiffness, floating_stator, matrice
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.data.experiments import PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
 
 MODEL = rf.models.Anisotropic(("stator",))
 

@@ -11,7 +11,7 @@ import pytest
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.diagnosis.data_errors import undone
+from rotorfit.identify.diagnosis.data_errors import undone
 
 
 def exchanged_planes(table: pd.DataFrame) -> pd.DataFrame:

@@ -3,7 +3,7 @@ import math
 import pytest
 from sentences import refuses
 
-from rotorfit.units import UNITS, si_factor, units_of
+from rotorfit.base.units import UNITS, si_factor, units_of
 
 
 @pytest.mark.parametrize(

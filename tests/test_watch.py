@@ -17,9 +17,9 @@ import pytest
 from stored import STUDY, day, days
 
 import rotorfit as rf
-from rotorfit.store import sources
-from rotorfit.store.store import study_for_store
-from rotorfit.store.watch import FolderWatch
+from rotorfit.apps.store import sources
+from rotorfit.apps.store.store import study_for_store
+from rotorfit.apps.store.watch import FolderWatch
 
 FORK = multiprocessing.get_context("fork")
 Run = Callable[..., tuple[int, str, str]]
@@ -110,8 +110,8 @@ def test_a_watch_ends_when_nobody_reads_what_it_prints(inbox: Path, run: Run, mo
     def closed(*_: Any, **__: Any) -> None:
         raise BrokenPipeError
 
-    monkeypatch.setattr("rotorfit.cli.watch._tell", closed)
-    monkeypatch.setattr("rotorfit.cli.main._close_output", lambda: None)
+    monkeypatch.setattr("rotorfit.apps.cli.watch._tell", closed)
+    monkeypatch.setattr("rotorfit.apps.cli.main._close_output", lambda: None)
     days(inbox, 1)
     words = ["watch", inbox, "--study", inbox.parent / "study.toml", "--store", inbox.parent / "machine.db"]
     for more in ([], ["--once"]):
@@ -185,7 +185,9 @@ def test_tests_stay_in_order_of_arrival_where_the_clock_is_set_back(
 ) -> None:
     watch = watch_of(inbox)
     for number, file in enumerate(days(tmp_path, 3)):
-        monkeypatch.setattr("rotorfit.store.adding.time.time_ns", lambda hours=number: 10**18 - hours * 36 * 10**11)
+        monkeypatch.setattr(
+            "rotorfit.apps.store.adding.time.time_ns", lambda hours=number: 10**18 - hours * 36 * 10**11
+        )
         shutil.copy(file, inbox)
         looked(watch)
     assert [test.date for test, _ in watch.store.history()] == ["2026-03-01", "2026-03-02", "2026-03-03"]

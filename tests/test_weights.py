@@ -12,8 +12,8 @@ from scipy.stats import binom
 from sentences import refuses
 
 import rotorfit as rf
+from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.estimators.noise.mounting import solve
-from rotorfit.models.array_types import ComplexArray, Float
 
 DATA = Path(__file__).parent / "data"
 DISKS = ("disk1", "disk2")
@@ -73,7 +73,7 @@ def test_restricted_likelihood_pays_for_its_coefficients() -> None:
 
 
 def test_runs_are_mountings_by_name_by_column_or_each_its_own() -> None:
-    from rotorfit.data.weights import mountings
+    from rotorfit.lab.data.weights import mountings
 
     named = exact(WEIGHTS[:3])
     assert sorted(set(mountings(named))) == ["M00", "M01", "M02"]
@@ -88,7 +88,7 @@ def test_runs_are_mountings_by_name_by_column_or_each_its_own() -> None:
 
 
 def test_a_weight_that_moved_is_another_mounting_whatever_the_names_say() -> None:
-    from rotorfit.data.weights import mountings
+    from rotorfit.lab.data.weights import mountings
 
     test = exact((("disk1", 0.0), ("disk1", 180.0)), names="run-{repeat}")
     assert len(set(mountings(test))) == 2

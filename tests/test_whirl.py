@@ -13,11 +13,11 @@ from scipy.integrate import solve_ivp
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.cli.main import main
+from rotorfit.apps.cli.main import main
+from rotorfit.base.array_types import ComplexArray
+from rotorfit.lab.simulation.integration import IntegrationError
+from rotorfit.lab.simulation.rig import nonlinear_path
 from rotorfit.models import EvenPolynomial, Muszynska, OneMode, WhirlWhip, whirl_branch
-from rotorfit.models.array_types import ComplexArray
-from rotorfit.simulation.integration import IntegrationError
-from rotorfit.simulation.rig import nonlinear_path
 
 WHIP = WHIRL_WHIP | {"Ds": 3.0}
 """Lightly damped: its whirl becomes a whip."""

@@ -27,9 +27,9 @@ from slow_cases import slow_but
 from synthetic import TYPICAL
 
 import rotorfit as rf
-from rotorfit.cli import main as cli
-from rotorfit.data.experiments import PerturbationTest
-from rotorfit.diagnosis.findings import explained
+from rotorfit.apps.cli import main as cli
+from rotorfit.identify.diagnosis.findings import explained
+from rotorfit.lab.data.experiments import PerturbationTest
 
 Slip = Callable[[PerturbationTest], PerturbationTest]
 

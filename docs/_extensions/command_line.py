@@ -10,7 +10,7 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from rotorfit.cli.main import build_parser
+from rotorfit.apps.cli.main import build_parser
 
 
 def plain(text: str) -> str:

@@ -12,7 +12,7 @@ import tempfile
 from pathlib import Path
 
 import rotorfit as rf
-from rotorfit.simulation.shaft import Acquisition, Perturbation, record_shaft
+from rotorfit.lab.simulation.shaft import Acquisition, Perturbation, record_shaft
 
 shaft = rf.models.AnisotropicShaft()
 truth = {

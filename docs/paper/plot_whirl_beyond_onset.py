@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import rotorfit as rf
-from rotorfit.simulation.instruments import Instruments
+from rotorfit.lab.simulation.instruments import Instruments
 
 CLEARANCE_UM = 200.0
 law = rf.models.Muszynska()

@@ -6,12 +6,11 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from statistics import NormalDist
 
 import numpy as np
 
+from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.estimators.blocks.observations import Block, OnResponses
-from rotorfit.models.array_types import ComplexArray, Float
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -89,13 +88,3 @@ def whiten(block: Block, misses: ComplexArray) -> ComplexArray:
 def freedom_of(blocks: Iterable[Block]) -> float:
     """Degrees of freedom from which the noise of the readings is known; infinite where it was given or sampled well."""
     return min((b.freedom for b in blocks if isinstance(b, CorrelatedResponses)), default=math.inf)
-
-
-def quantile(level: float, freedom: float) -> float:
-    """Standard errors on either side of an estimate that make an interval; Student's t for few mountings."""
-    reach = (1 + level) / 2
-    if not math.isfinite(freedom):
-        return NormalDist().inv_cdf(reach)
-    from scipy.special import stdtrit  # late: loading it takes longer than a fit
-
-    return float(stdtrit(freedom, reach))

@@ -8,11 +8,11 @@ from typing import Literal
 
 import numpy as np
 
+from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.observations import OnResponses, Responses
 from rotorfit.estimators.blocks.response import inverse_of_lines, read_by_probes, read_by_probes_jacobian
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.motion.journal import Journal, journal, known_structure, line_stiffness
 from rotorfit.models.motion.orbits import LARGEST_ECCENTRICITY, OrbitEquation, followed_roots, nearest_orbits
 from rotorfit.models.shafts.shaft import KnownStiffness

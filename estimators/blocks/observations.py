@@ -9,6 +9,7 @@ from typing import Protocol, Self
 
 import numpy as np
 
+from rotorfit.base.array_types import Bool, ComplexArray, Float, Index, Text
 from rotorfit.estimators.blocks.response import (
     displacement_to_force,
     displacement_to_force_jacobian,
@@ -18,7 +19,6 @@ from rotorfit.estimators.blocks.response import (
 from rotorfit.estimators.blocks.row_keys import combined, numbers, occurrence, rows_by
 from rotorfit.estimators.blocks.set_speeds import set_speeds
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Text
 
 
 class Block(Protocol):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.models.coefficients import CompiledModel
 from rotorfit.models.modal import Modal
 from rotorfit.models.model import RotorModel

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.models.array_types import Index
+from rotorfit.base.array_types import Index
 
 
 def numbers(column: NDArray[Any]) -> Index:

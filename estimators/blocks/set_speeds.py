@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rotorfit.models.array_types import Bool, Float, Index
+from rotorfit.base.array_types import Bool, Float, Index
 
 SPEED_TOLERANCE = 0.005
 """Speeds closer than this fraction are one constant speed that jitters; see :func:`set_speeds`."""

@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
+from rotorfit.base.array_types import Bool, ComplexArray, Float, Index, Text
 from rotorfit.estimators.blocks.observations import Observed, OnResponses
 from rotorfit.models import AnisotropicShaft, TurningFrame, TurningOnSupports
-from rotorfit.models.array_types import Bool, ComplexArray, Float, Index, Text
 from rotorfit.models.shafts.combination_lines import Order, line_order
 
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.estimators.blocks.nonlinear import eccentricity_of_reading
 from rotorfit.estimators.blocks.observations import Observed
 from rotorfit.estimators.blocks.response import inverse_of_lines, read_by_probes, read_by_probes_jacobian
-from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.models.motion.journal import journal, known_structure, line_stiffness
 from rotorfit.models.motion.off_centre import coupled_stiffness, off_centre_eigenvalues, off_centre_gradient
 

@@ -9,11 +9,11 @@ from typing import TypeAlias
 
 import numpy as np
 
+from rotorfit.base.array_types import Bool, Float, Index
 from rotorfit.estimators.inference.log_posterior import box
 from rotorfit.estimators.minimisation.least_squares import Options, Status, minimise
 from rotorfit.estimators.misfit.problem import Normal, Problem
 from rotorfit.estimators.misfit.ratios import LogRatioProblem
-from rotorfit.models.array_types import Bool, Float, Index
 
 ValueAndGradient = Callable[[Float], tuple[float, Float]]
 """Value of a quantity and its gradient, shape ``(p,)``, at a fitted vector."""

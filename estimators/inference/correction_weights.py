@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.models.array_types import ROUND_OFF, Bool, ComplexArray, Float
+from rotorfit.base.array_types import ROUND_OFF, Bool, ComplexArray, Float
 
 _OWN_SHARE = 0.2
 """Share of a plane's influence that no combination of other planes reproduces, below which planes count as acting

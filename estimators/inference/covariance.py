@@ -13,14 +13,14 @@ from functools import cache
 
 import numpy as np
 
+from rotorfit.base.array_types import RANK_TOLERANCE, ComplexArray, Float, Index
+from rotorfit.base.significance import P_CHANCE
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.inference.identifiability import covariance as inverse
 from rotorfit.estimators.inference.identifiability import natural_scales
 from rotorfit.estimators.misfit.problem import Loss, Problem, robust_weights
 from rotorfit.estimators.noise.run_effects import LEAST_RESIDUAL_SHARE, real_rows
-from rotorfit.estimators.significance import P_CHANCE
-from rotorfit.models.array_types import RANK_TOLERANCE, ComplexArray, Float, Index
 
 
 def widening(redchi: float, loss: Loss, *, rescaled: bool = False, nfree: int = 0, freedom: float = math.inf) -> float:

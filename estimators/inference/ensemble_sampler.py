@@ -13,10 +13,10 @@ import h5py
 import numpy as np
 from scipy.stats import multivariate_t
 
-from rotorfit.estimators.atomic_file import whole_file
-from rotorfit.estimators.file_reading import check_hdf5, check_seal, reading, seal
+from rotorfit.base.array_types import RANK_TOLERANCE, Float
+from rotorfit.base.atomic_file import whole_file
+from rotorfit.base.file_reading import check_hdf5, check_seal, reading, seal
 from rotorfit.estimators.inference.log_posterior import LogPosterior
-from rotorfit.models.array_types import RANK_TOLERANCE, Float
 
 RESOLVED_TIMES = 100.0
 """Length of a chain, in autocorrelation times, from which that time is trusted: twice emcee's rule, so that split

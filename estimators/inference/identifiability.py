@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rotorfit.base.array_types import RANK_TOLERANCE, Bool, Float
+from rotorfit.base.digits import significant
+from rotorfit.base.significance import OPEN_ERRORS
 from rotorfit.estimators.inference.constrained_minima import EntryConstraint
 from rotorfit.estimators.inference.log_posterior import box
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.significance import OPEN_ERRORS
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import RANK_TOLERANCE, Bool, Float
-from rotorfit.models.digits import significant
 
 UNRESOLVED_ERROR = 1.0
 """A direction is unresolved when its standard error exceeds this multiple of the parameters' own size."""

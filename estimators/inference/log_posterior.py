@@ -8,11 +8,11 @@ from typing import Literal
 
 import numpy as np
 
+from rotorfit.base.array_types import ROUND_OFF, Float, Index
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.kernels import Batch
 from rotorfit.estimators.misfit.priors import log_priors, within_support
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.models.array_types import ROUND_OFF, Float, Index
 
 Noise = Literal["marginal", "fixed", "sampled"]
 

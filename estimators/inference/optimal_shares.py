@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rotorfit.base.array_types import RANK_TOLERANCE, Bool, Float, Index
+from rotorfit.base.digits import significant
 from rotorfit.estimators.noise.run_effects import inverse_of_determined
-from rotorfit.models.array_types import RANK_TOLERANCE, Bool, Float, Index
-from rotorfit.models.digits import significant
 
 GAP = 0.01
 """Excess of the largest phi over the mean of measured lines at which a search ends: variances are the least to 1 %."""

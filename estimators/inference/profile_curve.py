@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rotorfit.base.array_types import Float
 from rotorfit.estimators.inference.constrained_minima import Constraint
-from rotorfit.models.array_types import Float
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,12 +13,12 @@ from typing import TypeAlias
 
 import numpy as np
 
+from rotorfit.base.array_types import RANK_TOLERANCE, ComplexArray, Float, Index
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.small_motion import FreeVibrations, OffCentreResponses
 from rotorfit.estimators.inference.smooth_causes import Cause, Motion, cause_change, load_change, whitened
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.models.array_types import RANK_TOLERANCE, ComplexArray, Float, Index
 from rotorfit.models.motion.neglected_terms import LeftOut
 
 

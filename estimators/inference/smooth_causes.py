@@ -15,13 +15,13 @@ from functools import cached_property
 
 import numpy as np
 
+from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.estimators.blocks.correlated import whiten
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse, probe_factors
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.models.array_types import ComplexArray, Float
 from rotorfit.models.model import RotorModel
 from rotorfit.models.motion.neglected_terms import LeftOut, fluid_coordinates
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rotorfit.base.array_types import ROUND_OFF
 from rotorfit.estimators.minimisation.objective import HessianKind, Matrix, Objective, Options, Status, Vector
-from rotorfit.models.array_types import ROUND_OFF
 
 HANDOVER_OFFSET = 1e-3  # relative offset, its square the relative excess cost, at which refinement takes over
 COST_FLOOR = 1e-40  # of the starting cost: keeps the logarithm finite on zero-residual problems

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.estimators.atomic_file import whole_file
-from rotorfit.estimators.file_reading import is_sealed, seal
+from rotorfit.base.atomic_file import whole_file
+from rotorfit.base.file_reading import is_sealed, seal
 
 Kernel = Callable[..., None]
 

@@ -11,6 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from rotorfit.base.array_types import ComplexArray
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.misfit.codegen import robust_cost
@@ -18,7 +19,6 @@ from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.misfit.priors import normal_moments
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import ComplexArray
 from rotorfit.models.motion.journal import at_frequency
 
 

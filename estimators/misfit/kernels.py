@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.row_keys import combined, numbers, occurrence
 from rotorfit.estimators.misfit import accelerator, codegen
 from rotorfit.estimators.misfit.codegen import LARGEST_UNROLLED
 from rotorfit.estimators.misfit.problem import Problem, is_linear_response
-from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
 
 READINGS_OF_A_NODE = 8
 """Readings evaluated together at a node where code is generated; more are split, so that it stays short."""

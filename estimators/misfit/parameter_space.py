@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from rotorfit.base.array_types import Bool, Float, Index
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import Bool, Float, Index
 from rotorfit.models.parameters import bare_name
 
 LARGEST = 1e30

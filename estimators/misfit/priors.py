@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from rotorfit.base.array_types import Float
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
-from rotorfit.models.array_types import Float
 
 _SCIPY = "scipy.stats._continuous_distns"
 """Where SciPy's own distributions are; a user's may hold more than their arguments."""

@@ -15,13 +15,13 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.base.array_types import ComplexArray, Float, Index, Text
 from rotorfit.estimators.blocks.correlated import whiten
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.response import Sensitivities, by_condition, response_sensitivities
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.misfit.priors import Prior
-from rotorfit.models.array_types import ComplexArray, Float, Index, Text
 
 Loss = Literal["linear", "soft_l1", "huber", "cauchy"]
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rotorfit.base.array_types import Float, Index
 from rotorfit.estimators.blocks.shaft_lines import LineResponses
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.models.array_types import Float, Index
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

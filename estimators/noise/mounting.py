@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.models.array_types import COLLINEAR, ComplexArray, Float, Index
+from rotorfit.base.array_types import COLLINEAR, ComplexArray, Float, Index
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rotorfit.base.array_types import ComplexArray, Float, Index
+from rotorfit.base.significance import CHANCE_ERRORS, P_UNLIKELY
 from rotorfit.estimators.noise.run_effects import LEAST_RESIDUAL_SHARE, powers, real_rows
 from rotorfit.estimators.noise.sweep_noise import LINES_OF_A_LEVEL, NOISE_FLOOR
-from rotorfit.estimators.significance import CHANCE_ERRORS, P_UNLIKELY
-from rotorfit.models.array_types import ComplexArray, Float, Index
 
 _RATIOS = np.concatenate([[0.0], np.logspace(-2.5, 4.5, 22), [np.inf]])
 """Tried ratios of the proportional to the constant share of the variance, at the mean square amplitude."""

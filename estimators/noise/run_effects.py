@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rotorfit.base.array_types import COLLINEAR, ComplexArray, Float, Index
 from rotorfit.estimators.noise.sweep_noise import SMOOTH_CORRELATION
-from rotorfit.models.array_types import COLLINEAR, ComplexArray, Float, Index
 
 FEWEST_RUNS = 3
 """Runs among which one may be the odd one: of two runs either may."""

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from rotorfit.base.array_types import ROUND_OFF, ComplexArray, Float, Index
+from rotorfit.base.significance import P_UNLIKELY
 from rotorfit.estimators.blocks.observations import Responses, force_plane, sweeps_of
 from rotorfit.estimators.blocks.row_keys import distinguished
-from rotorfit.estimators.significance import P_UNLIKELY
-from rotorfit.models.array_types import ROUND_OFF, ComplexArray, Float, Index
 
 NOISE_FLOOR = 1e-9
 """Smallest noise, as a fraction of a channel's rms amplitude: exact data would otherwise weigh infinitely."""

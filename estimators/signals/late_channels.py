@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rotorfit.models.array_types import Float
+from rotorfit.base.array_types import Float
 
 
 def on_time(read: Callable[[int, int], Float], first: int, last: int, size: int, late: float) -> Float:

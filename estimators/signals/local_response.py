@@ -24,9 +24,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rotorfit.estimators.significance import SIGNIFICANT_ERRORS
-from rotorfit.models.array_types import Bool, ComplexArray, Float
-from rotorfit.models.digits import significant
+from rotorfit.base.array_types import Bool, ComplexArray, Float
+from rotorfit.base.digits import significant
+from rotorfit.base.significance import SIGNIFICANT_ERRORS
 
 SMOOTH_DEGREE = 2
 """Degree of the polynomials that a response and a transient are in a band: its numerator, where it has a pole there."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import median_filter, percentile_filter
 
-from rotorfit.models.array_types import Bool, Float, Index
+from rotorfit.base.array_types import Bool, Float, Index
 
 _EXTRA_EDGE_PRICE = 0.3
 """Price of an edge left out. To keep one in the middle of a turn costs twice the logarithm of 2."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.models.array_types import Float
-from rotorfit.models.digits import significant
+from rotorfit.base.array_types import Float
+from rotorfit.base.digits import significant
 
 NOISE_STEP_OVER_SCATTER = 3.3
 """Distance of the two voltages over their scatter: Gaussian noise cut in two has 2.7, a sine 4.1, a pulse more."""

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.estimators.significance import CHANCE_ERRORS
-from rotorfit.models.array_types import ROUND_OFF, ComplexArray, Float
+from rotorfit.base.array_types import ROUND_OFF, ComplexArray, Float
+from rotorfit.base.significance import CHANCE_ERRORS
 
 LARGEST_GROWTH = 1e6
 """Growth over the record beyond which an exponential is no motion of a rotor. Chosen."""

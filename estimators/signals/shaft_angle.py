@@ -22,9 +22,9 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 
+from rotorfit.base.array_types import Bool, Float, Index
 from rotorfit.estimators.signals.local_response import POOLED_FREEDOM
 from rotorfit.estimators.signals.pulse_numbers import NumberedPulses
-from rotorfit.models.array_types import Bool, Float, Index
 
 SPLINE_DEGREE = 5
 _OUTLYING_DEVIATIONS = 7.0

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.interpolate import BSpline
 
+from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.estimators.signals.shaft_angle import SPLINE_DEGREE, SmoothAngle
-from rotorfit.models.array_types import ComplexArray, Float
 
 
 def turning_power(z: ComplexArray, angle: Float) -> tuple[float, float]:

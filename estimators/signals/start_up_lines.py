@@ -17,10 +17,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rotorfit.base.array_types import Bool, ComplexArray, Float
+from rotorfit.base.digits import significant
 from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra, local_response
 from rotorfit.estimators.signals.ratios import least_squares
-from rotorfit.models.array_types import Bool, ComplexArray, Float
-from rotorfit.models.digits import significant
 
 _MOTION_TOLERANCE = 1e-9
 """Change of the computed motion over its size at which it is found: far below the noise of any record."""

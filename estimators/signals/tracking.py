@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
+from rotorfit.base.digits import significant
 from rotorfit.estimators.signals.local_response import RecordSpectra, seen
-from rotorfit.models.array_types import Bool, ComplexArray, Float, Index
-from rotorfit.models.digits import significant
 
 LEAST_TURNS_APART = 1.0
 """Turns over the window by which an order has to differ from the drive to be distinguished from it."""

@@ -13,6 +13,7 @@ from zlib import crc32
 
 import numpy as np
 
+from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
@@ -29,7 +30,6 @@ from rotorfit.estimators.starting.force_balance import (
     weigh,
 )
 from rotorfit.estimators.starting.lumped import Lumped, lumped_coefficients
-from rotorfit.models.array_types import ComplexArray, Float
 
 
 @dataclass(frozen=True, eq=False)

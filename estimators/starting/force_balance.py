@@ -8,10 +8,10 @@ from functools import reduce
 
 import numpy as np
 
+from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.response import inverse, known_lines
 from rotorfit.estimators.starting.lumped import Lumped
-from rotorfit.models.array_types import ComplexArray, Float, Index
 
 
 class ForceBalance:

@@ -14,6 +14,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.base.array_types import ComplexArray, Float, Index
+from rotorfit.base.significance import P_CHANCE
 from rotorfit.estimators.noise.mounting import (
     MountingFit,
     coefficient_covariance,
@@ -22,8 +24,6 @@ from rotorfit.estimators.noise.mounting import (
     scatter,
     solve,
 )
-from rotorfit.estimators.significance import P_CHANCE
-from rotorfit.models.array_types import ComplexArray, Float, Index
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

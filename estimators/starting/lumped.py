@@ -14,10 +14,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.base.array_types import COLLINEAR, ComplexArray, Float, Index
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.models import RotorModel
-from rotorfit.models.array_types import COLLINEAR, ComplexArray, Float, Index
 from rotorfit.models.compiled import array_function
 
 _NEITHER, _LINEAR, _RECIPROCAL = 0, 1, 2

@@ -14,11 +14,13 @@ from itertools import chain, islice
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.base.array_types import RANK_TOLERANCE, ComplexArray, Float, Index
+from rotorfit.base.digits import significant
+from rotorfit.base.significance import OPEN_ERRORS, SIGNIFICANT_ERRORS
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.signals.ratios import best_ratio
-from rotorfit.estimators.significance import OPEN_ERRORS, SIGNIFICANT_ERRORS
 from rotorfit.estimators.starting.closed_form import ClosedFormError, closed_form
 from rotorfit.estimators.starting.start_points import (
     RANDOM,
@@ -30,8 +32,6 @@ from rotorfit.estimators.starting.start_points import (
     random_starts,
     short_fits,
 )
-from rotorfit.models.array_types import RANK_TOLERANCE, ComplexArray, Float, Index
-from rotorfit.models.digits import significant
 from rotorfit.models.motion.stability import companion
 
 _LOCAL_MINIMUM = "perhaps a local minimum"

@@ -16,11 +16,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rotorfit.base.array_types import Bool, ComplexArray, Float
+from rotorfit.base.significance import P_FALSE_ALARM
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.signals.ratios import best_ratio
-from rotorfit.estimators.significance import P_FALSE_ALARM
 from rotorfit.models import Modal
-from rotorfit.models.array_types import Bool, ComplexArray, Float
 
 _DAMPING = (1e-3, 0.5)
 """Damping ratios that a start may have."""

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from rotorfit.base.array_types import RANK_TOLERANCE, ComplexArray, Float
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses
 from rotorfit.estimators.misfit.problem import Problem
@@ -14,7 +15,6 @@ from rotorfit.estimators.signals.ratios import least_squares
 from rotorfit.estimators.signals.start_up_lines import shaft_of_lines
 from rotorfit.estimators.starting.start_points import full_vector
 from rotorfit.models import Turning, TurningOnSupports
-from rotorfit.models.array_types import RANK_TOLERANCE, ComplexArray, Float
 from rotorfit.models.shafts.combination_lines import Order
 
 _REWEIGHTINGS = 4

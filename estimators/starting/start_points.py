@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rotorfit.base.array_types import Float
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.models.array_types import Float
 
 CLOSED_FORM = "closed form"  # eqs 5 to 9, weighted
 SHORT_FIT = "short fit"  # the best end of a few steps from several closed forms

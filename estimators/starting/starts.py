@@ -10,6 +10,8 @@ from types import SimpleNamespace
 import casadi as ca
 import numpy as np
 
+from rotorfit.base.array_types import Float
+from rotorfit.base.names import unknown_name
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
@@ -35,8 +37,6 @@ from rotorfit.estimators.starting.start_points import (
     short_fits,
 )
 from rotorfit.models import Constant, Law, Modal
-from rotorfit.models.array_types import Float
-from rotorfit.models.parameters import unknown_name
 
 _PASSES = (2, 4, 8, 16, 32)  # of the closed form; more than two only where these end far from the optimum
 _EXPLICIT_MISFIT = 4.0  # mean squared misfit that noise in measured eccentricities may leave

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.models.array_types import ROUND_OFF, ComplexArray, Float
+from rotorfit.base.array_types import ROUND_OFF, ComplexArray, Float
 from rotorfit.models.model import RotorModel
 from rotorfit.models.motion.stability import eigenvalues, is_image, mode_vectors, seats, whirls_forward
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.models.model import RotorModel
 from rotorfit.models.motion.stability import Threshold, eigenvalue_gradient, mode_vectors, seats
 from rotorfit.models.structure import BLOCK_TABLE, Terms

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.array_types import ComplexArray, Index
+from rotorfit.base.array_types import ComplexArray, Index
 from rotorfit.models.coefficients import CoefficientJacobian
 from rotorfit.models.model import RotorModel
 from rotorfit.models.motion.journal import journal, known_structure, line_stiffness

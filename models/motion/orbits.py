@@ -14,7 +14,7 @@ from typing import Self
 
 import numpy as np
 
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.models.motion.journal import Journal
 
 LARGEST_ECCENTRICITY = 1.0 - 1e-9

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.array_types import ROUND_OFF, Bool, ComplexArray, Float, Index
+from rotorfit.base.array_types import ROUND_OFF, Bool, ComplexArray, Float, Index
 from rotorfit.models.model import RotorModel
 from rotorfit.models.shafts.angular_rates import angular_rate, angular_rates
 from rotorfit.models.shafts.turning import unstable_bands

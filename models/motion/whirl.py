@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.array_types import Bool, ComplexArray, Float
+from rotorfit.base.array_types import Bool, ComplexArray, Float
 from rotorfit.models.model import RotorModel
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.stability import roots, threshold_speed

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.models.array_types import Float
+from rotorfit.base.array_types import Float
 
 HIGHEST_RATE = 1e15
 """Size up to which speeds and frequencies are taken, beyond all machines: the equations of motion do not overflow."""

@@ -16,12 +16,13 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.base.array_types import ComplexArray, Float
+from rotorfit.base.names import unknown_name
 from rotorfit.models.coefficients import CoefficientJacobian
 from rotorfit.models.complexes import Complex
 from rotorfit.models.lumped import one_per_coordinate
 from rotorfit.models.model import Matrix, RotorModel
-from rotorfit.models.parameters import Parameter, unknown_name
+from rotorfit.models.parameters import Parameter
 from rotorfit.models.shafts.combination_lines import LATERAL, TWIST, Jet, Order, ShaftValues, Torsion, solve_lines
 from rotorfit.models.shafts.turning import TurningFrame
 

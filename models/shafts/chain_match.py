@@ -16,10 +16,10 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.array_types import Float
-from rotorfit.models.digits import significant
+from rotorfit.base.array_types import Float
+from rotorfit.base.digits import significant
+from rotorfit.base.text_table import text_table
 from rotorfit.models.lumped import MOST_MASSES, Chain
-from rotorfit.models.text_table import text_table
 
 _Masses: TypeAlias = tuple[Float, Float, Float]  # masses, springs, psi
 

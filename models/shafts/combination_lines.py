@@ -18,8 +18,8 @@ from typing import Any, TypeAlias, Union
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.models.array_types import ComplexArray, Float, Index
-from rotorfit.models.parameters import unknown_name
+from rotorfit.base.array_types import ComplexArray, Float, Index
+from rotorfit.base.names import unknown_name
 
 Order = tuple[int, int]
 

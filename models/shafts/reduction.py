@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.models.array_types import ComplexArray, Float, Index
+from rotorfit.base.array_types import ComplexArray, Float, Index
 
 if TYPE_CHECKING:
     from rotorfit.models.shafts.shaft import StructureMatrices

@@ -11,9 +11,9 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotorfit.models.array_types import ComplexArray, Float, Index
-from rotorfit.models.digits import significant
-from rotorfit.models.parameters import unknown_name
+from rotorfit.base.array_types import ComplexArray, Float, Index
+from rotorfit.base.digits import significant
+from rotorfit.base.names import unknown_name
 from rotorfit.models.shafts.reduction import REDUCTION_TOLERANCE, Reduction, Terms
 
 MATRICES = ("M", "C", "G", "K")

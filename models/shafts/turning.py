@@ -16,12 +16,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.base.array_types import ComplexArray, Float
+from rotorfit.base.names import unknown_name
 from rotorfit.models.coefficients import CoefficientJacobian
 from rotorfit.models.complexes import Complex, J, Number
 from rotorfit.models.model import Coordinate, Matrix, RotorModel
 from rotorfit.models.orthotropic import shaft_apart
-from rotorfit.models.parameters import Parameter, unknown_name
+from rotorfit.models.parameters import Parameter
 from rotorfit.models.shafts.angular_rates import angular_rate
 from rotorfit.models.shafts.shaft import KnownStiffness
 

@@ -19,9 +19,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.models.array_types import ComplexArray, Float
+from rotorfit.base.array_types import ComplexArray, Float
+from rotorfit.base.digits import significant
 from rotorfit.models.complexes import Complex
-from rotorfit.models.digits import significant
 from rotorfit.models.model import RotorModel
 from rotorfit.models.orthotropic import support_parameters, support_planes, support_symbol
 from rotorfit.models.shafts.angular_rates import angular_rate

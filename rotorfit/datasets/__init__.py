@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.data.experiments import CoefficientTable, Experiment
-from rotorfit.models.parameters import unknown_name
-from rotorfit.units import RAD_S_PER_RPM
+from rotorfit.base.names import unknown_name
+from rotorfit.base.units import RAD_S_PER_RPM
+from rotorfit.lab.data.experiments import CoefficientTable, Experiment
 
 
 def names() -> tuple[str, ...]:
@@ -34,7 +34,7 @@ def truth(name: str) -> dict[str, Any]:
 
 
 def _read(file: Path) -> Experiment:
-    from rotorfit.io.files import read
+    from rotorfit.lab.io.files import read
 
     return read(file)
 

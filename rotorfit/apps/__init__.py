@@ -1,0 +1,1 @@
+"""Programs: the command line, the front in a browser, the store, studies in files."""

@@ -1,0 +1,166 @@
+"""The command line: ``rotorfit demo``, ``fit``, ``run``, ``campaign``, ``compare-laws``, ``simulate`` and others.
+
+Exit codes: 0 done, 1 the data have an error or the fit or sampling did not converge, 2 bad input (one sentence on
+stderr), 3 an alarm of a watched machine, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import warnings
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from importlib import import_module
+from io import UnsupportedOperation
+from typing import NoReturn
+
+from numpy.linalg import LinAlgError
+
+from rotorfit.apps.cli.answer import Answer, BadInputError, ExitCode, answered, say
+from rotorfit.apps.study_files.wording import sentence
+from rotorfit.base.atomic_file import protected_inputs
+from rotorfit.base.file_reading import shown
+from rotorfit.base.version import __version__
+
+COMMANDS = {
+    "demo": ("fits", "identify the bundled rig and compare with its truth"),
+    "fit": ("fits", "fit a model to test files"),
+    "run": ("fits", "fit with the settings of a TOML file"),
+    "campaign": ("several", "fit every run of a campaign and show how the parameters change with its conditions"),
+    "compare-laws": ("several", "fit several laws of eccentricity to the same files and rank them by AIC and BIC"),
+    "simulate": ("simulation", "simulate a test of a virtual rig by integration in time and write its file"),
+    "vectors": (
+        "recordings", "turn recordings of raw signals into vectors: responses with their noise, in a tidy CSV",
+    ),
+    "join": (
+        "weights", "put runs of several files, such as a reference run and runs with a trial weight, into one file",
+    ),
+    "balance": (
+        "weights", "correction weights with their errors, from a reference run and runs with trial weights",
+    ),
+    "predict": (
+        "rotors", "predict responses of an identified rotor, with a band of the mean and one of a new reading",
+    ),
+    "plan": ("rotors", "plan a test: expected errors, speeds to run, and time for each line"),
+    "judge": (
+        "rotors", "judge the stability of an identified rotor at running speed, with the probability of each criterion",
+    ),
+    "store": ("history", "keep tests and their fits in one file: add to it, list it, follow it over time"),
+    "open": ("fits", "view, fit and judge tests and recordings in a browser, on this machine only"),
+    "watch": (
+        "watch", "watch a folder: fit tests and recordings as they arrive, keep a history, raise an alarm on a change",
+    ),
+    "template": (
+        "lists",
+        "print an example file with comments, or a setup, rig.toml, to fill in for a recording of raw signals",
+    ),
+    "look": ("recordings", "summarise recordings of raw signals with their findings, and draw them"),
+    "trend": (
+        "history",
+        "follow the observed stiffness, mass and damping of dated tests of one machine, or dK/K of saved fits (.json) "
+        "of a shaft that is not round, and report changes",
+    ),
+    "models": ("lists", "list the models and their parameters"),
+    "info": ("fits", "summarise a test file with its findings"),
+    "completion": ("main", "print a script that lets a shell complete commands and options"),
+}  # fmt: skip
+"""The module of each command and what it is for. The module, with all that it needs, is imported when the command is
+used: ``add_NAME`` adds the options, and ``NAME`` does the work and returns the exit code."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Returns:
+        the exit code.
+    """
+    try:
+        try:
+            return _carry_out(arguments)
+        finally:  # help ends by an exit of its own
+            sys.stdout.flush()
+    except BrokenPipeError:  # whoever reads the output, `head` for instance, has seen enough
+        _close_output()
+        return ExitCode.DONE
+    except OSError as problem:  # the output, or what no command expects of its files
+        _close_output()
+        print(f"rotorfit: the output cannot be written: {shown(sentence(problem))}", file=sys.stderr)
+        return ExitCode.BAD_INPUT
+
+
+def _carry_out(arguments: Sequence[str] | None) -> int:
+    """Do what the words say; what is wrong with them, or with the files that they name, becomes a sentence."""
+    words = sys.argv[1:] if arguments is None else arguments
+    parser = build_parser([word for word in words if word in COMMANDS][:1])
+    options = parser.parse_args(words)
+    if options.command is None:
+        parser.print_help()
+        return ExitCode.DONE
+    named = (getattr(options, name, None) for name in ("setup", "study", "fit"))
+    given = (*getattr(options, "files", ()), *named)
+    try:
+        with warnings.catch_warnings(), protected_inputs([path for path in given if path is not None]):
+            # As a sentence, without the file and line of the program that it comes from.
+            warnings.showwarning = lambda message, *_, **__: say(str(message))
+            return int(options.command(options))
+    except BadInputError as problem:
+        print(f"rotorfit: {shown(str(problem))}", file=sys.stderr)
+        return ExitCode.BAD_INPUT
+    except LinAlgError as problem:  # equations of motion that cannot be solved, as known values are
+        print(f"rotorfit: {problem}", file=sys.stderr)
+        return ExitCode.BAD_INPUT
+    except KeyboardInterrupt as stop:
+        print(f"rotorfit: interrupted, {stop.args[0] if stop.args else 'nothing was written'}", file=sys.stderr)
+        return ExitCode.INTERRUPTED
+
+
+def _close_output() -> None:
+    """Drop what is still to be printed: nor may the last flush complain."""
+    with suppress(UnsupportedOperation):  # an output of no file, as of tests and notebooks
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser that refuses in one sentence, as the rest of the program does."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(ExitCode.BAD_INPUT, f"rotorfit: {message}; `{self.prog} --help` says what there is\n")
+
+
+def build_parser(filled: Iterable[str] = tuple(COMMANDS)) -> argparse.ArgumentParser:
+    """The words that the command line understands, with the options of some commands; of all by default."""
+    whole = _Parser(
+        prog="rotorfit",
+        allow_abbrev=False,
+        description="Identify rotor and fluid-force parameters from rotating-force perturbation tests.",
+        epilog="Exit codes: 0 done, 1 the data have an error or the fit or sampling did not converge, 2 bad input, "
+        "3 an alarm.",
+    )
+    whole.add_argument("--version", action="version", version=f"rotorfit {__version__}")
+    whole.set_defaults(command=None)
+    group = whole.add_subparsers(metavar="COMMAND")
+    for name, (home, help) in COMMANDS.items():
+        added = group.add_parser(name, help=help, description=help, allow_abbrev=False)
+        if name in filled:
+            module, function = import_module(f"rotorfit.apps.cli.{home}"), name.replace("-", "_")
+            getattr(module, f"add_{function}")(added)
+            added.set_defaults(command=getattr(module, function))
+    return whole
+
+
+def add_completion(to: argparse.ArgumentParser) -> None:
+    """Options of ``rotorfit completion``."""
+    words = "the shell; source the printed script when it starts"
+    to.add_argument("shell", choices=("bash", "zsh", "tcsh"), help=words)
+
+
+@answered
+def completion(options: argparse.Namespace) -> Answer:
+    """The script."""
+    try:
+        import shtab
+    except ImportError as reason:
+        raise BadInputError('completion needs shtab: pip install "rotorfit[completion]"') from reason
+    return Answer(text=shtab.complete(build_parser(), options.shell))

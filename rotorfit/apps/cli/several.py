@@ -1,0 +1,232 @@
+"""Several runs or several laws fitted: ``rotorfit campaign`` and ``compare-laws``."""
+
+from __future__ import annotations
+
+import argparse
+from concurrent.futures import Executor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rotorfit.apps.cli.answer import Answer, answered, progress_line
+from rotorfit.apps.cli.arguments import add_files, add_jobs, add_model, add_output, fit_study, option, workers_of
+from rotorfit.apps.store.store import Store
+from rotorfit.apps.study_files.data_files import DataFile, look_over, no_progress, read_files
+from rotorfit.apps.study_files.study import Study, build_model, check_model
+from rotorfit.base.names import unknown_name
+from rotorfit.identify.fitting.quantities import FittedParameter, Quantity
+from rotorfit.identify.fitting.structure.law_ranking import LawComparison, LawFit
+from rotorfit.identify.fitting.structure.law_ranking import compare_laws as ranked
+from rotorfit.identify.options.kinds import count_word, positive_word, words
+from rotorfit.identify.options.table import CAMPAIGN, LAW_RANKING, PARAMETERS
+from rotorfit.lab.data.experiments import Experiment
+from rotorfit.lab.data.findings import attributed, error_sentence, errors_in, warnings_in
+from rotorfit.lab.io.tables.result_tables import records_csv
+from rotorfit.models import LAWS
+from rotorfit.studies.campaigns.campaign import Campaign
+from rotorfit.studies.campaigns.campaign import campaign as fit_campaign
+
+
+def add_campaign(to: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    add_files(to)
+    add_model(to, CAMPAIGN)
+    option(to, "--split ATTRIBUTE", "column that separates the runs [%(default)s]", default="run")
+    option(to, "--shared A,B", "parameters with one value for all runs", words, default=())
+    option(to, "--against A,B", "columns that trends are shown against: pressure_psi,oil_C", words)
+    option(to, "--by ATTRIBUTE", "column that makes groups: inlet")
+    option(to, "--degree N", "degree of the trends' polynomials; 1: lines [%(default)s]", count_word, default=1)
+    option(to, "--follow A,B", "parameters whose trends are shown [K0, lam, D]", words)
+    add_jobs(to, "reduce recordings and fit")
+    option(to, "--store STORE", "store that keeps each fit; the same command continues there after a stop", Path)
+    option(to, "--lazy", "read each file where its runs are fitted, so that no process holds all data")
+    add_output(to, "runs.csv, summary.txt, report.html and trends.png", figures=True)
+
+
+@answered
+def campaign(options: argparse.Namespace) -> Answer:
+    """Every run fitted, and the trends."""
+    found, wrong, warned = _campaign(options)
+    text = found.summary(options.follow, against=options.against, by=options.by, degree=options.degree)
+    table = found.table(None if options.against is None else [a for a in (*options.against, options.by) if a])
+    text = "\n".join([*warned, *([""] if warned else []), text])
+    said = [wrong] if wrong else []
+    silent = [one.name for one in found.runs if one.silent]
+    if silent:
+        said.append(f"left out of trends, since they say nothing: {', '.join(silent)}")
+    if not found.success:
+        bad = [one.name for one in found.runs if not one.success]
+        what = f"{len(bad)} of {len(found.runs)} runs" if bad else "the shared parameters"
+        said.append(f"{what} did not converge{': ' + ', '.join(bad) if bad else ''}")
+    return Answer(
+        text=f"{table}\n\n{text}",
+        files=partial(_campaign_files, found, text, options),
+        plain=lambda: {**_campaign_json(found, options), "warnings": warned},
+        warned=warned,
+        said=said,
+        good=found.success and not wrong,
+    )
+
+
+def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
+    """The fits of all runs, what is wrong with the data, and what their check warns of."""
+    if options.against is None and (options.by or options.follow or options.degree > 1):
+        raise ValueError("--by, --follow and --degree shape the trends: say --against what")
+    study = fit_study(options, CAMPAIGN)
+    check_model(study)
+    with workers_of(options) as executor, progress_line(options) as line:
+        parts, first, findings = _data_of(study, options.lazy, executor)
+        found = fit_campaign(
+            build_model(study, first),
+            parts,
+            split=options.split,
+            shared=options.shared,
+            **{name: getattr(study, name) for name in (*PARAMETERS, "loss")},
+            executor=executor,
+            store=None if options.store is None else Store(options.store),
+            progress=lambda done, total: line(f"{done} of {total} runs", done / total),
+        )
+    everything = attributed(*findings)
+    return found, error_sentence(errors_in(everything)), warnings_in(everything)
+
+
+def _data_of(study: Study, lazy: bool, executor: Executor | None) -> tuple[Any, tuple[Experiment, ...], Any]:
+    """Tables, or what reads them where they are fitted; the tests that the model is made for; findings and of what."""
+    if not lazy:
+        tests, findings = read_files(study.files, no_progress, executor)
+        return tests, tests, (findings, [test.source or test.title for test in tests])
+    files = [file for file in study.files if isinstance(file, DataFile)]
+    if len(files) < len(study.files):
+        raise ValueError("--lazy is for files of vectors; `rotorfit vectors` makes those of recordings")
+    findings = look_over(files, executor)
+    return [file.read for file in files], (files[0].read(),), (findings, [file.path.name for file in files])
+
+
+def _campaign_files(found: Campaign, text: str, options: argparse.Namespace) -> dict[str, Any]:
+    from rotorfit.show.plots.style import picture_of
+    from rotorfit.show.report.campaign import write_campaign_report
+
+    shown = {"against": options.against, "by": options.by, "degree": options.degree}
+    files = {
+        "runs.csv": found.to_csv,
+        "summary.txt": f"{found.table()}\n\n{text}\n",
+        "report.html": partial(write_campaign_report, found, parameters=options.follow, **shown),
+    }
+    if options.against is not None and found.trends(options.follow, **shown):
+        figure = found.plot_trends(options.follow, **shown)
+        files[f"trends.{options.figure_format}"] = picture_of(figure, options.figure_format)
+    return files
+
+
+def _estimate(parameter: FittedParameter | Quantity) -> dict[str, Any]:
+    return {"value": parameter.value, "stderr": parameter.stderr, "unit": parameter.unit}
+
+
+def _campaign_json(found: Campaign, options: argparse.Namespace) -> dict[str, Any]:
+    """The campaign for JSON, numbers in SI units."""
+    result: dict[str, Any] = {
+        "model": found.model.name,
+        "success": found.success,
+        "shared": {name: _estimate(p) for name, p in found.shared.items()},
+        "runs": [
+            {
+                "run": one.name,
+                **one.attributes,
+                "params": {name: _estimate(p) for name, p in one.params.items() if p.vary},
+                **{name: getattr(one, name) for name in ("redchi", "success", "silent", "message")},
+            }
+            for one in found.runs
+        ],
+    }
+    if options.against is not None:
+        result["trends"] = [
+            {
+                **{name: getattr(t, name) for name in ("parameter", "group", "against", "scatter")},
+                "runs": len(t.runs),
+                "slope": t.slope.value,
+                "slope_stderr": t.slope.stderr,
+                "coefficients": [_estimate(c) for c in t.coefficients],
+            }
+            for t in found.trends(options.follow, against=options.against, by=options.by, degree=options.degree)
+        ]
+    return result
+
+
+def add_compare_laws(to: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    add_files(to)
+    add_model(to, LAW_RANKING)
+    option(to, "--clearance-um UM", "radial clearance at the fluid", positive_word, required=True)
+    help = "laws to compare: muszynska,collapse [constant, muszynska, two even polynomials, a spline]"
+    option(to, "--laws A,B", help, words)
+    add_output(to, "law_comparison.csv, summary.txt and law.png")
+
+
+@answered
+def compare_laws(options: argparse.Namespace) -> Answer:
+    """The ranking of the laws."""
+    found, wrong, warned = _comparison(options)
+    failed = [entry for entry in found.laws if entry.fit is not None and not entry.fit.success]
+    problems = [*([wrong] if wrong else []), *(f"{entry.law!r}: {entry.reason}" for entry in failed)]
+    return Answer(
+        text="\n".join([str(found), *warned]),
+        files=partial(_law_files, found),
+        plain=lambda: {
+            "model": found.best.model.name,
+            "laws": [_row(entry) for entry in found.laws],
+            "best": repr(found.laws[0].law),
+            "parameters": {name: {**_estimate(p), "fitted": p.vary} for name, p in found.best.params.items()},
+            **{name: getattr(found, name) for name in ("nonlinear", "nonlinear_stiffness")},
+            "stiffness_aic": found.stiffness,
+            "verdict": found.verdict,
+            "warnings": warned,
+        },
+        warned=warned,
+        said=problems,
+        good=not problems,
+    )
+
+
+def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str, list[str]]:
+    """The ranking, what is wrong with the data, and what their check warns of."""
+    study = fit_study(options, LAW_RANKING)
+    check_model(study)
+    for name in options.laws or ():
+        if name not in LAWS:
+            raise ValueError(f"--laws: {unknown_name('law', name, LAWS)}")
+    tests, findings = read_files(study.files, no_progress)
+    found = ranked(
+        build_model(study, tests),
+        tests,
+        None if options.laws is None else [LAWS[name]() for name in options.laws],
+        clearance_um=options.clearance_um,
+        **{name: getattr(study, name) for name in (*PARAMETERS, "per", "loss", "phase_offsets")},
+    )
+    everything = attributed(findings, [test.source or test.title for test in tests])
+    return found, error_sentence(errors_in(everything)), warnings_in(everything)
+
+
+def _law_files(found: LawComparison) -> dict[str, Any]:
+    files: dict[str, Any] = {"law_comparison.csv": records_csv([_row(entry) for entry in found.laws])}
+    # There is something to draw of a law that changes with eccentricity alone.
+    drawn = next((e.fit for e in found.laws if e.law.parameters and e.fit is not None and not e.reason), None)
+    note = "law.png: no law that changes with eccentricity could be fitted"
+    if drawn is not None:
+        from rotorfit.show.plots.style import picture_of
+
+        files["law.png"] = picture_of(drawn.plot_law(), dpi=150)
+        note = f"law.png: {drawn.model.options()['law']!r}"
+    return files | {"summary.txt": f"{found}\n\n{note}\n\n{found.best.summary()}\n"}
+
+
+def _row(entry: LawFit) -> dict[str, Any]:
+    """One law of the ranking; what was not fitted is ``None``."""
+    return {
+        "law": repr(entry.law),
+        "fitted": entry.count,
+        "redchi": None if entry.fit is None else entry.fit.redchi,
+        "aic": entry.aic,
+        "bic": entry.bic,
+        "weight": entry.weight,
+        "reason": entry.reason,
+    }

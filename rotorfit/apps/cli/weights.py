@@ -1,0 +1,166 @@
+"""Runs with trial weights: ``rotorfit join`` and ``balance``."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rotorfit.apps.cli.answer import Answer, answered, sentences
+from rotorfit.apps.cli.arguments import WRITTEN, add_files, add_output, data_files, option
+from rotorfit.apps.study_files.data_files import DataFile, no_progress, read_files
+from rotorfit.apps.study_files.text import describe_test
+from rotorfit.base.units import RAD_S_PER_RPM, RPM_PER_RAD_S
+from rotorfit.identify.diagnosis.check import check
+from rotorfit.identify.options.kinds import number_word, pairs
+from rotorfit.identify.options.kinds import words as comma_words
+from rotorfit.lab.data.balancing import Balance
+from rotorfit.lab.data.balancing import balance as balanced
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.findings import errors_in
+from rotorfit.lab.data.joined import join_runs
+from rotorfit.lab.data.weights import Influences, influence
+from rotorfit.lab.io.files import check_target, write
+from rotorfit.lab.io.tables.result_tables import records_csv
+
+
+def add_join(to: argparse.ArgumentParser) -> None:
+    """Options of ``rotorfit join``."""
+    add_files(to)
+    option(to, "--out FILE", WRITTEN, Path, required=True)
+    option(to, "--quiet", "do not say what the file holds")
+
+
+@answered
+def join(options: argparse.Namespace) -> Answer:
+    """A run without a trial weight and runs with one that stand in several files, as one file."""
+    check_target(options.out)
+    write(_joined_runs(options), options.out)
+    (whole,), (findings,) = read_files([DataFile(options.out)], no_progress)
+    return Answer(text=describe_test(whole, findings), warned=sentences([findings], [whole.source]))
+
+
+def _joined_runs(options: argparse.Namespace) -> PerturbationTest:
+    """Runs of all files, not differenced."""
+    files = []
+    for file in data_files(options):
+        if not isinstance(file, DataFile):
+            raise ValueError(f"{file.paths[0].name} is a recording: make vectors of it first, `rotorfit vectors`")
+        files.append(DataFile(file.path, {**file.options, "difference": False}))
+    tests, _ = read_files(files, no_progress)
+    for test in tests:
+        if not isinstance(test, PerturbationTest):
+            raise ValueError(f"{test.source}: a {test.title} cannot be joined: it has no runs with a force")
+    return join_runs([test for test in tests if isinstance(test, PerturbationTest)], difference=False)
+
+
+def add_balance(to: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    add_files(to)
+    words = "run whose vibration is to be corrected; its weights stay in [the rotor without any weight]"
+    option(to, "--reference RUN", words)
+    option(to, "--planes A,B", "planes to put weights in [all that were tried]", comma_words)
+    words = "speeds at which start-ups are read, rpm [those at which runs dwell]"
+    option(to, "--speeds RPM,RPM", words, comma_words)
+    words = "largest weight, mass times radius, of every plane or of one; repeat it for a further plane"
+    option(to, "--max-g-mm [PLANE=]G_MM ...", words)
+    words = "split weights over N even holes, the first at zero degrees of force_phase_deg"
+    option(to, "--holes [PLANE=]N ...", words)
+    add_output(to, "weights.csv, readings.csv and summary.txt")
+
+
+@answered
+def balance(options: argparse.Namespace) -> Answer:
+    """Weights, and how the rotor will vibrate with them."""
+    influences, found = _balance(options)
+    errors = errors_in(check(influences.measured))
+    text = f"influences of weights, +- are standard errors\n{influences}\n\n{found}"
+    text = "\n".join([*(f"ERROR in the data: {words}" for words in errors), text])
+    return Answer(
+        text=text,
+        files=lambda: {
+            "weights.csv": records_csv(_weights(found)),
+            "readings.csv": records_csv(_readings(found)),
+            "summary.txt": f"{text}\n",
+        },
+        plain=lambda: {"errors": list(errors), **_plain(found)},
+        warned=found.remarks,
+        said=[f"error in the data: {words}" for words in errors],
+        good=not errors,
+    )
+
+
+def _balance(options: argparse.Namespace) -> tuple[Influences, Balance]:
+    def weight(word: str) -> float:
+        """A weight in g mm as kg m."""
+        if not number_word(word) > 0:
+            raise ValueError("a weight is above zero")
+        return number_word(word) * 1e-6
+
+    def count(word: str) -> int:
+        if not word.isdecimal():
+            raise ValueError(f"{word!r} is not a number of holes")
+        return int(word)
+
+    limits, holes = _by_plane("--max-g-mm", options.max_g_mm, weight), _by_plane("--holes", options.holes, count)
+    speeds = [number_word(one) * RAD_S_PER_RPM for one in options.speeds] if options.speeds else None
+    influences = influence(_joined_runs(options), speeds)
+    return influences, balanced(influences, options.reference, planes=options.planes, limits=limits, holes=holes)
+
+
+def _by_plane(option: str, given: Sequence[str], parse: Callable[[str], Any]) -> Any:
+    """One value for all planes, or values by plane; None where the option was not given."""
+    if len(given) == 1 and "=" not in given[0]:
+        try:
+            return parse(given[0])
+        except ValueError as problem:
+            raise ValueError(f"{option} {given[0]}: {problem}") from problem
+    return pairs(option, given, parse) or None
+
+
+def _weights(found: Balance) -> list[dict[str, Any]]:
+    rows = []
+    for plane, weight in zip(found.planes, found.weight.tolist(), strict=True):
+        (low, high), (early, late) = found.interval(plane)
+        rows.append(
+            {
+                "plane": plane,
+                "mr_g_mm": abs(weight) * 1e6,
+                "mr_low_g_mm": low * 1e6,
+                "mr_high_g_mm": high * 1e6,
+                "force_phase_deg": float(np.degrees(np.angle(weight))),
+                "phase_low_deg": float(np.degrees(early)),
+                "phase_high_deg": float(np.degrees(late)),
+                "at_limit": plane in found.at_limit,
+            }
+        )
+    return rows
+
+
+def _readings(found: Balance) -> list[dict[str, Any]]:
+    columns = zip(found.readings, found.speed, found.before, found.expected, found.stderr, strict=True)
+    return [
+        {
+            "plane": plane,
+            "direction": direction,
+            "speed_rpm": float(np.round(speed * RPM_PER_RAD_S, 6)),
+            "before_um": float(abs(before) * 1e6),
+            "before_phase_deg": float(np.degrees(np.angle(before))),
+            "expected_um": float(abs(expected) * 1e6),
+            "expected_phase_deg": float(np.degrees(np.angle(expected))),
+            "stderr_um": float(error * 1e6),
+        }
+        for (plane, direction), speed, before, expected, error in columns
+    ]
+
+
+def _plain(found: Balance) -> dict[str, Any]:
+    holes = {
+        plane: [{"angle_deg": float(np.degrees(angle)), "mr_g_mm": mr * 1e6} for angle, mr in pair]
+        for plane, pair in found.holes.items()
+    }
+    more = {name: getattr(found, name) for name in ("freedom", "remarks")}
+    return {"weights": _weights(found), "holes": holes, "readings": _readings(found), **more}

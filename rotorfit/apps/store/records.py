@@ -1,0 +1,218 @@
+"""Records of a store, tests, fits, and the outcome for a file; as rows of the tables, and back."""
+
+from __future__ import annotations
+
+import json
+import math
+import sqlite3
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from datetime import datetime
+from typing import Any, TypeVar
+
+from rotorfit.apps.store.database import packed
+from rotorfit.apps.store.sources import Source
+from rotorfit.apps.study_files.data_files import StudyProgress
+from rotorfit.apps.study_files.study import Outcome
+from rotorfit.base.digits import plus_minus
+from rotorfit.base.version import __version__
+from rotorfit.identify.fitting.fit_file import fit_to_json
+from rotorfit.identify.fitting.json_values import encode
+from rotorfit.identify.fitting.quantities import THRESHOLD, shown_unit
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.lab.data.content import content_hash
+from rotorfit.lab.data.findings import Finding, errors_in, warnings_in
+from rotorfit.studies.campaigns.runs import conditions
+
+Record = TypeVar("Record", "StoredTest", "StoredFit")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredValue:
+    """A parameter of a stored fit, SI units."""
+
+    value: float  # estimate, NaN where the data do not determine it
+    stderr: float  # its standard error
+    systematic: float  # standard uncertainty by what the model leaves out or takes as known
+    unit: str  # SI unit
+
+    def __str__(self) -> str:
+        if not math.isfinite(self.value):
+            return "not determined"
+        return f"{plus_minus(self.value, math.hypot(self.stderr, self.systematic))} {shown_unit(self.unit)}".rstrip()
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredTest:
+    """A test in a store."""
+
+    number: int  # by which the store knows it, in order of arrival
+    batch: int  # the same of tests that were added together
+    content: str  # hash of its readings
+    kind: str  # what was measured
+    readings: int  # how many
+    machine: str  # the machine, by the attribute ``machine`` of the data or as it was added; may be empty
+    date: str  # ISO 8601, by the attribute ``date`` of the data, else the time of the file
+    date_given: bool  # whether the data give it
+    conditions: Mapping[str, float | str]  # attributes: the mean of numbers, the text of texts
+    sources: tuple[str, ...]  # files and folders it was found in
+    findings: tuple[str, ...]  # errors and warnings of the check of the data
+    superseded: int | None  # number of the later test that holds the same files, completed; none where this one counts
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredFit:
+    """A fit in a store; :meth:`Store.result` gives the whole of it."""
+
+    number: int  # by which the store knows it
+    test: int  # number of the test
+    model: str  # name of the model
+    settings: str  # hash of the settings
+    success: bool  # whether it converged
+    message: str  # how it ended, or why there is none
+    redchi: float  # as of :class:`rotorfit.FitResult`, NaN without a fit
+    errors: tuple[str, ...]  # errors of the data, in words
+    warnings: tuple[str, ...]  # of the check of the data and of the fit
+    # values by name; the threshold speed is among them, by the name ``threshold_speed``
+    params: Mapping[str, StoredValue]
+    version: str  # of rotorfit that made it
+
+    @property
+    def good(self) -> bool:
+        """True if its values may be followed: it converged and the data have no error."""
+        return self.success and not self.errors
+
+
+@dataclass(frozen=True, kw_only=True)
+class Added:
+    """The outcome for one file, or for the recordings of one folder."""
+
+    source: str  # the file or folder
+    test: int | None = None  # number of the test, none where it was refused
+    fit: int | None = None  # number of the fit, none without a study
+    new_test: bool = False  # new_test, new_fit: whether the store did not have them before
+    new_fit: bool = False
+    refusal: str = field(default="")  # why the file was refused, empty where it was not
+
+
+def insert(connection: sqlite3.Connection, table: str, row: Mapping[str, Any]) -> int:
+    """Add a row to a table; returns its number."""
+    marks = ", ".join(f":{column}" for column in row)
+    return int(connection.execute(f"INSERT INTO {table} ({', '.join(row)}) VALUES ({marks})", row).lastrowid or 0)
+
+
+def now() -> str:
+    """The time, ISO 8601."""
+    return datetime.now().isoformat(timespec="seconds")
+
+
+def as_time(text: str, what: str) -> datetime:
+    """A date of ISO 8601 as local time."""
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError:
+        raise ValueError(f"{what}: the date {text!r} cannot be read; write 2026-03-01 or 2026-03-01T14:30") from None
+    return time if time.tzinfo is None else time.astimezone().replace(tzinfo=None)
+
+
+def test_row(source: Source, machine: str, progress: StudyProgress) -> dict[str, Any]:
+    """The row of a test that has been read."""
+    experiments, findings = source.read(progress)
+    attributes: dict[str, float | str] = {}
+    for experiment in experiments:
+        attributes |= conditions(experiment)
+    own = str(attributes.get("machine", "")) or machine
+    dates = sorted(
+        {str(d) for e in experiments if "date" in e.attributes for d in e.attributes["date"].tolist()} - {""}
+    )
+    if dates:
+        as_time(dates[0], str(source.path))
+    return {
+        "content": content_hash(experiments),
+        "kind": ", ".join(dict.fromkeys(test.title for test in experiments)),
+        "readings": sum(map(len, experiments)),
+        "machine": own,
+        "date": dates[0] if dates else source.date(),
+        "date_given": bool(dates),
+        "conditions": json.dumps({n: v for n, v in attributes.items() if isinstance(v, str) or math.isfinite(v)}),
+        "findings": json.dumps([[[f.severity, f.code, f.message, f.source] for f in found] for found in findings]),
+        "data": packed(json.dumps(encode(list(experiments)), allow_nan=False, ensure_ascii=False)),
+        "added": now(),
+        "version": __version__,
+    }
+
+
+def fit_row(outcome: Outcome | str) -> dict[str, Any]:
+    """The row of a fit, or of the reason why there is none."""
+    common = {"added": now(), "version": __version__}
+    if isinstance(outcome, str):
+        none = json.dumps({"errors": [], "warnings": []})
+        return {**common, "success": False, "message": outcome, "redchi": None, "findings": none, "result": None}
+    best = outcome.best
+    said = {"errors": outcome.data_errors, "warnings": outcome.warnings}
+    return {
+        **common,
+        "success": best.success,
+        "message": best.message,
+        "redchi": best.redchi,
+        "findings": json.dumps(said),
+        "result": packed(fit_to_json(best)),
+    }
+
+
+def values_of(fit: FitResult) -> list[tuple[str, float | None, float | None, float | None, str]]:
+    """Name, value, standard error, systematic share and unit of what was fitted, and of the threshold speed."""
+    rows = [(p.name, p.value, p.stderr, p.systematic, p.unit, p.resolved) for p in fit.params.values() if p.vary]
+    if fit.model.speed_dependent and fit.success and fit.problem.space.index.shape[0] == 1:
+        onset = fit.threshold_speed()
+        known = math.isfinite(onset.value) and math.isfinite(onset.stderr)
+        rows.append((THRESHOLD, onset.value, onset.stderr, onset.systematic, "rad/s", known))
+    return [
+        (name, *((value, error, share) if known and math.isfinite(error) else (None, None, None)), unit)
+        for name, value, error, share, unit, known in rows
+    ]
+
+
+def _checked(record: Record) -> Record:
+    """A record, refused where SQLite or JSON keeps something of another kind."""
+    for f in fields(record):
+        value = getattr(record, f.name)
+        kind = {"str": str, "tuple[str, ...]": str, "int": int}.get(str(f.type), object)
+        for one in value if isinstance(value, tuple) else (value,):
+            if not isinstance(one, kind):
+                raise TypeError(f"{one!r} stands where there should be {kind.__name__}")
+    return record
+
+
+def stored_findings(text: str) -> tuple[tuple[Finding, ...], ...]:
+    """Findings of the check of the data, experiment by experiment."""
+    return tuple(
+        tuple(Finding(severity, code, message, source=source) for severity, code, message, source in found)
+        for found in json.loads(text)
+    )
+
+
+def stored_test(row: Mapping[str, Any], paths: Sequence[str]) -> StoredTest:
+    """The record of a row and of the files it was found in."""
+    said = [finding for found in stored_findings(row["findings"]) for finding in found]
+    read = {
+        "date_given": bool(row["date_given"]),
+        "conditions": dict(json.loads(row["conditions"])),
+        "sources": tuple(paths),
+        "findings": (*errors_in(said), *warnings_in(said)),
+    }
+    return _checked(StoredTest(**{**row, **read}))
+
+
+def stored_fit(row: Mapping[str, Any], params: Mapping[str, StoredValue]) -> StoredFit:
+    """The record of a row and of its parameters."""
+    own = {name: value for name, value in row.items() if name != "findings"}
+    said = json.loads(row["findings"])
+    read = {
+        "success": bool(row["success"]),
+        "redchi": math.nan if row["redchi"] is None else float(row["redchi"]),
+        "errors": tuple(said["errors"]),
+        "warnings": tuple(said["warnings"]),
+        "params": params,
+    }
+    return _checked(StoredFit(**{**own, **read}))

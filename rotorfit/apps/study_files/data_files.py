@@ -1,0 +1,191 @@
+"""Test files and recordings of a study, read and looked over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from rotorfit.base.array_types import Index
+from rotorfit.base.executors import carry_out
+from rotorfit.lab.data.experiments import Experiment
+from rotorfit.lab.data.findings import PHASE_DATUM, Finding, errors_first, without_phases
+from rotorfit.lab.data.selection import without
+from rotorfit.lab.io.files import read
+
+if TYPE_CHECKING:
+    from rotorfit.lab.recordings.recording import Recording
+
+
+class StudyProgress(Protocol):
+    """Called when a stage begins, and while it goes on where it can say how far it is."""
+
+    def __call__(self, stage: str, done: float | None = None) -> None:
+        """Take notice of a stage in a few words and of the share of it that is done."""
+        ...
+
+
+def no_progress(stage: str, done: float | None = None) -> None:
+    """Show nothing."""
+
+
+@dataclass(frozen=True)
+class DataFile:
+    """A test file and the options to read it with, see :func:`rotorfit.read`."""
+
+    path: Path  # the file
+    options: Mapping[str, Any] = field(default_factory=dict)  # by name, those of :func:`rotorfit.read`
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """The file, as those of recordings."""
+        return (self.path,)
+
+    def read(
+        self,
+        on_finding: Callable[[Finding], None] | None = None,
+        progress: StudyProgress = no_progress,
+        on_lines: Callable[[Index], None] | None = None,
+    ) -> Experiment:
+        """Read the test."""
+        stage = f"reading {self.path.name}"
+        progress(stage)
+        callbacks = {"on_finding": on_finding, "on_lines": on_lines, "progress": lambda share: progress(stage, share)}
+        return read(self.path, **{**callbacks, **self.options})
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingFiles:
+    """Recordings of one rig, see :func:`rotorfit.read_recording`."""
+
+    paths: tuple[Path, ...]  # the files
+    setup: Path | None = None  # ``rig.toml``, where the files do not say everything themselves
+    windows: int | None = None  # track by windows of so many whole turns, see ``turns`` of :func:`rotorfit.responses`
+    lines: bool = False  # reduce them to the combination lines of a shaft that is not round
+    runout_um: float | None = None  # see :func:`rotorfit.shaft_lines`
+    skip: tuple[int, ...] = ()  # numbers of vectors to leave out, counted from 1 through all tests that come of them
+
+    @property
+    def path(self) -> Path:
+        """The first file."""
+        return self.paths[0]
+
+    def open(self, progress: Callable[[str], None]) -> list[Recording]:
+        """The recordings, of which nothing but headings is read yet."""
+        from rotorfit.lab.recordings.recording import named_apart, read_recording
+        from rotorfit.lab.recordings.rig.rig_toml import read_setup
+
+        setup = None if self.setup is None else read_setup(self.setup)
+        records = []
+        for path in self.paths:
+            progress(f"opening {path.name}")
+            records.append(read_recording(path, setup))
+        return named_apart(records)
+
+    def read(
+        self, on_finding: Callable[[Finding], None], progress: Callable[[str], None], executor: Executor | None = None
+    ) -> tuple[Experiment, ...]:
+        """Read the recordings and reduce them, each kind of test to an experiment."""
+        from rotorfit.lab.recordings.reduction.responses import recorded_tests
+        from rotorfit.lab.recordings.reduction.shaft_lines import shaft_lines
+
+        records = self.open(progress)
+        if not self.lines:
+            tests = recorded_tests(
+                records, turns=self.windows, executor=executor, on_finding=on_finding, progress=progress
+            )
+            return _without(tests, self.skip)
+        progress("finding combination lines")
+        test = shaft_lines(records, runout_um=self.runout_um)
+        for record in records:
+            for finding in record.findings:
+                on_finding(finding)
+        return _without((test,), self.skip)
+
+
+def _without(tests: tuple[Experiment, ...], numbers: Sequence[int]) -> tuple[Experiment, ...]:
+    """Tests without some vectors, by number from 1 through all of them."""
+    count = sum(len(test) for test in tests)
+    if wrong := [number for number in numbers if number > count]:
+        raise ValueError(f"skip: there is no vector {wrong[0]} in the recordings, of {count} vectors")
+    kept, before = [], 0
+    for test in tests:
+        own = [number - before for number in numbers if before < number <= before + len(test)]
+        before += len(test)
+        kept.append(without(test, own))
+    return tuple(kept)
+
+
+def read_files(
+    files: Sequence[DataFile | RecordingFiles], progress: StudyProgress, executor: Executor | None = None
+) -> tuple[tuple[Experiment, ...], tuple[tuple[Finding, ...], ...]]:
+    """The tests, and what was found odd in each, errors first."""
+    from rotorfit.identify.diagnosis.readings import copied_runs
+
+    experiments: list[Experiment] = []
+    findings: list[tuple[Finding, ...]] = []
+    for file in files:
+        tests, own = _read_file(file, progress, executor)
+        experiments += tests
+        findings += own
+    if len(experiments) > 1:
+        copies = copied_runs(experiments)
+        findings = [tuple(errors_first((*more, *own))) for own, more in zip(findings, copies, strict=True)]
+    return tuple(experiments), tuple(findings)
+
+
+def _read_file(
+    file: DataFile | RecordingFiles, progress: StudyProgress, executor: Executor | None = None
+) -> tuple[tuple[Experiment, ...], list[tuple[Finding, ...]]]:
+    """The tests of a file, and what was found odd in each."""
+    from rotorfit.identify.diagnosis.check import check
+
+    found: list[Finding] = []
+    lines: list[Index] = []
+    if isinstance(file, RecordingFiles):
+        tests = file.read(found.append, progress, executor)
+    else:
+        tests = (file.read(found.append, progress, lines.append),)
+    findings = []
+    for test in tests:
+        progress(f"checking {test.source}")
+        checked = check(test)
+        found += without_phases(checked) if any(f.code == PHASE_DATUM for f in found) else checked
+        if lines and lines[0].size == len(test):  # no runs were differenced, no rows chosen: each is a line of a table
+            found = [replace(f, lines=tuple(lines[0][list(f.rows)].tolist())) for f in found]
+        findings.append(tuple(errors_first(found)))
+        found = []  # findings about recordings of several kinds are reported with the first
+    return tests, findings
+
+
+def look_over(files: Sequence[DataFile], executor: Executor | None) -> tuple[tuple[Finding, ...], ...]:
+    """Findings of each file, errors first; no process holds more than one of them."""
+    from rotorfit.identify.diagnosis.readings import copies_among, copies_finding
+
+    looked = carry_out(_looked_at, files, executor)
+    copies = copies_among([digests for _, digests in looked], [file.path.name for file in files])
+    more = [[copies_finding(own)] if own else [] for own in copies]
+    return tuple(tuple(errors_first((*own, *found))) for own, (found, _) in zip(more, looked, strict=True))
+
+
+def _looked_at(file: DataFile) -> tuple[tuple[Finding, ...], dict[str, bytes]]:
+    from rotorfit.identify.diagnosis.readings import run_digests
+
+    (test,), (findings,) = _read_file(file, no_progress)
+    return tuple(one for one in findings if one.code != "duplicate"), run_digests(test)
+
+
+def checked_again(
+    before: Sequence[Experiment], after: Sequence[Experiment], findings: Sequence[Sequence[Finding]]
+) -> tuple[tuple[Finding, ...], ...]:
+    """Findings of data that were changed: those of reading stay, the check is made anew."""
+    from rotorfit.identify.diagnosis.check import check
+
+    found = []
+    for old, new, own in zip(before, after, findings, strict=True):
+        of_check = {(finding.code, finding.message) for finding in check(old)}
+        stay = [finding for finding in own if (finding.code, finding.message) not in of_check]
+        found.append(tuple(errors_first((*stay, *check(new)))))
+    return tuple(found)

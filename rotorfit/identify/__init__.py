@@ -1,0 +1,1 @@
+"""Experiments and a model become a fit, its errors and its findings."""

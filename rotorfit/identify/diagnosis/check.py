@@ -1,0 +1,160 @@
+"""Look a test over before fitting: errors of sign, direction, scale and plan that the data themselves give away; and
+read it with a warning of them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from functools import wraps
+from typing import Any, ParamSpec
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.base.array_types import Bool
+from rotorfit.estimators.blocks.row_keys import words
+from rotorfit.identify.diagnosis.forces import exchanged_axes, force_along_axis, turning_force
+from rotorfit.identify.diagnosis.orbits import orbits_of
+from rotorfit.identify.diagnosis.other_kinds import free_vibration, imposed_orbits, static_positions
+from rotorfit.identify.diagnosis.plan import plan
+from rotorfit.identify.diagnosis.probe_pairs import reciprocity, uneven_probes
+from rotorfit.identify.diagnosis.readings import amplitudes, clipped, copied_readings, rows_of, unread
+from rotorfit.identify.diagnosis.signs import half_turns, signs, wrong_direction
+from rotorfit.lab.data.experiments import (
+    DisplacementTest,
+    Experiment,
+    ImpulseTest,
+    PerturbationTest,
+    RingDownTest,
+    StaticTest,
+)
+from rotorfit.lab.data.findings import DataWarning, Finding, errors_first, listed
+from rotorfit.lab.data.weights import dwells
+from rotorfit.lab.io import files
+
+P = ParamSpec("P")
+
+
+def check(test: Experiment) -> list[Finding]:
+    """Findings about a test, errors first.
+
+    Recognised are readings that are not finite, doubled, zero or cut off, forces of zero, implausible amplitudes,
+    frequencies in another unit than speeds, readings at 1x, gaps in the plan of the test (planes without force, one
+    direction only, one frequency only), conjugated FRFs, responses in the wrong direction, forces along an axis given
+    as circular and the reverse, axes of forces exchanged or inverted, readings inverted from some frequency on, a
+    reversed sense of rotation, gains, delays and filters of one probe of a pair, planes that answer each other
+    unequally, start-ups without partner, positions against their load, records without a mode, free vibration in
+    another unit than the speed, run-ups too fast to settle, several machines in one test. Notes give the scatter
+    between mountings of weights and the number of modes that weights at dwell speeds show. What only a fit gives away
+    is in :attr:`FitResult.findings`.
+
+    Args:
+        test: what was measured, SI units.
+
+    Example:
+        >>> [finding.code for finding in rf.check(rig) if finding.severity == "error"]
+        []
+    """
+    measured: list[NDArray[Any]] = [getattr(test, name) for name in test._columns() if name not in _MAY_BE_NAN]
+    numeric = [np.isfinite(values) for values in measured if values.dtype.kind in "fc"]
+    whole = np.logical_and.reduce(numeric) if numeric else np.ones(len(test), dtype=bool)
+    findings = [*_numbers(test, whole)]
+    machines = words(np.asarray(test.attributes.get("machine", np.zeros(0))))[0]
+    if len(machines) > 1:
+        text = (
+            f"The readings are of {len(machines)} machines, {listed(sorted(map(str, machines)))}: a fit takes them for "
+            f"one. Fit each by itself (`--where machine={machines[0]}`), or give parameters a value for each "
+            "(`--per K0=machine`)."
+        )
+        findings.append(Finding("warning", "several-machines", text))
+    finite = np.flatnonzero(whole)
+    if finite.size:
+        rest = test if finite.size == len(test) else test.select(finite)
+        findings += [found.at_rows(finite) for found in _of_its_kind(rest)]
+    return errors_first(findings)
+
+
+def _of_its_kind(test: Experiment) -> Iterator[Finding]:
+    match test:
+        case PerturbationTest() | DisplacementTest():
+            yield from copied_readings(test)
+            yield from amplitudes(test)
+            yield from plan(test)
+            yield from _physics(test) if isinstance(test, PerturbationTest) else imposed_orbits(test)
+        case StaticTest():
+            yield from static_positions(test)
+        case ImpulseTest() | RingDownTest():
+            yield from free_vibration(test)
+
+
+def _physics(test: PerturbationTest) -> Iterator[Finding]:
+    yield from unread(test)
+    yield from clipped(test)
+    yield from turning_force(test)
+    yield from exchanged_axes(test)
+    forced = np.flatnonzero((test.force != 0) & ~test.several)
+    if not forced.size:
+        return  # a reference run alone, or several forces at once, of which none has an orbit of its own
+    orbits = orbits_of(test if forced.size == len(test) else test.select(forced), forced)
+    if not orbits.frequency.size:
+        return
+    yield from half_turns(orbits)
+    wrong = list(force_along_axis(orbits)) or list(wrong_direction(orbits))
+    yield from wrong
+    if wrong:
+        return  # the component in the direction of the force is only a residue
+    uneven = list(uneven_probes(orbits))
+    yield from uneven
+    if not any(finding.severity == "warning" for finding in uneven):
+        yield from reciprocity(orbits)
+    yield from signs(orbits)
+
+
+_MAY_BE_NAN = ("sigma", "eccentricity", "position")
+"""Columns in which NaN stands for what was not measured, or was given in another column."""
+
+
+_REFERENCE = (
+    "This is a reference run: no reading has a force. Alone it says nothing of the rotor; put it together with the "
+    "runs that have a trial weight (rf.join_runs, `rotorfit join REFERENCE TRIAL --out BOTH.csv`)."
+)
+
+
+def _numbers(test: Experiment, finite: Bool) -> Iterator[Finding]:
+    if not len(test):
+        yield Finding("error", "empty", "The test has no readings.")
+        return
+    if not finite.all():
+        text = f"Not finite: {(~finite).sum()} readings; remove them, test.select(...) with the rows to keep."
+        yield Finding("error", "not-finite", text, rows_of(~finite), undo="remove these rows")
+    sigma = getattr(test, "sigma", np.array([1.0]))
+    if (sigma <= 0).any():
+        text = f"The noise sigma is not positive in {(sigma <= 0).sum()} rows; NaN stands for unknown noise."
+        yield Finding("error", "sigma", text, rows_of(sigma <= 0))
+    still = test.force == 0 if isinstance(test, PerturbationTest) else np.zeros(0, dtype=bool)
+    if not isinstance(test, PerturbationTest) or not still.any():
+        return
+    if still.all() and test.synchronous:
+        yield Finding("warning", "reference-run", _REFERENCE)
+    # Runs without a weight are what others at the same few speeds are compared with: weights are solved together.
+    elif not (test.synchronous and dwells(test)):
+        text = f"The force is zero in {still.sum()} rows; remove them, they have no dynamic stiffness."
+        yield Finding("error", "no-force", text, rows_of(still), undo="remove these rows")
+
+
+def checking(reader: Callable[P, Experiment]) -> Callable[P, Experiment]:
+    """A reader that warns of errors in what it reads."""
+
+    @wraps(reader)
+    def read(*args: P.args, **options: P.kwargs) -> Experiment:
+        test = reader(*args, **options)
+        for finding in check(test):
+            if finding.severity == "error":
+                warnings.warn(finding.message, DataWarning, stacklevel=2)
+        return test
+
+    return read
+
+
+read = checking(files.read)
+read.__module__ = __name__  # under which other processes find it

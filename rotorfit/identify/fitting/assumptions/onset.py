@@ -1,0 +1,119 @@
+"""Threshold speed of a fitted rotor: where it becomes unstable, how sure that is, and what it depends on."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rotorfit.base.array_types import ComplexArray, Float
+from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.estimators.inference.smooth_causes import Cause, Kind, beyond, changed_values, onset_terms
+from rotorfit.identify.fitting.judge import why_not_refined
+from rotorfit.identify.fitting.quantities import Quantity
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.models import Threshold, eigenvalues
+from rotorfit.models.motion.stability import SPEEDS, eigenvalue_gradient, fastest_growth, first_growth, search_limits
+
+
+def onset_of(fit: FitResult, group: int) -> Quantity:
+    """Threshold speed of one parameter group, rad/s."""
+    onset = fit.onset(group)
+    candidate = fit.settings.onsets[group] if fit.settings.onsets else None
+    if onset is None and math.isfinite(fit.stability_band):
+        # Terms that hold in the tested band only say nothing of an onset beyond it.
+        if candidate is None or not math.isfinite(candidate.speed):
+            return Quantity(math.nan, math.inf, "rad/s")
+        return Quantity(candidate.speed, math.hypot(candidate.stderr, candidate.difference), "rad/s", fit.freedom)
+    if onset is None:
+        return Quantity(math.nan, _growth_error(fit, group), "rad/s")
+    found = fit.propagate_in(group, onset.speed, onset.gradient, "rad/s")
+    if candidate is None or not is_extrapolated(fit, onset.speed, onset.whirl_frequency):
+        return found
+    there = 0.0  # share of the variance by the choice among candidates that the covariance holds already
+    if fit.model_uncertainty is not None:
+        slope = fit.problem.space.pull_back(onset.gradient, group)[: len(fit.model_uncertainty)]
+        there = float(slope @ fit.model_uncertainty @ slope)
+    more = math.sqrt(max(0.0, candidate.difference**2 - there))
+    return Quantity(found.value, math.hypot(found.stderr, more), "rad/s", found.freedom)
+
+
+def is_extrapolated(fit: FitResult, speed: ArrayLike, whirl: ArrayLike) -> Any:
+    """True if onsets lie beyond the tests, so that they depend on the structure of the model."""
+    return (np.abs(whirl) > fit.band) | _is_far(fit, speed)
+
+
+def _is_far(fit: FitResult, speed: ArrayLike) -> Any:
+    """True if a speed lies so far above the tested ones that terms growing with speed are hardly seen in the data."""
+    highest = float(fit.speeds.max(initial=0.0))
+    far_ratio = 3.0  # onset over the highest tested speed from which it is called far
+    return (np.asarray(speed) > far_ratio * highest) & (highest > 0)
+
+
+def onset_note(fit: FitResult, group: int) -> str:
+    """Limits of the threshold speed of a parameter group; empty where its whirl lies in the tested band."""
+    if not fit.model.speed_dependent or not math.isfinite(fit.band):
+        return ""
+    onset = fit.onset(group)
+    if onset is None and math.isfinite(fit.stability_band):
+        if math.isnan(onset_of(fit, group).value):
+            return "any onset lies outside the tested band of frequencies, which was not searched"
+        return (
+            "the onset lies outside the tested band of frequencies: it is that of the model without terms that "
+            "hold in the band only, its error the difference between the candidate models included"
+        )
+    error = "its error includes the difference between the candidate models"
+    if onset is not None and abs(onset.whirl_frequency) <= fit.band and _is_far(fit, onset.speed):
+        far = f"the onset lies {onset.speed / float(fit.speeds.max()):.1f} times above the highest tested speed"
+        return f"{far}: {error if fit.settings.onsets else 'terms that grow with speed are hardly seen there'}"
+    if onset is None or abs(onset.whirl_frequency) <= fit.band:
+        return ""
+    words = f"the whirl at onset ({abs(onset.whirl_frequency) * RPM_PER_RAD_S:.0f} cycles a minute) lies above the "
+    alone = "refine (--refine) would show how much this depends on the model"
+    extrapolated = "the model extrapolates" if why_not_refined(fit.model, fit.identifiability) else alone
+    known = error if fit.settings.onsets else extrapolated
+    return f"{words}tested frequencies ({fit.band * RPM_PER_RAD_S:.0f}): {known}"
+
+
+def onset_with(fit: FitResult, onset: Threshold, cause: Cause, shift: Float) -> float:
+    """Threshold speed, rad/s, of the fitted rotor with a cause of the size found and by what a unit of it moves the
+    fitted vector, the highest searched without one. All modes are looked at: a large one may make another unstable."""
+    model = fit.model
+    moved = fit.problem.space.theta(fit.x + cause.size * shift)[0]
+    terms = onset_terms(cause, onset.whirl_frequency)
+    changing = [part for part in cause.parts if part.kind in (Kind.SPEED, Kind.BEND)]
+    highest, round_off = search_limits(model, moved, fit.stability_band)
+
+    def growth(speed: Float) -> Float:
+        changes = [beyond(part, speed)[:, None] * changed_values(model, moved, part.value) for part in changing]
+        coefficients = np.array(model.motion(moved + cause.size * sum(changes, np.zeros((speed.size, 1))), speed))
+        for term in terms:
+            for row, column, weight in term.entries:
+                for factor, power, speeds in term.terms:
+                    coefficients[:, power, row, column] += weight * cause.size * factor * speed**speeds
+        return fastest_growth(model, coefficients, fit.stability_band) - round_off
+
+    found = first_growth(growth, np.geomspace(1e-4 * highest, highest, SPEEDS))
+    return highest if found is None else found
+
+
+def _growth_error(fit: FitResult, group: int) -> float:
+    """Infinite where undetermined parameters, such as lam of tests at rest, move the least stable mode, or NaN."""
+    theta, model = fit.thetas[group], fit.model
+    if not model.speed_dependent:
+        return math.nan
+
+    def in_band(speed: float) -> ComplexArray:
+        s = eigenvalues(model, theta, speed)
+        return np.asarray(s[np.isfinite(s) & (np.abs(s) <= fit.stability_band) & (np.abs(s) > 0)])
+
+    speed = float(np.abs(in_band(0.0)).max(initial=0.0))
+    s = in_band(speed)
+    if not s.size:
+        return math.nan
+    least = complex(s[np.argmax(s.real)])
+    _, by_theta = eigenvalue_gradient(model, theta, speed, least)
+    error = fit.propagate_in(group, abs(least), by_theta.real, "1/s").stderr
+    return math.nan if math.isfinite(error) else math.inf

@@ -1,0 +1,238 @@
+"""Fit a model to experiments: in closed form, or by weighted nonlinear least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rotorfit.base.array_types import Float
+from rotorfit.estimators.blocks.correlated import CorrelatedResponses
+from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
+from rotorfit.estimators.minimisation.objective import Method
+from rotorfit.estimators.misfit.cost_graph import cost_graph
+from rotorfit.estimators.misfit.problem import Loss, Problem
+from rotorfit.estimators.misfit.ratios import LogRatioProblem, ratios_of
+from rotorfit.estimators.starting.closed_form import ClosedFormError
+from rotorfit.estimators.starting.closed_form import closed_form as solve_closed_form
+from rotorfit.estimators.starting.shaft_line_starts import has_lines
+from rotorfit.estimators.starting.start_points import CLOSED_FORM, EARLIER_FIT, Start, search_scale
+from rotorfit.estimators.starting.starts import find_start
+from rotorfit.identify.fitting.assumptions.calibration import Calibration
+from rotorfit.identify.fitting.assumptions.shifts import assuming
+from rotorfit.identify.fitting.judge import judge, with_model_uncertainty
+from rotorfit.identify.fitting.noise.error_bars import with_noise
+from rotorfit.identify.fitting.noise.study import study_residuals
+from rotorfit.identify.fitting.problem_setup import as_tuple, build_problem, dry_run
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.identify.fitting.settings import FitSettings, PhaseOffsets
+from rotorfit.identify.observing.clearance import usable
+from rotorfit.lab.data.experiments import Experiment
+from rotorfit.lab.data.joined import runs_apart
+from rotorfit.models import Modal, RotorModel
+
+
+def fit(
+    model: RotorModel,
+    experiments: Experiment | Sequence[Experiment],
+    *,
+    known: Mapping[str, float | None] | None = None,
+    bounds: Mapping[str, tuple[float | None, float | None]] | None = None,
+    priors: Mapping[str, Any] | None = None,
+    per: Mapping[str, str] | None = None,
+    loss: Loss = "linear",
+    start: Mapping[str, float] | None = None,
+    phase_offsets: PhaseOffsets = False,
+    baseline: Experiment | None = None,
+    stator_mass_kg: float | None = None,
+    calibration: Calibration | None = None,
+    assumptions: Mapping[str, float] | None = None,
+    method: Method = "auto",
+    max_iterations: int = 200,
+) -> FitResult:
+    """Fit a model by weighted nonlinear least squares on the complex responses.
+
+    The search begins at the closed form or what stands in for it (:attr:`FitResult.start`), takes Gauss-Newton steps,
+    and goes on with Ipopt where these do not lead to the optimum.
+
+    Args:
+        model: the rotor, for instance ``rf.models.WhirlWhip()``.
+        experiments: one experiment or a list that informs one parameter vector. Runs of one name that a probe read in
+            several of them are different runs and are named with their file.
+        known: values that are not fitted, SI units; ``None`` frees a parameter that the model fixes by default.
+        bounds: lower and upper bounds by parameter name, None for none.
+        priors: frozen ``scipy.stats`` distributions by parameter name.
+        per: parameters that take one value for each value of a test attribute, ``{"D": "speed_rpm"}``, or of several
+            together, ``{"D": "speed_rpm+pressure_bar"}``.
+        loss: "linear", or "soft_l1", "huber", "cauchy" against outliers.
+        start: start values that replace those that are found from the data (:attr:`FitResult.start`).
+        phase_offsets: fit an offset of the phase reference for every run but the first, or for every run about their
+            mean where their scatter tells how far the first one's may be off; "common": one angle ``datum``
+            between all forces and all responses, where weight holes, Keyphasor and probes have no common zero. It is
+            positive where responses lead.
+        baseline: a dry run of the same rig, whose dynamic stiffness is taken out: the model is then of the fluid alone.
+            Its speeds are matched with those of the test, its frequencies are interpolated, and its noise enters the
+            errors.
+        stator_mass_kg: in place of a dry run, the mass of a floating stator.
+        calibration: uncertainties of probes, force and phase reference, which then count in ``stderr``.
+        assumptions: standard uncertainties of terms that the model leaves out or takes as known, by their names and
+            units in :meth:`FitResult.assumptions`, ``{"Ds[journal]": 2.0}``. They enter :meth:`FitResult.interval`, the
+            summary and the report as a systematic share; ``params`` stay statistical.
+        method: "gauss-newton" for damped Gauss-Newton steps, "ipopt" for Ipopt, on CasADi's own graph of the cost where
+            there is one; "auto" takes Gauss-Newton steps and hands over to Ipopt where they do not lead to the optimum.
+        max_iterations: limit on the iterations of the search.
+
+    Returns:
+        the result; a fit that did not converge has ``success`` false and the best estimate found. What is wrong with
+        the data is looked for when its :attr:`FitResult.findings` are asked for.
+
+    Raises:
+        TypeError: a class or a name in place of a model, or something else than experiments.
+        KeyError: unknown parameter names; the message names the nearest. Unknown assumptions.
+        ValueError: data that do not fit the model, an unknown loss, contradictory bounds, more unknowns than data,
+            uncertainties of assumptions that are not positive or of a fit with parameters per attribute.
+
+    Example:
+        >>> fit = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
+        >>> fit.success, round(fit.params["lam"].value, 3), fit.params["lam"].unit
+        (True, 0.473, '1')
+    """
+    settings = FitSettings(
+        known=known or {},
+        bounds={name: _numbers(pair) for name, pair in (bounds or {}).items()},
+        priors=priors or {},
+        per=per or {},
+        start=start or {},
+        loss=loss,
+        phase_offsets=phase_offsets,
+        baseline=dry_run(baseline),
+        stator_mass_kg=stator_mass_kg,
+        calibration=calibration,
+        method=method,
+        max_iterations=max_iterations,
+    )
+    found = fitted(model, runs_apart(as_tuple(experiments)), settings)
+    return assuming(found, assumptions) if assumptions else found
+
+
+def _numbers(pair: Any) -> Any:
+    """Bounds with infinity in place of None; what is no pair is refused where bounds are used."""
+    if not isinstance(pair, tuple | list) or len(pair) != 2:
+        return pair
+    low, high = pair
+    return (-np.inf if low is None else low, np.inf if high is None else high)
+
+
+def fitted(
+    model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings, *, ask_causes: bool = True
+) -> FitResult:
+    """The fit of a model with given settings; ``ask_causes``: fixed causes of what it misses are asked for."""
+    problem = build_problem(model, experiments, settings)
+    start = find_start(problem, settings.start)
+    solution = solve(problem, start.x, Options(max_iterations=settings.max_iterations, method=settings.method))
+    return judged(problem, experiments, settings, start, solution, ask_causes=ask_causes)
+
+
+def judged(
+    problem: Problem,
+    experiments: tuple[Experiment, ...],
+    settings: FitSettings,
+    start: Start,
+    solution: Solution,
+    *,
+    ask_causes: bool = True,
+) -> FitResult:
+    """The result of a solved problem, solved again with the noise that its residuals show."""
+    left_out = (sentence for test in experiments for sentence in usable(problem.space.model, test)[1])
+    notes = (*left_out, *start.notes)
+    # A minimum along a whole line is one.
+    studied = settings.loss == "linear" and (solution.success or solution.status is Status.SINGULAR)
+    study = study_residuals(problem, solution.x, ask_causes=ask_causes) if studied else None
+    if study is not None and study.found is not None:
+        offsets, settings = settings.phase_offsets, replace(settings, noise=study.found)
+        before = dict(zip((*problem.space.names, *problem.space.nuisance), solution.x.tolist(), strict=True))
+        model = problem.space.model
+        problem = build_problem(model, experiments, settings) if offsets else with_noise(problem, study.found)
+        begin = np.array([before.get(name, 0.0) for name in (*problem.space.names, *problem.space.nuisance)])
+        again = solve(problem, begin, Options(max_iterations=settings.max_iterations, method=settings.method))
+        solution = replace(again, n_evaluations=solution.n_evaluations + again.n_evaluations)
+    return judge(problem, experiments, settings, start, solution, notes, study)
+
+
+def closed_form(
+    model: RotorModel,
+    experiments: Experiment | Sequence[Experiment],
+    *,
+    known: Mapping[str, float | None] | None = None,
+    per: Mapping[str, str] | None = None,
+    baseline: Experiment | None = None,
+    stator_mass_kg: float | None = None,
+    weighted: bool = True,
+) -> FitResult:
+    """Identify without iteration (eqs 5 to 9 and straight-line fits); the result has the shape of :func:`fit`'s.
+
+    Args:
+        model, experiments, known, per, baseline, stator_mass_kg: as for :func:`fit`.
+        weighted: weigh by the propagated noise, or, as the paper did, not at all.
+
+    Raises:
+        ClosedFormError: the data do not allow a closed form.
+
+    Example:
+        >>> start = rf.closed_form(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
+        >>> round(start.params["lam"].value, 3)
+        0.473
+    """
+    if model.eccentricity_dependent:
+        raise ClosedFormError(
+            f"{model.name} changes with eccentricity, which has no closed form; fit starts from that of a linear fluid "
+            f"at small eccentricity"
+        )
+    if isinstance(model, Modal):
+        raise ClosedFormError("a modal model starts from a rational fit of its own, which is no estimate with errors")
+    settings = FitSettings(known=known or {}, per=per or {}, baseline=dry_run(baseline), stator_mass_kg=stator_mass_kg)
+    several = runs_apart(as_tuple(experiments))
+    problem = build_problem(model, several, settings)
+    if has_lines(problem):
+        raise ClosedFormError("combination lines have none; the fit starts from linear steps, one line after the other")
+    # Responses to measured forces and beside a dry run are taken without what their errors have in common.
+    blocks = tuple(
+        block.base
+        if isinstance(block, CorrelatedResponses) and not (block.base.beside is None and block.base.force_noise is None)
+        else block
+        for block in problem.blocks
+    )
+    estimate = solve_closed_form(problem.space, blocks, weighted=weighted)
+    return judge(problem, several, settings, Start(x=estimate.x, kind=CLOSED_FORM), estimate, estimate.notes)
+
+
+def solve_again(fit: FitResult, problem: Problem) -> FitResult:
+    """The result of a fit with its settings, solved for another problem: other nuisance entries, noise or readings."""
+    settings = fit.settings
+    begin = np.zeros(problem.space.size)
+    begin[: min(fit.x.size, begin.size)] = fit.x[: begin.size]
+    solution = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options(method=settings.method))
+    start = Start(x=begin, kind=EARLIER_FIT)
+    found = judge(problem, fit.experiments, settings, start, solution, noise=fit.noise)
+    return found if fit.model_uncertainty is None else with_model_uncertainty(found, fit.model_uncertainty)
+
+
+def solve(problem: Problem, start: Float, options: Options) -> Solution:
+    """Minimise the cost of a problem."""
+    space = problem.space
+    if problem.loss not in ("linear", "soft_l1"):
+        # A redescending loss has local minima; the convex one leads into the right basin.
+        start = solve(replace(problem, loss="soft_l1"), start, options).x
+    ratios = ratios_of(problem)
+    if ratios is None or not start[ratios.numerators].any():  # nothing is known of a ratio either
+        scale = search_scale(space, start)
+        graph = cost_graph(problem) if options.method == "ipopt" else None
+        bounds = {"lower": space.lower, "upper": space.upper}
+        return minimise(problem, start, **bounds, scale=scale, options=options, graph=graph)
+    begin, (lower, upper) = ratios.of(start), ratios.bounds(space)
+    scale = search_scale(space, begin)
+    scale[ratios.entry] = 1.0
+    found = minimise(LogRatioProblem(problem, ratios), begin, lower=lower, upper=upper, scale=scale, options=options)
+    return replace(found, x=ratios.vectors(found.x))

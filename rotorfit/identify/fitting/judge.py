@@ -1,0 +1,381 @@
+"""The verdict on a solved problem: errors, goodness of fit, identifiability, sentences worth reading."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
+from rotorfit.base.digits import significant
+from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.estimators.blocks.correlated import freedom_of
+from rotorfit.estimators.blocks.shaft_lines import LineResponses
+from rotorfit.estimators.inference import covariance
+from rotorfit.estimators.inference.identifiability import Identifiability, along_valley, diagnose
+from rotorfit.estimators.minimisation.least_squares import Solution, Status
+from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
+from rotorfit.estimators.misfit.problem import Problem, robust_weights
+from rotorfit.estimators.starting.closed_form import ClosedForm
+from rotorfit.estimators.starting.start_points import Start
+from rotorfit.identify.fitting.assumptions.calibration import NUISANCE_KINDS
+from rotorfit.identify.fitting.noise.error_bars import shares_of_possible_effects, with_scatter, with_shares
+from rotorfit.identify.fitting.noise.record import is_run_effect
+from rotorfit.identify.fitting.noise.residual_study import MODEL_LIMITED_REDCHI, ResidualStudy, is_misfit
+from rotorfit.identify.fitting.problem_setup import with_noise_of_data
+from rotorfit.identify.fitting.quantities import FittedParameter, ResponseQuality
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.identify.fitting.settings import FitSettings
+from rotorfit.lab.data.experiments import Experiment
+from rotorfit.models import BLOCKS, Modal, RotorModel
+from rotorfit.models.motion.stability import growth_rate, stability_band
+from rotorfit.models.parameters import bare_name
+
+_MEANING = {
+    "phase": ("rad", "offset of the phase reference"),
+    DATUM: ("rad", "common datum angle: lead of responses over forces"),
+    **NUISANCE_KINDS,
+}
+
+
+def judge(
+    problem: Problem,
+    experiments: tuple[Experiment, ...],
+    settings: FitSettings,
+    start: Start,
+    solved: Solution | ClosedForm,
+    notes: tuple[str, ...] = (),
+    noise: ResidualStudy | None = None,
+) -> FitResult:
+    """The result of a solved problem, or of a closed form."""
+    x = np.concatenate([solved.x, np.zeros(problem.space.size - solved.x.size)])
+    residuals, jacobian = problem.jacobian(x)
+    goodness = _goodness(problem, settings, x, residuals)
+    redchi, nfree = goodness["redchi"], goodness["nfree"]
+    estimate = solved if isinstance(solved, ClosedForm) else None
+    scattered, covar, degrees, verdict, noise = _standard_errors(
+        problem, settings, x, residuals, jacobian, redchi, nfree, estimate, noise
+    )
+    params = _parameters(problem.space, x, start.x, scattered, covar, degrees, verdict.unresolved)
+    warnings = [*notes, *fit_warnings(problem, x, redchi, params, verdict, bool(settings.noise_scale), noise)]
+    success, method, message, evaluations = True, "closed form", "closed form, no iteration", 0
+    if isinstance(solved, Solution):
+        # A minimum along a whole line is one: the identifiability verdict names the line.
+        success = solved.success or solved.status is Status.SINGULAR
+        method, message, evaluations = "least squares", solved.message, solved.n_evaluations
+    if not success:  # where a search stalled the curvature tells nothing of the error
+        params = {n: replace(p, stderr=np.nan, stderr_noise=np.nan) if p.vary else p for n, p in params.items()}
+        warnings.insert(0, f"the optimisation did not converge, so no standard errors are given: {message}")
+    return FitResult(
+        model=problem.space.model,
+        experiments=experiments,
+        settings=settings,
+        method=method,
+        problem=problem,
+        x=x,
+        params=params,
+        covar=covar,
+        ndata=problem.n_data,
+        **goodness,
+        success=success,
+        message=message,
+        start=start.kind,
+        perhaps_local=start.perhaps_local,
+        nfev=evaluations,
+        identifiability=verdict,
+        warnings=tuple(warnings),
+        noise=noise,
+    )
+
+
+def with_model_uncertainty(fit: FitResult, uncertainty: Float) -> FitResult:
+    """The result with the uncertainty of the choice of its model in its covariance and standard errors."""
+    names = fit.problem.space.names
+    added = np.zeros_like(fit.covar)
+    added[: len(names), : len(names)] = uncertainty
+    covar, noise = fit.covar + added, fit.noise
+    if noise is not None and noise.shares:
+        noise = replace(noise, shares=(*noise.shares, added), freedom=(*noise.freedom, float("inf")))
+    params = dict(fit.params)
+    for i, name in enumerate(names):
+        if params[name].resolved and fit.success:
+            freedom = params[name].freedom if noise is None else noise.degrees(np.eye(len(covar))[i])
+            params[name] = replace(params[name], stderr=float(np.sqrt(covar[i, i])), freedom=freedom)
+    return replace(fit, covar=covar, params=params, noise=noise, model_uncertainty=uncertainty)
+
+
+def inverse_curvature(fit: FitResult) -> Float:
+    """Change of the estimate by the slope of the cost, shape ``(p, p)``: mostly ``covar`` itself."""
+    noise = fit.noise
+    wider = noise is not None and (noise.robust or noise.correlated or bool(noise.possible_effects))
+    wider = wider or fit.model_uncertainty is not None
+    return fit.covar if fit.problem.loss == "linear" and not wider else covariance.inverse_curvature(fit.problem, fit.x)
+
+
+# ---- goodness of fit -------------------------------------------------------------------------------------------------
+
+
+def _goodness(problem: Problem, settings: FitSettings, x: Float, residuals: ComplexArray) -> dict[str, Any]:
+    """Fields of the result that say how well an estimate agrees with the data, by the noise of the data, whatever
+    weights the fit gave them."""
+    given, before = with_noise_of_data(problem, settings, x)
+    count = given.space.size
+    size2 = np.abs(residuals if given is problem else given.residuals(before)) ** 2
+    # A nuisance entry with a prior brings the datum that pays for it.
+    nfree = problem.n_data - count + sum(prior.entry >= len(problem.space.names) for prior in given.priors)
+    chisqr = float(size2.sum())
+    deviance = chisqr if problem.loss == "linear" else float(robust_weights(problem.loss, size2)[0].sum())
+    return {
+        "chisqr": chisqr,
+        "redchi": deviance * covariance.per_freedom(problem.loss, nfree),
+        "nvarys": count,
+        "nfree": nfree,
+        "aic": deviance + 2 * count,
+        "bic": deviance + count * float(np.log(problem.n_data)),
+        "responses": _qualities(given, before),
+    }
+
+
+def _qualities(problem: Problem, x: Float) -> tuple[ResponseQuality, ...]:
+    result = []
+    for block, predicted in zip(problem.blocks, problem.predict(x), strict=True):
+        label, size = block.label, len(block.labels)
+        product = predicted.conj() * block.measured
+
+        def total(values: Float, label: Index = label, size: int = size) -> Float:
+            return np.asarray(np.bincount(label, weights=values, minlength=size), dtype=float)
+
+        miss = np.abs(predicted - block.measured) ** 2
+        count, power = np.bincount(label, minlength=size), total(np.abs(block.measured) ** 2)
+        both = power * total(np.abs(predicted) ** 2)
+        common = total(product.real) ** 2 + total(product.imag) ** 2
+        fraction = np.divide(common, both, out=np.zeros(size), where=both > 0)
+        nrmse = np.sqrt(total(miss) / np.maximum(power, 1e-300))
+        redchi = total(miss / block.sigma**2) / count / 2
+        columns = zip(block.labels, nrmse.tolist(), fraction.tolist(), redchi.tolist(), count.tolist(), strict=True)
+        result += [ResponseQuality(name=n, nrmse=e, frac=f, redchi=c, count=k) for n, e, f, c, k in columns]
+    return tuple(result)
+
+
+# ---- errors ----------------------------------------------------------------------------------------------------------
+
+
+def _standard_errors(
+    problem: Problem,
+    settings: FitSettings,
+    x: Float,
+    residuals: ComplexArray,
+    jacobian: ComplexArray,
+    redchi: float,
+    nfree: int,
+    estimate: ClosedForm | None,
+    noise: ResidualStudy | None,
+) -> tuple[Float, Float, tuple[float, ...], Identifiability, ResidualStudy | None]:
+    """Covariance of an estimate by the noise alone, shape ``(p, p)``, and widened where the model or the residuals ask
+    for it; degrees of freedom of each entry's error, what the data determine, and the study with its share in it."""
+    space = problem.space
+    root, sandwich = covariance.information(problem, x, residuals, jacobian)
+    names, base = (*space.names, *space.nuisance), (*space.base, *space.nuisance)
+    scales = covariance.parameter_scales(problem, x)
+    scattered, verdict = diagnose(space.model, names, base, x, root, scales)
+    if sandwich is not None:
+        weighing = covariance.weighing_error(problem, jacobian, scattered)
+        scattered = scattered @ sandwich @ scattered + weighing
+    if estimate is not None:
+        scattered = np.where(np.isfinite(estimate.covar), estimate.covar, np.nan)
+    else:
+        verdict = along_valley(problem, x, scattered, scales, verdict)
+    known = freedom_of(problem.blocks)
+    widening = covariance.widening(redchi, problem.loss, rescaled=settings.rescaled, nfree=nfree, freedom=known)
+    covar = scattered * widening
+    if problem.priors and widening > 1 and sandwich is None:
+        # what is known beforehand is no less certain for a model that does not fit
+        wide = covariance.information(problem, x, residuals, jacobian, widening=widening)[0]
+        covar = diagnose(space.model, names, base, x, wide, scales)[0]
+    if noise is not None:
+        covar, noise = with_scatter(noise, problem, residuals, jacobian, scattered, covar, widening)
+        possible = shares_of_possible_effects(noise, problem, x, jacobian, scattered)
+        noise = with_shares(noise, settings, problem, x, covar, possible)
+        covar = np.sum([covar, *possible], axis=0)
+    freedom = min(known, float(nfree)) if widening > 1 and np.isfinite(known) else known
+    degrees = (freedom,) * space.size if noise is None else noise.own_degrees()
+    return scattered, covar, degrees, verdict, noise
+
+
+def _parameters(
+    space: ParameterSpace,
+    x: Float,
+    begin: Float,
+    scattered: Float,
+    covar: Float,
+    degrees: Sequence[float],
+    unresolved: Sequence[str],
+) -> dict[str, FittedParameter]:
+    """Parameters by name, fitted and known, in the model's order."""
+    # With priors or tight noise a variance may come out as -0.
+    error, wide = (np.sqrt(np.maximum(np.diag(matrix), 0.0)).tolist() for matrix in (scattered, covar))
+    values, lower, upper = x.tolist(), space.lower.tolist(), space.upper.tolist()
+    first = [*begin.tolist(), *[0.0] * (space.size - begin.size)]
+    entries: dict[str, FittedParameter] = {}
+    for i, name in enumerate((*space.names, *space.nuisance)):
+        if is_run_effect(name):
+            continue
+        own = space.model.parameter(space.base[i]) if i < len(space.names) else None
+        unit, meaning = _MEANING[bare_name(name)] if own is None else (own.unit, own.meaning)
+        resolved = name not in unresolved
+        entries[name] = FittedParameter(
+            name=name,
+            value=values[i],
+            stderr=wide[i] if resolved else float("inf"),
+            stderr_noise=error[i] if resolved else float("inf"),
+            init_value=first[i],
+            unit=unit,
+            meaning=meaning,
+            min=lower[i],
+            max=upper[i],
+            vary=True,
+            resolved=resolved,
+            at_bound=min(values[i] - lower[i], upper[i] - values[i]) <= 1e-7 * max(abs(values[i]), 1e-12),
+            freedom=degrees[i],
+        )
+    theta = space.theta(x)[0].tolist()
+    for place, known in enumerate(space.model.parameters):
+        if (space.index[:, place] < 0).all():
+            said: dict[str, Any] = {"name": known.name, "unit": known.unit, "meaning": known.meaning, "vary": False}
+            numbers = {"value": theta[place], "init_value": theta[place], "stderr": 0.0, "stderr_noise": 0.0}
+            entries[known.name] = FittedParameter(**said, **numbers, min=known.lower, max=known.upper)
+    order = {name: i for i, name in enumerate(space.model.parameter_names)}
+    return dict(sorted(entries.items(), key=lambda item: order.get(bare_name(item[0]), len(order))))
+
+
+# ---- sentences worth reading -----------------------------------------------------------------------------------------
+
+
+EXACT_REDCHI = 1e-4  # redchi below which the data are exact, and their noise the floor that keeps weights finite
+
+_FILTERED = (
+    "Noise that is correlated along the lines, as behind overlapping filters, looks the same where sigma is not "
+    "known: standard errors include that too. Give sigma_um as repeated sweeps show it, to separate them"
+)
+
+
+def fit_warnings(
+    problem: Problem,
+    x: Float,
+    redchi: float,
+    params: Mapping[str, FittedParameter],
+    identifiability: Identifiability,
+    rescaled: bool,
+    noise: ResidualStudy | None,
+) -> list[str]:
+    """Warnings for a reader of the result."""
+    found = [] if noise is None else noise.warnings(redchi)
+    advice = _advice(problem, identifiability, rescaled)
+    nfree = problem.n_data - problem.space.size
+    misfit = covariance.widening(redchi, problem.loss, nfree=nfree, freedom=freedom_of(problem.blocks))
+    if is_misfit(noise, misfit) and not (noise is not None and noise.explained):
+        where = f". It misses most: {', '.join(noise.places)}" if noise is not None and noise.places else ""
+        wider = "the residuals of each response" if rescaled else significant(np.sqrt(redchi), 2)
+        other = f". {_FILTERED}" if noise is not None and noise.perhaps_filtered else ""
+        found.append(
+            f"redchi is {significant(redchi, 3)}: the model, not the noise, limits this fit. Standard errors are "
+            f"widened by {wider}, but parameters may be biased beyond them; {advice}{where}{other}"
+        )
+    if noise is not None and noise.odd_run and redchi > MODEL_LIMITED_REDCHI:
+        found.append(noise.odd_run)
+    quiet_deviations = 6.0  # standard deviations of redchi below one at which the noise is too large for the residuals
+    quiet_redchi = 0.5  # redchi below which errors are wider than they need be by more than is worth knowing
+    if EXACT_REDCHI < redchi < min(quiet_redchi, 1 - quiet_deviations * np.sqrt(2 / max(nfree, 1))):
+        found.append(
+            f"redchi is {significant(redchi, 2)}: the noise is overestimated, and standard errors are about "
+            f"{significant(1 / np.sqrt(redchi), 2)} times too wide. Give the noise of the readings (sigma_um), "
+            "or more lines"
+        )
+    if problem.loss != "linear":
+        # the median of |r|^2 is 2 ln 2 for noise alone, and hardly moves for a few outliers
+        typical = float(np.median(np.abs(problem.residuals(x)) ** 2)) / (2 * np.log(2))
+        if typical > MODEL_LIMITED_REDCHI:
+            found.append(
+                f"the squared residuals of most readings are {significant(typical, 2)} times those of the noise: not "
+                f"outliers but the model limits this fit, and parameters may be biased; {advice}"
+            )
+    found += [
+        f"{p.name} rests on its bound at {p.value:.6g}{'' if p.unit == '1' else ' ' + p.unit}"
+        for p in params.values()
+        if p.at_bound
+    ]
+    lines = [block for block in problem.blocks if isinstance(block, LineResponses)]
+    if lines and all((block.line == "w").all() for block in lines) and identifiability.unresolved:
+        left = ", ".join(identifiability.unresolved)
+        found.append(
+            f"these data hold the motion at w alone, which leaves {left} open: a shaft of unequal stiffness shows in "
+            "the image at 2x - w and in its twist. Of recordings rf.shaft_lines reads these lines, not rf.responses"
+        )
+    return found + _instability(problem, x, identifiability.unresolved)
+
+
+def _advice(problem: Problem, identifiability: Identifiability, rescaled: bool) -> str:
+    """Advice for a fit that its model limits: structural blocks only where more can be added."""
+    model = problem.space.model
+    if isinstance(model, Modal):
+        return "add modes, or let x and y differ (apart)"
+    for block in problem.responses:  # motion along x and y under forces along one of them
+        along = [block.force[:, [c.axis == axis for c in model.coordinates]].any(axis=1) for axis in "xy"]
+        if (along[0] ^ along[1]).any():
+            return (
+                "forces are given along one axis at a time: if the other shaker pushes too, give what both load cells "
+                "say (force_x_N, force_y_N)"
+            )
+    if not hasattr(model, "blocks"):
+        return f"{model.name} has no structural blocks to add; a model of more planes may fit"
+    if rescaled or len(model.blocks) == len(BLOCKS):
+        return "bring the shaft's matrices (KnownStructure)"
+    if why_not_refined(model, identifiability):
+        left = ", ".join(identifiability.unresolved)
+        return f"give known values or priors for what the data leave open first ({left})"
+    return "try a refined model (rf.refine, --refine)"
+
+
+def _instability(problem: Problem, x: Float, unresolved: Sequence[str]) -> list[str]:
+    """Speeds at which a rotor with the fitted values could not have been tested, three at most."""
+    theta = problem.space.theta(x)
+    model = problem.space.model
+    found: list[str] = []
+    left = ", ".join(unresolved)
+    remedy = "Check signs, directions and the model"
+    if left:
+        remedy = f"These data leave {left} open: give known values or priors before you look for an error in the data"
+    for block in problem.responses:
+        if block.imposed or not block.frequency.any():
+            continue  # under a static load the journal may run where centred it could not
+        _, group, speed = block.at_set_speed().condition
+        rates, grows = growth(model, theta[group], speed, block.frequency)
+        for v, rate, some in zip(speed, rates, grows, strict=True):
+            if some and len(set(found)) < 3:
+                where = f"the tested speed of {v * RPM_PER_RAD_S:.0f} rpm" if model.speed_dependent else "any speed"
+                found.append(
+                    f"the fitted rotor is unstable at {where} (growth rate {significant(rate, 3)} 1/s): a rig could "
+                    f"not have been measured there. {remedy}"
+                )
+    return list(dict.fromkeys(found))
+
+
+def growth(model: RotorModel, theta: Float, speed: Float, frequency: Float) -> tuple[Float, Bool]:
+    """Largest growth rate, 1/s, of rotors at tested speeds, and whether it is more than round-off, shape ``(K,)``."""
+    band = stability_band(model, float(np.abs(frequency).max()))
+    if len(speed) == 1:  # one by numbers: arrays of one entry cost several times as much
+        rates = growth_rate(model, theta[0], speed[0], band)[None]
+    else:
+        rates = growth_rate(model, theta, speed, band)
+    return rates, np.asarray(rates > 1e-9 * np.abs(theta).max(axis=1))
+
+
+def why_not_refined(model: RotorModel, identifiability: Identifiability) -> str:
+    """Why :func:`rotorfit.refine` refuses a fit; empty where it can be tried."""
+    if not hasattr(model, "blocks"):
+        return f"{model.name} has no structural blocks to add: they couple two or more planes"
+    if identifiability.unresolved:
+        return f"resolve the parameters of the plain model before adding to it. {identifiability}"
+    return ""

@@ -1,0 +1,341 @@
+"""One number of a result with its error: a fitted parameter, a derived quantity, the agreement of one response.
+
+Sums, products and powers of numbers that were fitted have errors by the covariance, and units by the units.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Protocol, Self
+
+from rotorfit.base.digits import plus_minus, two_digits
+from rotorfit.base.significance import CHANCE_ERRORS, quantile
+from rotorfit.base.units import si_factor
+
+THRESHOLD = "threshold_speed"
+"""Name of the threshold speed where a parameter could stand."""
+
+_NEWTON = {"kg": 1, "m": 1, "s": -2}
+_SHOWN = ({"N": 1, "m": -1}, {"N": 1}, {"N": 1, "s": 1, "m": -1}, {"N": 1, "m": 1})
+"""Units with a newton that are written as such: stiffness, force, damping, moment."""
+
+
+def is_left_open(value: float, error: float, systematic: float) -> bool:
+    """True if what the data do not show may well move a number by more than itself: two such shares of it, beyond what
+    its error does. Then it is no number."""
+    return CHANCE_ERRORS * systematic > abs(value) and systematic > error
+
+
+class Source(Protocol):
+    """A result that knows how its parameters vary together, and what they rest on."""
+
+    def quantity(self, value: float, slopes: Mapping[str, float], unit: str) -> Quantity:
+        """A quantity with its derivatives by the parameters, by name."""
+
+    def systematic(self, name: str) -> float:
+        """Standard uncertainty of a parameter by what the model leaves out or takes as known."""
+
+    def moved_by(self, name: str) -> str:
+        """What of it leaves the number open, in words; empty where the number stands."""
+
+
+class Number:
+    """Operand of sums, products and powers: a value with its unit and its derivatives by parameters of one fit.
+
+    Numbers of one fit know their covariance. Those of another fit, and those that stand for themselves, are independent
+    of it: their errors add as squares.
+    """
+
+    value: float
+    unit: str
+
+    if TYPE_CHECKING:
+
+        @property
+        def _quantity(self) -> Quantity:
+            """The number as a quantity."""
+
+    def __add__(self, other: Number | float) -> Quantity:
+        return _combined(self, 1.0, other, 1.0, float(self) + float(other), _same_unit(self, other))
+
+    def __sub__(self, other: Number | float) -> Quantity:
+        return _combined(self, 1.0, other, -1.0, float(self) - float(other), _same_unit(self, other))
+
+    def __mul__(self, other: Number | float) -> Quantity:
+        a, b = float(self), float(other)
+        return _combined(self, b, other, a, a * b, _unit_of((self, 1), (other, 1)))
+
+    def __truediv__(self, other: Number | float) -> Quantity:
+        a, b = float(self), float(other)
+        return _combined(self, 1 / b, other, -a / b**2, a / b, _unit_of((self, 1), (other, -1)))
+
+    def __pow__(self, power: float) -> Quantity:
+        a = float(self)
+        return _combined(self, power * a ** (power - 1), 0.0, 0.0, a**power, _unit_of((self, power)))
+
+    def __neg__(self) -> Quantity:
+        return self * -1.0
+
+    def __radd__(self, other: float) -> Quantity:
+        return self + other
+
+    def __rmul__(self, other: float) -> Quantity:
+        return self * other
+
+    def __rsub__(self, other: float) -> Quantity:
+        return (-self) + other
+
+    def __rtruediv__(self, other: float) -> Quantity:
+        return self**-1.0 * other
+
+    def sqrt(self) -> Quantity:
+        """Square root, which NumPy asks for."""
+        return self**0.5
+
+    def __float__(self) -> float:
+        return float(self.value)
+
+    def __pos__(self) -> Self:
+        return self
+
+
+@dataclass(frozen=True, repr=False)
+class Quantity(Number):
+    """A derived quantity and its standard error, infinite where the data do not determine it, NaN for a stalled fit.
+
+    Sums, products and powers keep the covariance with what else was derived from the same fit, and the unit.
+
+    Attributes:
+        value: in ``unit``.
+        stderr: its standard error, likewise.
+        unit: SI unit.
+        freedom: degrees of freedom of ``stderr``.
+        systematic: standard uncertainty by what the model leaves out or takes as known; zero where that was not asked.
+        source: the result that it was derived from; None for a number on its own.
+        slopes: derivatives by the parameters of the source, by name.
+    """
+
+    value: float
+    stderr: float
+    unit: str
+    freedom: float = math.inf
+    systematic: float = 0.0
+    source: Source | None = field(default=None, compare=False, repr=False)
+    slopes: Mapping[str, float] = field(default_factory=dict, compare=False, repr=False)
+
+    @property
+    def _quantity(self) -> Quantity:
+        return self
+
+    def interval(self, level: float = 0.95, *, statistical: bool = False) -> tuple[float, float]:
+        """Confidence interval by ``stderr`` and ``systematic``, Student's t with the degrees of freedom of ``stderr``.
+
+        Args:
+            level: probability that such intervals hold the truth.
+            statistical: by ``stderr`` alone.
+
+        Raises:
+            ValueError: a level that is no probability.
+        """
+        if not 0 < level < 1:
+            raise ValueError(f"level is {level!r}; an interval has a probability between 0 and 1")
+        wide, freedom = self.stderr if statistical else math.hypot(self.stderr, self.systematic), self.freedom
+        if wide > self.stderr > 0:
+            freedom *= (wide / self.stderr) ** 4  # Satterthwaite: the systematic share is taken as known
+        half = wide * quantile(level, freedom)
+        return self.value - half, self.value + half
+
+    def to(self, unit: str) -> Quantity:
+        """The quantity in another unit of frequency: rpm, Hz, cpm or rad/s; 1/s is rad/s.
+
+        Args:
+            unit: its name.
+
+        Raises:
+            ValueError: a quantity that is no frequency, or an unknown unit.
+
+        Example:
+            >>> print(fit.threshold_speed().to("rpm"))
+            2667 +- 76 rpm (1.3 statistical, 76 systematic)
+        """
+        own = si_factor("frequency", "rad_s" if self.unit == "1/s" else self.unit.replace("/", "_"))
+        other = si_factor("frequency", unit.replace("/", "_"))
+        value, stderr, systematic = (part * own / other for part in (self.value, self.stderr, self.systematic))
+        slopes = {name: slope * own / other for name, slope in self.slopes.items()}
+        return replace(self, value=value, stderr=stderr, systematic=systematic, unit=unit, slopes=slopes)
+
+    def __repr__(self) -> str:
+        return f"<{self}>"
+
+    def __str__(self) -> str:
+        if not math.isfinite(self.stderr):
+            return "not determined by these data"
+        if is_left_open(self.value, self.stderr, self.systematic):
+            size = f"{two_digits(self.systematic)} {shown_unit(self.unit)}".rstrip()
+            return f"not determined: what these data do not show moves it by {size}"
+        whole = plus_minus(self.value, math.hypot(self.stderr, self.systematic))
+        shares = f" ({two_digits(self.stderr)} statistical, {two_digits(self.systematic)} systematic)"
+        return f"{whole} {shown_unit(self.unit)}".rstrip() + (shares if self.systematic else "")
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class FittedParameter(Number):
+    """One parameter of a result. Sums, products and powers of parameters of one result know their covariance.
+
+    Attributes:
+        name: name, with the group in brackets where it was fitted per attribute.
+        value: estimate or known value, SI.
+        stderr: standard error, as wide as the residuals ask, see ``noise`` of a result; where they were not studied,
+            by sqrt(redchi) if that is above one; zero for known parameters, infinite where the data do not determine
+            the parameter, NaN where the search did not converge.
+        stderr_noise: standard error from the noise alone.
+        init_value: start of the optimisation.
+        unit: SI unit.
+        meaning: a few words.
+        min, max: bounds.
+        vary: whether it was fitted.
+        resolved: whether the data determine it.
+        at_bound: the estimate rests on a bound, so its error bar is not symmetric.
+        freedom: degrees of freedom of ``stderr``, few where it rests on differences between few runs.
+        fit: the result that it belongs to, which knows what the parameter rests on.
+    """
+
+    name: str
+    value: float
+    stderr: float
+    stderr_noise: float
+    init_value: float
+    unit: str
+    meaning: str
+    min: float
+    max: float
+    vary: bool
+    resolved: bool = True
+    at_bound: bool = False
+    freedom: float = math.inf
+    fit: Source | None = field(default=None, init=False, compare=False, repr=False)
+
+    @property
+    def _quantity(self) -> Quantity:
+        alone = (self.value, self.stderr, self.unit, self.freedom, self.systematic)
+        return Quantity(*alone, source=self.fit, slopes={self.name: 1.0})
+
+    @property
+    def systematic(self) -> float:
+        """Standard uncertainty by what the model leaves out or takes as known; see :meth:`FitResult.systematic`."""
+        return 0.0 if self.fit is None else self.fit.systematic(self.name)
+
+    @property
+    def moved_by(self) -> str:
+        """What leaves the number open, in words; empty where the number stands; see :meth:`FitResult.moved_by`."""
+        return "" if self.fit is None or not self.vary else self.fit.moved_by(self.name)
+
+    def interval(self, level: float = 0.95, *, statistical: bool = False) -> tuple[float, float]:
+        """As :meth:`Quantity.interval`; that of a known parameter, or of one left open, has no systematic share.
+
+        Args:
+            level, statistical: see there.
+        """
+        return self._quantity.interval(level, statistical=statistical or not 0 < self.stderr < math.inf)
+
+    def __str__(self) -> str:
+        if self.moved_by:
+            return f"not determined: {self.moved_by}"
+        return str(self._quantity) if self.vary else f"{self.value:.6g} {shown_unit(self.unit)}".rstrip() + ", known"
+
+    def __repr__(self) -> str:
+        return f"<{self.name}: {self}>"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResponseQuality:
+    """Agreement of one measured response with the fit."""
+
+    name: str  # run and channel
+    nrmse: float  # rms residual over rms response
+    frac: float  # frequency response assurance criterion, 1 for responses of equal shape
+    redchi: float  # mean squared whitened residual, 1 for noise alone
+    count: int  # number of readings
+
+
+def _combined(one: Number, by_a: float, other: Number | float, by_b: float, value: float, unit: str) -> Quantity:
+    """A quantity of two numbers, of which one at least is of a fit, by its derivatives by both."""
+    a = one._quantity
+    b, by_b = (other._quantity, by_b) if isinstance(other, Number) else (a, 0.0)
+    if a.source is not None and a.source is b.source:
+        slopes = {}
+        for name in {**a.slopes, **b.slopes}:
+            mine, its = by_a * a.slopes.get(name, 0.0), by_b * b.slopes.get(name, 0.0)
+            slopes[name] = 0.0 if math.isclose(mine, -its) else mine + its
+        return a.source.quantity(value, slopes, unit)
+    alone = other is one or not isinstance(other, Number)
+    shares = [(by_a + by_b, a)] if alone else [(by_a, a), (by_b, b)]
+    stderr = math.hypot(*(factor * number.stderr for factor, number in shares))
+    systematic = math.hypot(*(factor * number.systematic for factor, number in shares))
+    return Quantity(value, stderr, unit, min(a.freedom, b.freedom), systematic)
+
+
+def _same_unit(a: Number, b: Number | float) -> str:
+    """The unit of a sum; a plain zero, where Python's ``sum`` begins, has any."""
+    if not isinstance(b, Number) and b == 0:
+        return a.unit
+    other = b.unit if isinstance(b, Number) else "1"
+    if _dimensions(a.unit) != _dimensions(other):
+        raise ValueError(f"a sum needs one unit; these are {a.unit or '1'} and {other or '1'}")
+    return a.unit
+
+
+# ---- units --------------------------------------------------------------------------------------
+
+
+def shown_unit(unit: str) -> str:
+    """A unit behind a number, where a number without dimension has none."""
+    return "" if unit == "1" else unit
+
+
+def _unit_of(*factors: tuple[Number | float, float]) -> str:
+    """Unit of a product of powers, as people write it."""
+    units = [(number.unit, power) for number, power in factors if isinstance(number, Number)]
+    if len(units) == 1 and units[0][1] == 1:
+        return units[0][0]
+    total: dict[str, float] = {}
+    for unit, power in units:
+        for name, size in _dimensions(unit).items():
+            total[name] = total.get(name, 0) + power * size
+    total = {name: size for name, size in total.items() if size}
+    for shown in _SHOWN:
+        if _in_base(shown) == total:
+            return _written(shown)
+    return _written(total)
+
+
+def _dimensions(unit: str) -> dict[str, float]:
+    """Powers of kg, m and s in a unit such as ``N s/m`` or ``kg m^2``; a radian is a number."""
+    above, _, below = unit.partition("/")
+    found: dict[str, float] = {}
+    for text, sign in ((above, 1), (below.strip("()"), -1)):
+        for name, power in re.findall(r"([A-Za-z]+)\^?(-?\d+(?:\.\d+)?)?", text):
+            found[name] = found.get(name, 0) + sign * float(power or 1)
+    return {name: size for name, size in _in_base(found).items() if name != "rad"}
+
+
+def _in_base(powers: Mapping[str, float]) -> dict[str, float]:
+    """The same without newtons."""
+    base = {name: float(size) for name, size in powers.items() if name != "N"}
+    for name, size in _NEWTON.items():
+        base[name] = base.get(name, 0.0) + size * powers.get("N", 0)
+    return {name: size for name, size in base.items() if size}
+
+
+def _written(powers: Mapping[str, float]) -> str:
+    above = [_power(name, size) for name, size in powers.items() if size > 0]
+    below = [_power(name, -size) for name, size in powers.items() if size < 0]
+    under = below[0] if len(below) == 1 else f"({' '.join(below)})"
+    return " ".join(above) or "1" if not below else f"{' '.join(above) or '1'}/{under}"
+
+
+def _power(name: str, size: float) -> str:
+    return name if size == 1 else f"{name}^{size:g}"

@@ -1,0 +1,840 @@
+"""Result of a fit: parameters with their errors, goodness of fit, identifiability, derived quantities."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NoReturn, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rotorfit.base.array_types import Float
+from rotorfit.base.digits import significant
+from rotorfit.base.executors import executor_of
+from rotorfit.base.names import unknown_name
+from rotorfit.base.version import renamed
+from rotorfit.estimators.blocks.correlated import CorrelatedResponses, freedom_of
+from rotorfit.estimators.inference.covariance import standard_error, widening
+from rotorfit.estimators.inference.identifiability import Identifiability
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.noise.sweep_noise import READINGS_OF_NOISE
+from rotorfit.identify.fitting.assumptions.assumption_table import THRESHOLD_COLUMN
+from rotorfit.identify.fitting.noise.residual_study import ResidualStudy, is_misfit, largest_redchi
+from rotorfit.identify.fitting.quantities import THRESHOLD, FittedParameter, Quantity, ResponseQuality
+from rotorfit.identify.fitting.result_figures import FitFigures
+from rotorfit.identify.fitting.settings import (
+    FitSettings,
+    JudgeKeywords,
+    PredictKeywords,
+    SampleKeywords,
+    check_keywords,
+)
+from rotorfit.lab.data.experiments import Experiment
+from rotorfit.lab.data.findings import Finding
+from rotorfit.models import RotorModel, Threshold, threshold_speed
+from rotorfit.models.motion.stability import stability_band
+from rotorfit.models.shafts.angular_rates import real_number
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from pandas import DataFrame
+
+    from rotorfit.identify.fitting.assumptions.anisotropy import TurningAnisotropy
+    from rotorfit.identify.fitting.assumptions.assumption_table import Assumptions
+    from rotorfit.identify.fitting.assumptions.calibration import Uncertainty
+    from rotorfit.identify.fitting.structure.coefficients import CoefficientRows, Coefficients, FrequencyRows
+    from rotorfit.identify.fitting.structure.modes import Modes
+    from rotorfit.identify.uncertainty.bootstrap import Bootstrap
+    from rotorfit.identify.uncertainty.budget import Budget
+    from rotorfit.identify.uncertainty.jackknife import Jackknife
+    from rotorfit.identify.uncertainty.posterior import Posterior
+    from rotorfit.identify.uncertainty.prediction import Prediction
+    from rotorfit.identify.uncertainty.profile import Profile
+    from rotorfit.identify.uncertainty.stability.record import StabilityReport
+    from rotorfit.lab.io.shafts.ross_elements import ElementKind, RossElement
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class FitResult(FitFigures):
+    """Result of :func:`rotorfit.fit` or :func:`rotorfit.closed_form`. Frozen; a failed fit is a result that says so.
+
+    Attributes:
+        model: the rotor.
+        experiments: the data.
+        settings: what was asked for.
+        method: "least squares" or "closed form".
+        problem: the optimisation problem, for re-evaluation.
+        x: fitted vector (free parameters, then nuisance parameters).
+        params: parameters by name, fitted and known.
+        covar: covariance of the fitted vector, widened like ``stderr``, unresolved directions left out.
+        chisqr, redchi: sum of squared residuals over the noise of the data, and that over the degrees of freedom.
+        ndata, nvarys, nfree: real data, fitted values, degrees of freedom.
+        aic, bic: with the noise as estimated from the data.
+        start: where the search began; ``settings.start`` replaced single values, ``init_value`` of ``params`` are those
+            that were used. "closed form" (eqs 5 to 9); "short fit": the best end of a few steps from several closed
+            forms; "random starts": the same from many typical rotors, where there is no closed form; "rational fit":
+            poles and residues (``Modal``); "spectral lines": linear least squares, line after line; "given": all were;
+            "earlier fit": the optimum of the fit that this one varies; "not recorded": read from an older file.
+        perhaps_local: True if another minimum may be as deep or deeper; one of ``warnings`` says why.
+        success, message, nfev: how the optimisation ended.
+        responses: agreement response by response.
+        identifiability: what the data determine.
+        warnings: sentences worth reading.
+        noise: what the residuals are, and what the error bars rest on; ``None`` where that was not looked into (closed
+            forms, robust losses, other tests than sweeps).
+        model_uncertainty: share of ``covar`` by the choice among candidate models, shape ``(n, n)`` for the fitted
+            parameters; ``None`` for a model that was not chosen among others.
+    """
+
+    model: RotorModel
+    experiments: tuple[Experiment, ...]
+    settings: FitSettings
+    method: str
+    problem: Problem
+    x: Float
+    params: Mapping[str, FittedParameter]
+    covar: Float
+    chisqr: float
+    redchi: float
+    ndata: int
+    nvarys: int
+    nfree: int
+    aic: float
+    bic: float
+    success: bool
+    message: str
+    nfev: int
+    responses: tuple[ResponseQuality, ...]
+    identifiability: Identifiability
+    warnings: tuple[str, ...]
+    noise: ResidualStudy | None = None
+    model_uncertainty: Float | None = None
+    start: str = "not recorded"
+    perhaps_local: bool = False
+
+    def __post_init__(self) -> None:
+        params = {name: replace(p) for name, p in self.params.items()}
+        for p in params.values():
+            object.__setattr__(p, "fit", self)
+        object.__setattr__(self, "params", params)
+
+    def __getattr__(self, name: str) -> NoReturn:
+        """Say where something is that other packages keep on their results."""
+        from rotorfit.identify.fitting.habits import ELSEWHERE
+
+        where = f"; {ELSEWHERE[name]}" if name in ELSEWHERE else ""
+        raise AttributeError(f"a fit has no {name}{where}", name=name, obj=self)
+
+    def __repr__(self) -> str:
+        """Model, data and goodness of fit, on one line; ``print(fit)`` shows the table of :meth:`summary`."""
+        size = f"{self.nvarys} values from {self.ndata} data"
+        return (
+            f"<FitResult {self.model.name}, {self.method}: {size}, redchi {significant(self.redchi, 4)}, "
+            f"{self.message}>"
+        )
+
+    # ---- what is wrong with the data, imported when asked for -----------------------------------------------------
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """Findings about the data, errors first: by :func:`rotorfit.check`, and by what the fit misses.
+
+        Where the model misses the data by far, trial fits look for an error of the data that explains it: an unbalance
+        given as a constant force, exchanged speeds or planes, turned probes, filters, wrong units.
+
+        Example:
+            >>> fit.findings
+            ()
+        """
+        from rotorfit.identify.diagnosis.findings import findings_of
+
+        return findings_of(self)
+
+    @property
+    def doubt(self) -> Float | None:
+        """``model_uncertainty`` under the name that it had in version 0.1.0.
+
+        Example:
+            >>> fit.model_uncertainty is None  # fit.doubt warns
+            True
+        """
+        renamed("FitResult.doubt", "model_uncertainty")
+        return self.model_uncertainty
+
+    # ---- derived quantities ------------------------------------------------------------------------------------
+
+    @property
+    def var_names(self) -> tuple[str, ...]:
+        """Names of the fitted vector's entries, the order of ``covar``."""
+        return (*self.problem.space.names, *self.problem.space.nuisance)
+
+    @property
+    def widening(self) -> float:
+        """Factor on the variances of the noise: redchi where it is above one and, with few mountings, beyond chance.
+
+        One for robust losses, and where the noise was found in the residuals or scaled to them.
+        """
+        known = freedom_of(self.problem.blocks)
+        return widening(
+            self.redchi, self.problem.loss, rescaled=self.settings.rescaled, nfree=self.nfree, freedom=known
+        )
+
+    @property
+    def model_limited(self) -> bool:
+        """True if the model, not the noise, limits the fit, as far as a linear loss tells."""
+        return self.problem.loss == "linear" and is_misfit(self.noise, self.widening)
+
+    @property
+    def largest_redchi(self) -> float:
+        """redchi that noise alone exceeds once in a thousand tests, by the number of independent readings.
+
+        Sigma that was estimated from the data is uncertain itself.
+
+        Example:
+            >>> fit.redchi > fit.largest_redchi  # the chain of two masses is not that rotor
+            True
+        """
+        given = all(block.sigma_given for block in self.problem.responses)
+        known_from = math.inf if given else READINGS_OF_NOISE * self.ndata
+        return largest_redchi(self.noise, self.nfree, min(known_from, freedom_of(self.problem.blocks)))
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom behind the standard errors: infinite unless few mountings tell the noise."""
+        known = freedom_of(self.problem.blocks)
+        return min(known, float(self.nfree)) if self.widening > 1 and math.isfinite(known) else known
+
+    def interval(self, name: str, level: float = 0.95, *, statistical: bool = False) -> tuple[float, float]:
+        """Interval that holds the parameter ``name``, or "threshold_speed" in rad/s, with the probability ``level``.
+
+        By Student's t where standard errors have few degrees of freedom; infinite where the data do not determine it.
+        It holds the systematic share, see :meth:`systematic`, unless ``statistical``.
+
+        Raises:
+            KeyError: no such parameter; the message names the nearest.
+            ValueError: a level that is no probability.
+
+        Example:
+            >>> [round(end, 4) for end in fit.interval("lam", 0.95, statistical=True)]
+            [0.473, 0.4737]
+        """
+        if name != THRESHOLD and name not in self.params:
+            raise KeyError(unknown_name("parameter", name, self.params))
+        p = self.threshold_speed() if name == THRESHOLD else self.params[name]
+        return p.interval(level, statistical=statistical)
+
+    def systematic(self, name: str) -> float:
+        """Standard uncertainty by what the model leaves out or takes as known; see :meth:`assumptions`.
+
+        ``name`` is a fitted or known parameter, or "threshold_speed", rad/s. Each entry of that table has a plausible
+        size, or the one given by ``rf.fit(..., assumptions=)``, as standard uncertainty; as far as the data cannot tell
+        it, it moves the results. Zero where nothing of the kind is known: fits that did not converge, and those with
+        parameters per attribute.
+        """
+        return self.assumed.systematic(THRESHOLD_COLUMN if name == THRESHOLD else name)
+
+    def moved_by(self, name: str) -> str:
+        """The entry of :meth:`assumptions` that leaves a number open, in words; empty where the number stands.
+
+        ``name`` is that of a parameter, or "threshold_speed". A number whose interval holds zero by its systematic
+        share is not printed as one: summary, report and stability report say "not determined" and this in its place.
+        Its interval remains.
+
+        Example:
+            >>> fit.moved_by("lam")
+            ''
+        """
+        if name != THRESHOLD:
+            return self.assumed.moves(name, self.params[name].value, self.params[name].unit)
+        onset = self.threshold_of(0).value if self.assumed.entries else math.nan
+        return "" if math.isnan(onset) else self.assumed.moves(THRESHOLD_COLUMN, onset, "rad/s")
+
+    @property
+    def foundations(self) -> tuple[str, ...]:
+        """The weightiest effects that the data do not show although they move a result by more than its error.
+
+        Example:
+            >>> any(words.startswith("Ds[journal]") for words in fit.foundations)
+            True
+        """
+        return self.assumed.main_foundations
+
+    @cached_property
+    def assumed(self) -> Assumptions:
+        """:meth:`assumptions`, empty where these are not known: no convergence, parameters per attribute."""
+        from rotorfit.identify.fitting.assumptions.assumption_table import Assumptions
+
+        return self.assumptions() if self.success and len(self.thetas) == 1 else Assumptions(())
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences on the data's errors: how far mountings and repeats scatter."""
+        blocks = [block for block in self.problem.blocks if isinstance(block, CorrelatedResponses)]
+        return tuple(dict.fromkeys(remark for block in blocks for remark in block.remarks))
+
+    @property
+    def band(self) -> float:
+        """Highest tested frequency, rad/s."""
+        return max((float(np.abs(b.frequency).max()) for b in self.problem.responses), default=math.inf)
+
+    @property
+    def stability_band(self) -> float:
+        """Frequencies that count for stability: all, but only the tested band with corrections above s^2 or delays."""
+        return stability_band(self.model, self.band)
+
+    @property
+    def speeds(self) -> Float:
+        """Tested rotative speeds, rad/s; empty for synchronous tests."""
+        distinct: Float = np.unique(np.concatenate([np.zeros(0), *(b.set_speed for b in self.problem.responses)]))
+        return distinct if distinct.size <= 50 else np.zeros(0)
+
+    def group(self, at: Mapping[str, Any] | None = None) -> int:
+        """Number of the parameter group that ``at`` names by values of attributes, ``{"speed_rpm": 1000}``.
+
+        Raises:
+            ValueError: parameters were fitted per attribute and ``at`` does not name one group.
+        """
+        return self.problem.space.group(at)
+
+    def theta(self, at: Mapping[str, Any] | None = None) -> Float:
+        """Model parameter vector, shape ``(P,)``, of the group that ``at`` names as for :meth:`group`."""
+        return np.asarray(self.thetas[self.group(at)])
+
+    @property
+    def thetas(self) -> Float:
+        """Model parameter vectors of all groups, shape ``(G, P)``."""
+        return self.problem.space.theta(self.x)
+
+    def propagate(self, value: float, gradient: Float, unit: str, at: Mapping[str, Any] | None = None) -> Quantity:
+        """A derived quantity with its standard error by the delta method.
+
+        ``value`` in ``unit``, ``gradient`` by the model parameters, shape ``(P,)``, of the group that ``at`` names.
+        """
+        return self.propagate_in(self.group(at), value, gradient, unit)
+
+    def propagate_in(self, group: int, value: float, gradient: Float, unit: str) -> Quantity:
+        """As :meth:`propagate` with ``value``, ``gradient`` and ``unit``, for the ``group`` of that number, from 0."""
+        return self._with_error(value, self.problem.space.pull_back(np.asarray(gradient), group), unit)
+
+    def _with_error(self, value: float, slope: Float, unit: str) -> Quantity:
+        """A quantity with its derivatives by the fitted vector."""
+        slopes = dict(zip(self.var_names, slope.tolist(), strict=True))
+        made = Quantity(value, math.inf, unit, source=self, slopes=slopes)
+        if self.identifiability.leaves_open(np.abs(value), slope[None]).any():
+            return made
+        if not self.success:
+            return replace(made, stderr=math.nan)
+        freedom = self.freedom if self.noise is None else self.noise.degrees(slope)
+        return replace(made, stderr=float(standard_error(slope, self.covar)), freedom=freedom)
+
+    def quantity(self, value: float, slopes: Mapping[str, float], unit: str) -> Quantity:
+        """A quantity made of parameters and the threshold speed, with its error and its systematic share.
+
+        ``value`` in ``unit``, ``slopes`` by names in :attr:`params` or that of the threshold speed.
+        """
+        slope = np.array([slopes.get(name, 0.0) for name in self.var_names])
+        by_onset = slopes.get(THRESHOLD_COLUMN, 0.0)
+        onset = self.onset(0) if by_onset else None
+        beside = 0.0
+        if onset is not None:
+            along = self.problem.space.pull_back(onset.gradient, 0)
+            slope = slope + by_onset * along
+            own = self.threshold_of(0).stderr  # with the difference between candidates, which parameters do not know
+            beside = abs(by_onset) * math.sqrt(max(own**2 - float(standard_error(along, self.covar)) ** 2, 0.0))
+        found = self._with_error(value, slope, unit)
+        systematic = self.assumed.systematic_along(slopes) if math.isfinite(found.stderr) else 0.0
+        return replace(found, stderr=math.hypot(found.stderr, beside), systematic=systematic, slopes=dict(slopes))
+
+    def threshold_speed(self, at: Mapping[str, Any] | None = None, *, eccentricity: float | None = None) -> Quantity:
+        """Rotative speed at which the rotor becomes unstable, rad/s, with its standard error.
+
+        The value is NaN where the fitted rotor is stable at every speed searched; the standard error is infinite where
+        the data do not tell, or where only frequencies of the tested band could be searched (:meth:`onset_note`).
+
+        Args:
+            at: group of parameters, where some were fitted per attribute.
+            eccentricity: static eccentricity at which a load keeps the journal; by default it is centred.
+
+        Raises:
+            ValueError: an eccentricity outside of 0 to 1.
+
+        Example:
+            >>> onset = fit.threshold_speed()
+            >>> round(onset.value * 30 / 3.14159), onset.unit
+            (2667, 'rad/s')
+        """
+        if eccentricity is None:
+            found = self.threshold_of(self.group(at))
+            if not math.isfinite(found.stderr) or len(self.thetas) > 1:
+                return found
+            return replace(found, systematic=self.systematic(THRESHOLD), source=self, slopes={THRESHOLD_COLUMN: 1.0})
+        from rotorfit.models.motion.off_centre import off_centre_threshold
+
+        allowed = "|displacement| / clearance, from 0 to below 1"
+        eccentricity = real_number(eccentricity, "eccentricity", allowed)
+        if not 0 <= eccentricity < 1:
+            raise ValueError(f"eccentricity is {eccentricity:g}; it must be {allowed}")
+        onset = off_centre_threshold(self.model, self.theta(at), eccentricity, band=self.stability_band)
+        if onset is None:
+            return Quantity(math.nan, math.nan, "rad/s")
+        return self.propagate(onset.speed, onset.gradient, "rad/s", at)
+
+    def threshold_of(self, group: int) -> Quantity:
+        """Threshold speed of the parameter ``group`` of that number, from 0; see :meth:`threshold_speed`."""
+        from rotorfit.identify.fitting.assumptions.onset import onset_of
+
+        return onset_of(self, group)
+
+    def onset(self, group: int) -> Threshold | None:
+        """Onset of instability of the ``group`` of that number, searched once: a large structure takes seconds."""
+        if group not in self._onsets:
+            self._onsets[group] = threshold_speed(self.model, self.thetas[group], band=self.stability_band)
+        return self._onsets[group]
+
+    @cached_property
+    def _onsets(self) -> dict[int, Threshold | None]:
+        return {}
+
+    def onset_note(self, group: int = 0) -> str:
+        """Limitation of the threshold speed of a ``group`` by number; empty where its whirl lies in the tested band."""
+        from rotorfit.identify.fitting.assumptions.onset import onset_note
+
+        return onset_note(self, group)
+
+    def whirl_ratio(self, at: Mapping[str, Any] | None = None) -> float:
+        """Whirl frequency at onset over the threshold speed, NaN without one, of the group that ``at`` names."""
+        onset = self.onset(self.group(at))
+        if onset is None and math.isfinite(self.stability_band) and self.settings.onsets:
+            return self.settings.onsets[self.group(at)].whirl_ratio
+        return math.nan if onset is None else onset.whirl_ratio
+
+    def coefficients(
+        self, speed: float, *, plane: str | None = None, at: Mapping[str, Any] | None = None, eccentricity: float = 0.0
+    ) -> Coefficients:
+        """Coefficients of a fitted fluid as engineers tabulate them: Kxx, Kxy, ... Cxx, ... Myy, with correlations.
+
+        ``Kxx = K0 - Mf lam^2 Om^2``, ``Kxy = -Kyx = D lam Om``, ``Cxx = D``, ``Cxy = -Cyx = 2 lam Om Mf`` and ``Mxx =
+        Mf``; of :class:`~rotorfit.models.Anisotropic` its own, of a rotor on supports that differ in two directions the
+        sum.
+
+        Args:
+            speed: rotative speed, rad/s.
+            plane: name of the plane, where forces were fitted at several.
+            at: values of attributes that name one group; by default that of the speed, where parameters were fitted
+                speed by speed.
+            eccentricity: orbit radius over clearance, for models with a law.
+
+        Raises:
+            ValueError: a model without fluid, an unknown plane, or a speed that was not tested where parameters were
+                fitted speed by speed.
+
+        Example:
+            >>> found = fit.coefficients(speed=157.0)
+            >>> print(round(found["Kxy"].value / (fit.params["D"].value * fit.params["lam"].value * 157.0), 6))
+            1.0
+        """
+        from rotorfit.identify.fitting.structure.coefficients import coefficients_of
+
+        return coefficients_of(self, speed, plane, at, eccentricity)
+
+    def coefficient_table(self, speeds: Sequence[float] | None = None, *, plane: str | None = None) -> CoefficientRows:
+        """:meth:`coefficients` at several ``speeds``, rad/s, by default those that were tested, and in all conditions
+        that parameters were fitted per, as text, data frame and CSV; ``plane`` as there.
+
+        Example:
+            >>> fit.coefficient_table().to_csv(folder / "coefficients.csv")
+        """
+        from rotorfit.identify.fitting.structure.coefficients import coefficient_rows
+
+        return coefficient_rows(self, speeds, plane)
+
+    def frequency_coefficients(self, speeds: Sequence[float] | None = None) -> FrequencyRows:
+        """Stiffness and damping of a seal or bearing frequency by frequency, as measured, beside the fitted ones.
+
+        ``speeds`` are rotative speeds, rad/s, by default those that were tested.
+
+        Raises:
+            ValueError: a fit of anything but :class:`~rotorfit.models.Anisotropic` of one plane.
+        """
+        from rotorfit.identify.fitting.structure.coefficients import frequency_coefficients_of
+
+        return frequency_coefficients_of(self, speeds)
+
+    def natural_frequencies(self, speed: float, at: Mapping[str, Any] | None = None) -> list[tuple[Quantity, Quantity]]:
+        """Damped natural frequency (rad/s, signed) and damping ratio of each mode at a rotative speed.
+
+        ``speed`` in rad/s is negative from y to x; ``at`` names a group of parameters, as for :meth:`group`.
+
+        Raises:
+            ValueError: a speed that is no finite number.
+
+        Example:
+            >>> [round(frequency.value) for frequency, damping in fit.natural_frequencies(speed=150.0)][-1] > 0
+            True
+        """
+        from rotorfit.identify.fitting.structure.modes import natural_frequencies
+
+        return natural_frequencies(self, speed, at)
+
+    def modes(self, speed: float = 0.0, *, normalise: str | None = None, at: Mapping[str, Any] | None = None) -> Modes:
+        """Natural frequency, damping ratio, shape, and modal mass, stiffness and damping of each mode, with errors.
+
+        Of a passive rotor, as :class:`rotorfit.models.TwoDisk` is, each mode by itself: the paper's M_I, K_I, D_I, phi
+        and zeta. The half-power bandwidth of the measured responses stands beside zeta.
+
+        Args:
+            speed: rotative speed, rad/s.
+            normalise: plane at which shapes are one, the first by default.
+            at: names a group of parameters, as for :meth:`group`.
+
+        Raises:
+            KeyError: a plane that the rotor has not.
+            ValueError: a speed that is no finite number.
+
+        Example:
+            >>> modes = rf.fit(rf.models.TwoDisk(), rf.datasets.two_disk()).modes()
+            >>> [round(mode.mass.value, 1) for mode in modes], round(modes[1].shape["outboard"].value, 2)
+            ([1.5, 1.4], -0.94)
+        """
+        from rotorfit.identify.fitting.structure.modes import modes_of
+
+        return modes_of(self, speed, normalise, at)
+
+    def turning_anisotropy(self, *, level: float = 0.95, at: Mapping[str, Any] | None = None) -> TurningAnisotropy:
+        """dK, dK/K and the stiff direction of a shaft that is not round.
+
+        ``level`` is the probability of the intervals, ``at`` names a group of parameters, as for :meth:`group`.
+        """
+        from rotorfit.identify.fitting.assumptions.anisotropy import turning_anisotropy
+
+        return turning_anisotropy(self, level=level, at=at)
+
+    def assumptions(self, priors: Mapping[str, float] | None = None) -> Assumptions:
+        """Assumptions of the numbers: terms left out of the model and values taken as known, tested where the data can.
+
+        For each: the score test, and how far it would move the results. No fit is repeated.
+
+        Args:
+            priors: standard uncertainty of some of the terms, ``{"Ds[journal]": 2.0}``, in the table's units, in place
+                of the plausible size; zero for what is not there. By default those of ``rf.fit(..., assumptions=)``,
+                which enter :meth:`interval`, the summary and the report too.
+
+        Raises:
+            ValueError: parameters were fitted per attribute, or an uncertainty that is negative.
+            KeyError: a prior for what is not in the table.
+
+        Example:
+            >>> fit.assumptions()["K3"].tested  # K0 takes up all of it
+            False
+        """
+        from rotorfit.identify.fitting.assumptions.shifts import assumptions_of
+
+        return assumptions_of(self, priors)
+
+    # ---- other measures of uncertainty, imported when asked for ------------------------------------------------------
+
+    def jackknife(self) -> Jackknife:
+        """Errors from leaving out run after run, which assume nothing of how runs differ; no fit is repeated.
+
+        Raises:
+            ValueError: fewer than three runs, weights put on anew, or a fit that did not converge.
+
+        Example:
+            >>> fit.jackknife().parameter("lam").stderr < 0.05
+            True
+        """
+        from rotorfit.identify.uncertainty.jackknife import jackknife
+
+        return jackknife(self)
+
+    def profile(
+        self, name: str, *, level: float = 0.95, points: int = 21, at: Mapping[str, Any] | None = None
+    ) -> Profile:
+        """Interval and curve of a fitted parameter or the threshold speed, ``name``, by profile likelihood.
+
+        The interval has the probability ``level``, the curve so many ``points``; ``at`` names a group of parameters.
+        See :func:`rotorfit.identify.uncertainty.profile.profile`.
+
+        Example:
+            >>> low, high = fit.profile("lam", points=5).interval
+            >>> low < fit.params["lam"].value < high
+            True
+        """
+        from rotorfit.identify.uncertainty.profile import profile
+
+        return profile(self, name, level=level, points=points, at=at)
+
+    def profiles(
+        self,
+        names: Sequence[str] | None = None,
+        *,
+        level: float = 0.95,
+        points: int = 21,
+        at: Mapping[str, Any] | None = None,
+        executor: Executor | None = None,
+        client: Any = None,
+    ) -> tuple[Profile, ...]:
+        """Profiles of several quantities, found together; see :func:`rotorfit.identify.uncertainty.profile.profiles`.
+
+        ``names`` are by default those of every fitted parameter; ``level``, ``points`` and ``at`` as for
+        :meth:`profile`, ``executor`` and ``client`` as for :meth:`bootstrap`.
+
+        Example:
+            >>> lam, D = fit.profiles(["lam", "D"])
+            >>> lam.lower < fit.params["lam"].value < lam.upper
+            True
+        """
+        from rotorfit.identify.uncertainty.profile import profiles
+
+        return profiles(self, names, level=level, points=points, at=at, executor=executor_of(executor, client))
+
+    def predict(self, frequency: ArrayLike | None, speed: ArrayLike, **options: Unpack[PredictKeywords]) -> Prediction:
+        """Responses at frequencies, speeds and planes that need not have been tested, with their bands.
+
+        Args:
+            frequency: of the force, rad/s, negative turns backward; ``None`` is once per turn, the response to an
+                unbalance.
+            speed: rotative speed, rad/s; scalars and vectors ``(N,)`` may be mixed.
+            **options: ``force_plane``: where the force acts; may be left out of models of one plane. ``force``:
+                ``F exp(j delta)``, N; 1 N where neither it nor ``mr`` is given. ``mr``: an unbalance, kg m, whose force
+                is ``mr w^2``. ``plane``: where the motion is predicted, a plane of the model, with a probe or without,
+                or a place between planes (``probes=`` of the model); by default that of the force. ``direction``: ``z``
+                for x + j y, or of models of both directions ``x`` or ``y``. ``level``: probability that a band holds,
+                0.95. ``whole``: bands that hold whole curves at once, in place of each point by itself.
+                ``statistical``: bands without the systematic share, see :meth:`systematic`. ``at``: group of
+                parameters, for fits with one value a group.
+
+        Raises:
+            TypeError: a keyword that is none of these.
+            ValueError: no such plane, no force, a level that is no probability, a speed at which the rotor is unstable.
+
+        Example:
+            >>> prediction = fit.predict(None, [150.0, 160.0], force_plane="disk", mr=3e-5, plane="journal")
+            >>> [round(1e6 * abs(z)) for z in prediction.response]
+            [36, 48]
+        """
+        from rotorfit.identify.uncertainty.predict import predict
+
+        check_keywords("predict", options, PredictKeywords)
+        return predict(self, frequency, speed, **options)
+
+    def stability_report(self, **options: Unpack[JudgeKeywords]) -> StabilityReport:
+        """Criteria of stability at running speed, each with its interval and the probability that it is met.
+
+        Args:
+            **options: ``max_speed_rpm``, ``min_speed_rpm``: the running speeds; by default the highest tested one.
+                ``min_decrement``: logarithmic decrement that the least stable forward mode should have, 0.1.
+                ``min_threshold_ratio``: threshold speed over the highest running speed, 1. ``cross_coupling``:
+                anticipated cross-coupled stiffness, ``{"disk": 2e5}``, N/m; ``min_cross_coupling_ratio``: factor on it
+                that the rotor should bear, 2. ``unbalance_g_mm``: ``{"disk": 30.0}``, for amplification factors and
+                separation margins of critical speeds of ``plane``, by default that of the unbalance;
+                ``max_amplitude_um``: largest 0-peak deflection allowed there at running speeds. ``sensitivity``: plane
+                of a (magnetic) bearing whose sensitivity function should not exceed ``max_sensitivity``, 3, at the
+                highest running speed. ``cases``: factors on
+                parameters by name of a case, ``{"smallest clearance": {"K0": 1.3, "D": 1.5}}``. ``level``: probability
+                of the intervals, 0.95. ``at``: group of parameters, for fits with one value a group.
+
+        Raises:
+            TypeError: a keyword that is none of these.
+            ValueError: a speed, plane or limit that is impossible, a fit that did not converge.
+
+        Example:
+            >>> report = fit.stability_report(max_speed_rpm=2000, min_decrement=0.1)
+            >>> report.criteria[0].probability
+            1.0
+        """
+        from rotorfit.identify.uncertainty.stability.report import stability_report
+
+        check_keywords("stability_report", options, JudgeKeywords)
+        return stability_report(self, **options)
+
+    def derive(
+        self, quantity: Callable[[Any], Any], *, unit: str = "", at: Mapping[str, Any] | None = None
+    ) -> Quantity:
+        """A quantity made of parameters, with its error from their covariance and exact derivatives.
+
+        Args:
+            quantity: function of the parameters, which are attributes of its argument; NumPy's functions may be used.
+            unit: its SI unit, for printing.
+            at: group of parameters, for fits with one value a group.
+
+        Raises:
+            AttributeError: no such parameter.
+            TypeError: no function.
+            ValueError: not one finite number.
+
+        Example:
+            >>> print(fit.derive(lambda p: p.K0 / p.D, unit="1/s"))
+            7.0 +- 1.5 1/s (0.074 statistical, 1.5 systematic)
+            >>> print(fit.params["K0"] / fit.params["D"])  # the same: parameters of one fit know their covariance
+            7.0 +- 1.5 1/s (0.074 statistical, 1.5 systematic)
+        """
+        from rotorfit.identify.fitting.derived import derive
+
+        return derive(self, quantity, unit, at)
+
+    def bootstrap(
+        self,
+        *,
+        n: int = 500,
+        seed: int = 0,
+        accelerate: bool | None = None,
+        executor: Executor | None = None,
+        client: Any = None,
+    ) -> Bootstrap:
+        """Fits of data simulated from this one and their spread; see rotorfit.identify.uncertainty.bootstrap.bootstrap.
+
+        Args:
+            n: number of data sets to simulate and fit.
+            seed: of random numbers.
+            accelerate: with compiled kernels; by default where numba is installed.
+            executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor()``, that fits beside each
+                other: for nonlinear rotors, of which one fit takes long.
+            client: a Dask client, in place of its executor.
+
+        Example:
+            >>> low, high = fit.bootstrap(n=20, seed=1).interval("lam")
+            >>> low < high
+            True
+        """
+        from rotorfit.identify.uncertainty.bootstrap import bootstrap
+
+        return bootstrap(self, n=n, seed=seed, accelerate=accelerate, executor=executor_of(executor, client))
+
+    def calibration(
+        self,
+        *,
+        probe_gain: Uncertainty = 0.0,
+        probe_phase_deg: Uncertainty = 0.0,
+        mr: Uncertainty = 0.0,
+        keyphasor_deg: float = 0.0,
+    ) -> Budget:
+        """Random and systematic uncertainty apart (GUM type A and B).
+
+        The fit is repeated with the errors of calibration as nuisance entries; it is the ``fit`` of the answer.
+        ``probe_gain``, ``probe_phase_deg``, ``mr`` and ``keyphasor_deg`` are standard uncertainties as of
+        :class:`rotorfit.Calibration`.
+        """
+        from rotorfit.identify.fitting.assumptions.calibration import Calibration
+        from rotorfit.identify.uncertainty.budget import budget
+
+        return budget(
+            self,
+            Calibration(probe_gain=probe_gain, probe_phase_deg=probe_phase_deg, mr=mr, keyphasor_deg=keyphasor_deg),
+        )
+
+    # ---- files, imported when asked for ------------------------------------------------------------------------------
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the result and its data to a JSON file ``path``, whole or not at all, for :func:`rotorfit.load_fit`."""
+        from rotorfit.identify.fitting.fit_file import save_fit
+
+        save_fit(self, path)
+
+    def to_ross(
+        self,
+        speeds: ArrayLike,
+        *,
+        version: str | int | None = None,
+        nodes: Mapping[str, int] | None = None,
+        element: ElementKind = "bearing",
+        at: Mapping[str, Any] | None = None,
+        eccentricity: float = 0.0,
+    ) -> dict[str, RossElement]:
+        """Bearings or seals for the ROSS package: the fitted fluid, and what else was fitted at a known shaft's planes.
+
+        The table holds ``kxx = K0 - Mf lam^2 Om^2``, ``kxy = -kyx = D lam Om``, ``cxx = D``, ``mxx = Mf`` and
+        ``cxy = -cyx = 2 lam Om Mf`` at the given speeds and at the threshold speed, where that lies among them.
+
+        Args:
+            speeds: rotative speeds, rad/s, at least five.
+            version: of ROSS, "2.3" or "3.1", by default the one that is installed. A table over speed is called
+                ``frequency`` up to 2.x and ``speed`` from 3.0 on, and each line takes the other's for something else.
+            nodes: node of the ROSS rotor at each plane, for models that do not know it.
+            element: "bearing" or "seal".
+            at: names a group of parameters, as for :meth:`group`.
+            eccentricity: orbit radius over clearance, for models with a law.
+
+        Returns:
+            elements by plane: ``.build()`` makes the ROSS object, ``.save(path)`` writes a file for it.
+
+        Raises:
+            ValueError: fewer speeds, a model without fluid, planes without a node, no version where none is installed.
+
+        Example:
+            >>> element = fit.to_ross([0, 50, 100, 200, 300], version="3.1", nodes={"journal": 14})["journal"]
+            >>> sorted(element.arguments)[:5]
+            ['cxx', 'cxy', 'cyx', 'cyy', 'kxx']
+        """
+        from rotorfit.lab.io.shafts.ross_elements import ross_elements
+
+        rows, onset = np.asarray(speeds, dtype=float), self.onset(self.group(at))
+        if onset is not None and rows.size and rows.min() < onset.speed < rows.max():
+            rows = np.append(rows, onset.speed)
+        theta = self.theta(at)
+        return ross_elements(
+            self.model, theta, rows, version=version, nodes=nodes, element=element, eccentricity=eccentricity
+        )
+
+    # ---- posterior, imported when asked for --------------------------------------------------------------------------
+
+    def sample(self, **options: Unpack[SampleKeywords]) -> Posterior:
+        """Sample the posterior with emcee; options as for :func:`rotorfit.sample`, for instance ``seed=1``.
+
+        Args:
+            **options: ``seed``, ``walkers``, ``ess``, ``max_steps``, ``noise``, ``refine``, ``checkpoint``,
+                ``progress``, ``moves``, ``accelerate``: see :func:`rotorfit.sample`.
+
+        Raises:
+            TypeError: a keyword that is none of these.
+            ValueError: see there.
+
+        Example:
+            >>> posterior = fit.sample(seed=1, walkers=32, ess=100)
+            >>> low, high = posterior.interval("lam", 0.95)
+            >>> low < high
+            True
+        """
+        from rotorfit.identify.uncertainty.sampling import sample
+
+        check_keywords("sample", options, SampleKeywords)
+        return sample(self, **options)
+
+    # ---- presentation, imported when asked for ----------------------------------------------------------------------
+
+    def to_dataframe(self) -> DataFrame:
+        """The parameters as a table, a row each, SI: value, standard errors, 95 % interval.
+
+        Example:
+            >>> float(fit.to_dataframe().set_index("parameter").loc["K3", "value"])
+            6000.0
+        """
+        from pandas import DataFrame
+
+        rows = []
+        for p in self.params.values():
+            low, high = p.interval(0.95)
+            errors = {"stderr": p.stderr, "stderr_noise": p.stderr_noise, "systematic": p.systematic}
+            limits = {"low": low, "high": high, "unit": p.unit, "vary": p.vary, "determined": p.resolved}
+            rows.append({"parameter": p.name, "value": p.value, **errors, **limits, "meaning": p.meaning})
+        return DataFrame(rows)
+
+    def summary(self) -> str:
+        """Table of the result for a terminal."""
+        from rotorfit.identify.fitting.summary import fit_summary
+
+        return fit_summary(self)
+
+    def __str__(self) -> str:
+        return self.summary()
+
+    def _repr_html_(self) -> str:
+        """Table for a notebook."""
+        from rotorfit.identify.fitting.summary import fit_html
+
+        return fit_html(self)

@@ -1,0 +1,321 @@
+"""Modes of a fitted rotor with their errors, and half-power bandwidths of the data beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rotorfit.base.array_types import ComplexArray, Float
+from rotorfit.base.digits import plus_minus, significant
+from rotorfit.base.names import unknown_name
+from rotorfit.base.text_table import Printed, text_table
+from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.identify.fitting.quantities import Quantity
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.identify.fitting.structure.coefficients import central_differences
+from rotorfit.models import Modal, eigenvalues
+from rotorfit.models.motion.modes import VibrationMode, modal_assurance, vibration_modes
+from rotorfit.models.motion.stability import eigenvalue_gradient, is_image, whirls_forward
+from rotorfit.models.parameters import MATRIX_UNITS
+from rotorfit.models.shafts.angular_rates import angular_rate
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Mode:
+    """One mode of a fitted rotor."""
+
+    # natural frequency, rad/s: undamped where ``mass`` is there, else damped, negative for backward whirl
+    frequency: Quantity
+    damping_ratio: Quantity  # share of critical damping
+    # the same from the half-power bandwidth of the measured responses, median over these; NaN where none has the
+    # peak with both sides
+    half_power: float
+    # deflection at each plane, one at that of the normalisation; its sign, or, of a rotor that is not passive,
+    # its size, whose phase is ``phase``
+    shape: Mapping[str, Quantity]
+    # lead of each plane's motion in x + j y over that of the normalisation, rad; zero of a passive rotor
+    phase: Mapping[str, Quantity]
+    # mass, stiffness, damping: of the mode by itself (the paper's M_I, K_I, D_I), kg, N/m, N s/m; None for a
+    # rotor that is not passive, whose modes have none of their own
+    mass: Quantity | None
+    stiffness: Quantity | None
+    damping: Quantity | None
+
+    @property
+    def vector(self) -> ComplexArray:
+        """Deflections as complex numbers, in the order of ``shape``, shape ``(n,)``."""
+        size = np.array([q.value for q in self.shape.values()])
+        return size * np.exp(1j * np.array([q.value for q in self.phase.values()]))
+
+    def quantities(self) -> dict[str, Quantity]:
+        """All that has an error, by name and unit."""
+        found = {"frequency_rad_s": self.frequency, "damping_ratio": self.damping_ratio}
+        own = {"mass_kg": self.mass, "stiffness_N_m": self.stiffness, "damping_N_s_m": self.damping}
+        found |= {name: q for name, q in own.items() if q is not None}
+        found |= {f"shape_{plane}": q for plane, q in self.shape.items()}
+        return found if self.mass else found | {f"phase_{plane}_rad": q for plane, q in self.phase.items()}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Modes(Printed, Sequence[Mode]):
+    """The modes of a fitted rotor at a speed, by natural frequency; ``print`` shows them as a table."""
+
+    modes: tuple[Mode, ...]  # one after the other
+    speed: float  # rotative speed, rad/s
+
+    def __len__(self) -> int:
+        return len(self.modes)
+
+    def __getitem__(self, number: Any) -> Any:
+        """Return one mode, or several, by number from zero."""
+        return self.modes[number]
+
+    def mac(self, shapes: Mapping[str, ArrayLike] | ArrayLike) -> Float:
+        """Modal assurance criterion of each mode (rows) and each given shape (columns), 1 where they are alike.
+
+        Args:
+            shapes: deflections of each shape by plane, ``{"inboard": [1, 1], "outboard": [0.99, -0.94]}``; planes that
+                are not named do not count. Or an array ``(planes, shapes)``, planes in the order of ``shape``.
+
+        Raises:
+            KeyError: a plane that the rotor has not.
+            ValueError: planes with different numbers of shapes, or fewer than two planes.
+
+        Example:
+            >>> fit = rf.fit(rf.models.TwoDisk(), rf.datasets.two_disk())
+            >>> fit.modes().mac({"inboard": [1, 1], "outboard": [0.99, -0.94]}).round(2).tolist()
+            [[1.0, 0.0], [0.0, 1.0]]
+        """
+        names = list(self.modes[0].shape)
+        given = shapes if isinstance(shapes, Mapping) else dict(zip(names, np.asarray(shapes), strict=True))
+        for name in given:
+            if name not in names:
+                raise KeyError(unknown_name("plane of the rotor", name, names))
+        columns = [np.atleast_1d(np.asarray(values, dtype=complex)) for values in given.values()]
+        if len(columns) < 2 or len({column.shape for column in columns}) > 1:
+            raise ValueError("a shape needs its deflections at two planes or more, as many at each plane")
+        places = [names.index(name) for name in given]
+        others = list(np.stack(columns, axis=1))
+        return np.array([[modal_assurance(mode.vector[places], other) for other in others] for mode in self.modes])
+
+    def rows(self) -> list[list[str]]:
+        """The table as text, its head first."""
+        planes = list(self.modes[0].shape) if self.modes else []
+        parts = self.modes[0].mass is not None if self.modes else False
+        head = ["mode", "frequency, rpm", "damping ratio", "half-power"]
+        head += ["mass, kg", "stiffness, N/m", "damping, N s/m"] * parts
+        rows = [[*head, *(f"at {plane}" for plane in planes)]]
+        for number, mode in enumerate(self.modes, 1):
+            row = [str(number), _said(mode.frequency, RPM_PER_RAD_S), _said(mode.damping_ratio)]
+            row.append(significant(mode.half_power, 3) if np.isfinite(mode.half_power) else "-")
+            row += [_said(q) for q in (mode.mass, mode.stiffness, mode.damping) if q is not None]
+            for plane in planes:
+                shape, phase = mode.shape[plane], mode.phase[plane]
+                turned = f" at {round(np.degrees(phase.value))} deg" if abs(phase.value) > 1e-9 else ""
+                row.append((significant(shape.value, 4) if shape.stderr == 0 else _said(shape)) + turned)
+            rows.append(row)
+        return rows
+
+    def numbers(self) -> list[list[Any]]:
+        """The table in SI units, each number with its standard error, its head first."""
+        names = list(self.modes[0].quantities()) if self.modes else []
+        rows: list[list[Any]] = [["mode", "half_power", *(part for name in names for part in (name, f"{name}_stderr"))]]
+        for number, mode in enumerate(self.modes, 1):
+            own = mode.quantities().values()
+            rows.append([number, mode.half_power, *(part for q in own for part in (q.value, q.stderr))])
+        return rows
+
+    def __str__(self) -> str:
+        rows = self.rows()
+        return "\n".join(text_table(rows, ">4 " + ">8 " * (len(rows[0]) - 1)))
+
+    __repr__ = __str__
+
+
+def _said(q: Quantity, factor: float = 1.0) -> str:
+    return plus_minus(q.value * factor, q.stderr * factor)
+
+
+def natural_frequencies(fit: FitResult, speed: float, at: Mapping[str, Any] | None) -> list[tuple[Quantity, Quantity]]:
+    """Damped natural frequency (rad/s, signed) and damping ratio of each mode; see the result's method."""
+    speed = angular_rate(speed)
+    theta, model = fit.theta(at), fit.model
+    modes = []
+    back = 1j * speed if model.turns else 0.0  # from turning coordinates
+    for found in eigenvalues(model, theta, speed).tolist():
+        if not np.isfinite(found) or abs(found) > fit.stability_band or is_image(model, theta, speed, found):
+            continue
+        _, by_theta = eigenvalue_gradient(model, theta, speed, found)
+        s = found + back
+        size = abs(s)
+        # zeta = -Re s / |s|
+        slope = -by_theta.real / size + s.real * (s.real * by_theta.real + s.imag * by_theta.imag) / size**3
+        turn = -1.0 if model.frame == "xy" and not whirls_forward(model, theta, speed, np.array([found]))[0] else 1.0
+        frequency = fit.propagate(turn * s.imag, turn * by_theta.imag, "rad/s", at)
+        modes.append((frequency, fit.propagate(-s.real / size, slope, "1", at)))
+    return modes
+
+
+def modes_of(fit: FitResult, speed: float, normalise: str | None, at: Mapping[str, Any] | None) -> Modes:
+    """See :meth:`FitResult.modes`."""
+    speed, theta, model = angular_rate(speed), fit.theta(at), fit.model
+    names = [c.plane if c.axis == "z" else f"{c.plane}.{c.axis}" for c in model.coordinates]
+    if normalise is not None and normalise not in names:
+        raise KeyError(unknown_name("plane of the rotor", normalise, names))
+    place = names.index(normalise) if normalise is not None else 0
+    found = vibration_modes(model, theta, speed, normalised_at=place)
+    slopes = _slopes(fit, theta, speed, place, found)
+    curves = list(_measured(fit))
+    back = speed if model.turns else 0.0  # from turning coordinates
+    units = ("rad/s", "1", "kg", "N/m", "N s/m", *["1"] * len(names), *["rad"] * len(names))
+    modes = []
+    for mode, slope in zip(found, slopes, strict=True):
+        if abs(mode.s) > fit.stability_band:
+            continue
+        own = [fit.propagate(v, s, u, at) for v, s, u in zip(_numbers(mode).tolist(), slope, units, strict=True)]
+        frequency = Quantity(own[0].value + back, own[0].stderr, own[0].unit, own[0].freedom)
+        mass, stiffness, damping = own[2:5] if np.isfinite(mode.mass) else (None, None, None)
+        modes.append(
+            Mode(
+                frequency=frequency,
+                damping_ratio=own[1],
+                half_power=half_power(curves, frequency.value),
+                shape=dict(zip(names, own[5 : 5 + len(names)], strict=True)),
+                phase=dict(zip(names, own[5 + len(names) :], strict=True)),
+                mass=mass,
+                stiffness=stiffness,
+                damping=damping,
+            )
+        )
+    return Modes(tuple(modes), speed)
+
+
+def own_modes(fit: FitResult) -> Modes | None:
+    """Modes of a passive rotor that rotation does not change, each with a mass of its own; None of other rotors."""
+    model = fit.model
+    if model.frame != "z" or model.shaft is not None or model.speed_dependent or len(fit.thetas) > 1:
+        return None
+    found = fit.modes() if len(model.coordinates) > 1 else ()
+    return found if isinstance(found, Modes) and found and found[0].mass is not None else None
+
+
+def _numbers(mode: VibrationMode) -> Float:
+    """Frequency, damping ratio, mass, stiffness, damping, sizes and phases of the shape."""
+    passive = np.isfinite(mode.mass)
+    parts = (mode.mass, mode.stiffness, mode.damping) if passive else (0.0, 0.0, 0.0)
+    sizes = mode.shape.real if passive else np.abs(mode.shape)
+    turns = 0.0 * sizes if passive else np.angle(mode.shape)
+    return np.concatenate([[mode.frequency, mode.damping_ratio, *parts], sizes, turns])
+
+
+def _slopes(fit: FitResult, theta: Float, speed: float, place: int, modes: list[VibrationMode]) -> list[Float]:
+    """Derivatives of a mode's numbers by the parameters, shape ``(numbers, P)``, by central differences."""
+    fitted = np.flatnonzero((fit.problem.space.index >= 0).any(axis=0))
+    found = [np.zeros((_numbers(mode).size, theta.size)) for mode in modes]
+    relative = 1e-6  # relative step of central differences: errors of 1e-10 of smooth functions
+    for i in fitted.tolist():
+        step = np.zeros(theta.size)
+        step[i] = relative * (abs(theta[i]) or fit.model.parameters[i].scale)
+        sides = [vibration_modes(fit.model, theta + sign * step, speed, normalised_at=place) for sign in (1, -1)]
+        for mode, slope in zip(modes, found, strict=True):
+            near = (min(side, key=lambda m: abs(m.s - mode.s)) for side in sides)
+            ahead, behind = (_numbers(replace(m, turn=mode.turn)) for m in near)
+            change = ahead - behind
+            turns = slice(5 + mode.shape.size, None)
+            change[turns] = (change[turns] + np.pi) % (2 * np.pi) - np.pi
+            change[[5 + place, 5 + mode.shape.size + place]] = 0.0  # normalised there
+            slope[:, i] = change / (2 * step[i])
+    return found
+
+
+def _measured(fit: FitResult) -> Iterator[tuple[Float, Float]]:
+    """Signed frequencies, ascending, and sizes of each measured response per unit force."""
+    for base in fit.problem.responses:
+        if base.imposed:
+            continue
+        drive = np.abs(base.force).max(axis=1)[base.line]
+        w = base.frequency[base.line]
+        for label in np.unique(base.label):
+            for side in (w > 0, w < 0):
+                rows = np.flatnonzero((base.label == label) & side & (drive > 0))
+                rows = rows[np.argsort(w[rows])]
+                if rows.size:
+                    yield w[rows], np.abs(base.measured[rows]) / drive[rows]
+
+
+def half_power(curves: Sequence[tuple[Float, Float]], frequency: float) -> float:
+    """Damping ratio from where measured responses fall to half the power of their peak near a frequency, rad/s, median
+    over the responses (frequencies, ascending, and sizes); NaN where none has a peak there with both of its sides."""
+    found = []
+    for w, size in curves:
+        near = np.flatnonzero(np.abs(w / frequency - 1) < 0.2)
+        if near.size < 3:
+            continue
+        peak = int(near[np.argmax(size[near])])
+        level = size[peak] / np.sqrt(2)
+        low = np.flatnonzero(size <= level)
+        before, behind = low[low < peak], low[low > peak]
+        if peak not in (near[0], near[-1]) and before.size and behind.size:
+            # The level is crossed between two readings on either side.
+            one, other = int(before[-1]), int(behind[0])
+            first = np.interp(level, size[[one, one + 1]], w[[one, one + 1]])
+            last = np.interp(level, size[[other, other - 1]], w[[other, other - 1]])
+            found.append(abs(last**2 - first**2) / (4 * w[peak] ** 2))
+    return float(np.median(found)) if found else float("nan")
+
+
+def two_disk_from_modes(fit: FitResult) -> dict[str, Quantity]:
+    """Masses, stiffnesses and dampings of a two-disk rotor (eq. 19) from its two modes.
+
+    With the mode shapes as columns, ``phi = [[1, 1], [phi1, phi2]]``, and modal masses, stiffnesses and dampings on
+    diagonals, ``M = phi^-T M_m phi^-1`` and so for K and D (eq. 23). Shapes are those of the participations of forces.
+    Damping that couples the modes is left out, as in the paper; the standard errors of D do not count that.
+
+    Args:
+        fit: of a ``Modal`` of two modes whose two planes, both forced, are the disks.
+
+    Returns:
+        ``M1, M2, K1, K2, K3, D11, D12, D21, D22`` of :class:`rotorfit.models.TwoDisk`, the off-diagonal mass ``M12``,
+        which lumped disks do not have, and standard errors by the delta method.
+
+    Raises:
+        ValueError: another model, or modes of one shape.
+
+    Example:
+        >>> modes = rf.models.Modal(("inboard", "outboard"), modes=2, gains="plane")
+        >>> disks = rf.two_disk_from_modes(rf.fit(modes, rf.datasets.two_disk()))
+        >>> f"{disks['M1'].value:.2f} {disks['M1'].unit}"
+        '0.73 kg'
+    """
+    model = fit.model
+    if not isinstance(model, Modal) or model.modes != 2 or len(model.planes) != 2 or model.apart:
+        raise ValueError("eq. (23) needs a fit of Modal with two modes at two planes, x and y not apart")
+    if len(model.force_planes) != 2:
+        raise ValueError("eq. (23) needs a participation of both planes: force both")
+    theta = fit.thetas[0]
+    values = disk_values(model, theta)
+    step = 1e-6 * np.maximum(np.abs(theta), 1e-3)
+    slopes = central_differences(lambda theta: list(disk_values(model, theta).values()), theta, step)
+    pairs = zip(values.items(), slopes, strict=True)
+    return {name: fit.propagate(value, slope, MATRIX_UNITS[name[0]]) for (name, value), slope in pairs}
+
+
+def disk_values(model: Modal, theta: Float) -> dict[str, float]:
+    """Entries of the two-disk rotor's matrices from the parameters of two modes, shape ``(P,)``."""
+    p = dict(zip(model.parameter_names, theta.tolist(), strict=True))
+    second = model.planes[1]
+    shapes = np.array([[1.0, 1.0], [p[f"phi1_{second}"], p[f"phi2_{second}"]]])
+    if abs(np.linalg.det(shapes)) < 1e-9 * np.abs(shapes).max():
+        raise ValueError("the two modes have one shape: no two disks vibrate so")
+    back = np.linalg.inv(shapes)
+    mass, wn, zeta = (np.array([p[f"{letter}{i}"] for i in (1, 2)]) for letter in ("M", "wn", "zeta"))
+    M, K, D = (back.T @ np.diag(modal) @ back for modal in (mass, mass * wn**2, 2 * mass * zeta * wn))
+    return {
+        "M1": float(M[0, 0]), "M2": float(M[1, 1]), "M12": float(M[0, 1]),
+        "K1": float(K[0, 0] + K[0, 1]), "K2": float(-K[0, 1]), "K3": float(K[1, 1] + K[0, 1]),
+        "D11": float(D[0, 0]), "D12": float(-D[0, 1]), "D21": float(-D[1, 0]), "D22": float(D[1, 1]),
+    }  # fmt: skip

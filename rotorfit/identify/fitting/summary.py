@@ -1,0 +1,355 @@
+"""Results as text tables, and in a notebook as HTML, made of escaped text."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from html import escape
+from operator import add, mul, sub, truediv
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rotorfit.base.digits import plus_minus, significant, two_digits, with_error, with_errors
+from rotorfit.base.text_table import Wide, text_html, text_table
+from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.misfit.parameter_space import DATUM
+from rotorfit.estimators.starting.start_points import EARLIER_FIT, GIVEN
+from rotorfit.identify.fitting.assumptions.anisotropy import lines_cut_off
+from rotorfit.identify.fitting.noise.record import NoiseVerdict, is_run_effect
+from rotorfit.identify.fitting.noise.residual_study import VERDICTS
+from rotorfit.identify.fitting.quantities import THRESHOLD, FittedParameter, Number, Quantity
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.lab.data.findings import errors_in
+from rotorfit.models import RotorModel, TurningOnSupports, eigenvalues, unstable_bands
+from rotorfit.models.motion.stability import growing_bands
+from rotorfit.models.parameters import bare_name
+from rotorfit.models.shafts.shaft import Shaft
+from rotorfit.models.structure import block_parameters, block_symbols
+
+if TYPE_CHECKING:
+    from rotorfit.estimators.inference.identifiability import Combination
+    from rotorfit.identify.fitting.noise.residual_study import ResidualStudy
+    from rotorfit.identify.fitting.quantities import FittedParameter
+
+
+_FEW = 15  # degrees of freedom below which 1.96 standard errors are well short of a 95 % interval
+
+
+_MEANT: dict[str, tuple[str, Callable[[Number, Number], Quantity]]] = {
+    "sum": ("+", add),
+    "difference": ("-", sub),
+    "product": ("*", mul),
+    "ratio": ("/", truediv),
+}
+"""Sign of what is determined of two parameters, and how it is made of them."""
+
+
+def combined(fit: FitResult, combination: Combination) -> str:
+    """The combination of two undetermined parameters that the data do determine, with its error; else empty."""
+    if combination.kind not in _MEANT:
+        return ""
+    first, second = (fit.params[name] for name in combination.names)
+    sign, of = _MEANT[combination.kind]
+    found = of(first, second)
+    unit = f" {first.unit}" if combination.kind in ("sum", "difference") and first.unit != "1" else ""
+    return f"{first.name} {sign} {second.name} = {plus_minus(found.value, found.stderr)}{unit}"
+
+
+def fit_summary(fit: FitResult) -> str:
+    """Errors of the data, then :func:`fit_table`."""
+    errors = (f"ERROR in the data, no number below can be relied on: {words}" for words in errors_in(fit.findings))
+    return "\n".join([*errors, fit_table(fit)])
+
+
+def fit_table(fit: FitResult) -> str:
+    """Parameters, goodness of fit, identifiability, correlations worth knowing, stability and warnings."""
+    blocks = getattr(fit.model, "blocks", ())
+    words = ", ".join(f"{block.replace('_', ' ')} ({block_symbols([block])})" for block in blocks)
+    folded = [f"corrected for {words}: {len(correction_names(fit.model))} values, listed last"] if blocks else []
+    lines = [
+        f"{fit.model.name}, {fit.method}: {fit.message}" + (f"; start: {start_words(fit)}" if fit.nfev else ""),
+        f"{fit.ndata} real data, {fit.nvarys} fitted values, redchi {significant(fit.redchi, 4)}, "
+        f"AIC {fit.aic:.6g}, BIC {fit.bic:.6g}",
+        *_noise_lines(fit),
+        "",
+        *_parameter_lines(fit),
+        *folded,
+        "",
+        f"identifiability: {fit.identifiability}",
+        *(f"  determined: {words}" for words in (combined(fit, c) for c in fit.identifiability.combinations) if words),
+    ]
+    pairs = notable_correlations(fit)
+    if pairs:
+        lines.append("correlations: " + ", ".join(f"{a}-{b} {r:+.2f}" for a, b, r in pairs))
+    lines += _stability_lines(fit) if fit.success else ["threshold speed: not given, because the fit did not converge"]
+    lines += interval_lines(fit)
+    if foundations := fit.foundations:  # effects that these data cannot show
+        head = "the systematic share allows for what these data do not show, by these sizes"
+        lines += [f"{head} (assumptions= replaces them):", *(f"  {line}" for line in foundations)]
+    lines += [f"errors: {remark}" for remark in fit.remarks]
+    lines += [f"note: {caveat}" for caveat in caveats_of(fit)]
+    lines += [f"warning: {message}" for message in fit.warnings]
+    corrections = _parameter_lines(fit, folded=True)
+    return "\n".join([*lines, *(["", "structural corrections", *corrections] if corrections else [])])
+
+
+def start_words(fit: FitResult) -> str:
+    """Where the search began, with the names of the values that the user gave."""
+    some = ", ".join(fit.settings.start) if fit.start not in (GIVEN, EARLIER_FIT) else ""
+    return f"{fit.start}, with {some} given" if some else fit.start
+
+
+def _noise_lines(fit: FitResult) -> list[str]:
+    """The verdict on the residuals, where they are not the noise as expected; warnings say the rest."""
+    noise = fit.noise
+    if noise is None or (noise.verdict is NoiseVerdict.AS_FOUND and not noise.sentences):
+        return []
+    beside = "beside what explains the misfit, " if noise.causes else ""
+    lines = [f"noise: {beside}{VERDICTS[noise.verdict]} (neighbouring lines correlate by {noise.correlation:+.2f})"]
+    lines += _levels(noise)
+    lines += [f"  {sentence}" for sentence in noise.sentences if sentence not in fit.warnings]
+    if noise.effects and fit.success and np.unique(fit.problem.run).size > 2:  # beside the random effect
+        left_out = fit.jackknife()
+        names = [name for name in fit.problem.space.names if fit.params[name].resolved]
+        errors = {name: left_out.parameter(name).stderr for name in names}
+        shown = [f"{name} {two_digits(error)}" for name, error in errors.items() if np.isfinite(error)]
+        lines += [f"  standard errors from leaving out runs one by one: {', '.join(shown)}"] * bool(shown)
+    few = [p for p in fit.params.values() if p.vary and p.resolved and p.freedom < _FEW]
+    for p in few:
+        low, high = p.interval(0.95, statistical=True)
+        how = f"(Student's t, {significant(p.freedom, 2)} degrees of freedom)"
+        lines.append(f"  {p.name}: 95 % interval {low:.6g} to {high:.6g} {p.unit} {how}")
+    return lines
+
+
+def _levels(noise: ResidualStudy) -> list[str]:
+    """Noise of each response, or of many the range by plane."""
+    few_responses = 6  # whose noise is listed one by one
+    if len(noise.response_noise) > few_responses:
+        by_plane: dict[tuple[str, str], list[float]] = {}
+        for level in noise.response_noise:
+            for response in level.responses:
+                by_plane.setdefault((response.rpartition(" / ")[2], level.unit), []).append(level.constant)
+        return [
+            f"  {where}: {_small(min(sizes), unit)} to {_small(max(sizes), unit)} (rms), {len(sizes)} responses"
+            for (where, unit), sizes in by_plane.items()
+        ]
+    lines = []
+    for level in noise.response_noise:
+        more = f" and {len(level.responses) - 3} more" if level.responses[3:] else ""
+        where = ", ".join(level.responses[:3]) + more
+        share = f", and {significant(100 * level.share, 2)} % {level.along}" if level.share else ""
+        lines.append(f"  {where}: {_small(level.constant, level.unit)} (rms){share}")
+    return lines
+
+
+def _small(value: float, unit: str) -> str:
+    """A noise level: motion in millionths, as probes are read."""
+    return f"{two_digits(1e6 * value)} u{unit}" if unit in ("m", "rad") else f"{two_digits(value)} {unit}".rstrip()
+
+
+def correction_names(model: RotorModel) -> set[str]:
+    """Names of the parameters of structural blocks, which correct a lumped model."""
+    blocks = getattr(model, "blocks", ())
+    return {own.name for own in block_parameters(blocks, len(model.planes))} if blocks else set()
+
+
+def _parameter_lines(fit: FitResult, *, folded: bool = False) -> list[str]:
+    """Lines of the parameter table; a parameter that the data do not determine shows no number."""
+    both = any(p.stderr > p.stderr_noise * 1.01 for p in fit.params.values() if p.vary and p.resolved)
+    more = any(p.systematic for p in fit.params.values() if p.vary)
+    errors = ["stderr", *(["noise only"] * both), *(["systematic"] * more)]
+    rows: list[list[str | Wide]] = [["parameter", "value", *errors, "start", "unit", ""]]
+    corrections = correction_names(fit.model)
+    shown = [p for p in in_order(fit.params.values()) if (bare_name(p.name) in corrections) == folded]
+    rows += [_row(p, both, more) for p in shown]
+    return text_table(rows, "<22 >14 " + " ".join([">12"] * len(errors)) + " >14 <1 <1") if shown else []
+
+
+def in_order(params: Iterable[FittedParameter]) -> list[FittedParameter]:
+    """Parameters as they come, but those of one name by the numbers of their groups: 500 rpm before 1000 rpm."""
+    every = list(params)
+    place = {bare_name(p.name): -i for i, p in reversed(list(enumerate(every)))}
+    return sorted(every, key=lambda p: (-place[bare_name(p.name)], natural(p.name)))
+
+
+def natural(text: str) -> tuple[tuple[int, float, str], ...]:
+    """Key that sorts words by the numbers in them: 500 before 1000."""
+    parts = re.split(r"(\d+(?:\.\d+)?(?:[eE][+-]?\d+)?)", text)
+    return tuple((0, float(p), "") if i % 2 else (1, 0.0, p) for i, p in enumerate(parts) if p)
+
+
+def _row(p: FittedParameter, both: bool, more: bool) -> list[str | Wide]:
+    if not p.vary:
+        return [p.name, significant(p.value, 7), "known", *([""] * (both + more)), "", p.unit]
+    if not p.resolved:
+        return [p.name, Wide("not determined by the data", 2 + both + more), significant(p.init_value, 6), p.unit]
+    if p.moved_by:
+        return [p.name, Wide("not determined", 2 + both + more), significant(p.init_value, 6), p.unit, p.moved_by]
+    whole = math.hypot(p.stderr, p.systematic)
+    shares = [p.stderr, *([p.stderr_noise] * both), *([p.systematic] * more)]
+    value, *errors = with_errors(p.value, whole, *shares)
+    start = with_error(p.init_value, whole)[0]
+    return [p.name, value, *errors, start, p.unit, "at its bound" if p.at_bound else ""]
+
+
+def interval_lines(fit: FitResult) -> list[str]:
+    """Natural frequencies of modes in rpm and the common datum angle in degrees, with 95 % intervals."""
+    shown = [(name, "rpm", RPM_PER_RAD_S) for name in fit.params if fit.model.name == "modal" and name.startswith("wn")]
+    shown += [(name, "deg", 180 / np.pi) for name in fit.params if name == DATUM]
+    tail = f" (Student's t, {fit.freedom:.0f} degrees of freedom)" if np.isfinite(fit.freedom) else ""
+    lines = []
+    for name, unit, scale in shown:
+        p = fit.params[name]
+        words = "common datum angle, by which responses lead forces" if name == DATUM else f"natural frequency {name}"
+        if not p.resolved:
+            lines.append(f"{words}: not determined by these data")
+            continue
+        low, high = (scale * end for end in fit.interval(name))
+        lines.append(
+            f"{words}: {significant(scale * p.value, 5)} {unit}, 95 % interval {significant(low, 5)} to "
+            f"{significant(high, 5)} {unit}{tail}"
+        )
+    return lines
+
+
+def notable_correlations(fit: FitResult) -> list[tuple[str, str, float]]:
+    """Pairs of resolved parameters with a correlation beyond 0.9 in size, strongest first, at most eight."""
+    error = np.sqrt(np.maximum(np.diag(fit.covar), 0.0))
+    found = []
+    notable_correlation = 0.9
+    for i, a in enumerate(fit.var_names):
+        for j, b in enumerate(fit.var_names[:i]):
+            if is_run_effect(a) or is_run_effect(b):
+                continue
+            if error[i] > 0 and error[j] > 0 and fit.params[a].resolved and fit.params[b].resolved:
+                r = float(fit.covar[i, j] / (error[i] * error[j]))
+                if abs(r) > notable_correlation:
+                    found.append((b, a, r))
+    return sorted(found, key=lambda pair: -abs(pair[2]))[:8]
+
+
+def _turning_lines(fit: FitResult) -> list[str]:
+    """The turning anisotropy and the speeds at which it makes the shaft run away."""
+    found = [f"turning anisotropy: {fit.turning_anisotropy()}"]
+    theta = fit.theta()
+    top = 3 * float(np.abs(eigenvalues(fit.model, theta, 0.0)).max())
+    search = growing_bands if isinstance(fit.model, TurningOnSupports) else unstable_bands
+    bands = RPM_PER_RAD_S * np.asarray(search(fit.model, theta, top)).reshape(-1, 2)
+    shown = [f"{low:.1f} to {high:.1f} rpm" for low, high in bands.tolist()]
+    if isinstance(fit.model, TurningOnSupports):
+        size, share = lines_cut_off(fit)
+        found.append(
+            f"lines left out change those fitted by {significant(size, 1)} of the largest at most, "
+            f"{significant(share, 1)} of a standard deviation (terms={fit.model.terms})"
+        )
+    return [*found, "unstable by turning anisotropy: " + (", ".join(shown) or "at no speed, it is damped")]
+
+
+def _stability_lines(fit: FitResult) -> list[str]:
+    if "dK_cos" in fit.model.parameter_names and fit.problem.space.index.shape[0] == 1:
+        return _turning_lines(fit)
+    if not fit.model.speed_dependent or fit.problem.space.index.shape[0] > 1:
+        return []
+    onset = fit.threshold_speed()
+    note = fit.onset_note()
+    if np.isinf(onset.stderr):
+        return [f"threshold speed: not determined by these data{': ' + note if note else ''}"]
+    if np.isnan(onset.value):
+        return ["threshold speed: none found, stable at every speed searched"]
+    if onset.value == 0:
+        return ["threshold speed: 0, the fitted rotor is unstable from standstill on"]
+    line = f"threshold speed: {onset.to('rpm')}, whirl ratio at onset {fit.whirl_ratio():.3f}"
+    highest = float(fit.speeds.max(initial=0.0))
+    if fit.moved_by(THRESHOLD):
+        line = f"threshold speed: not determined: {fit.moved_by(THRESHOLD)}"
+    elif highest > 0:
+        percent = 100 * (onset.value / highest - 1)
+        line += f"; {significant(abs(percent), 3)} % {'above' if percent >= 0 else 'below'} the highest tested speed"
+        line += f" ({highest * RPM_PER_RAD_S:.0f} rpm)" + (": extrapolated" if percent > 0 else "")
+    return [line] + [f"  {note}"] * bool(note)
+
+
+def fit_html(fit: FitResult) -> str:
+    """Parameters as a table, the rest of the summary below it."""
+    rows = ""
+    for p in in_order(fit.params.values()):
+        if not p.vary:
+            value, error = significant(p.value, 7), "known"
+        elif not p.resolved or p.moved_by:
+            value, error = "not determined", ""
+        else:
+            value, error = with_error(p.value, p.stderr)
+        cells = (p.name, value, error, "" if p.unit == "1" else p.unit, p.meaning)
+        rows += "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>"
+    head = "".join(f"<th>{name}</th>" for name in ("parameter", "value", "standard error", "unit", "meaning"))
+    text = fit.summary().split("\n\n")
+    first, last = text[0], "\n".join(text[2:])
+    table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+    return f"<p>{escape(first).replace(chr(10), '<br>')}</p>{table}{text_html(last)}"
+
+
+# ---- caveats ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class StructureError:
+    """Reduction of a known structure in a fit."""
+
+    coordinates: int  # of the structure
+    kept: int  # of the reduced structures, the largest
+    estimate: float
+    over_noise: float
+    checked: int  # these lines
+
+    def __str__(self) -> str:
+        return (
+            f"the structure's {self.coordinates} coordinates were reduced to {self.kept}; estimated error of the "
+            f"stiffness at the planes {self.estimate:.1e} of it; against exact condensation, predictions at "
+            f"{self.checked} lines change by at most {self.over_noise:.1e} of the noise"
+        )
+
+
+def caveats_of(fit: FitResult) -> list[str]:
+    """Sentences that belong beside the numbers of a fit: those of its model, and the error of a reduced structure."""
+    tilts = [k for k, coordinate in enumerate(fit.model.coordinates) if coordinate.axis == "r"]
+    read = any(np.isin(base.coordinate, tilts).any() for base in fit.problem.responses)
+    caveats, reduced = [*fit.model.caveats, *(() if read else fit.model.caveats_without_tilts)], structure_error(fit)
+    return [*caveats, str(reduced)] if reduced else caveats
+
+
+def structure_error(fit: FitResult) -> StructureError | None:
+    """Error of the reduced structure in a fit; None where there is no structure, or none was reduced."""
+    model = fit.model
+    while hasattr(model, "base"):  # the same structure on other supports, or on a shaft that is not round
+        model = model.base
+    shaft = model.shaft
+    if not isinstance(shaft, Shaft) or not shaft.parts:
+        return None
+    worst, checked, theta = 0.0, 0, fit.thetas
+    lines = 8  # lines of each experiment: few enough to be condensed exactly
+    for block in fit.problem.blocks:
+        base = responses_of(block)
+        if base is None or not isinstance(block, Responses | OrbitResponses):
+            continue
+        some = np.unique(np.linspace(0, base.frequency.size - 1, lines).astype(int))
+        keep = np.zeros(base.frequency.size, dtype=bool)
+        keep[some] = True
+        rows = keep[base.line]
+        change = block.predict(theta)[rows] - block.lines(keep).predict(theta)
+        worst, checked = max(worst, float(np.abs(change / base.sigma[rows]).max())), checked + some.size
+    used = shaft.reductions
+    if not used:
+        return None
+    return StructureError(
+        coordinates=shaft.terms.size,
+        kept=max(r.size for r in used),
+        estimate=max(r.error for r in used),
+        over_noise=worst,
+        checked=checked,
+    )

@@ -1,0 +1,281 @@
+"""From an experiment, as it was recorded, to observations in a model's coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.base.array_types import COLLINEAR, RANK_TOLERANCE, Bool, ComplexArray, Float, Index
+from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.blocks.row_keys import combined, distinguished, in_order, numbers, rows_by, words
+from rotorfit.estimators.noise.sweep_noise import estimate_noise
+from rotorfit.identify.observing.rows import check_planes, of_rows
+from rotorfit.lab.data.experiments import DisplacementTest, Experiment, PerturbationTest
+from rotorfit.lab.data.linear_force import directional, directional_noise, whirl_parts
+from rotorfit.lab.data.lines import Lines
+from rotorfit.models import Modal, RotorModel
+
+
+def observe(model: RotorModel, experiment: Experiment, group: Index) -> Responses:
+    """Observations of an experiment in the model's coordinates, with their noise. Isotropic models see the component of
+    each x/y pair in the direction of the force, and take a single probe's reading for that of a circular orbit. Under a
+    force along an axis they see both components of each x/y pair, at +w and -w."""
+    if not isinstance(experiment, DisplacementTest | PerturbationTest):
+        raise TypeError(f"{type(experiment).__name__} has no responses")
+    if isinstance(experiment, DisplacementTest):
+        return _observe_displacement(model, experiment, group)
+    _check_finite(experiment)
+    names = experiment.lines.names
+    check_planes(model, experiment, names["plane"], experiment.force_planes, forces="force planes")
+    if model.frame != "z":
+        other = sorted(set(names["direction"]) - {"x", "y"})
+        if other:
+            raise ValueError(
+                f"{model.name} keeps x and y apart; readings in direction {', '.join(other)} do not fit it"
+            )
+        return _assembled(model, experiment, group)
+    parts, origin = whirl_parts(experiment, _uncoupled(model, experiment))
+    return _assembled(model, parts, group[origin[:, 0]])
+
+
+def _uncoupled(model: RotorModel, test: PerturbationTest) -> Bool:
+    """Rows at whose speed the model does not couple x with y: kappa at -w is the conjugate of that at w."""
+    found = np.zeros(len(test), dtype=bool)
+    if not test.linear.any():
+        return found
+    if isinstance(model, Modal):  # x and y are modes each for itself; a complex gain is the phase of a mode shape
+        return ~found
+    typical = np.array([q.scale if q.default is None else q.default for q in model.parameters])
+    for speed in np.unique(test.speed[test.linear]).tolist():
+        w = float(np.abs(test.frequency[test.speed == speed]).max())
+        ahead, behind = model.dynamic_stiffness(typical, [w, -w], speed)
+        found |= (test.speed == speed) & np.allclose(
+            ahead, behind.conj(), rtol=0, atol=RANK_TOLERANCE * float(np.abs(ahead).max())
+        )
+    return found
+
+
+def _check_finite(experiment: PerturbationTest) -> None:
+    name = experiment.source or "experiment"
+    columns = (experiment.response, experiment.force, experiment.frequency, experiment.speed)
+    bad = ~np.logical_and.reduce([np.isfinite(column) for column in columns])
+    if bad.any():
+        raise ValueError(
+            f"{name}: {bad.sum()} readings are not finite ({_places(bad)}); remove them, for instance with "
+            "test.select(...)"
+        )
+    bad = (experiment.sigma <= 0) | np.isinf(experiment.sigma)
+    if bad.any():
+        raise ValueError(f"{name}: the noise sigma must be positive and finite, or NaN if unknown ({_places(bad)})")
+    if not experiment.force.any():
+        raise ValueError(
+            f"{name}: every force is zero, so the responses say nothing of the rotor; check its column, or put "
+            "a run without a weight together with those that have one (rf.join_runs, "
+            "`rotorfit join REFERENCE TRIAL --out BOTH.csv`)"
+        )
+    still = experiment.force == 0
+    if still.any():
+        runs = ", ".join(dict.fromkeys(experiment.run[still].tolist()))
+        raise ValueError(
+            f"{name}: the force is zero in {still.sum()} readings of {runs}. A reference run without a weight is "
+            "subtracted where runs dwell at a few speeds, and from start-ups that are one test with it and pass the "
+            "same speeds (rf.join_runs, `rotorfit join REFERENCE TRIAL --out BOTH.csv`); or repeat each weight at 180 "
+            "degrees (eq. 20). Any other reading without a force is to be removed"
+        )
+    if experiment.response.all():
+        return
+    first, channel = distinguished(experiment.plane, experiment.direction)
+    alive = np.bincount(channel, weights=experiment.response != 0)
+    for row, some in zip(first.tolist(), alive.tolist(), strict=True):
+        if not some:
+            raise ValueError(
+                f"{name}: every reading of {experiment.plane[row]} {experiment.direction[row]} is zero: a probe that "
+                "was not connected? Remove them, for instance with test.select(...)"
+            )
+
+
+def _places(bad: NDArray[np.bool_]) -> str:
+    """The first rows concerned, counted from 1."""
+    rows = ", ".join(str(row + 1) for row in np.flatnonzero(bad)[:8])
+    return f"rows {rows}{', ...' if bad.sum() > 8 else ''}"
+
+
+def first_rows(test: PerturbationTest) -> Index:
+    """First row of each line of a test, in the order of the lines of its observations."""
+    return test.lines.apart()[1]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Places:
+    """Which rows of a test make each reading in a model's coordinates, line by line."""
+
+    first: Index  # first row of each line, shape ``(L,)``
+    line: Index  # line of each reading, shape ``(R,)``
+    coordinate: Index  # coordinate of each reading, shape ``(R,)``
+    rows: Index  # its readings x, y and z, -1 where there is none, shape ``(R, 3)``; z is one that is taken as it is
+    backward: NDArray[np.bool_]  # whether its force turns backward, shape ``(R,)``
+
+    @classmethod
+    def of(cls, model: RotorModel, test: PerturbationTest) -> Places:
+        """Those of a test; models that keep x and y apart take each reading as it is."""
+        lines, size, apart = test.lines, len(model.coordinates), model.frame != "z"
+        line, first = lines.apart()
+        kind, number = in_order(combined(lines.number["plane"], lines.number["direction"]))
+        names = [(str(test.plane[row]), str(test.direction[row])) for row in kind.tolist()]
+        coordinates = [model.coordinate(p, d if apart else d[:-1] or "z") for p, d in names]
+        probes = [2 if apart else "xyz".index(direction[-1]) for _, direction in names]
+        cell = line * size + np.array(coordinates, dtype=np.intp)[number]
+        rows = np.full(3 * first.size * size, -1, dtype=np.intp)
+        rows[3 * cell + np.array(probes, dtype=np.intp)[number]] = np.arange(cell.size)
+        read = np.zeros(first.size * size, dtype=bool)
+        read[cell] = True
+        line, coordinate = np.divmod(np.flatnonzero(read), size)
+        backward = (test.frequency[first] < 0)[line]
+        return cls(first=first, line=line, coordinate=coordinate, rows=rows.reshape(-1, 3)[read], backward=backward)
+
+
+def _assembled(model: RotorModel, test: PerturbationTest, group: Index) -> Responses:
+    places, lines = Places.of(model, test), test.lines
+    first, line, coordinate = places.first, places.line, places.coordinate
+    measured, wrong = directional(test.response, places.rows, places.backward)
+    sigma, derivative = directional_noise(test.sigma, places.rows), test.derivative[places.rows.max(axis=1)]
+    frequency, row = test.frequency[first], first[line]
+    force = _forces(model, test, lines, first)
+    turn = _in_phase(force, frequency, test.set_speed[first], lines.number["run"][first])
+    if turn is not None:
+        force = force * turn[:, None]
+        measured, wrong = measured * turn[line], wrong * turn[line].conj()
+    channels = [c.plane if c.axis == "z" else str(c) for c in model.coordinates]
+    runs, run = lines.names["run"], lines.number["run"][row]
+    begin, label = in_order(combined(run, coordinate))
+    labels = tuple(f"{runs[run[i]]} / {channels[coordinate[i]]}" for i in begin.tolist())
+    block = Responses(
+        model=model,
+        speed=_speeds(test, first),
+        frequency=frequency,
+        force=force,
+        group=group[first],
+        line=line,
+        coordinate=coordinate,
+        measured=measured,
+        sigma=sigma,
+        label=label,
+        labels=labels,
+        run=test.run[row],
+        sigma_given=not np.isnan(sigma).any(),
+        force_noise=_force_noise(model, test, first),
+        derivative=derivative if derivative.any() else None,
+    )
+    return block if block.sigma_given else _with_noise(block, wrong, test.synchronous, _conditions(test)[row])
+
+
+def _with_noise(block: Responses, wrong: ComplexArray, synchronous: bool, condition: Index | None = None) -> Responses:
+    """The block with its noise estimated where none was given, by each sensor's own quantity: there it is even."""
+    seen = replace(block, measured=block.measured * block.rate)
+    estimated = estimate_noise(seen, wrong * block.rate, synchronous, condition) / block.rate
+    return replace(block, sigma=np.where(np.isnan(block.sigma), estimated, block.sigma))
+
+
+def _in_phase(force: ComplexArray, frequency: Float, speed: Float, run: Index) -> ComplexArray | None:
+    """Factors that give forces of a sweep the phase of its first line, ``(L,)``; None where they have it. A stepped
+    sine starts anew at each line, and only readings whose forces agree in phase tell noise and misfit apart."""
+    plane, size = np.argmax(np.abs(force), axis=1), np.abs(force).max(axis=1, initial=0.0)
+    drive = force[np.arange(size.size), plane]
+    phasor = np.divide(drive, size, out=np.ones_like(drive), where=size > 0)
+    first, sweep = in_order(combined(run, numbers(speed), (frequency < 0).astype(np.intp), plane))
+    turn = phasor[first][sweep] * phasor.conj()
+    return turn if (np.abs(turn - 1) > COLLINEAR).any() else None
+
+
+def _speeds(test: PerturbationTest, first: Index) -> Float:
+    """Speed of each line: the mean of those that were logged with its readings, rad/s, shape ``(L,)``."""
+    speed = test.speed[first]
+    if np.array_equal(test.speed, test.set_speed):
+        return speed
+    line, _ = test.lines.apart()
+    return np.asarray(speed + np.bincount(line, test.speed - speed[line]) / np.bincount(line))
+
+
+def _forces(model: RotorModel, test: PerturbationTest, lines: Lines, first: Index) -> ComplexArray:
+    """Generalised force of each line, shape ``(L, n)``: the sum over the forces that act at once."""
+    frequency, force = test.frequency[first], test.force[first]
+    planes, axes = lines.names["force_plane"], lines.names["force_direction"]
+    kind = lines.number["force_plane"][first] * len(axes) + lines.number["force_direction"][first]
+    found = np.zeros((first.size, len(model.coordinates)), dtype=complex)
+    for at in rows_by(kind):
+        plane, axis = divmod(int(kind[at[0]]), len(axes))
+        found[at] = model.force_vector(planes[plane], frequency[at], force[at], axes[axis])
+    for line in np.flatnonzero(test.several[first]).tolist():
+        w = frequency[line : line + 1]
+        for plane, further, axis in test.further_forces[first[line]]:
+            found[line] += model.force_vector(plane, w, np.array([further]), axis)[0]
+    return found
+
+
+def _force_noise(model: RotorModel, test: PerturbationTest, first: Index) -> ComplexArray | None:
+    """Covariance of each line's measured forces, of either part, shape ``(L, n, n)``; None where they are exact."""
+    sigma = test.force_sigma[first]
+    if not sigma.any():
+        return None
+    found = np.zeros((first.size, len(model.coordinates), len(model.coordinates)), dtype=complex)
+    for line, row in enumerate(first.tolist()):
+        for plane, _, axis in test.acting(row):
+            share = model.force_vector(plane, test.frequency[row : row + 1], np.array([sigma[line]]), axis)[0]
+            found[line] += np.outer(share, share.conj())
+    return found
+
+
+def _conditions(test: PerturbationTest) -> Index:
+    """Number of the conditions of each row: attributes that one run has one value of, the number of a repeat aside."""
+    run, codes = test.lines.number["run"], [np.zeros(len(test), dtype=np.intp)]
+    for name, values in test.attributes.items():
+        if name.startswith("repeat"):
+            continue
+        given = np.asarray(values)
+        number = numbers(given if given.dtype.kind in "Ufiub" else given.astype(str))
+        if distinguished(run, number)[0].size == int(run.max()) + 1:
+            codes.append(number)
+    return in_order(combined(*codes))[1]
+
+
+def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Index) -> Responses:
+    if model.frame != "z":
+        raise ValueError(f"{model.name} keeps x and y apart; an imposed circular orbit needs an isotropic model")
+    if set(test.planes) - set(model.planes):
+        raise ValueError(
+            f"{test.source or 'experiment'} has planes {', '.join(test.planes)}, the model {model.name} has "
+            f"{', '.join(model.planes)}. Map names (planes=, --planes)"
+        )
+    count = len(test)
+    planes, plane = words(test.plane)
+    coordinate = np.array([model.coordinate(name, "z") for name in planes], dtype=np.intp)[plane]
+    values = np.concatenate([test.force_x, test.force_y])
+    rows = np.vstack([np.where(np.isnan(values), -1, np.arange(2 * count)).reshape(2, count), np.full(count, -1)]).T
+    right, wrong = directional(values, rows, test.frequency < 0)
+    sigma = directional_noise(np.tile(test.sigma, 2), rows)
+    where = test.source or "experiment"
+    if not np.isfinite(right).all():
+        raise ValueError(f"{where}: forces are not all finite")
+    if not test.displacement.all():
+        raise ValueError(
+            f"{where}: the imposed orbit is zero ({_places(test.displacement == 0)}); these readings have no dynamic "
+            "stiffness, remove them"
+        )
+    imposed = np.zeros((count, len(model.coordinates)), dtype=complex)
+    imposed[np.arange(count), coordinate] = np.where(test.frequency < 0, test.displacement.conj(), test.displacement)
+    pairs = zip(test.run.tolist(), test.plane.tolist(), strict=True)
+    block = Responses(
+        **of_rows(model, test, (f"{run} / force at {plane}" for run, plane in pairs)),
+        frequency=test.frequency,
+        force=imposed,
+        group=group,
+        line=np.arange(count),
+        coordinate=coordinate,
+        measured=right,
+        sigma=sigma,
+        imposed=True,
+        sigma_given=not np.isnan(sigma).any(),
+    )
+    return block if block.sigma_given else _with_noise(block, wrong, False)

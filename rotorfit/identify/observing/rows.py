@@ -1,0 +1,58 @@
+"""Rows of a test: what a block has of each, and those that cannot be observed, refused in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorfit.base.array_types import Float
+from rotorfit.base.digits import significant
+from rotorfit.estimators.blocks.row_keys import words
+from rotorfit.lab.data.experiments import Experiment
+from rotorfit.models import RotorModel
+
+LARGEST_MEASURED_ECCENTRICITY = 1.0 - 1e-6
+"""Eccentricity above which a measured position is out of the clearance."""
+
+
+def of_rows(model: RotorModel, test: Experiment, names: Iterable[str]) -> dict[str, Any]:
+    """Columns that blocks with a reading a row share; readings of one name are one response."""
+    labels, label = words(np.array(list(names)))
+    return {"model": model, "speed": test.speed, "run": test.run, "label": label, "labels": tuple(labels)}
+
+
+def check_clearance(eps: Float, model: RotorModel, what: str) -> None:
+    """Refuse motion beyond the clearance."""
+    largest = float(np.nanmax(eps, initial=0.0))
+    if largest > LARGEST_MEASURED_ECCENTRICITY and model.clearance is not None:
+        raise ValueError(
+            f"{what} reach {significant(largest * model.clearance * 1e6, 4)} um, the clearance is "
+            f"{significant(model.clearance * 1e6, 4)} um; "
+            "check the clearance (clearance_um=, --clearance-um) and the units of the data"
+        )
+
+
+def check_finite(test: Experiment, *columns: NDArray[np.generic]) -> None:
+    """Refuse rows that are not finite."""
+    bad = np.zeros(len(test), dtype=bool)
+    for column in columns:
+        bad |= ~np.isfinite(column)
+    if bad.any():
+        rows = ", ".join(str(row + 1) for row in np.flatnonzero(bad)[:8])
+        raise ValueError(f"{test.source or test.title}: {bad.sum()} rows are not finite ({rows}); remove them")
+
+
+def check_planes(
+    model: RotorModel, test: Experiment, planes: Sequence[str], forced: Sequence[str], *, forces: str
+) -> None:
+    """Refuse planes that the model does not have."""
+    if not (set(planes) <= set(model.read_planes) and set(forced) <= set(model.planes)):
+        fewer = "; of so many planes it takes only those chosen (where=, --where plane=A --where force_plane=A)"
+        fewer = fewer if len({*planes, *forced}) > len(model.planes) else ""
+        raise ValueError(
+            f"{test.source or test.title} has planes {', '.join(planes)} and {forces} {', '.join(forced)}, the model "
+            f"{model.name} has {', '.join(model.read_planes)}. Map names (planes=, --planes){fewer}"
+        )

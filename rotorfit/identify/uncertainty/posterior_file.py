@@ -1,0 +1,206 @@
+"""Posterior samples as tables, for ArviZ, and in netCDF files."""
+
+from __future__ import annotations
+
+import json
+import os
+import warnings
+from dataclasses import asdict, dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rotorfit.base.atomic_file import note_input, whole_file
+from rotorfit.base.digits import significant, with_error
+from rotorfit.base.file_reading import reading, seal
+from rotorfit.base.text_table import text_table
+from rotorfit.base.version import __version__
+from rotorfit.identify.fitting.noise.error_bars import effect_entries
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.identify.uncertainty.posterior import Posterior, SampleSettings
+from rotorfit.lab.io.netcdf import load_dataset, write_dataset
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+_KIND = "rotorfit posterior"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Health:
+    """Convergence of the chains of one entry."""
+
+    name: str  # of the entry
+    rhat: float  # split R-hat, 1 for chains that agree, to be doubted above 1.01
+    bulk: float  # effective samples for the middle of the distribution
+    tail: float  # effective samples for its tails
+
+
+def health(posterior: Posterior) -> list[Health]:
+    """Split R-hat and effective samples of every entry, by ArviZ, walkers as chains."""
+    az = load_arviz()
+
+    found = []
+    for i, name in enumerate(posterior.names):
+        draws = posterior.chain[:, :, i].T
+        # Quantiles whose effective sample size counts for the tails.
+        bulk, tail = az.ess(draws, method="bulk"), az.ess(draws, method="tail", prob=(0.05, 0.95))
+        found.append(Health(name=name, rhat=float(az.rhat(draws)), bulk=float(bulk), tail=float(tail)))
+    return found
+
+
+def summary(posterior: Posterior) -> str:
+    """Table of the draws and of the chains' health."""
+    state = posterior.settings
+    lines = [
+        posterior.message if posterior.converged else f"NOT CONVERGED: {posterior.message.partition(': ')[2]}",
+        f"emcee, {state.walkers} walkers, {state.steps} steps of which {posterior.burn_in} burn-in, acceptance "
+        f"{posterior.acceptance.mean():.2f}, seed {posterior.seed}",
+        posterior.treatment,
+        "",
+    ]
+    rows = [["parameter", "mean", "sd", "2.5 %", "median", "97.5 %", "R-hat", "bulk ESS", "tail ESS", "unit"]]
+    for i, chains in enumerate(health(posterior)):
+        draws = posterior.chain[:, :, i]
+        low, middle, high = np.percentile(draws, (2.5, 50.0, 97.5))
+        spread = float(draws.std(ddof=1))
+        mean, *cells = (with_error(float(v), spread)[0] for v in (draws.mean(), low, middle, high))
+        state_of = [f"{chains.rhat:.3f}", f"{chains.bulk:.0f}", f"{chains.tail:.0f}"]
+        rows.append([chains.name, mean, significant(spread, 2), *cells, *state_of, posterior.unit(chains.name)])
+    return "\n".join([*lines, *text_table(rows, "<22 >13 >10 >13 >13 >13 >8 >10 >10 <1")])
+
+
+def datasets(posterior: Posterior) -> dict[str, xr.Dataset]:
+    """Groups in ArviZ's layout, walkers as chains: ``posterior`` and ``sample_stats``.
+
+    Variables carry the names of the parameters, ``/`` written ``|``, and the name as it is in ``parameter``.
+    """
+    import xarray as xr
+
+    steps, walkers, _ = posterior.chain.shape
+    coords = {"chain": np.arange(walkers), "draw": np.arange(steps)}
+    draws = {
+        name.replace("/", "|"): (
+            ("chain", "draw"),
+            np.ascontiguousarray(posterior.chain[:, :, i].T),
+            {"parameter": name, "units": posterior.unit(name), "position": i, "autocorrelation_time": posterior.tau[i]},
+        )
+        for i, name in enumerate(posterior.names)
+    }
+    stats: dict[str, Any] = {
+        "lp": (("chain", "draw"), np.ascontiguousarray(posterior.log_density.T)),
+        "acceptance_rate": (("chain",), posterior.acceptance),
+    }
+    header = {
+        "title": _KIND,
+        "inference_library": "emcee",
+        "created_by": f"rotorfit {__version__}",
+        "burn_in": posterior.burn_in,
+        "converged": int(posterior.converged),
+        "message": posterior.message,
+        "treatment": posterior.treatment,
+        "seed": str(posterior.seed),
+        "settings": json.dumps(asdict(posterior.settings)),
+    }
+    return {"posterior": xr.Dataset(draws, coords, header), "sample_stats": xr.Dataset(stats, coords, header)}
+
+
+def to_arviz(posterior: Posterior) -> Any:
+    """``arviz.InferenceData`` with ArviZ before 1.0, ``xarray.DataTree`` from there on."""
+    az = load_arviz()
+    import xarray as xr
+
+    groups = datasets(posterior)
+    if int(az.__version__.partition(".")[0]) < 1:
+        return az.InferenceData(**groups)
+    return xr.DataTree.from_dict(groups)
+
+
+def save(posterior: Posterior, path: Path) -> None:
+    """Write the draws, exact to the last bit and compressed, whole or not at all."""
+    content = BytesIO()  # the HDF5 library ends the process where a disk is full
+    for number, (group, dataset) in enumerate(datasets(posterior).items()):
+        packed = {name: {"zlib": True, "complevel": 4, "shuffle": True} for name in dataset.data_vars}
+        write_dataset(dataset, content, mode="a" if number else "w", group=group, encoding=packed)
+    with whole_file(path) as draft:
+        draft.write_bytes(content.getbuffer())
+        seal(draft)
+
+
+def load_posterior(path: str | os.PathLike[str], fit: FitResult) -> Posterior:
+    """Read draws written by :meth:`Posterior.save`.
+
+    Args:
+        path: the netCDF file.
+        fit: the fit that was sampled.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: not such a file, or the posterior of another fit.
+
+    Example:
+        >>> posterior = rf.sample(fit, seed=1, walkers=32, ess=100)
+        >>> posterior.save(folder / "posterior.nc")
+        >>> again = rf.load_posterior(folder / "posterior.nc", fit)
+        >>> again.interval("lam") == posterior.interval("lam")
+        True
+    """
+    path = Path(path)
+    note_input(path)
+    with reading(path.name, "posterior saved by rotorfit"):
+        posterior = _read(path, fit)
+        _check(posterior, path.name)
+    return posterior
+
+
+def _read(path: Path, fit: FitResult) -> Posterior:
+    draws, stats = (load_dataset(path, group) for group in ("posterior", "sample_stats"))
+    header = draws.attrs
+    if header.get("title") != _KIND:
+        raise ValueError(f"{path.name} was not written by rotorfit's Posterior.save")
+    variables = sorted(draws.data_vars.values(), key=lambda v: int(v.attrs["position"]))
+    return Posterior(
+        fit=fit,
+        names=tuple(str(v.attrs["parameter"]) for v in variables),
+        chain=np.stack([v.values.T for v in variables], axis=-1),
+        log_density=np.ascontiguousarray(stats["lp"].values.T),
+        acceptance=stats["acceptance_rate"].values,
+        tau=np.array([float(v.attrs["autocorrelation_time"]) for v in variables]),
+        burn_in=int(header["burn_in"]),
+        converged=bool(header["converged"]),
+        message=str(header["message"]),
+        treatment=str(header["treatment"]),
+        seed=int(header["seed"]),
+        settings=SampleSettings(**json.loads(header["settings"])),
+    )
+
+
+def _check(posterior: Posterior, source: str) -> None:
+    """The density of the last draws, evaluated anew, tells whether data, model and priors are those of the fit."""
+    from rotorfit.estimators.inference.log_posterior import LogPosterior
+
+    fit, settings = posterior.fit, posterior.settings
+    effects = effect_entries(fit.problem, fit.settings.noise) if settings.between_runs else ()
+    target = LogPosterior(fit.problem, settings.noise, inflation=settings.inflation, effects=effects, work=0)
+    if target.names != posterior.names:
+        raise ValueError(
+            f"{source} holds {', '.join(posterior.names)}, but this fit is of {', '.join(target.names)}: load it with "
+            "the fit that was sampled"
+        )
+    if not np.allclose(target(posterior.chain[-1]), posterior.log_density[-1], rtol=1e-8, atol=1e-6):
+        raise ValueError(f"{source} is the posterior of another fit: data, model, priors or noise differ")
+
+
+def load_arviz() -> Any:
+    """The module ``arviz``, imported now if it has not been.
+
+    The announcement is for those who write against ArviZ, not for those who fit rotors; which day a machine last saw it
+    must not decide what a user or a test sees.
+    """
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=r"\s*ArviZ is undergoing", category=FutureWarning)
+        import arviz
+    return arviz

@@ -1,0 +1,224 @@
+"""A posterior sampled: from a fit to draws that are enough and independent enough, and what was assumed on the way."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rotorfit.base.array_types import Float
+from rotorfit.base.digits import significant
+from rotorfit.estimators.blocks.correlated import freedom_of
+from rotorfit.estimators.inference import ensemble_sampler
+from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress
+from rotorfit.estimators.inference.log_posterior import LogPosterior, Noise
+from rotorfit.identify.fitting.judge import why_not_refined
+from rotorfit.identify.fitting.noise.error_bars import effect_entries
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.identify.fitting.structure.refine import refine as refine_fit
+from rotorfit.identify.fitting.structure.refine import structure_name
+from rotorfit.identify.uncertainty.posterior import Posterior, SampleSettings
+
+WALKERS = 128
+"""Walkers by default, enough to keep vectorised likelihoods busy; more where there are many parameters."""
+FEW_WALKERS = 32
+"""The same with the matrices of a whole shaft, where many vectors at once save nothing."""
+
+
+def sample(
+    fit: FitResult,
+    *,
+    seed: int | None = None,
+    walkers: int | None = None,
+    ess: float = 4000,
+    max_steps: int = 20_000,
+    noise: Noise | None = None,
+    refine: bool = False,
+    checkpoint: str | os.PathLike[str] | None = None,
+    progress: bool | Callable[[SamplerProgress], None] = False,
+    moves: Sequence[tuple[Any, float]] | None = None,
+    accelerate: bool | None = None,
+) -> Posterior:
+    """Sample the posterior of a fit with emcee until enough effective samples are there.
+
+    Known values, bounds, priors, ``per`` and loss are those of the fit; without a prior a parameter's density is flat
+    between its bounds.
+
+    Args:
+        fit: result of :func:`rotorfit.fit`.
+        seed: of the random numbers; by default one is drawn, and kept in the result.
+        walkers: even number of walkers, by default 128 (32 with the matrices of a whole
+            shaft) or twice the number of entries.
+        ess: effective samples to reach.
+        max_steps: steps after which to stop in any case; the result then says that it is not converged.
+        noise: level of the noise in each channel: "marginal" (default: unknown and integrated out, so that a channel
+            that the model misses widens by itself), "sampled" (the same, its logarithm sampled too) or "fixed" (as
+            given with the data, the only one for a robust loss; widened by redchi where the model limits the fit).
+        refine: first add the structural blocks that AIC asks for, see :func:`rotorfit.refine`.
+        checkpoint: HDF5 file to write at every look at the chain; a run that was stopped continues from it.
+        progress: print a line of progress to stderr, or a function that is called with a
+            :class:`~rotorfit.estimators.inference.ensemble_sampler.SamplerProgress`.
+        moves: emcee moves with weights, by default independence proposals from the normal approximation mixed with
+            emcee's DE and stretch moves.
+        accelerate: compile the likelihood with numba; by default where it is installed and pays.
+
+    Returns:
+        the draws; :attr:`Posterior.converged` and :attr:`Posterior.message` say how the run ended.
+
+    Raises:
+        ValueError: a closed-form result or a fit that did not converge, noise that few mountings of weights tell, an
+            unknown noise treatment or one that the loss rules out, a posterior without limits in some direction, too
+            few walkers, a checkpoint of another run.
+
+    Example:
+        >>> posterior = rf.sample(fit, seed=1, walkers=32, ess=100)
+        >>> posterior.converged
+        True
+    """
+    structure = ""
+    if refine:
+        refinement = refine_fit(fit)
+        fit, tried = refinement.best, ", ".join(structure_name(step.model) for step in refinement.steps)
+        structure = f"structure chosen by AIC: {structure_name(fit.model)} (of: {tried}); "
+    _refuse_unsampled(fit)
+    typical_steps = 400  # of a well-behaved posterior, to judge whether compiling pays
+    work = max(ess, (walkers or WALKERS) * typical_steps)
+    # The level of the noise is unknown unless the loss has a scale of its own.
+    level: Noise = noise or ("marginal" if fit.settings.loss == "linear" else "fixed")
+    effects, inflation = effect_entries(fit.problem, fit.settings.noise), _inflation(fit, level)
+    target = LogPosterior(fit.problem, level, inflation=inflation, effects=effects, accelerate=accelerate, work=work)
+    count = walkers or max(FEW_WALKERS if fit.model.shaft is not None else WALKERS, 2 * target.size)
+    centre, covariance = target.laplace(fit.x)
+    try:
+        paths = ensemble_sampler.sample(
+            target,
+            centre,
+            covariance,
+            walkers=count,
+            ess=ess,
+            max_steps=max_steps,
+            seed=seed,
+            checkpoint=None if checkpoint is None else Path(checkpoint),
+            report=_print_progress if progress is True else progress or None,
+            moves=list(moves) if moves else None,
+        )
+    finally:
+        if progress is True:
+            print(file=sys.stderr)
+    return Posterior(
+        fit=fit,
+        names=target.names,
+        chain=paths.draws,
+        log_density=paths.log_density,
+        acceptance=paths.acceptance,
+        tau=paths.tau,
+        burn_in=paths.burn_in,
+        converged=paths.converged,
+        message=paths.message,
+        treatment=structure + _treatment(fit, target, centre) + _better_optimum(target, centre, paths.log_density),
+        seed=paths.seed,
+        settings=SampleSettings(
+            noise=target.noise,
+            inflation=target.inflation,
+            walkers=count,
+            ess=ess,
+            max_steps=max_steps,
+            steps=paths.steps,
+            between_runs=True,
+        ),
+    )
+
+
+def _refuse_unsampled(fit: FitResult) -> None:
+    """Refuse what has no optimum to start from, or no likelihood."""
+    if fit.method != "least squares" or not fit.success:
+        state = "a closed form" if fit.method != "least squares" else f"a fit that did not converge ({fit.message})"
+        raise ValueError(f"this is {state}: walkers start from the optimum of rf.fit")
+    if np.isfinite(freedom_of(fit.problem.blocks)):
+        raise ValueError(
+            "the noise of these data is known from few mountings of weights, and their readings err together: their "
+            "covariance has too small a rank for a likelihood, and one that takes the noise as known would give "
+            "intervals that are too narrow. Use params[...].interval(), which is Student's t, or profile"
+        )
+
+
+def _inflation(fit: FitResult, level: Noise) -> float:
+    """Factor on variances that the likelihood lacks: of a model that limits the fit, of readings that are correlated.
+    The level of unknown noise is that of the residuals already."""
+    if fit.noise is not None and fit.noise.correlated:
+        white = [(i, fit.params[name].stderr_noise) for i, name in enumerate(fit.problem.space.names)]
+        within = np.diag(fit.noise.shares[-1])  # all but differences of runs
+        wider = [float(within[i]) / own**2 for i, own in white if 0 < own < np.inf]
+        return max(float(np.median(wider)) / (1.0 if level == "fixed" else fit.redchi), 1.0) if wider else 1.0
+    return fit.widening if fit.model_limited and level == "fixed" else 1.0
+
+
+def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
+    """Treatment of noise and model-form error, in words."""
+    if not fit.model_limited:
+        words = _noise_words(fit, target, centre)
+        if fit.noise is not None and fit.noise.effects:
+            words += "; variances of what differs from run to run unknown and integrated out"
+        elif fit.noise is not None and fit.noise.possible_effects:
+            words += (
+                "; runs are taken to agree: what they may differ by, which standard errors allow for, is not in here"
+            )
+        if fit.model_uncertainty is not None:
+            words += (
+                ". The uncertainty of the choice among candidate models, which standard errors hold, is not in these "
+                "draws of one model"
+            )
+        return words
+    if fit.settings.noise_scale:
+        advice = "bring the shaft's matrices (KnownStructure)"
+    elif not why_not_refined(fit.model, fit.identifiability):
+        advice = "sample a refined fit instead (refine=True, --refine)"
+    else:
+        advice = "a richer model is needed"
+    return (
+        f"{_noise_words(fit, target, centre)}. redchi is {significant(fit.redchi, 3)}: the model, not the noise, "
+        f"limits the fit. That widens the intervals, but parameters may be biased beyond them: {advice}"
+    )
+
+
+def _noise_words(fit: FitResult, target: LogPosterior, centre: Float) -> str:
+    """Level assumed for the noise, in words."""
+    if target.noise == "fixed":
+        if fit.settings.noise_scale:
+            return "noise of each response at the level of the residuals of the refined fit"
+        if fit.settings.loss != "linear":
+            return f"noise as given with the data, {fit.settings.loss} loss"
+        if target.inflation == 1.0:
+            return "noise as given with the data"
+        wider = significant(np.sqrt(target.inflation), 3)
+        return f"noise as given with the data, standard deviations widened by {wider}"
+    parameters = centre[None, : target.problem.space.size]
+    level = np.sqrt((target.channel_sums(parameters)[0] + 1.0) / target.counts)
+    level *= [fit.settings.noise_scale.get(name, 1.0) for name in fit.problem.channel_names]
+    how = "integrated out" if target.noise == "marginal" else "sampled"
+    size = f"{significant(level.min(), 3)} to {significant(level.max(), 3)}"
+    words = f"noise level of each channel unknown and {how}; at the optimum {size} times the noise given with the data"
+    if target.inflation == 1.0:
+        return words
+    return f"{words}; variances are {significant(target.inflation, 2)} times as large, as readings are correlated"
+
+
+def _better_optimum(target: LogPosterior, centre: Float, log_density: Float) -> str:
+    """Warning where draws are denser than the optimum that the walkers started from can be."""
+    lead = float(log_density.max() - target(centre[None])[0])
+    largest_excess = 0.5  # excess of the log density over that at the optimum that is more than an optimum's inaccuracy
+    if not lead > largest_excess:
+        return ""
+    return (
+        f". The log density of the best draw is {significant(lead, 3)} above that of the optimum found from the fit: "
+        "the fit did not end in the lowest minimum, fit again with start at the medians of these draws"
+    )
+
+
+def _print_progress(state: SamplerProgress) -> None:
+    text = f"{state.steps} steps, {100 * state.done:.0f} %: {state.waiting}"
+    print(f"\r{text:<60}", end="", file=sys.stderr, flush=True)

@@ -1,0 +1,104 @@
+"""Figure of a stability report: decrements and the unbalance response, with bands, limits and running speeds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rotorfit.base.array_types import Float
+from rotorfit.base.digits import significant
+from rotorfit.identify.uncertainty.stability.record import SENSITIVITY, Curve, StabilityReport, damping_ratio
+from rotorfit.show.plots import style
+
+
+@style.looked
+def plot_stability_report(report: StabilityReport) -> Figure:
+    """One panel for each kind of curve that the report has."""
+    more = ((_unbalance, report.unbalance), (_coupling, report.cross_coupling), (_sensitivity, report.sensitivity))
+    panels = [_decrements, *(panel for panel, curves in more if curves)]
+    figure, axes = style.grid(
+        len(panels), 1, f"Stability, with {significant(100 * report.level, 4)} % bands", size=(6.6, 2.4)
+    )
+    for panel, axis in zip(panels, axes[:, 0], strict=True):
+        panel(report, axis)
+    style.legend_below(figure)
+    return figure
+
+
+def _draw(axis: Any, curves: Sequence[Curve], x: float, y: float, first: int = 0) -> None:
+    for number, curve in enumerate(curves, first):
+        colour, label = style.colour_of(number), style.literal(curve.label)
+        axis.plot(x * curve.x, _clipped(y * curve.y), color=colour, lw=1.2, label=label)
+        axis.fill_between(x * curve.x, *_clipped(y * curve.band).T, color=colour, alpha=style.BAND, lw=0)
+
+
+def _clipped(values: Float) -> Float:
+    """Values that a figure can draw, whatever is infinite."""
+    return np.asarray(np.clip(values, -1e9, 1e9))
+
+
+def _running(report: StabilityReport, axis: Any) -> None:
+    low, high = (style.per_rad_s() * speed for speed in report.running)
+    if low < high:
+        axis.axvspan(low, high, color="0.5", alpha=0.15, lw=0, label="running speeds")
+    else:
+        axis.axvline(high, color="0.4", lw=0.9, ls="--", label="running speed")
+
+
+def _limit(report: StabilityReport, axis: Any) -> None:
+    asked = report.criteria[0].limit
+    axis.axhline(asked, color="C3", lw=0.9, ls=":", label=f"limit {asked:g}")
+    axis.axhline(0.0, color="0.2", lw=0.7)
+
+
+def _decrements(report: StabilityReport, axis: Any) -> None:
+    damped = 3.0  # above which curves are cut off: such a mode is no question of stability
+    modes = sorted(report.modes, key=lambda mode: mode.frequency)
+    at = style.rate_words(report.running[1])
+    shown = [
+        replace(curve, label=f"{mode.direction} mode, {style.rate_words(abs(mode.frequency))} at {at}")
+        for curve, mode in zip(report.decrement, modes, strict=True)
+        if np.min(curve.y) < damped
+    ]
+    _draw(axis, shown, style.per_rad_s(), 1.0)
+    _running(report, axis)
+    _limit(report, axis)
+    top = max([report.criteria[0].limit, *(float(np.max(np.minimum(c.band, damped))) for c in shown)])
+    low = min([0.0, *(float(np.min(c.band)) for c in shown)])
+    axis.set_ylim(max(low, -0.5 * top) - 0.1 * top, 1.15 * top)
+    axis.set(xlabel=f"speed, {style.rate_unit()}", ylabel="log. decrement")
+    ratio = axis.secondary_yaxis("right", functions=(damping_ratio, _decrement_of))
+    ratio.set_ylabel("damping ratio")
+    ratio.tick_params(labelsize=7)
+
+
+def _decrement_of(ratio: Float) -> Float:
+    """Logarithmic decrements of damping ratios; those of ratios beyond the axis do not matter."""
+    return np.asarray(2 * np.pi * np.tan(np.arcsin(np.clip(ratio, -0.99, 0.99))))
+
+
+def _unbalance(report: StabilityReport, axis: Any) -> None:
+    scale, _ = style.length()
+    _draw(axis, report.unbalance, style.per_rad_s(), scale, first=len(report.decrement))
+    _running(report, axis)
+    axis.set_ylim(0.0, None)
+    axis.set(xlabel=f"speed, {style.rate_unit()}", ylabel=f"amplitude, {style.amplitude_unit()}")
+
+
+def _coupling(report: StabilityReport, axis: Any) -> None:
+    scale, unit = style.prefix(report.cross_coupling[0].x, "N/m")
+    _draw(axis, report.cross_coupling, scale, 1.0, first=len(report.decrement) + 1)
+    _limit(report, axis)
+    axis.set(xlabel=f"cross-coupled stiffness, {unit}", ylabel="log. decrement")
+
+
+def _sensitivity(report: StabilityReport, axis: Any) -> None:
+    _draw(axis, report.sensitivity, style.per_rad_s(), 1.0, first=len(report.decrement) + 2)
+    limit = next(c.limit for c in report.criteria if c.source == SENSITIVITY)
+    axis.axhline(limit, color="C3", lw=0.9, ls=":", label=f"limit {limit:g}")
+    axis.set_ylim(0.0, None)
+    axis.set(xlabel=f"frequency, {style.rate_unit()}", ylabel="sensitivity")

@@ -1,0 +1,266 @@
+"""Many rotors of one model: what a fit or a posterior leaves open, and what the model leaves out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rotorfit.base.array_types import ComplexArray, Float, Index
+from rotorfit.base.matching import matched
+from rotorfit.base.names import unknown_name
+from rotorfit.estimators.inference.covariance import spreading
+from rotorfit.estimators.inference.score_tests import Term
+from rotorfit.estimators.inference.smooth_causes import Cause, Kind, Part, beyond, changed_values, onset_terms
+from rotorfit.identify.fitting.assumptions.assumption_table import THRESHOLD_COLUMN, Assumption
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.models import RotorModel, Threshold, eigenvalues
+from rotorfit.models.coefficient_tables import loop_stiffness
+from rotorfit.models.motion.neglected_terms import LeftOut, eigenvalues_with
+from rotorfit.models.motion.stability import counted, spectrum, whirls_forward
+
+_BLOCK = 200
+"""Rotors whose responses at all speeds are computed together, some tens of megabytes."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Rotors:
+    """Rotors of one model."""
+
+    model: RotorModel  # the model
+    band: float = math.inf  # modulus of eigenvalues that count, rad/s
+    theta: Float  # parameter vectors, shape ``(W, P)``
+    # of the equation of motion that the model leaves out, and changes of its values with speed
+    terms: tuple[LeftOut | Part, ...]
+    sizes: Float  # of these terms in each rotor, shape ``(W, T)``
+    onset_shifts: tuple[float, ...] = ()  # change of the threshold speed by a unit of each term, rad/s
+    # cross-coupled stiffness at planes, N/m, which drives forward whirl; by plane, each shape ``(W,)``
+    coupling: Mapping[str, Float]
+
+    def part(self, rows: Index | slice) -> Rotors:
+        """Some of the rotors."""
+        coupling = {plane: stiffness[rows] for plane, stiffness in self.coupling.items()}
+        return replace(self, theta=self.theta[rows], sizes=self.sizes[rows], coupling=coupling)
+
+    def scaled(self, factors: Mapping[str, float]) -> Rotors:
+        """With parameters multiplied by factors."""
+        names = self.model.parameter_names
+        for name, factor in factors.items():
+            if name not in names:
+                raise ValueError(unknown_name("parameter", name, names))
+            if not 0 <= factor < math.inf:
+                raise ValueError(f"the factor of {name} in a case is {factor:g}; it is finite and not below zero")
+        return replace(self, theta=self.theta * np.array([factors.get(name, 1.0) for name in names]))
+
+    def coupled(self, coupling: Mapping[str, float], factor: Float | float = 1.0) -> Rotors:
+        """With cross-coupled stiffness at planes, N/m, times a factor."""
+        each = {p: np.broadcast_to(q * np.ravel(factor), (len(self.theta),)) for p, q in coupling.items()}
+        return replace(self, coupling=each)
+
+    def eigenvalues(self, speed: float, reference: ComplexArray) -> ComplexArray:
+        """Those of each rotor that belong to the reference ones, shape ``(W, modes)``. Left-out terms, which are small,
+        move them to first order: some would bring roots far above the band along."""
+        motion = self._motion(speed)
+        return self._with_terms(motion, speed, matched(spectrum(self.model, motion), reference))
+
+    def modes(self, speed: float) -> ComplexArray:
+        """Modes of the first rotor by itself that count, in order of frequency."""
+        found = eigenvalues(self.model, self.theta[0], speed)
+        found = found[counted(self.model, found, self.band)]
+        if self.model.frame == "xy":
+            found = found[found.imag >= 0]
+        return np.asarray(found[np.argsort(found.imag)])
+
+    def least_decrement(self, speed: float) -> Float:
+        """Logarithmic decrement of the least stable forward mode of each rotor, shape ``(W,)``."""
+        reference = self.modes(speed)
+        forward = whirls_forward(self.model, self.theta[0], speed, reference)
+        if not self.model.speed_dependent:  # the sense of rotation is not known
+            forward = np.full(reference.size, True)
+        if not forward.any():
+            return np.full(len(self.theta), np.inf)
+        return np.asarray(decrement(self.eigenvalues(speed, reference)[:, forward]).min(axis=1))
+
+    def growth(self, speed: float) -> Float:
+        """Real part of the least stable eigenvalue up to the band of each rotor, shape ``(W,)``."""
+        motion = self._motion(speed)
+        s = spectrum(self.model, motion)
+        inside = counted(self.model, s, self.band)
+        rate = np.where(inside, s.real, -np.inf)
+        least_stable = 4  # modes that may become the least stable one: two, in x and y each with its conjugate
+        count = int(np.clip(inside.sum(axis=1).min(), 1, least_stable))
+        least = np.take_along_axis(s, np.argsort(-rate, axis=1)[:, :count], axis=1)
+        moved = self._with_terms(motion, speed, least).real.max(axis=1)
+        return np.where(inside.any(axis=1), moved, -np.inf)
+
+    def _with_terms(self, motion: ComplexArray, speed: float, s: ComplexArray) -> ComplexArray:
+        """Eigenvalues ``(W, modes)`` moved by the left-out terms."""
+        own = self._left_out
+        return matched(eigenvalues_with(self.model, motion, speed, s, own), s) if own else s
+
+    @property
+    def _left_out(self) -> list[tuple[LeftOut, Float]]:
+        """Terms of the equation of motion that the model leaves out, with their sizes ``(W,)``."""
+        return [(term, size) for term, size in zip(self.terms, self.sizes.T, strict=True) if isinstance(term, LeftOut)]
+
+    def at(self, speed: Float, some: slice = slice(None)) -> Float:
+        """Parameter vectors at speeds ``(S,)``, shape ``(W, S, P)``."""
+        theta = self.theta[some, None]
+        changes = np.zeros((len(theta), speed.size, theta.shape[-1]))
+        for part, size in zip(self.terms, self.sizes[some].T, strict=True):
+            if isinstance(part, Part):
+                grown = size[:, None] * beyond(part, np.abs(speed))
+                changes += grown[..., None] * changed_values(self.model, theta, part.value)
+        return theta + changes
+
+    def _motion(self, speed: float) -> ComplexArray:
+        """Coefficient matrices of free motion with the coupling, shape ``(W, order + 1, n, n)``."""
+        model = self.model
+        motion = np.array(model.motion(self.at(np.array([speed]))[:, 0], np.full(len(self.theta), speed)))
+        at = np.arange(motion.shape[-1]) if model.shaft is None else model.shaft.at
+        for plane, stiffness in self.coupling.items():
+            for i, j, unit in _skew(model, plane):
+                motion[:, 0, at[i], at[j]] += unit * stiffness
+        return motion
+
+    def response(self, speed: Float, plane: str, unbalance: Mapping[str, float]) -> Float:
+        """Largest deflection, m, over a turn, by unbalances, kg m at planes, at speeds ``(S,)``; shape ``(W, S)``."""
+        model = self.model
+        force = sum((model.force_vector(at, speed, mr * speed**2) for at, mr in unbalance.items()), start=np.zeros(1))
+        read = [i for i, c in enumerate(model.coordinates) if c.plane == plane and c.axis in "zxy"]
+        blocks = []
+        for first in range(0, len(self.theta), _BLOCK):
+            some = slice(first, first + _BLOCK)
+            stiffness: ComplexArray = model.dynamic_stiffness(self.at(speed, some), speed, speed)
+            stiffness = stiffness + self._added(np.asarray(1j * speed), speed, some)
+            phasors = np.linalg.solve(stiffness, np.broadcast_to(force[..., None], (*stiffness.shape[:-1], 1)))
+            x, y = phasors[..., read[0], 0], phasors[..., read[-1], 0]
+            # Major half-axis of the orbit, of phasors of z or of x and y.
+            own = np.abs(x) if len(read) == 1 else (np.abs(x + 1j * y) + np.abs(x - 1j * y)) / 2
+            blocks.append(np.asarray(own))
+        return np.concatenate(blocks)
+
+    def sensitivity(self, w: Float, speed: float, plane: str) -> Float:
+        """Modulus of the sensitivity function of the force at a plane at frequencies ``(N,)``, shape ``(W, N)``.
+
+        With kappa the stiffness of that force, H the receptance with it and G without it ``S = 1/(1 + G kappa)``, which
+        is ``1 - H kappa``.
+        """
+        model, at, s = self.model, self.model.coordinate(plane, "z"), np.asarray(1j * w)
+        speeds, blocks = np.full(w.size, speed), []
+        for first in range(0, len(self.theta), _BLOCK):
+            some = slice(first, first + _BLOCK)
+            theta = self.at(np.array([speed]), some)
+            stiffness: ComplexArray = model.dynamic_stiffness(theta, w, speeds)
+            stiffness = stiffness + self._added(s, speeds, some)
+            force = loop_stiffness(model, theta[:, 0], s, speed, plane)
+            blocks.append(np.abs(1 - np.linalg.inv(stiffness)[..., at, at] * force))
+        return np.concatenate(blocks)
+
+    def _added(self, s: ComplexArray, speed: Float, some: slice) -> ComplexArray:
+        """Dynamic stiffness of the terms and the coupling at the coordinates, shape ``(W, S, n, n)``."""
+        size = len(self.model.coordinates)
+        total = np.zeros((len(self.theta[some]), s.size, size, size), dtype=complex)
+        for term, sizes in self._left_out:
+            factor = sizes[some, None] * term.factor(s, speed)
+            for i, j, weight in term.entries:
+                total[..., i, j] += weight * factor
+        for plane, stiffness in self.coupling.items():
+            for i, j, unit in _skew(self.model, plane):
+                total[..., i, j] += unit * stiffness[some, None]
+        return total
+
+
+def decrement(s: ComplexArray) -> Float:
+    """Logarithmic decrement of eigenvalues; that of overdamped motion without oscillation is infinite."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(-2 * math.pi * s.real / np.abs(s.imag))
+
+
+def _skew(model: RotorModel, plane: str) -> list[tuple[int, int, complex]]:
+    """Entries of a unit cross-coupled stiffness, Kxy = -Kyx = 1, which is -j in complex coordinates."""
+    if model.frame == "z":
+        at = model.coordinate(plane, "z")
+        return [(at, at, -1j)]
+    x, y = model.coordinate(plane, "x"), model.coordinate(plane, "y")
+    return [(x, y, 1.0), (y, x, -1.0)]
+
+
+def has_planes(model: RotorModel) -> bool:
+    """True if free motion is written in displacements of planes, and not in modes."""
+    motion = model.motion(model.vector({q.name: q.scale for q in model.parameters}), 1.0)
+    return model.shaft is not None or motion.shape[-1] == len(model.coordinates)
+
+
+# ---- of a fit ----------------------------------------------------------------------------------------------------
+
+
+def rotors_of(fit: FitResult, theta: Float) -> Rotors:
+    """Rotors by their parameters alone, shape ``(W, P)``."""
+    return Rotors(
+        model=fit.model, band=fit.stability_band, theta=theta, terms=(), sizes=np.zeros((len(theta), 0)), coupling={}
+    )
+
+
+def unseen_rotors(fit: FitResult, group: int) -> Rotors:
+    """Rotors that no datum tells from the fitted one, a tenth of the parameters' own sizes away."""
+    null = fit.identifiability.null_space
+    x = fit.x[: null.shape[0]] + null.T / 10
+    return rotors_of(fit, fit.problem.space.theta(x)[:, group] if null.size else fit.thetas[:0, :])
+
+
+def drawn_rotors(fit: FitResult, group: int, draws: int, thetas: Float | None = None) -> Rotors:
+    """Rotors within the errors of a fit, or of a posterior's draws ``thetas`` of shape ``(W, P)``. What the model
+    leaves out or takes as known takes the sizes of the table of assumptions at random; what the tests would have made
+    of it moves the parameters along."""
+    rng = np.random.default_rng(0)
+    theta = _scattered(fit, group, draws, rng) if thetas is None else thetas.copy()
+    names, planes, onset = fit.model.parameter_names, has_planes(fit.model), fit.onset(group)
+    acting: list[tuple[LeftOut | Part, Float, float]] = []  # terms with their sizes and shifts of the threshold speed
+    for entry in fit.assumed.entries:
+        size = entry.left * rng.normal(size=len(theta))
+        for name, shift in entry.shifts.items():
+            if name in names:
+                theta[:, names.index(name)] += shift * size
+        if isinstance(entry.acts, int):
+            theta[:, entry.acts] += size
+        elif entry.acts is not None and planes:
+            shift = _onset_shift(fit, group, onset, entry)
+            for number, (term, share) in enumerate(_acting(entry.acts)):
+                acting.append((term, share * size, 0.0 if number else shift))
+    if not acting:
+        return rotors_of(fit, theta)
+    terms, sizes, shifts = zip(*acting, strict=True)
+    return replace(rotors_of(fit, theta), terms=terms, sizes=np.column_stack(sizes), onset_shifts=shifts)
+
+
+def _acting(term: Term) -> list[tuple[LeftOut | Part, float]]:
+    """What of a term acts on the rotor beside the parameters, and the share of its size that each has. The damping of
+    hysteresis is that of a forward whirl, which may become unstable."""
+    if isinstance(term, LeftOut):
+        return [(term, 1.0)]
+    if not isinstance(term, Cause):
+        return []
+    if term.kind in (Kind.SPEED, Kind.BEND):
+        return list(zip(term.parts, term.shares.tolist(), strict=True))
+    return [(own, 1.0) for own in onset_terms(term, 1.0)]
+
+
+def _onset_shift(fit: FitResult, group: int, onset: Threshold | None, entry: Assumption) -> float:
+    """Change of the threshold speed by a unit of what acts, the parameters held, rad/s; none where it does not move."""
+    if onset is None or THRESHOLD_COLUMN not in entry.shifts:
+        return 0.0
+    moved = np.array([entry.shifts[name] for name in fit.problem.space.names])
+    slopes = fit.problem.space.pull_back(np.asarray(onset.gradient), group)[: moved.size]
+    return float(entry.shifts[THRESHOLD_COLUMN] - slopes @ moved)
+
+
+def _scattered(fit: FitResult, group: int, draws: int, rng: np.random.Generator) -> Float:
+    """Parameter vectors by the covariance, with the tails of Student's t where an error has few degrees of freedom."""
+    errors = rng.normal(size=(draws, fit.x.size)) @ spreading(fit.covar).T
+    freedom = min((p.freedom for p in fit.params.values() if p.vary and p.resolved), default=math.inf)
+    if math.isfinite(freedom):
+        errors *= np.sqrt(freedom / rng.chisquare(freedom, size=(draws, 1)))
+    return np.asarray(fit.problem.space.theta(fit.x + errors)[:, group])

@@ -1,0 +1,1 @@
+"""Files, recordings and virtual rigs become experiments."""

@@ -1,0 +1,354 @@
+"""Correction weights from influences: least squares over planes and speeds, limits, holes, errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from rotorfit.base.array_types import ROUND_OFF, ComplexArray, Float, Index
+from rotorfit.base.digits import significant
+from rotorfit.base.names import unknown_name
+from rotorfit.base.significance import quantile
+from rotorfit.base.text_table import Printed, text_table
+from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
+from rotorfit.estimators.inference.correction_weights import Correction, confounded, correct, own_shares
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.weights import Influences
+
+Limits = float | Mapping[str, float]
+"""Largest mass-radius product, kg m, of every plane or by plane."""
+Holes = int | Sequence[float] | Mapping[str, int | Sequence[float]]
+"""Number of holes, evenly spaced from the zero of the force's angle on, or their angles in degrees; by plane."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Balance(Printed):
+    """Correction weights (:func:`balance`).
+
+    Attributes:
+        planes: planes of the weights, P of them.
+        weight: mass-radius products ``m r exp(j delta)`` to be added, kg m, shape ``(P,)``; delta is the angle that
+            trial weights have in ``force_phase_deg``.
+        covariance: of their real parts, then of their imaginary parts, shape ``(2P, 2P)``, NaN where no error is known.
+        freedom: real degrees of freedom behind the errors, infinite where the noise was given.
+        readings: plane and direction of the probe of each reading, C of them.
+        speed: its speed, rad/s, shape ``(C,)``.
+        before: vibration without the correction weights, m 0-peak, phase lead, shape ``(C,)``.
+        expected: vibration with them.
+        importance: weight of each reading in the sum of squares that is made small, one on average.
+        stderr: standard error of each of its real and imaginary part, another mounting's scatter included, m.
+        at_limit: planes whose weight is as large as it may be.
+        holes: for each plane with holes the angle, rad, and the amount, kg m, of the two weights to put in.
+        remarks: sentences on what the weights rest on.
+    """
+
+    planes: tuple[str, ...]
+    weight: ComplexArray
+    covariance: Float
+    freedom: float
+    readings: tuple[tuple[str, str], ...]
+    speed: Float
+    before: ComplexArray
+    expected: ComplexArray
+    importance: Float
+    stderr: Float
+    at_limit: tuple[str, ...]
+    holes: Mapping[str, tuple[tuple[float, float], ...]]
+    remarks: tuple[str, ...]
+
+    def interval(self, plane: str, level: float = 0.95) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Intervals of a weight's size and of its angle, each by itself.
+
+        Args:
+            plane: one of ``planes``.
+            level: probability that an interval holds the weight which exact influences would give.
+
+        Returns:
+            size from and to, kg m; angle from and to, rad, a whole turn where the size may be zero.
+
+        Raises:
+            ValueError: no such plane.
+        """
+        if plane not in self.planes:
+            raise ValueError(unknown_name("plane", plane, self.planes))
+        place = self.planes.index(plane)
+        size, angle = abs(self.weight[place]), float(np.angle(self.weight[place]))
+        unit = self.weight[place] / size if size else 1.0 + 0j
+        turned = np.array([[unit.real, unit.imag], [-unit.imag, unit.real]])
+        rows = [place, place + len(self.planes)]
+        variance = np.diag(turned @ self.covariance[np.ix_(rows, rows)] @ turned.T).tolist()
+        along, across = (quantile(level, self.freedom) * math.sqrt(max(one, 0.0)) for one in variance)
+        turn = across / size if not across >= size else np.pi
+        return (max(size - along, 0.0), size + along), (angle - turn, angle + turn)
+
+    def summary(self) -> str:
+        """Tables of the weights, with 95 % intervals, and of the vibration before and after."""
+        lines = ["add (angles as force_phase_deg, lead, and as force_phase_lag_deg; +- are 95 % intervals):"]
+        lines += text_table(self._weight_rows(), "<14 >12 <12 >10 <10 >10 <20")
+        for plane, pair in self.holes.items():
+            put = (f"{significant(mr * 1e6, 4)} g mm at {significant(np.degrees(at) % 360, 5)} deg" for at, mr in pair)
+            lines.append(f"in holes of {plane}: {' and '.join(put)}")
+        rows = [["probe", "rpm", "before, um 0-pk", "expected", ""]]
+        for k, (plane, direction) in enumerate(self.readings):
+            reach = _reach(quantile(0.95, self.freedom) * self.stderr[k] * 1e6)
+            both = (self.before[k], self.expected[k])
+            values = (f"{significant(abs(v) * 1e6, 3)} @ {np.degrees(np.angle(v)):.0f}" for v in both)
+            rows.append([f"{plane} {direction}", f"{self.speed[k] * RPM_PER_RAD_S:.0f}", *values, reach])
+        return "\n".join([*lines, "", *text_table(rows, "<14 >8 >20 >20 <14"), *self.remarks])
+
+    def __str__(self) -> str:
+        return self.summary()
+
+    def _weight_rows(self) -> list[list[str]]:
+        rows = [["plane", "g mm", "", "deg", "", "deg lag", ""]]
+        for place, plane in enumerate(self.planes):
+            size, angle = abs(self.weight[place]) * 1e6, float(np.degrees(np.angle(self.weight[place])))
+            (_, high), (_, late) = self.interval(plane)
+            reach, turn = high * 1e6 - size, float(np.degrees(late)) - angle
+            reached = "" if plane in self.at_limit else _reach(reach)
+            row = [
+                plane,
+                significant(size, 4),
+                reached,
+                f"{angle % 360:.1f}",
+                _reach(turn, 180.0),
+                f"{-angle % 360:.1f}",
+            ]
+            rows.append([*row, "at its limit" if plane in self.at_limit else ""])
+        return rows
+
+
+def _reach(value: float, turn: float = np.inf) -> str:
+    """Half of an interval, which says nothing where it is as large as ``turn``."""
+    if not np.isfinite(value):
+        return "+- ?"
+    return f"+- {significant(value, 2)}" if value < turn else "any"
+
+
+def balance(
+    influences: Influences,
+    reference: str | PerturbationTest | None = None,
+    *,
+    planes: Sequence[str] | None = None,
+    limits: Limits | None = None,
+    holes: Holes | None = None,
+) -> Balance:
+    """Correction weights that make the vibration as small as they can, by least squares over all readings.
+
+    A reading counts by the inverse square of the noise that was given with it (``sigma``), else all count alike. With
+    limits the problem stays convex and is solved with them, which leaves less vibration than weights that are cut
+    down. The weights come on top of those that are in during the reference.
+
+    Args:
+        influences: from :func:`influence`.
+        reference: the state to be corrected: the name of a run that the influences came from, whose weights stay in;
+            readings of the rotor as it is now, of the same probes at the same speeds; None is the rotor without any
+            weight.
+        planes: planes to put weights in, by default all that were tried.
+        limits: largest mass-radius product, kg m, of each plane or by plane.
+        holes: number of holes (the first at zero degrees of ``force_phase_deg``) or their angles, degrees, of each
+            plane or by plane: weights are split over the two holes beside their angle.
+
+    Returns:
+        weights with intervals, vibration expected with its error, and remarks: planes that act alike, what no error is
+        known of.
+
+    Raises:
+        ValueError: a run, plane or reading that is not there, more planes than readings, holes that do not surround
+            the shaft.
+
+    Example:
+        >>> weighed = rf.influence(rf.read(rf.datasets.path("rk4_sync.csv")))
+        >>> weights = rf.balance(weighed, planes=["disk2"], limits=40e-6)
+        >>> weights.planes, weights.at_limit
+        (('disk2',), ('disk2',))
+    """
+    chosen = tuple(influences.planes if planes is None else dict.fromkeys(planes))
+    if not chosen:
+        raise ValueError(f"no plane to put weights in; tried were {', '.join(influences.planes)}")
+    for plane in chosen:
+        if plane not in influences.planes:
+            raise ValueError(unknown_name("plane of a trial weight", plane, influences.planes))
+    cells, coefficients, covariance, remarks = _state(influences, reference)
+    kept = np.array([0, *[1 + influences.planes.index(plane) for plane in chosen]])  # the vibration first
+    places = (np.arange(len(coefficients))[:, None] * coefficients.shape[1] + kept).reshape(-1)
+    coefficients, covariance = coefficients[:, kept], covariance[np.ix_(places, places)]
+    if len(cells) < len(chosen):
+        raise ValueError(
+            f"weights in {len(chosen)} planes, {', '.join(chosen)}, cannot be determined from {len(cells)} "
+            f"reading{'s' * (len(cells) != 1)}; balance in fewer planes, or read more probes or speeds"
+        )
+    solved = influences.solved
+    # All readings weigh the same where no noise was given. Estimated noise would not do: weights would follow the
+    # readings that few mountings happened to leave alike, and intervals of 95 % hold 91 to 93 % then.
+    given = solved.given[cells] if np.isfinite(solved.given[cells]).all() else np.ones(len(cells))
+    importance = np.asarray(given**-2 / np.mean(given**-2))
+    remarks += _alike(chosen, coefficients[:, 1:], importance)
+    limit = _limits(chosen, limits)
+    found = correct(coefficients, covariance, importance, limit)
+    mounting = np.nan_to_num(solved.mounting[cells])
+    weights = dict(zip(chosen, found.weight.tolist(), strict=True))
+    given_holes = {} if holes is None else _by_plane("holes", holes, chosen)
+    at_limit = tuple(plane for plane, there in zip(chosen, found.at_limit.tolist(), strict=True) if there)
+    return Balance(
+        planes=chosen,
+        weight=found.weight,
+        covariance=found.covariance,
+        freedom=solved.freedom,
+        readings=tuple(influences.channels[channel] for channel in solved.channel[cells].tolist()),
+        speed=solved.speed[solved.dwell[cells]],
+        before=coefficients[:, 0],
+        expected=np.where(np.abs(found.left) < ROUND_OFF * np.abs(coefficients[:, 0]).max(), 0.0, found.left),
+        importance=importance,
+        stderr=np.hypot(found.left_error, mounting),
+        at_limit=at_limit,
+        holes={plane: _over_holes(plane, weights[plane], _angles(plane, some)) for plane, some in given_holes.items()},
+        remarks=(*remarks, *_unknown(found, solved.mounting)),
+    )
+
+
+def _state(
+    influences: Influences, reference: str | PerturbationTest | None
+) -> tuple[Index, ComplexArray, ComplexArray, tuple[str, ...]]:
+    """Cells that are read, their vibration and influences, the covariance of these, and what is to be said."""
+    solved = influences.solved
+    cells = np.arange(solved.channel.size)
+    coefficients = np.column_stack([solved.residual, solved.influence])
+    if isinstance(reference, PerturbationTest):
+        return _read_now(influences, reference, coefficients)
+    weights = np.zeros(len(influences.planes), dtype=complex)
+    remarks: tuple[str, ...] = ()
+    if reference is not None:
+        test = influences.measured
+        if reference not in test.runs:
+            raise ValueError(f"{test.source or 'the test'}: {unknown_name('reference run', reference, test.runs)}")
+        row = int(np.argmax(test.run == reference))
+        by_plane = dict(zip(test.force_planes, test.forces_by_plane[row] / test.speed[row] ** 2, strict=True))
+        weights = np.array([by_plane[plane] for plane in influences.planes])
+        stay = [
+            f"{significant(abs(u) * 1e6, 4)} g mm at {np.degrees(np.angle(u)):.1f} deg in {plane}"
+            for u, plane in zip(weights.tolist(), influences.planes, strict=True)
+            if u
+        ]
+        remarks = (f"the weights of run {reference} stay in: {', '.join(stay)}",) if stay else ()
+    share = np.eye(weights.size + 1, dtype=complex)
+    share[0, 1:] = weights
+    every = np.kron(np.eye(cells.size), share)
+    return cells, coefficients @ share.T, every @ solved.whole @ every.conj().T, remarks
+
+
+def _read_now(
+    influences: Influences, now: PerturbationTest, coefficients: ComplexArray
+) -> tuple[Index, ComplexArray, ComplexArray, tuple[str, ...]]:
+    """Vibration as it was read anew, with influences as they were found."""
+    solved = influences.solved
+    kept, values, errors = [], [], []
+    for cell, (channel, dwell) in enumerate(zip(solved.channel.tolist(), solved.dwell.tolist(), strict=True)):
+        plane, direction = influences.channels[channel]
+        speed = solved.speed[dwell]
+        rows = (now.plane == plane) & (now.direction == direction)
+        rows &= np.abs(now.speed - speed) <= SPEED_TOLERANCE * speed
+        if rows.any():
+            given = float(np.sqrt(np.mean(now.sigma[rows] ** 2)))
+            kept.append(cell)
+            values.append(complex(now.response[rows].mean()))
+            errors.append((given if np.isfinite(given) else float(solved.repeat[cell])) / np.sqrt(rows.sum()))
+    cells = np.array(kept, dtype=np.intp)
+    if not cells.size:
+        raise ValueError(
+            f"{now.source or 'the reference'} has no reading of the probes and speeds of the influences; these are "
+            f"{', '.join(' '.join(channel) for channel in influences.channels)}"
+        )
+    missed = [
+        f"{' '.join(influences.channels[solved.channel[i]])} at {solved.speed[solved.dwell[i]] * RPM_PER_RAD_S:.0f} rpm"
+        for i in range(solved.channel.size)
+        if i not in kept
+    ]
+    size = coefficients.shape[1]
+    places = (cells[:, None] * size + np.arange(size)).reshape(-1)
+    covariance = solved.whole[np.ix_(places, places)].copy()
+    first = np.arange(cells.size) * size
+    covariance[first, :] = covariance[:, first] = 0.0
+    covariance[first, first] = np.square(errors)
+    remarks = (f"left out, because the reference has no reading of them: {', '.join(missed)}",) if missed else ()
+    return cells, np.column_stack([values, coefficients[cells, 1:]]), covariance, remarks
+
+
+def _by_plane(option: str, given: Any, planes: Sequence[str]) -> Mapping[str, Any]:
+    """What was given for all planes or by plane, by plane."""
+    found = given if isinstance(given, Mapping) else dict.fromkeys(planes, given)
+    for plane in found:
+        if plane not in planes:
+            raise ValueError(f"{option}: {unknown_name('plane', plane, planes)}")
+    return found
+
+
+def _limits(planes: Sequence[str], limits: Limits | None) -> Float:
+    given = _by_plane("limits", np.inf if limits is None else limits, planes)
+    for plane, limit in given.items():
+        if not limit > 0:
+            raise ValueError(
+                f"limits: the largest mass-radius product at {plane} must be above zero, kg m; got {limit}"
+            )
+    return np.array([float(given.get(plane, np.inf)) for plane in planes])
+
+
+def _alike(planes: Sequence[str], influence: ComplexArray, importance: Float) -> tuple[str, ...]:
+    """A sentence on planes that act alike."""
+    some = np.flatnonzero(confounded(influence, importance))
+    if not some.size:
+        return ()
+    names = [planes[k] for k in some.tolist()]
+    own = float(own_shares(influence, importance)[some].min())
+    listed = f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
+    return (
+        f"planes {listed} act alike on these readings: what one does, the others do to {100 * (1 - own):.0f} %. "
+        "Their weights may come out large and against one another; where their intervals are wide, balance without one "
+        "of them, or read another probe or speed",
+    )
+
+
+def _unknown(found: Correction, mounting: Float) -> tuple[str, ...]:
+    """A sentence on errors that are not known."""
+    if not np.isfinite(found.covariance).all():
+        return (
+            "no error of the weights is known: give sigma_um, repeat the runs, or mount a weight at one angle more",
+        )
+    if np.isnan(mounting).any():
+        return (
+            "the intervals hold the noise of the readings alone: how far mounting a weight again moves vectors is not "
+            "known without one more angle or weight than there are unknowns",
+        )
+    return ()
+
+
+def _angles(plane: str, holes: int | Sequence[float]) -> Float:
+    """Angles of the holes, rad, ascending within a turn."""
+    if isinstance(holes, int):
+        angles = 2 * np.pi * np.arange(holes) / max(holes, 1)
+    else:
+        angles = np.unique(np.radians(np.asarray(holes, dtype=float)) % (2 * np.pi))
+    gaps = np.diff(angles, append=angles[:1] + 2 * np.pi)
+    if angles.size < 3 or (gaps >= np.pi).any():
+        raise ValueError(
+            f"holes at {plane}: three or more are needed, less than 180 degrees from one to the next; got "
+            f"{', '.join(f'{significant(a, 4)}' for a in np.degrees(angles)) or 'none'}"
+        )
+    return np.asarray(angles)
+
+
+def _over_holes(plane: str, weight: complex, angles: Float) -> tuple[tuple[float, float], ...]:
+    """The two holes beside a weight's angle and the amounts, none negative, whose sum it is."""
+    turn = float(np.angle(weight)) % (2 * np.pi)
+    for low, high in pairwise([*angles.tolist(), angles[0] + 2 * np.pi]):
+        for at in (turn, turn + 2 * np.pi):
+            if low <= at <= high:
+                gap = np.sin(high - low)
+                return (low, abs(weight) * np.sin(high - at) / gap), (high, abs(weight) * np.sin(at - low) / gap)
+    raise ValueError(f"no holes at {plane} on either side of {significant(np.degrees(turn), 4)} degrees")

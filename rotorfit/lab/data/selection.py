@@ -1,0 +1,92 @@
+"""Rows of an experiment by what is known of them: runs, conditions, nearness to the running speed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TypeVar, cast
+
+import numpy as np
+
+from rotorfit.base.array_types import Bool
+from rotorfit.base.names import unknown_name
+from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+
+Wanted = str | float | tuple[float, float] | Sequence[str] | Sequence[float]
+"""A value, several of them, or a range (low, high) as a tuple of two numbers."""
+Test = TypeVar("Test", bound=Experiment)
+
+
+def selected(
+    test: Test,
+    *,
+    where: Mapping[str, Wanted] | None = None,
+    exclude: Mapping[str, Wanted] | None = None,
+    drop_near_1x: float = 0.0,
+) -> Test:
+    """Readings that fit."""
+    keep = np.ones(len(test), dtype=bool)
+    for name, wanted in (where or {}).items():
+        keep &= _matches(test, name, wanted)
+    for name, unwanted in (exclude or {}).items():
+        keep &= ~_matches(test, name, unwanted)
+    if drop_near_1x:
+        if not isinstance(test, PerturbationTest) or test.synchronous:
+            raise ValueError(
+                f"{test.source or 'the test'}: readings near 1x can be dropped from nonsynchronous perturbation tests "
+                "only"
+            )
+        if not 0 < drop_near_1x < 1:
+            raise ValueError(f"drop_near_1x is a fraction of the speed, above 0 and below 1; got {drop_near_1x:g}")
+        keep &= ~(np.abs(np.abs(test.frequency) - test.speed) < drop_near_1x * test.speed)
+    return _kept(test, keep, "the selection")
+
+
+def _kept(test: Test, keep: Bool, after: str) -> Test:
+    if not keep.any():
+        raise ValueError(f"{test.source or 'the test'}: no reading is left after {after} (of {len(test)})")
+    return test if keep.all() else cast(Test, test.select(keep))
+
+
+def without(test: Test, numbers: Sequence[int]) -> Test:
+    """The test without some readings, by number from 1."""
+    wrong = [number for number in numbers if not 1 <= number <= len(test)]
+    if wrong:
+        raise ValueError(
+            f"skip: there is no reading {wrong[0]} in {test.source or 'the test'}, of {len(test)} readings"
+        )
+    keep = np.ones(len(test), dtype=bool)
+    keep[np.asarray(numbers, dtype=np.intp) - 1] = False
+    return _kept(test, keep, "skip")
+
+
+def _matches(test: Experiment, name: str, wanted: Wanted) -> Bool:
+    own = [n for n in ("plane", "direction", "force_plane") if hasattr(test, n)]
+    known = ["run", "speed_rpm", *own, *test.attributes]
+    if name not in known:
+        raise ValueError(f"{test.source or 'the test'}: {unknown_name('attribute', name, known)}")
+    values = np.asarray(getattr(test, name) if name in own else test.attribute(name))
+    numeric = np.issubdtype(values.dtype, np.number)
+    if isinstance(wanted, tuple) and len(wanted) == 2 and not any(isinstance(end, str) for end in wanted):
+        if not numeric:
+            raise ValueError(f"{name} holds text: give its values, not a range")
+        low, high = (float(end) for end in wanted)
+        return np.asarray((values >= low) & (values <= high))
+    several = [wanted] if isinstance(wanted, str | float | int) else list(wanted)
+    found = np.zeros(len(test), dtype=bool)
+    for one in several:
+        if numeric:
+            try:
+                number = float(str(one))
+            except ValueError:
+                raise ValueError(f"{name} holds numbers, not {one!r}") from None
+            hit = np.isclose(values.astype(float), number, rtol=1e-6)
+        else:
+            hit = np.asarray(values == str(one))
+            if name == "force_plane" and isinstance(test, PerturbationTest):
+                further = test.further_forces.tolist()
+                hit |= np.array([any(str(one) == plane for plane, *_ in acting) for acting in further], dtype=bool)
+        if not hit.any():
+            distinct = [str(v) for v in dict.fromkeys(values.tolist())]
+            raise ValueError(f"{test.source or 'the test'}: {unknown_name(name, str(one), distinct[:40])}")
+        found |= hit
+    return found

@@ -1,0 +1,64 @@
+"""How files say their sampling rate: by one of its usual names, by a step, or by a column of times."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from rotorfit.base.array_types import Float
+
+FEWEST = 64
+"""Samples below which an array is a table or a setting, not a signal."""
+_RATES = {
+    "samplerate", "sampleratehz", "samplingrate", "samplingratehz", "samplefrequency", "samplingfrequency",
+    "samplefreq", "samplingfreq", "fs", "fshz",
+}  # fmt: skip
+_STEPS = {
+    "dt", "dts", "wfincrement", "xincrement", "increment", "xinc", "sampleinterval", "sampleintervals", "tsample",
+    "deltat", "timestep", "xdelta",
+}  # fmt: skip
+_TIME = re.compile(
+    r"(?i)^(?:t|time|times|timestamp|abscissa|elapsed(?:[ _]*time)?|zeit)"
+    r"(?:[ _,]*[\[(]?(s|sec|seconds|ms|msec|us|µs)[\])]?)?$"
+)
+_SECONDS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6}
+
+
+def rate_of(said: Mapping[str, Any]) -> float | None:
+    """Sampling rate, Hz, that attributes or fields give under one of its usual names; None without."""
+    for names, power in ((_RATES, 1), (_STEPS, -1)):
+        for name, value in said.items():
+            if re.sub(r"[_\- ()\[\]]", "", name).lower() in names and isinstance(value, int | float) and value > 0:
+                return float(value) ** power
+    return None
+
+
+def time_factor(name: str) -> float | None:
+    """Seconds in the unit of a column that by its name holds times; None for any other column."""
+    match = _TIME.match(name.strip())
+    return None if match is None else _SECONDS[match[1].lower() if match[1] else "s"]
+
+
+def rate_of_times(times: Float, where: str) -> float:
+    """Sampling rate, Hz, of evenly spaced times in s."""
+    if not np.isfinite(times).all():
+        raise ValueError(f"{where}: a time is not a number at sample {int(np.flatnonzero(~np.isfinite(times))[0]) + 1}")
+    steps = np.diff(times)
+    step = float(times[-1] - times[0]) / steps.size
+    if not step > 0:
+        raise ValueError(f"{where}: the times do not increase")
+    if not steps.all():
+        raise ValueError(
+            f"{where}: the times are rounded, several samples have the same; export them with more digits, or leave "
+            "the column out and say sample_rate_hz"
+        )
+    odd = np.flatnonzero(np.abs(steps - np.median(steps)) > 0.5 * step)
+    if odd.size:
+        raise ValueError(
+            f"{where}: the samples are not evenly spaced: {np.median(steps):.6g} s from one to the next, but "
+            f"{steps[odd[0]]:.6g} s after sample {odd[0] + 1}; export the recording without gaps"
+        )
+    return 1 / step

@@ -1,0 +1,149 @@
+"""Bearings and seals for the ROSS package, made of a fitted model."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rotorfit.base.array_types import Float
+from rotorfit.base.atomic_file import whole_file
+from rotorfit.base.digits import significant
+from rotorfit.lab.io.shafts.ross_rotor import SPEED_FROM, imported_ross, installed_ross, line_of
+from rotorfit.models import KnownStructure, Orthotropic, RotorModel
+from rotorfit.models.coefficient_tables import force_planes, plane_force
+
+ElementKind: TypeAlias = Literal["bearing", "seal"]
+"""Class of ROSS: BearingElement or SealElement."""
+
+LEAST_SPEEDS = 5
+"""Rows that a table of ROSS 2.x needs for its cubic splines to hold what is quadratic in speed."""
+
+_CLASSES = {"bearing": "BearingElement", "seal": "SealElement"}
+_AXES = (("xx", 0, 0), ("yy", 1, 1), ("xy", 0, 1), ("yx", 1, 0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RossElement:
+    """A bearing or seal of ROSS with what was fitted at one plane."""
+
+    kind: str  # name of the class, ``BearingElement`` or ``SealElement``
+    line: int  # line of ROSS that the arguments are for, 2 or 3: the other reads them as something else
+    # of the class, by name: coefficients in N/m, N s/m and kg, speeds in rad/s, ``n`` and ``tag``
+    arguments: Mapping[str, Any]
+    # largest error of ROSS's interpolation between the speeds of the table, over the largest coefficient of its kind
+    between: float
+
+    def build(self) -> Any:
+        """The element, an object of the ROSS package."""
+        here = installed_ross()
+        if here is None or line_of(here) != self.line:
+            there = "not installed here" if here is None else f"of version {here} here"
+            raise ValueError(
+                f"the element is for ROSS {self.line}.x, and ROSS is {there}; its arguments go into "
+                f"ross.{self.kind}(**element.arguments) there, or save it"
+            )
+        return getattr(imported_ross(), self.kind)(**self.arguments)
+
+    def save(self, path: str | Path) -> None:
+        """Write the element as ROSS's own ``element.save`` does; ``ross.BearingElement.load(path)`` reads it."""
+        path = Path(path)
+        name = f"{self.kind}_{self.arguments['tag']}"
+        if path.suffix.lower() == ".json":
+            text = json.dumps({name: self.arguments}, indent=2) + "\n"
+        elif path.suffix.lower() == ".toml":
+            rows = [f"{key} = {json.dumps(value)}" for key, value in self.arguments.items()]
+            text = "\n".join([f"# {self}", f"[{json.dumps(name)}]", *rows, ""])
+        else:
+            raise ValueError(f"{path.name}: ROSS keeps elements as .toml or .json")
+        with whole_file(path) as draft:
+            draft.write_text(text, encoding="utf-8")
+
+    def __str__(self) -> str:
+        speeds = self.arguments.get("speed" if self.line >= SPEED_FROM else "frequency")
+        other = f"{SPEED_FROM}.x or later" if self.line < SPEED_FROM else "2.x"
+        table = (
+            "the same at all speeds"
+            if speeds is None
+            else f"{len(speeds)} speeds from {speeds[0]:g} to {speeds[-1]:g} rad/s; between them ROSS interpolates to "
+            f"{significant(self.between, 1)}. Not for ROSS {other}, which reads the table as something else"
+        )
+        return f"{self.kind} {self.arguments['tag']} at node {self.arguments['n']}, for ROSS {self.line}.x: {table}"
+
+
+def ross_elements(
+    model: RotorModel,
+    theta: Float,
+    speeds: ArrayLike,
+    *,
+    version: str | int | None,
+    nodes: Mapping[str, int] | None,
+    element: ElementKind,
+    eccentricity: float,
+) -> dict[str, RossElement]:
+    """Elements by plane, see :meth:`rotorfit.identify.fitting.result.FitResult.to_ross`."""
+    if element not in _CLASSES:
+        raise ValueError(f"element is {element!r}; allowed: {', '.join(map(repr, _CLASSES))}")
+    given = installed_ross() if version is None else str(version)
+    if given is None:
+        raise ValueError("ROSS is not installed here: give the version that the element is for, version='2.3' or '3.1'")
+    line = line_of(given)
+    at = np.unique(np.asarray(speeds, dtype=float).reshape(-1))
+    if at.size < LEAST_SPEEDS or not np.isfinite(at).all() or at[0] < 0:
+        raise ValueError(
+            f"speeds must be at least {LEAST_SPEEDS} different ones from zero, rad/s, so that ROSS's interpolation "
+            f"holds what is quadratic in speed; got {at.tolist()}"
+        )
+    forces = {  # real matrices of x and y by powers of s, shape (speeds, 3, 2, 2)
+        plane: np.array([plane_force(model, theta, speed, plane, eccentricity).values for speed in at.tolist()])
+        for plane in force_planes(model)
+    }
+    forces = {plane: force for plane, force in forces.items() if force.any()}
+    whole = model.base if isinstance(model, Orthotropic) else model
+    where = {**(whole.nodes if isinstance(whole, KnownStructure) else {}), **(nodes or {})}
+    if missing := [plane for plane in forces if plane not in where]:
+        raise ValueError(
+            f"nodes: say at which node of the ROSS rotor {', '.join(missing)} is, nodes={{{missing[0]!r}: 14}}"
+        )
+    return {plane: _element(plane, where[plane], at, force, line, _CLASSES[element]) for plane, force in forces.items()}
+
+
+def _element(plane: str, node: int, speeds: Float, force: Float, line: int, kind: str) -> RossElement:
+    columns = {
+        f"{letter}{axes}": force[:, power, row, column]
+        for power, letter in enumerate("kcm")
+        for axes, row, column in _AXES
+    }
+    needed = {name: values for name, values in columns.items() if name in ("kxx", "cxx") or values.any()}
+    varies = any(np.ptp(values) > 0 for values in columns.values())
+    table: dict[str, Any] = {name: values.tolist() if varies else float(values[0]) for name, values in needed.items()}
+    if varies:
+        table["speed" if line >= SPEED_FROM else "frequency"] = speeds.tolist()
+    return RossElement(
+        kind=kind,
+        line=line,
+        arguments={"n": int(node), **table, "tag": plane},
+        between=_between(force, speeds, line) if varies else 0.0,
+    )
+
+
+def _between(force: Float, speeds: Float, line: int) -> float:
+    """Error of ROSS's interpolation halfway between two speeds, over the largest coefficient of its kind.
+
+    What is fitted is a polynomial of low degree in speed: a cubic spline through all rows stands for it. ROSS 2.x
+    smooths by cubics, which hold what is quadratic; from 3.0 on it interpolates by pchip, which does not.
+    """
+    from scipy.interpolate import CubicSpline, PchipInterpolator, UnivariateSpline
+
+    halfway = (speeds[1:] + speeds[:-1]) / 2
+    columns = force.reshape(speeds.size, -1)
+    interpolated = PchipInterpolator if line >= SPEED_FROM else UnivariateSpline
+    found = np.stack([interpolated(speeds, column)(halfway) for column in columns.T], axis=-1)
+    error = np.abs(found - CubicSpline(speeds, columns)(halfway)).max(axis=0).reshape(3, -1).max(axis=-1)
+    largest = np.abs(force).max(axis=(0, 2, 3))
+    return float(np.max(error[largest > 0] / largest[largest > 0]))

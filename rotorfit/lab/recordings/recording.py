@@ -1,0 +1,425 @@
+"""A recording: volts of all channels of one run, read in pieces, with the setup that turns them into motion and angles.
+
+:func:`read_recording` opens one. Nothing is read before it is asked for, and nothing whole unless asked for whole.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack
+
+import numpy as np
+
+from rotorfit.base.array_types import Float
+from rotorfit.base.digits import significant
+from rotorfit.lab.data.figure_keywords import PlotKeywords
+from rotorfit.lab.data.findings import Finding
+from rotorfit.lab.recordings import quality, views
+from rotorfit.lab.recordings.angle_track import AngleTrack, Marks, speeds, steady_track, track
+from rotorfit.lab.recordings.channel_statistics import ChannelStatistics, statistics
+from rotorfit.lab.recordings.formats.files import open_raw
+from rotorfit.lab.recordings.rig.resolve import complete
+from rotorfit.lab.recordings.rig.rig_toml import read_setup
+from rotorfit.lab.recordings.rig.setup import Probe, RigSetup
+from rotorfit.lab.recordings.signals import Signals
+from rotorfit.lab.recordings.slow_roll import RunOut, find_run_out, in_words
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recording(Signals):
+    """One run as it was recorded: signals, angles and what was found wrong. Made by :func:`read_recording`."""
+
+    def __repr__(self) -> str:
+        """Name, length and channels, on one line."""
+        channels = ", ".join(self.channels)
+        return f"<Recording {self.name}: {significant(self.duration, 4)} s at {self.sample_rate:.6g} Hz, {channels}>"
+
+    def _repr_html_(self) -> str:
+        """Channels and what they are, as a table for a notebook."""
+        probes = {p.channel: f"probe at {p.plane}, {np.degrees(p.angle or 0.0):g} degrees" for p in self.probes}
+        cells = "".join(f"<tr><td>{escape(c)}</td><td>{escape(probes.get(c, ''))}</td></tr>" for c in self.channels)
+        head = "<thead><tr><th>channel</th><th>what it is</th></tr></thead>"
+        return f"<p>{escape(repr(self)[1:-1])}</p><table>{head}<tbody>{cells}</tbody></table>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return read_recording, (self.path, self.setup), {"label": self.label}  # a worker opens the file again
+
+    def shaft_angle(self) -> AngleTrack:
+        """Angle of the shaft from its Keyphasor.
+
+        Raises:
+            ValueError: the recording has no shaft reference, or no pulses on it.
+        """
+        if self.shaft is None:
+            raise ValueError(f"{self.name} has no phase reference of the shaft; name its channel in [shaft]")
+        return self.shaft
+
+    def perturbator_angle(self) -> AngleTrack | None:
+        """Angle of the perturbator from its mark, growing whichever way it turns; None without a mark.
+
+        Of one that the setup says is ``steady`` and has no mark, frequency from the motion and angle zero at the start.
+
+        Raises:
+            ValueError: no pulses on its channel, or no steady line in the motion.
+        """
+        return self.marks.perturbator
+
+    @cached_property
+    def run_out(self) -> RunOut | None:
+        """Run-out that ``[slow_roll]`` of the setup says to take out of the signals; None where it says nothing.
+
+        Raises:
+            ValueError: the shaft hardly turns so slowly.
+            FileNotFoundError: no such recording of slow turning.
+        """
+        how = self.rig.slow_roll
+        if how is None or self.setup is None:
+            return None
+        slow = self
+        if how.file is not None:
+            slow = read_recording(self.path.parent / how.file, replace(self.setup, slow_roll=None))
+        return find_run_out(slow, slow.shaft_angle(), how)
+
+    def without_run_out(self, probe: Probe, start: int = 0, stop: int | None = None) -> Float:
+        """Voltage of a probe without its run-out; before the first mark and after the last the angle is continued.
+
+        Args:
+            probe: one of :attr:`probes`.
+            start, stop: samples from and to.
+        """
+        volts = self.channel(probe.channel, start, stop)
+        if self.run_out is None:
+            return volts
+        first, last, _ = slice(start, stop).indices(self.size)
+        t = np.arange(first, last) / self.sample_rate
+        return np.asarray(volts - self.run_out.volts(probe.channel, self.shaft_angle().angle(t)))
+
+    @cached_property
+    def shaft(self) -> AngleTrack | None:
+        """Angle of the shaft; None where it has no mark."""
+        return None if self.rig.shaft is None else track(self, self.rig.shaft)
+
+    @cached_property
+    def twist(self) -> Float:
+        """Twist at every sample, its mean taken out, rad, from a torsion channel or two tooth wheels.
+
+        Raises:
+            ValueError: no twist was measured, or a wheel without pulses.
+        """
+        return views.twist_of(self)
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """Faults that were found or corrected: setup against file, pulses, channels."""
+        found = [*(Finding("note", "file", text) for text in self.raw.remarks), *self.rig.findings]
+        shaft, perturbator = self.marks.shaft, self.marks.perturbator
+        found += [finding for angle in (shaft, perturbator) if angle is not None for finding in angle.findings]
+        found += [*quality.setting_findings(self)]
+        found += [] if shaft is None else [*quality.speed_findings(self, shaft), *quality.folding_findings(self, shaft)]
+        found += [] if shaft is None or perturbator is None else quality.mark_findings(self, shaft, perturbator)
+        found += quality.probe_findings(self, self.statistics)
+        found += quality.direction_findings(self, shaft, perturbator)
+        found += quality.hum_findings(self, shaft)
+        found += [] if self.run_out is None else [Finding("note", "slow-roll", in_words(self, self.run_out))]
+        return tuple(found)
+
+    @cached_property
+    def statistics(self) -> Mapping[str, ChannelStatistics]:
+        """Mean, range and scatter of the voltage of each probe, from one pass over its channel."""
+        return {probe.channel: statistics(self, probe.channel) for probe in self.probes}
+
+    # ---- figures: drawn in rotorfit.show.plots.recordings of the arrays of views and spectra ----
+
+    def plot_timebase(
+        self, plane: str | None = None, *, at: float | None = None, turns: float = 6.0, **look: Unpack[PlotKeywords]
+    ) -> Figure:
+        """x and y over time with a dot at every mark.
+
+        Args:
+            plane: one of :attr:`planes`; None: all.
+            at: middle of what is shown, s; None: of the recording.
+            turns: of the slower mark that are shown.
+            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
+
+        Raises:
+            ValueError: no such plane or time.
+        """
+        from rotorfit.show.plots.recordings import plot_timebase
+
+        parts = [views.stretch(self, self.marks, each, at, turns) for each in self._of(plane)]
+        return plot_timebase(parts, self.name, **look)
+
+    def plot_orbit(
+        self,
+        plane: str | None = None,
+        *,
+        at: float | None = None,
+        turns: float = 4.0,
+        clearance: float | None = None,
+        **look: Unpack[PlotKeywords],
+    ) -> Figure:
+        """Orbits as recorded and filtered to the shaft (1x) and to the perturbator (w), with Keyphasor dots.
+
+        Args:
+            plane: one of :attr:`planes`; None: all with two probes.
+            at: middle of what is shown, s; None: of the recording.
+            turns: of the slower mark that are shown.
+            clearance: radial, m, drawn as a circle; None: as ``[clearance_um]`` of the setup says, if it does.
+            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
+
+        Raises:
+            ValueError: no such plane or time, or a plane with one probe.
+        """
+        from rotorfit.show.plots.recordings import plot_orbit
+
+        parts = [views.stretch(self, self.marks, each, at, turns, clearance) for each in self._pairs(plane)]
+        return plot_orbit(parts, self.name, **look)
+
+    def plot_centreline(
+        self, plane: str | None = None, *, clearance: float | None = None, **look: Unpack[PlotKeywords]
+    ) -> Figure:
+        """Mean position of the shaft over the recording, from the gap voltages.
+
+        Args:
+            plane: one of :attr:`planes`; None: all with two probes.
+            clearance: radial, m, drawn as a circle; None: as ``[clearance_um]`` of the setup says, if it does.
+            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
+
+        Raises:
+            ValueError: no such plane, one probe, or no gap voltages (AC-coupled).
+        """
+        from rotorfit.show.plots.recordings import plot_centreline
+
+        if any(finding.code == "ac-coupled" for finding in self.findings):
+            raise ValueError(f"{self.name} has no gap voltages (AC-coupled?): there is no centreline in it")
+        lines = [views.centreline(self, self.marks, each, clearance=clearance) for each in self._pairs(plane)]
+        return plot_centreline(lines, self.name, **look)
+
+    def plot_bode(
+        self, reference: str | None = None, *, turns: float | None = None, **look: Unpack[PlotKeywords]
+    ) -> Figure:
+        """Amplitude and phase of every probe's vector over the speed of a mark.
+
+        Of a sweep of a known weight these are the vectors that a fit gets, orders of the shaft left out; of others, as
+        of a start-up's 1x, vectors by windows of some turns.
+
+        Args:
+            reference: ``"shaft"`` or ``"perturbator"``; None: the perturbator's where there is one.
+            turns: of a window; None: no windows for a sweep, 8 turns for others.
+            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
+
+        Raises:
+            ValueError: no such mark.
+        """
+        from rotorfit.show.plots.recordings import plot_bode
+
+        return plot_bode(self._vectors(reference, turns), self.name, **look)
+
+    def plot_polar(
+        self, reference: str | None = None, *, turns: float | None = None, **look: Unpack[PlotKeywords]
+    ) -> Figure:
+        """Locus of every probe's vector, those of :meth:`plot_bode`.
+
+        Args:
+            reference: ``"shaft"`` or ``"perturbator"``; None: the perturbator's where there is one.
+            turns: of a window; None: no windows for a sweep, 8 turns for others.
+            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
+
+        Raises:
+            ValueError: no such mark.
+        """
+        from rotorfit.show.plots.recordings import plot_polar
+
+        return plot_polar(self._vectors(reference, turns), self.name, **look)
+
+    def plot_full_spectrum(
+        self,
+        plane: str | None = None,
+        *,
+        start: float = 0.0,
+        stop: float | None = None,
+        limit_hz: float | None = None,
+        marks: Mapping[str, float] | None = None,
+        **look: Unpack[PlotKeywords],
+    ) -> Figure:
+        """Full spectrum: a circle of radius A has amplitude A at its signed frequency.
+
+        Args:
+            plane: one of :attr:`planes`; None: all.
+            start, stop: of the stretch, s.
+            limit_hz: largest frequency shown; None: what holds all that is worth seeing.
+            marks: frequencies to mark, rad/s, signed, by name: modes of a fit, ``{"whirl": 62.0}``.
+            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
+
+        Raises:
+            ValueError: no such plane, or an empty stretch.
+        """
+        from rotorfit.show.plots.recordings import plot_full_spectrum
+
+        spectra = {each: views.spectrum(self, each, start, stop) for each in self._of(plane)}
+        lines = views.steady_lines(self.marks, start, self.duration if stop is None else stop)
+        return plot_full_spectrum(spectra, lines, self.name, limit_hz, marks or {}, **look)
+
+    def plot_cascade(
+        self,
+        plane: str | None = None,
+        *,
+        over: str | None = None,
+        spectra: int = 60,
+        limit_hz: float | None = None,
+        lines: Mapping[str, tuple[float, float]] | None = None,
+        direction: str | None = None,
+        **look: Unpack[PlotKeywords],
+    ) -> Figure:
+        """Full-spectrum cascade with order lines, or the cascade of one direction (Fig. 37).
+
+        Args:
+            plane: one of :attr:`planes`; None: the first.
+            over: ``"time"``, ``"speed"`` or ``"perturbation"``; None: what changes in this recording.
+            spectra: how many.
+            limit_hz: largest frequency shown; None: what holds all that is worth seeing.
+            lines: further lines to mark, factors of w and of the speed by name, ``{"2w − 1x": (2, -1)}``.
+            direction: ``"x"`` or ``"y"``: spectra of the motion along it, as one probe there shows, without forward and
+                backward; None: full spectra of x and y.
+            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
+
+        Raises:
+            ValueError: no such plane or direction, or no mark for what is asked.
+        """
+        from rotorfit.show.plots.recordings import plot_cascade
+
+        found = views.cascade(self, self.marks, self._of(plane)[0], over=over, spectra=spectra, direction=direction)
+        return plot_cascade(found, self.name, limit_hz, lines or {}, **look)
+
+    def plot_twist(
+        self,
+        *,
+        over: str | None = None,
+        spectra: int = 60,
+        limit_hz: float | None = None,
+        marks: Mapping[str, float] | None = None,
+        **look: Unpack[PlotKeywords],
+    ) -> Figure:
+        """Overall torsional amplitude and a cascade of the twist with its combination lines.
+
+        Args:
+            over: ``"time"``, ``"speed"`` or ``"perturbation"``; None: what changes in this recording.
+            spectra: how many.
+            limit_hz: largest frequency shown; None: what holds all combination lines.
+            marks: frequencies to mark, rad/s, by name, ``{"ν_t": 260.0}``.
+            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
+
+        Raises:
+            ValueError: no twist was measured, or no mark for what is asked.
+        """
+        from rotorfit.show.plots.twist import plot_twist
+
+        found = views.twist_cascade(self, self.marks, over=over, spectra=spectra)
+        return plot_twist(found, self.name, limit_hz, marks or {}, **look)
+
+    def plot_speed(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Speed and sweep rate of every mark over time.
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
+
+        Raises:
+            ValueError: the recording has no marks.
+        """
+        from rotorfit.show.plots.recordings import plot_speed
+
+        if not self.marks.present:
+            raise ValueError(f"{self.name} has no phase reference, so no speed")
+        return plot_speed(speeds(self.marks), self.name, **look)
+
+    @cached_property
+    def marks(self) -> Marks:
+        """Angles of shaft and perturbator, either may be missing."""
+        reference, whirl = self.rig.perturbator, 1 if self.force is None else self.force.whirl
+        perturbator = None
+        if reference is not None:
+            steady = reference.channel is None
+            perturbator = steady_track(self, self.shaft, whirl) if steady else track(self, reference)
+        return Marks(shaft=self.shaft, perturbator=perturbator, whirl=whirl)
+
+    def _vectors(self, reference: str | None, turns: float | None) -> views.OrderVectors:
+        known = self.__dict__.setdefault("_known_vectors", {})
+        key = (reference or self.marks.main, turns)
+        if key not in known:
+            from rotorfit.show.plots.recordings import vectors_shown
+
+            self._of(None)
+            known[key] = vectors_shown(self, self.marks, key[0], turns)
+        return known[key]  # type: ignore[no-any-return]
+
+    def _of(self, plane: str | None) -> tuple[str, ...]:
+        if not self.planes:
+            raise ValueError(f"{self.name}: none of its channels is known as a probe")
+        return self.planes if plane is None else (plane,)
+
+    def _pairs(self, plane: str | None) -> tuple[str, ...]:
+        if plane is not None:
+            self.motion(plane, 0, 0)  # refuses a plane that there is not
+        chosen = tuple(pair for pair in self.pairs if plane in (None, pair))
+        if not chosen:
+            lacking = f"{plane} has one probe" if plane else "no plane has two probes"
+            raise ValueError(f"{self.name}: {lacking}; an orbit or a centreline needs two")
+        return chosen
+
+
+def read_recording(path: str | Path, setup: str | Path | RigSetup | None = None) -> Recording:
+    """Open a recording of raw signals: probes and Keyphasors in volts. Samples are read when they are asked for.
+
+    Args:
+        path: the file.
+        setup: of the rig: path of ``rig.toml``, a setup, or None where the file's own attributes suffice.
+
+    Raises:
+        ValueError: what in file or setup is wrong or not said, and what to do.
+        FileNotFoundError: no such file.
+
+    Example:
+        >>> record = rf.read_recording(rf.datasets.path("volts_journal-fwd.h5"))
+        >>> record.planes, record.sample_rate
+        (('disk', 'journal'), 4096.0)
+        >>> record.findings
+        ()
+    """
+    raw = open_raw(path)
+    given = setup if isinstance(setup, RigSetup) or setup is None else read_setup(setup)
+    return Recording(raw=raw, rig=complete(raw, given), path=Path(path), setup=given)
+
+
+def named_apart(records: Recording | Sequence[Recording]) -> list[Recording]:
+    """The recordings of a test; those whose files have one name are named by as many folders as tell them apart."""
+    listed = list(records) if isinstance(records, Sequence) and not isinstance(records, str) else [records]
+    if not listed:
+        raise ValueError("no recordings given")
+    for record in listed:
+        if not isinstance(record, Recording):
+            raise TypeError(f"{str(record)!r:.80} is no recording; rf.read_recording reads one from its file")
+    count = Counter(record.name for record in listed)
+    return [
+        record if count[record.name] == 1 else replace(record, label=_distinct_name(record.path, listed))
+        for record in listed
+    ]
+
+
+def _distinct_name(path: Path, records: Sequence[Recording]) -> str:
+    """The shortest end of a path that no other recording's path has: with its suffix, with one folder, with two, ..."""
+    others = {record.path.resolve() for record in records} - {path.resolve()}
+    parts = path.resolve().parts
+    for length in range(1, len(parts)):
+        end = parts[-length:]
+        if not any(other.parts[-length:] == end for other in others):
+            same_folder = any(other.parent == path.resolve().parent and other.stem == path.stem for other in others)
+            return "/".join((*end[:-1], path.name if same_folder else path.stem))
+    return path.stem

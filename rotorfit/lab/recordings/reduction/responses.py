@@ -1,0 +1,266 @@
+"""From recordings to the experiment that a fit takes: responses with their noise, at lines chosen for the fit.
+
+Sweeps of a perturbator are reduced one by one. Start-ups and shutdowns with the weight in one plane are reduced
+together: what the weight does is found apart from residual unbalance, bow and run-out, which all of them share. The
+method is in :mod:`rotorfit.estimators.signals.local_response`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+from functools import partial
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+
+from rotorfit.base.executors import carry_out, executor_of
+from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.findings import PHASE_DATUM, Finding, listed
+from rotorfit.lab.data.synchronous import join
+from rotorfit.lab.data.weights import differenced
+from rotorfit.lab.recordings.quality import copied_recordings, probe_findings, spoiled
+from rotorfit.lab.recordings.recording import Recording, named_apart
+from rotorfit.lab.recordings.reduction.reductions import dwelling, force_of, reduced_responses
+from rotorfit.lab.recordings.reduction.response_lines import Report
+from rotorfit.lab.recordings.reduction.ring_downs import ring_downs
+from rotorfit.lab.recordings.reduction.static_positions import static_positions
+from rotorfit.lab.recordings.rig.setup import Force
+from rotorfit.lab.recordings.signals import source_of
+
+_Job = tuple[tuple[Recording, ...], int]
+"""Recordings that are reduced together: one of a perturbator or a measured force, or start-ups with one weight; and the
+number of groups of start-ups that the runs without a weight are part of."""
+
+
+def responses(
+    records: Sequence[Recording] | Recording,
+    *,
+    turns: int | None = None,
+    executor: Executor | None = None,
+    client: Any = None,
+    on_finding: Report | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> PerturbationTest:
+    """Responses of a rotor to the force that turns with a perturbator or with the shaft itself.
+
+    Where the frequency dwells, at one speed or at several in turn, each dwell gives a line; where it sweeps, lines are
+    as many as the resonances need.
+
+    Start-ups and shutdowns with the weight in one plane, at opposite places or at any others, or with it and without
+    (mr = 0), are reduced together: residual unbalance, bow and run-out drop out. Of balance runs, whose shaft keeps its
+    speed or dwells at some, each dwell gives the 1x vectors, and :func:`rotorfit.fit` solves them for the influence of
+    the weights.
+
+    Args:
+        records: of one rig; see :func:`rotorfit.read_recording`.
+        turns: track by windows of so many whole turns of the drive instead; for slow sweeps and rotors that are not
+            linear. A sweep makes such vectors lag behind.
+        executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor()``, that reduces recordings
+            beside each other; by default one after the other in this process. What a lost worker had is done again.
+        client: a Dask client, in place of its executor.
+        on_finding: called with each thing that was found odd or that limits what the recordings say, for instance
+            ``print``; what was found while reading is in ``record.findings``.
+        progress: called with a few words before each stage.
+
+    Returns:
+        a row for each probe at each line; a synchronous test where the shaft itself drives. Lines that a record cannot
+        tell from an order of the shaft are left out.
+
+    Raises:
+        ValueError: a recording whose force is not known, or that is too short for what was swept; start-ups that are
+            all without a weight.
+
+    Example:
+        >>> names = ["volts_journal-fwd.h5", "volts_journal-bwd.h5"]
+        >>> test = rf.responses([rf.read_recording(rf.datasets.path(name)) for name in names])
+        >>> test.runs, test.planes
+        (('volts_journal-fwd', 'volts_journal-bwd'), ('disk', 'journal'))
+    """
+    listed = named_apart(records)
+    report = on_finding or (lambda finding: None)
+    there = executor_of(executor, client)
+    return checked_responses(listed, turns=turns, executor=there, on_finding=report, progress=progress, checked=False)
+
+
+def checked_responses(
+    records: Sequence[Recording],
+    *,
+    turns: int | None,
+    executor: Executor | None,
+    on_finding: Report,
+    progress: Callable[[str], None] | None,
+    checked: bool = True,
+) -> PerturbationTest:
+    """As :func:`responses`, with findings about the recordings themselves."""
+    tell = progress or (lambda stage: None)
+    forces = [force_of(record) for record in records]
+    kinds = {driven_by(record): record.name for record in records}
+    if len(kinds) > 1:
+        (one, first), (other, second), *_ = kinds.items()
+        raise ValueError(
+            f"{first} is driven by {one}, {second} by {other}: two kinds of tests, call responses for each and give a "
+            "list of both to fit"
+        )
+    for finding in copied_recordings(records) if checked else ():
+        on_finding(finding)
+    if not all(force.datum_known for force in forces):
+        on_finding(_datum_finding(records))
+    if forces[0].measured and turns:
+        raise ValueError("windows of whole turns need a force that turns with a mark; this one was measured")
+    jobs, work = _together(records, forces, turns), partial(_reduced, turns=turns, checked=checked)
+    if executor is None:
+        reduced = carry_out(partial(work, tell=tell), jobs, None)
+    else:
+        tell(f"responses of {len(records)} recordings")
+        reduced = carry_out(work, jobs, executor, lambda job, _: tell(f"reduced {', '.join(r.name for r in job[0])}"))
+    for _, findings in reduced:
+        for finding in findings:
+            on_finding(finding)
+    shared = set.intersection(*(set(each.attributes) for each, _ in reduced))
+    test = join([replace(t, attributes={k: v for k, v in t.attributes.items() if k in shared}) for t, _ in reduced])
+    if forces[0].reference == "shaft" and turns:
+        test = differenced(test)
+    return replace(test, source=source_of(records))
+
+
+def _together(records: Sequence[Recording], forces: Sequence[Force], turns: int | None) -> list[_Job]:
+    """Recordings that are reduced together, and how many such groups their runs without a weight are part of."""
+    pairs = list(zip(records, forces, strict=True))
+    if forces[0].reference == "":
+        # along both axes at one plane, in one state of the rig; others alone
+        groups: dict[object, list[Recording]] = {}
+        for record, force in pairs:
+            state = (force.plane, record.speed, tuple(sorted(record.attributes.items())))
+            groups.setdefault(state if all(force.channels) else record.name, []).append(record)
+        return [(tuple(group), 1) for group in groups.values()]
+    if forces[0].reference == "perturbator" and all(force.mr for force in forces):
+        return [((record,), 1) for record in records]
+    bare = [record for record, force in pairs if not force.mr]
+    if forces[0].reference == "perturbator":
+        raise ValueError(f"{bare[0].name}: a perturbator without unbalance (mr = 0) drives nothing")
+    if len(bare) == len(records):
+        raise ValueError(f"{listed([r.name for r in bare])}: no run has a weight (mr above 0): nothing is driven")
+    steady = dwelling(records[0])
+    if steady and not turns:
+        _refuse_alone(pairs)
+    if steady or turns:
+        return [((record,), 1) for record in records]
+    planes = dict.fromkeys(force.plane for _, force in pairs if force.mr)
+    return [
+        (tuple([record for record, force in pairs if force.mr and force.plane == plane] + bare), len(planes))
+        for plane in planes
+    ]
+
+
+def _refuse_alone(pairs: Sequence[tuple[Recording, Force]]) -> None:
+    """Refuse runs at steady speed of which nothing tells what the weight does."""
+    weights = {(force.plane, force.mr * round(force.angle, 3), force.mr) for _, force in pairs}
+    if len(weights) > 1:
+        return
+    record = pairs[0][0]
+    rpm = float(np.mean(record.shaft_angle().speeds())) * RPM_PER_RAD_S
+    raise ValueError(
+        f"{record.name}: the shaft keeps its speed, {rpm:.0f} rpm, so this is no start-up; and no run without a weight "
+        "(mr = 0) or with one elsewhere is beside it, so it is no balance run. If a perturbator drives the rotor, name "
+        "its channel in [perturbator], or say steady = true where it has no mark; vectors at one speed: turns = 24 "
+        "(--windows 24)"
+    )
+
+
+def _datum_finding(records: Sequence[Recording]) -> Finding:
+    words = (
+        "the angle between weight and mark is not known; fit with "
+        'phase_offsets="common" (--phase-offsets common), one angle for all runs.'
+    )
+    unmarked = [r.name for r in records if r.rig.perturbator is not None and r.rig.perturbator.channel is None]
+    if len(unmarked) > 1:
+        words = (
+            f"{listed(unmarked)} have no mark of the perturbator: the phases of each count "
+            "from a datum of its own that nothing tells, so that a fit cannot take them together. Give it a mark."
+        )
+    return Finding("error" if len(unmarked) > 1 else "note", PHASE_DATUM, words)
+
+
+def _reduced(
+    job: _Job, *, turns: int | None, checked: bool, tell: Callable[[str], None] = lambda stage: None
+) -> tuple[PerturbationTest, tuple[Finding, ...]]:
+    """The responses of recordings that belong together, and what was odd, in the recordings themselves if asked."""
+    found: list[Finding] = []
+    records, groups = job
+    tell(f"responses of {', '.join(record.name for record in records)}")
+    usable = [_usable(record, found.append) for record in records]
+    test = reduced_responses(usable, turns, found.append, groups)
+    own = [finding for record in records for finding in record.findings] if checked else []
+    return test, (*found, *own)
+
+
+def _usable(record: Recording, report: Report) -> Recording:
+    """The recording without probes that are dead, interrupted or clipped."""
+    lost = spoiled(record.statistics)
+    kept = tuple(probe for probe in record.probes if probe.channel not in lost)
+    if not kept:
+        first = next(f.message for f in probe_findings(record, record.statistics) if f.severity == "error")
+        all_lost = f"{record.name}: all probes are dead, interrupted or clipped: {listed(lost)}. " if lost else ""
+        raise ValueError(all_lost + first)
+    if lost:
+        words = f"{record.name}: {', '.join(lost)} left out: dead, interrupted or clipped."
+        report(Finding("warning", "probe-left-out", words))
+    return replace(record, rig=replace(record.rig, probes=kept))
+
+
+def driven_by(record: Recording) -> str:
+    """Force that drives the rotor of a recording, in words, where it is known."""
+    kinds = {"perturbator": "a perturbator", "shaft": "the shaft itself", "": "a measured force"}
+    reference = force_of(record).reference
+    return kinds[reference] + (", at steady speeds" if reference == "shaft" and dwelling(record) else "")
+
+
+BLOWS, LOADS = "blows", "constant loads"
+
+
+def kind_of(record: Recording) -> str:
+    """Kind of test that a recording is of: blows, constant loads, or the force that drives the rotor."""
+    if record.force is not None:
+        return driven_by(record)
+    if record.rig.impulse is not None:
+        return BLOWS
+    if record.rig.load is not None:
+        return LOADS
+    raise ValueError(
+        f"{record.name}: nothing says what drives the rotor: give plane, mr_kg_m and whirl in [force] of the setup, a "
+        "constant load in [load], or [impulse] for blows and releases"
+    )
+
+
+def recorded_tests(
+    records: Sequence[Recording],
+    *,
+    turns: int | None = None,
+    executor: Executor | None = None,
+    on_finding: Report | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[Experiment, ...]:
+    """One experiment for each kind of test that there is among recordings."""
+    report = on_finding or (lambda finding: None)
+    tell = progress or (lambda stage: None)
+    kinds: dict[str, list[Recording]] = {}
+    for record in named_apart(records):
+        kinds.setdefault(kind_of(record), []).append(record)
+    tests: list[Experiment] = []
+    for kind, same in kinds.items():
+        if kind not in (BLOWS, LOADS):
+            tests.append(checked_responses(same, turns=turns, executor=executor, on_finding=report, progress=progress))
+            continue
+        tell(f"{kind}: {', '.join(record.name for record in same)}")
+        if kind == BLOWS:
+            tests.append(ring_downs(same, executor=executor))
+        else:
+            tests.append(static_positions(same, executor=executor, on_finding=report))
+        for findings in carry_out(attrgetter("findings"), same, executor):
+            for finding in findings:
+                report(finding)
+    return tuple(tests)

@@ -1,0 +1,122 @@
+"""Whirl beyond the onset, and the threshold under a side load, of fluids that change with eccentricity."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch, Polygon
+
+from rotorfit.base.array_types import Float
+from rotorfit.base.digits import significant
+from rotorfit.base.units import RAD_S_PER_RPM
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.models.motion.journal import journal
+from rotorfit.models.motion.whirl import whirl_branch
+from rotorfit.show.plots import style
+from rotorfit.show.plots.journal import half_width, reach
+
+_STABLE, _UNSTABLE = style.COLOURS[0], style.COLOURS[1]
+
+
+@style.looked
+def plot_whirl(fit: FitResult, *, group: int = 0, max_speed_rpm: float | None = None) -> Figure:
+    """Radius and frequency of the self-excited whirl against rotative speed, with the 95 % band of the radius.
+
+    Dashed where the orbit is unstable: there it jumps, or the journal returns to the centre.
+    """
+    theta = fit.thetas[group]
+    onset = fit.threshold_of(group).value
+    if not np.isfinite(onset):
+        raise ValueError("the fitted rotor is stable at every speed: there is no whirl")
+    top = 2.5 * onset if max_speed_rpm is None else max_speed_rpm * RAD_S_PER_RPM
+    branch = whirl_branch(fit.model, theta, max_speed=top)
+    if branch is None:
+        limit = f"{significant(top * style.per_rad_s(), 5)} {style.rate_unit()}"
+        raise ValueError(f"the threshold speed is beyond {limit}: give max_speed_rpm")
+    figure, axes = style.grid(2, 1, f"Whirl beyond the onset, {fit.model.name}", size=(5.8, 2.5), one_abscissa=True)
+    radius, frequency = axes[:, 0]
+    factor, unit = style.position_unit()
+    clearance = journal(fit.model).clearance
+    speed = branch.speed * style.per_rad_s()
+    for axis, y in (
+        (radius, branch.eccentricity * clearance * factor),
+        (frequency, branch.frequency * style.per_rad_s()),
+    ):
+        for stable, look in ((True, "-"), (False, "--")):
+            shown = np.where(branch.stable == stable, y, np.nan)
+            axis.plot(speed, shown, look, color=_STABLE if stable else _UNSTABLE, lw=1.4)
+        axis.axvline(speed[0], color=style.GREY, lw=0.9, ls=":")
+    across = [half_width(fit, group, branch.gradient[:, place]) for place in (0, 1)]
+    signs = np.sign(np.gradient(branch.eccentricity)), -np.sign(np.gradient(branch.speed))  # to one side of the branch
+    edges = []
+    for side in (1, -1):
+        x = speed + side * signs[0] * across[0] * style.per_rad_s()
+        y = (branch.eccentricity + side * signs[1] * across[1]) * clearance * factor
+        edges.append(np.column_stack([x, y]))
+    radius.add_patch(Polygon(np.concatenate([edges[0], edges[1][::-1]]), color=_STABLE, alpha=style.BAND, lw=0))
+    radius.axhline(clearance * factor, color=style.GREY, lw=0.8)
+    radius.set_ylabel(f"radius of the journal's orbit, {unit}")
+    frequency.set_ylabel(f"frequency of the whirl, {style.rate_unit()}")
+    frequency.set_xlabel(f"rotative speed, {style.rate_unit()}")
+    ratio = branch.frequency[0] / branch.speed[0]
+    ends = np.array([speed[0], speed.max()])
+    frequency.plot(ends, ratio * ends, ":", color=style.GREY, lw=1.0)
+    for axis in (radius, frequency):
+        axis.set_xlim(speed[0] - 0.1 * np.ptp(ends), speed.max() + 0.03 * np.ptp(ends))
+    radius.set_ylim(bottom=0)
+    entries: dict[str, Any] = {"stable whirl, 95 % band": {"color": _STABLE, "lw": 1.4}}
+    if not branch.stable.all():
+        entries["unstable"] = {"color": _UNSTABLE, "lw": 1.4, "ls": "--"}
+    entries[f"onset, and {ratio:.3f} times the speed"] = {"lw": 1.0, "ls": ":"}
+    style.legend_below(figure, entries | {"clearance": {"lw": 0.8}})
+    return figure
+
+
+@style.looked
+def plot_side_load(fit: FitResult) -> Figure:
+    """Threshold speed against the static eccentricity of the journal, and against the load that holds it there.
+
+    A load moves the journal to where the film is stiffer and turns slower: the rotor is stable up to a higher speed.
+    """
+    if len(fit.problem.space.index) > 1:
+        raise ValueError("parameters differ between tests: fit one condition for a figure of its threshold")
+    eps, values, errors, loads = _thresholds(fit)
+    if eps.size < 2:
+        raise ValueError("the fitted rotor has no threshold speed at any eccentricity that could be searched")
+    figure, axes = style.grid(1, 2, f"Threshold speed under a side load, {fit.model.name}", size=(3.5, 2.8))
+    factor, unit = style.prefix(loads, "N")
+    for axis, x, words in zip(
+        axes[0],
+        (eps, factor * loads),
+        ("static eccentricity over clearance", f"side load at the journal, {unit}"),
+        strict=True,
+    ):
+        style.draw_curve(axis, x, values * style.per_rad_s(), errors * style.per_rad_s(), _STABLE, lw=1.4)
+        axis.fill_between(x, values * style.per_rad_s(), axis.get_ylim()[1], color=_UNSTABLE, alpha=0.08, lw=0)
+        axis.set_xlabel(words)
+        axis.set_xlim(0, float(x.max()))
+        axis.set_ylabel(f"threshold speed, {style.rate_unit()}")
+    entries = {
+        "threshold speed and 95 % band": Patch(color=_STABLE, alpha=0.5),
+        "unstable": Patch(color=_UNSTABLE, alpha=0.15),
+    }
+    style.legend_below(figure, entries)
+    return figure
+
+
+def _thresholds(fit: FitResult) -> tuple[Float, Float, Float, Float]:
+    """Eccentricities, thresholds, half-widths of their intervals, rad/s, and side loads, N."""
+    model, theta = fit.model, fit.theta()
+    seat = journal(model)
+    rows = []
+    for eps in np.linspace(0.0, min(0.9, 1.15 * max(reach(fit), 0.4)), 25).tolist():
+        found = fit.threshold_speed(eccentricity=eps)
+        if not np.isfinite(found.value):
+            break  # stable at every speed from here on
+        held = model.receptance(theta, 0.0, found.value, eps)[seat.at, seat.at]
+        half = (np.diff(found.interval(0.95, statistical=True))[0]) / 2 if np.isfinite(found.stderr) else np.nan
+        rows.append((eps, found.value, half, eps * seat.clearance / abs(held)))
+    columns = np.array(rows).reshape(-1, 4).T
+    return columns[0], columns[1], columns[2], columns[3]

@@ -1,0 +1,263 @@
+"""Bode plots of a fit, and the response of a forced plane with its dynamic stiffness."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rotorfit.base.array_types import ComplexArray, Float
+from rotorfit.base.digits import significant
+from rotorfit.base.names import unknown_name
+from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.show.plots import style
+from rotorfit.show.plots.dynamic_stiffness import draw_drive_point
+from rotorfit.show.plots.sweeps import SweepCondition, SweepCurve, curves, forced_planes, joined
+
+
+def panels_of(
+    found: Sequence[SweepCurve], title: str, *, rows: int, size: tuple[float, float], one_abscissa: bool = False
+) -> tuple[Figure, dict[tuple[int, int], list[Any]], list[Any]]:
+    """A figure with a panel for each probe (down) and force (across), packed where not all of them were measured, and
+    side by side where a page is too short for all probes of one force.
+
+    Returns:
+        the figure, the axes of each pair, one row of axes or more, and the axes at the bottom.
+    """
+    pairs = sorted({(c.coordinate, c.force_plane) for c in found})
+    probes, forces = sorted({p for p, _ in pairs}), sorted({f for _, f in pairs})
+    shortest = 0.6 * rows * size[1]  # of a pair, inches
+    columns = next((n for n in (1, 2) if -(-len(pairs) // n) * shortest <= style.PAGE[1]), 3)
+    if len(pairs) == len(probes) * len(forces) and (len(forces) > 1 or columns == 1):
+        place = {(p, f): (probes.index(p), forces.index(f)) for p, f in pairs}
+    else:
+        place = {pair: divmod(i, max(columns, 2)) for i, pair in enumerate(pairs)}
+    down, across = (max(where[k] for where in place.values()) + 1 for k in (0, 1))
+    figure, axes = style.grid(rows * down, across, title, size=size, one_abscissa=one_abscissa)
+    for row, column in {(r, c) for r in range(down) for c in range(across)} - set(place.values()):
+        for axis in axes[rows * row : rows * (row + 1), column]:
+            axis.remove()
+    shown = {pair: list(axes[rows * r : rows * (r + 1), c]) for pair, (r, c) in place.items()}
+    lowest = {c: max(r for r, other in place.values() if other == c) for _, c in place.values()}
+    bottom = [axes[rows * (r + 1) - 1, c] for c, r in lowest.items()]
+    for axis in bottom:
+        axis.tick_params(labelbottom=True)
+    if across > 2:
+        for axis in (axis for pair in shown.values() for axis in pair):
+            style.few_ticks(axis.xaxis, 3)
+    return figure, shown, bottom
+
+
+def response_unit(fit: FitResult, coordinate: int) -> tuple[float, str]:
+    """Factor to and name of the unit in which a response to a force is shown."""
+    if all(base.imposed for base in map(responses_of, fit.problem.blocks) if base is not None and base.frequency.any()):
+        return 1 / style.length()[0], f"N/{style.length()[1]}"
+    return (
+        (1e6, "µrad/N")
+        if fit.model.coordinates[coordinate].axis == "r"
+        else (style.length()[0], f"{style.length()[1]}/N")
+    )
+
+
+def cell_title(fit: FitResult, coordinate: int, force_plane: int) -> str:
+    """Title of the panel of a probe and a force, for matplotlib."""
+    return style.literal(panel_name(fit, coordinate, force_plane))
+
+
+def panel_name(fit: FitResult, coordinate: int, force_plane: int) -> str:
+    """Words for a probe and a force."""
+    probe = fit.model.coordinates[coordinate]
+    reading = {"r": "tilt at ", "x": "x at ", "y": "y at "}.get(probe.axis, "")
+    return f"{reading}{probe.plane}, {forced_planes(fit.model, force_plane)}"
+
+
+AGAINST = ("frequency", "ratio", "size")
+"""Axes of responses: signed frequency, its ratio to the rotative speed, or its size."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Axis:
+    """Axis of responses, and the unbalance for which amplitudes are drawn."""
+
+    against: str
+    mr: float | None
+
+    def x(self, curve: SweepCurve, frequency: Float) -> Float:
+        """Places of frequencies, rad/s, along the axis."""
+        if self.against == "ratio":
+            return frequency / curve.condition.speed
+        return (np.abs(frequency) if self.against == "size" else frequency) * style.per_rad_s()
+
+    def scale(self, frequency: Float) -> Float | float:
+        """Factor from responses to a unit force to those to the unbalance."""
+        return 1.0 if self.mr is None else self.mr * frequency**2
+
+    def label(self, found: Sequence[SweepCurve]) -> str:
+        """Words below the axis."""
+        if self.against == "ratio":
+            return "frequency over rotative speed (backward < 0 < forward)"
+        return f"frequency, {style.rate_unit()}" if self.against == "size" else frequency_label(found)
+
+    def style(self, curve: SweepCurve) -> tuple[str, str]:
+        """Style of the line, and face of points: of backward responses on an axis of sizes dashed and open."""
+        backward = self.against == "size" and bool(np.nanmax(curve.frequency) < 0)
+        return ("--", "none") if backward else ("-", curve.condition.colour)
+
+
+def _axis_of(found: Sequence[SweepCurve], against: str, mr: float | None) -> _Axis:
+    if against not in AGAINST:
+        raise ValueError(unknown_name("abscissa", against, AGAINST))
+    if against == "ratio" and any(np.isnan(c.condition.speed) for c in found):
+        raise ValueError("against='ratio' needs a constant rotative speed; of start-ups frequency is the speed")
+    if mr is not None and not (np.isfinite(mr) and mr > 0):
+        raise ValueError(f"mr is {mr!r}; an unbalance is above zero, kg m")
+    return _Axis(against=against, mr=mr)
+
+
+@style.looked
+def plot_bode(fit: FitResult, *, against: str = "frequency", mr: float | None = None) -> Figure:
+    """Amplitude and phase of every response per unit force against signed perturbation frequency.
+
+    Rows are probes (amplitude, then phase), columns force planes; colours are rotative speeds and, of nonlinear fluids,
+    levels of the force. Points are measured; lines are fitted, with their 95 % bands. The phase is that by which the
+    probe leads a force along it, forward and backward alike, as an analyser shows it.
+
+    ``against``: ``ratio`` draws over frequency over rotative speed (Fig. 9), ``size`` forward and backward over one
+    another, these dashed and open (Fig. 8). ``mr``, kg m: amplitudes under that unbalance.
+    """
+    conditions, found = curves(fit)
+    along = _axis_of(found, against, mr)
+    title = f"Bode plot{_weight(mr)}, {fit.model.name}"
+    figure, panels, bottom = panels_of(found, title, rows=2, size=(5.2, 1.9), one_abscissa=True)
+    for curve in found if against == "size" else joined(found):
+        draw_bode(fit, panels[curve.coordinate, curve.force_plane], curve, along)
+    for (probe, force), pair in panels.items():
+        own = [c for c in found if (c.coordinate, c.force_plane) == (probe, force)]
+        finish_bode(fit, pair, own, along)
+        pair[0].set_title(cell_title(fit, probe, force))
+    for axis in bottom:
+        axis.set_xlabel(along.label(found))
+    marks = direction_marks(found, ".", " (fit dashed)") if against == "size" else None
+    condition_legend(figure, conditions, "fit and 95 % band", marks)
+    return figure
+
+
+def _weight(mr: float | None) -> str:
+    """The unbalance that amplitudes are drawn for, in words of a title."""
+    return "" if mr is None else f" for {significant(mr * 1e6, 4)} g mm"
+
+
+def direction_marks(found: Sequence[SweepCurve], marker: str, more: str = "") -> dict[str, tuple[str, str]]:
+    """Entries of the legend for forward and backward points that are drawn over one another."""
+    both = len({bool(c.frequency[-1] > 0) for c in found}) > 1
+    filled = {"measured, forward" if both else "measured": (marker, style.GREY)}
+    return filled | ({f"measured, backward{more}": (marker, "none")} if both else {})
+
+
+def draw_bode(fit: FitResult, pair: Sequence[Any], curve: SweepCurve, along: _Axis) -> None:
+    """One response in its panels of amplitude and phase."""
+    amplitude, phase = pair
+    colour, x, fine = curve.condition.colour, along.x(curve, curve.frequency), along.x(curve, curve.fine)
+    factor, _ = _bode_unit(fit, curve.coordinate, along)
+    look, face = along.style(curve)
+    points = {"ls": "", "marker": ".", "ms": 2.5, "mfc": face, "mec": colour, "mew": 0.5, "alpha": 0.6}
+    line, (relative, turn) = factor * along.scale(curve.fine) * np.abs(curve.fitted), curve.band
+    amplitude.plot(x, factor * along.scale(curve.frequency) * np.abs(curve.measured), **points)
+    amplitude.plot(fine, line, look, lw=1.1, color=colour)
+    reach = np.exp(np.minimum(relative, 20.0))
+    amplitude.fill_between(fine, line / reach, line * reach, color=colour, alpha=style.BAND, lw=0)
+    phase.plot(x, degrees(curve.seen), **points)
+    angle, half = broken_phase(curve.line_seen), np.rad2deg(turn)
+    style.draw_curve(phase, fine, angle, half, colour, look, lw=1.1)
+
+
+def finish_bode(fit: FitResult, pair: Sequence[Any], found: Sequence[SweepCurve], along: _Axis) -> None:
+    """Scales, limits and names of the panels of amplitude and phase."""
+    amplitude, phase = pair
+    factor, unit = _bode_unit(fit, found[0].coordinate, along)
+    amplitude.set_yscale("log")
+    style.decade_ticks(amplitude.yaxis)
+    shown = [(along.scale(c.frequency) * np.abs(c.measured), along.scale(c.fine) * np.abs(c.fitted)) for c in found]
+    # Limits around points and lines: bands of what is not determined would leave nothing else to be seen.
+    sizes = factor * np.concatenate([part for both in shown for part in both])
+    sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
+    if sizes.size:
+        amplitude.set_ylim(float(sizes.min()) / 1.5, 1.5 * float(sizes.max()))
+    imposed = unit.startswith("N/")
+    roomy = 4  # rows of panels up to which whole words fit beside one
+    place = amplitude.get_subplotspec()
+    if place is not None and place.get_gridspec().nrows > roomy:
+        amplitude.set_ylabel(unit, fontsize=style.SMALL_TYPE)
+        phase.set_ylabel("phase, deg", fontsize=style.SMALL_TYPE)
+    else:
+        amplitude.set_ylabel(unit if imposed else f"amplitude, {unit}")
+        phase.set_ylabel("phase lead of the force, deg" if imposed else style.PHASE_LABEL)
+    style.phase_axis(phase)
+
+
+def _bode_unit(fit: FitResult, coordinate: int, along: _Axis) -> tuple[float, str]:
+    """Factor to and name of the unit of amplitudes, per force or under an unbalance."""
+    factor, unit = response_unit(fit, coordinate)
+    if along.mr is None:
+        return factor, unit
+    if unit.startswith("N/"):
+        raise ValueError("mr is for responses to a force; these orbits were imposed")
+    return factor, style.amplitude_unit(unit.removesuffix("/N"))
+
+
+@style.looked
+def plot_drive_point(fit: FitResult, *, plane: str | None = None, mr: float | None = None) -> Figure:
+    """Phase, amplitude and dynamic stiffness of a forced plane above one another, a colour a condition (Fig. 11).
+
+    Conditions are speeds, or values of the attribute by which parameters were fitted: a pressure, a temperature.
+    ``plane``: a forced one, the last unless given. ``mr``, kg m: amplitudes under that unbalance.
+    """
+    conditions, every = curves(fit)
+    own = [c for c in every if c.coordinate == c.force_plane]
+    names = [fit.model.coordinates[c.coordinate].plane for c in own]
+    if not own or (plane is not None and plane not in names):
+        raise ValueError(unknown_name("plane that was forced and read", str(plane), sorted(set(names))))
+    chosen = plane if plane is not None else names[-1]
+    found = [c for c, name in zip(own, names, strict=True) if name == chosen]
+    along = _axis_of(found, "frequency", mr)
+    title = style.literal(f"Drive point at {chosen}{_weight(mr)}, {fit.model.name}")
+    figure, axes = style.grid(4, 1, title, size=(6.2, 1.9), one_abscissa=True)
+    phase, amplitude, direct, quadrature = axes[:, 0]
+    for curve in joined(found):
+        draw_bode(fit, (amplitude, phase), curve, along)
+    finish_bode(fit, (amplitude, phase), found, along)
+    draw_drive_point(fit, (direct, quadrature), found[0].coordinate)
+    quadrature.set_xlabel(along.label(found))
+    condition_legend(figure, conditions, "fit and 95 % band")
+    return figure
+
+
+def frequency_label(found: Sequence[SweepCurve]) -> str:
+    """Words below an axis of signed frequency."""
+    both = any(c.frequency.min() < 0 for c in found) and any(c.frequency.max() > 0 for c in found)
+    return f"frequency, {style.rate_unit()} (backward < 0 < forward)" if both else f"frequency, {style.rate_unit()}"
+
+
+def degrees(values: ComplexArray) -> Float:
+    """Phase in degrees."""
+    return np.asarray(np.rad2deg(np.angle(values)))
+
+
+def broken_phase(values: ComplexArray) -> Float:
+    """Phase in degrees, broken where it jumps over the cut so that no line crosses the plot."""
+    phase = degrees(values)
+    return np.where(np.abs(np.diff(phase, prepend=phase[:1])) > 180, np.nan, phase)
+
+
+def condition_legend(
+    figure: Figure, conditions: Sequence[SweepCondition], line: str, marks: Mapping[str, tuple[str, str]] | None = None
+) -> None:
+    """Legend: conditions, then points and line, then further marks, by their words marker and face."""
+    entries: dict[str, Any] = {c.name: {"color": c.colour, "lw": 2} for c in conditions}
+    for words, (marker, face) in (marks or {"measured": (".", style.GREY)}).items():
+        entries[words] = {"ls": "", "marker": marker, "mfc": face, "ms": 4}
+    style.legend_below(figure, entries | ({line: {"lw": 1.2}} if line else {}))

@@ -1,0 +1,182 @@
+"""Eigenvalues against rotative speed: where the margin of stability ends."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from rotorfit.base.array_types import ComplexArray, Float
+from rotorfit.base.digits import interval as interval_words
+from rotorfit.base.digits import with_error
+from rotorfit.base.matching import cheapest_rows
+from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.identify.fitting.quantities import THRESHOLD, Quantity
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.models import AnisotropicShaft, Turning, eigenvalues
+from rotorfit.models.motion.stability import whirls_forward
+from rotorfit.show.plots import style
+from rotorfit.show.plots.journal import group_label
+from rotorfit.show.plots.shaft_lines import mark_speeds, plot_turning_stability
+
+_THRESHOLD = style.COLOURS[1]
+_MODES = tuple(c for c in style.COLOURS if c != _THRESHOLD)
+"""Colours of modes: all but the threshold's."""
+
+
+@style.looked
+def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
+    """Modes against rotative speed, with the threshold and its 95 % interval.
+
+    Growth rate and damped frequency above, damping ratio and logarithmic decrement below.
+    """
+    if isinstance(fit.model, AnisotropicShaft | Turning):
+        return plot_turning_stability(fit)
+    onset, tested = None, _tested_speeds(fit, group)
+    if fit.model.speed_dependent and np.isfinite(fit.threshold_of(group).value):
+        onset = replace(fit.threshold_of(group), systematic=fit.systematic(THRESHOLD))
+    # Shows the threshold with some room, or the tested speeds where there is none.
+    fastest = max(float(np.max(experiment.speed, initial=0.0)) for experiment in fit.experiments)
+    top = 1.5 * max(fastest, 1.0) if onset is None else 1.25 * max(onset.value, fastest)
+    speeds = np.union1d(np.linspace(0.0, top, 400), tested[-1:])  # at which the legend and tables name frequencies
+    named_at = int(np.argmin(np.abs(speeds - tested.max(initial=0.0))))
+    s, x = _modes(fit, fit.thetas[group], speeds, named_at), speeds * style.per_rad_s()
+    label = group_label(fit, group)
+    title = f"Stability, {fit.model.name}" + (f", {style.literal(label)}" if label else "")
+    figure, axes = style.grid(2, 2, title, size=(5.4, 2.6))
+    _draw_modes(axes, x, s)
+    for axis in axes.flat:
+        axis.set(xlabel=f"rotative speed, {style.rate_unit()}", xlim=(0, x[-1]))
+        mark_speeds(axis, tested.tolist())
+        if onset is not None:
+            axis.axvline(onset.value * style.per_rad_s(), color=_THRESHOLD, lw=1.4)
+            if np.isfinite(onset.stderr):
+                low, high = (end * style.per_rad_s() for end in onset.interval(0.95))
+                axis.axvspan(low, high, color=_THRESHOLD, alpha=0.3, lw=0)
+    frequency = axes[0, 1]
+    frequency.plot(x, x, "--", color="0.6", lw=0.9)
+    span = np.nanmax(np.abs(s.imag), initial=0.0)
+    frequency.set_ylim(-1.1 * span * style.per_rad_s(), 1.1 * span * style.per_rad_s())
+    measured = [part * style.per_rad_s() for part in _resonances(fit, group, tested, span)]
+    frequency.plot(*measured, "o", ms=5, mfc="none", mec="black", mew=0.9, zorder=4)
+    modes = _mode_names(s[named_at], float(tested.max(initial=0.0)))
+    entries: dict[str, Any] = {name: {"color": _MODES[i % len(_MODES)], "lw": 1.4} for i, name in enumerate(modes)}
+    if onset is not None:
+        entries[_threshold_words(onset)] = {"color": _THRESHOLD, "lw": 1.4}
+    entries["unstable"] = Patch(color=_THRESHOLD, alpha=0.15)
+    entries["1×: frequency = speed"] = {"color": "0.6", "lw": 0.9, "ls": "--"}
+    if tested.size:
+        entries["tested speeds"] = {"color": "black", "marker": "^", "ls": ""}
+    if measured[0].size:
+        entries["resonances of the responses"] = {"color": "black", "marker": "o", "mfc": "none", "ls": ""}
+    style.legend_below(figure, entries)
+    return figure
+
+
+def _draw_modes(axes: Any, x: Float, s: ComplexArray) -> None:
+    """Growth rate and frequency of each mode above, its damping ratio and decrement below."""
+    zeta = -s.real / np.where(np.abs(s) > 0, np.abs(s), np.nan)
+    overdamped = 0.99  # damping ratio from which a mode no longer oscillates and has no decrement
+    swings = np.abs(zeta) < overdamped
+    delta = np.where(swings, 2 * np.pi * zeta / np.sqrt(np.where(swings, 1 - zeta**2, 1.0)), np.nan)
+    panels = {
+        "growth rate, 1/s": s.real,
+        f"damped frequency, {style.rate_unit()}": s.imag * style.per_rad_s(),
+        "damping ratio": zeta,
+        "logarithmic decrement": delta,
+    }
+    for axis, (name, values) in zip(axes.flat, panels.items(), strict=True):
+        axis.set_ylabel(name)
+        for mode in range(s.shape[1]):
+            axis.plot(x, values[:, mode], color=_MODES[mode % len(_MODES)], lw=1.4)
+    largest = 3.0  # largest decrement worth a place on its axis: what matters is near zero
+    _unstable_half(axes[0, 0], s.real, above=True)
+    _unstable_half(axes[1, 0], zeta, above=False)
+    _unstable_half(axes[1, 1], np.minimum(delta, largest), above=False)
+
+
+def _threshold_words(onset: Quantity) -> str:
+    low, high = (style.per_rad_s() * end for end in onset.interval(0.95))
+    known = np.isfinite(high) and high > low
+    value = with_error(onset.value * style.per_rad_s(), (high - low) / 4 if known else np.nan)[0]
+    return f"threshold {value} {style.rate_unit()}" + (f", 95 % {interval_words(low, high)}" if known else "")
+
+
+def _tested_speeds(fit: FitResult, group: int) -> Float:
+    """Speeds, rad/s, at which the group's data were measured; none where the speed was swept."""
+    blocks = [b for b in map(responses_of, fit.problem.blocks) if b is not None]
+    mine = [np.unique(b.speed[b.group == group]) for b in blocks]
+    distinct = np.unique(np.concatenate([*mine, np.zeros(0)]))
+    return distinct if np.isin(distinct, fit.speeds).all() else np.zeros(0)
+
+
+def _resonances(fit: FitResult, group: int, tested: Float, span: float) -> tuple[Float, Float]:
+    """Tested speeds and the frequencies, rad/s, at which measured responses peak there (Fig. 32)."""
+    found: list[tuple[float, float]] = []
+    for base in (b for b in map(responses_of, fit.problem.blocks) if b is not None and not b.imposed):
+        drive = np.abs(base.force).max(axis=1)[base.line]
+        for speed in tested.tolist():
+            mine = (base.group == group)[base.line] & (base.speed[base.line] == speed) & (drive > 0)
+            for label in np.unique(base.label[mine]).tolist():
+                rows = np.flatnonzero(mine & (base.label == label) & (base.sigma < 0.2 * np.abs(base.measured)))
+                found += [
+                    (speed, w) for w in _peaks(base.frequency[base.line[rows]], base.measured[rows] / drive[rows])
+                ]
+    shown = np.array([pair for pair in found if abs(pair[1]) <= span]).reshape(-1, 2)
+    return shown[:, 0], shown[:, 1]
+
+
+def _peaks(w: Float, response: ComplexArray) -> list[float]:
+    """Frequencies of the peaks of a response from which it falls to half on either side before it rises again."""
+    found: list[float] = []
+    for side in (w < 0, w > 0):
+        order = np.argsort(w[side])
+        size, at = np.abs(response[side])[order], w[side][order]
+        for k, top in enumerate(size.tolist()):
+            ends = [part[(part > top) | (part < top / 2)][:1] for part in (size[:k][::-1], size[k + 1 :])]
+            if all(end.size and end[0] < top for end in ends):
+                found.append(float(at[k]))
+    return found
+
+
+def _unstable_half(axis: Any, values: Float, *, above: bool) -> None:
+    """Limits that leave out modes of far more damping than the others, and a tint where motion grows."""
+    stable = -values if above else values
+    shown = stable[np.isfinite(stable)]
+    high = min(float(shown.max()), 8 * float(np.median(np.abs(shown)))) if shown.size else 1.0
+    high = high if high > 0 else 1.0
+    low = min(-0.12 * high, 1.1 * float(shown.min(initial=0.0)))
+    axis.axhline(0, color=style.GREY, lw=0.8)
+    limits = (low, 1.1 * high)
+    axis.set_ylim([-limits[1], -limits[0]] if above else limits)
+    axis.axhspan(*((0, -low) if above else (low, 0)), color=_THRESHOLD, alpha=0.1, lw=0)
+
+
+def _modes(fit: FitResult, theta: Float, speeds: Float, at: int) -> ComplexArray:
+    """Eigenvalues up to the band at each speed, each column those of one mode, with the sign of its whirl at one of the
+    speeds: in x and y one of each conjugate pair."""
+    s = eigenvalues(fit.model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds)
+    for k in range(1, len(s)):
+        guess = s[k - 1] if k == 1 else 2 * s[k - 1] - s[k - 2]
+        s[k] = s[k][cheapest_rows(np.nan_to_num(np.abs(s[k][:, None] - guess), nan=1e12))]
+    s = np.where(np.abs(s) <= fit.stability_band, s, complex(np.nan, np.nan))
+    s = s[:, np.isfinite(s).any(axis=0)]
+    if fit.model.frame != "xy":
+        return s
+    s = s[:, s[at].imag >= 0]
+    forward = whirls_forward(fit.model, theta, float(speeds[at]), s[at])
+    return np.asarray(s.real + 1j * np.where(forward, 1.0, -1.0) * np.abs(s.imag))
+
+
+def _mode_names(s: ComplexArray, at: float) -> list[str]:
+    """Words for each mode: its whirl and its frequency at a speed."""
+    return [
+        f"{'forward' if value.imag > 0 else 'backward'} mode, {style.rate_words(abs(value.imag))} at "
+        f"{style.rate_words(at)}"
+        if np.isfinite(value)
+        else "mode beyond the tested band"
+        for value in s
+    ]

@@ -1,0 +1,299 @@
+"""Sections of the report that are figures, with the tables that belong to them.
+
+What draws is imported when it is called: matplotlib takes as long to load as a fit with its tables to write.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rotorfit.base.array_types import Float
+from rotorfit.base.atomic_file import file_name
+from rotorfit.base.digits import significant
+from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.observations import Block
+from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses
+from rotorfit.estimators.blocks.small_motion import FreeVibrations
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.identify.fitting.structure.modes import own_modes
+from rotorfit.identify.uncertainty.posterior import Posterior
+from rotorfit.models import Modal
+from rotorfit.models.parameters import bare_name
+from rotorfit.show.report.html import Html, element, join, paragraph, picture, table
+from rotorfit.show.report.material import ReportInput
+from rotorfit.show.report.numbers import plain, with_error
+from rotorfit.show.report.parts import at_of, groups_of, note, section, sentence, symbol, unit_shown
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+_FIRST = ("D", "lam", "lam_D", "lam_M", "Mf", "K0")
+"""Parameters that a corner plot shows before others."""
+
+
+class ReportFigure(NamedTuple):
+    """A figure of the report and the kind of data that it shows."""
+
+    title: str  # heading of its section
+    draw: Callable[[FitResult], Figure]  # makes the figure of a fit; ``plot_NAME`` gives its file the name ``NAME.png``
+    caption: str  # words below it
+    kinds: set[str]  # of data that appear in it, as `_kinds` names them
+
+
+def _kinds(block: Block) -> Iterator[str]:
+    """Kinds of data that a block of observations holds, for the figures that show them."""
+    responses = responses_of(block)
+    turning = responses is not None and bool(responses.frequency.any())
+    if turning:  # circular forces, or forces under imposed orbits
+        yield "responses"
+    if isinstance(block, OrbitResponses) and np.isfinite(block.eccentricity).any():
+        yield "orbits" if turning else "loads"
+    if isinstance(block, FreeVibrations) and block.model.eccentricity_dependent and (block.eccentricity > 0).any():
+        yield "impulses"
+    if isinstance(block, LineResponses | PairResponses) and block.force.any():
+        yield "spectral lines"
+    if turning and responses is not None and isinstance(responses.model, Modal):
+        yield "modes"
+        fewest = 50  # frequencies at which poles of some orders beyond those of the model can be looked for
+        if np.unique(responses.frequency).size >= fewest:
+            yield "many frequencies of modes"
+
+
+_TO_FORCE = "Responses to a unit force. Points: measured. Lines: fit, with its 95 % band."
+_POLAR = "Responses to a unit force. Points: measured, open ones backward. Lines: fit; crosses: frequencies in rpm."
+_BAND = "Residuals over their noise; noise alone would leave 95 % of them in the grey band."
+
+FIGURES: tuple[ReportFigure, ...] = (
+    ReportFigure(
+        "Dynamic stiffness",
+        FitResult.plot_dynamic_stiffness,
+        "Points: measured ± σ. Lines: fit, with its 95 % band. Dotted: λΩ, where the fluid's part of the quadrature "
+        "stiffness vanishes.",
+        {"responses"},
+    ),
+    ReportFigure("Bode plots", FitResult.plot_bode, _TO_FORCE, {"responses"}),
+    ReportFigure("Polar plots", FitResult.plot_polar, _POLAR, {"responses"}),
+    ReportFigure("Residuals", FitResult.plot_residuals, _BAND, {"responses"}),
+    ReportFigure(
+        "Mode shapes",
+        FitResult.plot_mode_shapes,
+        "Gains of the probes in each mode, one where all are normalised, with 95 % errors.",
+        {"modes"},
+    ),
+    ReportFigure(
+        "Stabilisation",
+        FitResult.plot_stabilisation,
+        "Natural frequencies of poles against how many are looked for, over the size of all responses. Poles of modes "
+        "stay where they are, those of noise do not.",
+        {"many frequencies of modes"},
+    ),
+    ReportFigure(
+        "Spectral lines",
+        FitResult.plot_lines,
+        "Lines per unit of force. Points: measured ± σ. Lines: fit. A line at w has its image at 2 Om − w.",
+        {"spectral lines"},
+    ),
+    ReportFigure(
+        "Fluid against eccentricity",
+        FitResult.plot_law,
+        "The law's K0, D and lam with their 95 % bands; ticks: eccentricities of the data, dotted: beyond them.",
+        {"orbits", "loads", "impulses"},
+    ),
+    ReportFigure(
+        "Nonlinear dynamic stiffness",
+        FitResult.plot_nonlinear_stiffness,
+        "Nonlinear minus linear dynamic stiffness at the journal. Points: measured. Lines: fit.",
+        {"orbits"},
+    ),
+    ReportFigure(
+        "Static loads",
+        FitResult.plot_static_locus,
+        "Positions of the journal under constant loads over the clearance. Points: measured. Lines: fitted locus.",
+        {"loads"},
+    ),
+    ReportFigure(
+        "Static stiffness",
+        FitResult.plot_static_stiffness,
+        "Static load over displacement. Points: measured. Lines: fit, with its 95 % band.",
+        {"loads"},
+    ),
+    ReportFigure(
+        "Impulse tests",
+        FitResult.plot_velocity_ratio,
+        "Damped frequency over rotative speed. Points: measured. Solid lines: fitted eigenvalues; dashed: lam itself.",
+        {"impulses"},
+    ),
+)
+"""Figures in their order; further kinds of experiments add theirs here."""
+
+
+def figure_sections(material: ReportInput) -> tuple[list[Html], list[Html]]:
+    """The two figures that carry the verdict, the first of the data and that of stability; the other figures."""
+    fit = material.fit
+    kinds = {kind for block in fit.problem.blocks for kind in _kinds(block)}
+    of_data = []
+    for figure in FIGURES if material.figure_format != "none" else ():
+        if figure.kinds & kinds:
+            name = figure.draw.__name__.removeprefix("plot_")
+            picture_in = embedded(material, name, partial(figure.draw, fit), figure.caption)
+            of_data.append(section(figure.title, picture_in, figure=True))
+    first, further = [*of_data[:1], section("Stability", *_stability(material))], of_data[1:]
+    if fit.responses:
+        further.append(section("Quality of fit", *_quality(fit)))
+    if material.profiles:
+        drawn = []
+        for p in material.profiles:
+            name = file_name(re.sub(r"\W+", "_", f"profile_{p.name}").rstrip("_"), material.pictures)
+            caption = p.name.replace("_", " ") + (f". {p.message}" if p.message else "")
+            drawn.append(embedded(material, name, p.plot, caption))
+        further.append(section("Profile likelihoods", element("div", *drawn, class_="side")))
+    if material.posterior is not None:
+        further.append(section("Posterior", *_posterior(material, material.posterior)))
+    return first, further
+
+
+def embedded(material: ReportInput, name: str, draw: Callable[[], Figure], caption: str) -> Html:
+    """Draw a figure, keep the file, embed it; nothing where figures are left out."""
+    if material.figure_format == "none":
+        return Html("")
+    from rotorfit.show.plots.style import picture_of
+
+    figure = draw()
+    png = picture_of(figure)
+    material.pictures[name] = png if material.figure_format == "png" else picture_of(figure, material.figure_format)
+    return picture(png, caption, figure.get_figwidth())
+
+
+def _quality(fit: FitResult) -> Iterator[Html]:
+    rows = [
+        [r.name, str(r.count), f"{plain(100 * r.nrmse, 3)} %", f"{r.frac:.6f}", plain(r.redchi, 3)]
+        for r in fit.responses
+    ]
+    yield table(["response", "readings", "NRMSE", "FRAC", "redchi"], rows, numeric=(1, 2, 3, 4))
+    words = (
+        "NRMSE: rms residual over rms response. FRAC: frequency response assurance criterion, 1 for equal shape. "
+        "redchi: mean squared residual over the noise's variance, 1 for noise alone."
+    )
+    yield note(words)
+
+
+def _stability(material: ReportInput) -> Iterator[Html]:
+    fit = material.fit
+    for label, group in groups_of(fit):
+        caption = "Modes of the fitted rotor against its speed" + (f", {label}." if label else ".")
+        name = "stability" if group == 0 else f"stability_{group + 1}"
+
+        def of_group(group: int = group) -> Figure:
+            from rotorfit.show.plots.stability import plot_stability
+
+            return plot_stability(fit, group=group)
+
+        yield embedded(material, name, of_group, caption)
+    rows = [row for label, group in groups_of(fit) for row in _mode_rows(fit, label, group)]
+    head = ["group", "rotative speed, rpm", "damped frequency, rpm", "±", "damping ratio", "±"]
+    if rows and not rows[0][0]:
+        head, rows = head[1:], [row[1:] for row in rows]
+    modes = table(head, rows, numeric=range(len(head) - 5, len(head)))
+    yield from _criteria(material)
+    own = own_modes(fit)  # modal masses, stiffnesses and shapes of a passive rotor
+    if own is not None:
+        yield element("h3", "Modes one by one")
+        yield table(own.rows()[0], own.rows()[1:], numeric=range(1, len(own.rows()[0])))
+        of_each = f"are those of each mode by itself, with a deflection of one at {next(iter(own[0].shape))}."
+        words = f"Mass, stiffness and damping {of_each}"
+        yield note(f"{words} Half-power: damping ratio by the width of the measured peaks.")
+    yield element("details", element("summary", "Modes at the tested speeds"), modes)
+
+
+def _criteria(material: ReportInput) -> Iterator[Html]:
+    """The rotor judged at its running speed, or why it cannot be; nothing where it has no such speed."""
+    fit, speed = material.fit, material.operating_speed
+    top = float(fit.speeds.max(initial=0.0)) if speed is None else speed
+    if not top or fit.model.turns or not fit.success or len(fit.thetas) > 1:
+        return
+    draws = fit if material.posterior is None else material.posterior
+    where = "running speed" if speed is not None else "highest tested speed"
+    yield element("h3", f"Criteria at the {where}, {significant(top * RPM_PER_RAD_S, 5)} rpm")
+    try:
+        found = draws.stability_report(max_speed_rpm=top * RPM_PER_RAD_S)
+    except ValueError as refusal:  # such as of a fit to wrong data, whose stiffness vanishes
+        yield note(sentence(str(refusal)))
+        return
+    head, *rows = found.rows()
+    yield table(head, rows, numeric=(1, 5))
+    yield note(*map(sentence, (*([found.caution] if found.caution else []), *found.remarks)))
+
+
+def _mode_rows(fit: FitResult, label: str, group: int) -> Iterator[list[str]]:
+    at = at_of(fit, group)
+    speeds = fit.speeds if fit.model.speed_dependent else np.zeros(1)
+    for speed in speeds.tolist():
+        for frequency, damping in fit.natural_frequencies(speed, at):
+            shown = f"{speed * RPM_PER_RAD_S:.0f}" if fit.model.speed_dependent else "any"
+            in_rpm = (RPM_PER_RAD_S * part for part in (frequency.value, frequency.stderr))
+            yield [label, shown, *with_error(*in_rpm), *with_error(damping.value, damping.stderr)]
+
+
+def _posterior(material: ReportInput, posterior: Posterior) -> Iterator[Html]:
+    fit = material.fit
+    names, samples = list(posterior.names), np.asarray(posterior.samples)
+    shown = _corner_columns(names, samples)
+    units = {name: unit_shown(p.unit) for name, p in fit.params.items() if p.unit != "1"}
+    labels = [f"{names[i]}, {units[names[i]]}" if names[i] in units else names[i] for i in shown]
+    marks = {
+        label: fit.params[names[i]].value for i, label in zip(shown, labels, strict=True) if names[i] in fit.params
+    }
+    caption = "Posterior: margins with their 95 % interval, and pairs with contours of 68 and 95 %; lines: the optimum."
+    if len(shown) < len(names):
+        caption += f" {len(shown)} of {len(names)} parameters: the fluid's, and those most correlated with others."
+
+    def corner() -> Figure:
+        from rotorfit.show.plots.uncertainty import plot_corner
+
+        return plot_corner(samples[:, shown], labels, marks)
+
+    def traces() -> Figure:
+        from rotorfit.show.plots.uncertainty import plot_traces
+
+        return plot_traces(posterior.chain[..., shown], [names[i] for i in shown])
+
+    yield embedded(material, "corner", corner, caption)
+    yield element("h3", "Health of the chains")
+    yield paragraph(sentence(posterior.message))
+    yield paragraph(sentence(posterior.treatment))
+    yield _health(posterior)
+    yield embedded(material, "chains", traces, "Walkers' paths after burn-in.")
+
+
+def _health(posterior: Posterior) -> Html:
+    from rotorfit.identify.uncertainty.posterior_file import health
+
+    rows = [
+        [symbol(h.name, posterior.fit.model), f"{h.rhat:.3f}", f"{h.bulk:.0f}", f"{h.tail:.0f}", f"{tau:.1f}"]
+        for h, tau in zip(health(posterior), posterior.tau.tolist(), strict=True)
+    ]
+    head = ["parameter", "split R-hat", "bulk ESS", "tail ESS", "autocorrelation time, steps"]
+    settings, accepted = posterior.settings, 100 * float(posterior.acceptance.mean())
+    words = (
+        f"emcee with {settings.walkers} walkers, {settings.steps} steps of which {posterior.burn_in} burn-in, "
+        f"{accepted:.0f} % of the proposals accepted, seed {posterior.seed}. R-hat is 1 for chains that agree; ESS: "
+        "effective samples for the middle and for the tails of the distribution."
+    )
+    return join([table(head, rows, numeric=range(1, 5)), note(words)])
+
+
+def _corner_columns(names: list[str], samples: Float) -> list[int]:
+    """Columns that a corner plot shows, in order: the fluid's, then those most correlated with any other."""
+    corner = 8  # parameters a corner plot can show on a page
+    if len(names) <= corner:
+        return list(range(len(names)))
+    together = np.abs(np.corrcoef(samples, rowvar=False)) - np.eye(len(names))
+    rank = [(bare_name(name) not in _FIRST, -together[i].max()) for i, name in enumerate(names)]
+    return sorted(sorted(range(len(names)), key=lambda i: rank[i])[:corner])

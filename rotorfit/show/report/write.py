@@ -1,0 +1,185 @@
+"""The report of a fit: one HTML file that needs nothing else, to read on a screen, to print and to hand on."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rotorfit.estimators.misfit.parameter_space import DATUM
+from rotorfit.identify.fitting.quantities import THRESHOLD
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.identify.fitting.structure.refine import Refinement
+from rotorfit.identify.uncertainty.bootstrap import Bootstrap
+from rotorfit.identify.uncertainty.posterior import Posterior
+from rotorfit.identify.uncertainty.profile import Profile
+from rotorfit.lab.data.findings import Finding
+from rotorfit.lab.data.probes import at_common_zero
+from rotorfit.show.report.html import Html
+from rotorfit.show.report.material import LEVEL, FigureFormat, ReportInput
+from rotorfit.show.report.page import page, write_whole
+
+if TYPE_CHECKING:
+    from rotorfit.lab.recordings.recording import Recording
+
+
+def write_report(
+    fit: FitResult,
+    path: str | os.PathLike[str],
+    *,
+    posterior: Posterior | None = None,
+    refinement: Refinement | None = None,
+    findings: Sequence[Sequence[Finding]] | None = None,
+    profiles: Sequence[Profile] = (),
+    bootstrap: Bootstrap | None = None,
+    shares: Mapping[str, tuple[float, float]] | None = None,
+    operating_speed: float | None = None,
+    title: str | None = None,
+    figures: str | os.PathLike[str] | None = None,
+    figure_format: FigureFormat = "png",
+    recordings: Sequence[Recording] = (),
+    turns: int | None = None,
+    interactive: bool = False,
+) -> Path:
+    """Write the report of a fit as one self-contained HTML file, whole or not at all.
+
+    Args:
+        fit: the result to report.
+        path: file to write; one that is there is replaced.
+        posterior: samples, :meth:`FitResult.sample`.
+        refinement: forward selection of structural blocks, see :func:`rotorfit.refine`.
+        findings: what the data check found, one sequence for each experiment; by default the check is run.
+        profiles: profile likelihoods of some parameters or of the threshold speed, :meth:`FitResult.profile`.
+        bootstrap: fits of simulated data, :meth:`FitResult.bootstrap`.
+        shares: random and systematic standard uncertainty by parameter, SI units; by default those of the fit's
+            calibration and of assumptions that were given one.
+        operating_speed: speed, rad/s, to which the stability margin refers beside the tested speeds.
+        title: heading of the report.
+        figures: folder that is there, to which the figures are also written, each as a file.
+        figure_format: of these files: png, pdf or svg; none leaves figures out of the report too.
+        recordings: what the experiments were reduced from, to be shown with what was done to them.
+        turns: as :func:`rotorfit.responses` was given it.
+        interactive: with Bode plots to zoom and to point at; Bokeh's script makes the file some MB larger.
+
+    Returns:
+        the path written.
+
+    Raises:
+        ValueError: names in ``profiles`` or ``shares`` that the fit does not have, findings that do not go with the
+            experiments, profiles at another level than 95 %, a posterior of other parameters, Bokeh missing.
+        TypeError: models averaged over as the posterior.
+        OSError: the file cannot be written.
+
+    Example:
+        >>> rf.write_report(fit, folder / "report.html").name
+        'report.html'
+    """
+    if findings is None:
+        from rotorfit.identify.diagnosis.check import check
+
+        datum = fit.params[DATUM].value if DATUM in fit.params else 0.0
+        findings = [check(experiment) for experiment in at_common_zero(fit.experiments, datum)]
+    material = ReportInput(
+        fit=fit,
+        posterior=posterior,
+        refinement=refinement,
+        findings=findings,
+        profiles=profiles,
+        bootstrap=bootstrap,
+        shares=shares_of(fit) if shares is None else shares,
+        operating_speed=operating_speed,
+        figure_format=figure_format,
+        recordings=recordings,
+        turns=turns,
+        interactive=interactive,
+    )
+    _check(material)
+    text = document(material, title or title_of(fit))
+    if figures is not None:
+        for name, png in material.pictures.items():
+            write_whole(Path(figures) / f"{name}.{figure_format}", png)
+    return write_whole(Path(path), text.encode())
+
+
+def title_of(fit: FitResult) -> str:
+    """The heading that a report has unless it is given another."""
+    return f"Rotor identification: {fit.model.name}"
+
+
+def shares_of(fit: FitResult) -> Mapping[str, tuple[float, float]]:
+    """Random and systematic standard uncertainty by parameter, by calibration and assumptions."""
+    calibrated: Mapping[str, tuple[float, float]] = {}
+    if fit.settings.calibration is not None:
+        from rotorfit.identify.uncertainty.budget import Budget
+
+        calibrated = Budget(fit, fit.settings.calibration).shares
+    found = {}
+    for name in fit.problem.space.names:
+        random, systematic = calibrated.get(name, (fit.params[name].stderr, 0.0))
+        found[name] = (random, math.hypot(systematic, fit.systematic(name)))
+    return found
+
+
+def _check(material: ReportInput) -> None:
+    fit = material.fit
+    if material.interactive:
+        from rotorfit.show.report.interactive import check_interactive
+
+        check_interactive()
+    if len(material.findings) != len(fit.experiments):
+        raise ValueError(f"findings of {len(material.findings)} experiments, but the fit has {len(fit.experiments)}")
+    given = {
+        "profiles": [p.name for p in material.profiles if p.name not in (THRESHOLD, *fit.var_names)],
+        "shares": [name for name in material.shares if name not in fit.params],
+    }
+    for where, unknown in given.items():
+        if unknown:
+            raise ValueError(f"{where}: the fit has no {', '.join(unknown)}; it has {', '.join(fit.params)}")
+    for p in material.profiles:
+        if p.level != LEVEL:
+            raise ValueError(f"profile of {p.name}: its level is {p.level:g}, the report's intervals are at {LEVEL:g}")
+    if material.posterior is not None and not hasattr(material.posterior, "fit"):
+        raise TypeError(
+            "posterior must be what fit.sample returns; of models averaged over report the most probable, "
+            "write_report(average.posteriors[0].fit, path, posterior=average.posteriors[0])"
+        )
+    for what, other in (("posterior", material.posterior), ("bootstrap", material.bootstrap)):
+        if other is not None and other.fit.var_names != fit.var_names:
+            raise ValueError(
+                f"{what} of {', '.join(other.fit.var_names)}, but the fit is of {', '.join(fit.var_names)}"
+            )
+
+
+def document(material: ReportInput, title: str) -> Html:
+    """The whole page."""
+    from rotorfit.show.report.budget import assumptions_section, budget_section
+    from rotorfit.show.report.data_and_model import data_section, model_section, refinement_section
+    from rotorfit.show.report.figures import figure_sections
+    from rotorfit.show.report.interactive import interactive_section
+    from rotorfit.show.report.parameters import identifiability_section, interval_section, parameter_section
+    from rotorfit.show.report.recorded import recordings_section
+    from rotorfit.show.report.reproduce import reproduce_section
+    from rotorfit.show.report.verdict import verdict_section
+
+    carrying, further = figure_sections(material)
+    interactive = [interactive_section(material.fit)] if material.interactive else []
+    sections = [
+        verdict_section(material),
+        *carrying,
+        parameter_section(material),
+        identifiability_section(material),
+        interval_section(material),
+        budget_section(material),
+        assumptions_section(material),
+        *interactive,
+        *further,
+        data_section(material),
+        *recordings_section(material),
+        model_section(material),
+        refinement_section(material),
+        reproduce_section(material),
+    ]
+    sources = ", ".join(dict.fromkeys(e.source or "data in memory" for e in material.fit.experiments))
+    return page(title, sources, sections, scripted=interactive)

@@ -1,0 +1,70 @@
+"""Trends of a campaign: fitted parameters with error bars against a condition of the runs (Figs 19 and 20)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rotorfit.show.plots.style import colour_of, draw_curve, grid, labelled, legend_below, literal, looked, prefix
+from rotorfit.studies.campaigns.trends import Trend
+
+_MARKERS = ("o", "s", "^", "D", "v", "P")
+
+
+@looked
+def plot_trends(trends: Sequence[Trend], by: str | None = None) -> Figure:
+    """One panel a parameter, one colour and marker a group, the weighted line with its standard error as a band."""
+    if not trends:
+        raise ValueError("no run has a resolved value of these parameters: there is nothing to plot")
+    parameters = list(dict.fromkeys(trend.parameter for trend in trends))
+    groups = list(dict.fromkeys(trend.group for trend in trends))
+    against = list(dict.fromkeys(trend.against for trend in trends))
+    title = f"{', '.join(parameters)} against {', '.join(against)}"
+    figure, axes = grid(len(parameters), len(against), title, size=(6.0, 2.3))
+    handles: dict[str, Any] = {}
+    beyond = 0
+    for row, parameter in enumerate(parameters):
+        for axis, name in zip(axes[row], against, strict=True):
+            mine = [trend for trend in trends if (trend.parameter, trend.against) == (parameter, name)]
+            unit, hidden = _panel(axis, mine, groups, handles)
+            beyond = max(beyond, hidden)
+        axes[row, 0].set_ylabel(labelled(parameter, unit))
+    for axis, name in zip(axes[-1], against, strict=True):
+        axis.set_xlabel(literal(name) + (", others held" if len(against) > 1 else ""))
+    named = groups if groups != [""] else []
+    entries = {literal(group if by is None else f"{by} {group}"): handles[group] for group in named}
+    degree = max(trend.degree for trend in trends)
+    line = "line" if degree < 2 else f"polynomial of degree {degree}"
+    entries |= {f"{line} ± 1 standard error": {"lw": 1}, "runs ± 1 standard error": {"marker": "o", "ls": "", "ms": 4}}
+    if beyond:
+        entries[f"{beyond} of the runs, far less certain, lie beyond the frame"] = {"ls": ""}
+    legend_below(figure, entries)
+    return figure
+
+
+def _panel(axis: Any, trends: Sequence[Trend], groups: Sequence[str], handles: dict[str, Any]) -> tuple[str, int]:
+    """One parameter against one attribute; returns its unit and the number of runs out of the frame."""
+    values = np.concatenate([t.value for t in trends])
+    errors = np.concatenate([t.stderr for t in trends])
+    largest_error_ratio = 8.0  # standard errors over their median beyond which a run does not set the limits of a panel
+    sure = errors <= largest_error_ratio * np.median(errors)
+    factor, unit = prefix(values[sure], trends[0].unit)
+    for trend in trends:
+        number = groups.index(trend.group)
+        colour, marker = colour_of(number, len(groups)), _MARKERS[number % len(_MARKERS)]
+        look = {"fmt": marker, "color": colour, "markersize": 4, "linewidth": 1, "capsize": 2}
+        handles[trend.group] = axis.errorbar(trend.x, trend.value * factor, trend.stderr * factor, **look)
+        if np.isfinite(trend.slope.value):
+            x = np.linspace(trend.x[0], trend.x[-1], 50)
+            line = [trend.at(float(at)) for at in x]
+            middle = np.array([q.value for q in line]) * factor
+            error = np.array([q.stderr for q in line]) * factor
+            draw_curve(axis, x, middle, error, colour, lw=1)
+    low, high = (values - errors)[sure].min() * factor, (values + errors)[sure].max() * factor
+    margin = 0.08 * (high - low)
+    axis.set_ylim(low - margin, high + margin)
+    away = (values * factor < low - margin) | (values * factor > high + margin)
+    return unit, int(away.sum())

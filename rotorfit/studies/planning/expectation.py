@@ -1,0 +1,191 @@
+"""A test that was not made yet, as the problem that its fit will solve: errors to expect, and what stays open."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rotorfit.base.array_types import ComplexArray, Float, Index
+from rotorfit.base.digits import significant
+from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.observations import Block
+from rotorfit.estimators.blocks.small_motion import FreeVibrations, JournalCoefficients
+from rotorfit.estimators.inference import covariance
+from rotorfit.estimators.inference.identifiability import Identifiability, diagnose
+from rotorfit.estimators.minimisation.batch import with_measured
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.noise.residuals import scatter
+from rotorfit.estimators.noise.run_effects import real_rows
+from rotorfit.identify.fitting.noise.noise_fit import channels_of, lines_in
+from rotorfit.identify.fitting.problem_setup import build_problem
+from rotorfit.identify.fitting.settings import FitSettings
+from rotorfit.lab.data.experiments import DisplacementTest, Experiment, PerturbationTest, RingDownTest, StaticTest
+from rotorfit.lab.data.weights import dwells
+from rotorfit.models import RotorModel, threshold_speed
+from rotorfit.models.motion.stability import decay_rate
+from rotorfit.studies.planning.guesses import Guess, Values, guess
+from rotorfit.studies.planning.noise import PlannedNoise, with_differences
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Expectation:
+    """The problem of a test that was not made yet, its readings those that the guessed rotor would give."""
+
+    problem: Problem
+    guess: Guess
+    noise: PlannedNoise
+    band: float  # modulus of eigenvalues that count, rad/s
+    constant: Float  # noise of each reading that does not depend on it, shape ``(R,)``
+    relative: Float  # noise of each reading over its size, shape ``(R,)``
+
+    @property
+    def line(self) -> Index:
+        """Line of each reading, shape ``(R,)``."""
+        return lines_in(self.problem)
+
+    def longer(self, factor: Float) -> Expectation:
+        """The same test with each reading averaged so many times as long, shape ``(R,)``."""
+        root = 1 / np.sqrt(factor)
+        return replace(
+            self, problem=self.problem.with_noise(root), constant=self.constant * root, relative=self.relative * root
+        )
+
+    def errors(self) -> tuple[Float, Identifiability]:
+        """Covariance of the estimate at the guess, shape ``(p, p)``, and what the test leaves open."""
+        problem, x = self.problem, self.guess.centre
+        residuals, jacobian = problem.jacobian(x)
+        root, _ = covariance.information(problem, x, residuals, jacobian)
+        space = problem.space
+        names, base = (*space.names, *space.nuisance), (*space.base, *space.nuisance)
+        covar, verdict = diagnose(space.model, names, base, x, root, covariance.parameter_scales(problem, x))
+        return covar + covar @ self._scatter(jacobian) @ covar, verdict
+
+    def _scatter(self, jacobian: ComplexArray) -> Float:
+        """Addition to the scatter of the cost's gradient by errors that readings have in common, shape ``(p, p)``."""
+        added = np.zeros((jacobian.shape[1], jacobian.shape[1]))
+        if lags := self.noise.lags():
+            sweeps = [sweep for sweeps in channels_of(self.problem) for sweep in sweeps]
+            added += scatter(jacobian, sweeps, lags)
+        if self.noise.common:
+            sigma = self.problem.sigma
+            predicted = np.concatenate(self.problem.predict(self.guess.centre))
+            own = jacobian.conj() * (self.noise.common * _of_motion(self.problem) * predicted / sigma)[:, None]
+            line = self.line
+            together = np.zeros((int(line.max()) + 1, own.shape[1]), dtype=complex)
+            np.add.at(together, line, own)
+            for part, sign in ((together, 1.0), (own, -1.0)):
+                added += sign * (part.T @ part.conj()).real
+        return added
+
+    def rows(self, draws: Float) -> Float:
+        """Derivatives of whitened readings at vectors ``(D, p)``, real and imaginary parts, shape ``(D, 2 R, p)``.
+        Those at which the rotor is unstable at the speed of a response are zero: such a line gives nothing."""
+        found = []
+        for x in draws:
+            own = np.hypot(self.constant, self.relative * np.abs(np.concatenate(self.problem.predict(x))))
+            jacobian = self.problem.jacobian(x)[1] * (self.problem.sigma / own * self.steady(x))[:, None]
+            found.append(real_rows(jacobian).T)
+        return np.array(found)
+
+    def steady(self, x: Float) -> Float:
+        """One for readings whose rotor is stable, zero for others, shape ``(R,)``."""
+        steady = np.ones(self.constant.size)
+        for readings, _, _ in _unstable(self.problem, x, self.band):
+            steady[readings] = 0.0
+        return steady
+
+
+def expect(
+    model: RotorModel,
+    tests: Sequence[Experiment],
+    settings: FitSettings,
+    values: Values,
+    noise: PlannedNoise,
+    draws: int,
+    seed: int,
+    band: float,
+) -> Expectation:
+    """The problem of tests that were not made yet."""
+    planned = [_unread(test, noise.of_rows(test)) for test in tests]
+    problem = build_problem(model, planned, settings)
+    vectors = guess(problem.space, values, draws, seed)
+    problem = replace(problem, blocks=tuple(_from_rest(block) for block in problem.blocks))
+    for _, theta, speed in _unstable(problem, vectors.centre, band):
+        refuse_speed(model, theta, speed, band)
+    predicted = problem.predict(vectors.centre)
+    unit = build_problem(model, [_unread(test, np.ones(len(test))) for test in tests], settings)
+    constant = problem.sigma
+    pairs = unit.sigma  # below one where two probes share a reading
+    relative = np.hypot(pairs * noise.share, noise.common) * _of_motion(problem)
+    sizes = np.abs(np.concatenate(predicted))
+    problem = problem.with_noise(np.hypot(constant, relative * sizes) / constant)
+    problem = with_measured(problem, np.concatenate(predicted))
+    problem, centre = with_differences(problem, vectors.centre, noise.runs)
+    wider = np.zeros((len(vectors.draws), centre.size))
+    wider[:, : vectors.centre.size] = vectors.draws
+    return Expectation(
+        problem=problem,
+        guess=Guess(centre=centre, draws=wider),
+        noise=noise,
+        band=band,
+        constant=constant,
+        relative=relative,
+    )
+
+
+def _of_motion(problem: Problem) -> Float:
+    """One for readings of motion or force, whose noise may grow with them, zero for eigenvalues and coefficients."""
+    kinds = (FreeVibrations, JournalCoefficients)
+    return np.concatenate([np.full(b.measured.size, 0.0 if isinstance(b, kinds) else 1.0) for b in problem.blocks])
+
+
+def _unread(test: Experiment, sigma: Float) -> Experiment:
+    """A test without its readings, but those that say where a journal rests and which mode an impulse excites."""
+    placeholder = 1e-9  # reading, m or N, in place of those of a test that was not made: inside any clearance
+    match test:
+        case PerturbationTest():
+            if test.synchronous and dwells(test):
+                raise ValueError(
+                    f"{test.source or 'the test'}: weights at dwell speeds are solved for influences, whose errors "
+                    "come from repeats; plan start-ups, or responses at other frequencies than 1x"
+                )
+            return replace(test, response=np.full(len(test), placeholder + 0j), sigma=sigma)
+        case StaticTest():
+            return replace(test, displacement=np.full(len(test), placeholder + 0j), sigma=sigma)
+        case DisplacementTest():
+            unread = np.full(len(test), placeholder + 0j)
+            return replace(test, force_x=unread, force_y=np.where(test.frequency < 0, 1j, -1j) * unread, sigma=sigma)
+        case RingDownTest():
+            return test
+    return replace(test, sigma=sigma)
+
+
+def _from_rest(block: Block) -> Block:
+    """Orbits followed from rest, as no reading says which it is."""
+    if isinstance(block, OrbitResponses) and block.mode == "nearest":
+        return replace(block, mode="followed")
+    return block
+
+
+def _unstable(problem: Problem, x: Float, band: float) -> Iterator[tuple[Index, Float, float]]:
+    """Readings at a speed at which the rotor whirls by itself, its parameters and the speed."""
+    theta, readings = problem.space.theta(x), problem.by_block(np.arange(problem.sigma.size))
+    for block, places in zip(problem.blocks, readings, strict=True):
+        base = responses_of(block)
+        if base is not None and not base.imposed:
+            _, group, speed = base.condition
+            for number in np.flatnonzero(decay_rate(base.model, theta[group], speed, band) < 0).tolist():
+                yield places[base.condition_readings[number]], theta[group[number]], float(speed[number])
+
+
+def refuse_speed(model: RotorModel, theta: Float, speed: float, band: float) -> None:
+    """Refuse a speed at which the guessed rotor whirls by itself."""
+    onset = threshold_speed(model, theta, band=band)
+    at = f"{significant(speed * RPM_PER_RAD_S, 5)} rpm"
+    words = f"the guessed rotor is unstable at {at} and has no steady response there"
+    if onset:
+        words += f"; speeds are allowed below the threshold of {significant(onset.speed * RPM_PER_RAD_S, 5)} rpm"
+    raise ValueError(words)

@@ -1,0 +1,35 @@
+"""Figure of a plan: shares of the time along the lines, and the gains by which they are judged."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rotorfit.show.plots.style import colour_of, grid, legend_below, literal, looked, per_rad_s, rate_unit
+from rotorfit.studies.planning.record import Plan
+
+
+@looked
+def plot_plan(plan: Plan) -> Figure:
+    """Share of the averaging time, and gain over that of what is measured, against frequency, run by run."""
+    aim = " and ".join(plan.quantity).replace("_", " ") if plan.quantity else "all parameters together"
+    figure, axes = grid(2, 1, literal(f"Plan for {aim}"), size=(6.2, 2.4), one_abscissa=True)
+    top, below = axes[:, 0]
+    runs = np.array(plan.lines.run)
+    names = list(dict.fromkeys(plan.lines.run))
+    for number, name in enumerate(names):
+        own = np.flatnonzero(runs == name)
+        own = own[np.argsort(plan.lines.frequency[own], kind="stable")]
+        x = plan.lines.frequency[own] * per_rad_s()
+        colour = colour_of(number, len(names))
+        top.plot(x, plan.share[own] * 100, ".-", lw=1.0, ms=4, color=colour, label=literal(name))
+        below.plot(x, plan.certificate.phi[own], ".-", lw=1.0, ms=4, color=colour)
+    top.axhline(100 / plan.share.size, color="0.4", lw=0.8, ls="--", label="all lines alike")
+    below.axhline(plan.certificate.phi.max(), color="0.4", lw=0.8, ls=":")
+    top.set_ylabel("share of the averaging time, %")
+    below.set_ylabel("gain of a line (mean: 1)")
+    below.set_xlabel(f"frequency of the force, {rate_unit()} (backward < 0)")
+    few = 12  # runs that a legend names
+    if len(names) <= few:
+        legend_below(figure)
+    return figure

@@ -1,0 +1,235 @@
+"""A plan worked out: the problem of patterns and design, shares of its time, and the errors that these leave."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from rotorfit.base.array_types import Float, Index
+from rotorfit.base.digits import significant
+from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.estimators.blocks.nonlinear import responses_of
+from rotorfit.estimators.inference.covariance import prior_curvature, standard_error
+from rotorfit.estimators.inference.identifiability import UNSEEN_CHANGE
+from rotorfit.estimators.inference.optimal_shares import Lines, optimal_shares
+from rotorfit.estimators.misfit.parameter_space import parameter_space
+from rotorfit.identify.diagnosis.orbits import SYNCHRONOUS_DISTANCE
+from rotorfit.identify.fitting.settings import FitSettings
+from rotorfit.identify.observing.circular import first_rows
+from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.models import RotorModel
+from rotorfit.studies.planning.design import Design, candidate_test, line_times
+from rotorfit.studies.planning.expectation import Expectation, expect
+from rotorfit.studies.planning.guesses import Values, guess
+from rotorfit.studies.planning.noise import PlannedNoise
+from rotorfit.studies.planning.record import ExpectedError, Plan, PlannedLines
+from rotorfit.studies.planning.targets import Target, Wanted, all_targets
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Task:
+    """Input of a plan."""
+
+    model: RotorModel
+    values: Values
+    patterns: tuple[Experiment, ...]
+    settings: FitSettings
+    noise: PlannedNoise
+    quantity: Wanted
+    even: float
+    draws: int
+    seed: int
+    band: float  # modulus of eigenvalues that count, rad/s
+
+    def expect(self, *further: Experiment, draws: int | None = None) -> Expectation:
+        """The problem of the patterns and further tests."""
+        tests, count = (*self.patterns, *further), self.draws if draws is None else draws
+        return expect(self.model, tests, self.settings, self.values, self.noise, count, self.seed, self.band)
+
+    def candidates(self, design: Design) -> PerturbationTest:
+        """All lines of a design."""
+        return candidate_test(design, self.model, self.vector(), self.band)
+
+    def vector(self) -> Float:
+        """The likeliest parameters, shape ``(P,)``."""
+        space = parameter_space(self.model, known=self.settings.known, bounds={}, groups=[{}])
+        return np.asarray(space.theta(guess(space, self.values, self.draws, self.seed).centre)[0])
+
+    def lines(self, found: Expectation, asked: Sequence[Target], first: int) -> tuple[Lines, Float]:
+        """Lines from the first reading of the design on, those before it as information that is there; and their draws.
+        Draws at which less is determined than at others, because the rotor is unstable, are left out, and those without
+        a threshold speed where it is asked for."""
+        draws = found.guess.draws
+        rows, line = found.rows(draws), np.repeat(found.line, 2)
+        own = slice(2 * first, None)
+        earlier = rows[:, : 2 * first]
+        fixed = np.diag(prior_curvature(found.problem, found.guess.centre)) + np.swapaxes(earlier, 1, 2) @ earlier
+        gradients = np.array([[target.at(x)[1] for target in asked] for x in draws])
+        gradients = gradients.reshape(len(draws), len(asked), draws.shape[1])
+        whole = Lines(rows=rows[:, own], line=line[own] - line[own].min(), fixed=fixed, gradients=gradients)
+        rank = whole.rank()
+        kept = np.asarray((rank == rank.max()) & np.all(np.any(gradients != 0, axis=2), axis=1))
+        if not kept.any():
+            raise ValueError(
+                f"at none of {len(draws)} draws of the values the test determines the quantity: narrow the ranges, or "
+                "begin at lower speeds"
+            )
+        return whole.of_draws(kept), draws[kept]
+
+    def solved(self, design: Design | None) -> Plan:
+        """The plan without suggestions."""
+        test = None if design is None else self.candidates(design)
+        found = self.expect(*(() if test is None else (test,)))
+        targets, names = all_targets(found.problem.space, self.quantity, self.band)
+        first = 0 if test is None else sum(b.measured.size for b in found.problem.blocks[: len(self.patterns)])
+        alike = errors_of(found, targets)
+        open_ = [name for name in names if not math.isfinite(alike[name].stderr)]
+        asked = [targets[name] for name in names if name not in open_]
+        lines, draws = self.lines(found, asked, first)
+        shares = optimal_shares(lines, self.even if not open_ or asked else 1.0)
+        factor = np.ones(found.constant.size)
+        table = _table(found, first)
+        expected, planned, weight = alike, None, np.ones(shares.share.size)
+        if design is not None and test is not None:
+            weight = shares.share * shares.share.size
+            factor[first:] = weight[lines.line[::2]]
+            found = found.longer(factor)
+            expected = errors_of(found, targets)
+            table, planned = _timed(self, design, test, table, weight, _sizes(found, test))
+        runs = len(dict.fromkeys(table.run))
+        total = math.nan if design is None else float(table.time.sum()) + design.change_s * runs
+        return Plan(
+            model=self.model,
+            quantity=names,
+            expected=_with_ranges(expected, targets, lines, weight, draws),
+            even=alike,
+            lines=table,
+            share=shares.share,
+            certificate=shares,
+            identifiability=found.errors()[1],
+            suggestions=(),
+            notes=(
+                *(f"{name} stays open." for name in open_),
+                *_unsteady(found),
+                *([] if design is None else _of_design(found, first, design)),
+            ),
+            time_s=total,
+            test=planned,
+            expectation=found,
+        )
+
+
+def errors_of(found: Expectation, targets: Mapping[str, Target]) -> dict[str, ExpectedError]:
+    """Expected errors of quantities, infinite where the test leaves them open."""
+    covar, verdict = found.errors()
+    null = verdict.null_space
+    result = {}
+    for name, target in targets.items():
+        value, slope = target.at(found.guess.centre)
+        leak = float(np.abs(slope[: null.shape[0]] @ null).max(initial=0.0)) if null.size else 0.0
+        undetermined = leak > UNSEEN_CHANGE * abs(value) or math.isnan(value)
+        error = math.inf if undetermined else float(standard_error(slope, covar))
+        result[name] = ExpectedError(value, error, target.unit)
+    return result
+
+
+def _with_ranges(
+    expected: Mapping[str, ExpectedError], targets: Mapping[str, Target], lines: Lines, weight: Float, draws: Float
+) -> dict[str, ExpectedError]:
+    """The errors with their ranges over the draws."""
+    result = {name: replace(one, low=one.stderr, high=one.stderr) for name, one in expected.items()}
+    if len(draws) > 1:
+        covar = lines.covariance(weight)
+        for name, one in expected.items():
+            if math.isfinite(one.stderr):
+                slopes = np.array([targets[name].at(x)[1] for x in draws])
+                errors = np.sqrt(np.einsum("di,dij,dj->d", slopes, covar, slopes))
+                result[name] = replace(one, low=float(errors.min()), high=float(errors.max()))
+    return result
+
+
+def _table(found: Expectation, first: int) -> PlannedLines:
+    """Lines from a reading on, without times."""
+    reading = np.unique(found.line, return_index=True)[1]
+    reading = reading[reading >= first]
+    speed, frequency = np.concatenate([_places(block) for block in found.problem.blocks], axis=1)[:, reading]
+    runs, nothing = tuple(found.problem.run[reading].tolist()), np.full(reading.size, np.nan)
+    return PlannedLines(run=runs, speed=speed, frequency=frequency, settle=nothing, average=nothing)
+
+
+def _places(block: Any) -> Float:
+    """Speed, NaN where there is none, and frequency of readings, of free vibration its own, shape ``(2, R)``."""
+    base = responses_of(block) or block
+    line = getattr(base, "line", None)
+    at = line if line is not None and line.dtype.kind == "i" else slice(None)
+    speed, frequency = getattr(base, "speed", None), getattr(base, "frequency", None)
+    at_speed = np.full(block.measured.size, np.nan) if speed is None else speed[at]
+    return np.stack([at_speed, np.imag(block.measured) if frequency is None else frequency[at]])
+
+
+def _timed(
+    task: Task, design: Design, test: PerturbationTest, table: PlannedLines, weight: Float, sizes: Float
+) -> tuple[PlannedLines, PerturbationTest]:
+    """The lines with their times, and the test with averaging times and the noise that these leave."""
+    first = first_rows(test)
+    settle, average = line_times(design, task.model, task.vector(), test, first, task.band)
+    line: Index = test.lines.apart()[0]
+    shared = (average * weight)[line]
+    relative = math.hypot(task.noise.share, task.noise.common)
+    sigma = np.hypot(task.noise.of_rows(test), relative * sizes) / np.sqrt(weight[line])
+    planned = replace(test, sigma=sigma, attributes={"average_s": shared}, source="plan")
+    return replace(table, settle=settle, average=average * weight), planned
+
+
+def _sizes(found: Expectation, test: PerturbationTest) -> Float:
+    """Expected size of each row of the design's test, m."""
+    model, block = found.problem.space.model, responses_of(found.problem.blocks[-1])
+    if block is None:
+        raise ValueError(f"a design needs responses to turning forces, which {model.name} does not give")
+    size = np.zeros((block.speed.size, len(model.coordinates)))
+    size[block.line, block.coordinate] = np.abs(block.measured)
+    turned = model.frame == "z"
+    kinds = set(zip(test.plane.tolist(), test.direction.tolist(), strict=True))
+    at = {(p, d): model.coordinate(p, (d[:-1] or "z") if turned else d) for p, d in kinds}
+    channel = [at[one] for one in zip(test.plane.tolist(), test.direction.tolist(), strict=True)]
+    return np.asarray(size[test.lines.apart()[0], channel])
+
+
+def _largest_motion(found: Expectation, first: int, design: Design) -> str:
+    """How far the planned forces move the rotor."""
+    size = np.abs(found.problem.measured[first:])
+    block = responses_of(found.problem.blocks[-1])
+    if block is not None:
+        size = np.where([block.model.coordinates[i].axis == "r" for i in block.coordinate.tolist()], 0.0, size)
+    top = int(np.argmax(size))
+    where = "" if block is None else f" at {block.model.coordinates[int(block.coordinate[top])].plane}"
+    motion = float(f"{size[top] * 1e6:.3g}")
+    said = f"The largest motion is {motion:g} um 0-peak{where}, in {found.problem.blocks[-1].run[top]}"
+    # Motion, m, beyond the linear range of usual eddy-current probes, 80 mil or 2 mm from end to end
+    probe_range = 1e-3
+    if size[top] > probe_range:
+        return f"{said}, beyond what probes read: reduce the force, or set clearance_share=."
+    return f"{said}." if design.clearance_share is not None else f"{said}; clearance_share= limits it."
+
+
+def _of_design(found: Expectation, first: int, design: Design) -> list[str]:
+    """Cautions for a test by a design."""
+    speeds = [v for v in design.speeds.tolist() if (np.abs(design.frequencies - v) <= SYNCHRONOUS_DISTANCE * v).any()]
+    near = ", ".join(significant(v * RPM_PER_RAD_S, 5) for v in speeds if v)
+    both = [f"Lines at once-per-turn frequency ({near} rpm) hold the residual unbalance too: leave them out."]
+    return [*(both if near else []), _largest_motion(found, first, design)]
+
+
+def _unsteady(found: Expectation) -> list[str]:
+    """A caution where the rotor may be unstable at a speed of the test."""
+    draws = found.guess.draws
+    idle = sum(not found.steady(x).all() for x in draws) if len(draws) > 1 else 0
+    words = (
+        f"At {idle} of {len(draws)} draws of the values the rotor is unstable at a speed of the test: begin below and "
+        "go up only as far as the first results allow."
+    )
+    return [words] if idle else []
