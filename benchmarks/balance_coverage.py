@@ -3,9 +3,9 @@
     python benchmarks/balance_coverage.py --draws 1200
 
 writes results/balance_coverage.md and results/balance_coverage.csv. Each draw is another rotor of four probes at two
-speeds with random vibration and influences (tests/kept_weights.py), balanced in two planes with the first trial weight
-left in. Exact weights come from least squares on real and imaginary parts, with limits from projected gradients. Exit
-status 1 says that coverage is off by more than sampling error.
+speeds with random vibration and influences (tests/rigs/kept_weights.py), balanced in two planes with the first trial
+weight left in. Exact weights come from least squares on real and imaginary parts, with limits from projected
+gradients. Exit status 1 says that coverage is off by more than sampling error.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from scipy import stats
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
-sys.path.insert(0, str(HERE.parent / "tests"))  # the formulas live with the tests
+sys.path.insert(0, str(HERE.parent / "tests" / "rigs"))  # the formulas live with the tests
 
 from kept_weights import MORE, Complex, best_weights, held, random_rig, runs  # noqa: E402
 from reporting import RESULTS, environment, table, write_csv  # noqa: E402

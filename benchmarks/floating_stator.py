@@ -2,10 +2,10 @@
 
     python benchmarks/floating_stator.py --draws 60
 
-writes results/floating_stator.md and results/floating_stator.csv. The rig (tests/seal_rig.py) has a stator of 14 kg on
-rods, a pipe that resonates at 90 Hz and 3 % of cross-talk between its shakers; it is shaken along x, then y, at three
-speeds and dry, with 0.1 % of noise in the forces and 0.15 um in the motion. 24 coefficients a draw, and whether the
-noise is given or found. Exit status 1 says that coverage is off by more than sampling error.
+writes results/floating_stator.md and results/floating_stator.csv. The rig (tests/rigs/seal_rig.py) has a stator of 14
+kg on rods, a pipe that resonates at 90 Hz and 3 % of cross-talk between its shakers; it is shaken along x, then y, at
+three speeds and dry, with 0.1 % of noise in the forces and 0.15 um in the motion. 24 coefficients a draw, and whether
+the noise is given or found. Exit status 1 says that coverage is off by more than sampling error.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
-sys.path.insert(0, str(HERE.parent / "tests"))  # the rig lives with the tests
+sys.path.insert(0, str(HERE.parent / "tests" / "rigs"))  # the rig lives with the tests
 
 from reporting import RESULTS, environment, table, write_csv  # noqa: E402
 from seal_rig import FLUID, floating_stator  # noqa: E402

@@ -3,9 +3,10 @@
     python benchmarks/mounting_coverage.py --campaigns 300
 
 writes results/mounting_coverage.md and results/mounting_coverage.csv. Campaigns are of the size of the RK-4 data set
-(7 mountings on two disks, two dwell speeds, four probes, three repeats) and come from tests/campaigns_of_weights.py:
-formulas written out there, and mountings that scatter as no fitted structure assumes (each probe by its own bracket,
-each weight by a complex fraction of itself). Exit status 1 says that coverage is off by more than sampling error.
+(7 mountings on two disks, two dwell speeds, four probes, three repeats) and come from
+tests/rigs/campaigns_of_weights.py: formulas written out there, and mountings that scatter as no fitted structure
+assumes (each probe by its own bracket, each weight by a complex fraction of itself). Exit status 1 says that coverage
+is off by more than sampling error.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from scipy import stats
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
-sys.path.insert(0, str(HERE.parent / "tests"))  # the formulas live with the tests
+sys.path.insert(0, str(HERE.parent / "tests" / "rigs"))  # the formulas live with the tests
 
 from campaigns_of_weights import TRUTH, campaign  # noqa: E402
 from reporting import RESULTS, environment, table, write_csv  # noqa: E402

@@ -3,9 +3,9 @@
     python benchmarks/nonlinear_coverage.py --draws 200
 
 writes results/nonlinear_coverage.md and results/nonlinear_coverage.csv. The data come from formulas written out in
-tests/law_data.py, not from rotorfit's models. Fits begin at the truth, which leads into the right minimum; the tests
-fit the same kinds of data from rotorfit's own starts. Exit status 1 says that pulls are off by more than
-sampling error.
+tests/rigs/law_data.py, not from rotorfit's models. Fits begin at the truth, which leads into the right minimum; tests
+fit the same kinds of data from rotorfit's own starts. Exit status 1 says that pulls are off by more than sampling
+error.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from scipy import stats
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
-sys.path.insert(0, str(HERE.parent / "tests"))  # the formulas live with the tests
+sys.path.insert(0, str(HERE.parent / "tests" / "rigs"))  # the formulas live with the tests
 
 from law_data import CLEARANCE_UM, LIGHT, WHIRL_WHIP, impulse, squeeze, static, sweep  # noqa: E402
 from reporting import RESULTS, environment, table, write_csv  # noqa: E402

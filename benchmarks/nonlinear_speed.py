@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE), str(HERE.parent / "tests")]  # the formulas live with the tests
+sys.path[:0] = [str(HERE), str(HERE.parent / "tests" / "rigs")]  # the formulas live with the tests
 
 import nonlinear_rival  # noqa: E402
 from fit_speed import exact_optimum  # noqa: E402

@@ -3,7 +3,7 @@
     python benchmarks/plan_errors.py --draws 500
 
 writes results/plan_errors.md and results/plan_errors.csv. The data come from formulas that are written out in
-honest_errors.py and tests/law_data.py, from the matrices of a start-up, and from recorded volts of a rotor that is
+honest_errors.py and tests/rigs/law_data.py, from the matrices of a start-up, and from recorded volts of a rotor that is
 integrated in time; none goes through the code that plans. Fits know of the noise what a user's fits know: sigma where
 "given", nothing of what runs differ by. Of runs that differ a fit may take one difference for another, the more easily
 the fewer runs there are: such fits are counted, and are not in the ratios. Exit status 1 says that a ratio of standard
@@ -29,7 +29,7 @@ import numpy as np
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
-sys.path.insert(0, str(HERE.parent / "tests"))  # the formulas live with the tests
+sys.path.insert(0, str(HERE.parent / "tests" / "rigs"))  # the formulas live with the tests
 
 import honest_errors  # noqa: E402
 import nonlinear_coverage  # noqa: E402

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent / "tests"))  # the finite-element rigs live with the tests
+sys.path.insert(0, str(HERE.parent / "tests" / "rigs"))  # the finite-element rigs live with the tests
 
 from fe_rigs import K3, random_rig  # noqa: E402
 

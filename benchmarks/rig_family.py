@@ -16,12 +16,9 @@ import numpy as np
 from scipy import stats
 
 HERE = Path(__file__).parent
-sys.path.insert(
-    0, str(HERE.parent / "tests")
-)  # the finite-element rigs and the pull of one of them live with the tests
+sys.path.insert(0, str(HERE.parent / "tests" / "rigs"))  # the finite-element rigs live with the tests
 
-from fe_rigs import random_rig  # noqa: E402
-from test_rig_family import QUANTITIES, pulls_of  # noqa: E402
+from fe_rigs import QUANTITIES, pulls_of, random_rig  # noqa: E402
 
 
 def main() -> None:

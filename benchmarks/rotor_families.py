@@ -2,10 +2,10 @@
 
     python benchmarks/rotor_families.py --rigs 40 --seed 20
 
-writes results/rotor_families.md. Every rig is a finite-element shaft (tests/fe_rigs.py) with one thing changed; every
-fit is that of a user: eq. (18), then rf.refine, then fit.assumptions(). A term that every summary names as not told by
-the data (external damping at the journal) counts as named in the family that has it only, and only where the truth lies
-within the errors once that damping is given as an uncertainty.
+writes results/rotor_families.md. Every rig is a finite-element shaft (tests/rigs/fe_rigs.py) with one thing changed;
+every fit is that of a user: eq. (18), then rf.refine, then fit.assumptions(). A term that every summary names as not
+told by the data (external damping at the journal) counts as named in the family that has it only, and only where the
+truth lies within the errors once that damping is given as an uncertainty.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import rotorfit as rf
 from rotorfit.models import WhirlWhip
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent / "tests"))  # the finite-element rigs live with the tests
+sys.path.insert(0, str(HERE.parent / "tests" / "rigs"))  # the finite-element rigs live with the tests
 
 from fe_rigs import JOURNAL, K3, RPM, Rig, random_rig  # noqa: E402
 

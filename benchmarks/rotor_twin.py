@@ -22,7 +22,7 @@ from scipy.linalg import expm
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
-sys.path.insert(0, str(HERE.parent / "tests"))  # the Keyphasor lives with the tests
+sys.path.insert(0, str(HERE.parent / "tests" / "rigs"))  # the Keyphasor lives with the tests
 
 from recorded import notch, write_hdf5  # noqa: E402
 from reporting import RESULTS, environment  # noqa: E402

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))  # the shaft lives with the tests
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "rigs"))  # the shaft lives with the tests
 
-from test_shaft_lines import ALL, TORSION, VALUES, line_test
+from line_tests import ALL, TORSION, VALUES, line_test
 
 import rotorfit as rf
 

@@ -33,7 +33,7 @@ from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.settings import FitSettings
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent / "tests"))  # the families of rotors live with the tests
+sys.path.insert(0, str(HERE.parent / "tests" / "rigs"))  # the families of rotors live with the tests
 
 from synthetic import (  # noqa: E402
     MODELS,

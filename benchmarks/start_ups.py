@@ -18,7 +18,7 @@ import numpy as np
 import rotorfit as rf
 from rotorfit.models import TwoDisk
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))  # the typical rotors live with the tests
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "rigs"))  # the typical rotors live with the tests
 
 from synthetic import TYPICAL
 

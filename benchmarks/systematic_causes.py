@@ -2,15 +2,15 @@
 
     python benchmarks/systematic_causes.py --rigs 60
 
-writes results/systematic_causes.md and .csv. Rigs are equations written out here, with values off the typical ones by a
-tenth: one mode, and a disk on a chain with a journal; and shafts of finite elements (tests/fe_rigs.py). Each row is one
-cause: of normal size with the standard deviation stated where no data of the kind can tell it, else of a fixed size.
-Values that change are those at the mean tested speed, at rest and in the middle of a sweep; the threshold is that of
-the rig with its change. Coverage is counted for the interval that is printed, with the systematic share, of the numbers
-that are given; for that with a share of found causes alone, all plausible sizes zero; and for the statistical part
-alone. A cause is named where the first fixed cause that the fit says is the one that acts; where none acts, any is a
-false alarm. Each fit is asked whether the rotor is stable at a speed 2 to 20 % above its threshold, where it is not.
-Exit status 1 says that a printed interval holds the truth in less than 85 %.
+writes results/systematic_causes.md and .csv. Rigs are equations written out here, with values off the typical ones by
+a tenth: one mode, and a disk on a chain with a journal; and shafts of finite elements (tests/rigs/fe_rigs.py). Each
+row is one cause: of normal size with the standard deviation stated where no data of the kind can tell it, else of a
+fixed size. Values that change are those at the mean tested speed, at rest and in the middle of a sweep; the threshold
+is that of the rig with its change. Coverage is counted for the interval that is printed, with the systematic share, of
+the numbers that are given; for that with a share of found causes alone, all plausible sizes zero; and for the
+statistical part alone. A cause is named where the first fixed cause that the fit says is the one that acts; where none
+acts, any is a false alarm. Each fit is asked whether the rotor is stable at a speed 2 to 20 % above its threshold,
+where it is not. Exit status 1 says that a printed interval holds the truth in less than 85 %.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq, root
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE), str(HERE.parent / "tests")]
+sys.path[:0] = [str(HERE), str(HERE.parent / "tests" / "rigs")]
 
 import fe_rigs  # noqa: E402
 from reporting import RESULTS, environment, table, write_csv  # noqa: E402

@@ -5,8 +5,8 @@
 
 writes results/unknown_supports.md; with --magnetic the supports are magnetic bearings, of which gains and delay are
 fitted, and the table is results/magnetic_bearings.md. A finite-element shaft with two disks and a seal in two supports
-that differ in x and y (tests/supported_shaft.py, full matrices with x and y apart): 8 accelerometers along x at rest,
-then probes in x and y at supports and seal at two speeds, 2 % noise. Exit status 1: errors or coverage are off.
+that differ in x and y (tests/rigs/supported_shaft.py, full matrices with x and y apart): 8 accelerometers along x at
+rest, then probes in x and y at supports and seal at two speeds, 2 % noise. Exit status 1: errors or coverage are off.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from scipy import stats
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
-sys.path.insert(0, str(HERE.parent / "tests"))  # the rig lives with the tests
+sys.path.insert(0, str(HERE.parent / "tests" / "rigs"))  # the rig lives with the tests
 
 from reporting import RESULTS, environment  # noqa: E402
 from supported_shaft import FLUID, along_axes, at_rest, magnets, model, rotating  # noqa: E402

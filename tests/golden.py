@@ -5,8 +5,8 @@
     python tests/golden.py rig laws    only the cases whose names begin so
 
 A value may move by a millionth of its standard error, a standard error and a threshold's by a millionth of themselves;
-codes of findings and exit codes may not change at all. ``tests/test_golden.py`` holds every case to a thousandth: other
-versions of packages move values by some millionths.
+codes of findings and exit codes may not change at all. ``tests/whole/test_golden.py`` holds every case to a thousandth:
+other versions of packages move values by some millionths.
 
 The file also holds the sentences: what a summary and the command line say in each case, each number a #. Tests of
 findings assert codes; who improves a sentence writes the file anew and reads there what changed.
@@ -30,16 +30,16 @@ from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parent / "rigs"))
 
 import law_data
 from campaigns_of_weights import campaign as campaign_of_weights
+from known_shaft import known_rig
+from line_tests import ALL, TORSION, VALUES, line_test
 from seal_campaigns import KNOWN as SEAL_KNOWN
 from seal_campaigns import seal_campaign
 from slips import exchanged, lag_as_lead, renamed, thinned, told_as_constant, turned
 from synthetic import KNOWN, MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
-from test_known_structure import known_rig
-from test_shaft_lines import ALL, TORSION, VALUES, line_test
 
 import rotorfit as rf
 from rotorfit.apps.cli.main import main

@@ -1,0 +1,280 @@
+"""The modal model: a sum of modes written out by hand, and an independent two-disk rotor seen as two modes."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import pytest
+from hammer_tests import EIGHT, MODES, hammer_test
+from sentences import refuses
+
+import rotorfit as rf
+
+RPM = np.pi / 30
+
+
+def by_hand(
+    model: rf.models.Modal, values: dict[str, float], w: np.ndarray, plane: str, axis: str, at: str
+) -> np.ndarray:
+    """Response at a probe to a unit force along the axis at a plane, straight from the sum over the modes."""
+    total = np.zeros(w.shape, dtype=complex)
+    for number in range(1, model.modes + 1):
+        tag = str(number) if model.modes > 1 else ""
+        own = f"_{axis}" if model.apart else ""
+        end = "" if axis == "z" else f"_{axis}"
+        mass, wn, zeta = values[f"M{tag}"], values[f"wn{tag}{own}"], values[f"zeta{tag}{own}"]
+        first = model.planes[0]
+        name = f"g{tag}_{plane}{end}"
+        gain = values.get(name, 1.0) + 1j * values.get(f"{name}_im", 0.0)
+        phi = 1.0 if at == first else values[f"phi{tag}_{at}"] + 1j * values.get(f"phi{tag}_{at}_im", 0.0)
+        total += gain * phi / (mass * (wn**2 - w**2 + 2j * zeta * wn * w))
+    return total
+
+
+@pytest.mark.parametrize(("gains", "apart"), [("plane", False), ("probe", False), ("probe", True)])
+@pytest.mark.parametrize("modes", [1, 2])
+def test_receptance_is_the_sum_over_the_modes(gains: Literal["plane", "probe"], apart: bool, modes: int) -> None:
+    rng = np.random.default_rng(1)
+    model = rf.models.Modal(("a", "b", "c"), modes=modes, gains=gains, apart=apart)
+    values = {q.name: float(rng.uniform(0.3, 1.5)) * q.scale for q in model.parameters}
+    w = np.linspace(20.0, 300.0, 7)
+    H = model.receptance(model.vector(values), w, 0.0)
+    for axis in ("x", "y") if gains == "probe" else ("z",):
+        for plane in model.planes:
+            for at in model.planes:
+                found = H[:, model.coordinate(plane, axis), model.coordinate(at, axis)]
+                expected = by_hand(model, values, w, plane, axis, at)
+                # one matrix inversion of numbers from 1 to 1e5: round-off of 1e-10 at the worst
+                np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_free_vibration_is_that_of_the_modes() -> None:
+    model = rf.models.Modal(("a", "b"), modes=2, gains="plane")
+    values = {q.name: 1.0 for q in model.parameters} | {"wn1": 150.0, "zeta1": 0.03, "wn2": 420.0, "zeta2": 0.01}
+    s = rf.models.eigenvalues(model, model.vector(values), 0.0)
+    s = s[np.isfinite(s)]
+    expected = [
+        wn * (-zeta + sign * 1j * np.sqrt(1 - zeta**2)) for wn, zeta in ((150, 0.03), (420, 0.01)) for sign in (-1, 1)
+    ]
+    by_frequency = [values[np.argsort(values.imag)] for values in (s, np.array(expected))]
+    np.testing.assert_allclose(*by_frequency, rtol=1e-10)
+
+
+def test_a_symmetric_two_disk_rotor_is_two_modes() -> None:
+    """With proportional damping the undamped modes of ``TwoDisk`` are the modes of ``Modal``, one at its first disk."""
+    mass, k1, k2 = 0.8, 2e4, 6e4
+    stiffness = np.array([[k1 + k2, -k2], [-k2, k2 + k1]])
+    ratio = 2e-4
+    damping = ratio * stiffness
+    two = rf.models.TwoDisk()
+    theta = two.vector({
+        "M1": mass, "M2": mass, "K1": k1, "K2": k2, "K3": k1,
+        "D11": damping[0, 0], "D12": -damping[0, 1], "D21": -damping[1, 0], "D22": damping[1, 1],
+    })  # fmt: skip
+    values = {}
+    for number, (shape, k) in enumerate((((1, 1), k1), ((1, -1), k1 + 2 * k2)), start=1):
+        wn = float(np.sqrt(k / mass))
+        values |= {f"M{number}": 2 * mass, f"wn{number}": wn, f"zeta{number}": ratio * wn / 2}
+        values |= {
+            f"phi{number}_outboard": float(shape[1]),
+            f"g{number}_outboard": float(shape[1]),
+            f"g{number}_outboard_im": 0.0,
+        }
+    modal = rf.models.Modal(two.planes, modes=2, gains="plane")
+    w = np.linspace(20, 700, 9)
+    seen = modal.receptance(modal.vector(values), w, 0.0)[:, :2, :2]
+    np.testing.assert_allclose(seen, two.receptance(theta, w, 0.0), rtol=1e-9)
+
+
+def test_only_what_is_forced_and_measured_has_parameters() -> None:
+    model = rf.models.Modal(("a", "b"), gains="plane", force_planes=("a",), probe_planes=("b",))
+    assert model.parameter_names == ("M", "wn", "zeta")
+    H = model.receptance(model.vector({"M": 2.0, "wn": 100.0, "zeta": 0.05}), 50.0, 0.0)
+    assert H[1, 0] == pytest.approx(1 / (2.0 * (100**2 - 50**2 + 2j * 0.05 * 100 * 50)))
+    assert H[0, 0] == 0
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"planes": ()},
+        {"planes": ("a", "a")},
+        {"gains": "none"},
+        {"gains": "plane", "apart": True},
+        {"modes": 0},
+        {"force_planes": ("disk3",)},
+        {"probe_planes": ()},
+    ],
+)
+def test_wrong_options_are_refused_in_words(options: dict[str, object]) -> None:
+    with refuses(ValueError):
+        rf.models.Modal(**options)  # type: ignore[arg-type]
+
+
+# ---- from two modes to two disks (eq. 23) ------------------------------------------------------------------------
+
+
+def test_published_modes_give_the_published_damping() -> None:
+    """Modal masses, frequencies, dampings and shapes of the paper; D is rounded to 0.1, shapes to two digits."""
+    from rotorfit.identify.fitting.structure.modes import disk_values
+
+    model = rf.models.Modal(("inboard", "outboard"), modes=2, gains="plane")
+    values = {
+        "M1": 1.5, "wn1": np.sqrt(41000 / 1.5), "zeta1": 14.9 / (2 * np.sqrt(41000 * 1.5)), "phi1_outboard": 0.99,
+        "M2": 1.43, "wn2": np.sqrt(279000 / 1.43), "zeta2": 40.4 / (2 * np.sqrt(279000 * 1.43)), "phi2_outboard": -0.94,
+        "g1_outboard": 1.0, "g1_outboard_im": 0.0, "g2_outboard": 1.0, "g2_outboard_im": 0.0,
+    }  # fmt: skip
+    found = disk_values(model, model.vector(values))
+    for name, published in {"D11": 14.2, "D22": 14.8, "D12": 7.0, "D21": 7.0}.items():
+        assert found[name] == pytest.approx(published, abs=0.15)
+    assert found["M1"] == pytest.approx(0.73, abs=0.01)
+    assert found["M2"] == pytest.approx(0.79, abs=0.01)
+    assert abs(found["M12"]) < 0.01
+    assert found["K2"] == pytest.approx(63700, rel=0.02)
+
+
+def test_two_modes_of_start_ups_give_the_disks() -> None:
+    """Start-ups of a simulated two-disk rotor through both resonances, fitted as two modes and turned into disks."""
+    test, truth = rf.datasets.two_disk(), rf.datasets.truth("two_disk")
+    fit = rf.fit(rf.models.Modal(("inboard", "outboard"), modes=2, gains="plane"), test)
+    assert fit.success
+    found = rf.two_disk_from_modes(fit)
+    direct = rf.fit(rf.models.TwoDisk(), test)
+    for name in ("M1", "M2", "K1", "K2", "K3", "D11", "D12", "D22"):
+        # real participations: damping that couples the modes a little is left out, a percent of the widths
+        assert found[name].value == pytest.approx(direct.params[name].value, rel=0.03), name
+        assert found[name].stderr < 0.05 * abs(found[name].value)
+    assert abs(found["M12"].value) < 4 * found["M12"].stderr + 0.01
+    assert truth
+
+
+def test_other_models_have_no_modes_to_turn_into_disks() -> None:
+    fit = rf.fit(rf.models.TwoDisk(), rf.datasets.two_disk())
+    with refuses(ValueError):
+        rf.two_disk_from_modes(fit)
+
+
+@pytest.mark.parametrize(("gains", "apart"), [("plane", False), ("probe", True)])
+def test_the_receptance_in_closed_form_is_the_inverse_of_the_stiffness(gains, apart) -> None:
+    rng = np.random.default_rng(2)
+    model = rf.models.Modal(("a", "b", "c"), modes=2, gains=gains, apart=apart, force_planes=("c", "a"))
+    theta = rng.uniform(0.3, 1.5, (4, len(model.parameters))) * [q.scale for q in model.parameters]
+    w = np.linspace(20.0, 300.0, 7)
+    coefficients = np.moveaxis(model.coefficients(theta, 0.0), 0, -1)[..., None]
+    found = np.moveaxis(model.inverse(coefficients, 1j * w), (0, 1), (-1, -2))
+    for vector, one in zip(theta, found, strict=True):
+        np.testing.assert_allclose(one, np.linalg.inv(model.dynamic_stiffness(vector, w, 0.0)), atol=1e-9)
+
+
+# ---- many sensors ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("lines", "coherence"), [(400, 0.95), (2000, 0.5)])
+def test_eight_sensors_and_three_modes(lines, coherence) -> None:
+    """Responses along one axis at rest, as noisy as measured ones are: a second or two for 2000 lines."""
+    model = rf.models.Modal(EIGHT, modes=3, gains="plane", force_planes=("s0",))
+    fit = rf.fit(model, hammer_test(lines, coherence, seed=3))
+    assert fit.success
+    assert fit.nfev < 15
+    assert 0.95 < fit.redchi < 1.05
+    for name, values in MODES.items():
+        for number, value in enumerate(values, start=1):
+            p = fit.params[f"{name}{number}"]
+            assert abs(p.value - value) < 4 * p.stderr, p.name
+
+
+def test_modes_normalised_where_they_move_against_the_force() -> None:
+    """Mass between the forced plane and that of the first probe is negative in modes in which these are opposed."""
+    from rotorfit.apps.study_files.study import modal_options
+
+    test = hammer_test(400, 0.95, seed=3)
+    model = rf.models.Modal(("s5", *(s for s in EIGHT if s != "s5")), modes=3, gains="plane", force_planes=("s0",))
+    fit = rf.fit(model, test)
+    assert fit.success
+    assert 0.9 < fit.redchi < 1.1
+    shape = np.sin(np.arange(1, 4) * np.pi * (0.1 + 0.8 * 5 / 7)) / np.sin(np.arange(1, 4) * np.pi * 0.1)
+    assert (shape < 0).any()
+    for number, mass in enumerate(MODES["M"] / shape, start=1):
+        p = fit.params[f"M{number}"]
+        assert abs(p.value - mass) < 4 * p.stderr
+    assert modal_options((), [test])["planes"][0] == "s0"  # the drive point, though others move more
+
+
+def test_fewer_modes_than_the_responses_have() -> None:
+    """One mode of three: the one that explains the responses best, and redchi says that it does not suffice."""
+    model = rf.models.Modal(EIGHT, modes=1, gains="plane", force_planes=("s0",))
+    fit = rf.fit(model, hammer_test(400, 0.8, seed=4))
+    assert fit.success
+    assert fit.redchi > 10
+    assert np.abs(MODES["wn"] / fit.params["wn"].value - 1).min() < 0.01
+
+
+def test_poles_by_vector_fitting() -> None:
+    """Those of exact responses; and noise as large as the responses leaves them in sight."""
+    from rotorfit.estimators.starting.modal_start import Response, common_poles
+
+    rng = np.random.default_rng(0)
+    w = np.linspace(60.0, 1250.0, 1500)
+    factors = rng.normal(size=(8, 3)) + 1j * rng.normal(size=(8, 3))
+    s = 1j * w[:, None]
+    exact = factors @ (1 / (s**2 + 2 * MODES["zeta"] * MODES["wn"] * s + MODES["wn"] ** 2)).T
+    poles = MODES["wn"] * (-MODES["zeta"] + 1j * np.sqrt(1 - MODES["zeta"] ** 2))
+    found = common_poles([Response(w, one, np.ones(w.size)) for one in exact], 3)
+    np.testing.assert_allclose(found, poles, rtol=1e-6)  # where it stops
+    noise = np.abs(exact) * (rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape)) / np.sqrt(2)
+    found = common_poles([Response(w, one + n, 1 / np.abs(one)) for one, n in zip(exact, noise, strict=True)], 7)
+    for pole in poles:
+        assert np.abs(found - pole).min() < 0.01 * abs(pole)
+
+
+def eight_sensors(noise: float, seed: int = 3) -> rf.PerturbationTest:
+    """Three modes of a beam tapped at its first sensor, 400 lines."""
+    rng, places = np.random.default_rng(seed), np.linspace(0.1, 0.9, 8)
+    w = 2 * np.pi * np.linspace(10.0, 200.0, 400)
+    response = np.zeros((8, w.size), dtype=complex)
+    for k, (hertz, zeta, mass) in enumerate(((42.0, 0.02, 3.0), (95.0, 0.012, 2.0), (160.0, 0.02, 1.5)), 1):
+        wn, shape = 2 * np.pi * hertz, np.sin(k * np.pi * places) / np.sin(k * np.pi * places[0])
+        response += shape[:, None] / (mass * (wn**2 - w**2 + 2j * zeta * wn * w))
+    sigma = noise * np.sqrt(np.mean(np.abs(response) ** 2, axis=1, keepdims=True)) * np.ones(w.size)
+    response = response + sigma * (rng.normal(size=response.shape) + 1j * rng.normal(size=response.shape))
+    return rf.perturbation_test(
+        run="tap", speed=0.0, force_plane="s0", force=1.0, force_direction="x", direction="x",
+        plane=np.repeat([f"s{i}" for i in range(8)], w.size), frequency=np.tile(w, 8), response=response.ravel(),
+        sigma=sigma.ravel(),
+    )  # fmt: skip
+
+
+def beam(modes: int) -> rf.models.Modal:
+    return rf.models.Modal(tuple(f"s{i}" for i in range(8)), modes=modes, gains="plane", force_planes=("s0",))
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.3])
+def test_more_modes_than_the_responses_hold_are_refused_at_once(noise: float) -> None:
+    from rotorfit.estimators.starting.modal_start import modal_start
+    from rotorfit.identify.observing.circular import observe
+
+    blocks = [observe(beam(3), test, np.zeros(len(test), dtype=np.intp)) for test in [eight_sensors(noise)]]
+    values, _ = modal_start(beam(3), blocks)
+    assert values["wn3"] / (2 * np.pi) == pytest.approx(160.0, rel=0.01)
+    with refuses(ValueError):
+        modal_start(beam(5), blocks)
+
+
+def test_stabilisation_and_shapes_are_drawn() -> None:
+    """Poles of the three modes are stable from some order on, and stay where the modes are."""
+    from rotorfit.estimators.starting.modal_start import stabilisation
+
+    fit = rf.fit(beam(3), eight_sensors(0.02))
+    orders = stabilisation(beam(3), list(fit.problem.blocks), 7)
+    for found in orders[4:]:
+        stable = found.frequency[found.stable] / (2 * np.pi)
+        assert all(np.abs(stable - hertz).min() < 0.01 * hertz for hertz in (42.0, 95.0, 160.0))
+    figure = fit.plot_stabilisation(unit="hz")
+    assert figure.axes[0].get_xlabel() == "frequency, Hz"
+    assert len({axis.get_position().x0 for axis in fit.plot_bode().axes}) == 3  # columns: a page has no room for one
+    shapes = fit.plot_mode_shapes(unit="hz")
+    assert [axis.get_ylabel() for axis in shapes.axes] == ["mode 1, 42 Hz", "mode 2, 95 Hz", "mode 3, 160 Hz"]
+    rig = rf.fit(rf.models.WhirlWhip(), rf.read(rf.datasets.path("rig_open.csv")), known={"K3": 6000.0})
+    with refuses(ValueError):
+        rig.plot_mode_shapes()

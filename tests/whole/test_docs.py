@@ -1,0 +1,92 @@
+"""The documents: their Python blocks run and print what is shown after them, their pictures and links are there."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from report_pages import leave_pixels_out
+from slow_cases import slow_but
+
+from rotorfit.apps.cli.main import main
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("[!_]*.md")), *sorted((ROOT / "docs").glob("[!_]*/*.md"))]
+
+
+LONG_PAGES = ("real_rig.md", "anisotropic_shaft.md", "volts.md", "uncertainty.md")
+"""Pages whose blocks take ten seconds and more."""
+
+
+@pytest.fixture
+def make(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    spec = importlib.util.spec_from_file_location("docs_make", ROOT / "docs" / "make.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, spec.name, module)  # where dataclasses look themselves up
+    spec.loader.exec_module(module)
+    return module
+
+
+def same(shown: str, printed: str) -> bool:
+    """Equal words; numbers may differ by one in the last digit shown, which another machine may round over."""
+    old, new = shown.split(), printed.split()
+    if len(old) != len(new):
+        return False
+    for a, b in zip(old, new, strict=True):
+        head, digits, tail = _number(a)
+        other_head, other, other_tail = _number(b)
+        if (head, tail) != (other_head, other_tail) or (digits is None) != (other is None):
+            return False
+        if digits is not None and other is not None:
+            mantissa, _, exponent = digits.partition("e")
+            step = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
+            if abs(float(digits) - float(other)) > 1.01 * step:
+                return False
+    return True
+
+
+def _number(word: str) -> tuple[str, str | None, str]:
+    found = re.fullmatch(r"([\[(]*)(-?\d+\.?\d*(?:e[-+]\d+)?)([\]),;:%]*)", word)
+    return (found[1], found[2], found[3]) if found else (word, None, "")
+
+
+def test_comparison_of_printed_text() -> None:
+    assert same("lam 0.4750 +- 5e-05, [1.2, 3]", "lam 0.4751 +- 6e-05, [1.3, 4]")
+    assert not same("lam 0.4750", "lam 0.4752")
+    assert not same("lam 0.4750", "D 0.4750")
+    assert not same("3 runs", "3 of 4 runs")
+
+
+@pytest.mark.parametrize(
+    "page",
+    slow_but(PAGES, *(page for page in PAGES if page.name not in LONG_PAGES)),
+    ids=lambda page: f"{page.parent.name}-{page.name}",
+)
+def test_blocks_run_and_print_what_is_shown(
+    make: ModuleType, page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    leave_pixels_out(monkeypatch)  # of reports, which tests/show/test_report.py looks at
+    for outcome in make.run_page(page, tmp_path):
+        if outcome.shown is not None:
+            assert same(outcome.shown, outcome.printed), f"python docs/make.py\n{outcome.code}\n{outcome.printed}"
+    pictures = list(tmp_path.glob("*.png"))
+    if page.parent == ROOT / "docs" or page.name == "watch.md":  # others are tested with the command line
+        monkeypatch.chdir(tmp_path)  # where the blocks have written the files that the commands read
+        shell = re.findall(r"^```sh\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+        for command in "".join(shell).splitlines():
+            assert main(command.split()[1:]) == 0, command
+    for picture in pictures:
+        assert (ROOT / "docs" / picture.name).is_file(), f"{picture.name}: python docs/make.py"
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "benchmarks" / "README.md"], ids=lambda p: f"{p.parent.name}-{p.name}")
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text(encoding="utf-8")):
+        if "://" not in target:
+            assert (page.parent / target).is_file(), target
