@@ -1,0 +1,40 @@
+"""The measure of the house counts every way in which code can ask a kind, and chains of calls as they are."""
+
+from __future__ import annotations
+
+import ast
+
+import house
+import pytest
+
+from rotorfit.base.digits import significant
+
+ASKED = "rotorfit.identify.fitting.fit"  # imports Modal, CorrelatedResponses and Experiment, and makes none of them
+
+
+@pytest.mark.parametrize(
+    ("code", "n"),
+    [
+        ("isinstance(model, Modal)", 1),
+        ("isinstance(one, int | CorrelatedResponses) and issubclass(kind, (Modal, float))", 2),
+        ("isinstance(test, Experiment)", 1),  # one name for several kinds
+        ("match model:\n  case Modal(modes=2) | None:\n    a\n  case _:\n    b", 1),
+        ("table = {Modal: 1, CorrelatedResponses: 2}\ntable[type(block)]", 2),
+        ("@title.register\ndef _(one: Modal): ...", 1),
+        ("f'not a {type(model).__name__}'\ntype(model)()\nModal(modes=1)\nisinstance(1, int)\n{'Modal': 1}", 0),
+    ],
+)
+def test_every_way_to_ask_a_kind_counts(code: str, n: int) -> None:
+    assert len(house.places(ASKED, ast.parse(code))) == n
+
+
+def test_a_kind_may_ask_itself() -> None:
+    asking = ast.parse("isinstance(self, Modal)")
+    assert house.places("rotorfit.models.modal", asking) == []
+
+
+def test_calls_are_those_of_rotorfit() -> None:
+    calls = house.calls_of(lambda: [significant(value, 3) for value in (1.0, 2.0)])
+    assert calls.files == ["rotorfit.base.digits"]
+    assert ("rotorfit.base.digits", "significant") in calls.functions
+    assert calls.depth == 2  # significant asks _exponent
