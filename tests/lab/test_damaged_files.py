@@ -15,8 +15,8 @@ import pytest
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.base.file_reading import check_hdf5, check_mat, reading
 from rotorfit.base import file_reading
+from rotorfit.base.file_reading import check_hdf5, check_mat, reading
 from rotorfit.lab.recordings.formats.files import open_raw
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
