@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from os import PathLike
 from types import MappingProxyType, SimpleNamespace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rotorfit.base.accessors import ClassAccessor
 from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.models.coefficients import CoefficientJacobian
 from rotorfit.models.complexes import Complex, Number
@@ -76,6 +76,7 @@ class KnownStructure(RotorModel):
     late_row: ClassVar[float] = 1e6
     """Factor of the equation of a delayed displacement, N/m: of the size of the stiffness in other rows."""
 
+    from_ross = ClassAccessor()
     made_from: Mapping[str, Any] = MappingProxyType({})
     """Path and arguments of :meth:`from_ross`, where the matrices are those of a file."""
 
@@ -200,63 +201,6 @@ class KnownStructure(RotorModel):
         own = {name: getattr(p, _named(name, plane, self.fluid)) for name in names}
         with_law = own | {q.name: getattr(p, q.name) for q in self.law.parameters}
         return fluid_at(self.law, SimpleNamespace(**with_law), self.two_lam, speed, eccentricity)
-
-    @classmethod
-    def from_ross(
-        cls,
-        rotor: Any,
-        *,
-        planes: Mapping[str, int | str],
-        fluid: str | Sequence[str] = (),
-        supports: str | Sequence[str] = (),
-        magnetic: str | Sequence[str] = (),
-        damping: str | Sequence[str] = (),
-        speed: float | None = None,
-        dofs: Sequence[str] = (),
-        **options: Any,
-    ) -> Self:
-        """A rotor of the ROSS package as a known structure, its elements that are to be fitted taken out.
-
-        ROSS itself is needed for rotors that it saved as TOML or JSON only.
-
-        Args:
-            rotor: a ``ross.Rotor`` (2.x or 3.x); or a file: matrices that ``rotor.save_mat`` wrote (MAT 5, with M, K,
-                C, G and nodes), the same as ``.npz`` or as a folder of ``M.csv`` and so on, or a rotor saved by the
-                line of ROSS that is installed.
-            planes: node, counted from zero, of each plane; of a rotor also the tag of an element that stands there.
-            fluid, supports, magnetic, damping: what is fitted, as for the class: planes or, of a rotor, tags of
-                bearings and seals. A tagged element is taken out, because the fit finds what takes its place. Files of
-                matrices know no tags: there the element is taken out before saving.
-            speed: rotative speed, rad/s, at which elements that stay and change with speed are taken.
-            dofs: coordinates of each node, as for the class, of files that hold neither ``nodes`` nor ``dofs``.
-            **options: further arguments of the class.
-
-        Raises:
-            ValueError: unknown tags or nodes, elements that stay but change with speed or differ in x and y, a file
-                of something else.
-            OSError: no such file.
-
-        Example:
-            >>> rotor = rf.models.KnownStructure.from_ross(
-            ...     "shaft.mat", planes={"disk": 7, "journal": 14}, fluid="journal"
-            ... )  # doctest: +SKIP
-        """
-        from rotorfit.lab.io.shafts.ross_rotor import structure_options
-
-        taken_out = {
-            name: (given,) if isinstance(given, str) else tuple(given)
-            for name, given in (("fluid", fluid), ("supports", supports), ("magnetic", magnetic), ("damping", damping))
-        }
-        made = structure_options(rotor, planes=planes, taken_out=taken_out, speed=speed, dofs=dofs)
-        if not isinstance(rotor, str | PathLike):
-            return cls(**made, **options)
-        try:
-            model = cls(**made, **options)
-        except ValueError as problem:
-            raise ValueError(f"{rotor}: {problem}") from problem
-        asked = {"planes": dict(planes), **taken_out, "speed": speed, "dofs": tuple(dofs), **options}
-        model.made_from = {"structure": str(rotor), **{name: value for name, value in asked.items() if value}}
-        return model
 
     # ---- the structure ---------------------------------------------------------------------------------------------
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from rotorfit.base.accessors import PROVIDERS
 from rotorfit.base.version import __version__
 
 if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
@@ -75,10 +76,10 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.lab.simulation.instruments import Instruments as Instruments
     from rotorfit.lab.simulation.recordings import simulate_recordings as simulate_recordings
     from rotorfit.lab.simulation.simulate import simulate as simulate
-    from rotorfit.show.report.campaign import write_campaign_report as write_campaign_report
     from rotorfit.show.report.write import write_report as write_report
     from rotorfit.studies.campaigns.campaign import Campaign as Campaign
     from rotorfit.studies.campaigns.campaign import campaign as campaign
+    from rotorfit.studies.campaigns.campaign_report import write_campaign_report as write_campaign_report
     from rotorfit.studies.monitoring.observed_stiffness import ObservedStiffness as ObservedStiffness
     from rotorfit.studies.monitoring.observed_stiffness import observed_stiffness as observed_stiffness
     from rotorfit.studies.monitoring.trend import DatedValues as DatedValues
@@ -123,7 +124,7 @@ _NAMES = {
     "lab.recordings.reduction.shaft_lines": "shaft_lines",
     "lab.recordings.reduction.static_positions": "static_positions",
     "lab.recordings.rig.setup": "RigSetup",
-    "show.report.campaign": "write_campaign_report",
+    "studies.campaigns.campaign_report": "write_campaign_report",
     "show.report.write": "write_report",
     "lab.simulation.instruments": "Instruments",
     "lab.simulation.recordings": "simulate_recordings",
@@ -141,6 +142,22 @@ _NAMES = {
     "identify.uncertainty.stability.record": "Criterion StabilityReport",
 }
 """Public names by the module that they are written in."""
+PROVIDERS.update(
+    {
+        "Campaign.plot": "rotorfit.studies.campaigns.trend_figure:CampaignPlots",
+        "Comparison.plot": "rotorfit.show.plots.estimates:plot_comparison",
+        "FitResult.plot": "rotorfit.show.plots.fit_plots:FitPlots",
+        "KnownStructure.from_ross": "rotorfit.lab.io.shafts.ross_rotor:from_ross",
+        "MachineTrend.plot": "rotorfit.studies.monitoring.history_figure:plot_trend",
+        "PerturbationTest.plot": "rotorfit.show.plots.measured_plots:MeasuredPlots",
+        "Plan.plot": "rotorfit.studies.planning.plan_figure:plot_plan",
+        "Posterior.plot": "rotorfit.show.plots.uncertainty:PosteriorPlots",
+        "Prediction.plot": "rotorfit.show.plots.estimates:plot_prediction",
+        "Profile.plot": "rotorfit.show.plots.estimates:plot_profile",
+        "Recording.plot": "rotorfit.show.plots.recording_plots:RecordingPlots",
+        "StabilityReport.plot": "rotorfit.show.plots.stability_report:plot_stability_report",
+    }
+)
 _HOME = {name: f"rotorfit.{home}" for home, names in _NAMES.items() for name in names.split()}
 _HOME |= {"datasets": "", "models": ""}
 

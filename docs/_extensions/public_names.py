@@ -9,6 +9,7 @@ from sphinx.environment import BuildEnvironment
 
 import rotorfit
 from rotorfit import models
+from rotorfit.base.accessors import PROVIDERS
 
 HOMES = {f"{home}.{name}": f"rotorfit.{name}" for name, home in rotorfit._HOME.items() if home}
 HOMES |= {
@@ -16,7 +17,8 @@ HOMES |= {
     for name, thing in ((name, getattr(models, name)) for name in models.__all__)
     if hasattr(thing, "__module__")
 }
-"""Public names by the place where they are written."""
+HOMES |= {f"rotorfit.{member}": place.replace(":", ".") for member, place in PROVIDERS.items() if "Plots" in place}
+"""Public names by the place where they are written; of what ``plot`` of a record leads to, the place."""
 
 
 def _lead(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes.Node) -> nodes.Node | None:

@@ -1,4 +1,4 @@
-"""Figures that results return, such as ``fit.plot_bode()``, shown by the gallery where they end a block of code."""
+"""Figures that results return, such as ``fit.plot.bode()``, shown by the gallery where they end a block of code."""
 
 from __future__ import annotations
 

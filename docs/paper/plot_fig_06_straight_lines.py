@@ -170,5 +170,5 @@ axis.legend(ncols=3, loc="upper center")
 # weights, and fit the responses if the noise is large, a plane is missing or the rotor is not linear. ``python
 # benchmarks/closed_form_vs_optimised.py`` repeats this over five models and 1000 draws. Up to 1 % noise, unweighted
 # lines lose a factor of 1.6 to 23 (72 to 360 for overhung rotors that are forced at one coordinate), and weighted ones
-# lose nothing; see :doc:`validation </reference/validation>`. ``fit.plot_polar()`` draws the receptance of a fitted
+# lose nothing; see :doc:`validation </reference/validation>`. ``fit.plot.polar()`` draws the receptance of a fitted
 # rotor.

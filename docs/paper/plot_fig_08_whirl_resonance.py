@@ -74,11 +74,11 @@ tests = [
     for speed in (900, 1600)
 ]
 fit = rf.fit(model, tests, known={"K": 3e3, "Ds": 8.0})
-fit.plot_bode(against="size", mr=6e-6)
+fit.plot.bode(against="size", mr=6e-6)
 
 # %%
 
-fit.plot_bode(against="ratio", mr=6e-6)
+fit.plot.bode(against="ratio", mr=6e-6)
 
 # %%
 # What to look at: at ``lam Om`` (dotted) the phase passes zero, from lead to lag. At a mechanical resonance it would

@@ -75,7 +75,7 @@ for seed, p in enumerate(pressures):
     )
     tests.append(replace(test, attributes={"oil_bar": np.full(len(test), p)}))
 together = rf.fit(model, tests, known=structure, per={"K0": "oil_bar", "D": "oil_bar"})
-together.plot_drive_point(mr=60e-6)
+together.plot.drive_point(mr=60e-6)
 
 # %%
 # Fig. 12: the damping falls with the temperature.

@@ -27,17 +27,17 @@ fit = rf.fit(model, test, known=structure)
 for name, value in fluid.items():
     parameter = fit.params[name]
     print(f"{name:<4} truth {value:6g}   fitted {parameter.value:8.4g} +- {parameter.stderr:.2g} {parameter.unit}")
-fit.plot_dynamic_stiffness()
+fit.plot.dynamic_stiffness()
 
 # %%
 # Fig. 15: the stiffness of the nonlinear fluid less that of the linear one.
 
-fit.plot_nonlinear_stiffness()
+fit.plot.nonlinear_stiffness()
 
 # %%
 # The fitted law, with its band. The ticks at the bottom are the eccentricities of the data.
 
-fit.plot_law()
+fit.plot.law()
 
 # %%
 # What to look at: forward, the curves of the three weights separate above ``lam Om``, where the orbit grows. Backward,

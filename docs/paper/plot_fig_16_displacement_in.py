@@ -34,7 +34,7 @@ kappa = by_cam.model.dynamic_stiffness(by_cam.theta(), w, np.full(w.size, 1500 /
 force = 50e-6 * kappa
 axes[0, 0].plot(w * RPM, abs(force))
 axes[0, 0].set(title="Fig. 16: force at 50 µm 0-pk", ylabel="force amplitude, N 0-pk")
-cell = np.where(w < 0, force.conj(), force)  # as a load cell shows it, backward too: fit.plot_bode() draws the same
+cell = np.where(w < 0, force.conj(), force)  # as a load cell shows it, backward too: fit.plot.bode() draws the same
 for side in (w < 0, w > 0):
     axes[1, 0].plot(w[side] * RPM, np.degrees(np.angle(cell[side])), "C0")
 axes[1, 0].set(ylabel="phase lead of the force, deg", xlabel="perturbation frequency, rpm")

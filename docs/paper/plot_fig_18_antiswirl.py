@@ -61,7 +61,7 @@ for number, flow in enumerate((3.0, 5.0, 6.5, 8.0, 9.0, 10.5, 12.0)):  # l/min
         tests.append(replace(test, source=f"{inlet}, {flow:g} l/min", attributes=conditions))
 found = rf.campaign(model, tests, split=None, known=structure)
 print(found.summary(against="flow_l_min", by="inlet", degree=2))
-found.plot_trends(against="flow_l_min", by="inlet", degree=2)
+found.plot.trends(against="flow_l_min", by="inlet", degree=2)
 
 # %%
 # A straight line does not fit: its scatter, chi-squared per degree of freedom, is far above one.

@@ -55,7 +55,7 @@ test = rf.simulate(model, truth, speed_rpm=1500, frequency_rpm=rpm, unbalance=20
 
 fit = rf.fit(model, test, known={"K3": 6e3})
 print(fit.summary())
-fit.plot_bode()
+fit.plot.bode()
 
 # %%
 # What to look at: with the force at the disk, both planes show the whip peak, forward and backward alike. With the
@@ -68,7 +68,7 @@ fit.plot_bode()
 # The eigenvalues over speed explain whirl and whip. The mode called whirl follows ``lam Om`` until it comes near the
 # bending frequency. From there on it stays close to that frequency, is called whip, and loses its damping.
 
-fit.plot_stability()
+fit.plot.stability()
 
 # %%
 # The same eigenvalues as a root locus: damping increases to the left, frequency upwards, and colours show the speed.

@@ -38,7 +38,7 @@ axis.legend()
 # %%
 # The figure of the last fit shows both parts.
 
-fit.plot_dynamic_stiffness(against="square")
+fit.plot.dynamic_stiffness(against="square")
 
 # %%
 # What to look at: the lines are parallel. Their slope is M + Mf, which no test at standstill can separate, so the fit

@@ -28,12 +28,12 @@ for name in ("K0", "lam", "n_K", "n_D", "b"):
     print(
         f"{name:<4} truth {fluid[name]:6g}   fitted {parameter.value:8.4g} +- {parameter.stderr:.2g} {parameter.unit}"
     )
-fit.plot_static_locus()
+fit.plot.static_locus()
 
 # %%
 # Fig. 27: force over displacement, along and across the load.
 
-fit.plot_static_stiffness()
+fit.plot.static_stiffness()
 
 # %%
 # What to look at: at small loads the journal moves at nearly a right angle to the force. It moves at more than a right

@@ -34,7 +34,7 @@ folder = Path(tempfile.mkdtemp())
 roots = rf.models.eigenvalues(rotor, rotor.vector(thick_oil), 2100 / RPM)
 whirl, whip = sorted(roots[roots.imag > 50].imag)
 record = rf.read_recording(blow)
-record.plot_full_spectrum(marks={"whirl": whirl, "whip": whip, "whip, backward": -whip}, limit_hz=50)
+record.plot.full_spectrum(marks={"whirl": whirl, "whip": whip, "whip, backward": -whip}, limit_hz=50)
 
 # %%
 # Figs 29 (b) and (c): journals that rest at several eccentricities are tapped, at two speeds.
@@ -67,7 +67,7 @@ for block in fit.problem.blocks:
 # The points are frequencies of the ring-downs over the speed, and the curves are those of the fitted rotor. The law
 # itself is smooth: over these eccentricities its lam (dashed) falls steadily.
 
-fit.plot_velocity_ratio()
+fit.plot.velocity_ratio()
 
 # %%
 # The collapse, explained
@@ -148,4 +148,4 @@ for name, one in fits.items():
 # %%
 # A law that changes with speed has a curve for each speed.
 
-fits["collapse"].plot_law()
+fits["collapse"].plot.law()

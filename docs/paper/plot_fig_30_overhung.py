@@ -52,7 +52,7 @@ fit = rf.fit(model, tests, known={"It": 0.06})
 for name, value in truth.items():
     parameter = fit.params[name]
     print(f"{name:<4} truth {value:8g}   fitted {parameter.value:9.5g} +- {parameter.stderr:.2g} {parameter.unit}")
-fit.plot_polar()
+fit.plot.polar()
 
 # %%
 # Fig. 32: natural frequencies over speed, from the identified parameters; dots mark the tested speeds. The dashed line
@@ -76,7 +76,7 @@ axis.legend()
 # %%
 # The figure of the fit shows the damping too. Circles mark the peaks of the measured responses.
 
-fit.plot_stability()
+fit.plot.stability()
 
 # %%
 # What to look at: at rest, forward and backward frequencies are equal in pairs. The speed splits each pair, and the

@@ -79,13 +79,13 @@ print(f"redchi of the runs as they are {raw.redchi:.0f}, of their half differenc
 for name in ("M1", "M2", "K1", "K2", "K3", "D11", "D12", "D21", "D22"):
     parameter = fit.params[name]
     print(f"{name:<4} paper {truth[name]:8g}   found {parameter.value:9.5g} +- {parameter.stderr:.2g} {parameter.unit}")
-fit.plot_polar()
+fit.plot.polar()
 
 # %%
 # Fig. 36: dynamic stiffness, with the direct part over the square of the speed. The lines begin at K1 + K2, -K2 and K2
 # + K3, and their slopes are the masses.
 
-fit.plot_dynamic_stiffness(against="square")
+fit.plot.dynamic_stiffness(against="square")
 
 # %%
 # The modes of the fitted rotor, with errors. The half-power bandwidth of the responses is given beside zeta. The paper

@@ -53,18 +53,18 @@ record = rf.read_recording(folder / "shaft.h5", folder / "rig.toml")
 # marks the two lines that the paper found. One probe does not separate forward from backward: the image ``2 Om - w`` is
 # the paper's ``w - 2 Om``.
 
-record.plot_cascade(direction="y", lines={"w − 1x": (1, -1), "2w − 1x": (2, -1)})
+record.plot.cascade(direction="y", lines={"w − 1x": (1, -1), "2w − 1x": (2, -1)})
 
 # %%
 # Both probes together separate them. The full spectrum has the image on the forward side.
 
-record.plot_cascade(lines={"w − 1x": (1, -1), "2w − 1x": (2, -1)})
+record.plot.cascade(lines={"w − 1x": (1, -1), "2w − 1x": (2, -1)})
 
 # %%
 # Fig. 38: overall amplitude of the twist over the perturbation frequency, and its spectra. The dotted lines are the
 # torsional natural frequency and half of it.
 
-record.plot_twist(marks={"νt": truth["nu_t"], "νt/2": truth["nu_t"] / 2})
+record.plot.twist(marks={"νt": truth["nu_t"], "νt/2": truth["nu_t"] / 2})
 
 # %%
 # All lines are fitted together. The line at w gives M, K and D, its image at ``2 Om - w`` gives dK and its direction,
@@ -78,7 +78,7 @@ for name in ("M", "K", "D", "nu_t", "zeta_t"):
     )
 found = fit.turning_anisotropy()
 print(f"dK      truth   2000   fitted {found.dK.value:9.5g} +- {found.dK.stderr:.2g} N/m")
-fit.plot_lines()
+fit.plot.lines()
 
 # %%
 # The lines w - Om and 2w - Om of Fig. 37

@@ -40,12 +40,12 @@ print("threshold", fit.threshold_speed().to("rpm"))
 # This figure shows the radius and frequency of the whirl that the fit predicts from a test at 1200 rpm. At the onset
 # the frequency is about lam times the speed. At higher speed the eccentricity reduces lam, and the ratio falls.
 
-fit.plot_whirl()
+fit.plot.whirl()
 
 # %%
 # A side load raises the threshold, because it holds the journal where the film is stiffer and lam is smaller.
 
-fit.plot_side_load()
+fit.plot.side_load()
 
 # %%
 # Whirl to whip
@@ -82,7 +82,7 @@ def with_branch(cascade):
     return cascade
 
 
-with_branch(rf.read_recording(file).plot_cascade("journal", limit_hz=100))
+with_branch(rf.read_recording(file).plot.cascade("journal", limit_hz=100))
 
 # %%
 # What to look at: the whirl begins with radius zero and grows steeply. Its frequency departs from the straight line of

@@ -120,7 +120,7 @@ def test_a_dead_run_is_flagged_and_flattens_nothing(tmp_path, capsys, small, fit
     assert not any(run.silent for run in fitted.runs)
     assert "r00: says nothing" in found.summary()
     assert all("r00" not in trend.runs for trend in found.trends(against="pressure_psi"))
-    axis = found.plot_trends("D", against="pressure_psi").axes[0]
+    axis = found.plot.trends("D", against="pressure_psi").axes[0]
     assert 200 < axis.get_ylim()[0] < axis.get_ylim()[1] < 800
     file = tmp_path / "seal.csv"
     rf.write(with_a_dead_run(table), file)
@@ -176,7 +176,7 @@ def test_two_conditions_are_told_apart():
     line = np.array([pressure.at(x).value for x in pressure.x])
     assert np.sqrt(np.mean(((pressure.value - line) / pressure.stderr) ** 2)) < 2
     assert "each with the others held" in found.summary("D", against=["pressure_psi", "oil_C"])
-    assert len(found.plot_trends(["D", "lam"], against=["pressure_psi", "oil_C"]).axes) == 4
+    assert len(found.plot.trends(["D", "lam"], against=["pressure_psi", "oil_C"]).axes) == 4
     with refuses(ValueError):
         rf.campaign(OneMode(), joined(parts[:2]), known=KNOWN).trends("D", against=("pressure_psi", "oil_C"))
 

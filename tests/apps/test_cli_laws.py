@@ -185,7 +185,7 @@ def test_figures_of_a_fit_are_its_methods(sweep: rf.PerturbationTest) -> None:
     fit = rf.fit(MODEL, [sweep, static, ring], known=KNOWN)
     for name in ("law", "nonlinear_stiffness", "static_locus", "static_stiffness", "velocity_ratio"):
         plots = static_and_impulse if hasattr(static_and_impulse, f"plot_{name}") else eccentricity
-        figure, same = getattr(fit, f"plot_{name}")(), getattr(plots, f"plot_{name}")(fit)
+        figure, same = getattr(fit.plot, name)(), getattr(plots, f"plot_{name}")(fit)
         drawn = [line.get_xydata() for axis in figure.axes for line in axis.lines]
         again = [line.get_xydata() for axis in same.axes for line in axis.lines]
         assert drawn

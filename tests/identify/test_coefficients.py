@@ -128,7 +128,7 @@ def test_a_table_over_speeds_as_csv_and_figure(tmp_path: Path, fit: rf.FitResult
     assert back["Kxy"].tolist() == pytest.approx([found.params[f"Kxy[speed_rpm={r}]"].value for r in (1500, 3000)])
     assert (back["Mxx_stderr"] == 0).all()
     assert [line.split()[0] for line in str(table).splitlines()][1:3] == ["Kxx", "Kxy"]
-    assert len(found.plot_coefficients().axes) == 2
+    assert len(found.plot.coefficients().axes) == 2
     with refuses(ValueError):
         found.coefficients(2000 * RPM)
     with refuses(ValueError):
@@ -154,7 +154,7 @@ def test_several_pressures_are_conditions_and_lines_of_their_own() -> None:
     fit = rf.fit(rf.models.Anisotropic(("stator",)), test, known=known, per=per)
     conditions = [f"pressure_bar={bar}, {rpm} rpm" for bar in (2, 5) for rpm in (1500, 3000)]
     assert [row.condition for row in fit.coefficient_table().rows] == conditions
-    curves = [container.lines[0] for container in fit.plot_coefficients().axes[0].containers]
+    curves = [container.lines[0] for container in fit.plot.coefficients().axes[0].containers]
     assert [np.round(curve.get_xdata(), 6).tolist() for curve in curves] == [
         [1500.0, 3000.0]
     ] * 8  # 4 entries at 2 pressures

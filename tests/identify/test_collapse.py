@@ -43,7 +43,7 @@ def test_a_velocity_ratio_that_collapses_earlier_at_high_speed() -> None:
     edge, fall = (fits["collapse"].params[name].value for name in ("edge", "edge_speed"))
     fitted = [edge * np.exp(-fall * (rpm / 1000 - 1)) for rpm in (600, 1200, 1800)]
     np.testing.assert_allclose(fitted, edges, atol=0.02)  # the forms differ by as much
-    figure = fits["collapse"].plot_law()
+    figure = fits["collapse"].plot.law()
     assert len(figure.legends[0].get_texts()) == 3 + 3  # a curve for each speed, and what is what
 
 

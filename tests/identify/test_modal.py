@@ -270,11 +270,11 @@ def test_stabilisation_and_shapes_are_drawn() -> None:
     for found in orders[4:]:
         stable = found.frequency[found.stable] / (2 * np.pi)
         assert all(np.abs(stable - hertz).min() < 0.01 * hertz for hertz in (42.0, 95.0, 160.0))
-    figure = fit.plot_stabilisation(unit="hz")
+    figure = fit.plot.stabilisation(unit="hz")
     assert figure.axes[0].get_xlabel() == "frequency, Hz"
-    assert len({axis.get_position().x0 for axis in fit.plot_bode().axes}) == 3  # columns: a page has no room for one
-    shapes = fit.plot_mode_shapes(unit="hz")
+    assert len({axis.get_position().x0 for axis in fit.plot.bode().axes}) == 3  # columns: a page has no room for one
+    shapes = fit.plot.mode_shapes(unit="hz")
     assert [axis.get_ylabel() for axis in shapes.axes] == ["mode 1, 42 Hz", "mode 2, 95 Hz", "mode 3, 160 Hz"]
     rig = rf.fit(rf.models.WhirlWhip(), rf.read(rf.datasets.path("rig_open.csv")), known={"K3": 6000.0})
     with refuses(ValueError):
-        rig.plot_mode_shapes()
+        rig.plot.mode_shapes()

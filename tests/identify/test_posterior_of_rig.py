@@ -177,8 +177,8 @@ def test_mode_shapes_solve_the_equation_of_motion(rig):
 
 def test_figures_are_drawn():
     post = quick(rf.fit(OneMode(), one_mode_test(), known=KNOWN), max_steps=60)
-    assert len(post.plot_traces().axes) == len(post.names)
-    assert post.plot_corner().axes
+    assert len(post.plot.traces().axes) == len(post.names)
+    assert post.plot.corner().axes
 
 
 # ---- ArviZ and files ------------------------------------------------------------------------------------------------

@@ -177,8 +177,8 @@ def test_measured_stiffness_is_drawn_without_the_factors() -> None:
     plain = rf.fit(rf.models.WhirlWhip(), rig, known=known)
     halved = rf.fit(rf.models.WhirlWhip(), low, known=known | {"beta2": 0.5})
     for one, other in zip(
-        (plain.plot_dynamic_stiffness(), plain.plot_drive_point(plane="journal")),
-        (halved.plot_dynamic_stiffness(), halved.plot_drive_point(plane="journal")),
+        (plain.plot.dynamic_stiffness(), plain.plot.drive_point(plane="journal")),
+        (halved.plot.dynamic_stiffness(), halved.plot.drive_point(plane="journal")),
         strict=True,
     ):
         for mine, yours in zip(dots(one), dots(other), strict=True):

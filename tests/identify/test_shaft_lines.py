@@ -106,19 +106,19 @@ def test_figures_show_lines_and_unstable_bands(tmp_path):
     model = rf.models.AnisotropicShaft()
     test = line_test(model, VALUES | TORSION | {"D": 6.0}, ALL, np.random.default_rng(3))
     fit = rf.fit(model, test, known={"J": 2e-4})
-    lines = fit.plot_lines()
+    lines = fit.plot.lines()
     assert len(lines.axes) == 8
     # |kappa(Om)|^2 = dK^2 with D = 6: a quadratic in Om^2.
     (band,) = rf.models.unstable_bands(model, fit.theta(), 400.0)
     half = np.sqrt(2000.0**2 - (6.0 * 200.0) ** 2)
     assert band == pytest.approx(np.sqrt([4e4 - half, 4e4 + half]), rel=2e-3)
-    words = " ".join(text.get_text() for text in fit.plot_stability().legends[0].get_texts())
+    words = " ".join(text.get_text() for text in fit.plot.stability().legends[0].get_texts())
     assert "unstable, 18" in words
     assert "unstable by turning anisotropy: 18" in fit.summary()
     page = rf.write_report(fit, tmp_path / "report.html").read_text()
     assert "Spectral lines" in page
     with refuses(ValueError):
-        rf.fit(rf.models.OneMode(), round_test(), known=KNOWN_MODE).plot_lines()
+        rf.fit(rf.models.OneMode(), round_test(), known=KNOWN_MODE).plot.lines()
 
 
 KNOWN_MODE = {"K0": 0.0, "D": 0.0, "lam": 0.0, "Mf": 0.0}

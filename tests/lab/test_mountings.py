@@ -91,7 +91,7 @@ def test_conditions_and_frequencies(tmp_path: Path) -> None:
     assert 0.85 < np.sqrt(np.mean(np.square(misses))) < 1.1
     table.to_csv(tmp_path / "frequency.csv")
     assert {"condition", "frequency_hz", "Kxy", "fitted_Cyy_stderr"} <= set(pd.read_csv(tmp_path / "frequency.csv"))
-    fit.plot_frequency_coefficients()
+    fit.plot.frequency_coefficients()
 
 
 def test_frequencies_of_a_rotor_are_refused() -> None:

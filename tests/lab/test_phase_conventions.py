@@ -114,9 +114,9 @@ def test_figures_show_the_phase_of_the_probe(tmp_path: Path, orbits: Orbits) -> 
         w: x / (FORCE * np.exp(1j * np.sign(w) * np.radians(ANGLE))) * 1e6  # the force along x lags a backward angle
         for w, (x, _) in orbits.items()
     }
-    _, phase = fit.plot_bode().axes
+    _, phase = fit.plot.bode().axes
     points = {x: y for line in phase.get_lines() if line.get_marker() == "." for x, y in line.get_xydata()}
-    (polar,) = fit.plot_polar().axes
+    (polar,) = fit.plot.polar().axes
     marks = [complex(*at) for line in polar.get_lines() if line.get_marker() == "o" for at in line.get_xydata()]
     predicted = fit.predict(list(orbits), SPEED, force_plane="journal", plane="journal").seen * 1e6
     assert len(points) == len(marks) == len(ratios)

@@ -158,7 +158,7 @@ def test_slow_roll_needs_the_mark_of_the_shaft(tmp_path):
 
 def test_the_orbit_says_that_run_out_is_gone_and_its_titles_are_apart(tmp_path):
     """One plane: axes of equal scales are then narrower than their place is high."""
-    figure = opened(recorded(tmp_path), SLOW_ROLL).plot_orbit(at=18.5)
+    figure = opened(recorded(tmp_path), SLOW_ROLL).plot.orbit(at=18.5)
     figure.savefig(tmp_path / "orbit.png", dpi=100)
     titles = [axis.title for axis in figure.axes]
     assert titles[0].get_text() == "disk, without run-out"

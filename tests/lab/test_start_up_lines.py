@@ -70,7 +70,7 @@ def test_a_start_up_alone_gives_the_anisotropy_for_a_known_mass(lines):
     assert shape.dK.stderr < 0.01 * shape.dK.value
     # Without its mass everything is known but for a factor.
     assert not rf.fit(rf.models.AnisotropicShaft(torsion=None, runout=True), lines).params["K"].resolved
-    assert [axis.get_xlabel() for axis in fit.plot_lines().axes] == ["rotative speed, rpm"] * 4
+    assert [axis.get_xlabel() for axis in fit.plot.lines().axes] == ["rotative speed, rpm"] * 4
 
 
 def test_a_start_up_and_a_perturbation_sweep_are_fitted_together(start_up, lines):

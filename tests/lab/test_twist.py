@@ -68,7 +68,7 @@ def test_two_tooth_wheels_give_the_twist_between_them(record):
 
 def test_the_twist_is_drawn_over_time_where_nothing_is_swept(record):
     folder, _, _ = record
-    figure = opened(folder, WHEELS).plot_twist(spectra=12)
+    figure = opened(folder, WHEELS).plot.twist(spectra=12)
     assert [axis.get_xlabel() for axis in figure.axes] == ["time, s", "frequency, Hz"]
 
 
@@ -90,4 +90,4 @@ def test_setups_that_make_no_twist_are_refused_in_words(record, more):
 
 def test_a_recording_without_twist_says_so(record):
     with refuses(ValueError):
-        opened(record[0], "").plot_twist()
+        opened(record[0], "").plot.twist()

@@ -161,14 +161,14 @@ def test_the_band_is_that_of_changed_parameters() -> None:
 def test_figures_and_what_they_refuse() -> None:
     rotor = OneMode(law=Muszynska(), clearance_um=CLEARANCE_UM)
     fit = rf.fit(rotor, [sweep(ONE_MODE, levels=(3.0, 30.0), lines=20), static(ONE_MODE)], known={"Ds": 8.0})
-    radius, frequency = fit.plot_whirl(max_speed_rpm=6000, unit=("hz", "mil")).axes
+    radius, frequency = fit.plot.whirl(max_speed_rpm=6000, unit=("hz", "mil")).axes
     assert "mil" in radius.get_ylabel()
     line = frequency.get_lines()[0].get_xydata()
     assert line[0, 0] == pytest.approx(fit.threshold_speed().value / (2 * np.pi), rel=1e-6)
-    _, load = fit.plot_side_load().axes
+    _, load = fit.plot.side_load().axes
     assert "N" in load.get_xlabel()
     with refuses(ValueError):
-        fit.plot_whirl(max_speed_rpm=1000)
+        fit.plot.whirl(max_speed_rpm=1000)
     linear = rf.fit(OneMode(), sweep(ONE_MODE, levels=(0.3,), lines=20), known={"K": 8e3, "Ds": 8.0})
     with refuses(ValueError):
-        linear.plot_whirl()
+        linear.plot.whirl()

@@ -32,5 +32,5 @@ def test_each_mode_of_a_fit_in_x_and_y_is_there_once_with_the_sign_of_its_whirl(
     decrements = -2 * np.pi * roots.real / np.abs(roots.imag)
     ways = np.where(roots.imag > 0, "forward", "backward").tolist()
     assert judged == pytest.approx(dict(zip(ways, decrements, strict=True)), rel=0.01)
-    legend = [text.get_text() for text in fit.plot_stability().legends[0].get_texts()]
+    legend = [text.get_text() for text in fit.plot.stability().legends[0].get_texts()]
     assert [word.split()[0] for word in legend if " mode, " in word].count("backward") == 1

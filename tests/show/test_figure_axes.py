@@ -36,13 +36,13 @@ def stiffness(w: float, speed: float) -> complex:
 
 
 def test_responses_over_the_ratio_and_forward_over_reverse(fit: rf.FitResult) -> None:
-    amplitude, _ = fit.plot_bode(against="ratio").axes
+    amplitude, _ = fit.plot.bode(against="ratio").axes
     points = np.concatenate([line.get_xydata() for line in amplitude.get_lines() if line.get_marker() == "."])
     expected = [(w / speed, 1e6 / abs(stiffness(w, speed))) for speed in SPEEDS for w in W]
     for x, y in expected:
         assert np.abs(points[np.abs(points[:, 0] - x) < 1e-9, 1] / y - 1).min() < 0.02  # noise of 0.1 % of the peak
     mr = 2e-5
-    amplitude, _ = fit.plot_bode(against="size", mr=mr, unit=("hz", "mil_pp")).axes
+    amplitude, _ = fit.plot.bode(against="size", mr=mr, unit=("hz", "mil_pp")).axes
     assert amplitude.get_ylabel() == "amplitude, mil pp"
     backward = [line for line in amplitude.get_lines() if line.get_markerfacecolor() == "none"]
     forward = [line for line in amplitude.get_lines() if line.get_marker() == "." and line not in backward]
@@ -54,17 +54,17 @@ def test_responses_over_the_ratio_and_forward_over_reverse(fit: rf.FitResult) ->
             exact = [mr * v**2 / abs(stiffness(v, speed)) / 25.4e-6 * 2 for v in w.tolist()]
             np.testing.assert_allclose(y, exact, rtol=0.05)
     with refuses(ValueError):
-        rf.fit(TwoDisk(), rf.datasets.two_disk()).plot_bode(against="ratio")
+        rf.fit(TwoDisk(), rf.datasets.two_disk()).plot.bode(against="ratio")
     with refuses(ValueError):
-        fit.plot_bode(against="nonsense")
+        fit.plot.bode(against="nonsense")
     with refuses(ValueError):
-        fit.plot_bode(unit="furlong")
+        fit.plot.bode(unit="furlong")
 
 
 def test_direct_stiffness_against_the_square_is_straight() -> None:
     """The synchronous lines are named by what they are at zero (Fig. 36)."""
     fit = rf.fit(TwoDisk(), rf.datasets.two_disk())
-    axes = np.array(fit.plot_dynamic_stiffness(against="square").axes).reshape(4, 2)
+    axes = np.array(fit.plot.dynamic_stiffness(against="square").axes).reshape(4, 2)
     boxes = [[t.get_text() for t in axis.texts] for axis in axes[:, 0]]
     for box, name in zip(boxes, ("K1 + K2", "−K2", "−K2", "K2 + K3"), strict=True):
         assert any(f"at 0: {name} = " in text for text in box), box
@@ -77,7 +77,7 @@ def test_direct_stiffness_against_the_square_is_straight() -> None:
 
 
 def test_measured_stiffness_without_a_fit(rig: rf.PerturbationTest) -> None:
-    direct, quadrature = rig.plot_dynamic_stiffness().axes
+    direct, quadrature = rig.plot.dynamic_stiffness().axes
     for axis, part in ((direct, "real"), (quadrature, "imag")):
         for container, speed in zip(axis.containers, SPEEDS, strict=True):
             x, y = container.lines[0].get_xydata().T
@@ -85,13 +85,13 @@ def test_measured_stiffness_without_a_fit(rig: rf.PerturbationTest) -> None:
             assert np.abs(y - exact).max() < 0.02 * np.abs(exact).max()
     one = rf.datasets.rig_open()
     journal = one.select(one.force_plane == "journal")
-    assert len(journal.plot_dynamic_stiffness().axes) == 2  # force over response, where eq. (7) has no solution
+    assert len(journal.plot.dynamic_stiffness().axes) == 2  # force over response, where eq. (7) has no solution
     with refuses(ValueError):
-        one.plot_dynamic_stiffness(["nowhere"])
+        one.plot.dynamic_stiffness(["nowhere"])
 
 
 def test_response_and_stiffness_of_several_conditions(fit: rf.FitResult) -> None:
-    figure = fit.plot_drive_point()
+    figure = fit.plot.drive_point()
     phase, amplitude, direct, quadrature = figure.axes
     assert [axis.get_ylabel() for axis in (direct, quadrature)] == ["direct, kN/m", "quadrature, kN/m"]
     assert amplitude.get_ylabel() == "amplitude, µm/N"
@@ -99,29 +99,29 @@ def test_response_and_stiffness_of_several_conditions(fit: rf.FitResult) -> None
     words = [text.get_text() for text in figure.legends[0].get_texts()]
     assert words[:2] == ["954.9 rpm", "1719 rpm"]
     with refuses(ValueError):
-        fit.plot_drive_point(plane="disk")
+        fit.plot.drive_point(plane="disk")
 
 
 def test_a_figure_is_drawn_where_it_is_wanted(fit: rf.FitResult) -> None:
     figure, axes = plt.subplots(1, 2, layout="constrained")
-    fit.plot_bode(ax=axes[0], unit="hz")
+    fit.plot.bode(ax=axes[0], unit="hz")
     assert len(figure.subfigs) == 1
-    fit.plot_bode(ax=figure.add_subfigure(axes[1].get_subplotspec()))
+    fit.plot.bode(ax=figure.add_subfigure(axes[1].get_subplotspec()))
     figure.draw_without_rendering()
     plt.close(figure)
     figure, axes = plt.subplots(2, 1)
-    assert fit.plot_bode(ax=axes) is figure
+    assert fit.plot.bode(ax=axes) is figure
     assert axes[0].get_lines()
     assert axes[-1].get_legend() is not None  # no room below in this layout
     with refuses(ValueError):
-        fit.plot_bode(ax=plt.subplots(3)[1])
+        fit.plot.bode(ax=plt.subplots(3)[1])
     plt.close("all")
 
 
 def test_resonances_lie_on_the_eigenvalue_plot() -> None:
     """Peaks of the responses at the tested speeds, near the fitted damped frequencies (Fig. 32)."""
     fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
-    _, frequency, _, _ = fit.plot_stability().axes
+    _, frequency, _, _ = fit.plot.stability().axes
     (marks,) = [line for line in frequency.get_lines() if line.get_marker() == "o"]
     at = marks.get_xydata()
     assert set(np.round(at[:, 0])) == {1000.0, 2000.0}
@@ -144,7 +144,7 @@ def test_figures_of_results_take_axes_and_units_too(fit: rf.FitResult) -> None:
         "plan": rf.plan(model, fit, rig[0], noise_um=0.2, quantity="lam").plot,
         "comparison": rf.compare([fit]).plot,
         "profile": fit.profile("threshold_speed", points=3).plot,
-        "coefficients": fit.plot_coefficients,
+        "coefficients": fit.plot.coefficients,
         "trend": rf.trend(dated, orders=99).plot,
     }
     for name, draw in drawn.items():

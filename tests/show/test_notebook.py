@@ -65,7 +65,7 @@ def test_text_from_files_is_escaped() -> None:
 
 
 def test_figures_show_without_pyplot(fit: rf.FitResult) -> None:
-    picture = fit.plot_stability()._repr_png_()
+    picture = fit.plot.stability()._repr_png_()
     assert picture.startswith(b"\x89PNG")
     assert len(picture) > 5000
 

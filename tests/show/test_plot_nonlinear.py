@@ -59,7 +59,7 @@ def test_every_figure_of_one_and_two_planes(plot: Any, planes: int, tmp_path: Pa
 
 @pytest.mark.parametrize("plot", ["bode", "polar", "residuals", "dynamic_stiffness", "stability"])
 def test_the_figures_of_linear_fits_draw_nonlinear_ones_too(plot: str, tmp_path: Path) -> None:
-    getattr(fitted(1), f"plot_{plot}")().savefig(tmp_path / "figure.png", dpi=40)
+    getattr(fitted(1).plot, plot)().savefig(tmp_path / "figure.png", dpi=40)
 
 
 def test_points_are_data_minus_the_linear_model_and_lines_the_law() -> None:
@@ -230,7 +230,7 @@ def test_each_force_level_has_a_curve_and_a_colour_that_meet_its_points() -> Non
     """One line through two levels misses both: with this law 1 and 3 N differ by a third of the stiffness."""
     fit = fitted(1)
     for kind, places in (("dynamic_stiffness", (0, 1)), ("bode", (0,))):
-        figure = getattr(fit, f"plot_{kind}")()
+        figure = getattr(fit.plot, kind)()
         legend = [text.get_text() for text in figure.legends[0].get_texts()]
         assert legend[:2] == ["1000 rpm, 1 N", "1000 rpm, 3 N"]
         for place in places:
@@ -238,7 +238,7 @@ def test_each_force_level_has_a_curve_and_a_colour_that_meet_its_points() -> Non
             assert len({entry.get_color() for entry in lines}) == 2
             sizes = [len(entry.get_xdata()) for entry in lines]  # a gap between both sides where they are one line
             assert sizes.count(5) + sizes.count(6) + 2 * sizes.count(5 + 1 + 6) == 4  # levels, each side
-    figure = fit.plot_dynamic_stiffness()
+    figure = fit.plot.dynamic_stiffness()
     axis = figure.axes[0]
     span = np.ptp(axis.get_ylim())
     for entry in [entry for entry in axis.lines if len(entry.get_xdata()) in (5, 6) and entry.get_linestyle() == "-"]:

@@ -33,7 +33,7 @@ def fitted(name, noise=0.01, lines=40):
 def figures(name):
     """Every figure of a fit, by the name of its kind."""
     fit = fitted(name)
-    return {kind: getattr(fit, f"plot_{kind}")() for kind in FIGURES}
+    return {kind: getattr(fit.plot, kind)() for kind in FIGURES}
 
 
 @cache
@@ -60,7 +60,7 @@ def test_every_figure_of_every_model(name, tmp_path):
 
 def test_dynamic_stiffness_panels_show_force_over_response():
     fit = fitted("one-mode")
-    figure = fit.plot_dynamic_stiffness()
+    figure = fit.plot.dynamic_stiffness()
     direct, quadrature = figure.axes
     measured = rf.dynamic_stiffness(fit.experiments[0])
     chosen = measured.speed == SPEEDS["one-mode"][0]
@@ -96,7 +96,7 @@ def test_confidence_band_is_that_of_refitted_noise():
 def test_missing_planes_draw_the_drive_point():
     rig = rf.datasets.rig_open()
     fit = rf.fit(WhirlWhip(), rig.select(rig.force_plane == "journal"), known={"K3": 6000.0})
-    figure = fit.plot_dynamic_stiffness()
+    figure = fit.plot.dynamic_stiffness()
     assert "Drive-point" in figure.get_suptitle()
     assert len(figure.axes) == 2
 
@@ -105,7 +105,7 @@ def test_axes_hold_the_middle_of_the_data_where_the_fit_is_next_to_nothing():
     """The quadrature between disk and journal is noise about a line that is nearly zero."""
     rig = rf.datasets.rig_open()
     fit = rf.fit(WhirlWhip(blocks=("coupling_mass", "coupling_damping")), rig, known={"K3": 6000.0})
-    figure = fit.plot_dynamic_stiffness()
+    figure = fit.plot.dynamic_stiffness()
     for axis in figure.axes:
         low, high = axis.get_ylim()
         value = np.concatenate([line.get_ydata() for line in axis.lines if line.get_marker() == "o"])
@@ -114,7 +114,7 @@ def test_axes_hold_the_middle_of_the_data_where_the_fit_is_next_to_nothing():
 
 def test_stability_shows_the_threshold_and_the_tested_speeds():
     fit = fitted("one-mode")
-    figure = fit.plot_stability()
+    figure = fit.plot.stability()
     legend = " ".join(text.get_text() for text in figure.legends[0].get_texts())
     (threshold,) = re.findall(r"threshold ([\d.]+) rpm", legend)
     assert float(threshold) == pytest.approx(fit.threshold_speed().value * RPM, abs=0.5)
@@ -202,13 +202,13 @@ def two_files():
 def test_a_legend_names_each_speed_once_and_in_order():
     fit = rf.fit(OneMode(), two_files(), known=known_of("one-mode", TYPICAL["one-mode"]))
     for kind in ("dynamic_stiffness", "bode", "polar", "residuals"):
-        words = [text.get_text() for text in getattr(fit, f"plot_{kind}")().legends[0].get_texts()]
+        words = [text.get_text() for text in getattr(fit.plot, kind)().legends[0].get_texts()]
         assert [word for word in words if "rpm" in word and word[0].isdigit()] == ["573 rpm", "955 rpm", "1719 rpm"]
 
 
 def test_boxes_and_stability_say_which_speed_they_hold_for():
     fit = rf.fit(OneMode(), two_files()[0], known=known_of("one-mode", TYPICAL["one-mode"]), per={"D": "speed_rpm"})
-    boxes = [t.get_text() for axis in fit.plot_dynamic_stiffness().axes for t in axis.texts if "slope" in t.get_text()]
+    boxes = [t.get_text() for axis in fit.plot.dynamic_stiffness().axes for t in axis.texts if "slope" in t.get_text()]
     assert boxes[0].startswith("1719 rpm:")
     from rotorfit.show.plots.stability import plot_stability
     from rotorfit.show.report.parts import groups_of
@@ -225,7 +225,7 @@ def test_boxes_and_stability_say_which_speed_they_hold_for():
 
 def test_damping_ratio_and_decrement_are_those_of_the_eigenvalues():
     fit = fitted("one-mode")
-    figure = fit.plot_stability()
+    figure = fit.plot.stability()
     _, _, damping, decrement = figure.axes
     speeds = damping.lines[0].get_xdata() / RPM
     k = 200
@@ -250,7 +250,7 @@ def test_no_panel_is_empty():
         del start[name]
     fit = rf.fit(model, test.select(test.plane == test.force_plane), known=known, start=start)
     for kind in ("bode", "polar", "residuals"):
-        figure = getattr(fit, f"plot_{kind}")()
+        figure = getattr(fit.plot, kind)()
         assert all(axis.lines or axis.patches for axis in figure.axes)
         assert len({axis.get_title() for axis in figure.axes} - {""}) == 2
 
@@ -303,7 +303,7 @@ def labels_on_page(figure, axis):
 def test_labels_of_low_logarithmic_panels_stand_apart_and_are_of_one_size():
     """Eight panels above each other, each over a third of a decade."""
     fit = rf.fit(rf.models.Modal(("disk2", "disk1")), rf.datasets.rk4(), phase_offsets="common")
-    figure = fit.plot_bode()
+    figure = fit.plot.bode()
     for axis in figure.axes[::2]:
         boxes, sizes = labels_on_page(figure, axis.yaxis)
         assert len(boxes) >= 2
@@ -333,7 +333,7 @@ def test_labels_of_lam_omega_stand_apart_and_inside() -> None:
     test = circular_test(model, theta, speeds=speeds, frequency=w, noise=0.01, seed=2)
     for options in ({}, {"per": {"lam": "speed_rpm"}}):
         fit = rf.fit(model, test, known=known_of("one-mode", TYPICAL["one-mode"]), **options)
-        figure = fit.plot_dynamic_stiffness(against="ratio" if options else "frequency")
+        figure = fit.plot.dynamic_stiffness(against="ratio" if options else "frequency")
         figure.canvas.draw()
         axis = figure.axes[1]
         labels = [text for text in axis.texts if text.get_text().startswith("λ")]
@@ -345,7 +345,7 @@ def test_labels_of_lam_omega_stand_apart_and_inside() -> None:
 
 
 def test_boxes_of_dynamic_stiffness_hide_no_fit(rig_refinement):
-    figure = rig_refinement.best.plot_dynamic_stiffness()
+    figure = rig_refinement.best.plot.dynamic_stiffness()
     figure.canvas.draw()
     boxes = [(axis, text) for axis in figure.axes for text in axis.texts if "at 0" in text.get_text()]
     boxes += [(axis, text) for axis in figure.axes for text in axis.texts if "slope" in text.get_text()]
@@ -361,7 +361,7 @@ def test_the_legend_names_the_frequency_that_the_table_has(rig_fit: rf.FitResult
     """Of the mode at the tested speed, not at the nearest speed of the curve."""
     fit = rig_fit
     top = float(np.max(fit.speeds))
-    words = " ".join(text.get_text() for text in fit.plot_stability().legends[0].get_texts())
+    words = " ".join(text.get_text() for text in fit.plot.stability().legends[0].get_texts())
     for frequency, _ in fit.natural_frequencies(top):
         rpm = abs(frequency.value) * 30 / np.pi
         assert rpm < 100 or f"{rpm:.0f} rpm at" in words

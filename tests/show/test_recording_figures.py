@@ -87,7 +87,7 @@ def test_centreline_follows_the_gap_voltage(tmp_path: Path) -> None:
         channels[name] = channels[name] - channels[name].mean()
     coupled = rf.read_recording(write_hdf5(tmp_path / "ac.h5", channels))
     with refuses(ValueError):
-        coupled.plot_centreline()
+        coupled.plot.centreline()
 
 
 def test_the_clearance_stands_about_the_centre_that_the_gap_voltages_give(tmp_path: Path) -> None:
@@ -110,7 +110,7 @@ def test_the_clearance_stands_about_the_centre_that_the_gap_voltages_give(tmp_pa
     unknown = stretch(rf.read_recording(path), marks_of(record), "disk", None, 4.0, clearance=100e-6).clearance
     assert unknown is not None
     assert (unknown.radius, unknown.centre, unknown.known) == (100e-6, 0j, False)
-    for figure in (record.plot_orbit(), record.plot_centreline(unit="mil")):
+    for figure in (record.plot.orbit(), record.plot.centreline(unit="mil")):
         circles = [line for axis in figure.axes for line in axis.lines if line.get_label() == "clearance"]
         assert len(circles) == 1
     toml.write_text(text.replace("disk = 150", "dsk = 150"), encoding="utf-8")
@@ -155,16 +155,16 @@ def test_a_cascade_of_one_direction_is_what_its_probe_shows(record: rf.Recording
     assert y.frequency.min() == 0
     once = np.abs(y.frequency - y.shaft.mean() / (2 * np.pi)) < 1.0
     assert y.amplitude[:, once].max() == pytest.approx(30e-6, rel=0.02)  # by the window's points
-    (axis,) = record.plot_cascade(direction="y", lines={"w − 1x": (1, -1)}, unit="mil_pp").axes
+    (axis,) = record.plot.cascade(direction="y", lines={"w − 1x": (1, -1)}, unit="mil_pp").axes
     words = [text.get_text() for text in axis.texts]
     assert "w − 1x" in words
     assert "−1x" not in words
     assert any(text.endswith("mil pp") for text in words)
     assert axis.get_xlim()[0] == 0
-    tops = [record.plot_timebase(unit=u).axes[0].get_lines()[0].get_ydata().max() for u in ("mil_pp", "mil")]
+    tops = [record.plot.timebase(unit=u).axes[0].get_lines()[0].get_ydata().max() for u in ("mil_pp", "mil")]
     assert tops[0] == pytest.approx(tops[1])  # positions are not counted peak to peak
     with refuses(ValueError):
-        record.plot_cascade(direction="z")
+        record.plot.cascade(direction="z")
 
 
 def test_speeds_are_those_of_the_marks(record: rf.Recording) -> None:
@@ -176,13 +176,13 @@ def test_speeds_are_those_of_the_marks(record: rf.Recording) -> None:
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_figures_are_drawn(record: rf.Recording, tmp_path: Path, name: str) -> None:
-    getattr(record, f"plot_{name}")().savefig(tmp_path / "figure.png")
+    getattr(record.plot, name)().savefig(tmp_path / "figure.png")
 
 
 def test_figures_of_less_are_drawn_or_refused_in_words(tmp_path: Path) -> None:
     alone = rf.read_recording(write_hdf5(tmp_path / "run.h5", {"disk_X": volts()["disk_X"]}))
     for name in ("timebase", "full_spectrum", "cascade"):
-        getattr(alone, f"plot_{name}")().savefig(tmp_path / "figure.png")
+        getattr(alone.plot, name)().savefig(tmp_path / "figure.png")
     for name, words in (
         ("orbit", "no plane has two probes"),
         ("centreline", "no plane has two probes"),
@@ -190,9 +190,9 @@ def test_figures_of_less_are_drawn_or_refused_in_words(tmp_path: Path) -> None:
         ("bode", "no phase reference of the shaft"), ("polar", "no phase reference of the shaft"),
     ):  # fmt: skip
         with pytest.raises(ValueError, match=words):
-            getattr(alone, f"plot_{name}")()
+            getattr(alone.plot, name)()
     with refuses(ValueError):
-        alone.plot_timebase("jornal")
+        alone.plot.timebase("jornal")
 
 
 def test_one_probe_reads_its_amplitude_in_the_full_spectrum(tmp_path: Path) -> None:

@@ -309,7 +309,7 @@ def test_wrong_words_for_trends(fitted):
 
 
 def test_plot_shows_every_run_with_its_error(fitted):
-    figure = fitted.plot_trends(against="pressure_psi", by="inlet")
+    figure = fitted.plot.trends(against="pressure_psi", by="inlet")
     assert [axis.get_ylabel() for axis in figure.axes] == ["K0, kN/m", "lam", "D, N s/m"]
     assert figure.axes[-1].get_xlabel() == "pressure_psi"
     drawn = sum(len(container[0].get_xdata()) for container in figure.axes[1].containers)
@@ -435,7 +435,7 @@ def test_too_few_conditions_for_a_curve(small, fitted):
     with refuses(ValueError):
         fitted.trends("D", against="pressure_psi", degree=0)
     assert (
-        "polynomial of degree 2" in fitted.plot_trends(against="pressure_psi", degree=2).legends[0].texts[0].get_text()
+        "polynomial of degree 2" in fitted.plot.trends(against="pressure_psi", degree=2).legends[0].texts[0].get_text()
     )
 
 

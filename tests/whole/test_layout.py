@@ -16,11 +16,12 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
-from package_modules import MODULES, modules
+from package_modules import MODULES
 from sentences import refuses
 
 import rotorfit
 from rotorfit import datasets
+from rotorfit.base.accessors import PROVIDERS
 
 PACKAGE = Path(rotorfit.__file__).parent
 HEAVY = ("matplotlib", "emcee", "xarray", "arviz", "numba", "scipy.stats", "h5py", "pyuff")
@@ -35,47 +36,9 @@ def tree_of(name: str) -> ast.Module:
     return ast.parse(source_of(name).read_text(encoding="utf-8"))
 
 
-@cache
-def imported(name: str) -> set[str]:
-    """Full names of all that a module imports, wherever in it, type checking included."""
-    found: set[str] = set()
-    for node in ast.walk(tree_of(name)):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{name} imports relatively; sub-packages live outside the tree of rotorfit"
-            found |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return found
-
-
-def begins(name: str, packages: tuple[str, ...]) -> bool:
-    return any(name == package or name.startswith(package + ".") for package in packages)
-
-
 def room(name: str) -> str:
     """The room of a module: the part after ``rotorfit``."""
     return ([*name.split("."), ""])[1]
-
-
-@cache
-def arrows(name: str) -> list[tuple[str, bool]]:
-    """Modules of rotorfit that a module imports, each with whether a call has to be made first, or it is for types."""
-    found = []
-
-    def visit(node: ast.AST, called: bool) -> None:
-        for child in ast.iter_child_nodes(node):
-            inside = called or isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-            inside |= isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"
-            if isinstance(child, ast.Import):
-                found.extend((alias.name, called) for alias in child.names if begins(alias.name, ("rotorfit",)))
-            elif isinstance(child, ast.ImportFrom) and begins(str(child.module), ("rotorfit",)):
-                for alias in child.names:
-                    full = f"{child.module}.{alias.name}"
-                    found.append((full if full in MODULES else str(child.module), called))
-            visit(child, inside)
-
-    visit(tree_of(name), False)
-    return found
 
 
 def test_the_front_door_is_small() -> None:
@@ -103,17 +66,12 @@ def test_no_private_name_is_left_unused() -> None:
     assert unused == []
 
 
-def test_lower_packages_draw_nothing() -> None:
-    for name in (*modules("rotorfit.models"), *modules("rotorfit.estimators")):
-        assert {other for other in imported(name) if begins(other, ("matplotlib",))} == set(), name
-
-
 def test_every_module_imports_without_a_front_part() -> None:
     """Each of the lower packages can be used alone: importing it does not load the front."""
     code = (
         "import sys, rotorfit.estimators.minimisation.least_squares, rotorfit.estimators.starting.closed_form\n"
         "front = [m for m in sys.modules if m.startswith('rotorfit.')"
-        " and not m.startswith(('rotorfit.models', 'rotorfit.estimators', 'rotorfit.base.version'))]\n"
+        " and not m.startswith(('rotorfit.models', 'rotorfit.estimators', 'rotorfit.base'))]\n"
         "sys.exit(' '.join(front) or 0)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
@@ -185,6 +143,19 @@ def test_type_checkers_see_every_public_name() -> None:
     assert exported == {name: home or "rotorfit" for name, home in rotorfit._HOME.items()}
 
 
+def test_what_a_storey_above_provides_is_a_member_of_the_record(rig_fit: rotorfit.FitResult) -> None:
+    """Of the class the provider itself, with its documentation; of a record something to be called."""
+    for member, place in PROVIDERS.items():
+        owner, _, name = member.partition(".")
+        kind = getattr(rotorfit, owner, None) or getattr(rotorfit.models, owner)
+        provider = getattr(kind, name)
+        assert (getattr(provider, "__wrapped__", provider)).__module__ == place.partition(":")[0]
+        assert inspect.getdoc(provider)
+        assert not inspect.isclass(provider) or callable(provider(None)), member
+    assert "bode" in dir(rig_fit.plot)
+    assert {"plot", "plot_bode"} & {*dir(rig_fit)} == {"plot"}
+
+
 # ---- documentation ----------------------------------------------------------------------------
 
 
@@ -213,7 +184,14 @@ def public_callables() -> dict[str, object]:
 CALLABLES = public_callables()
 EXPORTED = [getattr(rotorfit, name) for name in rotorfit._HOME if rotorfit._HOME[name]]
 EXPORTED += [thing for name in rotorfit.models.__all__ if callable(thing := getattr(rotorfit.models, name))]
-FOR_USERS = {inspect.unwrap(thing) for thing in EXPORTED}
+PROVIDED = [
+    getattr(importlib.import_module(place.partition(":")[0]), place.partition(":")[2]) for place in PROVIDERS.values()
+]
+FOR_USERS = {inspect.unwrap(thing) for thing in (*EXPORTED, *PROVIDED)}
+
+
+GIVEN_THE_RECORD = {inspect.unwrap(thing) for thing in PROVIDED}
+"""Providers of members of records: their first argument is the record, as ``self`` is of a method."""
 
 
 def for_users(name: str) -> bool:
@@ -242,7 +220,8 @@ def documented(docstring: str | None) -> list[str] | None:
 
 def arguments(thing: object) -> list[str]:
     function = thing.__init__ if inspect.isclass(thing) else thing  # type: ignore[misc]
-    return [name for name in inspect.signature(function).parameters if name not in ("self", "cls")]  # type: ignore[arg-type]
+    names = [name for name in inspect.signature(function).parameters if name not in ("self", "cls")]  # type: ignore[arg-type]
+    return names[1:] if thing in GIVEN_THE_RECORD else names
 
 
 def members(kind: type) -> set[str]:

@@ -135,16 +135,16 @@ def _figures(record: Recording, options: argparse.Namespace) -> dict[str, Callab
     plane, at = options.plane, options.at
     clearance = None if options.clearance_um is None else options.clearance_um * 1e-6
     figures: dict[str, Callable[[], Figure]] = {
-        "timebase": lambda: record.plot_timebase(plane, at=at),
-        "orbit": lambda: record.plot_orbit(plane, at=at, clearance=clearance),
-        "centreline": lambda: record.plot_centreline(plane, clearance=clearance),
-        "full_spectrum": lambda: record.plot_full_spectrum(plane),
-        "bode": record.plot_bode,
-        "polar": record.plot_polar,
-        "speed": record.plot_speed,
+        "timebase": lambda: record.plot.timebase(plane, at=at),
+        "orbit": lambda: record.plot.orbit(plane, at=at, clearance=clearance),
+        "centreline": lambda: record.plot.centreline(plane, clearance=clearance),
+        "full_spectrum": lambda: record.plot.full_spectrum(plane),
+        "bode": record.plot.bode,
+        "polar": record.plot.polar,
+        "speed": record.plot.speed,
     }
     if record.rig.twist is not None:
-        figures["twist"] = record.plot_twist
+        figures["twist"] = record.plot.twist
     for each in (plane,) if plane is not None else record.planes:
-        figures[file_name(f"cascade_{each}", figures)] = partial(record.plot_cascade, each)
+        figures[file_name(f"cascade_{each}", figures)] = partial(record.plot.cascade, each)
     return figures

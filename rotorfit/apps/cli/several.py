@@ -104,7 +104,7 @@ def _data_of(study: Study, lazy: bool, executor: Executor | None) -> tuple[Any, 
 
 def _campaign_files(found: Campaign, text: str, options: argparse.Namespace) -> dict[str, Any]:
     from rotorfit.show.plots.style import picture_of
-    from rotorfit.show.report.campaign import write_campaign_report
+    from rotorfit.studies.campaigns.campaign_report import write_campaign_report
 
     shown = {"against": options.against, "by": options.by, "degree": options.degree}
     files = {
@@ -113,7 +113,7 @@ def _campaign_files(found: Campaign, text: str, options: argparse.Namespace) -> 
         "report.html": partial(write_campaign_report, found, parameters=options.follow, **shown),
     }
     if options.against is not None and found.trends(options.follow, **shown):
-        figure = found.plot_trends(options.follow, **shown)
+        figure = found.plot.trends(options.follow, **shown)
         files[f"trends.{options.figure_format}"] = picture_of(figure, options.figure_format)
     return files
 
@@ -214,7 +214,7 @@ def _law_files(found: LawComparison) -> dict[str, Any]:
     if drawn is not None:
         from rotorfit.show.plots.style import picture_of
 
-        files["law.png"] = picture_of(drawn.plot_law(), dpi=150)
+        files["law.png"] = picture_of(drawn.plot.law(), dpi=150)
         note = f"law.png: {drawn.model.options()['law']!r}"
     return files | {"summary.txt": f"{found}\n\n{note}\n\n{found.best.summary()}\n"}
 

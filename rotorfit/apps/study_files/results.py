@@ -56,9 +56,9 @@ def write_outcome(
         if of_frequency:
             best.frequency_coefficients().to_csv(folder / "frequency_coefficients.csv")
         if figure_format != "none":
-            best.plot_coefficients().savefig(folder / f"coefficients.{figure_format}")
+            best.plot.coefficients().savefig(folder / f"coefficients.{figure_format}")
             if of_frequency:
-                best.plot_frequency_coefficients().savefig(folder / f"frequency_coefficients.{figure_format}")
+                best.plot.frequency_coefficients().savefig(folder / f"frequency_coefficients.{figure_format}")
     modes = own_modes(best)
     if modes is not None:
         _write_csv(folder / "modes.csv", modes.numbers())

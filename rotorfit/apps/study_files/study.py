@@ -109,7 +109,8 @@ def _shaft_of_file(study: Study) -> KnownStructure:
         raise ValueError(f"planes: with structure each plane has its node, disk=7,journal=14; got {given}")
     planes = study.planes if isinstance(study.planes, Mapping) else {}
     options = {name: getattr(study, name) for name in SHAFT if name != "structure"}
-    return KnownStructure.from_ross(study.structure, planes=planes, **options)
+    shaft: KnownStructure = KnownStructure.from_ross(study.structure, planes=planes, **options)
+    return shaft
 
 
 def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
 from rotorfit.base.executors import executor_of
@@ -25,7 +26,6 @@ from rotorfit.estimators.noise.sweep_noise import READINGS_OF_NOISE
 from rotorfit.identify.fitting.assumptions.assumption_table import THRESHOLD_COLUMN
 from rotorfit.identify.fitting.noise.residual_study import ResidualStudy, is_misfit, largest_redchi
 from rotorfit.identify.fitting.quantities import THRESHOLD, FittedParameter, Quantity, ResponseQuality
-from rotorfit.identify.fitting.result_figures import FitFigures
 from rotorfit.identify.fitting.settings import (
     FitSettings,
     JudgeKeywords,
@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class FitResult(FitFigures):
+class FitResult:
     """Result of :func:`rotorfit.fit` or :func:`rotorfit.closed_form`. Frozen; a failed fit is a result that says so.
 
     Attributes:
@@ -116,6 +116,8 @@ class FitResult(FitFigures):
     model_uncertainty: Float | None = None
     start: str = "not recorded"
     perhaps_local: bool = False
+
+    plot = Accessor()
 
     def __post_init__(self) -> None:
         params = {name: replace(p) for name, p in self.params.items()}

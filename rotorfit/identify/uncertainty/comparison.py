@@ -5,19 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import plus_minus, significant
 from rotorfit.base.text_table import Printed, text_table
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.experiments import Experiment
-from rotorfit.lab.data.figure_keywords import PlotKeywords
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from pandas import DataFrame
 
 _ERRORS = "errors include the systematic share; fit.params[name].stderr is the statistical one"
@@ -34,6 +33,8 @@ class Comparison(Printed):
 
     fits: Mapping[str, FitResult]
     weights: Mapping[str, float]
+
+    plot = Accessor()
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -59,19 +60,6 @@ class Comparison(Printed):
                 row |= {f"{parameter}{end}": getattr(p, part, np.nan) for end, part in parts.items()}
             rows.append(row)
         return DataFrame(rows)
-
-    def plot(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """Each parameter's estimates side by side with their 95 % intervals.
-
-        Args:
-            **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
-
-        Example:
-            >>> figure = rf.compare([fit]).plot()
-        """
-        from rotorfit.identify.uncertainty.figures import plot_comparison
-
-        return plot_comparison(self, **look)
 
     def __str__(self) -> str:
         best = min(fit.aic for fit in self.fits.values())

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.names import unknown_name
 from rotorfit.identify.fitting.result import FitResult
@@ -27,11 +28,9 @@ from rotorfit.identify.uncertainty.derived import (
     modes,
     onsets_of,
 )
-from rotorfit.lab.data.figure_keywords import PlotKeywords
 from rotorfit.models.shafts.angular_rates import angular_rate, angular_rates
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from pandas import DataFrame
 
     from rotorfit.estimators.inference.log_posterior import Noise
@@ -83,6 +82,8 @@ class Posterior(Draws):
     treatment: str
     seed: int
     settings: SampleSettings
+
+    plot = Accessor()
 
     @property
     def samples(self) -> Float:
@@ -139,7 +140,7 @@ class Posterior(Draws):
         return np.asarray(space.theta(samples[chosen, : space.size])[:, space.group(at)])
 
     def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Derived:
-        """Rotative speed at which the rotor becomes unstable, rad/s; see :class:`~.derived.Onsets`.
+        """Rotative speed at which the rotor becomes unstable, rad/s; see :class:`Onsets`.
 
         Args:
             at: group of parameters, ``{"speed_rpm": 1000}``; needed where some were fitted per attribute.
@@ -259,29 +260,6 @@ class Posterior(Draws):
         from rotorfit.identify.uncertainty.posterior_file import summary
 
         return summary(self)
-
-    def plot_corner(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """Marginal and pairwise densities, the optimum of the fit marked.
-
-        Args:
-            **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
-        """
-        from rotorfit.show.plots.uncertainty import plot_corner
-
-        units = {name: self.unit(name) for name in self.names}
-        labels = {name: name if unit == "1" else f"{name}, {unit}" for name, unit in units.items()}
-        optimum = {labels[name]: float(value) for name, value in zip(self.fit.var_names, self.fit.x, strict=True)}
-        return plot_corner(self.samples, list(labels.values()), optimum, **look)
-
-    def plot_traces(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """Walkers against the step.
-
-        Args:
-            **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
-        """
-        from rotorfit.show.plots.uncertainty import plot_traces
-
-        return plot_traces(self.chain, self.names, **look)
 
     def to_arviz(self) -> Any:
         """For ArviZ: ``arviz.InferenceData`` with ArviZ before 1.0, ``xarray.DataTree`` from there on."""

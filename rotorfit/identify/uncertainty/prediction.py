@@ -5,18 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
 from rotorfit.base.text_table import Printed, text_table
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.lab.data.figure_keywords import PlotKeywords
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from pandas import DataFrame
 
 
@@ -65,6 +64,8 @@ class Prediction(Printed):
     level: float
     whole: bool
     notes: tuple[str, ...]
+
+    plot = Accessor()
 
     @property
     def seen(self) -> ComplexArray:
@@ -149,19 +150,6 @@ class Prediction(Printed):
                 table[f"{name}amplitude_{end}_um"] = band.amplitude[:, i] * 1e6
                 table[f"{name}phase_{end}_deg"] = np.rad2deg(band.phase[:, i])
         return DataFrame(table)
-
-    def plot(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """Amplitude and phase with both bands: of the mean, and of a new reading.
-
-        Args:
-            **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
-
-        Example:
-            >>> figure = fit.predict([280.0, 300.0], 200.0, force_plane="disk", plane="journal").plot()
-        """
-        from rotorfit.identify.uncertainty.figures import plot_prediction
-
-        return plot_prediction(self, **look)
 
     def __str__(self) -> str:
         largest = int(np.argmax(np.abs(self.response)))

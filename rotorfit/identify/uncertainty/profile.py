@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any
 
 import numpy as np
 
+from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import interval, significant, with_error
 from rotorfit.base.executors import carry_out
@@ -34,13 +35,9 @@ from rotorfit.estimators.misfit.ratios import LogRatioProblem, Ratios, ratios_of
 from rotorfit.identify.fitting.fit_file import fit_from_json, fit_to_json
 from rotorfit.identify.fitting.quantities import THRESHOLD, FittedParameter, Quantity
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.lab.data.figure_keywords import PlotKeywords
 from rotorfit.models import threshold_speed
 from rotorfit.models.motion.stability import least_stable
 from rotorfit.models.parameters import bare_name
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -72,6 +69,8 @@ class Profile(Printed):
     stderr: float = math.nan
     freedom: float = math.inf
 
+    plot = Accessor()
+
     @property
     def interval(self) -> tuple[float, float]:
         """Lower and upper end."""
@@ -81,16 +80,6 @@ class Profile(Printed):
     def goal(self) -> float:
         """Rise at the ends of the interval: quantile of chi-squared, of F where few differences tell the noise."""
         return quantile(self.level, self.freedom) ** 2
-
-    def plot(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """The curve with the level and the ends, beside the parabola that the standard error stands for.
-
-        Args:
-            **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
-        """
-        from rotorfit.identify.uncertainty.figures import plot_profile
-
-        return plot_profile(self, **look)
 
     def __str__(self) -> str:
         factor, unit = (RPM_PER_RAD_S, "rpm") if self.unit == "rad/s" else (1.0, self.unit)

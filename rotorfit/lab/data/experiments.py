@@ -6,21 +6,20 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from html import escape
-from typing import TYPE_CHECKING, Any, ClassVar, Self, Unpack, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Index, Records, Text
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S, UNITS
 from rotorfit.estimators.blocks.row_keys import distinguished, numbers, words
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE, once_per_turn, set_speeds
-from rotorfit.lab.data.figure_keywords import PlotKeywords
 from rotorfit.lab.data.lines import Lines, lines_of
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from pandas import DataFrame
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
@@ -227,6 +226,8 @@ class PerturbationTest(_Rows):
     force_direction: Text = field(default_factory=lambda: np.array([], dtype=str))
     further_forces: Records = field(default_factory=lambda: np.array([], dtype=object))
 
+    plot = Accessor()
+
     def __post_init__(self) -> None:
         if not self.force_direction.size:
             object.__setattr__(self, "force_direction", np.broadcast_to("circular", len(self.run)))
@@ -348,29 +349,6 @@ class PerturbationTest(_Rows):
         if len(parts) == 1:
             raise ValueError(f"{self.source}: a static position needs both static_x_um and static_y_um")
         return np.asarray(parts[0] + 1j * parts[1]) if parts else None
-
-    def plot_dynamic_stiffness(
-        self, planes: Sequence[str] | None = None, *, against: str = "frequency", **look: Unpack[PlotKeywords]
-    ) -> Figure:
-        """Measured dynamic stiffness, direct and quadrature, without a model: eq. (7), or force over response.
-
-        Force over response at each forced plane, the others free, is drawn where not all planes were forced.
-
-        Args:
-            planes: in the order of the rows, by default all.
-            against: ``"frequency"``, ``"square"`` or ``"ratio"``, as for a fit's plot of the same name.
-            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
-
-        Raises:
-            ValueError: no plane that was both forced and read, or no such abscissa.
-
-        Example:
-            >>> len(rig.plot_dynamic_stiffness(["disk", "journal"], against="square").axes)
-            8
-        """
-        from rotorfit.show.plots.measured_stiffness import plot_measured_stiffness
-
-        return plot_measured_stiffness(self, planes, against, **look)
 
     def subtract_slow_roll(self, slow_roll: Mapping[tuple[str, str], complex]) -> PerturbationTest:
         """Subtract a slow-roll (run-out) vector for each (plane, direction), m, from all 1x readings.

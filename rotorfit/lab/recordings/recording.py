@@ -11,16 +11,16 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any
 
 import numpy as np
 
+from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
-from rotorfit.lab.data.figure_keywords import PlotKeywords
 from rotorfit.lab.data.findings import Finding
 from rotorfit.lab.recordings import quality, views
-from rotorfit.lab.recordings.angle_track import AngleTrack, Marks, speeds, steady_track, track
+from rotorfit.lab.recordings.angle_track import AngleTrack, Marks, steady_track, track
 from rotorfit.lab.recordings.channel_statistics import ChannelStatistics, statistics
 from rotorfit.lab.recordings.formats.files import open_raw
 from rotorfit.lab.recordings.rig.resolve import complete
@@ -29,13 +29,12 @@ from rotorfit.lab.recordings.rig.setup import Probe, RigSetup
 from rotorfit.lab.recordings.signals import Signals
 from rotorfit.lab.recordings.slow_roll import RunOut, find_run_out, in_words
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recording(Signals):
     """One run as it was recorded: signals, angles and what was found wrong. Made by :func:`read_recording`."""
+
+    plot = Accessor()
 
     def __repr__(self) -> str:
         """Name, length and channels, on one line."""
@@ -136,210 +135,6 @@ class Recording(Signals):
         """Mean, range and scatter of the voltage of each probe, from one pass over its channel."""
         return {probe.channel: statistics(self, probe.channel) for probe in self.probes}
 
-    # ---- figures: drawn in rotorfit.show.plots.recordings of the arrays of views and spectra ----
-
-    def plot_timebase(
-        self, plane: str | None = None, *, at: float | None = None, turns: float = 6.0, **look: Unpack[PlotKeywords]
-    ) -> Figure:
-        """x and y over time with a dot at every mark.
-
-        Args:
-            plane: one of :attr:`planes`; None: all.
-            at: middle of what is shown, s; None: of the recording.
-            turns: of the slower mark that are shown.
-            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
-
-        Raises:
-            ValueError: no such plane or time.
-        """
-        from rotorfit.show.plots.recordings import plot_timebase
-
-        parts = [views.stretch(self, self.marks, each, at, turns) for each in self._of(plane)]
-        return plot_timebase(parts, self.name, **look)
-
-    def plot_orbit(
-        self,
-        plane: str | None = None,
-        *,
-        at: float | None = None,
-        turns: float = 4.0,
-        clearance: float | None = None,
-        **look: Unpack[PlotKeywords],
-    ) -> Figure:
-        """Orbits as recorded and filtered to the shaft (1x) and to the perturbator (w), with Keyphasor dots.
-
-        Args:
-            plane: one of :attr:`planes`; None: all with two probes.
-            at: middle of what is shown, s; None: of the recording.
-            turns: of the slower mark that are shown.
-            clearance: radial, m, drawn as a circle; None: as ``[clearance_um]`` of the setup says, if it does.
-            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
-
-        Raises:
-            ValueError: no such plane or time, or a plane with one probe.
-        """
-        from rotorfit.show.plots.recordings import plot_orbit
-
-        parts = [views.stretch(self, self.marks, each, at, turns, clearance) for each in self._pairs(plane)]
-        return plot_orbit(parts, self.name, **look)
-
-    def plot_centreline(
-        self, plane: str | None = None, *, clearance: float | None = None, **look: Unpack[PlotKeywords]
-    ) -> Figure:
-        """Mean position of the shaft over the recording, from the gap voltages.
-
-        Args:
-            plane: one of :attr:`planes`; None: all with two probes.
-            clearance: radial, m, drawn as a circle; None: as ``[clearance_um]`` of the setup says, if it does.
-            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
-
-        Raises:
-            ValueError: no such plane, one probe, or no gap voltages (AC-coupled).
-        """
-        from rotorfit.show.plots.recordings import plot_centreline
-
-        if any(finding.code == "ac-coupled" for finding in self.findings):
-            raise ValueError(f"{self.name} has no gap voltages (AC-coupled?): there is no centreline in it")
-        lines = [views.centreline(self, self.marks, each, clearance=clearance) for each in self._pairs(plane)]
-        return plot_centreline(lines, self.name, **look)
-
-    def plot_bode(
-        self, reference: str | None = None, *, turns: float | None = None, **look: Unpack[PlotKeywords]
-    ) -> Figure:
-        """Amplitude and phase of every probe's vector over the speed of a mark.
-
-        Of a sweep of a known weight these are the vectors that a fit gets, orders of the shaft left out; of others, as
-        of a start-up's 1x, vectors by windows of some turns.
-
-        Args:
-            reference: ``"shaft"`` or ``"perturbator"``; None: the perturbator's where there is one.
-            turns: of a window; None: no windows for a sweep, 8 turns for others.
-            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
-
-        Raises:
-            ValueError: no such mark.
-        """
-        from rotorfit.show.plots.recordings import plot_bode
-
-        return plot_bode(self._vectors(reference, turns), self.name, **look)
-
-    def plot_polar(
-        self, reference: str | None = None, *, turns: float | None = None, **look: Unpack[PlotKeywords]
-    ) -> Figure:
-        """Locus of every probe's vector, those of :meth:`plot_bode`.
-
-        Args:
-            reference: ``"shaft"`` or ``"perturbator"``; None: the perturbator's where there is one.
-            turns: of a window; None: no windows for a sweep, 8 turns for others.
-            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
-
-        Raises:
-            ValueError: no such mark.
-        """
-        from rotorfit.show.plots.recordings import plot_polar
-
-        return plot_polar(self._vectors(reference, turns), self.name, **look)
-
-    def plot_full_spectrum(
-        self,
-        plane: str | None = None,
-        *,
-        start: float = 0.0,
-        stop: float | None = None,
-        limit_hz: float | None = None,
-        marks: Mapping[str, float] | None = None,
-        **look: Unpack[PlotKeywords],
-    ) -> Figure:
-        """Full spectrum: a circle of radius A has amplitude A at its signed frequency.
-
-        Args:
-            plane: one of :attr:`planes`; None: all.
-            start, stop: of the stretch, s.
-            limit_hz: largest frequency shown; None: what holds all that is worth seeing.
-            marks: frequencies to mark, rad/s, signed, by name: modes of a fit, ``{"whirl": 62.0}``.
-            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
-
-        Raises:
-            ValueError: no such plane, or an empty stretch.
-        """
-        from rotorfit.show.plots.recordings import plot_full_spectrum
-
-        spectra = {each: views.spectrum(self, each, start, stop) for each in self._of(plane)}
-        lines = views.steady_lines(self.marks, start, self.duration if stop is None else stop)
-        return plot_full_spectrum(spectra, lines, self.name, limit_hz, marks or {}, **look)
-
-    def plot_cascade(
-        self,
-        plane: str | None = None,
-        *,
-        over: str | None = None,
-        spectra: int = 60,
-        limit_hz: float | None = None,
-        lines: Mapping[str, tuple[float, float]] | None = None,
-        direction: str | None = None,
-        **look: Unpack[PlotKeywords],
-    ) -> Figure:
-        """Full-spectrum cascade with order lines, or the cascade of one direction (Fig. 37).
-
-        Args:
-            plane: one of :attr:`planes`; None: the first.
-            over: ``"time"``, ``"speed"`` or ``"perturbation"``; None: what changes in this recording.
-            spectra: how many.
-            limit_hz: largest frequency shown; None: what holds all that is worth seeing.
-            lines: further lines to mark, factors of w and of the speed by name, ``{"2w − 1x": (2, -1)}``.
-            direction: ``"x"`` or ``"y"``: spectra of the motion along it, as one probe there shows, without forward and
-                backward; None: full spectra of x and y.
-            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
-
-        Raises:
-            ValueError: no such plane or direction, or no mark for what is asked.
-        """
-        from rotorfit.show.plots.recordings import plot_cascade
-
-        found = views.cascade(self, self.marks, self._of(plane)[0], over=over, spectra=spectra, direction=direction)
-        return plot_cascade(found, self.name, limit_hz, lines or {}, **look)
-
-    def plot_twist(
-        self,
-        *,
-        over: str | None = None,
-        spectra: int = 60,
-        limit_hz: float | None = None,
-        marks: Mapping[str, float] | None = None,
-        **look: Unpack[PlotKeywords],
-    ) -> Figure:
-        """Overall torsional amplitude and a cascade of the twist with its combination lines.
-
-        Args:
-            over: ``"time"``, ``"speed"`` or ``"perturbation"``; None: what changes in this recording.
-            spectra: how many.
-            limit_hz: largest frequency shown; None: what holds all combination lines.
-            marks: frequencies to mark, rad/s, by name, ``{"ν_t": 260.0}``.
-            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
-
-        Raises:
-            ValueError: no twist was measured, or no mark for what is asked.
-        """
-        from rotorfit.show.plots.twist import plot_twist
-
-        found = views.twist_cascade(self, self.marks, over=over, spectra=spectra)
-        return plot_twist(found, self.name, limit_hz, marks or {}, **look)
-
-    def plot_speed(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """Speed and sweep rate of every mark over time.
-
-        Args:
-            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot_bode`.
-
-        Raises:
-            ValueError: the recording has no marks.
-        """
-        from rotorfit.show.plots.recordings import plot_speed
-
-        if not self.marks.present:
-            raise ValueError(f"{self.name} has no phase reference, so no speed")
-        return plot_speed(speeds(self.marks), self.name, **look)
-
     @cached_property
     def marks(self) -> Marks:
         """Angles of shaft and perturbator, either may be missing."""
@@ -349,30 +144,6 @@ class Recording(Signals):
             steady = reference.channel is None
             perturbator = steady_track(self, self.shaft, whirl) if steady else track(self, reference)
         return Marks(shaft=self.shaft, perturbator=perturbator, whirl=whirl)
-
-    def _vectors(self, reference: str | None, turns: float | None) -> views.OrderVectors:
-        known = self.__dict__.setdefault("_known_vectors", {})
-        key = (reference or self.marks.main, turns)
-        if key not in known:
-            from rotorfit.show.plots.recordings import vectors_shown
-
-            self._of(None)
-            known[key] = vectors_shown(self, self.marks, key[0], turns)
-        return known[key]  # type: ignore[no-any-return]
-
-    def _of(self, plane: str | None) -> tuple[str, ...]:
-        if not self.planes:
-            raise ValueError(f"{self.name}: none of its channels is known as a probe")
-        return self.planes if plane is None else (plane,)
-
-    def _pairs(self, plane: str | None) -> tuple[str, ...]:
-        if plane is not None:
-            self.motion(plane, 0, 0)  # refuses a plane that there is not
-        chosen = tuple(pair for pair in self.pairs if plane in (None, pair))
-        if not chosen:
-            lacking = f"{plane} has one probe" if plane else "no plane has two probes"
-            raise ValueError(f"{self.name}: {lacking}; an orbit or a centreline needs two")
-        return chosen
 
 
 def read_recording(path: str | Path, setup: str | Path | RigSetup | None = None) -> Recording:

@@ -1,15 +1,17 @@
-"""Figures of what the data leave open, from plain arrays: samples of a posterior, the profile of a parameter."""
+"""Figures of the samples of a posterior, drawn from plain arrays."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from rotorfit.base.array_types import Float
+from rotorfit.identify.uncertainty.posterior import Posterior
+from rotorfit.show.plots.figure_keywords import PlotKeywords
 from rotorfit.show.plots.style import COLOURS, SMALL_TYPE, few_ticks, grid, literal, looked
 
 _LABEL = SMALL_TYPE
@@ -102,3 +104,34 @@ def plot_traces(chain: Float, names: Sequence[str]) -> Figure:
         axes[i, 0].tick_params(labelsize=SMALL_TYPE, labelbottom=i == len(names) - 1)
     axes[-1, 0].set_xlabel("step", fontsize=8)
     return figure
+
+
+class PosteriorPlots:
+    """Figures of a posterior, a method each; ``posterior.plot()`` is the corner plot."""
+
+    def __init__(self, posterior: Posterior) -> None:
+        self._posterior = posterior
+
+    def __call__(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """First look: :meth:`corner`; ``ax`` and ``unit`` as for :meth:`rotorfit.FitResult.plot.bode`."""
+        return self.corner(**look)
+
+    def corner(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Marginal and pairwise densities, the optimum of the fit marked.
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot.bode`.
+        """
+        posterior, fit = self._posterior, self._posterior.fit
+        units = {name: posterior.unit(name) for name in posterior.names}
+        labels = {name: name if unit == "1" else f"{name}, {unit}" for name, unit in units.items()}
+        optimum = {labels[name]: float(value) for name, value in zip(fit.var_names, fit.x, strict=True)}
+        return plot_corner(posterior.samples, list(labels.values()), optimum, **look)
+
+    def traces(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Walkers against the step.
+
+        Args:
+            **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot.bode`.
+        """
+        return plot_traces(self._posterior.chain, self._posterior.names, **look)

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,15 +15,11 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.atomic_file import file_name
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
-from rotorfit.estimators.blocks.observations import Block
-from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses
-from rotorfit.estimators.blocks.small_motion import FreeVibrations
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.modes import own_modes
 from rotorfit.identify.uncertainty.posterior import Posterior
-from rotorfit.models import Modal
 from rotorfit.models.parameters import bare_name
+from rotorfit.show.plots.figure_table import figures_of
 from rotorfit.show.report.html import Html, element, join, paragraph, picture, table
 from rotorfit.show.report.material import ReportInput
 from rotorfit.show.report.numbers import plain, with_error
@@ -38,112 +33,13 @@ _FIRST = ("D", "lam", "lam_D", "lam_M", "Mf", "K0")
 """Parameters that a corner plot shows before others."""
 
 
-class ReportFigure(NamedTuple):
-    """A figure of the report and the kind of data that it shows."""
-
-    title: str  # heading of its section
-    draw: Callable[[FitResult], Figure]  # makes the figure of a fit; ``plot_NAME`` gives its file the name ``NAME.png``
-    caption: str  # words below it
-    kinds: set[str]  # of data that appear in it, as `_kinds` names them
-
-
-def _kinds(block: Block) -> Iterator[str]:
-    """Kinds of data that a block of observations holds, for the figures that show them."""
-    responses = responses_of(block)
-    turning = responses is not None and bool(responses.frequency.any())
-    if turning:  # circular forces, or forces under imposed orbits
-        yield "responses"
-    if isinstance(block, OrbitResponses) and np.isfinite(block.eccentricity).any():
-        yield "orbits" if turning else "loads"
-    if isinstance(block, FreeVibrations) and block.model.eccentricity_dependent and (block.eccentricity > 0).any():
-        yield "impulses"
-    if isinstance(block, LineResponses | PairResponses) and block.force.any():
-        yield "spectral lines"
-    if turning and responses is not None and isinstance(responses.model, Modal):
-        yield "modes"
-        fewest = 50  # frequencies at which poles of some orders beyond those of the model can be looked for
-        if np.unique(responses.frequency).size >= fewest:
-            yield "many frequencies of modes"
-
-
-_TO_FORCE = "Responses to a unit force. Points: measured. Lines: fit, with its 95 % band."
-_POLAR = "Responses to a unit force. Points: measured, open ones backward. Lines: fit; crosses: frequencies in rpm."
-_BAND = "Residuals over their noise; noise alone would leave 95 % of them in the grey band."
-
-FIGURES: tuple[ReportFigure, ...] = (
-    ReportFigure(
-        "Dynamic stiffness",
-        FitResult.plot_dynamic_stiffness,
-        "Points: measured ± σ. Lines: fit, with its 95 % band. Dotted: λΩ, where the fluid's part of the quadrature "
-        "stiffness vanishes.",
-        {"responses"},
-    ),
-    ReportFigure("Bode plots", FitResult.plot_bode, _TO_FORCE, {"responses"}),
-    ReportFigure("Polar plots", FitResult.plot_polar, _POLAR, {"responses"}),
-    ReportFigure("Residuals", FitResult.plot_residuals, _BAND, {"responses"}),
-    ReportFigure(
-        "Mode shapes",
-        FitResult.plot_mode_shapes,
-        "Gains of the probes in each mode, one where all are normalised, with 95 % errors.",
-        {"modes"},
-    ),
-    ReportFigure(
-        "Stabilisation",
-        FitResult.plot_stabilisation,
-        "Natural frequencies of poles against how many are looked for, over the size of all responses. Poles of modes "
-        "stay where they are, those of noise do not.",
-        {"many frequencies of modes"},
-    ),
-    ReportFigure(
-        "Spectral lines",
-        FitResult.plot_lines,
-        "Lines per unit of force. Points: measured ± σ. Lines: fit. A line at w has its image at 2 Om − w.",
-        {"spectral lines"},
-    ),
-    ReportFigure(
-        "Fluid against eccentricity",
-        FitResult.plot_law,
-        "The law's K0, D and lam with their 95 % bands; ticks: eccentricities of the data, dotted: beyond them.",
-        {"orbits", "loads", "impulses"},
-    ),
-    ReportFigure(
-        "Nonlinear dynamic stiffness",
-        FitResult.plot_nonlinear_stiffness,
-        "Nonlinear minus linear dynamic stiffness at the journal. Points: measured. Lines: fit.",
-        {"orbits"},
-    ),
-    ReportFigure(
-        "Static loads",
-        FitResult.plot_static_locus,
-        "Positions of the journal under constant loads over the clearance. Points: measured. Lines: fitted locus.",
-        {"loads"},
-    ),
-    ReportFigure(
-        "Static stiffness",
-        FitResult.plot_static_stiffness,
-        "Static load over displacement. Points: measured. Lines: fit, with its 95 % band.",
-        {"loads"},
-    ),
-    ReportFigure(
-        "Impulse tests",
-        FitResult.plot_velocity_ratio,
-        "Damped frequency over rotative speed. Points: measured. Solid lines: fitted eigenvalues; dashed: lam itself.",
-        {"impulses"},
-    ),
-)
-"""Figures in their order; further kinds of experiments add theirs here."""
-
-
 def figure_sections(material: ReportInput) -> tuple[list[Html], list[Html]]:
     """The two figures that carry the verdict, the first of the data and that of stability; the other figures."""
     fit = material.fit
-    kinds = {kind for block in fit.problem.blocks for kind in _kinds(block)}
     of_data = []
-    for figure in FIGURES if material.figure_format != "none" else ():
-        if figure.kinds & kinds:
-            name = figure.draw.__name__.removeprefix("plot_")
-            picture_in = embedded(material, name, partial(figure.draw, fit), figure.caption)
-            of_data.append(section(figure.title, picture_in, figure=True))
+    for figure in figures_of(fit) if material.figure_format != "none" else ():
+        picture_in = embedded(material, figure.name, getattr(fit.plot, figure.name), figure.caption)
+        of_data.append(section(figure.title, picture_in, figure=True))
     first, further = [*of_data[:1], section("Stability", *_stability(material))], of_data[1:]
     if fit.responses:
         further.append(section("Quality of fit", *_quality(fit)))

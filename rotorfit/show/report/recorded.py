@@ -58,7 +58,7 @@ def recordings_section(material: ReportInput) -> Iterator[Html]:
     if material.figure_format != "none":
         drawn = 4  # recordings whose cascade is shown; a page of more says nothing new
         cascades = [
-            embedded(material, f"cascade_{i + 1}", record.plot_cascade, f"Full spectra of {record.name}.")
+            embedded(material, f"cascade_{i + 1}", record.plot.cascade, f"Full spectra of {record.name}.")
             for i, record in enumerate(records[:drawn])
         ]
         yield section("Cascades of the recordings", element("div", *cascades, class_="side"))

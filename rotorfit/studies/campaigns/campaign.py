@@ -8,10 +8,11 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.atomic_file import whole_file
 from rotorfit.base.digits import plus_minus, significant, with_error
@@ -27,7 +28,6 @@ from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitSettings
 from rotorfit.identify.fitting.summary import natural
 from rotorfit.lab.data.experiments import Experiment
-from rotorfit.lab.data.figure_keywords import PlotKeywords
 from rotorfit.lab.data.findings import listed
 from rotorfit.lab.io.tables.result_tables import rows_csv
 from rotorfit.models import RotorModel
@@ -37,7 +37,6 @@ from rotorfit.studies.campaigns.shared import fit_shared, refuse_none
 from rotorfit.studies.campaigns.trends import Trend, trend_table, trends_of
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from pandas import DataFrame
 
 
@@ -72,6 +71,8 @@ class Campaign(Printed):
     settings: FitSettings
     success: bool
     _data: tuple[Run, ...] = field(repr=False)
+
+    plot = Accessor()
 
     @cached_property
     def fitted(self) -> tuple[str, ...]:
@@ -286,24 +287,6 @@ class Campaign(Printed):
             with whole_file(Path(path)) as draft:
                 draft.write_text(text, encoding="utf-8")
         return text
-
-    def plot_trends(
-        self,
-        parameters: str | Sequence[str] | None = None,
-        *,
-        against: str | Sequence[str],
-        by: str | None = None,
-        degree: int = 1,
-        **look: Unpack[PlotKeywords],
-    ) -> Figure:
-        """Parameters with error bars and trend lines or curves against attributes, a column of panels each.
-
-        ``parameters``, ``against``, ``by`` and ``degree`` are as for :meth:`trends`, ``ax`` and ``unit`` as for
-        :meth:`FitResult.plot_bode`.
-        """
-        from rotorfit.studies.campaigns.trend_figure import plot_trends
-
-        return plot_trends(self.trends(parameters, against=against, by=by, degree=degree), by, **look)
 
 
 def campaign(

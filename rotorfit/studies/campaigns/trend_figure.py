@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from rotorfit.show.plots.figure_keywords import PlotKeywords
 from rotorfit.show.plots.style import colour_of, draw_curve, grid, labelled, legend_below, literal, looked, prefix
+from rotorfit.studies.campaigns.campaign import Campaign
 from rotorfit.studies.campaigns.trends import Trend
 
 _MARKERS = ("o", "s", "^", "D", "v", "P")
@@ -68,3 +70,28 @@ def _panel(axis: Any, trends: Sequence[Trend], groups: Sequence[str], handles: d
     axis.set_ylim(low - margin, high + margin)
     away = (values * factor < low - margin) | (values * factor > high + margin)
     return unit, int(away.sum())
+
+
+class CampaignPlots:
+    """Figures of a campaign; ``campaign.plot(against=...)`` is that of its trends."""
+
+    def __init__(self, campaign: Campaign) -> None:
+        self._campaign = campaign
+
+    def trends(
+        self,
+        parameters: str | Sequence[str] | None = None,
+        *,
+        against: str | Sequence[str],
+        by: str | None = None,
+        degree: int = 1,
+        **look: Unpack[PlotKeywords],
+    ) -> Figure:
+        """Parameters with error bars and trend lines or curves against attributes, a column of panels each.
+
+        ``parameters``, ``against``, ``by`` and ``degree`` are as for :meth:`rotorfit.Campaign.trends`,
+        ``ax`` and ``unit`` as for :meth:`rotorfit.FitResult.plot.bode`.
+        """
+        return plot_trends(self._campaign.trends(parameters, against=against, by=by, degree=degree), by, **look)
+
+    __call__ = trends

@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 
 @style.looked
 def plot_trend(trend: MachineTrend) -> Figure:
-    """One column a place, one panel a value: tests in order of time, levels with the scatter of one test as a band."""
+    """One column a place, one panel a value: tests in order of time, levels with the scatter of one test as a band.
+
+    ``ax`` and ``unit`` are as for :meth:`rotorfit.FitResult.plot.bode`.
+    """
     rows = max(len(place.names) for place in trend.places)
     figure, axes = style.grid(rows, len(trend.places), "", size=(7.0 / max(len(trend.places), 1), 1.9))
     handles = {}

@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
+from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
 from rotorfit.base.significance import P_CHANCE
@@ -17,12 +17,8 @@ from rotorfit.base.text_table import Printed
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.change import Change, along, fewest_dates, find_change
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.lab.data.figure_keywords import PlotKeywords
 from rotorfit.models.parameters import MATRIX_UNITS
 from rotorfit.studies.monitoring.observed_stiffness import ObservedStiffness
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _MEANING = {
     "K": "the support or the shaft became {way} (a crack or a loose support softens, a rub or misalignment stiffens)",
@@ -126,6 +122,8 @@ class MachineTrend(Printed):
 
     places: tuple[PlaceTrend, ...]
 
+    plot = Accessor()
+
     @property
     def changed(self) -> bool:
         """True if a change was found anywhere."""
@@ -133,16 +131,6 @@ class MachineTrend(Printed):
 
     def __str__(self) -> str:
         return "\n\n".join(str(place) for place in self.places)
-
-    def plot(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """Values against time with levels before and after a change.
-
-        Args:
-            **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
-        """
-        from rotorfit.studies.monitoring.history_figure import plot_trend
-
-        return plot_trend(self, **look)
 
 
 def trend(

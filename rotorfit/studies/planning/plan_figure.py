@@ -11,7 +11,13 @@ from rotorfit.studies.planning.record import Plan
 
 @looked
 def plot_plan(plan: Plan) -> Figure:
-    """Share of the averaging time, and gain over that of what is measured, against frequency, run by run."""
+    """Share of the averaging time, and the gain by which the equivalence theorem judges it, against frequency.
+
+    ``ax`` and ``unit`` are as for :meth:`rotorfit.FitResult.plot.bode`.
+
+    Example:
+        >>> figure = rf.plan(fit.model, fit, rig, noise_um=0.2, quantity="lam").plot()
+    """
     aim = " and ".join(plan.quantity).replace("_", " ") if plan.quantity else "all parameters together"
     figure, axes = grid(2, 1, literal(f"Plan for {aim}"), size=(6.2, 2.4), one_abscissa=True)
     top, below = axes[:, 0]

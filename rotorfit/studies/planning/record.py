@@ -6,8 +6,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING
 
+from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.atomic_file import whole_file
 from rotorfit.base.digits import significant, with_error
@@ -18,12 +19,10 @@ from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.inference.optimal_shares import Shares
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.lab.data.experiments import PerturbationTest
-from rotorfit.lab.data.figure_keywords import PlotKeywords
 from rotorfit.models import RotorModel
 from rotorfit.studies.planning.expectation import Expectation
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from pandas import DataFrame
 
 
@@ -89,6 +88,8 @@ class Plan(Printed):
     time_s: float
     test: PerturbationTest | None
     expectation: Expectation = field(repr=False)
+
+    plot = Accessor()
 
     def to_dataframe(self) -> DataFrame:
         """The lines as a table, units in the names of its columns.
@@ -162,19 +163,6 @@ class Plan(Printed):
             theta[self.model.parameter_names.index(name)] = value
         weight = self.share * self.share.size
         return virtual_run(self.model, theta, self.test, self.expectation.noise, weight, seed)
-
-    def plot(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """Share of the time of each line, and the gain by which the equivalence theorem judges it.
-
-        Args:
-            **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
-
-        Example:
-            >>> figure = rf.plan(fit.model, fit, rig, noise_um=0.2, quantity="lam").plot()
-        """
-        from rotorfit.studies.planning.plan_figure import plot_plan
-
-        return plot_plan(self, **look)
 
     def __str__(self) -> str:
         rows = [["", "value", "std error", "relative", "over the draws", "all lines alike", "unit"]]

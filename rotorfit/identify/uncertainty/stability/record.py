@@ -6,18 +6,17 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
 from rotorfit.base.text_table import Printed, text_table
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.lab.data.figure_keywords import PlotKeywords
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from pandas import DataFrame
 
 SENSITIVITY = "sensitivity function"
@@ -114,6 +113,8 @@ class StabilityReport(Printed):
     notes: tuple[str, ...]
     caution: str
 
+    plot = Accessor()
+
     @cached_property
     def decrement(self) -> tuple[Curve, ...]:
         """Of each mode against speed, rad/s."""
@@ -165,19 +166,6 @@ class StabilityReport(Printed):
             for c in self.criteria
         ]
         return DataFrame(rows, columns=names)
-
-    def plot(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """Decrement against speed, unbalance response, decrement against cross-coupling, sensitivity, with their bands.
-
-        Args:
-            **look: ``ax`` and ``unit``, as for :meth:`FitResult.plot_bode`.
-
-        Example:
-            >>> figure = fit.stability_report(max_speed_rpm=2000).plot()
-        """
-        from rotorfit.identify.uncertainty.stability.figure import plot_stability_report
-
-        return plot_stability_report(self, **look)
 
     def rows(self, case: str = "") -> list[list[str]]:
         """The criteria of a case in words, head first.

@@ -21,11 +21,67 @@ from rotorfit.base.digits import significant
 from rotorfit.base.file_reading import read_toml, reading
 from rotorfit.base.names import unknown_name
 from rotorfit.lab.io.shafts.structure_files import SAVED_ROTORS, read_structure
+from rotorfit.models.known_structure import KnownStructure
 from rotorfit.models.shafts.shaft import ROSS_4, ROSS_6
 
 SPEED_FROM = 3
 """Line of ROSS from which tables over speed are called ``speed``; before, ``frequency`` meant the speed."""
 _COEFFICIENTS = tuple(f"{kind}{axes}" for kind in "kcm" for axes in ("xx", "yy", "xy", "yx"))
+
+
+def from_ross(
+    kind: type[KnownStructure],
+    rotor: Any,
+    *,
+    planes: Mapping[str, int | str],
+    fluid: str | Sequence[str] = (),
+    supports: str | Sequence[str] = (),
+    magnetic: str | Sequence[str] = (),
+    damping: str | Sequence[str] = (),
+    speed: float | None = None,
+    dofs: Sequence[str] = (),
+    **options: Any,
+) -> KnownStructure:
+    """A rotor of the ROSS package as a known structure, its elements that are to be fitted taken out.
+
+    ROSS itself is needed for rotors that it saved as TOML or JSON only.
+
+    Args:
+        rotor: a ``ross.Rotor`` (2.x or 3.x); or a file: matrices that ``rotor.save_mat`` wrote (MAT 5, with M, K,
+            C, G and nodes), the same as ``.npz`` or as a folder of ``M.csv`` and so on, or a rotor saved by the
+            line of ROSS that is installed.
+        planes: node, counted from zero, of each plane; of a rotor also the tag of an element that stands there.
+        fluid, supports, magnetic, damping: what is fitted, as for the class: planes or, of a rotor, tags of
+            bearings and seals. A tagged element is taken out, because the fit finds what takes its place. Files of
+            matrices know no tags: there the element is taken out before saving.
+        speed: rotative speed, rad/s, at which elements that stay and change with speed are taken.
+        dofs: coordinates of each node, as for the class, of files that hold neither ``nodes`` nor ``dofs``.
+        **options: further arguments of the class.
+
+    Raises:
+        ValueError: unknown tags or nodes, elements that stay but change with speed or differ in x and y, a file
+            of something else.
+        OSError: no such file.
+
+    Example:
+        >>> rotor = rf.models.KnownStructure.from_ross(
+        ...     "shaft.mat", planes={"disk": 7, "journal": 14}, fluid="journal"
+        ... )  # doctest: +SKIP
+    """
+    taken_out = {
+        name: (given,) if isinstance(given, str) else tuple(given)
+        for name, given in (("fluid", fluid), ("supports", supports), ("magnetic", magnetic), ("damping", damping))
+    }
+    made = structure_options(rotor, planes=planes, taken_out=taken_out, speed=speed, dofs=dofs)
+    if not isinstance(rotor, str | os.PathLike):
+        return kind(**made, **options)
+    try:
+        model = kind(**made, **options)
+    except ValueError as problem:
+        raise ValueError(f"{rotor}: {problem}") from problem
+    asked = {"planes": dict(planes), **taken_out, "speed": speed, "dofs": tuple(dofs), **options}
+    model.made_from = {"structure": str(rotor), **{name: value for name, value in asked.items() if value}}
+    return model
 
 
 def structure_options(

@@ -50,7 +50,7 @@ def write_campaign_report(
         if trends:
             from rotorfit.show.plots.style import picture_of
 
-            figure = campaign.plot_trends(parameters, against=against, by=by, degree=degree)
+            figure = campaign.plot.trends(parameters, against=against, by=by, degree=degree)
             lines = "straight lines" if degree == 1 else f"polynomials of degree {degree}"
             caption = f"Runs and weighted {lines}, each with one standard error."
             words = "Scatter: chi-squared per degree of freedom about the line; far above 1, other causes matter too."

@@ -16,7 +16,16 @@ from rotorfit.show.plots import style
 
 @style.looked
 def plot_comparison(comparison: Any) -> Figure:
-    """A panel a parameter, with the 95 % interval of each fit."""
+    """Each parameter's estimates side by side with their 95 % intervals, a panel a parameter.
+
+    ``ax`` and ``unit`` are as for :meth:`rotorfit.FitResult.plot.bode`.
+
+    Raises:
+        ValueError: fits with no parameter in common.
+
+    Example:
+        >>> figure = rf.compare([fit]).plot()
+    """
     fits = comparison.fits
     names = [n for n in comparison.parameters if sum(n in fit.params for fit in fits.values()) > 1 or len(fits) == 1]
     if not names:
@@ -44,7 +53,13 @@ def plot_comparison(comparison: Any) -> Figure:
 
 @style.looked
 def plot_prediction(prediction: Any) -> Figure:
-    """Amplitude and phase lead against the frequency of the force, or against speed where it is once per turn."""
+    """Amplitude and phase lead against frequency, or speed where the force is once per turn, with both bands.
+
+    ``ax`` and ``unit`` are as for :meth:`rotorfit.FitResult.plot.bode`.
+
+    Example:
+        >>> figure = fit.predict([280.0, 300.0], 200.0, force_plane="disk", plane="journal").plot()
+    """
     synchronous = np.array_equal(prediction.frequency, prediction.speed)
     speeds = np.unique(prediction.speed)
     at = "" if synchronous or speeds.size > 1 else f", {style.rate_words(speeds[0])}"
@@ -81,7 +96,10 @@ def plot_prediction(prediction: Any) -> Figure:
 
 @style.looked
 def plot_profile(profile: Any) -> Figure:
-    """Rise of chi-squared when a parameter is held at other values, beside the parabola of its standard error."""
+    """Rise of chi-squared when a parameter is held at other values, beside the parabola of its standard error.
+
+    ``ax`` and ``unit`` are as for :meth:`rotorfit.FitResult.plot.bode`.
+    """
     figure, axes = style.grid(1, 1, "", size=(3.45, 2.5))  # two of them side by side in a report
     axis, rise, error = axes[0, 0], profile.rise, profile.stderr
     factor, unit = (style.per_rad_s(), style.rate_unit()) if profile.unit == "rad/s" else (1.0, profile.unit)

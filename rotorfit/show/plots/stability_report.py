@@ -17,7 +17,13 @@ from rotorfit.show.plots import style
 
 @style.looked
 def plot_stability_report(report: StabilityReport) -> Figure:
-    """One panel for each kind of curve that the report has."""
+    """Decrement against speed, unbalance response, decrement against cross-coupling, sensitivity, with their bands.
+
+    ``ax`` and ``unit`` are as for :meth:`rotorfit.FitResult.plot.bode`.
+
+    Example:
+        >>> figure = fit.stability_report(max_speed_rpm=2000).plot()
+    """
     more = ((_unbalance, report.unbalance), (_coupling, report.cross_coupling), (_sensitivity, report.sensitivity))
     panels = [_decrements, *(panel for panel, curves in more if curves)]
     figure, axes = style.grid(

@@ -7,7 +7,7 @@ from typing import Any, TypedDict
 
 
 class PlotKeywords(TypedDict, total=False):
-    """Keywords of every figure: where it is drawn, and its units; see :meth:`rotorfit.FitResult.plot_bode`."""
+    """Keywords of every figure: where it is drawn, and its units; see :meth:`rotorfit.FitResult.plot.bode`."""
 
     ax: Any
     unit: str | Sequence[str] | None

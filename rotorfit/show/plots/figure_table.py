@@ -1,0 +1,117 @@
+"""Which figures show which kinds of data: those of a report, and a first look at a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.observations import Block
+from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses
+from rotorfit.estimators.blocks.small_motion import FreeVibrations
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.models import Modal
+
+
+class ReportFigure(NamedTuple):
+    """A figure of the report and the kind of data that it shows."""
+
+    title: str  # heading of its section
+    name: str  # of the method of ``fit.plot`` that draws it, and of its file
+    caption: str  # words below it
+    kinds: set[str]  # of data that appear in it, as `_kinds` names them
+
+
+def _kinds(block: Block) -> Iterator[str]:
+    """Kinds of data that a block of observations holds, for the figures that show them."""
+    responses = responses_of(block)
+    turning = responses is not None and bool(responses.frequency.any())
+    if turning:  # circular forces, or forces under imposed orbits
+        yield "responses"
+    if isinstance(block, OrbitResponses) and np.isfinite(block.eccentricity).any():
+        yield "orbits" if turning else "loads"
+    if isinstance(block, FreeVibrations) and block.model.eccentricity_dependent and (block.eccentricity > 0).any():
+        yield "impulses"
+    if isinstance(block, LineResponses | PairResponses) and block.force.any():
+        yield "spectral lines"
+    if turning and responses is not None and isinstance(responses.model, Modal):
+        yield "modes"
+        fewest = 50  # frequencies at which poles of some orders beyond those of the model can be looked for
+        if np.unique(responses.frequency).size >= fewest:
+            yield "many frequencies of modes"
+
+
+_TO_FORCE = "Responses to a unit force. Points: measured. Lines: fit, with its 95 % band."
+_POLAR = "Responses to a unit force. Points: measured, open ones backward. Lines: fit; crosses: frequencies in rpm."
+_BAND = "Residuals over their noise; noise alone would leave 95 % of them in the grey band."
+
+FIGURES: tuple[ReportFigure, ...] = (
+    ReportFigure(
+        "Dynamic stiffness",
+        "dynamic_stiffness",
+        "Points: measured ± σ. Lines: fit, with its 95 % band. Dotted: λΩ, where the fluid's part of the quadrature "
+        "stiffness vanishes.",
+        {"responses"},
+    ),
+    ReportFigure("Bode plots", "bode", _TO_FORCE, {"responses"}),
+    ReportFigure("Polar plots", "polar", _POLAR, {"responses"}),
+    ReportFigure("Residuals", "residuals", _BAND, {"responses"}),
+    ReportFigure(
+        "Mode shapes",
+        "mode_shapes",
+        "Gains of the probes in each mode, one where all are normalised, with 95 % errors.",
+        {"modes"},
+    ),
+    ReportFigure(
+        "Stabilisation",
+        "stabilisation",
+        "Natural frequencies of poles against how many are looked for, over the size of all responses. Poles of modes "
+        "stay where they are, those of noise do not.",
+        {"many frequencies of modes"},
+    ),
+    ReportFigure(
+        "Spectral lines",
+        "lines",
+        "Lines per unit of force. Points: measured ± σ. Lines: fit. A line at w has its image at 2 Om − w.",
+        {"spectral lines"},
+    ),
+    ReportFigure(
+        "Fluid against eccentricity",
+        "law",
+        "The law's K0, D and lam with their 95 % bands; ticks: eccentricities of the data, dotted: beyond them.",
+        {"orbits", "loads", "impulses"},
+    ),
+    ReportFigure(
+        "Nonlinear dynamic stiffness",
+        "nonlinear_stiffness",
+        "Nonlinear minus linear dynamic stiffness at the journal. Points: measured. Lines: fit.",
+        {"orbits"},
+    ),
+    ReportFigure(
+        "Static loads",
+        "static_locus",
+        "Positions of the journal under constant loads over the clearance. Points: measured. Lines: fitted locus.",
+        {"loads"},
+    ),
+    ReportFigure(
+        "Static stiffness",
+        "static_stiffness",
+        "Static load over displacement. Points: measured. Lines: fit, with its 95 % band.",
+        {"loads"},
+    ),
+    ReportFigure(
+        "Impulse tests",
+        "velocity_ratio",
+        "Damped frequency over rotative speed. Points: measured. Solid lines: fitted eigenvalues; dashed: lam itself.",
+        {"impulses"},
+    ),
+)
+"""Figures in their order; further kinds of experiments add theirs here."""
+
+
+def figures_of(fit: FitResult) -> list[ReportFigure]:
+    """Figures that show the data of a fit, in their order."""
+    kinds = {kind for block in fit.problem.blocks for kind in _kinds(block)}
+    return [figure for figure in FIGURES if figure.kinds & kinds]

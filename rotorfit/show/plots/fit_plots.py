@@ -1,0 +1,182 @@
+"""Figures of a fit, a method each: ``fit.plot.bode()``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Unpack
+
+from matplotlib.figure import Figure
+
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.show.plots.beyond_onset import plot_side_load, plot_whirl
+from rotorfit.show.plots.bode import plot_bode, plot_drive_point
+from rotorfit.show.plots.coefficients import coefficients, frequency_coefficients
+from rotorfit.show.plots.dynamic_stiffness import plot_dynamic_stiffness
+from rotorfit.show.plots.eccentricity import plot_law, plot_nonlinear_stiffness
+from rotorfit.show.plots.figure_keywords import PlotKeywords
+from rotorfit.show.plots.figure_table import figures_of
+from rotorfit.show.plots.modal import plot_mode_shapes, plot_stabilisation
+from rotorfit.show.plots.responses import plot_polar, plot_residuals
+from rotorfit.show.plots.shaft_lines import plot_lines
+from rotorfit.show.plots.stability import plot_stability
+from rotorfit.show.plots.static_and_impulse import plot_static_locus, plot_static_stiffness, plot_velocity_ratio
+
+
+class FitPlots:
+    """Figures of a fit; ``fit.plot()`` is the first that the report shows."""
+
+    def __init__(self, fit: FitResult) -> None:
+        self._fit = fit
+
+    def __call__(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """First look: the first figure that a report shows; ``ax`` and ``unit`` as for :meth:`bode`."""
+        first, *_ = [*(figure.name for figure in figures_of(self._fit)), "stability"]
+        drawn: Figure = getattr(self, first)(**look)
+        return drawn
+
+    def dynamic_stiffness(self, *, against: str = "frequency", **look: Unpack[PlotKeywords]) -> Figure:
+        """Direct and quadrature dynamic stiffness against signed frequency, data with error bars and fit.
+
+        Args:
+            against: ``"frequency"``, ``"square"`` (the direct part against the square of the frequency: straight lines,
+                as in Figs 6, 25 and 36) or ``"ratio"`` (frequency over rotative speed).
+            **look: ``ax`` and ``unit``, as for :meth:`bode`.
+
+        Raises:
+            ValueError: no such abscissa or unit, or a ratio to a speed that is swept.
+
+        Example:
+            >>> fit.plot.dynamic_stiffness().savefig(folder / "stiffness.png")
+        """
+        return plot_dynamic_stiffness(self._fit, against=against, **look)
+
+    def bode(self, *, against: str = "frequency", mr: float | None = None, **look: Unpack[PlotKeywords]) -> Figure:
+        """Amplitude and phase of every response against frequency.
+
+        Args:
+            against: ``"frequency"``, signed; ``"ratio"``, that over the rotative speed (Fig. 9); ``"size"``, forward
+                and backward over one another (Fig. 8).
+            mr: an unbalance, kg m, for which amplitudes are drawn in place of those per unit force.
+            **look: ``ax``: axes to draw in, one or as many as the figure has panels; one place for several panels is
+                divided, and a figure or subfigure filled. ``unit``: of frequencies (``"rpm"``, ``"hz"``, ``"rad_s"``),
+                of lengths (``"um"``, ``"mil_pp"``, ``"mm"``), or both, ``("hz", "mil_pp")``.
+
+        Raises:
+            ValueError: no such abscissa or unit, a ratio to a speed that is swept, or axes that are too many or few.
+
+        Example:
+            >>> fit.plot.bode(against="size", unit="hz").savefig(folder / "bode.png")
+        """
+        return plot_bode(self._fit, against=against, mr=mr, **look)
+
+    def drive_point(self, *, plane: str | None = None, mr: float | None = None, **look: Unpack[PlotKeywords]) -> Figure:
+        """Phase, amplitude and dynamic stiffness of a forced plane above one another, a colour a condition (Fig. 11).
+
+        Args:
+            plane: one that was forced and read, the last unless given.
+            mr: an unbalance, kg m, for which amplitudes are drawn.
+            **look: ``ax`` and ``unit``, as for :meth:`bode`.
+
+        Raises:
+            ValueError: no such plane.
+
+        Example:
+            >>> len(fit.plot.drive_point(plane="journal").axes)
+            4
+        """
+        return plot_drive_point(self._fit, plane=plane, mr=mr, **look)
+
+    def polar(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Responses in the complex plane; ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_polar(self._fit, **look)
+
+    def residuals(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Whitened residuals against frequency; ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_residuals(self._fit, **look)
+
+    def lines(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Lines of an uneven shaft and its twist against frequency; ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_lines(self._fit, **look)
+
+    def stability(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Eigenvalues against speed, threshold with its interval; ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_stability(self._fit, **look)
+
+    def whirl(self, *, max_speed_rpm: float | None = None, group: int = 0, **look: Unpack[PlotKeywords]) -> Figure:
+        """Radius and frequency of the whirl that the rotor keeps up beyond its threshold, against speed, with a band.
+
+        ``max_speed_rpm`` ends the speeds, 2.5 times the threshold unless given; ``group`` is the number of a parameter
+        group, from 0; ``ax`` and ``unit`` are as for :meth:`bode`.
+
+        Raises:
+            ValueError: a fluid that does not change with eccentricity, or no threshold up to the end.
+        """
+        return plot_whirl(self._fit, group=group, max_speed_rpm=max_speed_rpm, **look)
+
+    def side_load(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Threshold speed against static eccentricity and side load, with its 95 % band.
+
+        ``ax`` and ``unit`` are as for :meth:`bode`.
+
+        Raises:
+            ValueError: a fluid that does not change with eccentricity, parameters per attribute, or no threshold.
+        """
+        return plot_side_load(self._fit, **look)
+
+    def law(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """K0, D and lam against eccentricity with their 95 % bands; ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_law(self._fit, **look)
+
+    def nonlinear_stiffness(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Nonlinear minus linear dynamic stiffness (Figs 13 to 15); ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_nonlinear_stiffness(self._fit, **look)
+
+    def static_locus(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Locus of the journal under static load (Figs 26 to 28); ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_static_locus(self._fit, **look)
+
+    def static_stiffness(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Static stiffness against eccentricity (Figs 27 and 28); ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_static_stiffness(self._fit, **look)
+
+    def velocity_ratio(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Frequency over speed of free vibrations (Fig. 29); ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_velocity_ratio(self._fit, **look)
+
+    def coefficients(
+        self, speeds: Sequence[float] | None = None, *, plane: str | None = None, **look: Unpack[PlotKeywords]
+    ) -> Figure:
+        """Coefficients of ``fit.coefficient_table`` against speed, with their 95 % errors.
+
+        ``speeds`` and ``plane`` are as there, ``ax`` and ``unit`` as for :meth:`bode`.
+        """
+        return coefficients(self._fit.coefficient_table(speeds, plane=plane), **look)
+
+    def frequency_coefficients(self, speeds: Sequence[float] | None = None, **look: Unpack[PlotKeywords]) -> Figure:
+        """Stiffness and damping against frequency as measured, with the fitted ones and their 95 % bands.
+
+        ``speeds`` are rotative, rad/s, by default the tested ones; ``ax`` and ``unit`` as for :meth:`bode`.
+        """
+        return frequency_coefficients(self._fit.frequency_coefficients(speeds), **look)
+
+    def stabilisation(self, most: int | None = None, **look: Unpack[PlotKeywords]) -> Figure:
+        """Stabilisation diagram of a fit of ``Modal``: poles against how many are looked for, with the fitted modes.
+
+        Args:
+            most: pairs of poles that are looked for at most, by default five more than the model has modes.
+            **look: ``ax`` and ``unit``, as for :meth:`bode`.
+
+        Raises:
+            ValueError: a fit of another model.
+        """
+        return plot_stabilisation(self._fit, most, **look)
+
+    def mode_shapes(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Gains of the probes in each mode of a fit of ``Modal``, with 95 % errors.
+
+        ``ax`` and ``unit`` are as for :meth:`bode`.
+
+        Raises:
+            ValueError: a fit of another model.
+        """
+        return plot_mode_shapes(self._fit, **look)
