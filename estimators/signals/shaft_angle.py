@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg.blas import dsbmv
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 
@@ -213,7 +214,13 @@ def _posed(
     grid = np.linspace(-4.0, 12.0, 17)  # the criterion has a second minimum where an uneven sweep passes for jitter
     best = int(np.argmin([criterion(log_penalty) for log_penalty in grid]))
     bounds = (grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)])
-    return posed, float(minimize_scalar(criterion, bounds=bounds, method="bounded").x)
+    near = float(minimize_scalar(criterion, bounds=bounds, method="bounded").x)
+    # Round-off decides where in a flat minimum a search ends; it moves the parabola through points well apart far less.
+    apart = 0.1
+    below, here, above = (criterion(near + step) for step in (-apart, 0.0, apart))
+    if below - 2 * here + above > 0:
+        near += apart / 2 * (below - above) / (below - 2 * here + above)
+    return posed, float(np.clip(near, *bounds))
 
 
 class _Solution(NamedTuple):
@@ -264,23 +271,28 @@ class _Problem:
         spline_part = cho_solve_banded((factor, False), self.right)
         determinant = 2 * float(np.log(factor[-1]).sum())
         pattern = np.zeros(0)
-        fitted = float(self.right @ spline_part)
         if teeth:
             reduced = cho_solve_banded((factor, False), self.cross)
             schur = self.teeth - self.cross.T @ reduced
-            rest = self.teeth_right - self.cross.T @ spline_part
-            pattern = np.linalg.solve(schur, rest)
+            pattern = np.linalg.solve(schur, self.teeth_right - self.cross.T @ spline_part)
             spline_part = spline_part - reduced @ pattern
-            fitted += float(rest @ pattern)
             determinant += float(np.linalg.slogdet(schur)[1])
         free = max(self.size - 3 - teeth, 1)
-        variance = max(self.squares - fitted, 1e-30) / free
+        variance = max(self._left(penalty, spline_part, pattern), 1e-30) / free
         return _Solution(
             coefficients=spline_part,
             pattern=np.concatenate([pattern, [-pattern.sum()]]),
             sigma=float(np.sqrt(variance)),
             criterion=free * np.log(variance) + determinant - (m - 3) * np.log(penalty),
         )
+
+    def _left(self, penalty: float, coefficients: Float, pattern: Float) -> float:
+        """Weighted squares that are left, and the penalty. Round-off of the coefficients enters by its square; what the
+        normal equations say is fitted has it by itself, by units of the criterion where the knots are many."""
+        moved = dsbmv(SPLINE_DEGREE, 1.0, self.normal, coefficients) - 2 * self.right + 2 * self.cross @ pattern
+        turned = self.teeth @ pattern - 2 * self.teeth_right
+        jerk = np.diff(coefficients, 3)
+        return float(self.squares + coefficients @ moved + pattern @ turned + penalty * (jerk @ jerk))
 
     def leverages(self, log_penalty: float, times: Float) -> Float:
         """Variance of the spline at some times over that of a pulse of weight one; the pattern's share left out."""

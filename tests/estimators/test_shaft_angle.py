@@ -126,6 +126,18 @@ def test_a_mark_that_chatters_every_turn_counts_once() -> None:
     np.testing.assert_array_equal(number_pulses(seen).times, times)
 
 
+def test_round_off_of_the_pulses_does_not_move_the_angle() -> None:
+    """How much to smooth is a flat minimum. A tenth of the millionth of a standard error that golden numbers allow."""
+    rng = np.random.default_rng(5)
+    exact = pulse_times(20.0)
+    times = exact + 1e-4 * rng.normal(size=exact.size)
+    t = np.linspace(exact[3], exact[-3], 4001)
+    smooth = smooth_angle(number_pulses(times), duration=20.0)
+    for _ in range(5):
+        other = smooth_angle(number_pulses(times * (1 + 1e-16 * rng.normal(size=times.size))), duration=20.0)
+        assert np.abs((other.angle(t) - smooth.angle(t)) / smooth.stderr(t)).max() < 1e-7
+
+
 @pytest.mark.parametrize("jitter", [0.0, 1e-5, 1e-4])
 def test_angle_is_smoothed_as_much_as_the_pulses_jitter(jitter: float) -> None:
     """The error of the angle is what its standard error says, and smaller than that of a single pulse."""
