@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from checked import codes, found, rows
 from clean_rigs import clean_test, random_rig
+from scipy.stats import spearmanr
 from sentences import hear, refuses
 from slips import read_through, thinned
 from slow_cases import slow_but
@@ -21,6 +22,7 @@ from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequenci
 import rotorfit as rf
 from rotorfit.apps.cli import main as cli
 from rotorfit.identify.diagnosis.check import check
+from rotorfit.identify.diagnosis.signs import rank_correlation
 from rotorfit.lab.data.experiments import PerturbationTest
 
 Change = Callable[[PerturbationTest], PerturbationTest]
@@ -439,3 +441,11 @@ def seconds_to_check(runs: int) -> float:
 def test_the_time_of_a_check_is_in_proportion_to_the_runs() -> None:
     """Eight times the runs take 64 times as long where every run looks at all rows, and 8 times where none does."""
     assert seconds_to_check(4000) < 20 * seconds_to_check(500)
+
+
+def test_ranks_of_ties_are_shared() -> None:
+    """Repeats of a line have one frequency, so that their order in the file must not count."""
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        w, quadrature = rng.integers(0, 6, size=(2, 30)).astype(float)
+        assert rank_correlation(w, quadrature) == pytest.approx(spearmanr(w, quadrature).statistic, abs=1e-12)
