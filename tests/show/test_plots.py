@@ -5,8 +5,10 @@ from __future__ import annotations
 import io
 import itertools
 import re
+from dataclasses import replace
 from functools import cache
 
+import law_data
 import numpy as np
 import pytest
 from slow_cases import slow_but
@@ -121,6 +123,28 @@ def test_stability_shows_the_threshold_and_the_tested_speeds():
     assert "tested speeds" in legend
     marks = [line.get_xdata()[0] for line in figure.axes[0].lines if line.get_marker() == "^"]
     np.testing.assert_allclose(sorted(marks), sorted(np.array(SPEEDS["one-mode"]) * RPM))
+
+
+def marked_speeds(fit):
+    """Speeds, rad/s, at the triangles of the figure of stability."""
+    lines = fit.plot_stability().axes[0].lines
+    return sorted(line.get_xdata()[0] / RPM for line in lines if line.get_marker() == "^")
+
+
+def test_tested_speeds_are_those_of_all_tests_and_those_that_were_set():
+    """Constant loads and ring-downs have speeds too, and logged speeds wander about those that were set."""
+    law = law_data.ONE_MODE
+    model = OneMode(law=rf.models.Muszynska(), clearance_um=law_data.CLEARANCE_UM)
+    tests = [law_data.ring_down(law, speed=220.0), law_data.static(law, speeds=(100.0, 180.0))]
+    fit = rf.fit(model, tests, known={"K": law["K"], "Ds": law["Ds"]})
+    np.testing.assert_allclose(fit.speeds, [100.0, 180.0, 220.0])
+    np.testing.assert_allclose(marked_speeds(fit), fit.speeds)
+    rig = rf.datasets.rig_open()
+    logged = rig.speed * (1 + 1e-3 * np.random.default_rng(1).normal(size=len(rig)))
+    fit = rf.fit(WhirlWhip(), replace(rig, speed=logged), known={"K3": 6000.0})
+    np.testing.assert_allclose(marked_speeds(fit), np.unique(rig.speed), rtol=1e-3)
+    (peaks,) = [line for line in fit.plot_stability().axes[1].lines if line.get_marker() == "o"]
+    assert len(peaks.get_xdata()) > 4
 
 
 def test_posterior_figures(tmp_path):

@@ -291,9 +291,10 @@ class FitResult:
 
     @property
     def speeds(self) -> Float:
-        """Tested rotative speeds, rad/s; empty for synchronous tests."""
-        distinct: Float = np.unique(np.concatenate([np.zeros(0), *(b.set_speed for b in self.problem.responses)]))
-        return distinct if distinct.size <= 50 else np.zeros(0)
+        """Rotative speeds at which the tests were made, rad/s; empty where the speed sweeps."""
+        distinct: Float = np.unique(np.concatenate([np.zeros(0), *(e.set_speed for e in self.experiments)]))
+        most = 50  # distinct speeds; more are those of a sweep
+        return distinct if distinct.size <= most else np.zeros(0)
 
     def group(self, at: Mapping[str, Any] | None = None) -> int:
         """Number of the parameter group that ``at`` names by values of attributes, ``{"speed_rpm": 1000}``.

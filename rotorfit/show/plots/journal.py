@@ -140,13 +140,13 @@ def law_series(fit: FitResult) -> list[tuple[int, float | None]]:
         return [(group, None) for group in groups]
     found: list[tuple[int, float | None]] = []
     for group in groups:
-        tested = np.unique(np.round(np.concatenate([_speeds(block, group) for block in fit.problem.blocks]), 2))
+        tested = np.unique(np.round(np.concatenate([speeds_of(block, group) for block in fit.problem.blocks]), 2))
         shown = np.unique(np.linspace(0, tested.size - 1, 5).round().astype(int))  # of a start-up a few
         found += [(group, float(speed)) for speed in tested[shown]]
     return found
 
 
-def _speeds(block: Block, group: int) -> Float:
+def speeds_of(block: Block, group: int) -> Float:
     """Rotative speeds of the readings of a group, rad/s."""
     source: Any = responses_of(block) or block
     line = getattr(source, "line", np.arange(np.size(source.speed)))

@@ -174,10 +174,9 @@ def plot_turning_stability(fit: FitResult) -> Figure:
     if not isinstance(model, AnisotropicShaft | Turning):
         raise ValueError(f"{model.name} does not turn its stiffness: see plot_stability")
     critical = float(np.abs(eigenvalues(model, theta, 0.0)).max())
-    tested = sorted({float(v) for e in fit.experiments for v in np.round(np.unique(e.speed), 2).tolist()})
-    top = 1.15 * max(1.5 * critical, *tested)
-    most = 30  # tested speeds that are marked one by one; of more the lowest and the highest
-    tested = tested if len(tested) <= most else [tested[0], tested[-1]]
+    ends = [float(end) for e in fit.experiments for end in (np.min(e.speed), np.max(e.speed))]
+    top = 1.15 * max(1.5 * critical, *ends)
+    tested = fit.speeds.tolist() or [min(ends), max(ends)]  # of a sweep
     bands = (growing_bands if isinstance(model, TurningOnSupports) else unstable_bands)(model, theta, top)
     edges = [speed for band in bands for speed in band]
     speeds = np.unique(np.concatenate([np.linspace(0.0, top, 600), *(v * np.linspace(0.99, 1.01, 41) for v in edges)]))

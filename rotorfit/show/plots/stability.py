@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from rotorfit.base.array_types import ComplexArray, Float
+from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.base.digits import interval as interval_words
 from rotorfit.base.digits import with_error
 from rotorfit.base.matching import cheapest_rows
@@ -19,7 +19,7 @@ from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models import AnisotropicShaft, Turning, eigenvalues
 from rotorfit.models.motion.stability import whirls_forward
 from rotorfit.show.plots import style
-from rotorfit.show.plots.journal import group_label
+from rotorfit.show.plots.journal import group_label, speeds_of
 from rotorfit.show.plots.shaft_lines import mark_speeds, plot_turning_stability
 
 _THRESHOLD = style.COLOURS[1]
@@ -106,11 +106,16 @@ def _threshold_words(onset: Quantity) -> str:
 
 
 def _tested_speeds(fit: FitResult, group: int) -> Float:
-    """Speeds, rad/s, at which the group's data were measured; none where the speed was swept."""
-    blocks = [b for b in map(responses_of, fit.problem.blocks) if b is not None]
-    mine = [np.unique(b.speed[b.group == group]) for b in blocks]
-    distinct = np.unique(np.concatenate([*mine, np.zeros(0)]))
-    return distinct if np.isin(distinct, fit.speeds).all() else np.zeros(0)
+    """Tested speeds, rad/s, at which a group has readings."""
+    if not fit.speeds.size:
+        return fit.speeds
+    near = [_nearest(fit.speeds, speeds_of(block, group)) for block in fit.problem.blocks]
+    return np.asarray(fit.speeds[np.unique(np.concatenate(near))])
+
+
+def _nearest(speeds: Float, to: Float) -> Index:
+    """Which of the speeds, in ascending order, is nearest to each of others."""
+    return np.searchsorted((speeds[1:] + speeds[:-1]) / 2, to)
 
 
 def _resonances(fit: FitResult, group: int, tested: Float, span: float) -> tuple[Float, Float]:
@@ -118,8 +123,9 @@ def _resonances(fit: FitResult, group: int, tested: Float, span: float) -> tuple
     found: list[tuple[float, float]] = []
     for base in (b for b in map(responses_of, fit.problem.blocks) if b is not None and not b.imposed):
         drive = np.abs(base.force).max(axis=1)[base.line]
-        for speed in tested.tolist():
-            mine = (base.group == group)[base.line] & (base.speed[base.line] == speed) & (drive > 0)
+        nearest = _nearest(tested, base.speed)
+        for number, speed in enumerate(tested.tolist()):
+            mine = ((base.group == group) & (nearest == number))[base.line] & (drive > 0)
             for label in np.unique(base.label[mine]).tolist():
                 rows = np.flatnonzero(mine & (base.label == label) & (base.sigma < 0.2 * np.abs(base.measured)))
                 found += [

@@ -5,9 +5,6 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-import numpy as np
-
-from rotorfit.base.array_types import Float
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.quantities import THRESHOLD, Quantity
 from rotorfit.identify.fitting.result import FitResult
@@ -54,13 +51,6 @@ def unit_shown(unit: str) -> str:
 def groups_of(fit: FitResult) -> list[tuple[str, int]]:
     """Parameter groups in order: what tells each apart, empty for a single one, and its number."""
     return [(group_label(fit, group), group) for group in groups_in_order(fit)]
-
-
-def tested_speeds(fit: FitResult) -> Float:
-    """Rotative speeds of all tests, rad/s, empty for speeds that sweep."""
-    found = np.unique(np.concatenate([np.asarray(e.set_speed, dtype=float) for e in fit.experiments]))
-    many = 50  # distinct speeds beyond which a test is a sweep of the speed
-    return fit.speeds if found.size > many else np.asarray(found)
 
 
 def at_of(fit: FitResult, group: int) -> dict[str, str] | None:

@@ -120,7 +120,7 @@ def _stability_words(material: ReportInput) -> Iterator[str]:
     found = [(onset, label) for onset, label, _ in onsets if not math.isnan(onset.value)]
     if any(_unstable(fit, group) for _, _, group in onsets):
         yield "The fitted rotor is unstable at a speed that was tested."
-    elif parts.tested_speeds(fit).size:
+    elif fit.speeds.size:
         yield "The rotor is stable at every tested speed."
     if not found and any(math.isinf(onset.stderr) for onset, _, _ in onsets):
         yield "These data do not determine whether or at which speed it becomes unstable."
@@ -148,7 +148,7 @@ def _stability_words(material: ReportInput) -> Iterator[str]:
         for what, speed in _reference_speeds(material)
     )
     shares = f" ({_shares(lowest.stderr * RPM_PER_RAD_S, more * RPM_PER_RAD_S)})" if more else ""
-    highest = float(parts.tested_speeds(fit).max(initial=0.0))
+    highest = float(fit.speeds.max(initial=0.0))
     beyond = ", extrapolated" if 0 < highest < lowest.value else ""
     yield f"It becomes unstable at {value} ± {error} rpm{shares}{where}{', ' + margins if margins else ''}{beyond}."
     if note:
@@ -157,7 +157,7 @@ def _stability_words(material: ReportInput) -> Iterator[str]:
 
 def _unstable(fit: FitResult, group: int) -> bool:
     """True if the fitted rotor is unstable at a speed that was tested."""
-    theta, speeds = fit.thetas[group], parts.tested_speeds(fit)
+    theta, speeds = fit.thetas[group], fit.speeds
     if not speeds.size:
         return False
     rates = growth_rate(fit.model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds, fit.stability_band)
@@ -166,7 +166,7 @@ def _unstable(fit: FitResult, group: int) -> bool:
 
 def _reference_speeds(material: ReportInput) -> Iterator[tuple[str, float]]:
     """Speeds, rad/s, that a margin of stability refers to."""
-    highest = float(parts.tested_speeds(material.fit).max(initial=0.0))
+    highest = float(material.fit.speeds.max(initial=0.0))
     if highest > 0:
         yield f"highest tested speed ({highest * RPM_PER_RAD_S:.0f} rpm)", highest
     if material.operating_speed is not None:
