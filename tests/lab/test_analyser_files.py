@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from synthetic import TYPICAL
 import rotorfit as rf
 from rotorfit.apps.cli import main as cli
 from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.io.files import read
 from rotorfit.models import OneMode, Overhung
 
 
@@ -50,6 +53,7 @@ def test_they_give_the_parameters(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")  # pyuff forgets one where it writes binary data
+@pytest.mark.filterwarnings(r"ignore:.*no unit is said:UserWarning")  # one label is NONE
 @pytest.mark.parametrize("binary", [0, 1])
 @pytest.mark.parametrize(
     ("kind", "derivative", "label", "scale"),
@@ -91,7 +95,8 @@ def test_units_of_the_other_axes(tmp_path: Path, change: dict[str, Any], speed: 
 
 
 def test_units_of_dataset_164(tmp_path: Path) -> None:
-    records = shaker_test(lambda record, *_: record | {"data": record["data"] * 1e3})
+    unsaid = {"ordinate_axis_units_lab": "NONE", "orddenom_axis_units_lab": "NONE"}
+    records = shaker_test(lambda record, *_: record | unsaid | {"data": record["data"] * 1e3})
     units = {
         "type": 164, "units_code": 5, "units_description": "mm-N", "temp_mode": 1,
         "length": 1e3, "force": 1.0, "temp": 1.0, "temp_offset": 273.15,
@@ -118,7 +123,8 @@ def test_remarks_that_differ_between_the_forces_part_nothing(tmp_path: Path) -> 
 
 
 def test_repeated_measurements_stay(tmp_path: Path) -> None:
-    test = rf.read(written(tmp_path / "t.uff", [*shaker_test(), *shaker_test()]))
+    again = shaker_test(lambda record, *_: record | {"data": record["data"] * (1 + 1e-6)})
+    test = rf.read(written(tmp_path / "t.uff", [*shaker_test(), *again]))
     assert len(test) == 2 * 4 * W.size
     assert_one_mode(test)
 
@@ -173,7 +179,7 @@ def test_a_reference_along_one_axis_is_a_force_that_does_not_turn(tmp_path: Path
 
 
 def test_the_command_line_warns_once_and_in_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    axial = [analyser(W + 0j, 3, axis) for axis in (1, 2, 1, 2, 1)]
+    axial = [analyser(W + k + 0j, 3, axis) for k, axis in enumerate((1, 2, 1, 2, 1))]
     path = written(tmp_path / "t.uff", [*shaker_test(), *axial])
     with warnings.catch_warnings():
         warnings.simplefilter("default")
@@ -216,3 +222,97 @@ def test_universal_files_that_do_not_make_a_test(tmp_path: Path, records: list[d
     with refuses(ValueError) as error:
         rf.read(written(tmp_path / "t.uff", records))
     assert str(error.value).startswith("t.uff")
+
+
+# ---- dialects of other programs ----------------------------------------------------------------------------------
+
+
+def text(records: list[dict[str, Any]], change: Callable[[list[str]], list[str]]) -> str:
+    """A file in ASCII, made here: each record's lines after a change of them."""
+    lines: list[str] = []
+    for record in records:
+        own = [
+            *(str(record.get(f"id{i}", "NONE")) for i in range(1, 6)),
+            f"    4         0    0         0 {'NONE':10s}{record['rsp_node']:10d}{record['rsp_dir']:4d} "
+            f"{'NONE':10s}{record['ref_node']:10d}{record['ref_dir']:4d}",
+            f"{5:10d}{W.size:10d}{1:10d}{W[0] / (2 * np.pi):13.5E}{(W[1] - W[0]) / (2 * np.pi):13.5E}"
+            f"{SPEED / RPM:13.5E}",
+        ]
+        labels = (18, "Frequency", "Hz"), (8, "Response", "m"), (13, "Force", "N"), (19, "Speed", "rpm")
+        own += [f"{kind:10d}    0    0    0 {word:20s} {unit:20s}" for kind, word, unit in labels]
+        pairs = np.column_stack([record["data"].real, record["data"].imag]).ravel()
+        own += ["".join(f"{v:13.5E}" for v in pairs[i : i + 6]) for i in range(0, pairs.size, 6)]
+        lines += ["    -1", "    58", *change(own), "    -1"]
+    return "\n".join(lines) + "\n"
+
+
+def named(own: list[str], response: str, reference: str) -> list[str]:
+    """The record with entity names written whole, however long."""
+    line = own[5]
+    own[5] = f"{line[:31]}{response}{line[41:56]}{reference}{line[66:]}"
+    return own
+
+
+DIALECTS: dict[str, Callable[[list[str]], list[str]]] = {
+    "the last line filled up with zeros": lambda own: [*own[:-1], own[-1] + f"{0.0:13.5E}" * 2],
+    "a further line of zeros": lambda own: [*own, f"{0.0:13.5E}" * 6],
+    "exponents of three digits": lambda own: own[:11] + [re.sub(r"E([+-])", r"E\g<1>0", line) for line in own[11:]],
+    "exponents with a D": lambda own: own[:11] + [line.replace("E", "D") for line in own[11:]],
+    "exponents without an E": lambda own: own[:11] + [re.sub(r"E([+-])", r"\g<1>0", line) for line in own[11:]],
+    "a wide record 7": lambda own: [*own[:6], re.sub(r"E([+-])", r"E\g<1>0", own[6]), *own[7:]],
+    "long names": lambda own: named(own, "PF-J-0301x+ disp", "Shaker 12 at journal"),
+    "a long name that ends in digits": lambda own: named(own, "Bearing_2001", "NONE      "),
+    "blanks behind the lines": lambda own: [line + "   " for line in own],
+    "numbers in lines of their own": lambda own: own[:11] + " ".join(own[11:]).split(),
+}
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_dialects_of_the_format_are_read(tmp_path: Path, dialect: str, end: str) -> None:
+    written = text(shaker_test(), lambda own: DIALECTS[dialect](list(own))).replace("\n", end)
+    (tmp_path / "t.uff").write_bytes(written.encode())
+    test = rf.read(tmp_path / "t.uff")
+    assert len(test) == 4 * W.size
+    assert_one_mode(test, rtol=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda own: [*own[:5], own[5].replace("7   1", "seven 1"), *own[6:]], "record 6 is not of the fields"),
+        (lambda own: own[:-1], "12 of its 14 points"),
+        (lambda own: [*own[:-1], own[-1][:13] + "*" * 13 + own[-1][26:]], "holds what is not a number: '\\*"),
+        (lambda own: [*own[:6], "six things that say nothing at all", *own[7:]], "record 7 does not say"),
+        (lambda own: own[:4], "has no whole heading"),
+    ],
+)
+def test_records_that_nobody_can_read_are_named(
+    tmp_path: Path, change: Callable[[list[str]], list[str]], words: str
+) -> None:
+    (tmp_path / "t.uff").write_text(text(shaker_test(), lambda own: change(list(own))), encoding="ascii")
+    with pytest.raises(ValueError, match=f"t.uff, data set 1:? ?.*{words}"):
+        rf.read(tmp_path / "t.uff")
+
+
+def test_a_record_that_is_there_twice_is_taken_once(tmp_path: Path) -> None:
+    records = shaker_test()
+    with pytest.warns(UserWarning, match=r"there twice, to the last digit, were taken once: 5 is 1"):
+        test = rf.read(written(tmp_path / "t.uff", [*records, records[0]]))
+    assert len(test) == 4 * W.size
+
+
+def test_conjugated_responses_are_called_so(tmp_path: Path) -> None:
+    records = shaker_test(lambda record, *_: record | {"data": record["data"].conj()})
+    with pytest.warns(UserWarning, match="are the FRFs conjugated"):
+        read(written(tmp_path / "t.uff", records))
+    inverted = shaker_test(lambda record, *_: record | {"data": -record["data"]})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read(written(tmp_path / "t.uff", inverted))
+
+
+def test_units_that_nothing_says_are_warned_of(tmp_path: Path) -> None:
+    unsaid = {"ordinate_axis_units_lab": "NONE", "orddenom_axis_units_lab": ""}
+    with pytest.warns(UserWarning, match="no unit is said, neither by the axis nor by data set 164"):
+        assert_one_mode(rf.read(written(tmp_path / "t.uff", shaker_test(lambda record, *_: record | unsaid))))

@@ -404,6 +404,7 @@ def test_a_shaft_along_another_axis(tmp_path, axes):
             "data": values, "x": w / 2 / np.pi, "id1": "lab", "rsp_ent_name": "journal", "ref_ent_name": "journal",
             "abscissa_spec_data_type": 18, "ordinate_spec_data_type": 8, "orddenom_spec_data_type": 13,
             "z_axis_spec_data_type": 19, "z_axis_value": 100.0 * 30 / np.pi,
+            "ordinate_axis_units_lab": "m", "orddenom_axis_units_lab": "N",
         })  # fmt: skip
     path = tmp_path / "lab.uff"
     pyuff.UFF(str(path)).write_sets(sets, "overwrite")

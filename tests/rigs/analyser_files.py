@@ -35,6 +35,7 @@ def analyser(values: Complex, response: int, reference: int, **changes: Any) -> 
         "ref_dir": reference, "x": W / (2 * np.pi), "data": values, "binary": 0,
         "abscissa_spec_data_type": 18, "ordinate_spec_data_type": 8, "orddenom_spec_data_type": 13,
         "z_axis_spec_data_type": 19, "z_axis_value": SPEED / RPM, "z_axis_axis_units_lab": "rpm",
+        "ordinate_axis_units_lab": "m", "orddenom_axis_units_lab": "N",
     } | changes  # fmt: skip
 
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 SUFFIXES = {".csv": "csv", ".txt": "csv", ".tsv": "csv", ".uff": "uff", ".unv": "uff", ".nc": "netcdf", ".mat": "mat"}
 """Format by suffix of the file."""
-RECORDINGS = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet", ".npz", ".uf58")
+RECORDINGS = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet", ".npz", ".uf58", ".lvm")
 """Suffixes that only recordings of raw signals have."""
 
 

@@ -14,7 +14,6 @@ Files of others: :mod:`rotorfit.lab.io.universal_foreign`.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,10 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.base.array_types import Float, Index
-from rotorfit.base.file_reading import reading, shown
+from rotorfit.base.file_reading import reading
 from rotorfit.base.units import RAD_S_PER_RPM
 from rotorfit.lab.data.experiments import Experiment, PerturbationTest, perturbation_test
 from rotorfit.lab.data.several_forces import refuse_several
+from rotorfit.lab.io.universal_file import universal_records
 from rotorfit.lab.io.universal_foreign import AXES, DataType, FunctionType, read_foreign, turned
 
 _MARK = "rotorfit circular force test"
@@ -124,19 +124,9 @@ def read_uff(path: str | Path, *, speed: float | None = None, axes: str = "xy") 
     Receptance, mobility and accelerance (ordinate displacement, velocity, acceleration) all become receptance. Units
     are taken from the axis labels, else from dataset 164, else SI.
     """
-    import pyuff
-
     source = Path(path).name
-    marks = re.findall(rb"(?m)^    -1 *\r?$", Path(path).read_bytes())
-    if len(marks) % 2:
-        raise ValueError(f"{source} is not a whole universal file: its last data set has no end; copy it again")
     with reading(source, "universal file"):
-        content = pyuff.UFF(str(path)).read_sets()
-    records = content if isinstance(content, list) else [content]
-    records = [
-        {name: shown(value) if isinstance(value, str) else value for name, value in record.items()}
-        for record in records
-    ]
+        records = universal_records(Path(path))
     functions = [record for record in records if record.get("type") == 58]
     if not functions:
         raise ValueError(f"{source} has no function at nodal DOF (dataset 58); nothing to read")

@@ -16,6 +16,7 @@ import numpy as np
 from rotorfit.base.units import UNITS, find_unit
 from rotorfit.lab.data.experiments import DERIVATIVES, MEASURED, PerturbationTest, perturbation_test
 from rotorfit.lab.data.findings import level_of_caller
+from rotorfit.lab.io.universal_file import copies
 
 DIRECTIONS = {1: ("x", 1.0), 2: ("y", 1.0), 5: ("rx", 1.0), 4: ("ry", -1.0)}
 """Direction and sign of a positive UFF direction; a negative one turns the sign."""
@@ -79,8 +80,19 @@ def read_foreign(
     if not distinct or {"", "NONE"} & {name.upper() for name in names.values()}:
         names = {node: str(node) for node in names}
     notes: list[str] = []
+    copied = {place: first for place, first in enumerate(copies(frfs)) if first is not None}
+    if copied:
+        listed = ", ".join(f"{place + 1} is {first + 1}" for place, first in list(copied.items())[:3])
+        notes.append(f"FRFs that are there twice, to the last digit, were taken once: {listed}")
+    frfs = [record for place, record in enumerate(frfs) if place not in copied]
     found = [_receptance(record, names, scales, speed, source, notes) for record in frfs]
     rows = [frf for frf in found if frf is not None]
+    if conjugated := [frf for frf in rows if _looks_conjugated(frf)]:
+        words = (
+            "the rotor gives energy to the force that drives it: are the FRFs conjugated (Sxf in place of Sfx, or of "
+            "exp(-jwt))? At the drive point"
+        )
+        notes += [f"{words}: {frf['plane']} {frf['direction']}" for frf in conjugated]
     kinds: dict[str, list[str]] = {}  # of notes, with the functions concerned
     for note in notes:
         what, _, where = note.rpartition(": ")
@@ -151,8 +163,8 @@ def _receptance(
     direction, sign = DIRECTIONS[abs(record["rsp_dir"])]
     sign *= np.sign(record["rsp_dir"]) * np.sign(record["ref_dir"])
     angular = direction[0] == "r"
-    length = 1.0 if angular else _scale(record, "ordinate", _LENGTHS, 1 / scales.get("length", 1.0), what, notes)
-    force = _scale(record, "orddenom", _FORCES, 1 / scales.get("force", 1.0), what, notes)
+    length = 1.0 if angular else _scale(record, "ordinate", _LENGTHS, scales.get("length"), what, notes)
+    force = _scale(record, "orddenom", _FORCES, scales.get("force"), what, notes)
     keep = (w > 0) & np.isfinite(record["data"])  # velocity and acceleration say nothing at zero frequency
     values = np.asarray(record["data"], dtype=complex)[keep] / (1j * w[keep]) ** _ORDINATES.index(kind)
     return {
@@ -168,17 +180,33 @@ def _receptance(
     }
 
 
+def _looks_conjugated(frf: _Row) -> bool:
+    """True if a drive point gives energy to its force on the whole, though it is a spring at the lowest lines and a
+    mass at the highest, as it would not be with the force's sign turned. Below lam Om a rotor may give some."""
+    if frf["plane"] != frf["force_plane"] or frf["direction"] != frf["force_direction"] or not len(frf["response"]):
+        return False
+    values = frf["response"][np.argsort(frf["frequency"])]
+    quarter = len(values) // 4 + 1
+    resonant = np.median(values[:quarter].real) > 0 > np.median(values[-quarter:].real)
+    return bool(resonant and values.imag.sum() > 0.5 * np.abs(values.imag).sum())
+
+
 _LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "mil": 25.4e-6, "g": 9.80665, "gn": 9.80665}
 _FORCES = {**UNITS["force"], "lb": 4.4482216152605}
 
 
 def _scale(
-    record: dict[str, Any], axis: str, units: dict[str, float], default: float, what: str, notes: list[str]
+    record: dict[str, Any], axis: str, units: dict[str, float], per_si: float | None, what: str, notes: list[str]
 ) -> float:
-    """Factor to SI from the label of an axis; ``mm/s^2`` counts as its length, time is always in seconds."""
+    """Factor to SI from the label of an axis, else from the units of one SI unit that data set 164 says; ``mm/s^2``
+    counts as its length, time is always in seconds."""
+    said, default = per_si is not None, 1 / (per_si or 1.0)
     label = str(record.get(f"{axis}_axis_units_lab", "")).strip()
     word = label.strip("()[] ").split("/")[0].strip("()[] ")
     if word.lower() in ("", "none"):
+        if not said:
+            words = "no unit is said, neither by the axis nor by data set 164, and SI units (m, N) were taken"
+            notes.append(f"{words}: {what.partition(', ')[2]}")
         return default
     try:
         factor = find_unit(word, units)

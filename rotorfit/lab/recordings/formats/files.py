@@ -21,6 +21,7 @@ KINDS = {
     "wav": ("WAV file", (".wav",)),
     "universal": ("universal file", (".uff", ".unv", ".uf58")),
     "text": ("text file", (".csv", ".txt", ".tsv")),
+    "labview": ("LabVIEW measurement file", (".lvm",)),
     "parquet": ("Parquet file", (".parquet",)),
 }
 """Name in messages and suffixes by module of the format."""
@@ -29,7 +30,7 @@ FORMATS = {suffix: kind for kind, (_, suffixes) in KINDS.items() for suffix in s
 FASTEST = 1e9
 """Sampling rate, Hz, above which it is no rate: vibration is sampled at some 1e5 Hz at most."""
 
-ALWAYS_RAW = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet", ".npz")
+ALWAYS_RAW = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet", ".npz", ".lvm")
 """Suffixes of files that hold raw signals whether a setup is given or not."""
 
 

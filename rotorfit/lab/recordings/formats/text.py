@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from rotorfit.base.file_reading import check_unpacked
 from rotorfit.lab.io.sampling import rate_of, rate_of_times, time_factor
 from rotorfit.lab.io.tables.cells import encoding_of
+from rotorfit.lab.recordings.formats import labview
 from rotorfit.lab.recordings.formats.raw_file import RawArray, RawChannel, RawFile, number_or_text, spooled
 
 _ROWS = 1 << 17
@@ -55,8 +56,11 @@ class _Line:
 
 
 def open_file(path: Path) -> RawFile:
-    """Content of a text file of raw signals."""
+    """Content of a text file of raw signals; LabVIEW's own may have another suffix."""
     encoding = encoding_of(path)
+    with path.open(encoding=encoding) as file:
+        if file.readline(len(labview.FIRST_LINE) + 2).lstrip("\ufeff").startswith(labview.FIRST_LINE):
+            return labview.open_file(path)
     head = _head(path, encoding)
     with path.open("rb") as binary:
         lines = sum(block.count(b"\n") for block in iter(lambda: binary.read(1 << 24), b"")) + 1

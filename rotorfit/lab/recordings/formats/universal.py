@@ -7,7 +7,6 @@ A channel is called by the entity or node and the direction of its response, ``d
 
 from __future__ import annotations
 
-import re
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.lab.io.sampling import FEWEST, rate_of_times
+from rotorfit.lab.io.universal_file import universal_records
 from rotorfit.lab.recordings.formats.raw_file import RawChannel, RawFile, once, spooled
 
 _AXES = {1: "X", 2: "Y", 3: "Z", -1: "-X", -2: "-Y", -3: "-Z"}
@@ -23,18 +23,14 @@ _AXES = {1: "X", 2: "Y", 3: "Z", -1: "-X", -2: "-Y", -3: "-Z"}
 
 def open_file(path: Path) -> RawFile:
     """The time records of a universal file; each is read when it is first asked for."""
-    import pyuff
-
-    marks = re.findall(rb"(?m)^    -1 *\r?$", path.read_bytes())
-    if len(marks) % 2:
-        raise ValueError(f"{path.name} is not a whole universal file: its last data set has no end; copy it again")
-    file = pyuff.UFF(str(path))
-    numbers = [i for i, kind in enumerate(file.get_set_types()) if kind == 58]
-    records = {i: file.read_sets(i, header_only=True) for i in numbers}
+    records = universal_records(path, header_only=True)
     channels: dict[str, RawChannel] = {}
+    remarks: list[str] = []
     general, time_response = 0, 1  # types of functions
     of_times = 17  # data type of an abscissa that is time
-    for i, record in records.items():
+    for i, record in enumerate(records):
+        if record.get("type") != 58:
+            continue
         of_time = record["func_type"] == general and record.get("abscissa_spec_data_type") == of_times
         real = record["ord_data_type"] in (2, 4)
         if not (record["func_type"] == time_response or (of_time and real)) or record["num_pts"] < FEWEST:
@@ -44,15 +40,21 @@ def open_file(path: Path) -> RawFile:
         axis = _AXES.get(int(record["rsp_dir"]))
         place = entity or (str(record["rsp_node"]) if record["rsp_node"] else "")
         name = f"{place}_{axis}" if axis and place else title or place or "signal"
-        name = name if name not in channels else f"{name} ({i + 1})"
+        samples = once(partial(_load, path, i))
+        if name in channels:
+            first, size = channels[name], int(record["num_pts"])
+            if first.size == size and np.array_equal(first.samples(0, size), samples(0, size)):
+                remarks.append(f"{path.name}: data set {i + 1} is {name} again, to the last digit, and was left out")
+                continue
+            name = f"{name} ({i + 1})"
         channels[name] = RawChannel(
             name=name,
             size=int(record["num_pts"]),
-            samples=once(partial(_load, path, i)),
+            samples=samples,
             sample_rate=_rate(path, i, record),
             unit=str(record.get("ordinate_axis_units_lab") or "").strip(),
         )
-    return RawFile(name=path.name, channels=channels)
+    return RawFile(name=path.name, channels=channels, remarks=tuple(remarks))
 
 
 def _rate(path: Path, number: int, record: dict[str, Any]) -> float | None:
@@ -62,7 +64,6 @@ def _rate(path: Path, number: int, record: dict[str, Any]) -> float | None:
 
 
 def _load(path: Path, number: int, part: str = "data") -> NDArray[Any]:
-    import pyuff
-
-    values = np.asarray(pyuff.UFF(str(path)).read_sets(number)[part], dtype=float)
+    (record,) = universal_records(path, only=number)
+    values = np.asarray(record[part], dtype=float)
     return spooled([values], values.size, np.float64)
