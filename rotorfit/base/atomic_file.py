@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and never over a file that the same command has read."""
+"""Files that are written whole or not at all, never over one that the same command has read, nor outside a folder."""
 
 from __future__ import annotations
 
@@ -14,6 +14,31 @@ from pathlib import Path
 
 _inputs: ContextVar[set[tuple[int, int]] | None] = ContextVar("inputs", default=None)
 """Device and inode of the files read, while these are protected."""
+_only: list[Path] = []
+"""The folder that files are read from, where there is but one."""
+
+
+@contextmanager
+def reading_only_within(folder: Path) -> Iterator[None]:
+    """Refuse to read files outside a folder, in this whole process, until the block ends: a server's."""
+    _only.append(Path(os.path.realpath(folder)))
+    try:
+        yield
+    finally:
+        _only.pop()
+
+
+def joined(folder: Path, name: str | Path, *, limit: Path | None = None) -> Path:
+    """Path of a file that another file names, relative to a folder; refused where the path, or a link on it, leads out
+    of the folder ``limit``. All names that come out of files are joined here."""
+    path = folder / name
+    try:
+        real = Path(os.path.realpath(path))
+    except ValueError as problem:  # a character that no path may have
+        raise ValueError(f"{str(name)!a} is no name of a file") from problem
+    if limit is not None and not real.is_relative_to(os.path.realpath(limit)):
+        raise ValueError(f"{str(name)!r} is not within {limit}")
+    return path
 
 
 @contextmanager
@@ -29,7 +54,10 @@ def protected_inputs(paths: Iterable[Path]) -> Iterator[None]:
 
 
 def note_input(path: Path) -> None:
-    """Protect a file that is being read; refuse a device, and a pipe, which would be waited for."""
+    """Protect a file that is being read; refuse a device, and a pipe, which would be waited for, and what is outside of
+    the only folder that is read."""
+    for only in _only:
+        joined(only, path.absolute(), limit=only)
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise ValueError(f"{path} is a pipe or a device; give a file")
     _protect(path)

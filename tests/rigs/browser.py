@@ -41,6 +41,21 @@ FIND = """
 })()
 """
 """Looks into shadow roots too, where the parts of a page of Bokeh are."""
+POINTS = """
+(() => {
+  const found = [];
+  const go = view => {
+    if (view.glyph && view.model.glyph.type == 'Scatter') {
+      const b = view.plot_view.el.getBoundingClientRect();
+      if (b.width) found.push([b.left + view.glyph.sx[0], b.top + view.glyph.sy[0]]);
+    }
+    for (const child of view.children ? view.children() : []) go(child);
+  };
+  for (const view of Bokeh.index) go(view);
+  return found;
+})()
+"""
+"""Where the first point of every glyph of Bokeh's is in the window."""
 
 
 class Browser:
@@ -174,6 +189,27 @@ class Tab:
         left, top, width, height = box
         for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
             self.mouse(kind, left + width / 2, top + height / 2, **options)
+
+    def point_at(self, words: str) -> None:
+        """Point at the first points of the figures, one after the other, until the page says these words."""
+
+        def told() -> bool:
+            for x, y in self.run(POINTS):
+                for step in (-30.0, 1.0):  # from beside it
+                    self.mouse("mouseMoved", x + step, y)
+                time.sleep(0.3)
+                if words in self.text():
+                    return True
+            return False
+
+        self.place("canvas")
+        self.wait(told, f"{words!r} where the mouse points")
+
+    def choose(self, words: str) -> None:
+        """Choose the option that begins so in the list that has one."""
+        options = "findAll('select').flatMap(e => [...e.options])"
+        put = "const e = o.closest('select'); e.value = o.value; e.dispatchEvent(new Event('change'));"
+        self.run(f"(o => {{ {put} }})({options}.find(o => o.textContent.startsWith({json.dumps(words)})))")
 
     def drag(self, begin: tuple[float, float], end: tuple[float, float]) -> None:
         """Press, move in a few steps, release."""

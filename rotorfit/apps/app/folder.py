@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rotorfit.base.atomic_file import whole_file
+from rotorfit.base.atomic_file import joined, whole_file
 from rotorfit.lab.io.files import SUFFIXES
 from rotorfit.lab.io.tables.cells import EXCEL
 from rotorfit.lab.recordings.formats.files import FORMATS
@@ -21,10 +21,7 @@ class Folder:
 
     def path(self, name: str) -> Path:
         """A file of the folder by its path in it."""
-        found = Path(os.path.realpath(self.root / name))
-        if not found.is_relative_to(self.root):
-            raise ValueError(f"{name} is not within {self.root}, the folder that rotorfit was opened for")
-        return found
+        return joined(self.root, name, limit=self.root)
 
     def write_new(self, name: str, text: str) -> Path:
         """Write a file of the folder, whole or not at all; one that is there is left alone."""
@@ -40,7 +37,7 @@ class Folder:
     def free_name(self, name: str) -> str:
         """The name, with a number if it is taken: ``rig-2.toml``."""
         stem, suffix, number = Path(name).stem, Path(name).suffix, 1
-        while (self.root / name).exists():
+        while self.path(name).exists():
             number += 1
             name = f"{stem}-{number}{suffix}"
         return name

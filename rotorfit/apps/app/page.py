@@ -172,7 +172,7 @@ class Page:
         with self._lock:
             self.stop()
             self._result.objects = []
-            self._work = Work(task, self.session.study)
+            self._work = Work(task, self.session.study, self.session.folder.root)
             self._stage("starting")
             poll_ms = 200  # milliseconds after which work is asked for news
             self._poll = pn.state.add_periodic_callback(self._look, poll_ms)

@@ -102,7 +102,8 @@ def figures_beside(figures: Sequence[Any]) -> Any:
 
 def folded(title: str, *parts: Any, shown: bool) -> Any:
     """Parts below a title that shows and hides them; in a column, as what has a display of its own would stay shown."""
-    return pn.Card(pn.Column(*parts, **WIDE), title=title, collapsed=not shown, **WIDE)
+    head = markup(element("h3", title))  # a title given as such is taken for markup
+    return pn.Card(pn.Column(*parts, **WIDE), header=head, collapsed=not shown, **WIDE)
 
 
 def in_sight(edge: str) -> Any:
@@ -112,7 +113,7 @@ def in_sight(edge: str) -> Any:
 
 def in_a_row(*parts: Any) -> Any:
     """Parts side by side as far as the width allows."""
-    return pn.FlexBox(*parts, align_items="end", gap="4px", **WIDE)
+    return pn.Row(*parts, styles={"flex-wrap": "wrap", "align-items": "end", "gap": "4px"}, **WIDE)
 
 
 TOOLS = "pan,box_zoom,wheel_zoom,reset,save"

@@ -13,6 +13,7 @@ from rotorfit.apps.study_files.data_files import RecordingFiles, checked_again
 from rotorfit.apps.study_files.run import with_errors_undone
 from rotorfit.apps.study_files.study import build_model
 from rotorfit.apps.study_files.study_file import study_of
+from rotorfit.base.atomic_file import joined
 from rotorfit.identify.diagnosis.data_errors import PHASE_ZEROS
 from rotorfit.lab.data.selection import without
 from rotorfit.lab.recordings.formats.files import ALWAYS_RAW
@@ -197,7 +198,7 @@ def toml_of(session: Session, *, absolute: bool) -> str:
     if absolute:
         root, content["files"] = session.folder.root, [entry_table(entry) for entry in content["files"]]
         for table in content["files"]:
-            table.update({key: str(root / table[key]) for key in ("path", "setup") if key in table})
+            table.update({key: str(joined(root, table[key])) for key in ("path", "setup") if key in table})
             if "recordings" in table:
-                table["recordings"] = [str(root / name) for name in table["recordings"]]
+                table["recordings"] = [str(joined(root, name)) for name in table["recordings"]]
     return str(tomli_w.dumps(content))

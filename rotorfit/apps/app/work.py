@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from rotorfit.apps.study_files.study import Outcome, Study
 from rotorfit.apps.study_files.wording import sentence
+from rotorfit.base.atomic_file import reading_only_within
 
 if TYPE_CHECKING:
     from rotorfit.lab.data.experiments import Experiment
@@ -57,10 +59,10 @@ Task = Callable[[Study, Send], None]
 class Work:
     """A task that is going on."""
 
-    def __init__(self, task: Task, study: Study) -> None:
+    def __init__(self, task: Task, study: Study, folder: Path) -> None:
         context = get_context("spawn")
         self._receiver, sender = context.Pipe(duplex=False)
-        self._process: BaseProcess = context.Process(target=_carry_out, args=(task, study, sender), daemon=True)
+        self._process: BaseProcess = context.Process(target=_carry_out, args=(task, study, folder, sender), daemon=True)
         self._process.start()
         sender.close()
 
@@ -114,11 +116,12 @@ def _progress(send: Send) -> Callable[..., None]:
     return progress
 
 
-def _carry_out(task: Task, study: Study, sender: Connection) -> None:
-    """Do a task and send what comes of it; what the user's files or settings have wrong becomes a sentence."""
+def _carry_out(task: Task, study: Study, folder: Path, sender: Connection) -> None:
+    """Do a task with files of the folder and send what comes of it; what files or settings have wrong is a sentence."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the server's, which ends this process
     try:
-        task(study, sender.send)
+        with reading_only_within(folder):
+            task(study, sender.send)
         sender.send(End())
     except BrokenPipeError:
         return  # the server has ended, and nobody waits any more

@@ -8,12 +8,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import Any, TypeVar
 
 from rotorfit.apps.study_files.folder import complete_folder
 from rotorfit.apps.study_files.wording import json_text, sentence
+from rotorfit.base.atomic_file import joined
 from rotorfit.base.file_reading import shown
 from rotorfit.lab.data.findings import Finding, attributed, errors_in, warnings_in
 from rotorfit.lab.io.tables.result_tables import frame_csv
@@ -77,10 +79,11 @@ def give(answer: Answer, options: argparse.Namespace) -> ExitCode:
         try:
             with complete_folder(out) as folder:
                 for name, content in answer.files().items():
+                    path = checked(partial(joined, folder, name, limit=folder))
                     if callable(content):
-                        content(folder / name)
+                        content(path)
                     else:
-                        (folder / name).write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+                        path.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
         except OSError as problem:
             raise BadInputError(sentence(problem)) from problem
     if getattr(options, "json", False):

@@ -10,7 +10,7 @@ from pathlib import Path
 from shutil import copyfile
 
 from rotorfit import datasets
-from rotorfit.apps.app.server import serve
+from rotorfit.apps.app.server import serve, way_to
 from rotorfit.apps.cli.answer import Answer, BadInputError, ExitCode, answered, checked, give, progress_line
 from rotorfit.apps.cli.arguments import (
     add_files,
@@ -134,10 +134,12 @@ def add_open(to: argparse.ArgumentParser) -> None:
 def open(options: argparse.Namespace) -> ExitCode:
     """Serve until interrupted."""
 
-    def tell(address: str) -> None:
-        print(f"rotorfit is at {address}\nCtrl-C ends it", flush=True)
-        if not options.no_browser:
-            webbrowser.open(address)
+    with ExitStack() as stack:
 
-    checked(lambda: serve(options.files, port=options.port, on_ready=tell))
+        def tell(address: str) -> None:
+            print(f"rotorfit is at {address}\nCtrl-C ends it", flush=True)
+            if not options.no_browser:
+                webbrowser.open(stack.enter_context(way_to(address)))
+
+        checked(lambda: serve(options.files, port=options.port, on_ready=tell))
     return ExitCode.DONE

@@ -225,10 +225,11 @@ def _get(options: argparse.Namespace) -> Answer:
     opened = _opened(options)
     fit = opened.result(options.number)
 
+    kept = opened.uncertainty_files(options.number)
     tests = {f"test{number}.nc": partial(write, test) for number, test in enumerate(fit.experiments, 1)}
     return Answer(
         text=fit.summary(),
-        files=lambda: {"fit.json": partial(save_fit, fit), **tests, **opened.uncertainty_files(options.number)},
+        files=lambda: {"fit.json": partial(save_fit, fit), **tests, **kept},
         plain=lambda: {"fit": options.number, "out": str(options.out)},
     )
 

@@ -16,6 +16,7 @@ from rotorfit.apps.store.database import KIND, Database, unpacked
 from rotorfit.apps.store.records import Added, StoredFit, StoredTest, StoredValue, as_time, stored_fit, stored_test
 from rotorfit.apps.store.sources import settings_key, sources_of
 from rotorfit.apps.study_files.data_files import StudyProgress, no_progress
+from rotorfit.apps.study_files.results import UNCERTAINTY_FILES
 from rotorfit.apps.study_files.study import Study, check_model
 from rotorfit.apps.study_files.study_file import read_study, study_of
 from rotorfit.base.atomic_file import note_input, refuse_input
@@ -208,9 +209,16 @@ class Store:
 
         Args:
             fit: its number.
+
+        Raises:
+            ValueError: the store holds others, which rotorfit did not write.
         """
         with self.database.look() as ask:
-            return dict(ask("SELECT file, data FROM uncertainty WHERE fit = ?", (fit,)))
+            found = dict(ask("SELECT file, data FROM uncertainty WHERE fit = ?", (fit,)))
+        for name, data in found.items():
+            if name not in UNCERTAINTY_FILES or not isinstance(data, bytes):
+                raise ValueError(f"fit {fit} of {self.path} has a file {str(name)[:80]!a}, which no fit has: damaged")
+        return found
 
     def _blob(self, sql: str, number: int, what: str) -> str:
         with self.database.look() as ask:
@@ -324,6 +332,7 @@ class Store:
                 found.append(str(problem))
         for fit in self.fits:
             try:
+                self.uncertainty_files(fit.number)
                 stored = self.result(fit.number).params if math.isfinite(fit.redchi) else {}
             except ValueError as problem:
                 found.append(str(problem))

@@ -63,7 +63,8 @@ def _result_in(folder: Path) -> frozenset[str]:
     contents = folder / CONTENTS
     if not contents.is_file():
         return frozenset()
-    return frozenset(contents.read_text(encoding="utf-8", errors="surrogateescape").split("\n")[:-1])
+    names = contents.read_text(encoding="utf-8", errors="surrogateescape").split("\n")[:-1]
+    return frozenset(name for name in names if name == Path(name).name)  # no path that leads elsewhere
 
 
 def _check_switch(out: Path, target: Path, previous: Path) -> None:

@@ -34,6 +34,7 @@ import numpy as np
 from rotorfit.apps.study_files.data_files import DataFile, no_progress, read_files
 from rotorfit.apps.study_files.study import Study, build_model
 from rotorfit.apps.study_files.study_file import known_keys, read_keys, refuse_unknown
+from rotorfit.base.atomic_file import joined
 from rotorfit.identify.options.kinds import Parser, count, number, prior, table, text, uncertainty
 from rotorfit.identify.options.table import FIT, LAW, MODEL
 from rotorfit.studies.planning.design import Design
@@ -70,9 +71,9 @@ def _settings(content: Mapping[str, Any], base: Path) -> dict[str, Any]:
         raise ValueError("give the values of the rotor: a table [values], or fit = the path of a saved fit.json")
     if not ({"tests", "design"} & set(found)):
         raise ValueError("nothing to plan: give a table [design], or tests = a list of files as patterns")
-    found |= {name: str(base / found[name]) for name in ("structure", "out", "fit") if name in found}
+    found |= {name: str(joined(base, found[name])) for name in ("structure", "out", "fit") if name in found}
     model = {name: found.pop(name) for name in ("model", *_MODEL) if name in found}
-    files = tuple(DataFile(base / name) for name in found.pop("tests", ()))
+    files = tuple(DataFile(joined(base, name)) for name in found.pop("tests", ()))
     return {"out": None, "fit": None, **found, "study": Study(files=files, **{"model": "", **model})}
 
 

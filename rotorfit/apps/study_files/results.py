@@ -75,6 +75,10 @@ def write_outcome(
     )
 
 
+UNCERTAINTY_FILES = ("profiles.csv", "bootstrap.csv", "posterior.nc")
+"""Files that hold what a study asks for beside the fit."""
+
+
 def write_uncertainty(outcome: Outcome, folder: Path) -> None:
     """Write profiles, estimates from simulated tests and the posterior, as far as the study has them."""
     if outcome.profiles:

@@ -30,6 +30,7 @@ from typing import Any, TypeVar
 
 from rotorfit.apps.study_files.data_files import DataFile, RecordingFiles
 from rotorfit.apps.study_files.study import Study
+from rotorfit.base.atomic_file import joined
 from rotorfit.base.file_reading import read_toml, reading
 from rotorfit.base.names import unknown_name
 from rotorfit.base.units import RAD_S_PER_RPM
@@ -67,18 +68,18 @@ def study_of(content: Mapping[str, Any], base: Path = Path(), *, of_a_store: boo
     settings = {"files": (), **{key: _KEYS[key](key, value) for key, value in content.items()}}
     settings["files"] = tuple(_in_folder(file, base) for file in settings["files"])
     if "out" in settings:
-        settings["out"] = base / settings["out"]
+        settings["out"] = joined(base, settings["out"])
     for key in ("structure", "baseline"):
         if key in settings:
-            settings[key] = str(base / settings[key])
+            settings[key] = str(joined(base, settings[key]))
     return Study(**settings)
 
 
 def _in_folder(file: DataFile | RecordingFiles, base: Path) -> DataFile | RecordingFiles:
     if isinstance(file, DataFile):
-        return replace(file, path=base / file.path)
-    paths = tuple(base / path for path in file.paths)
-    return replace(file, paths=paths, setup=None if file.setup is None else base / file.setup)
+        return replace(file, path=joined(base, file.path))
+    paths = tuple(joined(base, path) for path in file.paths)
+    return replace(file, paths=paths, setup=None if file.setup is None else joined(base, file.setup))
 
 
 def refuse_unknown(given: Iterable[str], allowed: Iterable[str], what: str = "key") -> None:

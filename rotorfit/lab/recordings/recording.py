@@ -17,6 +17,7 @@ import numpy as np
 
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
+from rotorfit.base.atomic_file import joined
 from rotorfit.base.digits import significant
 from rotorfit.lab.data.findings import Finding
 from rotorfit.lab.recordings import quality, views
@@ -84,7 +85,7 @@ class Recording(Signals):
             return None
         slow = self
         if how.file is not None:
-            slow = read_recording(self.path.parent / how.file, replace(self.setup, slow_roll=None))
+            slow = read_recording(joined(self.path.parent, how.file), replace(self.setup, slow_roll=None))
         return find_run_out(slow, slow.shaft_angle(), how)
 
     def without_run_out(self, probe: Probe, start: int = 0, stop: int | None = None) -> Float:
