@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import cached_property
 from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.base.array_types import ComplexArray
+from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.base.names import unknown_name
 from rotorfit.models.coefficients import CoefficientJacobian
 from rotorfit.models.complexes import Complex, J, Number
+from rotorfit.models.line_terms import LineTerms, Weights
 from rotorfit.models.model import Coordinate, Matrix, RotorModel
 from rotorfit.models.parameters import Parameter
 
 Gains: TypeAlias = Literal["probe", "plane"]
-
-MOST_MODES = 9
-"""Modes that a model can have: they are numbered with one digit."""
 
 
 class Modal(RotorModel):
@@ -32,6 +31,10 @@ class Modal(RotorModel):
 
     Names carry the number of the mode where there is more than one: ``wn1``, ``phi1_disk2``.
 
+    Modes above and below the tested band add ``(c_p + a_p / s^2) F`` to each reading, s = j w: a constant compliance
+    ``c`` and an accelerance ``a``, complex numbers of each probe, as gains are (``c_disk2``, ``a_disk2``; ``c_p_r``
+    where forces act at several planes r).
+
     Args:
         planes: names of the planes, the one that everything is normalised at first.
         modes: number of modes.
@@ -42,6 +45,8 @@ class Modal(RotorModel):
         force_planes, probe_planes: planes that are forced and measured, all of them by default. The participation is
             one at the first force plane and the gain is one at the first probe plane; where these are two planes, ``M``
             is negative in modes in which they move against one another.
+        residuals: give each probe such terms of modes outside the band; None lets a fit do so where the data ask for
+            them (BIC).
     """
 
     name: ClassVar[str] = "modal"
@@ -55,21 +60,26 @@ class Modal(RotorModel):
         apart: bool = False,
         force_planes: Sequence[str] | None = None,
         probe_planes: Sequence[str] | None = None,
+        residuals: bool | None = None,
     ) -> None:
         self.planes = (planes,) if isinstance(planes, str) else tuple(planes)
         if not self.planes or len(set(self.planes)) != len(self.planes):
             raise ValueError(f"modal needs at least one plane, each with a name of its own; got {self.planes}")
-        if not (isinstance(modes, int) and 1 <= modes <= MOST_MODES):
-            raise ValueError(f"modes is {modes!r}; a modal model has 1 to {MOST_MODES} modes")
+        if not (isinstance(modes, int) and modes >= 1):
+            raise ValueError(f"modes is {modes!r}; a modal model has one mode or more")
         if gains not in ("probe", "plane"):
             raise ValueError(f"gains is {gains!r}; allowed: 'probe', 'plane'")
         if apart and gains == "plane":
             raise ValueError("x and y are apart for each probe alone: a modal model with apart=True has gains='probe'")
-        self.modes, self.gains, self.apart = modes, gains, apart
+        if residuals not in (True, False, None):
+            raise ValueError(f"residuals is {residuals!r}; allowed: True, False, None where the data decide")
+        self.modes, self.gains, self.apart, self.residuals = modes, gains, apart, residuals
         self.frame: Literal["z", "xy"] = "xy" if gains == "probe" else "z"
         self.force_planes = self._some(force_planes, "force_planes")
         self.probe_planes = self._some(probe_planes, "probe_planes")
+        self._coordinates = tuple(self._all_coordinates())
         self.parameters = tuple(q for number in range(1, modes + 1) for q in self._of_mode(number))
+        self.parameters += tuple(self._of_rests())
 
     def _some(self, given: Sequence[str] | None, what: str) -> tuple[str, ...]:
         names = self.planes if given is None else (given,) if isinstance(given, str) else tuple(given)
@@ -109,7 +119,7 @@ class Modal(RotorModel):
                 Parameter(self._named("phi", number, plane), "1", f"participation of a force at {plane}"),
                 Parameter(self._named("phi", number, plane, "im"), "1", "its imaginary part", default=0.0),
             ]
-        for plane, end in self._free_probes():
+        for plane, end in self._free_probes:
             probe = f"{plane} {end}".removesuffix(" z")
             found += [
                 Parameter(self._named("g", number, plane, end), "1", f"gain of the probe at {probe}"),
@@ -117,15 +127,61 @@ class Modal(RotorModel):
             ]
         return found
 
+    def _of_rests(self) -> Iterator[Parameter]:
+        """Parameters of what modes outside the band add to each reading."""
+        said = {
+            "c": ("m/N", "compliance of modes above the band", 1e-6),
+            "a": ("1/kg", "accelerance of modes below the band", 0.1),
+        }
+        for axis in self._axes if self.residuals else ():
+            for plane in self.probe_planes:
+                where = f"at {plane} {axis}".removesuffix(" z")
+                for letter, (unit, meaning, scale) in said.items():
+                    for forced in self.force_planes:
+                        name, whole = self.rest(letter, plane, axis, forced), f"{meaning}, {where}"
+                        whole += f" by a force at {forced}" if len(self.force_planes) > 1 else ""
+                        yield Parameter(name, unit, whole, scale)
+                        yield Parameter(f"{name}_im", unit, "its imaginary part", scale)
+
+    def rest(self, letter: str, plane: str, axis: str, forced: str) -> str:
+        """Name of a term of modes outside the band, which says the force plane too where there are several.
+
+        Args:
+            letter: ``c`` of those above it, ``a`` of those below.
+            plane, axis: those of the probe.
+            forced: plane of the force.
+        """
+        return "_".join([letter, plane, *axis.strip("z"), *([forced] if len(self.force_planes) > 1 else [])])
+
+    @cached_property
     def _free_probes(self) -> Sequence[tuple[str, str]]:
         return [(plane, axis) for axis in self._axes for plane in self.probe_planes][1:]
 
+    @cached_property
+    def speed_dependent(self) -> bool:
+        """Modes do not change with speed."""
+        return False
+
+    @cached_property
+    def eccentricity_dependent(self) -> bool:
+        """Nor with eccentricity."""
+        return False
+
+    @property
+    def alternatives(self) -> tuple[RotorModel, ...]:
+        """See :attr:`RotorModel.alternatives`: without and with terms of modes outside the band."""
+        return () if self.residuals is not None else tuple(self.variant(residuals=one) for one in (False, True))
+
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
-        """The planes, then modes and forces, which are auxiliary: modes stand between forces and readings."""
-        found = [Coordinate(plane, axis) for axis in self._axes for plane in self.planes]
-        found += [Coordinate(f"mode {i + 1}", axis) for axis in self._axes for i in range(self.modes)]
-        return (*found, *(Coordinate(f"force at {plane}", axis) for axis in self._axes for plane in self.planes))
+        """The planes, then modes, free masses and forces, which are auxiliary: they are between forces and readings."""
+        return self._coordinates
+
+    def _all_coordinates(self) -> Iterator[Coordinate]:
+        groups = [self.planes, [f"mode {i + 1}" for i in range(self.modes)]]
+        groups += [[f"free at {plane}" for plane in self.force_planes if self.residuals]]
+        groups += [[f"force at {plane}" for plane in self.planes]]
+        return (Coordinate(name, axis) for names in groups for axis in self._axes for name in names)
 
     def options(self) -> dict[str, Any]:
         """See :meth:`RotorModel.options`."""
@@ -151,6 +207,7 @@ class Modal(RotorModel):
                     one = Complex(float(plane in self.force_planes))
                     free = plane in self.force_planes[1:]
                     parts[0][mode][force] = -(self._complex(p, self._named("phi", number, plane)) if free else one)
+            self._write_rests(p, parts, axis)
             for number in range(1, self.modes + 1):
                 mode = self.coordinate(f"mode {number}", axis)
                 end = axis if self.apart else ""
@@ -160,47 +217,101 @@ class Modal(RotorModel):
                     parts[power][mode][mode] = value
         return parts
 
+    def _write_rests(self, p: Any, parts: Sequence[Sequence[list[Number]]], axis: str) -> None:
+        """Terms of modes outside the band: forces, and motion of free masses of one kilogram that they push."""
+        for forced in self.force_planes if self.residuals else ():
+            free, force = (self.coordinate(f"{what} at {forced}", axis) for what in ("free", "force"))
+            parts[2][free][free] = 1.0
+            parts[0][free][force] = -1.0
+            for plane in self.probe_planes:
+                row = self.coordinate(f"force at {plane}", axis)
+                for letter, seen in (("c", force), ("a", free)):
+                    parts[0][row][seen] = -self._complex(p, self.rest(letter, plane, axis, forced))
+
     def _gain(self, p: Any, number: int, plane: str, axis: str) -> Complex:
         if plane not in self.probe_planes:
             return Complex(0.0)
-        if (plane, axis) not in self._free_probes():
+        if (plane, axis) not in self._free_probes:
             return Complex(1.0)
         return self._complex(p, self._named("g", number, plane, axis))
 
     def _complex(self, p: Any, name: str) -> Complex:
         return Complex.of(getattr(p, name)) + J * Complex.of(getattr(p, f"{name}_im"))
 
-    def inverse(self, coefficients: ComplexArray, s: ComplexArray) -> ComplexArray:
-        """Receptance in closed form, as the equations between readings, modes and forces are solved by hand.
+    @cached_property
+    def _place(self) -> dict[str, int]:
+        return {name: place for place, name in enumerate(self.parameter_names)}
 
-        Args:
-            coefficients: of powers of s, shape ``(3, row, column, ..., L or 1)``.
-            s: j w of each line, shape ``(L,)``.
+    def _places(self, letter: str, axis: str) -> Index:
+        """Places of a parameter of all modes."""
+        end = axis if self.apart and letter != "M" else ""
+        return np.array([self._place[self._named(letter, i, end)] for i in range(1, self.modes + 1)], dtype=np.intp)
 
-        Returns:
-            inverse of the dynamic stiffness, shape ``(column, row, ..., L)``.
-        """
-        stiffness, damping, mass = coefficients
-        found = np.zeros((*stiffness.shape[:-1], s.size), dtype=complex)
-        for axis in self._axes:
-            readings = [self.coordinate(plane, axis) for plane in self.planes]
-            forces = [self.coordinate(f"force at {plane}", axis) for plane in self.planes]
-            for reading, force in zip(readings, forces, strict=True):
-                found[reading, force] = found[force, reading] = 1.0
-            for mode in (self.coordinate(f"mode {number}", axis) for number in range(1, self.modes + 1)):
-                flexibility = 1 / (stiffness[mode, mode] + s * (damping[mode, mode] + s * mass[mode, mode]))
-                found[mode, mode] = flexibility
-                seen = [-stiffness[force, mode] * flexibility for force in forces]
-                for reading, gain in zip(readings, seen, strict=True):
-                    found[mode, reading] = gain
-                for driven, force in zip(readings, forces, strict=True):
-                    participation = -stiffness[mode, force]
-                    if not participation.any():
-                        continue
-                    found[driven, mode] = participation * flexibility
-                    for reading, gain in zip(readings, seen, strict=True):
-                        found[driven, reading] += participation * gain
-        return found
+    @property
+    def _rests(self) -> tuple[str, ...]:
+        """Letters of the terms of a probe and a force that stand for modes outside the band."""
+        return ("c", "a") if self.residuals else ()
+
+    @cached_property
+    def weights(self) -> Weights:
+        """See :attr:`RotorModel.weights`: terms are the modes, then forces and forces over s^2, axis by axis."""
+        each = self.modes + len(self._rests) * len(self.force_planes)
+        shape = len(self.coordinates), len(self._axes) * each
+        real, imaginary, constant = np.full(shape, -1), np.full(shape, -1), np.zeros(shape)
+        for first, axis in zip(range(0, shape[1], each), self._axes, strict=True):
+            for plane in self.probe_planes:
+                row = self.coordinate(plane, axis)
+                names = [self._named("g", i, plane, axis) for i in range(1, self.modes + 1)]
+                if (plane, axis) not in self._free_probes:
+                    constant[row, first : first + self.modes] = 1.0
+                    names = [""] * self.modes
+                names += [
+                    self.rest(letter, plane, axis, forced) for letter in self._rests for forced in self.force_planes
+                ]
+                for term, name in enumerate(names, first):
+                    if name:
+                        real[row, term], imaginary[row, term] = self._place[name], self._place[f"{name}_im"]
+        return Weights(real=real, imaginary=imaginary, constant=constant)
+
+    def line_terms(self, theta: Float, s: ComplexArray, force: ComplexArray) -> LineTerms:
+        """See :meth:`RotorModel.line_terms`."""
+        each = self.modes + len(self._rests) * len(self.force_planes)
+        values: list[ComplexArray] = []
+        slopes: list[ComplexArray] = []
+        inputs: list[Index] = []
+        terms: list[Index] = []
+        for first, axis in zip(range(0, len(self._axes) * each, each), self._axes, strict=True):
+            places = {letter: self._places(letter, axis) for letter in ("M", "wn", "zeta")}
+            mass, wn, zeta = (np.swapaxes(theta[..., places[letter]], -1, -2) for letter in ("M", "wn", "zeta"))
+            flexibility = 1 / (wn**2 + 2 * zeta * wn * s + s**2)
+            forces = np.array([force[:, self.coordinate(plane, axis)] for plane in self.force_planes])
+            drive: ComplexArray = np.broadcast_to(forces[0], flexibility.shape).astype(complex)
+            for plane, pushed in zip(self.force_planes[1:], forces[1:], strict=True):
+                names = [self._named("phi", i, plane) for i in range(1, self.modes + 1)]
+                for factor, end in ((1.0, ""), (1j, "_im")):
+                    own = np.array([self._place[name + end] for name in names], dtype=np.intp)
+                    drive += factor * np.swapaxes(theta[..., own], -1, -2) * pushed
+                    inputs.append(own)
+                    slopes.append(factor * pushed * flexibility / mass)
+            motion = drive * flexibility / mass
+            inputs += [places["M"], places["wn"], places["zeta"]]
+            slopes += [
+                -motion / mass,
+                -motion * flexibility * (2 * wn + 2 * zeta * s),
+                -motion * flexibility * (2 * wn * s),
+            ]
+            terms += [np.arange(first, first + self.modes)] * (len(inputs) - len(terms))
+            values.append(motion)
+            if self.residuals:
+                over = np.divide(1.0, s**2, out=np.zeros_like(s), where=s != 0)
+                rest = np.concatenate([forces, forces * over])
+                values.append(np.broadcast_to(rest, (*motion.shape[:-2], *rest.shape)))
+        return LineTerms(
+            values=np.concatenate(values, axis=-2),
+            inputs=np.concatenate(inputs),
+            terms=np.concatenate(terms),
+            slopes=np.concatenate(slopes, axis=-2),
+        )
 
     def _modal_rows(self) -> slice:
         count = len(self._axes) * len(self.planes)
@@ -208,8 +319,15 @@ class Modal(RotorModel):
 
     def motion(self, theta: ArrayLike, speed: ArrayLike) -> ComplexArray:
         """See :meth:`RotorModel.motion`: the modes alone, which vibrate independently of each other."""
-        rows = self._modal_rows()
-        return np.asarray(self.coefficients(theta, speed)[..., rows, rows])
+        theta = np.asarray(theta, dtype=float)
+        theta = np.broadcast_to(theta, (*np.broadcast_shapes(theta.shape[:-1], np.shape(speed)), theta.shape[-1]))
+        count = len(self._axes) * self.modes
+        found = np.zeros((*theta.shape[:-1], 3, count, count), dtype=complex)
+        places = {q: np.concatenate([self._places(q, axis) for axis in self._axes]) for q in ("M", "wn", "zeta")}
+        mass, wn, zeta = (theta[..., own] for own in places.values())
+        for power, values in enumerate((mass * wn**2, 2 * mass * zeta * wn, mass)):
+            found[..., power, np.arange(count), np.arange(count)] = values
+        return found
 
     def motion_jacobian(self, theta: ArrayLike, speed: ArrayLike) -> CoefficientJacobian:
         """See :meth:`RotorModel.motion_jacobian`."""

@@ -19,6 +19,7 @@ from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import text_table
 from rotorfit.models.coefficients import CoefficientJacobian, CompiledModel, Symbolic
 from rotorfit.models.complexes import Complex, Number
+from rotorfit.models.line_terms import LineTerms, Weights
 from rotorfit.models.parameters import Parameter
 from rotorfit.models.probes import Probes, with_probes
 from rotorfit.models.shafts.angular_rates import angular_rates
@@ -105,6 +106,29 @@ class RotorModel(ABC):
         return [getattr(p, names.get(c.plane, ""), 1.0) if c.axis != "r" else 1.0 for c in self.coordinates]
 
     @property
+    def alternatives(self) -> tuple[RotorModel, ...]:
+        """Models that stand for this one where it leaves a choice to the data: a fit takes that of least BIC."""
+        return ()
+
+    @property
+    def weights(self) -> Weights | None:
+        """How readings weigh the terms of :meth:`line_terms`; None for models whose response is no such sum."""
+        return None
+
+    def line_terms(self, theta: Float, s: ComplexArray, force: ComplexArray) -> LineTerms:
+        """Functions of the line that the response is a sum of, see :attr:`weights`.
+
+        Args:
+            theta: parameter vectors of all lines, shape ``(..., 1, P)``, or of each line its own, ``(..., L, P)``.
+            s: j w of each line, shape ``(L,)``.
+            force: generalised force of each line, shape ``(L, n)``.
+
+        Raises:
+            TypeError: the response of this model is no such sum.
+        """
+        raise TypeError(f"the response of {self.name} is no sum of terms that all probes share")
+
+    @property
     def read_planes(self) -> tuple[str, ...]:
         """Planes at which probes may be: those of the model, then the probes between them."""
         return (*self.planes, *(name for name, _ in self.probes))
@@ -129,10 +153,13 @@ class RotorModel(ABC):
         Raises:
             KeyError: no such parameter; the message names the nearest.
         """
-        for parameter in self.parameters:
-            if parameter.name == name:
-                return parameter
+        if name in self._by_name:
+            return self._by_name[name]
         raise KeyError(unknown_name(f"parameter of {self.name}", name, self.parameter_names))
+
+    @cached_property
+    def _by_name(self) -> dict[str, Parameter]:
+        return {parameter.name: parameter for parameter in self.parameters}
 
     def vector(self, values: Mapping[str, float]) -> Float:
         """Arrange named values as a parameter vector; parameters with a default may be left out.

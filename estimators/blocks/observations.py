@@ -122,6 +122,12 @@ class Responses(Observed):
         return index.reshape(-1), pairs.real.astype(np.intp), pairs.imag.copy()
 
     @cached_property
+    def channels(self) -> list[tuple[int, int, Index]]:
+        """Coordinate, group and readings of each pair of these that was read."""
+        key = combined(self.coordinate, self.reading_group)
+        return [(int(self.coordinate[own[0]]), int(self.reading_group[own[0]]), own) for own in rows_by(key)]
+
+    @cached_property
     def set_speed(self) -> Float:
         """Speed that the rotor was set to on each line, about which ``speed`` may wander, rad/s, shape ``(L,)``."""
         run = np.zeros(self.speed.size, dtype=np.intp)

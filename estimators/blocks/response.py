@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from rotorfit.base.array_types import ComplexArray, Float, Index
+from rotorfit.estimators.blocks.term_sums import sum_of_terms, sum_of_terms_jacobian, sums_terms
 from rotorfit.models.coefficients import CompiledModel
-from rotorfit.models.modal import Modal
 from rotorfit.models.model import RotorModel
 from rotorfit.models.motion.journal import known_structure
 from rotorfit.models.shafts.shaft import KnownStiffness
@@ -185,8 +185,6 @@ def _rows(block: Responses, H: ComplexArray) -> ComplexArray:
 
 def _receptance(block: Responses, theta: Float) -> ComplexArray:
     """Inverse of the dynamic stiffness, shape ``(column, row, ..., L)``."""
-    if isinstance(block.model, Modal):  # has one, of as many products as its modes have probes and forces
-        return block.model.inverse(_coefficients(block, theta), block.s)
     return _inverse(_stiffness(block, theta))
 
 
@@ -203,11 +201,15 @@ def response_sensitivities(
 
 def respond(block: Responses, theta: Float) -> ComplexArray:
     """Predicted readings, shape ``(..., R)``."""
+    if sums_terms(block):
+        return sum_of_terms(block, theta)
     return read_by_probes(block, theta, _read(block, _amplitude(block, _receptance(block, theta))))
 
 
 def respond_jacobian(block: Responses, theta: Float) -> tuple[ComplexArray, ComplexArray]:
     """Predicted readings, shape ``(..., R)``, and derivatives by the group's parameters, shape ``(..., P, R)``."""
+    if sums_terms(block):
+        return sum_of_terms_jacobian(block, theta)
     H = _receptance(block, theta)
     amplitude = _amplitude(block, H)
     derivative = _derivatives(block, theta, _rows(block, H), amplitude.take(block.line, axis=-1))

@@ -79,6 +79,8 @@ def natural_scales(model: RotorModel, base: Sequence[str], values: Float, stiffn
         "kg s^2": stiffness / frequency**4,
         "kg s^4": stiffness / frequency**6,
         "1": 1.0,
+        "m/N": 1 / stiffness,
+        "1/kg": frequency**2 / stiffness,
     }
     natural = np.array([by_unit.get(model.parameter(name).unit, 0.0) for name in base])
     scales = np.maximum(np.abs(values), 0.1 * natural)

@@ -21,6 +21,7 @@ from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse, probe_factors
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
+from rotorfit.estimators.blocks.term_sums import sums_terms
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models.model import RotorModel
 from rotorfit.models.motion.neglected_terms import LeftOut, fluid_coordinates
@@ -238,9 +239,10 @@ def load_change(block: OrbitResponses, theta: Float, load: float) -> ComplexArra
 
 
 def _base(block: Block) -> Responses | None:
-    """Responses of a linear rotor to circular forces; nothing for other blocks."""
+    """Responses of a linear rotor to circular forces; nothing for other blocks, nor where each probe has numbers of its
+    own for every mode, which take up what its chain does."""
     base = responses_of(block)
-    if not isinstance(base, Responses) or isinstance(block, OrbitResponses) or base.imposed:
+    if not isinstance(base, Responses) or isinstance(block, OrbitResponses) or base.imposed or sums_terms(base):
         return None
     return base if base.frequency.any() else None
 

@@ -24,8 +24,9 @@ class _Point:
     matrix: Matrix
 
 
-def _solve(matrix: Matrix, right: Vector) -> Vector:
-    """Solution of a symmetric system; of smallest norm where the matrix is not definite, or by round-off only."""
+def solve_symmetric(matrix: Matrix, right: Vector) -> Vector:
+    """Solution of a symmetric system, of one right side ``(n,)`` or several ``(n, k)``; of smallest norm where the
+    matrix is not definite, or by round-off only."""
     try:  # positive definite? LAPACK's dposv does both at once, but importing it from SciPy takes as long as a fit
         pivots = np.linalg.cholesky(matrix).diagonal() ** 2
         if (pivots <= ROUND_OFF * matrix.diagonal()).any():  # the quotient of two round-offs is no step
@@ -35,13 +36,16 @@ def _solve(matrix: Matrix, right: Vector) -> Vector:
         solution = np.full_like(right, np.nan)
     if math.isfinite(float(solution.sum())):
         return np.asarray(solution)
+    if not math.isfinite(float(matrix.sum())):
+        return np.full_like(right, np.nan)
     # Unit diagonal first, so that what counts as singular does not depend on the units.
     scale = 1 / np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))
     values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
     keep = values > ROUND_OFF
     weights = np.zeros_like(values)
     weights[keep] = 1 / values[keep]
-    return np.asarray(scale * (vectors @ (weights * (vectors.T @ (scale * right)))))
+    inverse = (scale[:, None] * vectors * weights) @ (vectors.T * scale)
+    return np.asarray(inverse @ right)
 
 
 @dataclass(frozen=True)
@@ -132,7 +136,7 @@ class Minimisation:
         """Step to the minimum of the local quadratic model inside the bounds, gᵀd + dᵀHd/2 for low <= d <= high, by
         correcting a guess of the bounds it rests on."""
         gradient, low, high = point.gradient, self.low - point.u, self.high - point.u
-        step = _solve(matrix, -gradient)
+        step = solve_symmetric(matrix, -gradient)
         if not ((step < low) | (step > high)).any():
             return step
         # An interior-point iterate is near its bounds, not on them: those near and pressed on start the guess.
@@ -143,7 +147,7 @@ class Minimisation:
             step = np.where(at_low, low, np.where(at_high, high, 0.0))
             if free.size:
                 right = -gradient[free] - matrix[free] @ step
-                step[free] = _solve(matrix[np.ix_(free, free)], right)
+                step[free] = solve_symmetric(matrix[np.ix_(free, free)], right)
             slope = gradient + matrix @ step
             low_next = (at_low & (slope > 0)) | (step < low)
             high_next = (at_high & (slope < 0)) | (step > high)

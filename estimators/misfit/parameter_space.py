@@ -137,8 +137,8 @@ def parameter_space(
     fixed = {q.name: q.default for q in model.parameters if q.default is not None} | dict(known)
     fixed = {name: value for name, value in fixed.items() if value is not None}
     _check_known(model, fixed, bounds, groups[0])
-    names: list[str] = []
-    base: list[str] = []
+    base: dict[str, str] = {}  # the model's own name of each entry
+    place_of: dict[str, int] = {}
     template = np.zeros((len(groups), len(model.parameters)))
     index = np.full(template.shape, -1, dtype=np.intp)
     for place, parameter in enumerate(model.parameters):
@@ -149,18 +149,16 @@ def parameter_space(
             if value is not None:
                 template[g, place] = value
                 continue
-            if name not in names:
-                names.append(name)
-                base.append(parameter.name)
-            index[g, place] = names.index(name)
-    if not names:
+            base[name] = parameter.name
+            index[g, place] = place_of.setdefault(name, len(place_of))
+    if not base:
         raise ValueError("every parameter is known: nothing is left to fit")
-    limits = np.array([_limits(model, name, bounds) for name in names])
+    limits = np.array([_limits(model, name, bounds) for name in base])
     free = np.full(len(nuisance), np.inf)
     return ParameterSpace(
         model=model,
-        names=tuple(names),
-        base=tuple(base),
+        names=tuple(base),
+        base=tuple(base.values()),
         template=template,
         index=index,
         lower=np.concatenate([limits[:, 0], -free]),

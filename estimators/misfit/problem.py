@@ -7,7 +7,7 @@ Derivatives of linear responses are few products along the readings times real n
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal, TypeVar
@@ -20,6 +20,7 @@ from rotorfit.estimators.blocks.correlated import whiten
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.response import Sensitivities, by_condition, response_sensitivities
+from rotorfit.estimators.blocks.term_sums import channels, sums_terms
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.misfit.priors import Prior
 
@@ -54,6 +55,17 @@ def is_linear_response(block: Block) -> bool:
     if not isinstance(block, Responses) or block.imposed or block.beside is not None:
         return False
     return block.model.shaft is None and not block.model.eccentricity_dependent
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LinearisedChannel:
+    """Readings of one coordinate in one parameter group, which few entries of the fitted vector act on."""
+
+    coordinate: int
+    readings: Index  # among those of the block, shape ``(m,)``
+    entries: Index  # shape ``(k,)``
+    residuals: ComplexArray  # whitened, shape ``(..., m)``
+    rows: ComplexArray  # their derivatives by these entries, shape ``(..., k, m)``
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -93,6 +105,39 @@ class BlockTerm:
 
     # ---- derivatives -------------------------------------------------------------------------------------------------
 
+    @cached_property
+    def sum(self) -> Responses | None:
+        """The block where its readings are sums of terms that each probe weighs with numbers of its own."""
+        return self.block if isinstance(self.block, Responses) and sums_terms(self.block) else None
+
+    def channels(
+        self, x: Float, measured: ComplexArray | None = None, *, shared: bool = True
+    ) -> Iterator[LinearisedChannel]:
+        """Whitened residuals and derivatives of such a block, channel by channel; ``shared``: by what is not a probe's
+        own number too."""
+        if self.sum is None:
+            return
+        space, factors, count = self.space, self.factors, len(self.space.names)
+        for channel in channels(self.sum, space.theta(x), shared=shared):
+            entries = space.index[channel.group, channel.places]
+            fitted, scale = entries >= 0, 1 / self.block.sigma[channel.readings]
+            entries, rows, predicted = entries[fitted], channel.rows[..., fitted, :], channel.predicted
+            if factors is not None:
+                own = factors[channel.readings]
+                gain = self._gain(x, own)
+                predicted, rows = predicted * gain, rows * gain[..., None, :]
+                if shared:
+                    entries = np.concatenate([entries, count + np.arange(own.shape[1])])
+                    rows = np.concatenate([rows, own.T * predicted[..., None, :]], axis=-2)
+            given = self.block.measured if measured is None else measured[..., self.readings]
+            yield LinearisedChannel(
+                coordinate=channel.coordinate,
+                readings=channel.readings,
+                entries=entries,
+                residuals=np.ascontiguousarray((predicted - given[..., channel.readings]) * scale),
+                rows=np.ascontiguousarray(rows * scale),
+            )
+
     def linearised(self, x: Float) -> tuple[ComplexArray, ComplexArray]:
         """Whitened residuals, shape ``(..., R)``, and their derivatives by the fitted vector, shape ``(..., p, R)``."""
         if self._responses is None:
@@ -104,19 +149,14 @@ class BlockTerm:
 
     def normal(self, x: Float, measured: ComplexArray | None = None, *, matrix: bool = True) -> Normal:
         """Contribution of the block to cost, gradient and Gauss-Newton matrix; zero where it is not wanted."""
+        if self.sum is not None:
+            return self._normal_of_channels(x, measured, matrix=matrix)
         if self._responses is None:
             predicted, rows = self._derivatives(x)
         else:
             predicted, found = self._products(x, self._responses)
             rows = found.products
-        r = np.ascontiguousarray(self._misses(predicted, measured))
-        if self.loss == "linear":
-            squares = r.view(float)
-            cost = 0.5 * np.einsum("...r,...r->...", squares, squares)
-        else:
-            rho, weight = robust_weights(self.loss, r.real**2 + r.imag**2)
-            cost, root = 0.5 * rho.sum(axis=-1), np.sqrt(weight)
-            r, rows = r * root, rows * root[..., None, :]
+        cost, r, rows = self._weighed(np.ascontiguousarray(self._misses(predicted, measured)), rows)
         gradient, total = np.zeros(x.shape), np.zeros((*x.shape, x.shape[-1]))
         if self._responses is None:
             real = rows.view(float)
@@ -132,13 +172,35 @@ class BlockTerm:
                 total += (own @ (part @ part.swapaxes(-1, -2)) @ own.swapaxes(-1, -2)).sum(axis=-3)
         return cost, gradient, total
 
+    def _weighed(self, r: ComplexArray, rows: ComplexArray) -> tuple[Float, ComplexArray, ComplexArray]:
+        """Cost of residuals, and these and their derivatives as a robust loss weighs them."""
+        if self.loss == "linear":
+            squares = r.view(float)
+            return 0.5 * np.einsum("...r,...r->...", squares, squares), r, rows
+        rho, weight = robust_weights(self.loss, r.real**2 + r.imag**2)
+        root = np.sqrt(weight)
+        return 0.5 * rho.sum(axis=-1), r * root, rows * root[..., None, :]
+
+    def _normal_of_channels(self, x: Float, measured: ComplexArray | None, *, matrix: bool) -> Normal:
+        """Sums of the channels, each of the entries that act on it."""
+        cost: Float = np.zeros(x.shape[:-1])
+        gradient, total = np.zeros(x.shape), np.zeros((*x.shape, x.shape[-1] if matrix else 0))
+        for channel in self.channels(x, measured):
+            own, r, rows = self._weighed(channel.residuals, channel.rows)
+            real, entries = rows.view(float), channel.entries
+            cost = cost + own
+            gradient[..., entries] += (real @ r.view(float)[..., None])[..., 0]
+            if matrix:
+                total[..., entries[:, None], entries] += real @ real.swapaxes(-1, -2)
+        return cost, gradient, total if matrix else np.zeros((*x.shape, x.shape[-1]))
+
     @cached_property
     def _responses(self) -> Responses | None:
         """The block where its derivatives are products times numbers."""
         block = self.block
-        if not isinstance(block, Responses) or not is_linear_response(block) or block.model.functions.has_probe_factors:
+        if not isinstance(block, Responses) or not is_linear_response(block) or self.sum is not None:
             return None
-        return block
+        return None if block.model.functions.has_probe_factors else block
 
     def _products(self, x: Float, block: Responses) -> tuple[ComplexArray, Sensitivities]:
         """Predictions, and their whitened derivatives by the fitted vector as products times numbers."""
@@ -229,7 +291,8 @@ class Problem:
         return [found for found in map(responses_of, self.blocks) if found is not None]
 
     @cached_property
-    def _terms(self) -> tuple[BlockTerm, ...]:
+    def terms(self) -> tuple[BlockTerm, ...]:
+        """The part of the cost that each block has."""
         stops = np.cumsum([0] + [block.measured.size for block in self.blocks]).tolist()
         factors = self.factors or (None,) * len(self.blocks)
         return tuple(
@@ -245,9 +308,9 @@ class Problem:
     def _pieces(self) -> tuple[BlockTerm, ...]:
         """The terms in pieces of few enough readings."""
         if self.n_data <= 2 * READINGS_OF_A_PIECE:
-            return self._terms
+            return self.terms
         pieces: list[BlockTerm] = []
-        for term in self._terms:
+        for term in self.terms:
             start = term.readings.start
             for block in term.block.split(READINGS_OF_A_PIECE) if isinstance(term.block, Responses) else [term.block]:
                 rows = slice(start - term.readings.start, start - term.readings.start + block.measured.size)
@@ -257,19 +320,19 @@ class Problem:
 
     def by_block(self, values: NDArray[_Number]) -> list[NDArray[_Number]]:
         """Values of all readings block by block."""
-        return [values[term.readings] for term in self._terms]
+        return [values[term.readings] for term in self.terms]
 
     def predict(self, x: Float) -> list[ComplexArray]:
         """Predicted observations of each block, shape ``(..., R)``."""
-        return [term.predict(x) for term in self._terms]
+        return [term.predict(x) for term in self.terms]
 
     def residuals(self, x: Float) -> ComplexArray:
         """Whitened complex residuals of all blocks, predicted minus measured over sigma, shape ``(..., R)``."""
-        return np.concatenate([term.residuals(x) for term in self._terms], axis=-1)
+        return np.concatenate([term.residuals(x) for term in self.terms], axis=-1)
 
     def jacobian(self, x: Float) -> tuple[ComplexArray, ComplexArray]:
         """Whitened residuals and their derivatives, shapes ``(..., R)`` and ``(..., R, p)``."""
-        parts = [term.linearised(x) for term in self._terms]
+        parts = [term.linearised(x) for term in self.terms]
         residuals, rows = (np.concatenate(some, axis=-1) for some in zip(*parts, strict=True))
         return residuals, np.swapaxes(rows, -1, -2)
 

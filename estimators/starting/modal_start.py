@@ -59,13 +59,13 @@ def modal_start(
     datum = 0.0
     for axis, responses in along.items():
         end = axis if model.apart else ""
-        wn, zeta, shown = _poles(responses if model.apart else every, model.modes)
+        wn, zeta, shown = _poles(responses if model.apart else every, model.modes, rests=model.residuals is True)
         if unknown and shown < model.modes:
             raise ValueError(
                 f"the responses show {shown} of {model.modes} modes: what one more explains is noise. Fit with "
                 f"modes={shown} (--modes {shown}), or say which natural frequencies are known"
             )
-        parts = _residues(responses, wn, zeta, len(model.planes))
+        parts, rests = _residues(responses, wn, zeta, len(model.planes), rests=model.residuals is True)
         if unit is None:
             unit = np.where(parts[:, probe, forced] == 0, np.abs(parts).max(axis=(1, 2)), parts[:, probe, forced])
         datum = float(np.angle(unit[0]))
@@ -80,6 +80,9 @@ def modal_start(
             for place, plane in enumerate(model.planes):
                 values |= _pair(f"phi{tag}_{plane}", complex(shape[place]))
                 values |= _pair(_name(f"g{tag}_{plane}", axis.strip("z")), complex(gain[place]))
+        for letter, rest in zip("ca", rests, strict=False):
+            for (at, force), value in np.ndenumerate(np.exp(-1j * datum) * rest if turned else rest):
+                values |= _pair(model.rest(letter, model.planes[at], axis, model.planes[force]), complex(value))
     return {name: values[name] for name in model.parameter_names if name in values}, datum
 
 
@@ -134,8 +137,9 @@ def _responses(model: Modal, blocks: Sequence[Responses]) -> dict[str, list[Resp
     return found
 
 
-def _poles(responses: Sequence[Response], modes: int) -> tuple[Float, Float, int]:
-    """Natural frequencies, rad/s, ascending, damping ratios, and how many modes explain more than noise would."""
+def _poles(responses: Sequence[Response], modes: int, *, rests: bool) -> tuple[Float, Float, int]:
+    """Natural frequencies, rad/s, ascending, damping ratios, and how many modes explain more than noise would; beside
+    ``rests``, terms of modes outside the band."""
     from scipy.special import chdtri  # late: loading it takes longer than a fit
 
     count = sum(one.value.size for one in responses)
@@ -149,7 +153,7 @@ def _poles(responses: Sequence[Response], modes: int) -> tuple[Float, Float, int
         unknown = 2 * (modes + more) + 1  # of each response beside the poles
         if min(one.value.size for one in responses) < 4 * unknown:
             continue
-        misfit, wn, zeta = _best_of(common_poles(responses, modes + more), responses, modes)
+        misfit, wn, zeta = _best_of(common_poles(responses, modes + more), responses, modes, rests=rests)
         tried.append((misfit, wn, zeta))
         least[: misfit.size] = np.minimum(least[: misfit.size], misfit)
         found = least[np.isfinite(least)]
@@ -163,28 +167,55 @@ def _poles(responses: Sequence[Response], modes: int) -> tuple[Float, Float, int
     return wn, np.clip(zeta, *_DAMPING), shown
 
 
-def _best_of(poles: ComplexArray, responses: Sequence[Response], modes: int) -> tuple[Float, Float, Float]:
-    """Misfits of one pole, two, ..., frequencies and damping ratios of those that explain most, one by one."""
+def _best_of(
+    poles: ComplexArray, responses: Sequence[Response], modes: int, *, rests: bool
+) -> tuple[Float, Float, Float]:
+    """Misfits of one pole, two, ..., frequencies and damping ratios of those that explain most, one by one: each time
+    that which lowers the sum of squares most beside those that were taken."""
     wn, zeta = np.abs(poles), -poles.real / np.abs(poles)
+    parts = [_products(one, wn, zeta, rests=rests) for one in responses]
+    products, along = (np.array(some) for some in zip(*parts, strict=True))
+    left = float(sum(np.sum(np.abs(one.value * one.weight) ** 2) for one in responses))
+    size = np.einsum("ckk->ck", products).real.copy()
     chosen: list[int] = []
     misfit: list[float] = []
-
-    def left(one: int) -> float:
-        """Sum of squares that a linear combination of the poles chosen and one more leaves."""
-        total = 0.0
-        for response in responses:
-            w, given = response.frequency[:, None], response.value * response.weight
-            mine = [*chosen, one]
-            basis = response.weight[:, None] / (wn[mine] ** 2 - w**2 + 2j * zeta[mine] * wn[mine] * w)
-            along = np.linalg.qr(basis)[0].conj().T @ given
-            total += float(np.vdot(given, given).real - np.vdot(along, along).real)
-        return total
-
-    for _ in range(min(modes, wn.size)):
-        least, best = min((left(one), one) for one in range(wn.size) if one not in chosen)
-        chosen = sorted([*chosen, best])
-        misfit.append(least)
+    waiting = list(range(2)) if rests else []
+    for _ in range(len(waiting) + min(modes, wn.size)):
+        power = np.einsum("ckk->ck", products).real
+        new = power > 1e-10 * size  # the rest is a combination of what was taken
+        gain = np.divide(np.abs(along) ** 2, power, out=np.zeros_like(power), where=new).sum(axis=0)
+        best = waiting.pop(0) if waiting else _first_best(gain, chosen, 2 * rests)
+        left -= float(gain[best])
+        factor = np.divide(1.0, power[:, best], out=np.zeros(len(power)), where=new[:, best])
+        column = products[:, :, best] * factor[:, None]
+        along = along - column * along[:, best, None]
+        products = products - column[:, :, None] * products[:, best, None, :]
+        if best >= 2 * rests:
+            chosen = sorted([*chosen, best - 2 * rests])
+            misfit.append(max(left, 0.0))
     return np.array(misfit or [np.inf]), wn[chosen], zeta[chosen]
+
+
+def _first_best(gain: Float, chosen: Sequence[int], first: int) -> int:
+    """The pole of most gain among those not chosen."""
+    gain = gain.copy()
+    gain[:first] = -np.inf
+    gain[[first + one for one in chosen]] = -np.inf
+    return int(np.argmax(gain))
+
+
+def _columns(one: Response, wn: Float, zeta: Float, *, rests: bool) -> ComplexArray:
+    """Terms of a response, weighed: of modes outside the band where these are asked for, then of each mode."""
+    w = one.frequency[:, None]
+    modes = 1 / (wn**2 - w**2 + 2j * zeta * wn * w)
+    outside = [np.ones_like(w), -np.divide(1.0, w**2, out=np.zeros_like(w), where=w != 0)] if rests else []
+    return np.asarray(np.hstack([*outside, modes]) * one.weight[:, None], dtype=complex)
+
+
+def _products(one: Response, wn: Float, zeta: Float, *, rests: bool) -> tuple[ComplexArray, ComplexArray]:
+    """Products of the terms of a response with each other and with its readings."""
+    basis = _columns(one, wn, zeta, rests=rests)
+    return basis.conj().T @ basis, basis.conj().T @ (one.value * one.weight)
 
 
 def _few_lines(responses: Sequence[Response], modes: int) -> tuple[Float, Float]:
@@ -206,15 +237,17 @@ def _few_lines(responses: Sequence[Response], modes: int) -> tuple[Float, Float]
     return wn[order] * top, np.clip(zeta[order], *_DAMPING)
 
 
-def _residues(responses: Sequence[Response], wn: Float, zeta: Float, planes: int) -> ComplexArray:
-    """Strength of each mode between force and probe planes, 1/kg, shape ``(modes, planes, planes)``; zero where unseen.
-    ``H_pr = sum_i R_ipr / (wn_i^2 - w^2 + 2 j zeta_i wn_i w)``."""
-    found = np.zeros((wn.size, planes, planes), dtype=complex)
+def _residues(
+    responses: Sequence[Response], wn: Float, zeta: Float, planes: int, *, rests: bool
+) -> tuple[ComplexArray, ComplexArray]:
+    """Strength of each mode between force and probe planes, 1/kg, shape ``(modes, planes, planes)``, and of terms of
+    modes outside the band, above and below it; zero where unseen.
+    ``H_pr = sum_i R_ipr / (wn_i^2 - w^2 + 2 j zeta_i wn_i w) + c_pr - a_pr / w^2``."""
+    found = np.zeros((2 * rests + wn.size, planes, planes), dtype=complex)
     for one in responses:
-        w = one.frequency[:, None]
-        basis = 1 / (wn**2 - w**2 + 2j * zeta * wn * w) * one.weight[:, None]
+        basis = _columns(one, wn, zeta, rests=rests)
         found[:, one.probe, one.plane] = np.linalg.lstsq(basis, one.value * one.weight, rcond=1e-10)[0]
-    return found
+    return found[2 * rests :], found[: 2 * rests]
 
 
 def common_poles(responses: Sequence[Response], pairs: int) -> ComplexArray:
@@ -244,14 +277,20 @@ def _relocated(
     every = np.concatenate([poles, poles.conj(), real])
     rows: list[Float] = []
     total: ComplexArray = np.zeros(2 * poles.size + real.size + 1, dtype=complex)
+    bases: dict[bytes, tuple[ComplexArray, ComplexArray]] = {}  # of responses at the same lines with like weights
     for one in responses:
-        s = np.asarray(1j * one.frequency / top)
-        sigma = _basis(s, poles, real)
-        own = np.hstack([1 / (s[:, None] - every), np.ones((s.size, 1))])
-        size = np.sqrt(np.mean(np.abs(one.value * one.weight) ** 2)) or 1.0
-        A = np.hstack([own, 1j * own, -one.value[:, None] * sigma]) * (one.weight / size)[:, None]
-        factor = np.asarray(np.linalg.qr(np.concatenate([A.real, A.imag]), mode="r"))
-        rows.append(factor[2 * own.shape[1] :, 2 * own.shape[1] :])
+        shape = one.weight / (one.weight.max() or 1.0)
+        key = one.frequency.tobytes() + shape.tobytes()
+        if key not in bases:
+            s = np.asarray(1j * one.frequency / top)
+            own = np.hstack([1 / (s[:, None] - every), np.ones((s.size, 1))]) * shape[:, None]
+            bases[key] = _basis(s, poles, real), np.linalg.qr(own)[0]
+        sigma, left = bases[key]
+        value = one.value * one.weight
+        size = np.sqrt(np.mean(np.abs(value) ** 2)) or 1.0
+        A = sigma * (value / -size)[:, None]
+        A -= left @ (left.conj().T @ A)
+        rows.append(np.asarray(np.linalg.qr(np.concatenate([A.real, A.imag]), mode="r")))
         total = total + sigma.sum(axis=0)
     strength = float(np.sqrt(sum(np.sum(row**2) for row in rows)))
     mean = total.real / sum(one.frequency.size for one in responses)

@@ -155,16 +155,39 @@ def test_other_models_have_no_modes_to_turn_into_disks() -> None:
         rf.two_disk_from_modes(fit)
 
 
-@pytest.mark.parametrize(("gains", "apart"), [("plane", False), ("probe", True)])
-def test_the_receptance_in_closed_form_is_the_inverse_of_the_stiffness(gains, apart) -> None:
+@pytest.mark.parametrize(("gains", "apart"), [("plane", False), ("probe", False), ("probe", True)])
+@pytest.mark.parametrize("residuals", [True, False])
+def test_sums_of_terms_are_the_solution_of_the_equation(gains, apart, residuals) -> None:
+    """Readings and their derivatives, without matrices, against the dynamic stiffness and differences."""
+    from rotorfit.estimators.blocks.observations import Responses
+
     rng = np.random.default_rng(2)
-    model = rf.models.Modal(("a", "b", "c"), modes=2, gains=gains, apart=apart, force_planes=("c", "a"))
-    theta = rng.uniform(0.3, 1.5, (4, len(model.parameters))) * [q.scale for q in model.parameters]
-    w = np.linspace(20.0, 300.0, 7)
-    coefficients = np.moveaxis(model.coefficients(theta, 0.0), 0, -1)[..., None]
-    found = np.moveaxis(model.inverse(coefficients, 1j * w), (0, 1), (-1, -2))
-    for vector, one in zip(theta, found, strict=True):
-        np.testing.assert_allclose(one, np.linalg.inv(model.dynamic_stiffness(vector, w, 0.0)), atol=1e-9)
+    model = rf.models.Modal(
+        ("a", "b", "c"), modes=2, gains=gains, apart=apart, force_planes=("c", "a"), residuals=residuals
+    )
+    theta = rng.uniform(0.3, 1.5, (2, len(model.parameters))) * [q.scale for q in model.parameters]
+    lines, read = 7, [k for k, c in enumerate(model.coordinates) if c.plane in model.planes]
+    w = np.linspace(20.0, 300.0, lines)
+    force = np.zeros((lines, len(model.coordinates)), dtype=complex)
+    force[:, read] = rng.normal(size=(lines, len(read))) + 1j
+    force[:, [model.coordinate("b", axis) for axis in {model.coordinates[k].axis for k in read}]] = 0.0
+    none = np.zeros(lines * len(read))
+    block = Responses(
+        model=model, measured=none + 0j, sigma=none + 1.0, label=none.astype(int), labels=("all",),
+        run=np.full(none.size, "r"), speed=np.zeros(lines), frequency=w, force=force,
+        group=np.arange(lines) % 2, line=np.repeat(np.arange(lines), len(read)), coordinate=np.tile(read, lines),
+    )  # fmt: skip
+    found, slopes = block.predict_jacobian(theta)
+    np.testing.assert_allclose(block.predict(theta), found, rtol=1e-12)
+    for line, group in enumerate(block.group):
+        stiffness = model.dynamic_stiffness(theta[group], w[line : line + 1], 0.0)[0]
+        expected = np.linalg.solve(stiffness, force[line])[read]
+        np.testing.assert_allclose(found[block.line == line], expected, rtol=1e-9)
+    for place in range(theta.shape[1]):
+        step = 1e-6 * theta[0, place]
+        change = [block.predict(theta + sign * step * (np.arange(theta.shape[1]) == place)) for sign in (1, -1)]
+        by_hand = (change[0] - change[1]) / (2 * step)
+        np.testing.assert_allclose(slopes[:, place], by_hand, rtol=1e-6, atol=1e-6 * np.abs(by_hand).max())
 
 
 # ---- many sensors ----------------------------------------------------------------------------------------------------

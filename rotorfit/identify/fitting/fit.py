@@ -12,6 +12,7 @@ from rotorfit.base.array_types import Float
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.minimisation.objective import Method
+from rotorfit.estimators.minimisation.projection import Projection
 from rotorfit.estimators.misfit.cost_graph import cost_graph
 from rotorfit.estimators.misfit.problem import Loss, Problem
 from rotorfit.estimators.misfit.ratios import LogRatioProblem, ratios_of
@@ -129,10 +130,33 @@ def fitted(
     model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings, *, ask_causes: bool = True
 ) -> FitResult:
     """The fit of a model with given settings; ``ask_causes``: fixed causes of what it misses are asked for."""
-    problem = build_problem(model, experiments, settings)
-    start = find_start(problem, settings.start)
-    solution = solve(problem, start.x, Options(max_iterations=settings.max_iterations, method=settings.method))
+    problem, start, solution = min(_solved(model, experiments, settings), key=_bic)
     return judged(problem, experiments, settings, start, solution, ask_causes=ask_causes)
+
+
+def _solved(
+    model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings
+) -> list[tuple[Problem, Start, Solution]]:
+    """The solved problem of a model, or those of its alternatives; of these, such as fit the data at all."""
+    found: list[tuple[Problem, Start, Solution]] = []
+    for one in model.alternatives or (model,):
+        try:
+            problem = build_problem(one, experiments, settings)
+            start = find_start(problem, settings.start)
+        except ValueError:
+            if not found:
+                raise
+            continue
+        options = Options(max_iterations=settings.max_iterations, method=settings.method)
+        found.append((problem, start, solve(problem, start.x, options)))
+    return found
+
+
+def _bic(solved: tuple[Problem, Start, Solution]) -> tuple[bool, float]:
+    """What tells the better of two solved problems of the same readings: whether it has a minimum, and its BIC."""
+    problem, _, solution = solved
+    minimal = solution.success or solution.status is Status.SINGULAR
+    return not minimal, 2 * solution.cost + problem.space.size * float(np.log(problem.n_data))
 
 
 def judged(
@@ -225,6 +249,12 @@ def solve(problem: Problem, start: Float, options: Options) -> Solution:
     if problem.loss not in ("linear", "soft_l1"):
         # A redescending loss has local minima; the convex one leads into the right basin.
         start = solve(replace(problem, loss="soft_l1"), start, options).x
+    projection = Projection.of(problem) if options.method != "ipopt" else None
+    if projection is not None:
+        kept, scale = projection.kept, search_scale(space, start)
+        lower, upper = space.lower[kept], space.upper[kept]
+        found = minimise(projection, start[kept], lower=lower, upper=upper, scale=scale[kept], options=options)
+        return replace(found, x=projection.vector(found.x))
     ratios = ratios_of(problem)
     if ratios is None or not start[ratios.numerators].any():  # nothing is known of a ratio either
         scale = search_scale(space, start)
