@@ -57,6 +57,9 @@ class Block(Protocol):
     def with_noise(self, factor: Float) -> Self:
         """The same observations with each sigma multiplied by a factor, shape ``(R,)``."""
 
+    def with_measured(self, measured: ComplexArray) -> Self:
+        """The same observations with other readings, shape ``(R,)``."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Observed:
@@ -73,6 +76,12 @@ class Observed:
         """See :meth:`Block.with_noise`; what was worked out of the layout, which does not change, goes along."""
         found = copy(self)
         object.__setattr__(found, "sigma", self.sigma * factor)
+        return found
+
+    def with_measured(self, measured: ComplexArray) -> Self:
+        """See :meth:`Block.with_measured`; what was worked out of the layout goes along here too."""
+        found = copy(self)
+        object.__setattr__(found, "measured", measured)
         return found
 
 
@@ -265,6 +274,10 @@ class OnResponses:
     def with_noise(self, factor: Float) -> Self:
         """See :meth:`Block.with_noise`."""
         return replace(self, base=self.base.with_noise(factor))
+
+    def with_measured(self, measured: ComplexArray) -> Self:
+        """See :meth:`Block.with_measured`."""
+        return replace(self, base=self.base.with_measured(measured))
 
 
 def force_plane(block: Responses) -> Index:

@@ -23,6 +23,7 @@ from rotorfit.estimators.starting.start_points import CLOSED_FORM, EARLIER_FIT, 
 from rotorfit.estimators.starting.starts import find_start
 from rotorfit.identify.fitting.assumptions.calibration import Calibration
 from rotorfit.identify.fitting.assumptions.shifts import assuming
+from rotorfit.identify.fitting.causes.solution import JointSearch, search
 from rotorfit.identify.fitting.judge import judge, with_model_uncertainty
 from rotorfit.identify.fitting.noise.error_bars import with_noise
 from rotorfit.identify.fitting.noise.study import study_residuals
@@ -50,6 +51,7 @@ def fit(
     stator_mass_kg: float | None = None,
     calibration: Calibration | None = None,
     assumptions: Mapping[str, float] | None = None,
+    causes: Mapping[str, float] | None = None,
     method: Method = "auto",
     max_iterations: int = 200,
 ) -> FitResult:
@@ -81,6 +83,9 @@ def fit(
         assumptions: standard uncertainties of terms that the model leaves out or takes as known, by their names and
             units in :meth:`FitResult.assumptions`, ``{"Ds[journal]": 2.0}``. They enter :meth:`FitResult.interval`, the
             summary and the report as a systematic share; ``params`` stay statistical.
+        causes: sizes of causes beside the model, standard uncertainties by their names in :attr:`FitResult.causes`,
+            ``{"gain": 0.005}``; zero takes one out, ``{}`` is the list as it is. They are solved with the fitted values
+            and count in ``stderr``. ``None`` fits without causes.
         method: "gauss-newton" for damped Gauss-Newton steps, "ipopt" for Ipopt, on CasADi's own graph of the cost where
             there is one; "auto" takes Gauss-Newton steps and hands over to Ipopt where they do not lead to the optimum.
         max_iterations: limit on the iterations of the search.
@@ -111,6 +116,7 @@ def fit(
         baseline=dry_run(baseline),
         stator_mass_kg=stator_mass_kg,
         calibration=calibration,
+        causes=causes,
         method=method,
         max_iterations=max_iterations,
     )
@@ -173,7 +179,12 @@ def judged(
     notes = (*left_out, *start.notes)
     # A minimum along a whole line is one.
     studied = settings.loss == "linear" and (solution.success or solution.status is Status.SINGULAR)
-    study = study_residuals(problem, solution.x, ask_causes=ask_causes) if studied else None
+    beside = _beside(problem, solution, settings)
+    at = problem if beside is None else beside.problem
+    asked = ask_causes and settings.causes is None
+    study = study_residuals(at, solution.x, beside=beside, ask_causes=asked) if studied else None
+    if beside is not None:
+        solution = replace(solution, x=beside.x)
     if study is not None and study.found is not None:
         offsets, settings = settings.phase_offsets, replace(settings, noise=study.found)
         before = dict(zip((*problem.space.names, *problem.space.nuisance), solution.x.tolist(), strict=True))
@@ -182,7 +193,17 @@ def judged(
         begin = np.array([before.get(name, 0.0) for name in (*problem.space.names, *problem.space.nuisance)])
         again = solve(problem, begin, Options(max_iterations=settings.max_iterations, method=settings.method))
         solution = replace(again, n_evaluations=solution.n_evaluations + again.n_evaluations)
-    return judge(problem, experiments, settings, start, solution, notes, study)
+        beside = _beside(problem, solution, settings)
+    if beside is not None:
+        problem, solution = beside.problem, replace(solution, x=beside.x)
+    return judge(problem, experiments, settings, start, solution, notes, study, beside)
+
+
+def _beside(problem: Problem, solution: Solution, settings: FitSettings) -> JointSearch | None:
+    """The fitted values solved with causes, where these were asked for and the search found an optimum."""
+    if settings.causes is None or not (solution.success or solution.status is Status.SINGULAR):
+        return None
+    return search(problem, solution.x, settings.causes)
 
 
 def closed_form(

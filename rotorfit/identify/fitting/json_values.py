@@ -28,6 +28,10 @@ _HOMES = (
     "rotorfit.identify.fitting.noise.residual_study",
     "rotorfit.estimators.inference.identifiability",
     "rotorfit.estimators.inference.smooth_causes",
+    "rotorfit.estimators.inference.causes",
+    "rotorfit.estimators.inference.joint_errors",
+    "rotorfit.identify.fitting.causes.solution",
+    "rotorfit.models.motion.neglected_terms",
 )
 """Modules whose records a file may name; nothing else is ever imported or called for a file."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -15,12 +16,14 @@ from rotorfit.estimators.blocks.correlated import freedom_of
 from rotorfit.estimators.blocks.shaft_lines import LineResponses
 from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.inference.identifiability import Identifiability, along_valley, diagnose
+from rotorfit.estimators.inference.joint_errors import JointErrors
 from rotorfit.estimators.minimisation.least_squares import Solution, Status
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.problem import Problem, robust_weights
 from rotorfit.estimators.starting.closed_form import ClosedForm
 from rotorfit.estimators.starting.start_points import Start
 from rotorfit.identify.fitting.assumptions.calibration import NUISANCE_KINDS
+from rotorfit.identify.fitting.causes.solution import JointSearch, SolvedCauses
 from rotorfit.identify.fitting.noise.error_bars import shares_of_possible_effects, with_scatter, with_shares
 from rotorfit.identify.fitting.noise.record import is_run_effect
 from rotorfit.identify.fitting.noise.residual_study import MODEL_LIMITED_REDCHI, ResidualStudy, is_misfit
@@ -48,17 +51,25 @@ def judge(
     solved: Solution | ClosedForm,
     notes: tuple[str, ...] = (),
     noise: ResidualStudy | None = None,
+    beside: JointSearch | None = None,
 ) -> FitResult:
-    """The result of a solved problem, or of a closed form."""
+    """The result of a solved problem, ``beside`` causes that were solved with it, or of a closed form."""
     x = np.concatenate([solved.x, np.zeros(problem.space.size - solved.x.size)])
     residuals, jacobian = problem.jacobian(x)
     goodness = _goodness(problem, settings, x, residuals)
     redchi, nfree = goodness["redchi"], goodness["nfree"]
     estimate = solved if isinstance(solved, ClosedForm) else None
-    scattered, covar, degrees, verdict, noise = _standard_errors(
-        problem, settings, x, residuals, jacobian, redchi, nfree, estimate, noise
+    scattered, covar, degrees, verdict, noise, errors = _standard_errors(
+        problem, settings, x, residuals, jacobian, redchi, nfree, estimate, noise, beside
     )
-    params = _parameters(problem.space, x, start.x, scattered, covar, degrees, verdict.unresolved)
+    causes = None
+    if beside is not None and errors is not None:
+        plain = beside.plain_square * covariance.per_freedom(problem.loss, nfree)
+        causes = SolvedCauses(
+            causes=beside.causes, errors=errors, shift=beside.shift, plain=beside.plain, plain_redchi=plain
+        )
+    settings = replace(settings, solved=causes)
+    params = _parameters(problem.space, x, start.x, scattered, covar, degrees, verdict.unresolved, causes)
     warnings = [*notes, *fit_warnings(problem, x, redchi, params, verdict, bool(settings.noise_scale), noise)]
     success, method, message, evaluations = True, "closed form", "closed form, no iteration", 0
     if isinstance(solved, Solution):
@@ -172,7 +183,8 @@ def _standard_errors(
     nfree: int,
     estimate: ClosedForm | None,
     noise: ResidualStudy | None,
-) -> tuple[Float, Float, tuple[float, ...], Identifiability, ResidualStudy | None]:
+    beside: JointSearch | None,
+) -> tuple[Float, Float, tuple[float, ...], Identifiability, ResidualStudy | None, JointErrors | None]:
     """Covariance of an estimate by the noise alone, shape ``(p, p)``, and widened where the model or the residuals ask
     for it; degrees of freedom of each entry's error, what the data determine, and the study with its share in it."""
     space = problem.space
@@ -180,6 +192,7 @@ def _standard_errors(
     names, base = (*space.names, *space.nuisance), (*space.base, *space.nuisance)
     scales = covariance.parameter_scales(problem, x)
     scattered, verdict = diagnose(space.model, names, base, x, root, scales)
+    inverse = scattered
     if sandwich is not None:
         weighing = covariance.weighing_error(problem, jacobian, scattered)
         scattered = scattered @ sandwich @ scattered + weighing
@@ -200,8 +213,14 @@ def _standard_errors(
         noise = with_shares(noise, settings, problem, x, covar, possible)
         covar = np.sum([covar, *possible], axis=0)
     freedom = min(known, float(nfree)) if widening > 1 and np.isfinite(known) else known
+    errors = None
+    if beside is not None:
+        errors = beside.errors(inverse, widening)
+        covar = covar + errors.covariance
+        if noise is not None:
+            noise = replace(noise, shares=(*noise.shares, errors.covariance), freedom=(*noise.freedom, math.inf))
     degrees = (freedom,) * space.size if noise is None else noise.own_degrees()
-    return scattered, covar, degrees, verdict, noise
+    return scattered, covar, degrees, verdict, noise, errors
 
 
 def _parameters(
@@ -212,6 +231,7 @@ def _parameters(
     covar: Float,
     degrees: Sequence[float],
     unresolved: Sequence[str],
+    solved: SolvedCauses | None,
 ) -> dict[str, FittedParameter]:
     """Parameters by name, fitted and known, in the model's order."""
     # With priors or tight noise a variance may come out as -0.
@@ -230,6 +250,7 @@ def _parameters(
             value=values[i],
             stderr=wide[i] if resolved else float("inf"),
             stderr_noise=error[i] if resolved else float("inf"),
+            plain=values[i] if solved is None else float(solved.plain[i]),
             init_value=first[i],
             unit=unit,
             meaning=meaning,

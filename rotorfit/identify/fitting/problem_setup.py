@@ -18,6 +18,7 @@ from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace, pa
 from rotorfit.estimators.misfit.priors import CentredNormal, Prior, within_support
 from rotorfit.estimators.misfit.problem import LOSSES, Problem
 from rotorfit.identify.fitting.assumptions.calibration import nuisance_entries
+from rotorfit.identify.fitting.causes.solution import shifted
 from rotorfit.identify.fitting.noise.error_bars import with_noise, without_noise
 from rotorfit.identify.fitting.settings import FitSettings, PhaseOffsets
 from rotorfit.identify.observing.baseline import with_baseline
@@ -83,6 +84,8 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
     problem = with_noise_scale(
         Problem(space=space, blocks=blocks, loss=settings.loss, priors=priors, factors=factors), settings.noise_scale
     )
+    if settings.solved is not None:
+        problem = shifted(problem, settings.solved.shift)
     if settings.noise is not None:
         problem = with_noise(problem, settings.noise)
     if space.size > problem.n_data:
@@ -172,6 +175,8 @@ def with_noise_of_data(problem: Problem, settings: FitSettings, x: Float) -> tup
     noise = settings.noise
     given = with_noise_scale(problem if noise is None else without_noise(problem, noise), settings.noise_scale, -1)
     count = given.space.size
+    if settings.causes is not None:  # solved with the values that the fit ended with
+        return given, x[:count]
     return given, noise.before if noise is not None and noise.before.size == count else x[:count]
 
 

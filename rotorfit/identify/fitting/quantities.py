@@ -14,9 +14,13 @@ from typing import TYPE_CHECKING, Protocol, Self
 from rotorfit.base.digits import plus_minus, two_digits
 from rotorfit.base.significance import CHANCE_ERRORS, quantile
 from rotorfit.base.units import si_factor
+from rotorfit.estimators.inference.joint_errors import Reach
 
 THRESHOLD = "threshold_speed"
 """Name of the threshold speed where a parameter could stand."""
+
+CAUSE = "cause "
+"""Before the name of a cause, where it stands beside names of parameters."""
 
 _NEWTON = {"kg": 1, "m": 1, "s": -2}
 _SHOWN = ({"N": 1, "m": -1}, {"N": 1}, {"N": 1, "s": 1, "m": -1}, {"N": 1, "m": 1})
@@ -29,11 +33,40 @@ def is_left_open(value: float, error: float, systematic: float) -> bool:
     return CHANCE_ERRORS * systematic > abs(value) and systematic > error
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ErrorBar:
+    """Standard error of a result, its shares, which add up as squares, and how far its interval reaches."""
+
+    noise: float  # if every cause were known
+    bounded: float  # by causes that had to be found from the data
+    on_trust: Mapping[str, float]  # by the size that each cause is given before the data, by name, signed as its slope
+    reach: Reach
+    freedom: float  # degrees of freedom
+
+    @property
+    def trust(self) -> float:
+        """What rests on sizes that causes are given before the data."""
+        return math.hypot(*self.on_trust.values())
+
+    @property
+    def stderr(self) -> float:
+        """The whole."""
+        return math.hypot(self.noise, self.bounded, self.trust)
+
+    @property
+    def largest_on_trust(self) -> str:
+        """Name of the cause that most rests on."""
+        return max(self.on_trust, key=lambda name: abs(self.on_trust[name]), default="")
+
+
 class Source(Protocol):
     """A result that knows how its parameters vary together, and what they rest on."""
 
     def quantity(self, value: float, slopes: Mapping[str, float], unit: str) -> Quantity:
         """A quantity with its derivatives by the parameters, by name."""
+
+    def error_of(self, slopes: Mapping[str, float]) -> ErrorBar | None:
+        """The error of a result by its slopes, share by share; None where no causes were solved."""
 
     def systematic(self, name: str) -> float:
         """Standard uncertainty of a parameter by what the model leaves out or takes as known."""
@@ -142,11 +175,24 @@ class Quantity(Number):
         """
         if not 0 < level < 1:
             raise ValueError(f"level is {level!r}; an interval has a probability between 0 and 1")
+        bar = self.error
+        if bar is not None and math.isfinite(self.stderr):
+            reach = quantile(level, self.freedom)
+            factor = self.stderr / bar.stderr if bar.stderr else 1.0  # to the unit of the quantity
+            if statistical:
+                return self.value - reach * bar.noise * factor, self.value + reach * bar.noise * factor
+            below, above = bar.reach.ends(reach)
+            return self.value - below * factor, self.value + above * factor
         wide, freedom = self.stderr if statistical else math.hypot(self.stderr, self.systematic), self.freedom
         if wide > self.stderr > 0:
             freedom *= (wide / self.stderr) ** 4  # Satterthwaite: the systematic share is taken as known
         half = wide * quantile(level, freedom)
         return self.value - half, self.value + half
+
+    @property
+    def error(self) -> ErrorBar | None:
+        """The error share by share, SI units; None without causes or for a number on its own."""
+        return None if self.source is None else self.source.error_of(self.slopes)
 
     def to(self, unit: str) -> Quantity:
         """The quantity in another unit of frequency: rpm, Hz, cpm or rad/s; 1/s is rad/s.
@@ -197,6 +243,7 @@ class FittedParameter(Number):
         meaning: a few words.
         min, max: bounds.
         vary: whether it was fitted.
+        plain: value without causes.
         resolved: whether the data determine it.
         at_bound: the estimate rests on a bound, so its error bar is not symmetric.
         freedom: degrees of freedom of ``stderr``, few where it rests on differences between few runs.
@@ -213,6 +260,7 @@ class FittedParameter(Number):
     min: float
     max: float
     vary: bool
+    plain: float = math.nan
     resolved: bool = True
     at_bound: bool = False
     freedom: float = math.inf
@@ -222,6 +270,26 @@ class FittedParameter(Number):
     def _quantity(self) -> Quantity:
         alone = (self.value, self.stderr, self.unit, self.freedom, self.systematic)
         return Quantity(*alone, source=self.fit, slopes={self.name: 1.0})
+
+    @property
+    def error(self) -> ErrorBar | None:
+        """The error share by share; None where no causes were solved, and for known parameters."""
+        return self._quantity.error if self.vary else None
+
+    @property
+    def noise(self) -> float:
+        """Share of ``stderr`` by the noise: the error if every cause were known."""
+        return self.stderr if self.error is None else self.error.noise
+
+    @property
+    def bounded(self) -> float:
+        """Share of ``stderr`` by causes that had to be found from the data."""
+        return 0.0 if self.error is None else self.error.bounded
+
+    @property
+    def trust(self) -> float:
+        """Share of ``stderr`` that rests on sizes that causes are given before the data."""
+        return 0.0 if self.error is None else self.error.trust
 
     @property
     def systematic(self) -> float:

@@ -24,8 +24,9 @@ from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.sweep_noise import READINGS_OF_NOISE
 from rotorfit.identify.fitting.assumptions.assumption_table import THRESHOLD_COLUMN
+from rotorfit.identify.fitting.causes.onset import onset_slopes
 from rotorfit.identify.fitting.noise.residual_study import ResidualStudy, is_misfit, largest_redchi
-from rotorfit.identify.fitting.quantities import THRESHOLD, FittedParameter, Quantity, ResponseQuality
+from rotorfit.identify.fitting.quantities import CAUSE, THRESHOLD, ErrorBar, FittedParameter, Quantity, ResponseQuality
 from rotorfit.identify.fitting.settings import (
     FitSettings,
     JudgeKeywords,
@@ -271,7 +272,8 @@ class FitResult:
         """:meth:`assumptions`, empty where these are not known: no convergence, parameters per attribute."""
         from rotorfit.identify.fitting.assumptions.assumption_table import Assumptions
 
-        return self.assumptions() if self.success and len(self.thetas) == 1 else Assumptions(())
+        old = self.success and len(self.thetas) == 1 and self.settings.causes is None
+        return self.assumptions() if old else Assumptions(())
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -320,20 +322,61 @@ class FitResult:
         """
         return self.propagate_in(self.group(at), value, gradient, unit)
 
-    def propagate_in(self, group: int, value: float, gradient: Float, unit: str) -> Quantity:
-        """As :meth:`propagate` with ``value``, ``gradient`` and ``unit``, for the ``group`` of that number, from 0."""
-        return self._with_error(value, self.problem.space.pull_back(np.asarray(gradient), group), unit)
+    def propagate_in(
+        self, group: int, value: float, gradient: Float, unit: str, by_causes: Float | None = None
+    ) -> Quantity:
+        """As :meth:`propagate` with ``value``, ``gradient`` and ``unit``, for the ``group`` of that number, from 0.
 
-    def _with_error(self, value: float, slope: Float, unit: str) -> Quantity:
-        """A quantity with its derivatives by the fitted vector."""
+        ``by_causes`` are derivatives by the sizes of causes, the parameters held.
+        """
+        return self._with_error(value, self.problem.space.pull_back(np.asarray(gradient), group), unit, by_causes)
+
+    def _with_error(self, value: float, slope: Float, unit: str, by_causes: Float | None = None) -> Quantity:
+        """A quantity with its derivatives by the fitted vector, and by the causes beside it."""
         slopes = dict(zip(self.var_names, slope.tolist(), strict=True))
+        solved = self.settings.solved
+        if solved is not None and by_causes is not None:
+            slopes |= dict(zip((f"{CAUSE}{c.name}" for c in solved.causes), by_causes.tolist(), strict=True))
         made = Quantity(value, math.inf, unit, source=self, slopes=slopes)
         if self.identifiability.leaves_open(np.abs(value), slope[None]).any():
             return made
         if not self.success:
             return replace(made, stderr=math.nan)
         freedom = self.freedom if self.noise is None else self.noise.degrees(slope)
-        return replace(made, stderr=float(standard_error(slope, self.covar)), freedom=freedom)
+        bar = self.error_of(slopes)
+        stderr = float(standard_error(slope, self.covar)) if bar is None else bar.stderr
+        return replace(made, stderr=stderr, freedom=freedom)
+
+    def error_of(self, slopes: Mapping[str, float]) -> ErrorBar | None:
+        """The error of a result by its derivatives, share by share: all that is printed with an error comes from here.
+
+        Args:
+            slopes: by names of fitted values, and of causes with ``cause `` before them.
+
+        Returns:
+            ``None`` where no causes were solved.
+        """
+        solved = self.settings.solved
+        if solved is None:
+            return None
+        slope = np.array([slopes.get(name, 0.0) for name in self.var_names])
+        by_causes = np.array([slopes.get(f"{CAUSE}{cause.name}", 0.0) for cause in solved.causes])
+        if THRESHOLD_COLUMN in slopes and (onset := self.onset(0)) is not None:
+            times = slopes[THRESHOLD_COLUMN]
+            slope = slope + times * self.problem.space.pull_back(onset.gradient, 0)
+            by_causes = by_causes + times * onset_slopes(self.model, self.theta(), onset, solved)
+        errors = solved.errors
+        along = errors.along(slope, by_causes)
+        noise = math.sqrt(max(float(slope @ (self.covar - errors.covariance) @ slope), 0.0))
+        shares = errors.shares(noise, along)
+        names = (cause.name for cause in solved.causes)
+        return ErrorBar(
+            noise=noise,
+            bounded=shares.bounded,
+            on_trust=dict(zip(names, shares.trust.tolist(), strict=True)),
+            reach=errors.reach(noise, along),
+            freedom=self.freedom if self.noise is None else self.noise.degrees(slope),
+        )
 
     def quantity(self, value: float, slopes: Mapping[str, float], unit: str) -> Quantity:
         """A quantity made of parameters and the threshold speed, with its error and its systematic share.

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress
     from rotorfit.estimators.inference.log_posterior import Noise
     from rotorfit.identify.fitting.assumptions.calibration import Calibration
+    from rotorfit.identify.fitting.causes.solution import SolvedCauses
     from rotorfit.identify.fitting.noise.record import FoundNoise
     from rotorfit.lab.data.experiments import Experiment, PerturbationTest
 
@@ -75,6 +76,12 @@ class FitOptions:
         "mass of a floating stator, kg, which moves with the fluid's motion (instead of a dry run, --baseline)",
         "KG",
     )
+    causes: Mapping[str, float] | None = option(
+        None,
+        "size (standard uncertainty) of a cause beside the model, which is solved with the fitted values: gain=0.005",
+        "NAME=SIZE",
+        "--cause",
+    )
     max_iterations: int = option(200, "limit on the iterations of the search; 200 unless given", "N")
     assumptions: Mapping[str, float] = option(
         {},
@@ -93,11 +100,12 @@ class FitSettings(FitOptions):
     baseline: PerturbationTest | None = None  # dry run, whose dynamic stiffness acts beside the model's
     calibration: Calibration | None = None  # uncertainties that enter as nuisance entries
     noise: FoundNoise | None = None
+    solved: SolvedCauses | None = None
 
     @property
     def asked(self) -> FitSettings:
         """Settings for another model of the same data: without choices of the fit, and assumptions."""
-        return replace(self, noise_scale={}, onsets=(), noise=None, assumptions={})
+        return replace(self, noise_scale={}, onsets=(), noise=None, assumptions={}, solved=None)
 
     @property
     def levels(self) -> Mapping[str, float]:
@@ -127,6 +135,7 @@ class FitKeywords(TypedDict, total=False):
     stator_mass_kg: float | None
     calibration: Calibration | None
     assumptions: Mapping[str, float] | None
+    causes: Mapping[str, float] | None
     method: Method
     max_iterations: int
 

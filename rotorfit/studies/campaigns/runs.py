@@ -114,6 +114,9 @@ class RunFit:
         error = float(standard_error(slope, self.covar))
         return Quantity(value=value, stderr=error, unit=unit, source=self, slopes=dict(slopes))
 
+    def error_of(self, slopes: Mapping[str, float]) -> None:
+        """Runs of a campaign are fitted without causes."""
+
     def systematic(self, name: str) -> float:
         """Zero: the systematic share is known of the full result, :meth:`Campaign.fit`."""
         return 0.0

@@ -18,6 +18,7 @@ from rotorfit.estimators.inference.covariance import prior_curvature
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.residuals import Memory, Shape, fit_probes, likelihood, memory
 from rotorfit.estimators.noise.run_effects import LEAST_RESIDUAL_SHARE, MixedModel, MixedSolution, Residuals
+from rotorfit.identify.fitting.causes.solution import JointSearch
 
 _FLUID = ("K0", "D", "lam", "lam_D")
 
@@ -30,9 +31,10 @@ class LinearisedFit:
     """A fit about its optimum, all blocks in one row, whitened by the noise of the data. Offsets of the phase reference
     that the fit has as entries are effects of runs here, and no fitted values."""
 
-    r: ComplexArray  # residuals
+    r: ComplexArray  # residuals, without causes
     J: ComplexArray  # their derivatives by the fitted values, shape ``(R, p)``
     prior: Float  # curvature of the fitted values' priors
+    solved: ComplexArray  # residuals at the optimum, causes included
     predicted: ComplexArray  # in units of the readings
     sigma: Float  # noise, in units of the readings
     rate: Float  # by which they are multiplied in the quantity that their sensors measured, whose noise is even
@@ -68,8 +70,8 @@ class LinearisedFit:
         return self.r / scale[:, 0], self.J / scale, self.Z / scale
 
 
-def linearise(problem: Problem, x: Float) -> LinearisedFit | None:
-    """The fit about its optimum; nothing where the data are no sweeps."""
+def linearise(problem: Problem, x: Float, beside: JointSearch | None = None) -> LinearisedFit | None:
+    """The fit about its optimum, with causes solved beside its values; nothing where the data are no sweeps."""
     blocks, channels = problem.responses, channels_of(problem)
     if len(blocks) < len(problem.blocks) or not all(block.frequency.any() for block in blocks) or not any(channels):
         return None
@@ -95,10 +97,15 @@ def linearise(problem: Problem, x: Float) -> LinearisedFit | None:
         r[own] -= columns["run_phase"][own] * x[entry]
     kept = np.setdiff1d(np.arange(x.size), list(offsets)).astype(int)
     kinds = tuple(columns)
+    J, prior, solved = J[:, kept], prior_curvature(problem, x)[kept], r
+    if beside is not None:  # sizes of causes are values too, of which something is known beforehand
+        J, prior = np.hstack([J, beside.columns]), np.concatenate([prior, beside.before**-2])
+        r = r - beside.columns @ beside.sizes
     return LinearisedFit(
         r=r,
-        J=J[:, kept],
-        prior=prior_curvature(problem, x)[kept],
+        J=J,
+        prior=prior,
+        solved=solved,
         predicted=predicted,
         sigma=sigma,
         rate=np.concatenate([block.rate for block in blocks]),

@@ -19,6 +19,7 @@ from rotorfit.estimators.inference.smooth_causes import Cause
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.residuals import Memory, Shape
 from rotorfit.estimators.noise.run_effects import MixedModel, odd_run, select_effects, shared_variances
+from rotorfit.identify.fitting.causes.solution import JointSearch
 from rotorfit.identify.fitting.noise.causes import fixed_causes, with_sizes
 from rotorfit.identify.fitting.noise.noise_fit import (
     RESPONSE,
@@ -38,17 +39,20 @@ NOISE_LIKE_REDCHI = 1.5
 """redchi up to which residuals have the size of the noise: the 95 % point of a variance estimated from ten lines."""
 
 
-def study_residuals(problem: Problem, x: Float, *, ask_causes: bool = True) -> ResidualStudy | None:
-    """Tell noise, differences of runs and misfit apart at the optimum of a linear loss; nothing for other data."""
-    data = linearise(problem, x)
+def study_residuals(
+    problem: Problem, x: Float, *, beside: JointSearch | None = None, ask_causes: bool = True
+) -> ResidualStudy | None:
+    """Tell noise, differences of runs and misfit apart at the optimum of a linear loss, ``beside`` causes that were
+    solved with it; nothing for other data."""
+    data = linearise(problem, x if beside is None else beside.x, beside)
     if data is None:
         return None
-    causes, beside = fixed_causes(problem, x, data) if ask_causes else ((), data)
-    study = _study(problem, x, beside, causes)
+    causes, with_them = fixed_causes(problem, x, data) if ask_causes else ((), data)
+    study = _study(problem, x, with_them, causes)
     # Share of redchi that a fixed cause may leave where that is a misfit still: large causes are not linear. Chosen.
     largest_rest = 0.1
     missed = bool(causes) and study.verdict is NoiseVerdict.MISFIT
-    little = missed and beside.alone.redchi >= largest_rest * data.alone.redchi
+    little = missed and with_them.alone.redchi >= largest_rest * data.alone.redchi
     return _study(problem, x, data, ()) if little else study
 
 
@@ -61,7 +65,7 @@ def _study(problem: Problem, x: Float, data: LinearisedFit, causes: tuple[Cause,
     verdict = _verdict(fit, remembered, as_found=data.sigma_given or explains(fit, shapes))
     # A misfit may be noise of overlapping filters if its memory fades: that of smooth misfits does not.
     filtered = verdict is NoiseVerdict.MISFIT and remembered.fades
-    odd = odd_run(data.r, data.J, data.prior, data.rows, data.sweeps)
+    odd = odd_run(data.solved, data.J, data.prior, data.rows, data.sweeps)
     own_shape = np.full(sigma.size, np.sqrt(max(1.0, fit.redchi))) if data.sigma_given else sigma / data.sigma
     if verdict is not NoiseVerdict.SHAPED:
         # Readings that effects of runs share are weighed by redchi, which no longer widens the covariance.
@@ -209,7 +213,7 @@ def _misses(problem: Problem, data: LinearisedFit) -> tuple[Miss, ...]:
     miss_lines = 5  # lines over which residuals are averaged to see where the model misses, and places that are named
     for sweep in data.sweeps:
         width = min(miss_lines, sweep.size)
-        mean = np.abs(np.convolve(data.r[sweep], np.full(width, 1 / width), mode="valid"))
+        mean = np.abs(np.convolve(data.solved[sweep], np.full(width, 1 / width), mode="valid"))
         at = int(np.argmax(mean))
         low, high = sorted(np.abs(w[sweep[[at, at + width - 1]]]).tolist())
         found.append((float(mean[at]), Miss(response=str(labels[sweep[0]]), low=low, high=high)))

@@ -1,0 +1,461 @@
+"""Causes that a rig may have beside its model, each a column of changes of the predictions by a unit of its size.
+
+A cause acts on the readings, on the rotor, or on values of the model. What it does is its own answer: the change of the
+predictions, the stiffness that it adds, the values that it changes, the term that it is at the onset.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from rotorfit.base.array_types import Bool, ComplexArray, Float
+from rotorfit.estimators.blocks.caused import CausedResponses
+from rotorfit.estimators.blocks.correlated import CorrelatedResponses, whiten
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.observations import Block, Responses
+from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse, probe_factors
+from rotorfit.estimators.blocks.small_motion import FreeVibrations, OffCentreResponses
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.models import RotorModel
+from rotorfit.models.motion.neglected_terms import Entries, LeftOut
+
+_STEP = 1e-4
+"""Share for central differences: truncated at 1e-8, rounded at 1e-12."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Motion:
+    """Predictions of a block at parameter vectors, and what changes of them are made of, each worked out once."""
+
+    block: Block
+    theta: Float  # shape ``(G, P)``
+
+    @cached_property
+    def base(self) -> Responses | None:
+        """Its responses to forces; nothing for other blocks."""
+        return self.block.base if isinstance(self.block, CausedResponses) else responses_of(self.block)
+
+    @cached_property
+    def linear(self) -> Responses | None:
+        """Responses of a linear rotor to circular forces, with what acts beside it; nothing for other blocks."""
+        block = self.block.base if isinstance(self.block, CorrelatedResponses) else self.block
+        base = block.own if isinstance(block, CausedResponses) else block
+        if not isinstance(base, Responses) or base.imposed or not base.frequency.any():
+            return None
+        return base
+
+    @cached_property
+    def values(self) -> Float:
+        """Parameter vectors of the groups of :attr:`linear`."""
+        return self.block.values(self.theta) if isinstance(self.block, CausedResponses) else self.theta
+
+    @cached_property
+    def receptance(self) -> ComplexArray:
+        """Of :attr:`linear`, shape ``(L, n, n)``."""
+        base = self.linear
+        return np.zeros(0, dtype=complex) if base is None else inverse(dynamic_stiffness(base, self.values))
+
+    @cached_property
+    def planes(self) -> ComplexArray:
+        """Motion of all coordinates, shape ``(L, n)``."""
+        force = self.linear.force if self.linear is not None else np.zeros((0, 0))
+        return np.asarray(np.einsum("lij,lj->li", self.receptance, force))
+
+    @cached_property
+    def gain(self) -> ComplexArray:
+        """Factor of each reading by its probe and by causes, shape ``(R,)``."""
+        if self.linear is None:
+            return np.ones(self.block.measured.size, dtype=complex)
+        factor = probe_factors(self.linear, self.values)
+        return factor * self.block.gain if isinstance(self.block, CausedResponses) else factor
+
+    @cached_property
+    def predicted(self) -> ComplexArray:
+        """Predictions, shape ``(R,)``."""
+        return self.block.predict(self.theta)
+
+    @cached_property
+    def by_values(self) -> ComplexArray:
+        """Derivatives of the predictions by the values of each reading's own line, shape ``(R, P)``."""
+        if isinstance(self.block, CausedResponses):
+            return self.block.own.predict_jacobian(self.values)[1] * self.block.gain[:, None]
+        return self.block.predict_jacobian(self.theta)[1]
+
+
+class Act:
+    """What a cause acts on; each kind answers what of it applies."""
+
+    def change(self, motion: Motion) -> ComplexArray:
+        """Change of the predictions by a unit of the size, shape ``(R,)``."""
+        raise NotImplementedError
+
+    def stiffness(self, base: Responses, theta: Float) -> ComplexArray | None:
+        """Dynamic stiffness by a unit of the size, shape ``(L, n, n)``; nothing where it does not act on the rotor."""
+        return None
+
+    def changed(self, base: Responses) -> tuple[Float, Float] | None:
+        """Share and addition by a unit of the size of each value of each line, ``(L, P)``; nothing for other kinds."""
+        return None
+
+    def of_readings(self, motion: Motion) -> ComplexArray | None:
+        """Change of the logarithm of each reading, shape ``(R,)``; nothing for other kinds."""
+        return None
+
+    def values_at(self, model: RotorModel, theta: Float, speed: float) -> Float:
+        """Change of a parameter vector at a rotative speed by a unit of the size, shape ``(P,)``."""
+        return np.zeros(theta.size)
+
+    def term(self, model: RotorModel, theta: Float, whirl: float) -> LeftOut | None:
+        """Term of the equation of motion that a unit of it is for free motion at a whirl frequency; else nothing."""
+        return None
+
+
+# ---- readings ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class OfReadings(Act):
+    """Readings that are off by a factor."""
+
+    how: str  # "gain", "phase", "turned", "delay", "high-pass", "curve"
+    plane: str = ""  # of the probes, all where it is empty
+
+    def of_readings(self, motion: Motion) -> ComplexArray | None:
+        """See :class:`Act`."""
+        base = motion.base
+        if base is None:
+            return None
+        w = base.frequency[base.line]
+        turning, s = w != 0, base.s[base.line]
+        match self.how:
+            case "gain":
+                factor = np.ones(w.size, dtype=complex)
+            case "phase":
+                factor = np.where(turning, base.by_phase, 0.0)
+            case "turned":
+                factor = np.full(w.size, 1j)
+            case "delay":
+                factor = -s
+            case "high-pass":
+                factor = np.where(turning, -1 / np.where(turning, s, 1.0), 0.0)
+            case _:  # the curve of a probe
+                size = np.abs(motion.predicted)
+                factor = (size / max(float(size[self._own(base)].max(initial=0.0)), 1e-300)) ** 2 + 0j
+        return np.where(self._own(base), factor, 0.0)
+
+    def _own(self, base: Responses) -> Bool:
+        planes = np.array([c.plane for c in base.model.coordinates])
+        return np.asarray(planes[base.coordinate] == self.plane if self.plane else np.ones(base.line.size, dtype=bool))
+
+    def change(self, motion: Motion) -> ComplexArray:
+        """See :class:`Act`."""
+        factor = self.of_readings(motion)
+        if factor is None:
+            return np.zeros(motion.block.measured.size, dtype=complex)
+        gain = motion.block.gain if isinstance(motion.block, CausedResponses) else 1.0
+        return np.asarray(motion.predicted / gain * factor)
+
+
+# ---- the rotor -----------------------------------------------------------------------------------------------------
+
+
+class OfRotor(Act):
+    """What adds to the dynamic stiffness at some entries."""
+
+    entries: Entries
+
+    def factor(self, base: Responses, theta: Float) -> ComplexArray:
+        """What the entries are multiplied by along the lines, shape ``(L,)``."""
+        raise NotImplementedError
+
+    def stiffness(self, base: Responses, theta: Float) -> ComplexArray | None:
+        """See :class:`Act`."""
+        size = len(base.model.coordinates)
+        at = np.zeros((size, size))
+        for i, j, weight in self.entries:
+            at[i, j] += weight
+        return np.asarray(self.factor(base, theta)[:, None, None] * at)
+
+    def change(self, motion: Motion) -> ComplexArray:
+        """See :class:`Act`."""
+        base = motion.linear
+        if base is None:
+            return np.zeros(motion.block.measured.size, dtype=complex)
+        factor, z = self.factor(base, motion.values), motion.planes
+        pressed = np.zeros_like(z)
+        for i, j, weight in self.entries:
+            pressed[:, i] += weight * factor * z[:, j]
+        moved = -np.einsum("lij,lj->li", motion.receptance, pressed)
+        return np.asarray(moved[base.line, base.coordinate] * motion.gain)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Term(OfRotor):
+    """A polynomial term of frequency and speed that the model leaves out."""
+
+    left_out: LeftOut
+
+    @property
+    def entries(self) -> Entries:  # type: ignore[override]
+        """See :class:`OfRotor`."""
+        return self.left_out.entries
+
+    def factor(self, base: Responses, theta: Float) -> ComplexArray:
+        """See :class:`OfRotor`."""
+        return self.left_out.factor(base.s, base.speed)
+
+    def term(self, model: RotorModel, theta: Float, whirl: float) -> LeftOut | None:
+        """See :class:`Act`."""
+        return self.left_out
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hysteresis(OfRotor):
+    """Damping that does not grow with frequency."""
+
+    entries: Entries
+
+    def factor(self, base: Responses, theta: Float) -> ComplexArray:
+        """See :class:`OfRotor`."""
+        return np.asarray(1j * np.sign(base.s.imag))
+
+    def term(self, model: RotorModel, theta: Float, whirl: float) -> LeftOut | None:
+        """See :class:`Act`."""
+        return LeftOut("", "", "", self.entries, ((1j * np.sign(whirl), 0, 0),))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lag(OfRotor):
+    """A damping force of the fluid that lags: ``D (w - lam Om)^2`` by its time."""
+
+    entries: Entries
+
+    def factor(self, base: Responses, theta: Float) -> ComplexArray:
+        """See :class:`OfRotor`."""
+        D, lam = _fluid(base.model, theta[base.group])
+        return np.asarray(D * (base.s.imag - lam * base.speed) ** 2, dtype=complex)
+
+    def term(self, model: RotorModel, theta: Float, whirl: float) -> LeftOut | None:
+        """See :class:`Act`."""
+        D, lam = (float(value) for value in _fluid(model, theta))
+        return LeftOut("", "", "", self.entries, ((-D, 2, 0), (2j * D * lam, 1, 1), (D * lam**2, 0, 2)))
+
+
+def _fluid(model: RotorModel, theta: Float) -> tuple[Float, Float]:
+    """D and the ratio at which it turns, of parameter vectors."""
+    names = model.parameter_names
+    lam = names.index("lam_D" if "lam_D" in names else "lam")
+    return theta[..., names.index("D")], theta[..., lam]
+
+
+# ---- values --------------------------------------------------------------------------------------------------------
+
+
+class OfValues(Act):
+    """Values of the model that are not what it takes them for."""
+
+    def change(self, motion: Motion) -> ComplexArray:
+        """See :class:`Act`."""
+        base = motion.linear
+        found = self.changed(base) if base is not None else None
+        if base is None or found is None:
+            return np.zeros(motion.block.measured.size, dtype=complex)
+        scaled, added = found
+        block = motion.block
+        own = block.base.group if isinstance(block, CausedResponses) else base.group
+        by_unit = motion.theta[own] * scaled + added
+        return np.asarray(np.sum(motion.by_values * by_unit[base.line], axis=1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Changing(OfValues):
+    """A value of the fluid that changes with the speed, or along a sweep; its size is the share at twice the centre, or
+    from the middle of the sweep to its end."""
+
+    names: tuple[str, ...]  # of the parameters that change together
+    along: str  # "speed" or "sweep"
+    centre: float  # rad/s
+    reach: float  # rad/s
+
+    def _beyond(self, at: Float) -> Float:
+        return np.asarray((np.abs(at) - self.centre) / self.reach)
+
+    def changed(self, base: Responses) -> tuple[Float, Float] | None:
+        """See :class:`Act`."""
+        own = np.array([name in self.names for name in base.model.parameter_names], dtype=float)
+        beyond = self._beyond(base.speed if self.along == "speed" else base.frequency)
+        return beyond[:, None] * own, np.zeros((base.speed.size, own.size))
+
+    def values_at(self, model: RotorModel, theta: Float, speed: float) -> Float:
+        """See :class:`Act`."""
+        if self.along != "speed":
+            return np.zeros(theta.size)
+        own = np.array([name in self.names for name in model.parameter_names])
+        return np.where(own, theta, 0.0) * float(self._beyond(np.array(speed)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Known(OfValues):
+    """A value that was taken as known."""
+
+    name: str
+
+    def changed(self, base: Responses) -> tuple[Float, Float] | None:
+        """See :class:`Act`."""
+        added = np.zeros((base.speed.size, len(base.model.parameter_names)))
+        added[:, base.model.parameter_names.index(self.name)] = 1.0
+        return np.zeros_like(added), added
+
+    def change(self, motion: Motion) -> ComplexArray:
+        """See :class:`Act`; of every kind of test."""
+        model = motion.block.model if motion.base is None else motion.base.model  # type: ignore[attr-defined]
+        return np.asarray(motion.by_values[:, model.parameter_names.index(self.name)])
+
+    def values_at(self, model: RotorModel, theta: Float, speed: float) -> Float:
+        """See :class:`Act`."""
+        return np.array([float(name == self.name) for name in model.parameter_names])
+
+
+# ---- places, labels, the clearance -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class OffPlane(Act):
+    """A probe or a force that is a share of the way towards another plane."""
+
+    what: str  # "probe" or "force"
+    at: int  # coordinate at which it is taken to be
+    towards: int  # coordinate towards which it lies
+
+    def change(self, motion: Motion) -> ComplexArray:
+        """See :class:`Act`."""
+        base = motion.linear
+        if base is None:
+            return np.zeros(motion.block.measured.size, dtype=complex)
+        line, read, z, H = base.line, base.coordinate, motion.planes, motion.receptance
+        if self.what == "probe":
+            moved = np.where(read == self.at, z[line, self.towards] - z[line, self.at], 0.0)
+        else:
+            moved = (base.force[:, self.at, None] * (H[:, :, self.towards] - H[:, :, self.at]))[line, read]
+        return np.asarray(moved * motion.gain)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flexible(Act):
+    """Motion at the force's own plane in step with it, as of modes above the band."""
+
+    at: int
+
+    def change(self, motion: Motion) -> ComplexArray:
+        """See :class:`Act`."""
+        base = motion.linear
+        if base is None:
+            return np.zeros(motion.block.measured.size, dtype=complex)
+        own = np.where(base.coordinate == self.at, base.force[base.line, self.at], 0.0)
+        return np.asarray(own * motion.gain)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedLabel(Act):
+    """Rotative speeds that are all off by one share."""
+
+    def change(self, motion: Motion) -> ComplexArray:
+        """See :class:`Act`."""
+        base = motion.linear
+        if base is None:
+            return np.zeros(motion.block.measured.size, dtype=complex)
+        up, down = (replace(base, speed=base.speed * (1 + way * _STEP)).predict(motion.values) for way in (1, -1))
+        gain = motion.block.gain if isinstance(motion.block, CausedResponses) else 1.0
+        return np.asarray((up - down) / (2 * _STEP) * gain)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OfClearance(Act):
+    """The radial clearance that a law of eccentricity takes as known; its size is a share of it."""
+
+    def change(self, motion: Motion) -> ComplexArray:
+        """See :class:`Act`."""
+        up, down = (_resized(motion.block, 1 + way * _STEP).predict(motion.theta) for way in (1, -1))
+        return np.asarray((up - down) / (2 * _STEP))
+
+
+def _resized(block: Block, factor: float) -> Block:
+    """A block in a bearing of another clearance, positions in metres kept; eccentricities that were given stay."""
+    if not isinstance(block, OrbitResponses | OffCentreResponses | FreeVibrations):
+        return block
+    model = block.model.variant(clearance_um=1e6 * factor * (block.model.clearance or 0.0))
+    eccentricity = block.eccentricity / factor
+    if isinstance(block, OrbitResponses):
+        return replace(block, base=replace(block.base, model=model), eccentricity=eccentricity)
+    if isinstance(block, FreeVibrations):
+        eccentricity = np.where(block.position_read, eccentricity, block.eccentricity)
+    return replace(block, model=model, eccentricity=eccentricity)
+
+
+# ---- causes and problems -------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cause:
+    """Something that the model does not hold and the rig may have."""
+
+    name: str
+    meaning: str  # in words
+    unit: str  # of its size
+    size: float  # standard uncertainty before the data
+    act: Act
+    one_sided: bool = False  # never negative
+    reason: str = ""  # of its size
+    source: str = ""
+
+
+def with_causes(problem: Problem, x: Float, causes: Sequence[Cause], sizes: Float) -> Problem:
+    """The problem with causes of given sizes in its predictions: in full for linear rotors, else to first order."""
+    if not sizes.any():
+        return problem
+    theta = problem.space.theta(x)
+    blocks = tuple(_with_causes(block, theta, causes, sizes) for block in problem.blocks)
+    return replace(problem, blocks=blocks)
+
+
+def _with_causes(block: Block, theta: Float, causes: Sequence[Cause], sizes: Float) -> Block:
+    motion = Motion(block=block, theta=theta)
+    if not isinstance(block, Responses) or motion.linear is None:
+        moved = sum(
+            (size * one.act.change(motion) for one, size in zip(causes, sizes.tolist(), strict=True) if size), 0j
+        )
+        return block.with_measured(block.measured - moved)
+    shape = (block.speed.size, theta.shape[-1])
+    scaled, added, gain = np.zeros(shape), np.zeros(shape), np.ones(block.line.size, dtype=complex)
+    stiffness: ComplexArray | None = None
+    rest: ComplexArray | complex = 0j
+    for one, size in zip(causes, sizes.tolist(), strict=True):
+        if not size:
+            continue
+        more, values, factor = one.act.stiffness(block, theta), one.act.changed(block), one.act.of_readings(motion)
+        if more is not None:
+            stiffness = size * more if stiffness is None else stiffness + size * more
+        elif values is not None:
+            scaled, added = scaled + size * values[0], added + size * values[1]
+        elif factor is not None:
+            gain = gain + size * factor
+        else:
+            rest = rest + size * one.act.change(motion)
+    base = block.with_measured(block.measured - rest)
+    return CausedResponses(base, stiffness=stiffness, scaled=scaled, added=added, gain=gain)
+
+
+def columns(problem: Problem, x: Float, causes: Sequence[Cause]) -> ComplexArray:
+    """Changes of the whitened residuals by a unit of each cause, shape ``(R, k)``."""
+    theta, rows = problem.space.theta(x), []
+    for number, block in enumerate(problem.blocks):
+        motion = Motion(block=block, theta=theta)
+        changes = np.array([one.act.change(motion) for one in causes]).reshape(len(causes), block.measured.size)
+        if problem.factors and problem.factors[number] is not None:
+            changes = changes * np.exp(np.asarray(problem.factors[number]) @ x[len(problem.space.names) :])
+        rows.append(whiten(block, changes).T)
+    return np.concatenate(rows)

@@ -1,0 +1,238 @@
+"""Causes solved together with the fitted values, and what each leaves in the error of a result.
+
+A cause is a column ``b`` beside the Jacobian: the change of the whitened predictions by its size ``c``, of which a
+standard uncertainty ``s`` is known before the data. With the residuals ``r`` at ``c = 0``
+
+    minimise |r + J dx + B c|^2 + sum (c / s)^2 + priors of x.
+
+With the fitted values eliminated, ``c`` has the covariance ``C_c`` and moves them by ``T c``. A result with the slopes
+``g_x`` and ``g_c`` moves by ``h = T' g_x + g_c`` with the causes, and its variance is that of the noise and
+``h' C_c h``: exact, additive, and the same whatever asks for it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from rotorfit.base.array_types import Bool, ComplexArray, Float
+from rotorfit.estimators.noise.run_effects import inverse_of_determined
+
+TOLD = 0.05
+"""Determined share of a cause below which a test of it would be one of round-off and curvature. Chosen."""
+_ON_TRUST = 0.5
+"""Determined share of a cause below which its interval has the shape of what is known before the data. Chosen."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shares:
+    """Standard error of a result by its shares, which add up as squares; ``trust`` cause by cause."""
+
+    noise: float  # if every cause were known
+    bounded: float  # by causes that had to be found from the data
+    trust: Float  # by the size that each cause is given before the data, with the sign of its slope, shape ``(k,)``
+
+    @property
+    def systematic(self) -> float:
+        """The share of all causes."""
+        return math.hypot(self.bounded, float(np.linalg.norm(self.trust)))
+
+    @property
+    def total(self) -> float:
+        """The standard error."""
+        return math.hypot(self.noise, self.systematic)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Reach:
+    """How far the interval of a result reaches below and above its value.
+
+    What rests on a cause that is never negative lengthens the interval to one side only, and to the other as far as the
+    estimate of the cause has room.
+    """
+
+    rest: float  # variance of all else
+    one_sided: Float  # slope by a standard deviation of each cause that is never negative and on trust
+    room: Float  # estimates of these over their standard deviations
+
+    def ends(self, reach: float) -> tuple[float, float]:
+        """Both sides; ``reach``: standard errors on either side of a normal estimate."""
+        plain, room = reach**2 * self.rest, np.minimum(reach, self.room)
+        ahead = np.where(self.one_sided > 0, reach, room) * self.one_sided
+        behind = np.where(self.one_sided > 0, room, reach) * self.one_sided
+        return math.sqrt(plain + float(behind @ behind)), math.sqrt(plain + float(ahead @ ahead))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JointErrors:
+    """Causes as they were solved with the fitted values."""
+
+    size: Float  # standard uncertainty of each before the data, shape ``(k,)``
+    one_sided: Bool  # causes that are never negative
+    free: Float  # most probable size of each whatever its sign
+    covar: Float  # ``C_c``, covariance of the sizes, data and all other causes included, shape ``(k, k)``
+    moves: Float  # ``T``, change of the fitted vector by a unit of each cause, shape ``(p, k)``
+
+    @classmethod
+    def of(
+        cls,
+        r: ComplexArray,
+        J: ComplexArray,
+        B: ComplexArray,
+        *,
+        inverse: Float,
+        size: Float,
+        one_sided: Bool,
+        noise_factor: float = 1.0,
+    ) -> JointErrors:
+        """Solve for causes beside fitted values.
+
+        Args:
+            r: whitened residuals at no cause, shape ``(R,)``, the fitted values at their optimum beside the causes.
+            J, B: derivatives by the fitted vector and by the causes, shapes ``(R, p)`` and ``(R, k)``.
+            inverse: covariance of the fitted vector by the noise alone, at unit noise, priors of the vector included.
+            size: standard uncertainty of each cause before the data.
+            one_sided: causes that are never negative.
+            noise_factor: variance of the residuals over that of the noise.
+        """
+        rows, own = _real(J), _real(B)
+        moves = -inverse @ (rows.T @ own)
+        seen = own + rows @ moves  # what the fitted values do not take up
+        scaled = seen * size
+        gram = scaled.T @ scaled / noise_factor + np.eye(size.size)
+        covar = np.linalg.inv(gram)
+        residual = np.concatenate([r.real, r.imag])
+        free = -size * (covar @ (scaled.T @ residual)) / noise_factor
+        return cls(size=size, one_sided=one_sided, free=free, covar=covar * np.outer(size, size), moves=moves)
+
+    @cached_property
+    def value(self) -> Float:
+        """Most probable size of each cause, none of one sign below zero."""
+        if not (self.one_sided & (self.free < 0)).any():
+            return self.free
+        return nearest_of_one_sign(self.free, self.covar, self.one_sided)
+
+    @cached_property
+    def deviation(self) -> Float:
+        """Standard deviation of each cause after the data."""
+        return np.sqrt(np.diag(self.covar))
+
+    @cached_property
+    def determined(self) -> Float:
+        """Share of what was open of each cause that the data tell: 0 on trust, 1 told by the data."""
+        share = 1 - (self.deviation / self.size) ** 2
+        return np.where(share > 1e-8, share, 0.0)  # below is round-off
+
+    @cached_property
+    def z(self) -> Float:
+        """Score of each cause against none, beside all others; NaN where the data do not tell."""
+        told = self.determined > TOLD
+        power = np.where(told, self.determined, 1.0)
+        return np.where(told, self.value / (self.deviation * np.sqrt(power)), np.nan)
+
+    @cached_property
+    def pull(self) -> Float:
+        """Size over what it scatters by if the size given before the data is right; NaN where the data do not tell."""
+        told = self.determined > TOLD
+        power = np.where(told, self.determined, 1.0)
+        return np.where(told, self.value / (self.size * np.sqrt(power)), np.nan)
+
+    @property
+    def covariance(self) -> Float:
+        """What the causes add to the covariance of the fitted vector, shape ``(p, p)``."""
+        return np.asarray(self.moves @ self.covar @ self.moves.T)
+
+    def along(self, by_values: Float, by_causes: Float) -> Float:
+        """Slopes of a result by the causes, the fitted values following them, shape ``(..., k)``."""
+        return np.asarray(by_values @ self.moves + by_causes)
+
+    def shares(self, noise: float, slope: Float) -> Shares:
+        """Shares of the error of a result with its error by the noise and its slopes :meth:`along` the causes."""
+        moved = self.covar @ slope
+        trust = moved / self.size
+        rest = float(slope @ moved) - float(trust @ trust)
+        return Shares(noise=noise, bounded=math.sqrt(max(rest, 0.0)), trust=trust)
+
+    def reach(self, noise: float, slope: Float) -> Reach:
+        """How far the interval of a result reaches, by its error by the noise and its slopes along the causes."""
+        trusted = np.flatnonzero(self.one_sided & (self.determined < _ON_TRUST))
+        whole = noise**2 + float(slope @ self.covar @ slope)
+        if not trusted.size:
+            return Reach(rest=whole, one_sided=np.zeros(0), room=np.zeros(0))
+        sd = self.deviation[trusted]
+        block = self.covar[np.ix_(trusted, trusted)] / np.outer(sd, sd)
+        along = (self.covar @ slope)[trusted] / sd
+        one = np.linalg.solve(block, along)  # by one standard deviation of each
+        return Reach(
+            rest=max(whole - float(along @ one), 0.0), one_sided=np.asarray(one), room=self.value[trusted] / sd
+        )
+
+
+def nearest_of_one_sign(free: Float, covar: Float, one_sided: Bool) -> Float:
+    """Most probable vector of a normal distribution with the entries of one sign not below zero."""
+    from scipy.optimize import nnls  # late: loading it takes longer than a fit
+
+    bound = np.flatnonzero(one_sided)
+    sd = np.sqrt(np.diag(covar))
+    scaled = covar / np.outer(sd, sd)
+    # The others follow freely: the distribution of the bound ones alone is their block of the covariance.
+    root = np.linalg.cholesky(np.linalg.inv(scaled[np.ix_(bound, bound)]))
+    start = free[bound] / sd[bound]
+    found, _ = nnls(root.T, root.T @ start)
+    onto = scaled[:, bound] @ np.linalg.solve(scaled[np.ix_(bound, bound)], found - start)
+    value = free + sd * onto
+    value[bound] = sd[bound] * found
+    return np.asarray(value)
+
+
+def joint_step(
+    r: ComplexArray,
+    J: ComplexArray,
+    B: ComplexArray,
+    *,
+    size: Float,
+    one_sided: Bool,
+    prior: Float,
+    prior_slope: Float,
+) -> tuple[Float, Float, float]:
+    """Step of the fitted values and the sizes of the causes at the optimum of the linearised problem, and its ``Q``.
+
+    Args:
+        r: whitened residuals at no cause.
+        J, B: derivatives by the fitted vector and by the causes.
+        size, one_sided: as for :class:`JointErrors`.
+        prior, prior_slope: curvature and slope of the priors of the fitted vector.
+    """
+    rows = np.hstack([_real(J), _real(B) * size])
+    residual = np.concatenate([r.real, r.imag])
+    p = J.shape[1]
+    gram = rows.T @ rows + np.diag(np.concatenate([prior, np.ones(size.size)]))
+    slope = rows.T @ residual + np.concatenate([prior_slope, np.zeros(size.size)])
+    covar, _ = inverse_of_determined(gram)
+    step = -covar @ slope
+    own = step[p:]
+    if (one_sided & (own < 0)).any():
+        held = nearest_of_one_sign(own, covar[p:, p:], one_sided)
+        step = step + covar[:, p:] @ np.linalg.solve(covar[p:, p:], held - own)
+        step[p:] = held
+    left = residual + rows @ step
+    return step[:p], step[p:] * size, float(left @ left) + float(step[p:] @ step[p:])
+
+
+def error_factor(pulls: Sequence[float]) -> float:
+    """Factor by which sizes are too small, by pulls that should be of unit variance; one where they are not."""
+    from scipy.special import gammaincc  # late: loading it takes longer than a fit
+
+    square, count = float(np.sum(np.square(pulls))), len(pulls)
+    too_small = 0.01  # probability of pulls so large where the sizes are right. Chosen.
+    if not count or gammaincc(count / 2, square / 2) >= too_small:
+        return 1.0
+    return math.sqrt(square / count)
+
+
+def _real(columns: ComplexArray) -> Float:
+    return np.concatenate([columns.real, columns.imag])

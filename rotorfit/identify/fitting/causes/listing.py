@@ -1,0 +1,405 @@
+"""The list of causes that a rig may have beside its model, each with a size, its reason and its source."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rotorfit.base.array_types import Float
+from rotorfit.base.names import unknown_name
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.blocks.set_speeds import once_per_turn
+from rotorfit.estimators.blocks.small_motion import OffCentreResponses
+from rotorfit.estimators.inference.causes import (
+    Act,
+    Cause,
+    Changing,
+    Flexible,
+    Hysteresis,
+    Known,
+    Lag,
+    Motion,
+    OfClearance,
+    OffPlane,
+    OfReadings,
+    SpeedLabel,
+    Term,
+)
+from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.models import RotorModel
+from rotorfit.models.motion.neglected_terms import LeftOut, fluid_coordinates, terms_left_out
+
+
+@dataclass(frozen=True, kw_only=True)
+class Size:
+    """Usual size of a cause in its own measure, with the reason."""
+
+    size: float
+    reason: str
+    source: str  # "c" for arithmetic or a convention that can be checked, "m" measured, "j" judgement
+
+
+SIZES = {
+    "gain": Size(size=0.03, reason="material of the shaft 2.9 %, trial weight and radius 1 %", source="c"),
+    "gain[plane]": Size(
+        size=0.02, reason="a chain of probe, cable and driver holds 5 %, two of a plane average", source="c"
+    ),
+    "gain[probe]": Size(size=0.03, reason="a chain of probe, cable and driver holds 5 %", source="c"),
+    "phase": Size(size=math.radians(2.0), reason="width of the mark, edge off the middle of its swing", source="c"),
+    "turned": Size(size=math.radians(1.0), reason="probe bracket against the zero of the force", source="j"),
+    "delay": Size(
+        size=math.radians(0.5) / (2 * math.pi * 100), reason="unequal filters, 0.5 deg at 100 Hz", source="c"
+    ),
+    "curve": Size(size=0.01, reason="linearity of a probe, and of the film under its amplitude", source="j"),
+    "damper": Size(size=0.05, reason="damping ratio of rotors without fluid 2.5 %", source="m"),
+    "damping": Size(size=0.20, reason="a damping that was measured by a ring-down", source="j"),
+    "loss": Size(size=0.005, reason="loss factor of built-up rotors", source="m"),
+    "gyro": Size(size=0.02, reason="a disk of a seventh of the span at a third of it", source="c"),
+    "known": Size(size=0.01, reason="a value that was measured", source="j"),
+    "mass": Size(size=0.005, reason="a mass that was weighed", source="j"),
+    "lag": Size(size=math.radians(2.0), reason="compliance in series, 30 times the fluid's at the top", source="j"),
+    "speed[lam]": Size(size=0.05, reason="swirl, when the speed doubles", source="c"),
+    "speed[K0]": Size(size=0.30, reason="falls at constant pressure when the speed doubles", source="c"),
+    "speed[D]": Size(size=0.10, reason="oil that warms when the speed doubles", source="c"),
+    "drift": Size(size=0.04, reason="oil that warms by 1 K from the middle of a sweep to its end", source="c"),
+    "speed label": Size(size=0.002, reason="a speed of unknown origin", source="j"),
+    "between": Size(size=0.01, reason="coupling that a lumped chain leaves out, of the stiffness", source="j"),
+    "offset": Size(size=0.02, reason="2 mm of 100 mm on the way to the next plane", source="c"),
+    "q": Size(size=0.003, reason="modes above the band, of the stiffness at its top", source="c"),
+    "flex": Size(size=0.01, reason="modes above the band, of the static compliance", source="c"),
+    "flex[journal]": Size(size=0.03, reason="the same where a journal or a bare shaft is forced", source="c"),
+    "clearance": Size(size=0.02, reason="heat and measurement", source="c"),
+}
+"""Usual sizes, which the user may replace; docs/uncertainty.md says where they come from."""
+
+_FLUID = {"lam": ("lam", "lam_D", "lam_M"), "K0": ("K0",), "D": ("D",)}
+_OF_FLUID = ("K0", "D", "lam", "lam_D", "lam_M", "Mf")
+
+
+def listed(problem: Problem, x: Float, given: Mapping[str, float]) -> tuple[Cause, ...]:
+    """Causes of a problem at fitted values, those that were given with their sizes; none without a size.
+
+    Raises:
+        KeyError: a name that is not in the list; the message names the nearest.
+        ValueError: a size that is negative or no number.
+    """
+    found = [_named(cause) for cause in _Rig.of(problem, x).causes()]
+    names = [cause.name for cause in found]
+    for name, size in given.items():
+        if name not in names:
+            raise KeyError(unknown_name("cause", name, names))
+        if not 0 <= size < math.inf:
+            raise ValueError(f"the size of the cause {name} is {size}; it is positive, or zero for none")
+    sized = (replace(c, size=given[c.name], reason="given") if c.name in given else c for c in found)
+    return tuple(cause for cause in sized if cause.size > 0 and math.isfinite(cause.size))
+
+
+def _named(cause: Cause) -> Cause:
+    """A cause with a size that is a plain number."""
+    return replace(cause, size=float(cause.size))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Rig:
+    """What the sizes of causes are measured by."""
+
+    problem: Problem
+    model: RotorModel
+    thetas: Float
+    blocks: tuple[Responses, ...]  # all that hold responses to forces
+    linear: tuple[Responses, ...]  # those of a linear rotor to circular forces
+    fitted: frozenset[str]  # names of the model's parameters that are fitted
+    stiffness: Float  # of the shaft at each coordinate, N/m
+    inertia: Float  # likewise, kg
+    top: float  # highest frequency, rad/s
+
+    @classmethod
+    def of(cls, problem: Problem, x: Float) -> _Rig:
+        """Measure a problem."""
+        thetas, model = problem.space.theta(x), problem.space.model
+        blocks = tuple(found for found in map(responses_of, problem.blocks) if found is not None)
+        motions = (Motion(block=block, theta=thetas) for block in problem.blocks)
+        linear = tuple(motion.linear for motion in motions if motion.linear is not None)
+        top = max((float(np.abs(b.frequency).max()) for b in blocks), default=0.0)
+        stiffness, inertia = _shaft(model, thetas[0], top) if linear else (np.zeros(0), np.zeros(0))
+        return cls(
+            problem=problem,
+            model=model,
+            thetas=thetas,
+            blocks=blocks,
+            linear=linear,
+            fitted=frozenset(problem.space.base),
+            stiffness=stiffness,
+            inertia=inertia,
+            top=top,
+        )
+
+    @property
+    def turning(self) -> bool:
+        """True for rotors in z = x + jy, whose causes act on the rotor too."""
+        return self.model.frame == "z" and all(c.axis == "z" for c in self.model.coordinates) and bool(self.linear)
+
+    def causes(self) -> Iterator[Cause]:
+        """All causes that these tests and this model may have."""
+        yield from self._known()
+        if self.blocks:
+            yield from self._readings()
+        if self.turning:
+            yield from self._dampers()
+            yield from self._shaft_losses()
+            yield from self._between()
+            yield from self._fluid()
+            yield from self._places()
+            yield from self._beyond()
+
+    # ---- values taken as known -------------------------------------------------------------------------------------
+
+    def _known(self) -> Iterator[Cause]:
+        """Values that were taken as known, and the clearance where motion was divided by it."""
+        held = np.asarray((self.problem.space.index < 0).all(axis=0))
+        for place, parameter in enumerate(self.model.parameters):
+            value = float(self.thetas[0, place])
+            if not held[place] or not value or parameter.name.startswith("beta") or self._is_damper(parameter.name):
+                continue
+            usual = SIZES["mass" if parameter.unit == "kg" else "damping" if parameter.unit == "N s/m" else "known"]
+            yield _cause(
+                parameter.name,
+                f"{parameter.meaning}, taken as known",
+                Known(name=parameter.name),
+                usual,
+                times=abs(value),
+                unit=parameter.unit,
+            )
+        divided = any(isinstance(block, OrbitResponses | OffCentreResponses) for block in self.problem.blocks)
+        if divided and self.model.clearance:
+            yield _cause("clearance", "radial clearance, a share of it", OfClearance(), SIZES["clearance"])
+
+    def _is_damper(self, name: str) -> bool:
+        """True for a known damping at a plane, which the cause of an external damper there stands for."""
+        return self.turning and any(name in own for own in self._damping.values())
+
+    @property
+    def _damping(self) -> dict[int, tuple[str, ...]]:
+        """Names of the external dampings at each coordinate."""
+        model = self.model
+        jacobian = model.functions.jacobian(model.vector({q.name: 1.0 for q in model.parameters}), 1.0, 0.0)
+        own = (jacobian.powers == 1) & (jacobian.rows == jacobian.columns)
+        blocks = {p.name for p in model.parameters if p.name[:1] in "gc" and p.unit in ("kg", "N s/m")}
+        found: dict[int, tuple[str, ...]] = {}
+        for row, place in zip(jacobian.rows[own].tolist(), jacobian.inputs[own].tolist(), strict=True):
+            name = model.parameter_names[place] if place < len(model.parameter_names) else ""
+            if name and name not in _OF_FLUID and name not in blocks and model.parameter(name).unit == "N s/m":
+                found[row] = (*found.get(row, ()), name)
+        return found
+
+    # ---- readings --------------------------------------------------------------------------------------------------
+
+    def _readings(self) -> Iterator[Cause]:
+        """Probes, forces, and the phase reference."""
+        planes = list(
+            dict.fromkeys(self.model.coordinates[k].plane for b in self.blocks for k in np.unique(b.coordinate))
+        )
+        moving = any(b.frequency.any() for b in self.blocks)
+        whole = SIZES["gain"]
+        single = len(planes) == 1
+        if single:
+            size = math.hypot(whole.size, SIZES["gain[plane]"].size)
+            whole = replace(whole, size=size, reason=f"{whole.reason}; the probes' chain 2 %")
+        yield _cause("gain", "gain of all readings over all forces", OfReadings(how="gain"), whole)
+        for plane in planes if not single else ():
+            if not self._free_probe(plane):
+                act = OfReadings(how="gain", plane=plane)
+                yield _cause(f"gain[{plane}]", f"gain of the probes at {plane}", act, SIZES["gain[plane]"])
+        yield _cause(
+            "turned",
+            "angle of the probes, from the zero of the force",
+            OfReadings(how="turned"),
+            SIZES["turned"],
+            unit="rad",
+        )
+        if not moving:
+            return
+        yield _cause("phase", "lead of the phase reference", OfReadings(how="phase"), SIZES["phase"], unit="rad")
+        yield _cause("delay", "delay of readings behind forces", OfReadings(how="delay"), SIZES["delay"], unit="s")
+        for plane in planes:
+            act = OfReadings(how="curve", plane=plane)
+            meaning = f"probes at {plane} that are not linear, share at the largest amplitude"
+            yield _cause(f"curve[{plane}]", meaning, act, SIZES["curve"])
+
+    def _free_probe(self, plane: str) -> bool:
+        """True if the factor of the probe of a plane is fitted."""
+        places = list(self.model.read_planes)
+        return plane in places and f"beta{places.index(plane) + 1}" in self.fitted
+
+    # ---- the rotor -------------------------------------------------------------------------------------------------
+
+    def _dampers(self) -> Iterator[Cause]:
+        """An external damper at each plane whose damping is not fitted."""
+        size, planes = SIZES["damper"], len(self.model.planes)
+        damping = self._damping
+        for at, coordinate in enumerate(self.model.coordinates):
+            names = damping.get(at, ())
+            if self.fitted & set(names):
+                continue
+            usual = size.size / math.sqrt(planes) * math.sqrt(self.stiffness[at] * self.inertia[at])
+            known = sum(abs(float(self.thetas[0, self.model.parameter_names.index(name)])) for name in names)
+            one = replace(size, size=max(usual, SIZES["damping"].size * known))
+            term = LeftOut("", "", "", ((at, at, 1.0),), ((1.0, 1, 0),))
+            meaning = f"external damper at {coordinate.plane}, beside what is known there"
+            yield _cause(f"damper[{coordinate.plane}]", meaning, Term(left_out=term), one, unit="N s/m", positive=True)
+
+    def _shaft_losses(self) -> Iterator[Cause]:
+        """Damping inside the shaft, hysteresis, and gyroscopic effects of disks, at each plane."""
+        loss, gyro = SIZES["loss"], SIZES["gyro"]
+        blocks = getattr(self.model, "blocks", ())
+        for at, coordinate in enumerate(self.model.coordinates):
+            own, plane = ((at, at, 1.0),), coordinate.plane
+            K, M = self.stiffness[at], self.inertia[at]
+            if "internal_damping" not in blocks and at == 0:
+                term = LeftOut("", "", "", own, ((1.0, 1, 0), (-1j, 0, 1)))
+                meaning = "damping inside the shaft, which turns with it"
+                times = math.sqrt(K * M)
+                yield _cause("loss", meaning, Term(left_out=term), loss, times=times, unit="N s/m", positive=True)
+            meaning = f"damping at {plane} that does not grow with frequency"
+            act = Hysteresis(entries=own)
+            yield _cause(f"hysteresis[{plane}]", meaning, act, loss, times=K, unit="N/m", positive=True)
+            if "gyroscopic" not in blocks:
+                term = LeftOut("", "", "", own, ((-1j, 1, 1),))
+                meaning = f"gyroscopic effect of a disk at {plane}"
+                yield _cause(f"gyro[{plane}]", meaning, Term(left_out=term), gyro, times=M, unit="kg", positive=True)
+
+    def _between(self) -> Iterator[Cause]:
+        """Passive coupling between neighbours, and modes above the band, where the model has no block of it."""
+        if len(self.model.planes) < 2:
+            return
+        stiffness = float(np.median(self.stiffness))
+        speed = max((float(b.speed.max()) for b in self.linear), default=0.0) or self.top
+        words = {"m": "mass", "c": "damper", "g": "gyro"}
+        for term in terms_left_out(self.model):
+            symbol, _, where = term.name.partition("[")
+            _, power, speeds = term.terms[0]
+            planes = where.rstrip("]")
+            if symbol in words and "," in planes:
+                times = stiffness / self.top**power / speed**speeds
+                yield _cause(
+                    f"{words[symbol]}[{planes}]", f"{term.meaning}, {planes}", Term(left_out=term), SIZES["between"],
+                    times=times, unit=term.unit,
+                )  # fmt: skip
+            elif symbol == "q" and "," not in planes:
+                at = term.entries[0][0]
+                times = self.stiffness[at] / self.top**4
+                yield _cause(
+                    term.name, f"{term.meaning}, {planes}", Term(left_out=term), SIZES["q"], times=times, unit=term.unit
+                )
+
+    # ---- the fluid -------------------------------------------------------------------------------------------------
+
+    def _fluid(self) -> Iterator[Cause]:
+        """Values of the fluid that change with speed and along a sweep, speeds that are off, and a force that lags."""
+        model, names = self.model, set(self.model.parameter_names)
+        seats = fluid_coordinates(model)
+        speeds = np.unique(np.abs(np.concatenate([b.set_speed for b in self.linear])))
+        start_ups = all(once_per_turn(b.frequency, b.speed).all() for b in self.linear)
+        if model.speed_dependent and speeds.any() and not start_ups:
+            yield _cause("speed label", "share by which all speeds are off", SpeedLabel(), SIZES["speed label"])
+        if not seats:
+            return
+        one_value = self.problem.space.index.shape[0] == 1 or (
+            self.problem.space.index == self.problem.space.index[0]
+        ).all(axis=0)
+        mean = float(speeds.mean())
+        for name, group in _FLUID.items():
+            own = tuple(n for n in group if n in names)
+            single = all(
+                np.broadcast_to(one_value, len(model.parameter_names))[model.parameter_names.index(n)] for n in own
+            )
+            if own and mean and single and f"{name}_speed" not in names:
+                act = Changing(names=own, along="speed", centre=mean, reach=mean)
+                meaning = f"share by which {name} changes when the mean tested speed doubles"
+                yield _cause(f"speed[{name}]", meaning, act, SIZES[f"speed[{name}]"])
+        w = np.abs(np.concatenate([b.frequency for b in self.linear]))
+        middle, half = float(w.max() + w.min()) / 2, float(w.max() - w.min()) / 2
+        if half > 0:
+            act = Changing(names=("D",), along="sweep", centre=middle, reach=half)
+            meaning = "share by which D changes from the middle of a sweep to its end"
+            yield _cause("drift", meaning, act, SIZES["drift"])
+        if {"D", "Mf"} <= names and ("lam" in names or "lam_D" in names) and "Mf" in self.fitted:
+            entries = tuple((at, at, 1.0) for at in seats)
+            meaning = "time by which the fluid's damping force lags, which Mf takes up"
+            yield _cause(
+                "lag", meaning, Lag(entries=entries), SIZES["lag"], times=1 / self.top, unit="s", positive=True
+            )
+
+    # ---- places ----------------------------------------------------------------------------------------------------
+
+    def _places(self) -> Iterator[Cause]:
+        """Probes and forces that are not at their planes."""
+        planes, size = [c.plane for c in self.model.coordinates], len(self.model.planes)
+        if size < 2:
+            return
+        read = {int(k) for b in self.linear for k in np.unique(b.coordinate)}
+        for what, places in (("probe", read), ("force", self._driven)):
+            for at in sorted(place for place in places if place < size):
+                towards = at + 1 if at + 1 < size else at - 1
+                act = OffPlane(what=what, at=at, towards=towards)
+                meaning = f"{what} at {planes[at]} off its plane, share of the way to {planes[towards]}"
+                yield _cause(f"{what}[{planes[at]}]", meaning, act, SIZES["offset"])
+
+    @property
+    def _driven(self) -> set[int]:
+        return {int(k) for b in self.linear for k in np.flatnonzero(b.force.any(axis=0))}
+
+    def _beyond(self) -> Iterator[Cause]:
+        """Motion at the force's own plane by modes above the band."""
+        speed = float(np.mean(np.concatenate([b.speed for b in self.linear])))
+        low = 1e-3 * self.top
+        H = self.model.receptance(self.thetas[0], np.array([low]), speed)[0]
+        seats = fluid_coordinates(self.model)
+        for at in sorted(self._driven):
+            plane = self.model.coordinates[at].plane
+            usual = SIZES["flex[journal]" if at in seats and len(self.model.planes) > 1 else "flex"]
+            meaning = f"motion at {plane} in step with a force there, by modes above the band"
+            yield _cause(
+                f"flex[{plane}]",
+                meaning,
+                Flexible(at=at),
+                usual,
+                times=float(abs(H[at, at])),
+                unit="m/N",
+                positive=True,
+            )
+
+
+def _cause(
+    name: str, meaning: str, act: Act, usual: Size, *, times: float = 1.0, unit: str = "1", positive: bool = False
+) -> Cause:
+    """A cause with its usual size times a quantity of the fit."""
+    return Cause(
+        name=name,
+        meaning=meaning,
+        unit=unit,
+        size=usual.size * times,
+        act=act,
+        one_sided=positive,
+        reason=usual.reason,
+        source=usual.source,
+    )
+
+
+def _shaft(model: RotorModel, theta: Float, top: float) -> tuple[Float, Float]:
+    """Stiffness and inertia of the rotor without its fluid, or with it where it has none, at each coordinate."""
+    alone = np.where([name in _OF_FLUID for name in model.parameter_names], 0.0, theta)
+    found = []
+    for vector in (alone, theta):
+        still, moving = (
+            np.diagonal(model.dynamic_stiffness(vector, np.array([w]), 0.0)[0]).real for w in (1e-6 * top, 0.3 * top)
+        )
+        found.append((still, (still - moving) / (0.3 * top) ** 2))
+    (K, M), (all_K, all_M) = found
+    stiffness = np.where(1e-9 * np.abs(all_K) < K, K, np.abs(all_K))
+    inertia = np.where(1e-9 * np.abs(all_M) < M, M, np.abs(all_M))
+    return stiffness, inertia

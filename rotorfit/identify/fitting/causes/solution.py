@@ -1,0 +1,156 @@
+"""Causes solved with the fitted values: Gauss-Newton steps on both, columns worked out anew at each point."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rotorfit.base.array_types import Bool, ComplexArray, Float
+from rotorfit.estimators.inference.causes import Cause, columns, with_causes
+from rotorfit.estimators.inference.covariance import prior_curvature
+from rotorfit.estimators.inference.joint_errors import JointErrors, joint_step
+from rotorfit.estimators.misfit.problem import Problem, robust_weights
+from rotorfit.identify.fitting.causes.listing import listed
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SolvedCauses:
+    """Causes of a fit as they were solved with its values."""
+
+    causes: tuple[Cause, ...]
+    errors: JointErrors
+    shift: tuple[ComplexArray, ...]  # what they add to the predictions of each block, shape ``(R,)``
+    plain: Float  # fitted vector without causes
+    plain_redchi: float
+
+    def __iter__(self) -> Iterator[tuple[Cause, float, float]]:
+        """Each cause with its size and its standard deviation."""
+        return zip(self.causes, self.errors.value.tolist(), self.errors.deviation.tolist(), strict=True)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JointSearch:
+    """Where a search of fitted values and causes ended."""
+
+    problem: Problem  # with the effect of the causes taken out of its readings
+    x: Float
+    causes: tuple[Cause, ...]
+    sizes: Float  # of the causes
+    columns: ComplexArray  # change of the whitened residuals by a unit of each, shape ``(R, k)``
+    shift: tuple[ComplexArray, ...]
+    plain: Float  # fitted vector without causes
+    plain_square: float  # sum of squares there
+
+    @property
+    def one_sided(self) -> Bool:
+        """Causes that are never negative."""
+        return np.array([cause.one_sided for cause in self.causes])
+
+    @property
+    def before(self) -> Float:
+        """Standard uncertainties of the causes before the data."""
+        return np.array([cause.size for cause in self.causes])
+
+    def errors(self, inverse: Float, noise_factor: float) -> JointErrors:
+        """The errors that the causes leave; ``inverse``: covariance of the fitted vector at unit noise."""
+        r, J = self.problem.jacobian(self.x)
+        root = np.sqrt(robust_weights(self.problem.loss, np.abs(r) ** 2)[1])[:, None]
+        return JointErrors.of(
+            (r - self.columns @ self.sizes) * root[:, 0],
+            J * root,
+            self.columns * root,
+            inverse=inverse,
+            size=self.before,
+            one_sided=self.one_sided,
+            noise_factor=noise_factor,
+        )
+
+
+def search(problem: Problem, x: Float, given: Mapping[str, float]) -> JointSearch | None:
+    """Solve for causes beside fitted values from their optimum without any; nothing where the list is empty."""
+    causes = listed(problem, x, given)
+    if not causes:
+        return None
+    size = np.array([cause.size for cause in causes])
+    one_sided = np.array([cause.one_sided for cause in causes])
+    at = begin = _Point.of(problem, x, causes, np.zeros(size.size), size)
+    steps, negligible = 3, 0.01  # more let the search wander along what nothing determines; fall of Q that is none
+    B = columns(at.problem, at.x, causes)
+    for _ in range(steps):
+        r, J = at.problem.jacobian(at.x)
+        root = np.sqrt(robust_weights(problem.loss, np.abs(r) ** 2)[1])[:, None]
+        dx, sizes, _ = joint_step(
+            (r - B @ at.sizes) * root[:, 0],
+            J * root,
+            B * root,
+            size=size,
+            one_sided=one_sided,
+            prior=prior_curvature(problem, at.x),
+            prior_slope=_prior_slope(problem, at.x),
+        )
+        ahead = _accepted(problem, at, causes, dx, sizes - at.sizes, size)
+        if ahead is None:
+            break
+        fall, at = at.square - ahead.square, ahead
+        B = columns(at.problem, at.x, causes)
+        if fall < negligible:
+            break
+    plain = problem.predict(at.x)
+    shift = tuple(
+        found - alone - (own.measured - block.measured)
+        for found, alone, own, block in zip(
+            at.problem.predict(at.x), plain, at.problem.blocks, problem.blocks, strict=True
+        )
+    )
+    return JointSearch(
+        problem=shifted(problem, shift), x=at.x, causes=causes, sizes=at.sizes, columns=B, shift=shift,
+        plain=x, plain_square=begin.square,
+    )  # fmt: skip
+
+
+def shifted(problem: Problem, shift: Sequence[ComplexArray]) -> Problem:
+    """The problem with what causes add to the predictions taken out of its readings."""
+    blocks = (b.with_measured(b.measured - part) for b, part in zip(problem.blocks, shift, strict=True))
+    return replace(problem, blocks=tuple(blocks))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Point:
+    """Fitted values and sizes, the problem with these causes, and the sum of squares there."""
+
+    problem: Problem
+    x: Float
+    sizes: Float
+    square: float
+
+    @classmethod
+    def of(cls, problem: Problem, x: Float, causes: Sequence[Cause], sizes: Float, before: Float) -> _Point:
+        """Evaluate."""
+        own = with_causes(problem, x, causes, sizes)
+        rho = robust_weights(problem.loss, np.abs(own.residuals(x)) ** 2)[0]
+        priors = sum(2 * float(prior.terms(float(x[prior.entry]))[0]) for prior in problem.priors)
+        square = float(rho.sum()) + float(np.sum((sizes / before) ** 2)) + priors
+        return cls(problem=own, x=x, sizes=sizes, square=square)
+
+
+def _accepted(
+    problem: Problem, at: _Point, causes: Sequence[Cause], dx: Float, dc: Float, before: Float
+) -> _Point | None:
+    """The point after a step, or a share of it, that lowers the sum of squares; nothing where none does."""
+    space, share = problem.space, 1.0
+    for _ in range(6):
+        x = np.clip(at.x + share * dx, space.lower, space.upper)
+        ahead = _Point.of(problem, x, causes, at.sizes + share * dc, before)
+        if np.isfinite(ahead.square) and ahead.square < at.square:
+            return ahead
+        share /= 4
+    return None
+
+
+def _prior_slope(problem: Problem, x: Float) -> Float:
+    slope = np.zeros(x.size)
+    for prior in problem.priors:
+        slope[prior.entry] += prior.terms(float(x[prior.entry]))[1]
+    return slope
