@@ -288,7 +288,10 @@ KINDS: Mapping[str, Kind] = {
     **dict.fromkeys(("float", "float | None"), Kind(toml=_positive, word=positive_word, written=_digits)),
     "int": Kind(toml=count, word=count_word, written=str),
     "int | None": Kind(toml=whole, word=whole_word, written=str),
-    "Mapping[str, float]": Kind(toml=table(number), word=number_word, written=_digits, paired=True),
+    **dict.fromkeys(
+        ("Mapping[str, float]", "Mapping[str, float] | None"),
+        Kind(toml=table(number), word=number_word, written=_digits, paired=True),
+    ),
     "Mapping[str, float | None]": Kind(
         toml=table(_number_or_free),
         word=lambda word: None if word.lower() in ("free", "none") else number_word(word),
