@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rotorfit.base.array_types import ComplexArray, Float, Index
+from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.estimators.blocks.observations import OnResponses, Responses
 
 
@@ -16,30 +16,21 @@ class CausedResponses(OnResponses):
     """Responses to circular forces with causes beside the model, of given sizes and in full, not to first order."""
 
     stiffness: ComplexArray | None  # that acts beside the model's, shape ``(L, n, n)``
-    scaled: Float  # share by which each value of a line exceeds that of its group, shape ``(L, P)``
-    added: Float  # what is added to it then, shape ``(L, P)``
+    scaled: Float  # share by which each value exceeds that of its group at each distinct speed, shape ``(C, P)``
+    added: Float  # what is added to it then, shape ``(C, P)``
     gain: ComplexArray  # factor of each reading, shape ``(R,)``
 
     @cached_property
-    def _distinct(self) -> tuple[Index, Index]:
-        """One line of each distinct set of group and changes, and the set of each line."""
-        changed = self.scaled.any(axis=0) | self.added.any(axis=0)
-        rows = np.column_stack([self.base.group, self.scaled[:, changed], self.added[:, changed]])
-        _, first, index = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-        return first, index.reshape(-1)
-
-    @cached_property
     def own(self) -> Responses:
-        """The responses with the stiffness, each distinct set of values a group of its own."""
+        """The responses with the stiffness, each (group, speed) a group of its own."""
         beside = self.base.beside
         if self.stiffness is not None:
             beside = self.stiffness if beside is None else beside + self.stiffness
-        return replace(self.base, beside=beside, group=self._distinct[1])
+        return replace(self.base, beside=beside, group=self.base.condition[0])
 
     def values(self, theta: Float) -> Float:
         """Parameter vectors of the groups of :attr:`own`."""
-        first, _ = self._distinct
-        return np.asarray(theta[..., self.base.group[first], :] * (1 + self.scaled[first]) + self.added[first])
+        return np.asarray(theta[..., self.base.condition[1], :] * (1 + self.scaled) + self.added)
 
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""
@@ -48,4 +39,4 @@ class CausedResponses(OnResponses):
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""
         predicted, rows = self.own.predict_jacobian(self.values(theta))
-        return predicted * self.gain, rows * (1 + self.scaled)[self.base.line] * self.gain[:, None]
+        return predicted * self.gain, rows * (1 + self.scaled)[self.own.reading_group] * self.gain[:, None]

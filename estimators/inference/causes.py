@@ -97,8 +97,9 @@ class Act:
         """Dynamic stiffness by a unit of the size, shape ``(L, n, n)``; nothing where it does not act on the rotor."""
         return None
 
-    def changed(self, base: Responses) -> tuple[Float, Float] | None:
-        """Share and addition by a unit of the size of each value of each line, ``(L, P)``; nothing for other kinds."""
+    def changed(self, model: RotorModel, speed: Float) -> tuple[Float, Float] | None:
+        """Share and addition by a unit of the size of each value at rotative speeds, shape ``(C, P)``; nothing for
+        what does not depend on the speed alone."""
         return None
 
     def of_readings(self, motion: Motion) -> ComplexArray | None:
@@ -148,8 +149,7 @@ class OfReadings(Act):
         return np.where(self._own(base), factor, 0.0)
 
     def _own(self, base: Responses) -> Bool:
-        planes = np.array([c.plane for c in base.model.coordinates])
-        return np.asarray(planes[base.coordinate] == self.plane if self.plane else np.ones(base.line.size, dtype=bool))
+        return np.array([self.plane in ("", c.plane) for c in base.model.coordinates])[base.coordinate]
 
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
@@ -260,42 +260,54 @@ class OfValues(Act):
 
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
-        base = motion.linear
-        found = self.changed(base) if base is not None else None
-        if base is None or found is None:
+        base = motion.base
+        if motion.linear is None or base is None:
             return np.zeros(motion.block.measured.size, dtype=complex)
-        scaled, added = found
-        block = motion.block
-        own = block.base.group if isinstance(block, CausedResponses) else base.group
-        by_unit = motion.theta[own] * scaled + added
-        return np.asarray(np.sum(motion.by_values * by_unit[base.line], axis=1))
+        index, group, speed = base.condition
+        found = self.changed(base.model, speed)
+        if found is None:
+            return np.zeros(base.line.size, dtype=complex)
+        by_unit = motion.theta[group] * found[0] + found[1]
+        some = np.flatnonzero(by_unit.any(axis=0))
+        return np.asarray(np.sum(motion.by_values[:, some] * by_unit[:, some][index[base.line]], axis=1))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Changing(OfValues):
-    """A value of the fluid that changes with the speed, or along a sweep; its size is the share at twice the centre, or
-    from the middle of the sweep to its end."""
+    """A value of the fluid that changes with the speed; its size is the share at twice the mean speed."""
 
     names: tuple[str, ...]  # of the parameters that change together
-    along: str  # "speed" or "sweep"
-    centre: float  # rad/s
-    reach: float  # rad/s
+    mean: float  # rad/s
 
-    def _beyond(self, at: Float) -> Float:
-        return np.asarray((np.abs(at) - self.centre) / self.reach)
-
-    def changed(self, base: Responses) -> tuple[Float, Float] | None:
+    def changed(self, model: RotorModel, speed: Float) -> tuple[Float, Float] | None:
         """See :class:`Act`."""
-        own = np.array([name in self.names for name in base.model.parameter_names], dtype=float)
-        beyond = self._beyond(base.speed if self.along == "speed" else base.frequency)
-        return beyond[:, None] * own, np.zeros((base.speed.size, own.size))
+        own = np.array([name in self.names for name in model.parameter_names], dtype=float)
+        scaled = (np.abs(speed) / self.mean - 1)[:, None] * own
+        return scaled, np.zeros_like(scaled)
 
     def values_at(self, model: RotorModel, theta: Float, speed: float) -> Float:
         """See :class:`Act`."""
-        if self.along != "speed":
-            return np.zeros(theta.size)
         own = np.array([name in self.names for name in model.parameter_names])
-        return np.where(own, theta, 0.0) * float(self._beyond(np.array(speed)))
+        return np.where(own, theta, 0.0) * (abs(speed) / self.mean - 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drifting(Act):
+    """A value that changes along a sweep; its size is the share from the middle of the sweep to its end."""
+
+    name: str
+    middle: float  # rad/s
+    half: float  # rad/s
+
+    def change(self, motion: Motion) -> ComplexArray:
+        """See :class:`Act`."""
+        base = motion.base
+        if motion.linear is None or base is None:
+            return np.zeros(motion.block.measured.size, dtype=complex)
+        place = base.model.parameter_names.index(self.name)
+        along = (np.abs(base.frequency) - self.middle) / self.half
+        value = motion.theta[base.reading_group, place] * along[base.line]
+        return np.asarray(motion.by_values[:, place] * value)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -304,10 +316,10 @@ class Known(OfValues):
 
     name: str
 
-    def changed(self, base: Responses) -> tuple[Float, Float] | None:
+    def changed(self, model: RotorModel, speed: Float) -> tuple[Float, Float] | None:
         """See :class:`Act`."""
-        added = np.zeros((base.speed.size, len(base.model.parameter_names)))
-        added[:, base.model.parameter_names.index(self.name)] = 1.0
+        added = np.zeros((speed.size, len(model.parameter_names)))
+        added[:, model.parameter_names.index(self.name)] = 1.0
         return np.zeros_like(added), added
 
     def change(self, motion: Motion) -> ComplexArray:
@@ -429,14 +441,19 @@ def _with_causes(block: Block, theta: Float, causes: Sequence[Cause], sizes: Flo
             (size * one.act.change(motion) for one, size in zip(causes, sizes.tolist(), strict=True) if size), 0j
         )
         return block.with_measured(block.measured - moved)
-    shape = (block.speed.size, theta.shape[-1])
+    speed = block.condition[2]
+    shape = (speed.size, theta.shape[-1])
     scaled, added, gain = np.zeros(shape), np.zeros(shape), np.ones(block.line.size, dtype=complex)
     stiffness: ComplexArray | None = None
     rest: ComplexArray | complex = 0j
     for one, size in zip(causes, sizes.tolist(), strict=True):
         if not size:
             continue
-        more, values, factor = one.act.stiffness(block, theta), one.act.changed(block), one.act.of_readings(motion)
+        more, values, factor = (
+            one.act.stiffness(block, theta),
+            one.act.changed(block.model, speed),
+            one.act.of_readings(motion),
+        )
         if more is not None:
             stiffness = size * more if stiffness is None else stiffness + size * more
         elif values is not None:

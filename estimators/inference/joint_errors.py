@@ -76,6 +76,7 @@ class JointErrors:
     free: Float  # most probable size of each whatever its sign
     covar: Float  # ``C_c``, covariance of the sizes, data and all other causes included, shape ``(k, k)``
     moves: Float  # ``T``, change of the fitted vector by a unit of each cause, shape ``(p, k)``
+    widened: float = 1.0  # factor on all variances, where no listed cause explains the misfit
 
     @classmethod
     def of(
@@ -88,6 +89,7 @@ class JointErrors:
         size: Float,
         one_sided: Bool,
         noise_factor: float = 1.0,
+        widened: float = 1.0,
     ) -> JointErrors:
         """Solve for causes beside fitted values.
 
@@ -98,6 +100,7 @@ class JointErrors:
             size: standard uncertainty of each cause before the data.
             one_sided: causes that are never negative.
             noise_factor: variance of the residuals over that of the noise.
+            widened: factor on all variances.
         """
         rows, own = _real(J), _real(B)
         moves = -inverse @ (rows.T @ own)
@@ -107,7 +110,9 @@ class JointErrors:
         covar = np.linalg.inv(gram)
         residual = np.concatenate([r.real, r.imag])
         free = -size * (covar @ (scaled.T @ residual)) / noise_factor
-        return cls(size=size, one_sided=one_sided, free=free, covar=covar * np.outer(size, size), moves=moves)
+        return cls(
+            size=size, one_sided=one_sided, free=free, covar=covar * np.outer(size, size), moves=moves, widened=widened
+        )
 
     @cached_property
     def value(self) -> Float:
@@ -144,7 +149,7 @@ class JointErrors:
     @property
     def covariance(self) -> Float:
         """What the causes add to the covariance of the fitted vector, shape ``(p, p)``."""
-        return np.asarray(self.moves @ self.covar @ self.moves.T)
+        return np.asarray(self.moves @ self.covar @ self.moves.T) * self.widened
 
     def along(self, by_values: Float, by_causes: Float) -> Float:
         """Slopes of a result by the causes, the fitted values following them, shape ``(..., k)``."""
@@ -152,20 +157,22 @@ class JointErrors:
 
     def shares(self, noise: float, slope: Float) -> Shares:
         """Shares of the error of a result with its error by the noise and its slopes :meth:`along` the causes."""
-        moved = self.covar @ slope
+        root = math.sqrt(self.widened)
+        moved = root * (self.covar @ slope)
         trust = moved / self.size
-        rest = float(slope @ moved) - float(trust @ trust)
+        rest = root * float(slope @ moved) - float(trust @ trust)
         return Shares(noise=noise, bounded=math.sqrt(max(rest, 0.0)), trust=trust)
 
     def reach(self, noise: float, slope: Float) -> Reach:
         """How far the interval of a result reaches, by its error by the noise and its slopes along the causes."""
         trusted = np.flatnonzero(self.one_sided & (self.determined < _ON_TRUST))
-        whole = noise**2 + float(slope @ self.covar @ slope)
+        covar = self.covar * self.widened
+        whole = noise**2 + float(slope @ covar @ slope)
         if not trusted.size:
             return Reach(rest=whole, one_sided=np.zeros(0), room=np.zeros(0))
-        sd = self.deviation[trusted]
-        block = self.covar[np.ix_(trusted, trusted)] / np.outer(sd, sd)
-        along = (self.covar @ slope)[trusted] / sd
+        sd = np.sqrt(np.diag(covar))[trusted]
+        block = covar[np.ix_(trusted, trusted)] / np.outer(sd, sd)
+        along = (covar @ slope)[trusted] / sd
         one = np.linalg.solve(block, along)  # by one standard deviation of each
         return Reach(
             rest=max(whole - float(along @ one), 0.0), one_sided=np.asarray(one), room=self.value[trusted] / sd

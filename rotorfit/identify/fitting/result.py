@@ -25,6 +25,7 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.sweep_noise import READINGS_OF_NOISE
 from rotorfit.identify.fitting.assumptions.assumption_table import THRESHOLD_COLUMN
 from rotorfit.identify.fitting.causes.onset import onset_slopes
+from rotorfit.identify.fitting.causes.table import Causes, table_of
 from rotorfit.identify.fitting.noise.residual_study import ResidualStudy, is_misfit, largest_redchi
 from rotorfit.identify.fitting.quantities import CAUSE, THRESHOLD, ErrorBar, FittedParameter, Quantity, ResponseQuality
 from rotorfit.identify.fitting.settings import (
@@ -256,6 +257,16 @@ class FitResult:
             return self.assumed.moves(name, self.params[name].value, self.params[name].unit)
         onset = self.threshold_of(0).value if self.assumed.entries else math.nan
         return "" if math.isnan(onset) else self.assumed.moves(THRESHOLD_COLUMN, onset, "rad/s")
+
+    @property
+    def causes(self) -> Causes:
+        """Causes beside the model, as they were solved with the fitted values; empty with ``causes=None``.
+
+        Example:
+            >>> rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0}, causes={}).causes["gain"].determined < 0.5
+            True
+        """
+        return table_of(self.settings.solved)
 
     @property
     def foundations(self) -> tuple[str, ...]:

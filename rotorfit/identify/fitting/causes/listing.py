@@ -18,6 +18,7 @@ from rotorfit.estimators.inference.causes import (
     Act,
     Cause,
     Changing,
+    Drifting,
     Flexible,
     Hysteresis,
     Known,
@@ -318,15 +319,15 @@ class _Rig:
                 np.broadcast_to(one_value, len(model.parameter_names))[model.parameter_names.index(n)] for n in own
             )
             if own and mean and single and f"{name}_speed" not in names:
-                act = Changing(names=own, along="speed", centre=mean, reach=mean)
+                act = Changing(names=own, mean=mean)
                 meaning = f"share by which {name} changes when the mean tested speed doubles"
                 yield _cause(f"speed[{name}]", meaning, act, SIZES[f"speed[{name}]"])
         w = np.abs(np.concatenate([b.frequency for b in self.linear]))
         middle, half = float(w.max() + w.min()) / 2, float(w.max() - w.min()) / 2
         if half > 0:
-            act = Changing(names=("D",), along="sweep", centre=middle, reach=half)
+            drifting = Drifting(name="D", middle=middle, half=half)
             meaning = "share by which D changes from the middle of a sweep to its end"
-            yield _cause("drift", meaning, act, SIZES["drift"])
+            yield _cause("drift", meaning, drifting, SIZES["drift"])
         if {"D", "Mf"} <= names and ("lam" in names or "lam_D" in names) and "Mf" in self.fitted:
             entries = tuple((at, at, 1.0) for at in seats)
             meaning = "time by which the fluid's damping force lags, which Mf takes up"

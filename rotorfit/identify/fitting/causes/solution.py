@@ -53,8 +53,11 @@ class JointSearch:
         """Standard uncertainties of the causes before the data."""
         return np.array([cause.size for cause in self.causes])
 
-    def errors(self, inverse: Float, noise_factor: float) -> JointErrors:
-        """The errors that the causes leave; ``inverse``: covariance of the fitted vector at unit noise."""
+    def errors(self, inverse: Float, widening: float) -> JointErrors:
+        """The errors that the causes leave; ``inverse``: covariance of the fitted vector at unit noise, ``widening``:
+        variance of the residuals over that of the noise. Noise that is larger than given weighs the data less. A misfit
+        that no listed cause explains widens all errors alike, lest causes be found that are not there."""
+        unlisted = 1.3  # factor of variances from which a misfit is none of the noise. Chosen.
         r, J = self.problem.jacobian(self.x)
         root = np.sqrt(robust_weights(self.problem.loss, np.abs(r) ** 2)[1])[:, None]
         return JointErrors.of(
@@ -64,7 +67,8 @@ class JointSearch:
             inverse=inverse,
             size=self.before,
             one_sided=self.one_sided,
-            noise_factor=noise_factor,
+            noise_factor=1.0 if widening > unlisted else widening,
+            widened=widening if widening > unlisted else 1.0,
         )
 
 
