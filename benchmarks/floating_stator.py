@@ -82,7 +82,7 @@ def study(test: str, draws: int) -> Row:
         for rpm in SPEEDS:
             for name in NAMES:
                 p, truth = fit.params[f"{name}[speed_rpm={rpm:g}]"], FLUID(rpm)[name]
-                low, high = p.interval(0.95, statistical=True)
+                low, high = p.interval(0.95, share="noise")
                 inside.append(low <= truth <= high)
                 pulls.append((p.value - truth) / p.stderr)
     return Row(

@@ -339,7 +339,7 @@ class Row:
 def interval(entry: Any) -> tuple[float, float]:
     """95 % interval of a parameter or derived quantity, without the systematic share, which hides what noise does."""
     if hasattr(entry, "interval"):
-        low, high = entry.interval(0.95, statistical=True)
+        low, high = entry.interval(0.95, share="noise")
         return float(low), float(high)
     half = 1.959964 * entry.stderr
     return entry.value - half, entry.value + half

@@ -14,7 +14,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.apps.store.store import Store as Store
     from rotorfit.identify.diagnosis.check import check as check
     from rotorfit.identify.diagnosis.check import read as read
-    from rotorfit.identify.fitting.assumptions.calibration import Calibration as Calibration
+    from rotorfit.identify.fitting.causes.calibration import Calibration as Calibration
     from rotorfit.identify.fitting.fit import closed_form as closed_form
     from rotorfit.identify.fitting.fit import fit as fit
     from rotorfit.identify.fitting.fit_file import load_fit as load_fit
@@ -101,7 +101,7 @@ _NAMES = {
     "lab.data.synchronous": "difference_synchronous",
     "lab.data.weights": "Influences influence",
     "identify.diagnosis.check": "check read",
-    "identify.fitting.assumptions.calibration": "Calibration",
+    "identify.fitting.causes.calibration": "Calibration",
     "identify.fitting.fit": "closed_form fit",
     "identify.fitting.fit_file": "load_fit save_fit",
     "identify.fitting.quantities": "FittedParameter Quantity",

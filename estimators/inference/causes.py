@@ -106,9 +106,9 @@ class Act:
         """Change of the logarithm of each reading, shape ``(R,)``; nothing for other kinds."""
         return None
 
-    def values_at(self, model: RotorModel, theta: Float, speed: float) -> Float:
-        """Change of a parameter vector at a rotative speed by a unit of the size, shape ``(P,)``."""
-        return np.zeros(theta.size)
+    def values_at(self, model: RotorModel, theta: Float, speed: Float | float) -> Float | None:
+        """Change of parameter vectors ``(..., P)`` at speeds by a unit of the size; nothing for other kinds."""
+        return None
 
     def term(self, model: RotorModel, theta: Float, whirl: float) -> LeftOut | None:
         """Term of the equation of motion that a unit of it is for free motion at a whirl frequency; else nothing."""
@@ -285,10 +285,10 @@ class Changing(OfValues):
         scaled = (np.abs(speed) / self.mean - 1)[:, None] * own
         return scaled, np.zeros_like(scaled)
 
-    def values_at(self, model: RotorModel, theta: Float, speed: float) -> Float:
+    def values_at(self, model: RotorModel, theta: Float, speed: Float | float) -> Float | None:
         """See :class:`Act`."""
         own = np.array([name in self.names for name in model.parameter_names])
-        return np.where(own, theta, 0.0) * (abs(speed) / self.mean - 1)
+        return np.where(own, theta, 0.0) * (np.abs(speed) / self.mean - 1)[..., None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -327,9 +327,10 @@ class Known(OfValues):
         model = motion.block.model if motion.base is None else motion.base.model  # type: ignore[attr-defined]
         return np.asarray(motion.by_values[:, model.parameter_names.index(self.name)])
 
-    def values_at(self, model: RotorModel, theta: Float, speed: float) -> Float:
+    def values_at(self, model: RotorModel, theta: Float, speed: Float | float) -> Float | None:
         """See :class:`Act`."""
-        return np.array([float(name == self.name) for name in model.parameter_names])
+        own = np.array([float(name == self.name) for name in model.parameter_names])
+        return np.asarray(np.ones_like(np.asarray(speed, dtype=float))[..., None] * own)
 
 
 # ---- places, labels, the clearance -----------------------------------------------------------------------------------
@@ -406,6 +407,11 @@ def _resized(block: Block, factor: float) -> Block:
     if isinstance(block, FreeVibrations):
         eccentricity = np.where(block.position_read, eccentricity, block.eccentricity)
     return replace(block, model=model, eccentricity=eccentricity)
+
+
+def moving(act: Act) -> bool:
+    """True for what moves the rotor, and is no matter of forces and readings."""
+    return isinstance(act, OfRotor | OfValues)
 
 
 # ---- causes and problems -------------------------------------------------------------------------------------------

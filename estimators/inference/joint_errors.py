@@ -163,6 +163,13 @@ class JointErrors:
         rest = root * float(slope @ moved) - float(trust @ trust)
         return Shares(noise=noise, bounded=math.sqrt(max(rest, 0.0)), trust=trust)
 
+    def drawn(self, count: int, rng: np.random.Generator) -> Float:
+        """Sizes of the causes at random by what the data leave of them, none of one sign below zero, ``(count, k)``."""
+        sd = self.deviation * math.sqrt(self.widened)
+        root = np.linalg.cholesky(self.covar / np.outer(self.deviation, self.deviation) + 1e-12 * np.eye(sd.size))
+        sizes = self.value + sd * (rng.normal(size=(count, sd.size)) @ root.T)
+        return np.where(self.one_sided, np.maximum(sizes, 0.0), sizes)
+
     def reach(self, noise: float, slope: Float) -> Reach:
         """How far the interval of a result reaches, by its error by the noise and its slopes along the causes."""
         trusted = np.flatnonzero(self.one_sided & (self.determined < _ON_TRUST))

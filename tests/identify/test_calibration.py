@@ -11,7 +11,7 @@ from sentences import refuses
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
-from rotorfit.identify.fitting.assumptions.calibration import Calibration, calibration_of
+from rotorfit.identify.fitting.causes.calibration import Calibration, calibration_of
 from rotorfit.identify.fitting.fit import solve_again
 from rotorfit.identify.fitting.fit_file import fit_from_json, fit_to_json
 from rotorfit.identify.fitting.problem_setup import build_problem

@@ -9,7 +9,7 @@ import pytest
 
 import rotorfit as rf
 from rotorfit.estimators.inference.covariance import excess
-from rotorfit.identify.fitting.assumptions.calibration import Calibration
+from rotorfit.identify.fitting.causes.calibration import Calibration
 from rotorfit.identify.fitting.judge import inverse_curvature
 from rotorfit.identify.uncertainty.budget import budget
 

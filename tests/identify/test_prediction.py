@@ -9,6 +9,7 @@ from pathlib import Path
 import law_data
 import numpy as np
 import pytest
+from rotorfit.identify.fitting.assumptions.shifts import assuming
 from scipy import stats
 from sentences import hear, refuses
 from slow_cases import slow_but
@@ -17,7 +18,6 @@ from synthetic import TYPICAL, circular_test, covering_frequencies, known_of
 import rotorfit as rf
 from rotorfit.apps.cli.main import main
 from rotorfit.base.array_types import Float
-from rotorfit.identify.fitting.assumptions.shifts import assuming
 
 NAME, TESTED, ELSEWHERE = "whirl-whip", (100.0, 180.0), 220.0
 DRAWS, LEVEL = 60, 0.9

@@ -6,7 +6,7 @@ from line_tests import ALL, FORCE, SPEED, TORSION, VALUES, W, line_test
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.identify.fitting.assumptions.anisotropy import magnitude_interval
+from rotorfit.identify.fitting.anisotropy import magnitude_interval
 
 
 def test_lines_and_twist_give_every_parameter_with_errors_that_hold():

@@ -7,7 +7,7 @@ from sentences import refuses
 from shaft_setups import PERTURBED
 
 import rotorfit as rf
-from rotorfit.identify.fitting.assumptions.anisotropy import lines_cut_off
+from rotorfit.identify.fitting.anisotropy import lines_cut_off
 from rotorfit.lab.simulation.shaft import Acquisition, Perturbation, record_shaft
 from rotorfit.models import Chain, KnownStructure, Turning, TurningOnSupports
 from rotorfit.models.motion.stability import growth_rate

@@ -20,7 +20,6 @@ from rotorfit.base.digits import interval, significant, with_error
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.diagnosis.data_errors import PHASE_ZEROS
 from rotorfit.identify.fitting.fit_file import fit_to_json
-from rotorfit.identify.fitting.quantities import THRESHOLD
 from rotorfit.lab.io.files import to_dataframe
 from rotorfit.lab.io.tables.result_tables import frame_csv
 from rotorfit.show.plots.bode import broken_phase, panel_name
@@ -57,13 +56,13 @@ def result_parts(outcome: Outcome, undo: Callable[[Finding], None]) -> list[Any]
 
 
 def parameter_table(fit: FitResult) -> Html:
-    """Parameters with standard errors and intervals that hold the systematic share too."""
+    """Parameters with standard errors and intervals, causes included."""
     head = ["parameter", "value", "standard error", "95 % interval", "unit", "", "meaning"]
     rows = []
     for p in fit.params.values():
         shown, said = [f"{p.value:.10g}" if not p.vary else "", "", ""], status(p)
-        if p.vary and p.resolved and not p.moved_by:
-            shown = [*with_error(p.value, math.hypot(p.stderr, p.systematic)), interval(*p.interval())]
+        if p.vary and p.resolved:
+            shown = [*with_error(p.value, p.stderr), interval(*p.interval())]
             said = "" if said == "fitted" else said
         rows.append([p.name, *shown, "" if p.unit == "1" else p.unit, said, p.meaning])
     return table(head, rows, numeric=(1, 2, 3), whole=(4,))
@@ -73,9 +72,7 @@ def _notes(fit: FitResult) -> list[Html]:
     words = [f"{fit.ndata} real data, {fit.nvarys} fitted values, redchi {significant(fit.redchi, 4)}."]
     if fit.success and fit.model.speed_dependent and len(fit.thetas) == 1:
         onset = fit.threshold_speed()
-        if fit.moved_by(THRESHOLD):
-            words.append(f"Threshold speed not determined: {fit.moved_by(THRESHOLD)}.")
-        elif math.isfinite(onset.value) and math.isfinite(onset.stderr):
+        if math.isfinite(onset.value) and math.isfinite(onset.stderr):
             low, high = (end * RPM_PER_RAD_S for end in onset.interval())
             words.append(
                 f"Threshold speed {significant(onset.value * RPM_PER_RAD_S, 5)} rpm, 95 % interval "

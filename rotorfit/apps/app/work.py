@@ -104,7 +104,6 @@ def fit(study: Study, send: Send) -> None:
     outcome = run_study(study, progress)
     progress("looking for errors of the data")
     outcome.failure  # noqa: B018 - findings are kept with the fit, as the table of what its numbers rest on
-    outcome.best.assumed  # noqa: B018
     send(outcome)
     send(Report(text=report_text(outcome, no_progress)))
 

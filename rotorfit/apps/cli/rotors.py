@@ -87,7 +87,7 @@ def add_predict(to: argparse.ArgumentParser) -> None:
     add_group(to)
     option(to, "--level LEVEL", "probability that a band holds [%(default)g]", probability_word, default=0.95)
     option(to, "--whole", "bands that hold for whole curves, not point by point")
-    option(to, "--statistical", "bands without the systematic share")
+    option(to, "--noise-only", "bands by the noise alone, as if every cause were known")
     add_output(to, "prediction.csv, summary.txt and prediction.png", figures=True)
 
 
@@ -134,7 +134,7 @@ def _prediction(fit: FitResult, options: argparse.Namespace) -> Prediction:
         direction=options.direction,
         level=options.level,
         whole=options.whole,
-        statistical=options.statistical,
+        share="noise" if options.noise_only else "all",
         at=group(options),
     )
 

@@ -39,7 +39,7 @@ class StoredValue:
     def __str__(self) -> str:
         if not math.isfinite(self.value):
             return "not determined"
-        return f"{plus_minus(self.value, math.hypot(self.stderr, self.systematic))} {shown_unit(self.unit)}".rstrip()
+        return f"{plus_minus(self.value, self.stderr)} {shown_unit(self.unit)}".rstrip()
 
 
 @dataclass(frozen=True, kw_only=True)

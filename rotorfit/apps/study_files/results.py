@@ -122,7 +122,7 @@ def status(p: FittedParameter) -> str:
     """How a parameter came to its value, in a word or two for tables."""
     if not p.vary:
         return "known"
-    if not p.resolved or p.moved_by:
+    if not p.resolved:
         return "not determined"
     return "at its bound" if p.at_bound else "fitted"
 
@@ -136,11 +136,14 @@ def closed_value(outcome: Outcome, name: str) -> float | None:
 
 
 def _parameter_rows(outcome: Outcome) -> Iterator[Sequence[Any]]:
-    yield "parameter", "value", "stderr", "stderr_noise", "unit", "status", "closed_form", "meaning"
+    shares = ("stderr", "noise", "bounded", "trust", "low", "high", "largest_on_trust", "plain")
+    yield "parameter", "value", "unit", *shares, "status", "closed_form", "meaning"
     for p in outcome.best.params.values():
-        numbers = ("", "", "") if not p.resolved else (p.value, p.stderr, p.stderr_noise)
+        largest = "" if p.error is None else p.error.largest_on_trust
+        numbers = (p.stderr, p.noise, p.bounded, p.trust, *p.interval(0.95), largest, p.plain)
+        shown: tuple[Any, ...] = (p.value, p.unit, *numbers) if p.resolved else ("", p.unit, *[""] * len(shares))
         closed = closed_value(outcome, p.name)
-        yield p.name, *numbers, p.unit, status(p), "" if closed is None else closed, p.meaning
+        yield p.name, *shown, status(p), "" if closed is None else closed, p.meaning
 
 
 def _curve_rows(fit: FitResult) -> Iterator[Sequence[Any]]:
@@ -194,7 +197,7 @@ def outcome_values(outcome: Outcome) -> dict[str, Any]:
     def some(of: Any, *names: str) -> dict[str, Any]:
         return {name: getattr(of, name) for name in names}
 
-    numbers = ("value", "stderr", "stderr_noise")
+    numbers = ("value", "stderr", "noise")
     parameters = {
         p.name: {
             **(some(p, *numbers) if p.resolved else dict.fromkeys(numbers)),

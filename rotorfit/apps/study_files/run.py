@@ -12,7 +12,7 @@ from rotorfit.apps.study_files.data_files import DataFile, RecordingFiles, Study
 from rotorfit.apps.study_files.study import Outcome, Study, build_model, check_model
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.identify.diagnosis.data_errors import undone
-from rotorfit.identify.fitting.assumptions.calibration import calibration_of
+from rotorfit.identify.fitting.causes.calibration import calibration_of
 from rotorfit.identify.fitting.fit import closed_form, fit
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitOptions
@@ -66,7 +66,7 @@ def identify(
     closed: FitResult | str
     try:
         closed = closed_form(
-            model, experiments, known=study.known, per=study.per, baseline=baseline, stator_mass_kg=study.stator_mass_kg
+            model, experiments, known=study.held, per=study.per, baseline=baseline, stator_mass_kg=study.stator_mass_kg
         )
     except ClosedFormError as reason:
         closed = str(reason)

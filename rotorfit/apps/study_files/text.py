@@ -15,7 +15,6 @@ from rotorfit.base.text_table import text_table
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.summary import fit_table
-from rotorfit.identify.uncertainty.budget import Budget
 from rotorfit.lab.data.experiments import DisplacementTest, Experiment, PerturbationTest, StaticTest
 from rotorfit.lab.data.findings import Finding
 
@@ -33,7 +32,7 @@ def summary(outcome: Outcome, rig: str = "") -> str:
         parts.append("structural refinement\n" + outcome.refinement.table())
     parts.append(fit_table(best))
     if best.settings.calibration is not None:
-        parts.append(str(Budget(best, best.settings.calibration)))
+        parts.append(str(best.budget()))
     if outcome.profiles:
         parts.append("profile likelihoods\n" + "\n".join(map(str, outcome.profiles)))
     parts += [str(more) for more in (outcome.bootstrap, outcome.posterior) if more is not None]

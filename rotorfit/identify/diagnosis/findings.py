@@ -15,7 +15,6 @@ import numpy as np
 from rotorfit.base.array_types import Bool, ComplexArray, Float
 from rotorfit.base.digits import significant
 from rotorfit.base.significance import SIGNIFICANT_ERRORS
-from rotorfit.estimators.inference.smooth_causes import Kind
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.force_balance import stiffness_matrices
@@ -59,9 +58,7 @@ def findings_of(fit: FitResult) -> tuple[Finding, ...]:
     shown = attributed([check(test) for test in experiments], sources)
     if fit.model.frame == "z" and fit.success and len(fit.thetas) == 1:
         # Anisotropy is a warning where an isotropic fit does not bear it, and nothing where it does.
-        weighty = any(entry.name.startswith(Kind.PAIR.value) for entry in fit.assumed.entries)
-        uneven = [replace(one, severity="warning") if one.code == UNEVEN else one for one in shown]
-        shown = [one for one in uneven if one.code != UNEVEN or weighty]
+        shown = [replace(one, severity="warning") if one.code == UNEVEN else one for one in shown]
     given = fit
     if fit.model_uncertainty is not None:  # blocks that were chosen for its model may follow an error of the data
         model, asked = fit.model.variant(blocks=()), fit.settings.asked

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -21,9 +22,8 @@ from rotorfit.estimators.starting.closed_form import closed_form as solve_closed
 from rotorfit.estimators.starting.shaft_line_starts import has_lines
 from rotorfit.estimators.starting.start_points import CLOSED_FORM, EARLIER_FIT, Start, search_scale
 from rotorfit.estimators.starting.starts import find_start
-from rotorfit.identify.fitting.assumptions.calibration import Calibration
-from rotorfit.identify.fitting.assumptions.shifts import assuming
-from rotorfit.identify.fitting.causes.solution import JointSearch, search
+from rotorfit.identify.fitting.causes.calibration import Calibration
+from rotorfit.identify.fitting.causes.solution import JointSearch, search, solved_before
 from rotorfit.identify.fitting.judge import judge, with_model_uncertainty
 from rotorfit.identify.fitting.noise.error_bars import with_noise
 from rotorfit.identify.fitting.noise.study import study_residuals
@@ -40,7 +40,7 @@ def fit(
     model: RotorModel,
     experiments: Experiment | Sequence[Experiment],
     *,
-    known: Mapping[str, float | None] | None = None,
+    known: Mapping[str, float | tuple[float, float] | None] | None = None,
     bounds: Mapping[str, tuple[float | None, float | None]] | None = None,
     priors: Mapping[str, Any] | None = None,
     per: Mapping[str, str] | None = None,
@@ -50,8 +50,7 @@ def fit(
     baseline: Experiment | None = None,
     stator_mass_kg: float | None = None,
     calibration: Calibration | None = None,
-    assumptions: Mapping[str, float] | None = None,
-    causes: Mapping[str, float] | None = None,
+    causes: Mapping[str, float] | None = MappingProxyType({}),
     method: Method = "auto",
     max_iterations: int = 200,
 ) -> FitResult:
@@ -64,7 +63,8 @@ def fit(
         model: the rotor, for instance ``rf.models.WhirlWhip()``.
         experiments: one experiment or a list that informs one parameter vector. Runs of one name that a probe read in
             several of them are different runs and are named with their file.
-        known: values that are not fitted, SI units; ``None`` frees a parameter that the model fixes by default.
+        known: values that are not fitted, SI units, or pairs of a value and its standard uncertainty; ``None`` frees a
+            parameter that the model fixes by default.
         bounds: lower and upper bounds by parameter name, None for none.
         priors: frozen ``scipy.stats`` distributions by parameter name.
         per: parameters that take one value for each value of a test attribute, ``{"D": "speed_rpm"}``, or of several
@@ -80,9 +80,6 @@ def fit(
             errors.
         stator_mass_kg: in place of a dry run, the mass of a floating stator.
         calibration: uncertainties of probes, force and phase reference, which then count in ``stderr``.
-        assumptions: standard uncertainties of terms that the model leaves out or takes as known, by their names and
-            units in :meth:`FitResult.assumptions`, ``{"Ds[journal]": 2.0}``. They enter :meth:`FitResult.interval`, the
-            summary and the report as a systematic share; ``params`` stay statistical.
         causes: sizes of causes beside the model, standard uncertainties by their names in :attr:`FitResult.causes`,
             ``{"gain": 0.005}``; zero takes one out, ``{}`` is the list as it is. They are solved with the fitted values
             and count in ``stderr``. ``None`` fits without causes.
@@ -96,9 +93,9 @@ def fit(
 
     Raises:
         TypeError: a class or a name in place of a model, or something else than experiments.
-        KeyError: unknown parameter names; the message names the nearest. Unknown assumptions.
+        KeyError: unknown parameter names; the message names the nearest. Unknown causes.
         ValueError: data that do not fit the model, an unknown loss, contradictory bounds, more unknowns than data,
-            uncertainties of assumptions that are not positive or of a fit with parameters per attribute.
+            sizes of causes that are negative.
 
     Example:
         >>> fit = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
@@ -106,7 +103,7 @@ def fit(
         (True, 0.473, '1')
     """
     settings = FitSettings(
-        known=known or {},
+        known={name: tuple(v) if isinstance(v, list) else v for name, v in (known or {}).items()},
         bounds={name: _numbers(pair) for name, pair in (bounds or {}).items()},
         priors=priors or {},
         per=per or {},
@@ -116,12 +113,11 @@ def fit(
         baseline=dry_run(baseline),
         stator_mass_kg=stator_mass_kg,
         calibration=calibration,
-        causes=causes,
+        causes=None if causes is None else dict(causes),
         method=method,
         max_iterations=max_iterations,
     )
-    found = fitted(model, runs_apart(as_tuple(experiments)), settings)
-    return assuming(found, assumptions) if assumptions else found
+    return fitted(model, runs_apart(as_tuple(experiments)), settings)
 
 
 def _numbers(pair: Any) -> Any:
@@ -132,12 +128,10 @@ def _numbers(pair: Any) -> Any:
     return (-np.inf if low is None else low, np.inf if high is None else high)
 
 
-def fitted(
-    model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings, *, ask_causes: bool = True
-) -> FitResult:
-    """The fit of a model with given settings; ``ask_causes``: fixed causes of what it misses are asked for."""
+def fitted(model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings) -> FitResult:
+    """The fit of a model with given settings."""
     problem, start, solution = min(_solved(model, experiments, settings), key=_bic)
-    return judged(problem, experiments, settings, start, solution, ask_causes=ask_causes)
+    return judged(problem, experiments, settings, start, solution)
 
 
 def _solved(
@@ -171,8 +165,6 @@ def judged(
     settings: FitSettings,
     start: Start,
     solution: Solution,
-    *,
-    ask_causes: bool = True,
 ) -> FitResult:
     """The result of a solved problem, solved again with the noise that its residuals show."""
     left_out = (sentence for test in experiments for sentence in usable(problem.space.model, test)[1])
@@ -181,8 +173,7 @@ def judged(
     studied = settings.loss == "linear" and (solution.success or solution.status is Status.SINGULAR)
     beside = _beside(problem, solution, settings)
     at = problem if beside is None else beside.problem
-    asked = ask_causes and settings.causes is None
-    study = study_residuals(at, solution.x, beside=beside, ask_causes=asked) if studied else None
+    study = study_residuals(at, solution.x, beside) if studied else None
     if beside is not None:
         solution = replace(solution, x=beside.x)
     if study is not None and study.found is not None:
@@ -203,7 +194,7 @@ def _beside(problem: Problem, solution: Solution, settings: FitSettings) -> Join
     """The fitted values solved with causes, where these were asked for and the search found an optimum."""
     if settings.causes is None or not (solution.success or solution.status is Status.SINGULAR):
         return None
-    return search(problem, solution.x, settings.causes)
+    return search(problem, solution.x, settings.sizes, settings.calibration)
 
 
 def closed_form(
@@ -237,7 +228,9 @@ def closed_form(
         )
     if isinstance(model, Modal):
         raise ClosedFormError("a modal model starts from a rational fit of its own, which is no estimate with errors")
-    settings = FitSettings(known=known or {}, per=per or {}, baseline=dry_run(baseline), stator_mass_kg=stator_mass_kg)
+    settings = FitSettings(
+        known=known or {}, per=per or {}, baseline=dry_run(baseline), stator_mass_kg=stator_mass_kg, causes=None
+    )
     several = runs_apart(as_tuple(experiments))
     problem = build_problem(model, several, settings)
     if has_lines(problem):
@@ -260,7 +253,8 @@ def solve_again(fit: FitResult, problem: Problem) -> FitResult:
     begin[: min(fit.x.size, begin.size)] = fit.x[: begin.size]
     solution = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options(method=settings.method))
     start = Start(x=begin, kind=EARLIER_FIT)
-    found = judge(problem, fit.experiments, settings, start, solution, noise=fit.noise)
+    beside = None if settings.solved is None else solved_before(problem, solution.x, settings.solved)
+    found = judge(problem, fit.experiments, settings, start, solution, noise=fit.noise, beside=beside)
     return found if fit.model_uncertainty is None else with_model_uncertainty(found, fit.model_uncertainty)
 
 

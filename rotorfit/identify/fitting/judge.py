@@ -22,7 +22,6 @@ from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.problem import Problem, robust_weights
 from rotorfit.estimators.starting.closed_form import ClosedForm
 from rotorfit.estimators.starting.start_points import Start
-from rotorfit.identify.fitting.assumptions.calibration import NUISANCE_KINDS
 from rotorfit.identify.fitting.causes.solution import JointSearch, SolvedCauses
 from rotorfit.identify.fitting.noise.error_bars import shares_of_possible_effects, with_scatter, with_shares
 from rotorfit.identify.fitting.noise.record import is_run_effect
@@ -39,7 +38,6 @@ from rotorfit.models.parameters import bare_name
 _MEANING = {
     "phase": ("rad", "offset of the phase reference"),
     DATUM: ("rad", "common datum angle: lead of responses over forces"),
-    **NUISANCE_KINDS,
 }
 
 
@@ -64,9 +62,12 @@ def judge(
     )
     causes = None
     if beside is not None and errors is not None:
-        plain = beside.plain_square * covariance.per_freedom(problem.loss, nfree)
         causes = SolvedCauses(
-            causes=beside.causes, errors=errors, shift=beside.shift, plain=beside.plain, plain_redchi=plain
+            causes=beside.causes,
+            errors=errors,
+            shift=beside.shift,
+            plain=beside.plain,
+            plain_square=beside.plain_square,
         )
     settings = replace(settings, solved=causes)
     params = _parameters(problem.space, x, start.x, scattered, covar, degrees, verdict.unresolved, causes)
@@ -77,7 +78,7 @@ def judge(
         success = solved.success or solved.status is Status.SINGULAR
         method, message, evaluations = "least squares", solved.message, solved.n_evaluations
     if not success:  # where a search stalled the curvature tells nothing of the error
-        params = {n: replace(p, stderr=np.nan, stderr_noise=np.nan) if p.vary else p for n, p in params.items()}
+        params = {n: replace(p, stderr=np.nan) if p.vary else p for n, p in params.items()}
         warnings.insert(0, f"the optimisation did not converge, so no standard errors are given: {message}")
     return FitResult(
         model=problem.space.model,
@@ -235,7 +236,7 @@ def _parameters(
 ) -> dict[str, FittedParameter]:
     """Parameters by name, fitted and known, in the model's order."""
     # With priors or tight noise a variance may come out as -0.
-    error, wide = (np.sqrt(np.maximum(np.diag(matrix), 0.0)).tolist() for matrix in (scattered, covar))
+    wide = np.sqrt(np.maximum(np.diag(covar), 0.0)).tolist()
     values, lower, upper = x.tolist(), space.lower.tolist(), space.upper.tolist()
     first = [*begin.tolist(), *[0.0] * (space.size - begin.size)]
     entries: dict[str, FittedParameter] = {}
@@ -249,7 +250,6 @@ def _parameters(
             name=name,
             value=values[i],
             stderr=wide[i] if resolved else float("inf"),
-            stderr_noise=error[i] if resolved else float("inf"),
             plain=values[i] if solved is None else float(solved.plain[i]),
             init_value=first[i],
             unit=unit,
@@ -265,7 +265,7 @@ def _parameters(
     for place, known in enumerate(space.model.parameters):
         if (space.index[:, place] < 0).all():
             said: dict[str, Any] = {"name": known.name, "unit": known.unit, "meaning": known.meaning, "vary": False}
-            numbers = {"value": theta[place], "init_value": theta[place], "stderr": 0.0, "stderr_noise": 0.0}
+            numbers = {"value": theta[place], "init_value": theta[place], "stderr": 0.0}
             entries[known.name] = FittedParameter(**said, **numbers, min=known.lower, max=known.upper)
     order = {name: i for i, name in enumerate(space.model.parameter_names)}
     return dict(sorted(entries.items(), key=lambda item: order.get(bare_name(item[0]), len(order))))
@@ -296,7 +296,7 @@ def fit_warnings(
     advice = _advice(problem, identifiability, rescaled)
     nfree = problem.n_data - problem.space.size
     misfit = covariance.widening(redchi, problem.loss, nfree=nfree, freedom=freedom_of(problem.blocks))
-    if is_misfit(noise, misfit) and not (noise is not None and noise.explained):
+    if is_misfit(noise, misfit):
         where = f". It misses most: {', '.join(noise.places)}" if noise is not None and noise.places else ""
         wider = "the residuals of each response" if rescaled else significant(np.sqrt(redchi), 2)
         other = f". {_FILTERED}" if noise is not None and noise.perhaps_filtered else ""

@@ -15,9 +15,8 @@ from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace, parameter_space
-from rotorfit.estimators.misfit.priors import CentredNormal, Prior, within_support
+from rotorfit.estimators.misfit.priors import Prior, within_support
 from rotorfit.estimators.misfit.problem import LOSSES, Problem
-from rotorfit.identify.fitting.assumptions.calibration import nuisance_entries
 from rotorfit.identify.fitting.causes.solution import shifted
 from rotorfit.identify.fitting.noise.error_bars import with_noise, without_noise
 from rotorfit.identify.fitting.settings import FitSettings, PhaseOffsets
@@ -71,16 +70,10 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
     spread = settings.noise is not None and any(effect.kind == "phase" for effect in settings.noise.effects)
     # Offsets of all runs about their mean, with a spread that was found, come with the noise.
     nuisance, parts = ((), []) if spread else _phase_entries(blocks, settings.phase_offsets)
-    errors = nuisance_entries(settings.calibration, several, blocks) if settings.calibration else []
-    for name, _, columns in errors:
-        nuisance = (*nuisance, name)
-        parts.append(tuple(column[:, None] for column in columns))
     factors = tuple(np.hstack(own) for own in zip(*parts, strict=True)) if parts else (None,) * len(blocks)
-    space = parameter_space(model, known=settings.known, bounds=settings.bounds, groups=suffixes, nuisance=nuisance)
+    space = parameter_space(model, known=settings.held, bounds=settings.bounds, groups=suffixes, nuisance=nuisance)
     priors = make_priors(space, settings.priors)
     space = within_support(space, priors)
-    first = space.size - len(errors)
-    priors += tuple(Prior(first + i, CentredNormal(sd)) for i, (_, sd, _) in enumerate(errors))
     problem = with_noise_scale(
         Problem(space=space, blocks=blocks, loss=settings.loss, priors=priors, factors=factors), settings.noise_scale
     )

@@ -9,12 +9,15 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Literal, Protocol, Self, TypeAlias
 
-from rotorfit.base.digits import plus_minus, two_digits
-from rotorfit.base.significance import CHANCE_ERRORS, quantile
+from rotorfit.base.digits import plus_minus
+from rotorfit.base.significance import quantile
 from rotorfit.base.units import si_factor
 from rotorfit.estimators.inference.joint_errors import Reach
+
+Share: TypeAlias = Literal["all", "noise"]
+"""Part of an error that an interval is of."""
 
 THRESHOLD = "threshold_speed"
 """Name of the threshold speed where a parameter could stand."""
@@ -25,12 +28,6 @@ CAUSE = "cause "
 _NEWTON = {"kg": 1, "m": 1, "s": -2}
 _SHOWN = ({"N": 1, "m": -1}, {"N": 1}, {"N": 1, "s": 1, "m": -1}, {"N": 1, "m": 1})
 """Units with a newton that are written as such: stiffness, force, damping, moment."""
-
-
-def is_left_open(value: float, error: float, systematic: float) -> bool:
-    """True if what the data do not show may well move a number by more than itself: two such shares of it, beyond what
-    its error does. Then it is no number."""
-    return CHANCE_ERRORS * systematic > abs(value) and systematic > error
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -47,6 +44,11 @@ class ErrorBar:
     def trust(self) -> float:
         """What rests on sizes that causes are given before the data."""
         return math.hypot(*self.on_trust.values())
+
+    @property
+    def systematic(self) -> float:
+        """What all causes leave, found and on trust."""
+        return math.hypot(self.bounded, self.trust)
 
     @property
     def stderr(self) -> float:
@@ -67,12 +69,6 @@ class Source(Protocol):
 
     def error_of(self, slopes: Mapping[str, float]) -> ErrorBar | None:
         """The error of a result by its slopes, share by share; None where no causes were solved."""
-
-    def systematic(self, name: str) -> float:
-        """Standard uncertainty of a parameter by what the model leaves out or takes as known."""
-
-    def moved_by(self, name: str) -> str:
-        """What of it leaves the number open, in words; empty where the number stands."""
 
 
 class Number:
@@ -146,7 +142,6 @@ class Quantity(Number):
         stderr: its standard error, likewise.
         unit: SI unit.
         freedom: degrees of freedom of ``stderr``.
-        systematic: standard uncertainty by what the model leaves out or takes as known; zero where that was not asked.
         source: the result that it was derived from; None for a number on its own.
         slopes: derivatives by the parameters of the source, by name.
     """
@@ -155,7 +150,6 @@ class Quantity(Number):
     stderr: float
     unit: str
     freedom: float = math.inf
-    systematic: float = 0.0
     source: Source | None = field(default=None, compare=False, repr=False)
     slopes: Mapping[str, float] = field(default_factory=dict, compare=False, repr=False)
 
@@ -163,36 +157,40 @@ class Quantity(Number):
     def _quantity(self) -> Quantity:
         return self
 
-    def interval(self, level: float = 0.95, *, statistical: bool = False) -> tuple[float, float]:
-        """Confidence interval by ``stderr`` and ``systematic``, Student's t with the degrees of freedom of ``stderr``.
+    def interval(self, level: float = 0.95, *, share: Share = "all") -> tuple[float, float]:
+        """Confidence interval, by Student's t with the degrees of freedom of ``stderr``.
+
+        What rests on a cause that is never negative lengthens it to one side only.
 
         Args:
             level: probability that such intervals hold the truth.
-            statistical: by ``stderr`` alone.
+            share: "noise" for the noise alone, as if every cause were known.
 
         Raises:
             ValueError: a level that is no probability.
         """
         if not 0 < level < 1:
             raise ValueError(f"level is {level!r}; an interval has a probability between 0 and 1")
-        bar = self.error
+        reach, bar = quantile(level, self.freedom), self.error
+        below = above = reach * self.stderr
         if bar is not None and math.isfinite(self.stderr):
-            reach = quantile(level, self.freedom)
-            factor = self.stderr / bar.stderr if bar.stderr else 1.0  # to the unit of the quantity
-            if statistical:
-                return self.value - reach * bar.noise * factor, self.value + reach * bar.noise * factor
-            below, above = bar.reach.ends(reach)
-            return self.value - below * factor, self.value + above * factor
-        wide, freedom = self.stderr if statistical else math.hypot(self.stderr, self.systematic), self.freedom
-        if wide > self.stderr > 0:
-            freedom *= (wide / self.stderr) ** 4  # Satterthwaite: the systematic share is taken as known
-        half = wide * quantile(level, freedom)
-        return self.value - half, self.value + half
+            below, above = (reach * bar.noise,) * 2 if share == "noise" else bar.reach.ends(reach)
+        return self.value - below, self.value + above
 
     @property
     def error(self) -> ErrorBar | None:
-        """The error share by share, SI units; None without causes or for a number on its own."""
+        """The error share by share; None without causes, and for a number on its own."""
         return None if self.source is None else self.source.error_of(self.slopes)
+
+    @property
+    def noise(self) -> float:
+        """Share of ``stderr`` by the noise: the error if every cause were known."""
+        return self.stderr if self.error is None else self.error.noise
+
+    @property
+    def systematic(self) -> float:
+        """Share of ``stderr`` by causes, found and on trust."""
+        return 0.0 if self.error is None else self.error.systematic
 
     def to(self, unit: str) -> Quantity:
         """The quantity in another unit of frequency: rpm, Hz, cpm or rad/s; 1/s is rad/s.
@@ -205,13 +203,13 @@ class Quantity(Number):
 
         Example:
             >>> print(fit.threshold_speed().to("rpm"))
-            2667 +- 76 rpm (1.3 statistical, 76 systematic)
+            2667 +- 76 rpm
         """
         own = si_factor("frequency", "rad_s" if self.unit == "1/s" else self.unit.replace("/", "_"))
         other = si_factor("frequency", unit.replace("/", "_"))
-        value, stderr, systematic = (part * own / other for part in (self.value, self.stderr, self.systematic))
+        value, stderr = (part * own / other for part in (self.value, self.stderr))
         slopes = {name: slope * own / other for name, slope in self.slopes.items()}
-        return replace(self, value=value, stderr=stderr, systematic=systematic, unit=unit, slopes=slopes)
+        return replace(self, value=value, stderr=stderr, unit=unit, slopes=slopes)
 
     def __repr__(self) -> str:
         return f"<{self}>"
@@ -219,12 +217,7 @@ class Quantity(Number):
     def __str__(self) -> str:
         if not math.isfinite(self.stderr):
             return "not determined by these data"
-        if is_left_open(self.value, self.stderr, self.systematic):
-            size = f"{two_digits(self.systematic)} {shown_unit(self.unit)}".rstrip()
-            return f"not determined: what these data do not show moves it by {size}"
-        whole = plus_minus(self.value, math.hypot(self.stderr, self.systematic))
-        shares = f" ({two_digits(self.stderr)} statistical, {two_digits(self.systematic)} systematic)"
-        return f"{whole} {shown_unit(self.unit)}".rstrip() + (shares if self.systematic else "")
+        return f"{plus_minus(self.value, self.stderr)} {shown_unit(self.unit)}".rstrip()
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -237,7 +230,6 @@ class FittedParameter(Number):
         stderr: standard error, as wide as the residuals ask, see ``noise`` of a result; where they were not studied,
             by sqrt(redchi) if that is above one; zero for known parameters, infinite where the data do not determine
             the parameter, NaN where the search did not converge.
-        stderr_noise: standard error from the noise alone.
         init_value: start of the optimisation.
         unit: SI unit.
         meaning: a few words.
@@ -253,7 +245,6 @@ class FittedParameter(Number):
     name: str
     value: float
     stderr: float
-    stderr_noise: float
     init_value: float
     unit: str
     meaning: str
@@ -268,7 +259,7 @@ class FittedParameter(Number):
 
     @property
     def _quantity(self) -> Quantity:
-        alone = (self.value, self.stderr, self.unit, self.freedom, self.systematic)
+        alone = (self.value, self.stderr, self.unit, self.freedom)
         return Quantity(*alone, source=self.fit, slopes={self.name: 1.0})
 
     @property
@@ -293,25 +284,18 @@ class FittedParameter(Number):
 
     @property
     def systematic(self) -> float:
-        """Standard uncertainty by what the model leaves out or takes as known; see :meth:`FitResult.systematic`."""
-        return 0.0 if self.fit is None else self.fit.systematic(self.name)
+        """Share of ``stderr`` by causes, found and on trust."""
+        return 0.0 if self.error is None else self.error.systematic
 
-    @property
-    def moved_by(self) -> str:
-        """What leaves the number open, in words; empty where the number stands; see :meth:`FitResult.moved_by`."""
-        return "" if self.fit is None or not self.vary else self.fit.moved_by(self.name)
-
-    def interval(self, level: float = 0.95, *, statistical: bool = False) -> tuple[float, float]:
-        """As :meth:`Quantity.interval`; that of a known parameter, or of one left open, has no systematic share.
+    def interval(self, level: float = 0.95, *, share: Share = "all") -> tuple[float, float]:
+        """As :meth:`Quantity.interval`.
 
         Args:
-            level, statistical: see there.
+            level, share: see there.
         """
-        return self._quantity.interval(level, statistical=statistical or not 0 < self.stderr < math.inf)
+        return self._quantity.interval(level, share=share)
 
     def __str__(self) -> str:
-        if self.moved_by:
-            return f"not determined: {self.moved_by}"
         return str(self._quantity) if self.vary else f"{self.value:.6g} {shown_unit(self.unit)}".rstrip() + ", known"
 
     def __repr__(self) -> str:
@@ -342,8 +326,7 @@ def _combined(one: Number, by_a: float, other: Number | float, by_b: float, valu
     alone = other is one or not isinstance(other, Number)
     shares = [(by_a + by_b, a)] if alone else [(by_a, a), (by_b, b)]
     stderr = math.hypot(*(factor * number.stderr for factor, number in shares))
-    systematic = math.hypot(*(factor * number.systematic for factor, number in shares))
-    return Quantity(value, stderr, unit, min(a.freedom, b.freedom), systematic)
+    return Quantity(value, stderr, unit, min(a.freedom, b.freedom))
 
 
 def _same_unit(a: Number, b: Number | float) -> str:

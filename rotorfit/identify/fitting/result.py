@@ -23,11 +23,18 @@ from rotorfit.estimators.inference.covariance import standard_error, widening
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.sweep_noise import READINGS_OF_NOISE
-from rotorfit.identify.fitting.assumptions.assumption_table import THRESHOLD_COLUMN
 from rotorfit.identify.fitting.causes.onset import onset_slopes
 from rotorfit.identify.fitting.causes.table import Causes, table_of
 from rotorfit.identify.fitting.noise.residual_study import ResidualStudy, is_misfit, largest_redchi
-from rotorfit.identify.fitting.quantities import CAUSE, THRESHOLD, ErrorBar, FittedParameter, Quantity, ResponseQuality
+from rotorfit.identify.fitting.quantities import (
+    CAUSE,
+    THRESHOLD,
+    ErrorBar,
+    FittedParameter,
+    Quantity,
+    ResponseQuality,
+    Share,
+)
 from rotorfit.identify.fitting.settings import (
     FitSettings,
     JudgeKeywords,
@@ -46,9 +53,7 @@ if TYPE_CHECKING:
 
     from pandas import DataFrame
 
-    from rotorfit.identify.fitting.assumptions.anisotropy import TurningAnisotropy
-    from rotorfit.identify.fitting.assumptions.assumption_table import Assumptions
-    from rotorfit.identify.fitting.assumptions.calibration import Uncertainty
+    from rotorfit.identify.fitting.anisotropy import TurningAnisotropy
     from rotorfit.identify.fitting.structure.coefficients import CoefficientRows, Coefficients, FrequencyRows
     from rotorfit.identify.fitting.structure.modes import Modes
     from rotorfit.identify.uncertainty.bootstrap import Bootstrap
@@ -213,50 +218,24 @@ class FitResult:
         known = freedom_of(self.problem.blocks)
         return min(known, float(self.nfree)) if self.widening > 1 and math.isfinite(known) else known
 
-    def interval(self, name: str, level: float = 0.95, *, statistical: bool = False) -> tuple[float, float]:
+    def interval(self, name: str, level: float = 0.95, *, share: Share = "all") -> tuple[float, float]:
         """Interval that holds the parameter ``name``, or "threshold_speed" in rad/s, with the probability ``level``.
 
         By Student's t where standard errors have few degrees of freedom; infinite where the data do not determine it.
-        It holds the systematic share, see :meth:`systematic`, unless ``statistical``.
+        It holds all causes; ``share="noise"`` is by the noise alone.
 
         Raises:
             KeyError: no such parameter; the message names the nearest.
             ValueError: a level that is no probability.
 
         Example:
-            >>> [round(end, 4) for end in fit.interval("lam", 0.95, statistical=True)]
+            >>> [round(end, 4) for end in fit.interval("lam", 0.95, share="noise")]
             [0.473, 0.4737]
         """
         if name != THRESHOLD and name not in self.params:
             raise KeyError(unknown_name("parameter", name, self.params))
         p = self.threshold_speed() if name == THRESHOLD else self.params[name]
-        return p.interval(level, statistical=statistical)
-
-    def systematic(self, name: str) -> float:
-        """Standard uncertainty by what the model leaves out or takes as known; see :meth:`assumptions`.
-
-        ``name`` is a fitted or known parameter, or "threshold_speed", rad/s. Each entry of that table has a plausible
-        size, or the one given by ``rf.fit(..., assumptions=)``, as standard uncertainty; as far as the data cannot tell
-        it, it moves the results. Zero where nothing of the kind is known: fits that did not converge, and those with
-        parameters per attribute.
-        """
-        return self.assumed.systematic(THRESHOLD_COLUMN if name == THRESHOLD else name)
-
-    def moved_by(self, name: str) -> str:
-        """The entry of :meth:`assumptions` that leaves a number open, in words; empty where the number stands.
-
-        ``name`` is that of a parameter, or "threshold_speed". A number whose interval holds zero by its systematic
-        share is not printed as one: summary, report and stability report say "not determined" and this in its place.
-        Its interval remains.
-
-        Example:
-            >>> fit.moved_by("lam")
-            ''
-        """
-        if name != THRESHOLD:
-            return self.assumed.moves(name, self.params[name].value, self.params[name].unit)
-        onset = self.threshold_of(0).value if self.assumed.entries else math.nan
-        return "" if math.isnan(onset) else self.assumed.moves(THRESHOLD_COLUMN, onset, "rad/s")
+        return p.interval(level, share=share)
 
     @property
     def causes(self) -> Causes:
@@ -267,24 +246,6 @@ class FitResult:
             True
         """
         return table_of(self.settings.solved)
-
-    @property
-    def foundations(self) -> tuple[str, ...]:
-        """The weightiest effects that the data do not show although they move a result by more than its error.
-
-        Example:
-            >>> any(words.startswith("Ds[journal]") for words in fit.foundations)
-            True
-        """
-        return self.assumed.main_foundations
-
-    @cached_property
-    def assumed(self) -> Assumptions:
-        """:meth:`assumptions`, empty where these are not known: no convergence, parameters per attribute."""
-        from rotorfit.identify.fitting.assumptions.assumption_table import Assumptions
-
-        old = self.success and len(self.thetas) == 1 and self.settings.causes is None
-        return self.assumptions() if old else Assumptions(())
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -372,8 +333,8 @@ class FitResult:
             return None
         slope = np.array([slopes.get(name, 0.0) for name in self.var_names])
         by_causes = np.array([slopes.get(f"{CAUSE}{cause.name}", 0.0) for cause in solved.causes])
-        if THRESHOLD_COLUMN in slopes and (onset := self.onset(0)) is not None:
-            times = slopes[THRESHOLD_COLUMN]
+        if THRESHOLD in slopes and (onset := self.onset(0)) is not None:
+            times = slopes[THRESHOLD]
             slope = slope + times * self.problem.space.pull_back(onset.gradient, 0)
             by_causes = by_causes + times * onset_slopes(self.model, self.theta(), onset, solved)
         errors = solved.errors
@@ -395,7 +356,7 @@ class FitResult:
         ``value`` in ``unit``, ``slopes`` by names in :attr:`params` or that of the threshold speed.
         """
         slope = np.array([slopes.get(name, 0.0) for name in self.var_names])
-        by_onset = slopes.get(THRESHOLD_COLUMN, 0.0)
+        by_onset = slopes.get(THRESHOLD, 0.0)
         onset = self.onset(0) if by_onset else None
         beside = 0.0
         if onset is not None:
@@ -404,8 +365,7 @@ class FitResult:
             own = self.threshold_of(0).stderr  # with the difference between candidates, which parameters do not know
             beside = abs(by_onset) * math.sqrt(max(own**2 - float(standard_error(along, self.covar)) ** 2, 0.0))
         found = self._with_error(value, slope, unit)
-        systematic = self.assumed.systematic_along(slopes) if math.isfinite(found.stderr) else 0.0
-        return replace(found, stderr=math.hypot(found.stderr, beside), systematic=systematic, slopes=dict(slopes))
+        return replace(found, stderr=math.hypot(found.stderr, beside), slopes=dict(slopes))
 
     def threshold_speed(self, at: Mapping[str, Any] | None = None, *, eccentricity: float | None = None) -> Quantity:
         """Rotative speed at which the rotor becomes unstable, rad/s, with its standard error.
@@ -429,7 +389,7 @@ class FitResult:
             found = self.threshold_of(self.group(at))
             if not math.isfinite(found.stderr) or len(self.thetas) > 1:
                 return found
-            return replace(found, systematic=self.systematic(THRESHOLD), source=self, slopes={THRESHOLD_COLUMN: 1.0})
+            return replace(found, source=self, slopes={THRESHOLD: 1.0})
         from rotorfit.models.motion.off_centre import off_centre_threshold
 
         allowed = "|displacement| / clearance, from 0 to below 1"
@@ -443,7 +403,7 @@ class FitResult:
 
     def threshold_of(self, group: int) -> Quantity:
         """Threshold speed of the parameter ``group`` of that number, from 0; see :meth:`threshold_speed`."""
-        from rotorfit.identify.fitting.assumptions.onset import onset_of
+        from rotorfit.identify.fitting.onset import onset_of
 
         return onset_of(self, group)
 
@@ -459,7 +419,7 @@ class FitResult:
 
     def onset_note(self, group: int = 0) -> str:
         """Limitation of the threshold speed of a ``group`` by number; empty where its whirl lies in the tested band."""
-        from rotorfit.identify.fitting.assumptions.onset import onset_note
+        from rotorfit.identify.fitting.onset import onset_note
 
         return onset_note(self, group)
 
@@ -567,31 +527,9 @@ class FitResult:
 
         ``level`` is the probability of the intervals, ``at`` names a group of parameters, as for :meth:`group`.
         """
-        from rotorfit.identify.fitting.assumptions.anisotropy import turning_anisotropy
+        from rotorfit.identify.fitting.anisotropy import turning_anisotropy
 
         return turning_anisotropy(self, level=level, at=at)
-
-    def assumptions(self, priors: Mapping[str, float] | None = None) -> Assumptions:
-        """Assumptions of the numbers: terms left out of the model and values taken as known, tested where the data can.
-
-        For each: the score test, and how far it would move the results. No fit is repeated.
-
-        Args:
-            priors: standard uncertainty of some of the terms, ``{"Ds[journal]": 2.0}``, in the table's units, in place
-                of the plausible size; zero for what is not there. By default those of ``rf.fit(..., assumptions=)``,
-                which enter :meth:`interval`, the summary and the report too.
-
-        Raises:
-            ValueError: parameters were fitted per attribute, or an uncertainty that is negative.
-            KeyError: a prior for what is not in the table.
-
-        Example:
-            >>> fit.assumptions()["K3"].tested  # K0 takes up all of it
-            False
-        """
-        from rotorfit.identify.fitting.assumptions.shifts import assumptions_of
-
-        return assumptions_of(self, priors)
 
     # ---- other measures of uncertainty, imported when asked for ------------------------------------------------------
 
@@ -663,8 +601,8 @@ class FitResult:
                 or a place between planes (``probes=`` of the model); by default that of the force. ``direction``: ``z``
                 for x + j y, or of models of both directions ``x`` or ``y``. ``level``: probability that a band holds,
                 0.95. ``whole``: bands that hold whole curves at once, in place of each point by itself.
-                ``statistical``: bands without the systematic share, see :meth:`systematic`. ``at``: group of
-                parameters, for fits with one value a group.
+                ``share``: "noise" for bands by the noise alone. ``at``: group of parameters, for fits with one value a
+                group.
 
         Raises:
             TypeError: a keyword that is none of these.
@@ -763,27 +701,16 @@ class FitResult:
 
         return bootstrap(self, n=n, seed=seed, accelerate=accelerate, executor=executor_of(executor, client))
 
-    def calibration(
-        self,
-        *,
-        probe_gain: Uncertainty = 0.0,
-        probe_phase_deg: Uncertainty = 0.0,
-        mr: Uncertainty = 0.0,
-        keyphasor_deg: float = 0.0,
-    ) -> Budget:
-        """Random and systematic uncertainty apart (GUM type A and B).
+    def budget(self) -> Budget:
+        """What the error of each result is made of: noise, causes found from the data, and sizes on trust, by cause.
 
-        The fit is repeated with the errors of calibration as nuisance entries; it is the ``fit`` of the answer.
-        ``probe_gain``, ``probe_phase_deg``, ``mr`` and ``keyphasor_deg`` are standard uncertainties as of
-        :class:`rotorfit.Calibration`.
+        Example:
+            >>> fit.budget()["lam"].noise < fit.budget()["lam"].stderr
+            True
         """
-        from rotorfit.identify.fitting.assumptions.calibration import Calibration
-        from rotorfit.identify.uncertainty.budget import budget
+        from rotorfit.identify.uncertainty.budget import budget_of
 
-        return budget(
-            self,
-            Calibration(probe_gain=probe_gain, probe_phase_deg=probe_phase_deg, mr=mr, keyphasor_deg=keyphasor_deg),
-        )
+        return budget_of(self)
 
     # ---- files, imported when asked for ------------------------------------------------------------------------------
 
@@ -876,7 +803,7 @@ class FitResult:
         rows = []
         for p in self.params.values():
             low, high = p.interval(0.95)
-            errors = {"stderr": p.stderr, "stderr_noise": p.stderr_noise, "systematic": p.systematic}
+            errors = {"stderr": p.stderr, "noise": p.noise, "bounded": p.bounded, "trust": p.trust, "plain": p.plain}
             limits = {"low": low, "high": high, "unit": p.unit, "vary": p.vary, "determined": p.resolved}
             rows.append({"parameter": p.name, "value": p.value, **errors, **limits, "meaning": p.meaning})
         return DataFrame(rows)

@@ -15,9 +15,10 @@ from rotorfit.estimators.misfit.problem import Loss
 if TYPE_CHECKING:
     from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress
     from rotorfit.estimators.inference.log_posterior import Noise
-    from rotorfit.identify.fitting.assumptions.calibration import Calibration
+    from rotorfit.identify.fitting.causes.calibration import Calibration
     from rotorfit.identify.fitting.causes.solution import SolvedCauses
     from rotorfit.identify.fitting.noise.record import FoundNoise
+    from rotorfit.identify.fitting.quantities import Share
     from rotorfit.lab.data.experiments import Experiment, PerturbationTest
 
 
@@ -47,8 +48,8 @@ def option(default: Any, help: str, metavar: str = "", word: str = "") -> Any:
 class FitOptions:
     """Options of a fit as the user gives them, each described once: see :func:`rotorfit.fit`."""
 
-    known: Mapping[str, float | None] = option(
-        {}, "known value, SI units; NAME=free fits a parameter that the model fixes by default", "NAME=VALUE"
+    known: Mapping[str, float | tuple[float, float] | None] = option(
+        {}, "hold NAME at VALUE (SI), known within +-ERROR; NAME=free fits it", "NAME=VALUE[+-ERROR]"
     )
     bounds: Mapping[str, tuple[float, float]] = option(
         {}, "limits of a parameter, either may be left out", "NAME=LO:HI"
@@ -77,18 +78,23 @@ class FitOptions:
         "KG",
     )
     causes: Mapping[str, float] | None = option(
-        None,
+        {},
         "size (standard uncertainty) of a cause beside the model, which is solved with the fitted values: gain=0.005",
         "NAME=SIZE",
         "--cause",
     )
     max_iterations: int = option(200, "limit on the iterations of the search; 200 unless given", "N")
-    assumptions: Mapping[str, float] = option(
-        {},
-        "standard uncertainty of an effect that the model leaves out or a value that it takes as known: Ds[journal]=2",
-        "NAME=SD",
-        "--assumption",
-    )
+
+    @property
+    def held(self) -> Mapping[str, float | None]:
+        """Known values without their errors."""
+        return {name: value[0] if isinstance(value, tuple) else value for name, value in self.known.items()}
+
+    @property
+    def sizes(self) -> Mapping[str, float]:
+        """Sizes of causes that were given: by name, and the errors of known values."""
+        errors = {name: value[1] for name, value in self.known.items() if isinstance(value, tuple)}
+        return {**errors, **(self.causes or {})}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,8 +110,8 @@ class FitSettings(FitOptions):
 
     @property
     def asked(self) -> FitSettings:
-        """Settings for another model of the same data: without choices of the fit, and assumptions."""
-        return replace(self, noise_scale={}, onsets=(), noise=None, assumptions={}, solved=None)
+        """Settings for another model of the same data: without choices of the fit."""
+        return replace(self, noise_scale={}, onsets=(), noise=None, solved=None)
 
     @property
     def levels(self) -> Mapping[str, float]:
@@ -134,7 +140,6 @@ class FitKeywords(TypedDict, total=False):
     baseline: Experiment | None
     stator_mass_kg: float | None
     calibration: Calibration | None
-    assumptions: Mapping[str, float] | None
     causes: Mapping[str, float] | None
     method: Method
     max_iterations: int
@@ -170,7 +175,7 @@ class PredictKeywords(TypedDict, total=False):
     direction: str | None
     level: float
     whole: bool
-    statistical: bool
+    share: Share
     at: Mapping[str, Any] | None
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -19,10 +18,10 @@ from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.starting.start_points import EARLIER_FIT, GIVEN
-from rotorfit.identify.fitting.assumptions.anisotropy import lines_cut_off
+from rotorfit.identify.fitting.anisotropy import lines_cut_off
 from rotorfit.identify.fitting.noise.record import NoiseVerdict, is_run_effect
 from rotorfit.identify.fitting.noise.residual_study import VERDICTS
-from rotorfit.identify.fitting.quantities import THRESHOLD, FittedParameter, Number, Quantity
+from rotorfit.identify.fitting.quantities import FittedParameter, Number, Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.findings import errors_in
 from rotorfit.models import RotorModel, TurningOnSupports, eigenvalues, unstable_bands
@@ -88,14 +87,29 @@ def fit_table(fit: FitResult) -> str:
         lines.append("correlations: " + ", ".join(f"{a}-{b} {r:+.2f}" for a, b, r in pairs))
     lines += _stability_lines(fit) if fit.success else ["threshold speed: not given, because the fit did not converge"]
     lines += interval_lines(fit)
-    if foundations := fit.foundations:  # effects that these data cannot show
-        head = "the systematic share allows for what these data do not show, by these sizes"
-        lines += [f"{head} (assumptions= replaces them):", *(f"  {line}" for line in foundations)]
+    lines += _cause_lines(fit)
     lines += [f"errors: {remark}" for remark in fit.remarks]
     lines += [f"note: {caveat}" for caveat in caveats_of(fit)]
     lines += [f"warning: {message}" for message in fit.warnings]
     corrections = _parameter_lines(fit, folded=True)
     return "\n".join([*lines, *(["", "structural corrections", *corrections] if corrections else [])])
+
+
+def _cause_lines(fit: FitResult) -> list[str]:
+    """Causes that the data show, and those on trust that the errors mostly rest on."""
+    rows = fit.causes
+    lines = [f"found beside the model: {row.words}" for row in rows.found]
+    shares: dict[str, list[str]] = {}
+    for p in fit.params.values():
+        if p.vary and p.error is not None and p.error.trust > p.error.noise:
+            shares.setdefault(p.error.largest_on_trust, []).append(p.name)
+    if shares:
+        lines.append("errors rest on these sizes, which the data cannot check (fit.causes has all):")
+    for name, moved in shares.items():
+        row = rows[name]
+        size = f"{two_digits(row.size)} {'' if row.unit == '1' else row.unit}".rstrip()
+        lines.append(f"  {name} {size} ({row.meaning}): {', '.join(moved)}")
+    return lines
 
 
 def start_words(fit: FitResult) -> str:
@@ -109,8 +123,7 @@ def _noise_lines(fit: FitResult) -> list[str]:
     noise = fit.noise
     if noise is None or (noise.verdict is NoiseVerdict.AS_FOUND and not noise.sentences):
         return []
-    beside = "beside what explains the misfit, " if noise.causes else ""
-    lines = [f"noise: {beside}{VERDICTS[noise.verdict]} (neighbouring lines correlate by {noise.correlation:+.2f})"]
+    lines = [f"noise: {VERDICTS[noise.verdict]} (neighbouring lines correlate by {noise.correlation:+.2f})"]
     lines += _levels(noise)
     lines += [f"  {sentence}" for sentence in noise.sentences if sentence not in fit.warnings]
     if noise.effects and fit.success and np.unique(fit.problem.run).size > 2:  # beside the random effect
@@ -121,7 +134,7 @@ def _noise_lines(fit: FitResult) -> list[str]:
         lines += [f"  standard errors from leaving out runs one by one: {', '.join(shown)}"] * bool(shown)
     few = [p for p in fit.params.values() if p.vary and p.resolved and p.freedom < _FEW]
     for p in few:
-        low, high = p.interval(0.95, statistical=True)
+        low, high = p.interval(0.95, share="noise")
         how = f"(Student's t, {significant(p.freedom, 2)} degrees of freedom)"
         lines.append(f"  {p.name}: 95 % interval {low:.6g} to {high:.6g} {p.unit} {how}")
     return lines
@@ -161,13 +174,12 @@ def correction_names(model: RotorModel) -> set[str]:
 
 def _parameter_lines(fit: FitResult, *, folded: bool = False) -> list[str]:
     """Lines of the parameter table; a parameter that the data do not determine shows no number."""
-    both = any(p.stderr > p.stderr_noise * 1.01 for p in fit.params.values() if p.vary and p.resolved)
-    more = any(p.systematic for p in fit.params.values() if p.vary)
-    errors = ["stderr", *(["noise only"] * both), *(["systematic"] * more)]
+    more = bool(fit.causes.rows)
+    errors = ["stderr", *(["noise", "bounded", "on trust"] * more)]
     rows: list[list[str | Wide]] = [["parameter", "value", *errors, "start", "unit", ""]]
     corrections = correction_names(fit.model)
     shown = [p for p in in_order(fit.params.values()) if (bare_name(p.name) in corrections) == folded]
-    rows += [_row(p, both, more) for p in shown]
+    rows += [_row(p, more) for p in shown]
     return text_table(rows, "<22 >14 " + " ".join([">12"] * len(errors)) + " >14 <1 <1") if shown else []
 
 
@@ -184,17 +196,14 @@ def natural(text: str) -> tuple[tuple[int, float, str], ...]:
     return tuple((0, float(p), "") if i % 2 else (1, 0.0, p) for i, p in enumerate(parts) if p)
 
 
-def _row(p: FittedParameter, both: bool, more: bool) -> list[str | Wide]:
+def _row(p: FittedParameter, more: bool) -> list[str | Wide]:
     if not p.vary:
-        return [p.name, significant(p.value, 7), "known", *([""] * (both + more)), "", p.unit]
+        return [p.name, significant(p.value, 7), "known", *([""] * 3 * more), "", p.unit]
     if not p.resolved:
-        return [p.name, Wide("not determined by the data", 2 + both + more), significant(p.init_value, 6), p.unit]
-    if p.moved_by:
-        return [p.name, Wide("not determined", 2 + both + more), significant(p.init_value, 6), p.unit, p.moved_by]
-    whole = math.hypot(p.stderr, p.systematic)
-    shares = [p.stderr, *([p.stderr_noise] * both), *([p.systematic] * more)]
-    value, *errors = with_errors(p.value, whole, *shares)
-    start = with_error(p.init_value, whole)[0]
+        return [p.name, Wide("not determined by the data", 2 + 3 * more), significant(p.init_value, 6), p.unit]
+    shares = [p.stderr, *([p.noise, p.bounded, p.trust] * more)]
+    value, *errors = with_errors(p.value, p.stderr, *shares)
+    start = with_error(p.init_value, p.stderr)[0]
     return [p.name, value, *errors, start, p.unit, "at its bound" if p.at_bound else ""]
 
 
@@ -266,9 +275,7 @@ def _stability_lines(fit: FitResult) -> list[str]:
         return ["threshold speed: 0, the fitted rotor is unstable from standstill on"]
     line = f"threshold speed: {onset.to('rpm')}, whirl ratio at onset {fit.whirl_ratio():.3f}"
     highest = float(fit.speeds.max(initial=0.0))
-    if fit.moved_by(THRESHOLD):
-        line = f"threshold speed: not determined: {fit.moved_by(THRESHOLD)}"
-    elif highest > 0:
+    if highest > 0:
         percent = 100 * (onset.value / highest - 1)
         line += f"; {significant(abs(percent), 3)} % {'above' if percent >= 0 else 'below'} the highest tested speed"
         line += f" ({highest * RPM_PER_RAD_S:.0f} rpm)" + (": extrapolated" if percent > 0 else "")
@@ -281,7 +288,7 @@ def fit_html(fit: FitResult) -> str:
     for p in in_order(fit.params.values()):
         if not p.vary:
             value, error = significant(p.value, 7), "known"
-        elif not p.resolved or p.moved_by:
+        elif not p.resolved:
             value, error = "not determined", ""
         else:
             value, error = with_error(p.value, p.stderr)

@@ -105,13 +105,30 @@ def table(of: Parser) -> Parser:
     return parse
 
 
-def _number_or_free(key: str, value: Any) -> float | None:
-    """A number, or "free" for a parameter that is to be fitted."""
+def _known(key: str, value: Any) -> float | tuple[float, float] | None:
+    """A number, a number with its error, or "free" for a parameter that is to be fitted."""
     if value == "free":
         return None
     if isinstance(value, str):
         raise ValueError(f'{key} must be a number, or "free" to fit it, got {value!r}')
+    if isinstance(value, list):
+        if len(value) != 2:
+            raise ValueError(f"{key} must be a number, or one with its error as [6000, 30], got {value!r}")
+        return number(key, value[0]), number(key, value[1])
     return number(key, value)
+
+
+def _known_word(word: str) -> float | tuple[float, float] | None:
+    """The same as a word: ``6000``, ``6000+-30``, ``free``."""
+    if word.lower() in ("free", "none"):
+        return None
+    value, sign, error = word.partition("+-")
+    return (number_word(value), number_word(error)) if sign else number_word(value)
+
+
+def _known_written(value: float | tuple[float, float] | None) -> str:
+    numbers = value if isinstance(value, tuple) else (value,)
+    return "+-".join("free" if number is None else f"{number:.10g}" for number in numbers)
 
 
 def uncertainty(key: str, value: Any) -> Any:
@@ -292,11 +309,8 @@ KINDS: Mapping[str, Kind] = {
         ("Mapping[str, float]", "Mapping[str, float] | None"),
         Kind(toml=table(number), word=number_word, written=_digits, paired=True),
     ),
-    "Mapping[str, float | None]": Kind(
-        toml=table(_number_or_free),
-        word=lambda word: None if word.lower() in ("free", "none") else number_word(word),
-        written=lambda value: "free" if value is None else _digits(value),
-        paired=True,
+    "Mapping[str, float | tuple[float, float] | None]": Kind(
+        toml=table(_known), word=_known_word, written=_known_written, paired=True
     ),
     "Mapping[str, tuple[float, float]]": Kind(
         toml=table(pair),

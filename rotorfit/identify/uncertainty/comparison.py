@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -19,7 +18,7 @@ from rotorfit.lab.data.experiments import Experiment
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-_ERRORS = "errors include the systematic share; fit.params[name].stderr is the statistical one"
+_ERRORS = "errors include causes beside the models; fit.params[name].noise is the share by the noise"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -72,7 +71,7 @@ class Comparison(Printed):
         width = max(22, *(len(name) + 1 for name in self.fits))
         text = text_table(rows, "<16 " + " ".join([f">{width}"] * len(self.fits)))
         failed = [name for name, fit in self.fits.items() if not fit.success]
-        shares = [] if not any(fit.assumed.entries for fit in self.fits.values()) else [_ERRORS]
+        shares = [] if not any(fit.causes.rows for fit in self.fits.values()) else [_ERRORS]
         return "\n".join([*text, *shares, *(f"{name} did not converge" for name in failed)])
 
 
@@ -145,4 +144,4 @@ def _shown(fit: FitResult, name: str) -> str:
         return ""
     if not p.vary:
         return f"{p.value:.6g} known"
-    return plus_minus(p.value, math.hypot(p.stderr, p.systematic)) if p.resolved else "not determined"
+    return plus_minus(p.value, p.stderr) if p.resolved else "not determined"

@@ -13,7 +13,7 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.digits import interval, with_error
 from rotorfit.base.matching import matched
 from rotorfit.base.text_table import Printed
-from rotorfit.identify.fitting.assumptions.onset import is_extrapolated
+from rotorfit.identify.fitting.onset import is_extrapolated
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models import RotorModel, eigenvalues
 from rotorfit.models.motion.stability import counted, mode_vectors, threshold_speeds

@@ -19,9 +19,9 @@ from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
+from rotorfit.estimators.inference.causes import Motion, moving
 from rotorfit.estimators.inference.covariance import spreading
-from rotorfit.estimators.inference.score_tests import term_change
-from rotorfit.identify.fitting.assumptions.assumption_table import Assumption
+from rotorfit.identify.fitting.quantities import Share
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.observing.observations import observe_any
 from rotorfit.identify.uncertainty.derived import DERIVED_DRAWS
@@ -42,7 +42,7 @@ def predict(
     direction: str | None = None,
     level: float = 0.95,
     whole: bool = False,
-    statistical: bool = False,
+    share: Share = "all",
     at: Mapping[str, Any] | None = None,
     thetas: Float | None = None,
 ) -> Prediction:
@@ -57,7 +57,7 @@ def predict(
         _by_covariance(fit, block, group) if thetas is None else _by_draws(fit, block, thetas)
     )
     noise = _noise(fit, test, model.coordinate(test.plane[0], str(test.direction[0])[-1]), response)
-    moved = _moved(fit, block, () if statistical else fit.assumed.entries)
+    moved = np.zeros((0, response.size, 2)) if share == "noise" else _moved(fit, block, spread, thetas is not None)
     systematic = np.einsum("kni,knj->nij", moved, moved)
     wider = 1 + np.nan_to_num(np.trace(systematic, axis1=1, axis2=2) / np.trace(covariance, axis1=1, axis2=2))
     # Satterthwaite: the systematic share is taken as known.
@@ -66,7 +66,9 @@ def predict(
         scale = reach / quantile(level, math.inf)  # of t over that of the normal distribution
         errors = spread
         if thetas is None:  # simulated errors of the parts of whole curves, shape (W, N, 2)
-            drawn = np.random.default_rng(1).normal(size=(DERIVED_DRAWS, fit.x.size)) @ spreading(fit.covar).T
+            solved = fit.settings.solved
+            covar = fit.covar if solved is None else fit.covar - solved.errors.covariance
+            drawn = np.random.default_rng(1).normal(size=(DERIVED_DRAWS, fit.x.size)) @ spreading(covar).T
             errors = np.einsum("wp,nip->wni", drawn, spread)
         sizes = np.random.default_rng(2).normal(size=(len(errors), len(moved)))
         errors = errors + np.einsum("wk,kni->wni", sizes, moved)
@@ -101,7 +103,8 @@ _Mean: TypeAlias = tuple[ComplexArray, Float, Float, Float]
 def _by_covariance(fit: FitResult, block: Block, group: int) -> _Mean:
     """By a fit; curves vary by their slopes by the fitted vector, shape ``(N, 2, p)``."""
     response, slopes = _slopes(fit, block, group)
-    covariance = slopes @ fit.covar @ slopes.transpose(0, 2, 1)
+    covar = fit.covar if fit.settings.solved is None else fit.covar - fit.settings.solved.errors.covariance
+    covariance = slopes @ covar @ slopes.transpose(0, 2, 1)
     undetermined = fit.identifiability.leaves_open(np.abs(response), slopes) if fit.success else np.s_[:]
     covariance[undetermined] = np.inf
     freedom = np.full(len(slopes), fit.freedom)
@@ -119,18 +122,19 @@ def _by_draws(fit: FitResult, block: Block, thetas: Float) -> _Mean:
     return response, covariance, np.full(response.size, np.inf), errors
 
 
-def _moved(fit: FitResult, block: Block, entries: Sequence[Assumption]) -> Float:
-    """Change of real and imaginary parts by a standard uncertainty of each assumption, shape ``(K, N, 2)``: of what
-    acts on the rotor the change itself, and what it would have made of the tested parameters."""
-    names, changes = fit.problem.space.names, []
-    slopes = _slopes(fit, block, 0)[1][..., : len(names)]
-    for entry in entries:
-        change = slopes @ np.array([entry.shifts[name] for name in names])
-        if entry.acts is not None:
-            direct = term_change(block, fit.thetas, entry.acts)
-            change = change + np.column_stack([direct.real, direct.imag])
-        changes.append(entry.left * change)
-    return np.array(changes).reshape(len(changes), block.measured.size, 2)
+def _moved(fit: FitResult, block: Block, slopes: Float, drawn: bool) -> Float:
+    """Changes of real and imaginary parts ``(K, N, 2)`` whose squares add up to what causes of the rotor leave open: by
+    themselves, and by what they did to the fitted values, which draws of a posterior hold already."""
+    solved = fit.settings.solved
+    if solved is None:
+        return np.zeros((0, block.measured.size, 2))
+    motion = Motion(block=block, theta=fit.thetas)
+    direct = np.array([c.act.change(motion) if moving(c.act) else np.zeros(block.measured.size) for c in solved.causes])
+    change = np.stack([direct.real, direct.imag], axis=2)
+    if not drawn:
+        change = change + np.einsum("nip,pk->kni", slopes, solved.errors.moves)
+    root = spreading(solved.errors.covar) * math.sqrt(solved.errors.widened)
+    return np.asarray(np.einsum("kni,kj->jni", change, root))
 
 
 def _slopes(fit: FitResult, block: Block, group: int) -> tuple[ComplexArray, Float]:
@@ -265,8 +269,6 @@ def _notes(fit: FitResult, test: PerturbationTest, noise: Float) -> tuple[str, .
         found.append(f"No readings at {test.plane[0]} were fitted: the noise of a new reading there is not known.")
     if fit.model_limited:
         found.append("The model misses the data beyond their noise: the bands may be too narrow.")
-    if len(fit.thetas) > 1:
-        found.append("Bands hold the statistical errors only: parameters were fitted per attribute.")
     if fit.noise is not None and fit.noise.effects:
         found.append("Runs differ: a new run differs from the mean by more than the band of a new reading.")
     return tuple(found)

@@ -150,7 +150,7 @@ def _inflation(fit: FitResult, level: Noise) -> float:
     """Factor on variances that the likelihood lacks: of a model that limits the fit, of readings that are correlated.
     The level of unknown noise is that of the residuals already."""
     if fit.noise is not None and fit.noise.correlated:
-        white = [(i, fit.params[name].stderr_noise) for i, name in enumerate(fit.problem.space.names)]
+        white = [(i, fit.params[name].noise) for i, name in enumerate(fit.problem.space.names)]
         within = np.diag(fit.noise.shares[-1])  # all but differences of runs
         wider = [float(within[i]) / own**2 for i, own in white if 0 < own < np.inf]
         return max(float(np.median(wider)) / (1.0 if level == "fixed" else fit.redchi), 1.0) if wider else 1.0

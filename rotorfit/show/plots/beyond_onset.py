@@ -116,7 +116,7 @@ def _thresholds(fit: FitResult) -> tuple[Float, Float, Float, Float]:
         if not np.isfinite(found.value):
             break  # stable at every speed from here on
         held = model.receptance(theta, 0.0, found.value, eps)[seat.at, seat.at]
-        half = (np.diff(found.interval(0.95, statistical=True))[0]) / 2 if np.isfinite(found.stderr) else np.nan
+        half = (np.diff(found.interval(0.95, share="noise"))[0]) / 2 if np.isfinite(found.stderr) else np.nan
         rows.append((eps, found.value, half, eps * seat.clearance / abs(held)))
     columns = np.array(rows).reshape(-1, 4).T
     return columns[0], columns[1], columns[2], columns[3]

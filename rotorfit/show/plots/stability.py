@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from rotorfit.base.digits import interval as interval_words
 from rotorfit.base.digits import with_error
 from rotorfit.base.matching import cheapest_rows
 from rotorfit.estimators.blocks.nonlinear import responses_of
-from rotorfit.identify.fitting.quantities import THRESHOLD, Quantity
+from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models import AnisotropicShaft, Turning, eigenvalues
 from rotorfit.models.motion.stability import whirls_forward
@@ -37,7 +36,7 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
         return plot_turning_stability(fit)
     onset, tested = None, _tested_speeds(fit, group)
     if fit.model.speed_dependent and np.isfinite(fit.threshold_of(group).value):
-        onset = replace(fit.threshold_of(group), systematic=fit.systematic(THRESHOLD))
+        onset = fit.threshold_of(group)
     # Shows the threshold with some room, or the tested speeds where there is none.
     fastest = max(float(np.max(experiment.speed, initial=0.0)) for experiment in fit.experiments)
     top = 1.5 * max(fastest, 1.0) if onset is None else 1.25 * max(onset.value, fastest)

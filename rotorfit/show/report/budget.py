@@ -1,91 +1,73 @@
-"""Sections of the report on where uncertainty comes from: the calibration, terms left out, values taken as known."""
+"""Sections of the report on what errors are made of: the budget, and the causes beside the model."""
 
 from __future__ import annotations
 
 import math
 
-from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.identify.uncertainty.budget import Share
+from rotorfit.base.digits import two_digits
 from rotorfit.models.parameters import bare_name
-from rotorfit.show.report.html import Html, element, join, table
+from rotorfit.show.report.html import Html, element, table
 from rotorfit.show.report.material import ReportInput
 from rotorfit.show.report.numbers import plain, with_error
 from rotorfit.show.report.parts import note, section, symbol, unit_shown
 
 
 def budget_section(material: ReportInput) -> Html:
-    """Standard uncertainty of every parameter by source, and what the data say of the calibration."""
-    from rotorfit.identify.uncertainty.budget import Budget
-
+    """Standard error of every result by its shares, and by the weightiest causes on trust."""
     fit = material.fit
-    if fit.settings.calibration is None:
+    if not fit.causes.rows:
         return Html("")
-    budget = Budget(fit, fit.settings.calibration)
-    shares = [budget.share(name) for name in fit.problem.space.names]
-    known = [share for share in shares if math.isfinite(share.combined)]
-    rows = [_row(symbol(share.name, fit.model), share) for share in known]
-    if fit.model.speed_dependent and len(fit.problem.space.index) == 1:
-        onset = budget.threshold_speed()
-        rows += [_row("threshold speed", onset.times(RPM_PER_RAD_S, "rpm"))] if math.isfinite(onset.combined) else []
-    sources = list(shares[0].sources)
-    head = ["", "combined", "random", "systematic", *sources, "unit"]
+    budget = fit.budget()
+    causes = budget.main_causes
+    rows = []
+    for row in budget.rows:
+        name = symbol(row.name, fit.model) if bare_name(row.name) in fit.model.parameter_names else row.name
+        shares = (row.noise, row.bounded, row.trust, *(abs(row.on_trust.get(cause, 0.0)) for cause in causes))
+        value, error = with_error(row.value, row.stderr)
+        rows.append([name, value, error, *(plain(share, 2) for share in shares), unit_shown(row.unit)])
+    head = ["", "value", "standard error", "noise", "bounded", "on trust", *causes, "unit"]
     words = (
-        "Standard uncertainties. Random: from the noise of the readings (GUM type A). Systematic: from the calibration "
-        "and other knowledge from before (type B), source by source. More readings with the same probes lower the "
-        "random part only."
+        "Shares add up as squares. Noise: by the readings (GUM type A). Bounded: causes that had to be found from the "
+        "data. On trust: sizes that causes are given before the data (type B), which more readings do not lower. The "
+        "coverage factor of 95 % is 1.96, or Student's t where few readings tell the noise."
     )
     return section(
         "Uncertainty budget",
         table(head, rows, numeric=range(1, len(head) - 1), whole=(len(head) - 1,)),
         note(words),
-        *_calibration(material),
         folded=True,
     )
 
 
-def _row(name: str, share: Share) -> list[str]:
-    sources = [plain(part, 2) if part else "" for part in share.notable.values()]
-    parts = (share.combined, share.random, share.systematic)
-    return [name, *(plain(part, 2) for part in parts), *sources, unit_shown(share.unit)]
-
-
-def _calibration(material: ReportInput) -> list[Html]:
-    """Errors of calibration as assumed and as found."""
-    from rotorfit.identify.fitting.assumptions.calibration import NUISANCE_KINDS
-
-    fit = material.fit
-    assumed = {prior.entry: float(prior.distribution.std()) for prior in fit.problem.priors}
-    rows = []
-    for entry, name in enumerate(fit.var_names):
-        kind = bare_name(name)
-        if kind not in NUISANCE_KINDS or entry not in assumed:
-            continue
-        p = fit.params[name]
-        factor, unit = (180 / math.pi, "°") if p.unit == "rad" else (100.0, "%")
-        found = " ± ".join(with_error(factor * p.value, factor * p.stderr))
-        rows.append(
-            [element("code", name), f"0 ± {plain(factor * assumed[entry], 2)}", found, unit, NUISANCE_KINDS[kind][1]]
-        )
-    words = (
-        "An error that the data leave as large as it was assumed is one that they do not show: only a better "
-        "calibration makes it smaller."
-    )
-    head = ["error", "assumed", "found", "unit", "meaning"]
-    return [join([element("h3", "Calibration"), table(head, rows, numeric=(1, 2)), note(words)])]
-
-
-def assumptions_section(material: ReportInput) -> Html:
-    """Score tests of what the model leaves out, and the shift of each result."""
-    found = material.fit.assumed
-    if not found.entries:
+def causes_section(material: ReportInput) -> Html:
+    """Causes beside the model with their sizes, and what the data tell of each."""
+    causes = material.fit.causes
+    if not causes.rows:
         return Html("")
-    least = 0.1  # of a standard error: less is seen in no digit that is printed
-    head, *rows = found.rows(least)
-    lighter = len(found.entries) - len(rows)
-    rest = f"{lighter} more of less than a tenth of a standard error: see fit.assumptions()."
+    rows = []
+    for row in causes:
+        z = "" if math.isnan(row.z) else plain(row.z, 2)
+        found = " ± ".join((two_digits(row.value), two_digits(row.stderr)))
+        told = f"{100 * row.determined:.0f} %"
+        rows.append(
+            [
+                element("code", row.name),
+                row.meaning,
+                two_digits(row.size),
+                found,
+                unit_shown(row.unit),
+                told,
+                z,
+                row.reason,
+            ]
+        )
+    head = ["cause", "meaning", "size", "found", "unit", "told by the data", "z", "reason"]
     return section(
-        "What these numbers rest on",
-        table(head, rows, numeric=range(1, len(head))),
-        *map(note, (*([rest] if lighter else []), *found.words)),
+        "Causes beside the model",
+        table(head, rows, numeric=(2, 3, 5, 6), whole=(4,)),
+        note(
+            "Each is solved with the fitted values, its size a standard uncertainty before the data. z is its score "
+            "against none; above 4 the data show it."
+        ),
         folded=True,
     )

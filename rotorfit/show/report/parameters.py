@@ -51,11 +51,9 @@ def parameter_section(material: ReportInput) -> Html:
     if fit.noise is not None:
         notes.append(parts.sentence(f"noise: {VERDICTS[fit.noise.verdict]}"))
         notes += [parts.sentence(words) for words in fit.noise.sentences]
-    if fit.settings.calibration is not None:
-        notes.append("They include the uncertainty of the calibration; see the budget.")
-    if any(p.systematic for p in fit.params.values() if p.vary):
-        given = ", ".join(f"{name} {plain(size, 3)}" for name, size in fit.settings.assumptions.items())
-        words = "They are statistical; the intervals below include the systematic share"
+    if fit.causes.rows:
+        given = ", ".join(f"{name} {plain(size, 3)}" for name, size in fit.settings.sizes.items())
+        words = "They include causes beside the model, found and on trust; see the budget"
         notes.append(parts.sentence(f"{words}, with the sizes given ({given})" if given else words))
     notes += [parts.sentence(line) for line in (*interval_lines(fit), *fit.remarks)]
     corrections = correction_names(fit.model)
@@ -74,9 +72,9 @@ def _row(p: FittedParameter, model: RotorModel, start: str) -> list[str]:
     name, unit = parts.symbol(p.name, model), parts.unit_shown(p.unit)
     if not p.vary:
         return [name, plain(p.value), "known", "", unit, "", p.meaning, ""]
-    if not p.resolved or p.moved_by:
-        return [name, "not determined", "", "", unit, start, p.meaning, parts.unit_shown(p.moved_by)]
-    value, error, noise = with_errors(p.value, math.hypot(p.stderr, p.systematic), p.stderr, p.stderr_noise)
+    if not p.resolved:
+        return [name, "not determined", "", "", unit, start, p.meaning, ""]
+    value, error, noise = with_errors(p.value, p.stderr, p.stderr, p.noise)
     bound = "at its bound: no symmetric interval" if p.at_bound else ""
     return [name, value, error, noise if noise != error else "", unit, start, p.meaning, bound]
 
@@ -93,7 +91,7 @@ def interval_section(material: ReportInput) -> Html:
     rows += _threshold_rows(material, profiles.get(THRESHOLD))
     if not rows:
         return Html("")
-    head = ["", "Laplace", "profile likelihood", "posterior", "bootstrap", "random share", "systematic share", "unit"]
+    head = ["", "Laplace", "profile likelihood", "posterior", "bootstrap", "noise", "systematic", "unit"]
     degrees = material.fit.freedom
     words = [
         "Laplace: estimate ± 1.96 standard errors, or the quantile of Student's t where they rest on few runs or "
@@ -116,8 +114,8 @@ def interval_section(material: ReportInput) -> Html:
         words.append(f"Bootstrap: central 95 % of the estimates from {len(simulated.samples)} simulated tests{failed}.")
     if material.shares:
         words.append(
-            "Random and systematic shares are standard uncertainties, GUM type A (noise) and type B (calibration, and "
-            "effects that the data cannot show)."
+            "Noise and systematic are the shares of the standard error: by the readings' noise (GUM type A), and by "
+            "causes beside the model (type B)."
         )
     if not material.profiles and material.posterior is None and simulated is None:
         words.append("A posterior or profile likelihoods would test it.")
@@ -128,7 +126,7 @@ def interval_section(material: ReportInput) -> Html:
 
 
 def _shown(p: FittedParameter) -> bool:
-    return p.vary and p.resolved and not p.moved_by
+    return p.vary and p.resolved
 
 
 def _interval_row(material: ReportInput, p: FittedParameter, profile: Profile | None) -> list[str]:
@@ -148,7 +146,7 @@ def _interval_row(material: ReportInput, p: FittedParameter, profile: Profile | 
 
 def _threshold_rows(material: ReportInput, profile: Profile | None) -> Iterator[list[str]]:
     fit = material.fit
-    if not fit.model.speed_dependent or fit.moved_by(THRESHOLD):
+    if not fit.model.speed_dependent:
         return
     for label, group in parts.groups_of(fit):
         onset = fit.threshold_of(group)
@@ -163,7 +161,7 @@ def _threshold_rows(material: ReportInput, profile: Profile | None) -> Iterator[
                 else "",
                 parts.threshold_interval(material.posterior, parts.at_of(fit, group)),
                 parts.threshold_interval(material.bootstrap, parts.at_of(fit, group)),
-                *(plain(RPM_PER_RAD_S * share, 2) for share in (onset.stderr, fit.systematic(THRESHOLD))),
+                *(plain(RPM_PER_RAD_S * share, 2) for share in (onset.noise, onset.systematic)),
                 "rpm",
             ]
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.identify.fitting.quantities import THRESHOLD, Quantity
+from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.uncertainty.bootstrap import Bootstrap
 from rotorfit.identify.uncertainty.posterior import Posterior
@@ -61,7 +60,7 @@ def at_of(fit: FitResult, group: int) -> dict[str, str] | None:
 
 def onset_interval(fit: FitResult, onset: Quantity) -> tuple[float, float]:
     """95 % interval of a threshold speed, rad/s, its systematic share included."""
-    return replace(onset, systematic=fit.systematic(THRESHOLD)).interval(0.95)
+    return onset.interval(0.95)
 
 
 def threshold_interval(draws: Posterior | Bootstrap | None, at: dict[str, str] | None) -> str:

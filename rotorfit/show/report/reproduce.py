@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.base.version import __version__
-from rotorfit.identify.fitting.assumptions.calibration import Calibration
+from rotorfit.identify.fitting.causes.calibration import Calibration
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitOptions, FitSettings
 from rotorfit.identify.options.table import SHAFT, command_words

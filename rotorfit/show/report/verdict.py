@@ -10,7 +10,7 @@ import numpy as np
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.noise.record import NoiseVerdict
 from rotorfit.identify.fitting.noise.residual_study import MODEL_LIMITED_REDCHI, VERDICTS
-from rotorfit.identify.fitting.quantities import THRESHOLD, Quantity
+from rotorfit.identify.fitting.quantities import Number, Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.summary import caveats_of
 from rotorfit.lab.data.findings import Finding, attributed, errors_in
@@ -34,7 +34,7 @@ def verdict_section(material: ReportInput) -> Html:
     of_data = [found.words for found in _of_data(material) if found.severity == "warning"]
     warnings += dict.fromkeys(f"warning of the data: {words}" for words in of_data)
     warnings += fit.warnings
-    warnings += fit.assumed.words[1:]
+    warnings += [f"found beside the model: {row.words}" for row in fit.causes.found]
     if fit.identifiability.unresolved:
         warnings.append("not determined by these data: " + ", ".join(fit.identifiability.unresolved))
     if material.posterior is not None and not material.posterior.converged:
@@ -42,7 +42,6 @@ def verdict_section(material: ReportInput) -> Html:
     if warnings:
         content.append(bullets((parts.sentence(w) for w in warnings), class_="warnings"))
     caveats = caveats_of(fit)
-    caveats += [f"not shown by these data: {words}" for words in fit.assumed.main_foundations]
     if caveats:
         content.append(bullets((parts.sentence(c) for c in caveats), class_="note"))
     return parts.section("Verdict", *content)
@@ -135,22 +134,17 @@ def _stability_words(material: ReportInput) -> Iterator[str]:
     if lowest.value == 0:
         yield f"It is unstable from standstill on{where}."
         return
-    if fit.moved_by(THRESHOLD):
-        yield f"The speed at which it becomes unstable is not determined{where}: {fit.moved_by(THRESHOLD)}."
-        return
     if not math.isfinite(lowest.stderr):
         yield f"These data do not determine the speed at which it becomes unstable{where}."
         return
-    more = fit.systematic(THRESHOLD)
-    value, error = with_error(*(RPM_PER_RAD_S * part for part in (lowest.value, math.hypot(lowest.stderr, more))))
+    value, error = with_error(*(RPM_PER_RAD_S * part for part in (lowest.value, lowest.stderr)))
     margins = " and ".join(
         f"{plain(abs(100 * (lowest.value / speed - 1)), 3)} % {_side(lowest, speed)} the {what}"
         for what, speed in _reference_speeds(material)
     )
-    shares = f" ({_shares(lowest.stderr * RPM_PER_RAD_S, more * RPM_PER_RAD_S)})" if more else ""
     highest = float(fit.speeds.max(initial=0.0))
     beyond = ", extrapolated" if 0 < highest < lowest.value else ""
-    yield f"It becomes unstable at {value} ± {error} rpm{shares}{where}{', ' + margins if margins else ''}{beyond}."
+    yield f"It becomes unstable at {value} ± {error} rpm{where}{', ' + margins if margins else ''}{beyond}."
     if note:
         yield parts.sentence(note)
 
@@ -196,9 +190,13 @@ def _plus_minus(value: float, error: float) -> Html:
     return element("span", " ± ".join(with_error(value, error)), class_="whole")
 
 
-def _shares(statistical: float, systematic: float) -> str:
-    """Both shares of an error."""
-    return f"± {with_error(0.0, statistical)[1]} statistical, ± {with_error(0.0, systematic)[1]} systematic"
+def _shares(found: Number, scale: float = 1.0) -> list[str]:
+    """What the error of a number is made of."""
+    bar = found._quantity.error
+    if bar is None:
+        return []
+    shares = ((bar.noise, "noise"), (bar.bounded, "bounded"), (bar.trust, f"on trust, most by {bar.largest_on_trust}"))
+    return [", ".join(f"± {with_error(0.0, scale * share)[1]} {words}" for share, words in shares)]
 
 
 def _stability_cards(material: ReportInput) -> Iterator[Html]:
@@ -206,12 +204,11 @@ def _stability_cards(material: ReportInput) -> Iterator[Html]:
     if not fit.model.speed_dependent:
         yield _card("Threshold of instability", "none", "this model does not depend on the rotative speed")
         return
-    systematic = fit.systematic(THRESHOLD)
     for label, group in parts.groups_of(fit):
         name = "Threshold of instability" + (f", {label}" if label else "")
         onset = fit.threshold_of(group)
-        if math.isinf(onset.stderr) or fit.moved_by(THRESHOLD):
-            why = fit.moved_by(THRESHOLD) or fit.onset_note(group) or "these data leave the threshold speed open"
+        if math.isinf(onset.stderr):
+            why = fit.onset_note(group) or "these data leave the threshold speed open"
             yield _card(name, "not determined", why, bad=True)
         elif math.isnan(onset.value):
             yield _card(name, "none found", "the fitted rotor is stable at every speed searched")
@@ -230,8 +227,8 @@ def _stability_cards(material: ReportInput) -> Iterator[Html]:
             below = any(onset.value < speed for _, speed in _reference_speeds(material))
             yield _card(
                 name,
-                _plus_minus(onset.value * RPM_PER_RAD_S, math.hypot(onset.stderr, systematic) * RPM_PER_RAD_S),
-                *([_shares(onset.stderr * RPM_PER_RAD_S, systematic * RPM_PER_RAD_S)] if systematic else []),
+                _plus_minus(onset.value * RPM_PER_RAD_S, onset.stderr * RPM_PER_RAD_S),
+                *_shares(onset, RPM_PER_RAD_S),
                 *lines,
                 unit="rpm",
                 bad=below,
@@ -256,9 +253,7 @@ def _fluid_cards(fit: FitResult) -> Iterator[Html]:
     cards = 6
     for p in (wanted or fitted)[:cards]:
         name = f"{p.name}, {p.meaning}"
-        if not p.resolved or p.moved_by:
-            yield _card(name, "not determined", parts.unit_shown(p.moved_by) or "see identifiability", bad=True)
+        if not p.resolved:
+            yield _card(name, "not determined", "see identifiability", bad=True)
         else:
-            more = p.systematic
-            shown = [_shares(p.stderr, more)] if more else []
-            yield _card(name, _plus_minus(p.value, math.hypot(p.stderr, more)), *shown, unit=parts.unit_shown(p.unit))
+            yield _card(name, _plus_minus(p.value, p.stderr), *_shares(p), unit=parts.unit_shown(p.unit))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -109,17 +108,8 @@ def title_of(fit: FitResult) -> str:
 
 
 def shares_of(fit: FitResult) -> Mapping[str, tuple[float, float]]:
-    """Random and systematic standard uncertainty by parameter, by calibration and assumptions."""
-    calibrated: Mapping[str, tuple[float, float]] = {}
-    if fit.settings.calibration is not None:
-        from rotorfit.identify.uncertainty.budget import Budget
-
-        calibrated = Budget(fit, fit.settings.calibration).shares
-    found = {}
-    for name in fit.problem.space.names:
-        random, systematic = calibrated.get(name, (fit.params[name].stderr, 0.0))
-        found[name] = (random, math.hypot(systematic, fit.systematic(name)))
-    return found
+    """Shares of the standard error by the noise and by causes, by parameter."""
+    return {name: (fit.params[name].noise, fit.params[name].systematic) for name in fit.problem.space.names}
 
 
 def _check(material: ReportInput) -> None:
@@ -154,7 +144,7 @@ def _check(material: ReportInput) -> None:
 
 def document(material: ReportInput, title: str) -> Html:
     """The whole page."""
-    from rotorfit.show.report.budget import assumptions_section, budget_section
+    from rotorfit.show.report.budget import budget_section, causes_section
     from rotorfit.show.report.data_and_model import data_section, model_section, refinement_section
     from rotorfit.show.report.figures import figure_sections
     from rotorfit.show.report.interactive import interactive_section
@@ -172,7 +162,7 @@ def document(material: ReportInput, title: str) -> Html:
         identifiability_section(material),
         interval_section(material),
         budget_section(material),
-        assumptions_section(material),
+        causes_section(material),
         *interactive,
         *further,
         data_section(material),

@@ -337,7 +337,7 @@ def campaign(
         >>> found.values("lam")[0].shape
         (2,)
     """
-    settings = FitSettings(known=known or {}, bounds=bounds or {}, priors=priors or {}, per={}, loss=loss)
+    settings = FitSettings(known=known or {}, bounds=bounds or {}, priors=priors or {}, per={}, loss=loss, causes=None)
     start = dict(start or {})
     names = (shared,) if isinstance(shared, str) else tuple(shared)
     _check(model, settings, names, start)
@@ -381,7 +381,7 @@ def _check(model: RotorModel, settings: FitSettings, shared: Sequence[str], star
     """Refuse wrong settings once, before the first run: they are wrong for every run."""
     if settings.loss not in LOSSES:
         raise ValueError(unknown_name("loss", settings.loss, LOSSES))
-    space = parameter_space(model, known=settings.known, bounds=settings.bounds, groups=[{}])
+    space = parameter_space(model, known=settings.held, bounds=settings.bounds, groups=[{}])
     for name in (*shared, *settings.priors, *start):
         model.parameter(name)
     fixed = [name for name in shared if name not in space.names]

@@ -117,14 +117,6 @@ class RunFit:
     def error_of(self, slopes: Mapping[str, float]) -> None:
         """Runs of a campaign are fitted without causes."""
 
-    def systematic(self, name: str) -> float:
-        """Zero: the systematic share is known of the full result, :meth:`Campaign.fit`."""
-        return 0.0
-
-    def moved_by(self, name: str) -> str:
-        """Nothing, as there is no systematic share."""
-        return ""
-
     @property
     def remark(self) -> str:
         """Objections to the run, empty where it is good."""
@@ -310,7 +302,7 @@ def _work_batch(model: RotorModel | bytes, work: Work[T], item: tuple[Sequence[i
 # ---- fits that are held ----------------------------------------------------------------------------------------------
 
 
-_NUMBERS = ("value", "stderr", "stderr_noise", "init_value", "freedom")
+_NUMBERS = ("value", "stderr", "init_value", "freedom")
 _COMMON = ("name", "unit", "meaning", "min", "max", "vary", "resolved", "at_bound")
 
 

@@ -164,34 +164,27 @@ class _Joint:
         done = list(fits)
         for number, own in zip(quadratics, own_errors, strict=True):
             fit = done[number]
-            errors_of_run = [np.sqrt(np.maximum(np.diag(covar), 0.0)).tolist() for covar in own]
+            errors_of_run = np.sqrt(np.maximum(np.diag(own), 0.0)).tolist()
             changed = {name: parameter for name, parameter in fit.params.items() if name not in self.names}
-            for name, noise, error in zip(fit.var_names, *errors_of_run, strict=True):
+            for name, error in zip(fit.var_names, errors_of_run, strict=True):
                 if changed[name].resolved:
-                    changed[name] = replace(changed[name], stderr=error, stderr_noise=noise)
-            done[number] = replace(fit, params=changed, covar=own[1])
-        return tuple(done), params, errors[1]
+                    changed[name] = replace(changed[name], stderr=error)
+            done[number] = replace(fit, params=changed, covar=own)
+        return tuple(done), params, errors
 
-    def _errors(self, fits: Sequence[RunFit], quadratics: Sequence[Curvature]) -> tuple[Errors, list[Errors]]:
+    def _errors(self, fits: Sequence[RunFit], quadratics: Sequence[Curvature]) -> tuple[Float, list[Float]]:
         """Errors of the shared parameters, and of each run's own in the order of its ``var_names``."""
         free = sum(fit.ndata - len(fit.var_names) for fit in fits) - len(self.names)
         redchi = sum(quadratic.squares for quadratic in quadratics) / free if free > 0 else float("nan")
-        shared, added = [], []
-        for factor in (1.0, 1 / widening(redchi, "linear")):  # on the information
-            parts = [Parts.of(quadratic.scaled(factor), self.names) for quadratic in quadratics]
-            covar = shared_covariance(parts, self.names)
-            shared.append(covar)
-            follow = (part.follow @ covar @ part.follow.T for part in parts)
-            added.append([self._own_order(*own) for own in zip(fits, quadratics, follow, strict=True)])
-        own = [
-            (np.diag([fit.params[name].stderr_noise ** 2 for name in fit.var_names]) + more, fit.covar + more_wide)
-            for fit, more, more_wide in zip(fits, *added, strict=True)
-        ]
-        return (shared[0], shared[1]), own
+        parts = [Parts.of(quadratic.scaled(1 / widening(redchi, "linear")), self.names) for quadratic in quadratics]
+        covar = shared_covariance(parts, self.names)
+        follow = (part.follow @ covar @ part.follow.T for part in parts)
+        added = (self._own_order(*own) for own in zip(fits, quadratics, follow, strict=True))
+        return covar, [fit.covar + more for fit, more in zip(fits, added, strict=True)]
 
     def _errors_of_robust_loss(
         self, fits: Sequence[RunFit], quadratics: Mapping[int, Curvature], options: Mapping[int, Mapping[str, Any]]
-    ) -> tuple[Errors, list[Errors]]:
+    ) -> tuple[Float, list[Float]]:
         """The sandwich of :func:`rotorfit.estimators.inference.covariance.information`, put together from the runs. Its
         filling is the scatter of each run's slope, which reaches the shared parameters directly and through those of
         the run's own that follow them. The scatter shows a model that does not fit already: nothing is widened."""
@@ -215,8 +208,8 @@ class _Joint:
         for (number, one), part, scatter, direct in zip(quadratics.items(), parts, scatters, reached, strict=True):
             pull, follow = part.pull(inverse), part.follow @ inverse
             whole = pull @ scatter @ pull.T + follow @ (filling - direct) @ follow.T
-            own.append((self._own_order(fits[number], one, whole),) * 2)
-        return (inverse @ filling @ inverse,) * 2, own
+            own.append(self._own_order(fits[number], one, whole))
+        return np.asarray(inverse @ filling @ inverse), own
 
     def _own_order(self, fit: RunFit, quadratic: Curvature, matrix: Float) -> Float:
         """A matrix of own parameters in the order of the fit."""
@@ -224,14 +217,13 @@ class _Joint:
         order = [own.index(name) for name in fit.var_names]
         return np.asarray(matrix[np.ix_(order, order)])
 
-    def _parameter(self, i: int, value: float, errors: Errors) -> FittedParameter:
+    def _parameter(self, i: int, value: float, errors: Float) -> FittedParameter:
         parameter = self.workers.model.parameter(self.names[i])
         low, high = self.limits[:, i].tolist()
         return FittedParameter(
             name=self.names[i],
             value=value,
-            stderr=float(np.sqrt(errors[1][i, i])),
-            stderr_noise=float(np.sqrt(errors[0][i, i])),
+            stderr=float(np.sqrt(errors[i, i])),
             init_value=value,
             unit=parameter.unit,
             meaning=parameter.meaning,

@@ -13,7 +13,7 @@ import numpy as np
 from rotorfit.base.array_types import Float
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.inference.optimal_shares import Lines
-from rotorfit.identify.fitting.assumptions.calibration import Calibration
+from rotorfit.identify.fitting.causes.calibration import Calibration
 from rotorfit.identify.fitting.problem_setup import as_tuple
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitSettings, PhaseOffsets
@@ -99,9 +99,14 @@ def plan(
     patterns, design = _apart(tests)
     earlier = values.fit if isinstance(values, Posterior) else values
     if known is None and isinstance(earlier, FitResult):
-        known = earlier.settings.known
+        known = earlier.settings.held
     settings = FitSettings(
-        known=known or {}, priors=priors or {}, per=per or {}, phase_offsets=phase_offsets, calibration=calibration
+        known=known or {},
+        priors=priors or {},
+        per=per or {},
+        phase_offsets=phase_offsets,
+        calibration=calibration,
+        causes=None,
     )
     noise = PlannedNoise(additive=noise_um, share=noise_share, common=common_share, memory=memory, runs=runs or {})
     task = Task(

@@ -56,7 +56,7 @@ class Task:
 
     def vector(self) -> Float:
         """The likeliest parameters, shape ``(P,)``."""
-        space = parameter_space(self.model, known=self.settings.known, bounds={}, groups=[{}])
+        space = parameter_space(self.model, known=self.settings.held, bounds={}, groups=[{}])
         return np.asarray(space.theta(guess(space, self.values, self.draws, self.seed).centre)[0])
 
     def lines(self, found: Expectation, asked: Sequence[Target], first: int) -> tuple[Lines, Float]:

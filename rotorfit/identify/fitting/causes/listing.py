@@ -31,6 +31,7 @@ from rotorfit.estimators.inference.causes import (
     Term,
 )
 from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.identify.fitting.causes.calibration import Calibration, sizes_of
 from rotorfit.models import RotorModel
 from rotorfit.models.motion.neglected_terms import LeftOut, fluid_coordinates, terms_left_out
 
@@ -51,6 +52,7 @@ SIZES = {
     ),
     "gain[probe]": Size(size=0.03, reason="a chain of probe, cable and driver holds 5 %", source="c"),
     "phase": Size(size=math.radians(2.0), reason="width of the mark, edge off the middle of its swing", source="c"),
+    "lead": Size(size=0.0, reason="", source=""),
     "turned": Size(size=math.radians(1.0), reason="probe bracket against the zero of the force", source="j"),
     "delay": Size(
         size=math.radians(0.5) / (2 * math.pi * 100), reason="unequal filters, 0.5 deg at 100 Hz", source="c"
@@ -81,14 +83,19 @@ _FLUID = {"lam": ("lam", "lam_D", "lam_M"), "K0": ("K0",), "D": ("D",)}
 _OF_FLUID = ("K0", "D", "lam", "lam_D", "lam_M", "Mf")
 
 
-def listed(problem: Problem, x: Float, given: Mapping[str, float]) -> tuple[Cause, ...]:
+def listed(
+    problem: Problem, x: Float, given: Mapping[str, float], calibration: Calibration | None = None
+) -> tuple[Cause, ...]:
     """Causes of a problem at fitted values, those that were given with their sizes; none without a size.
 
     Raises:
         KeyError: a name that is not in the list; the message names the nearest.
         ValueError: a size that is negative or no number.
     """
-    found = [_named(cause) for cause in _Rig.of(problem, x).causes()]
+    rig = _Rig.of(problem, x)
+    found = [_named(cause) for cause in rig.causes()]
+    if calibration is not None:
+        given = {**sizes_of(calibration, rig.probes), **given}
     names = [cause.name for cause in found]
     for name, size in given.items():
         if name not in names:
@@ -138,6 +145,16 @@ class _Rig:
             inertia=inertia,
             top=top,
         )
+
+    @property
+    def probes(self) -> dict[str, tuple[str, ...]]:
+        """Directions of the probes of each plane that is read, as the names of responses have them."""
+        found: dict[str, dict[str, None]] = {}
+        for block in self.blocks:
+            for k in np.unique(block.coordinate).tolist():
+                place = self.model.coordinates[k]
+                found.setdefault(place.plane, {})[place.axis] = None
+        return {plane: tuple(axes) for plane, axes in found.items()}
 
     @property
     def turning(self) -> bool:
@@ -230,6 +247,8 @@ class _Rig:
             act = OfReadings(how="curve", plane=plane)
             meaning = f"probes at {plane} that are not linear, share at the largest amplitude"
             yield _cause(f"curve[{plane}]", meaning, act, SIZES["curve"])
+            act = OfReadings(how="phase", plane=plane)
+            yield _cause(f"lead[{plane}]", f"lead of the probes at {plane}", act, SIZES["lead"], unit="rad")
 
     def _free_probe(self, plane: str) -> bool:
         """True if the factor of the probe of a plane is fitted."""

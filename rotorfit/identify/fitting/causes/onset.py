@@ -16,8 +16,9 @@ def onset_slopes(model: RotorModel, theta: Float, onset: Threshold, solved: Solv
     found = []
     for cause in solved.causes:
         term = cause.act.term(model, theta, onset.whirl_frequency)
-        slope = onset.gradient @ cause.act.values_at(model, theta, onset.speed)
-        found.append(float(slope) + (0.0 if term is None else onset_shift(model, theta, onset, term)))
+        values = cause.act.values_at(model, theta, onset.speed)
+        slope = 0.0 if values is None else float(onset.gradient @ values)
+        found.append(slope + (0.0 if term is None else onset_shift(model, theta, onset, term)))
     return np.array(found)
 
 
@@ -32,8 +33,10 @@ def onset_with_causes(model: RotorModel, theta: Float, onset: Threshold, solved:
     highest, round_off = search_limits(model, theta, band)
 
     def growth(speed: Float) -> Float:
-        changes = [[size * act.values_at(model, theta, one) for act, size in acting] for one in speed.tolist()]
-        moved = theta + np.array([np.sum(own, axis=0) for own in changes]).reshape(speed.size, -1)
+        moved = np.tile(theta, (speed.size, 1))
+        for act, size in acting:
+            values = act.values_at(model, theta, speed)
+            moved = moved if values is None else moved + size * values
         coefficients = np.array(model.motion(moved, speed))
         for term, size in terms:
             for row, column, weight in term.entries:

@@ -12,6 +12,7 @@ from rotorfit.estimators.inference.causes import Cause, columns, with_causes
 from rotorfit.estimators.inference.covariance import prior_curvature
 from rotorfit.estimators.inference.joint_errors import JointErrors, joint_step
 from rotorfit.estimators.misfit.problem import Problem, robust_weights
+from rotorfit.identify.fitting.causes.calibration import Calibration
 from rotorfit.identify.fitting.causes.listing import listed
 
 
@@ -23,7 +24,7 @@ class SolvedCauses:
     errors: JointErrors
     shift: tuple[ComplexArray, ...]  # what they add to the predictions of each block, shape ``(R,)``
     plain: Float  # fitted vector without causes
-    plain_redchi: float
+    plain_square: float  # sum of squares there
 
     def __iter__(self) -> Iterator[tuple[Cause, float, float]]:
         """Each cause with its size and its standard deviation."""
@@ -72,9 +73,11 @@ class JointSearch:
         )
 
 
-def search(problem: Problem, x: Float, given: Mapping[str, float]) -> JointSearch | None:
+def search(
+    problem: Problem, x: Float, given: Mapping[str, float], calibration: Calibration | None = None
+) -> JointSearch | None:
     """Solve for causes beside fitted values from their optimum without any; nothing where the list is empty."""
-    causes = listed(problem, x, given)
+    causes = listed(problem, x, given, calibration)
     if not causes:
         return None
     size = np.array([cause.size for cause in causes])
@@ -111,6 +114,15 @@ def search(problem: Problem, x: Float, given: Mapping[str, float]) -> JointSearc
     return JointSearch(
         problem=shifted(problem, shift), x=at.x, causes=causes, sizes=at.sizes, columns=B, shift=shift,
         plain=x, plain_square=begin.square,
+    )  # fmt: skip
+
+
+def solved_before(problem: Problem, x: Float, solved: SolvedCauses) -> JointSearch:
+    """Causes that were solved already, beside fitted values of the problem with their effect taken out."""
+    return JointSearch(
+        problem=problem, x=x, causes=solved.causes, sizes=solved.errors.value,
+        columns=columns(problem, x, solved.causes), shift=solved.shift, plain=solved.plain,
+        plain_square=solved.plain_square,
     )  # fmt: skip
 
 

@@ -75,8 +75,6 @@ def with_scatter(
     widening: float,
 ) -> tuple[Float, ResidualStudy]:
     """The covariance with what residuals that follow one another, or scatter unevenly, add to it."""
-    if study.causes:  # the residuals hold more than noise
-        return covar, study
     if study.correlated:
         sweeps = [sweep for sweeps in channels_of(problem) for sweep in sweeps]
         if study.verdict is NoiseVerdict.CORRELATED:

@@ -12,7 +12,6 @@ from rotorfit.base.digits import significant
 from rotorfit.base.significance import P_WARNING
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.base.version import renamed
-from rotorfit.estimators.inference.smooth_causes import Cause, Kind
 from rotorfit.estimators.noise.run_effects import FEWEST_RUNS
 from rotorfit.identify.fitting.noise.record import RUN_KINDS, FoundNoise, Miss, NoiseVerdict, ResponseNoise, RunEffect
 
@@ -24,9 +23,7 @@ MODEL_LIMITED_REDCHI = 2.0
 class ResidualStudy:
     """Study of the residuals of a fit, and the basis of its error bars."""
 
-    verdict: NoiseVerdict  # what the residuals are, beside ``causes``
-    # fixed causes that explain what the fit misses; the results are those of the model without them
-    causes: tuple[Cause, ...] = ()
+    verdict: NoiseVerdict  # what the residuals are
     correlation: float = 0.0  # of residuals at neighbouring lines of a sweep: near zero for noise, whatever its shape
     lags: tuple[float, ...] = ()  # the same at distances 1, 2, ... as far as it is more than chance
     # noise of the responses by restricted likelihood, where it replaced that of the data alone
@@ -58,11 +55,6 @@ class ResidualStudy:
         return () if self.found is None else self.found.effects
 
     @property
-    def explained(self) -> bool:
-        """True if fixed causes explain what the fit misses."""
-        return bool(self.causes) and self.verdict is not NoiseVerdict.MISFIT
-
-    @property
     def between(self) -> tuple[tuple[str, float], ...]:
         """Kind and standard deviation of each difference from run to run."""
         return tuple((effect.kind, effect.sd) for effect in self.effects)
@@ -91,15 +83,12 @@ class ResidualStudy:
     @property
     def sentences(self) -> tuple[str, ...]:
         """Fixed causes, differences of runs and uneven scatter in words."""
-        return (
-            *causes(self.causes, whole=self.explained),
-            *sentences(self.effects, self.possible_effects, self.run_count, robust=self.robust),
-        )
+        return (*sentences(self.effects, self.possible_effects, self.run_count, robust=self.robust),)
 
     @property
     def notable(self) -> tuple[str, ...]:
         """Those of them that are warnings."""
-        return (*causes(self.causes, whole=self.explained), *differences(self.effects))
+        return differences(self.effects)
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -135,10 +124,10 @@ class ResidualStudy:
 
 
 def is_misfit(study: ResidualStudy | None, widening: float) -> bool:
-    """True if the model limits a fit, not the noise: by a missing cause, the memory of residuals, or their size."""
+    """True if the model limits a fit, not the noise: by the memory of residuals or their size."""
     if study is None:
         return widening > MODEL_LIMITED_REDCHI
-    return study.verdict is NoiseVerdict.MISFIT or bool(study.causes)
+    return study.verdict is NoiseVerdict.MISFIT
 
 
 def largest_redchi(study: ResidualStudy | None, nfree: int, known_from: float) -> float:
@@ -177,60 +166,6 @@ VERDICTS = {
     ),
 }
 
-_SPEED_FIRST = (
-    'Fit it with the law of speed (law=rf.models.LinearInSpeed(("{value}",)), --law linear-in-speed), which the '
-    'threshold speed follows, or with a value for each speed (per={{"{value}": "speed_rpm"}})'
-)
-_CAUSES = {
-    Kind.PROBE: (
-        "a probe{at} that is not linear, reading {percent} % at the largest amplitude",
-        "Check the probe's characteristic, or test with less motion",
-    ),
-    Kind.FLUID: (
-        "a fluid{at} that changes with amplitude, K0 {first} N/m, D {second} N s/m, D lam {third} N s/m at the largest",
-        "Fit a law of eccentricity (law=, --law), or test with less motion",
-    ),
-    Kind.DELAY: (
-        "a delay, filter or drifting phase reference of {channels}, {ms} ms",
-        "Undo the delay or filter of the channels, or give phase_offsets where the reference drifted",
-    ),
-    Kind.CLOCK: (
-        "a delay of all channels that grows along the sweep, by {two_ms} ms from end to end, as where the marks are "
-        "sampled by a clock of their own",
-        "Sample marks and probes by one clock, or say how fast that of the marks is: clock_ppm in [shaft] and "
-        "[perturbator] of rig.toml, less the growth over the duration of the sweep",
-    ),
-    Kind.DRIFT: (
-        "a drift along the sweep, D by {percent} % from its middle to its end",
-        "Let temperatures settle, and repeat the sweep the other way",
-    ),
-    Kind.HYSTERESIS: (
-        "damping that does not grow with frequency (hysteresis){at}, {first} N/m",
-        "A model with viscous damping alone follows it at one frequency only",
-    ),
-    Kind.SUPPORT: (
-        "stiffness unequal in x and y{at}, by {twice} N/m",
-        "Read both probes, x and y, or fit the model Anisotropic",
-    ),
-    Kind.PAIR: ("stiffness unequal in x and y{at}, by {twice_root} N/m", "Fit the model Anisotropic"),
-    Kind.LOAD: (
-        "a static load{at} of about {root} N, which moves the orbits off the centre",
-        "Take the load off, or fit small motion about the place that the journal has under it (x_um, y_um)",
-    ),
-    Kind.RESIDUAL: (
-        "residual unbalance{at} of {size} kg m, which these start-ups hold beside their weight",
-        "Remove it: start up once more with the weight moved by 180 degrees, or without it, and fit the differences "
-        "(in Python, rf.difference_synchronous)",
-    ),
-    Kind.ELSEWHERE: ("a fluid{at} too, D lam {size} N s/m", "Fit a model that has a fluid there too"),
-    Kind.SPEED: ("{value} that changes with speed, by {percent} % when the mean tested speed doubles", _SPEED_FIRST),
-    Kind.BEND: (
-        "{value} that does not change in proportion to the speed, by {percent} % when the mean tested speed doubles",
-        'Fit it with a value for each speed (per={{"{value}": "speed_rpm"}}), or test nearer to the threshold',
-    ),
-}
-"""Each fixed cause with its size, and advice."""
-
 _IN_ERRORS = "Standard errors include that, and intervals have the quantile of Student's t"
 
 _TWO_RUNS = (
@@ -251,24 +186,6 @@ def sentences(
         runs = f"the {len(possible[0].runs)} runs may differ {sizes} (standard deviation), or by chance alone"
         words.append(f"{runs}; standard errors allow for it")
     return (*words, *[_TWO_RUNS] * (run_count == 2), *[_SCATTER] * robust)
-
-
-def causes(found: Sequence[Cause], *, whole: bool) -> tuple[str, ...]:
-    """Fixed causes that explain what a fit misses, each a warning."""
-    share = "The results are those of the model without it; their systematic share includes the shift"
-    begin = f"{'the misfit' if whole else 'most of the misfit'} is explained by"
-    said = []
-    for cause in found:
-        size, at = cause.size, f" at {cause.parts[0].plane}" if cause.parts[0].plane else ""
-        signed = {"first": size, "percent": 100 * size, "ms": 1e3 * size, "two_ms": 2e3 * size}
-        signed |= dict(zip(("second", "third"), cause.sizes[1:], strict=False))
-        plain = {"size": size, "twice": 2 * size, "root": abs(size) ** 0.5, "twice_root": 2 * abs(size) ** 0.5}
-        words = {name: significant(value, 2, sign=True) for name, value in signed.items()}
-        words |= {name: significant(value, 2) for name, value in plain.items()}
-        words |= {"at": at, "channels": f"the channels{at}" if at else "all channels", "value": cause.parts[0].value}
-        what, remedy = (text.format(**words) for text in _CAUSES[cause.kind])
-        said.append(f"{begin} {what}. {share}. {remedy}")
-    return tuple(said)
 
 
 def differences(effects: Sequence[RunEffect]) -> tuple[str, ...]:

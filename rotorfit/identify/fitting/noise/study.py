@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 from rotorfit.base.array_types import Float
 from rotorfit.base.significance import SIGNIFICANT_ERRORS
 from rotorfit.estimators.blocks.observations import Responses
-from rotorfit.estimators.inference.smooth_causes import Cause
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.residuals import Memory, Shape
 from rotorfit.estimators.noise.run_effects import MixedModel, odd_run, select_effects, shared_variances
 from rotorfit.identify.fitting.causes.solution import JointSearch
-from rotorfit.identify.fitting.noise.causes import fixed_causes, with_sizes
 from rotorfit.identify.fitting.noise.noise_fit import (
     RESPONSE,
     SPEED,
@@ -39,25 +37,12 @@ NOISE_LIKE_REDCHI = 1.5
 """redchi up to which residuals have the size of the noise: the 95 % point of a variance estimated from ten lines."""
 
 
-def study_residuals(
-    problem: Problem, x: Float, *, beside: JointSearch | None = None, ask_causes: bool = True
-) -> ResidualStudy | None:
+def study_residuals(problem: Problem, x: Float, beside: JointSearch | None = None) -> ResidualStudy | None:
     """Tell noise, differences of runs and misfit apart at the optimum of a linear loss, ``beside`` causes that were
     solved with it; nothing for other data."""
     data = linearise(problem, x if beside is None else beside.x, beside)
     if data is None:
         return None
-    causes, with_them = fixed_causes(problem, x, data) if ask_causes else ((), data)
-    study = _study(problem, x, with_them, causes)
-    # Share of redchi that a fixed cause may leave where that is a misfit still: large causes are not linear. Chosen.
-    largest_rest = 0.1
-    missed = bool(causes) and study.verdict is NoiseVerdict.MISFIT
-    little = missed and with_them.alone.redchi >= largest_rest * data.alone.redchi
-    return _study(problem, x, data, ()) if little else study
-
-
-def _study(problem: Problem, x: Float, data: LinearisedFit, causes: tuple[Cause, ...]) -> ResidualStudy:
-    """The study beside fixed causes, columns of which the linearised fit has after those of its values."""
     variance, possible = random_effects(data)
     fit = reweighted(data, variance)
     shapes, sigma = ([], data.sigma) if data.sigma_given else sigma_of_residuals(fit, (RESPONSE, SPEED))
@@ -87,7 +72,6 @@ def _study(problem: Problem, x: Float, data: LinearisedFit, causes: tuple[Cause,
         found = FoundNoise(factors=factors, effects=tuple(e for e in effects if e.values), before=x)
     return ResidualStudy(
         verdict=verdict,
-        causes=with_sizes(causes, fit.solution.step),
         correlation=remembered.first,
         lags=remembered.lags,
         response_noise=_response_noise(problem, shapes) if verdict is NoiseVerdict.SHAPED else (),

@@ -15,7 +15,6 @@ from rotorfit.base.text_table import Printed, text_table
 from rotorfit.base.version import renamed
 from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.estimators.inference.covariance import excess
-from rotorfit.identify.fitting.assumptions.shifts import assuming
 from rotorfit.identify.fitting.fit import fitted, solve_again
 from rotorfit.identify.fitting.judge import why_not_refined, with_model_uncertainty
 from rotorfit.identify.fitting.noise.residual_study import MODEL_LIMITED_REDCHI
@@ -109,16 +108,13 @@ def refine(fit: FitResult) -> Refinement:
     refusal = why_not_refined(fit.model, fit.identifiability)
     if refusal:
         raise ValueError(refusal)
-    # Fixed causes of what a model misses are asked of the chosen one: that takes half the time of a candidate.
     found, steps = _select(fit, may_leave_open=False)
     # Misfit over that of the best candidate, in power, beyond which one that leaves no parameter open is refused
     largest_misfit_ratio = 1.2
     if found.redchi > largest_misfit_ratio * min(step.redchi for step in steps if step.success or step is found):
         found, steps = _select(fit, may_leave_open=True)
-    best = found if found is fit else refit(found, found.model)
+    best = refit(replace(found, settings=replace(found.settings, causes=fit.settings.causes)), found.model)
     steps = [best if step is found else step for step in steps]
-    if best.noise is not None and best.noise.causes:  # they act on every candidate
-        steps = [step if step is fit or step is best else refit(step, step.model) for step in steps]
     chosen = with_model_uncertainty(rescale_noise(best), _model_uncertainty(best, steps))
     # Threshold speeds by group of the best candidate that holds beyond the tested band, and of its neighbours.
     onsets: list[Onset] = []
@@ -139,12 +135,13 @@ def refine(fit: FitResult) -> Refinement:
 
 def _select(fit: FitResult, *, may_leave_open: bool) -> tuple[FitResult, list[FitResult]]:
     """The best candidate, and all that were tried."""
-    steps, best = [fit], fit
+    best = fit if fit.settings.causes is None else refit(fit, fit.model, with_causes=False)
+    steps = [best]
 
     def try_with(blocks: Iterable[str]) -> FitResult:
-        step = refit(best, best.model.variant(blocks=check_blocks(tuple(blocks))), ask_causes=False)
+        step = refit(best, best.model.variant(blocks=check_blocks(tuple(blocks))), with_causes=False)
         hidden = _hidden(step)
-        step = refit(best, step.model, priors=hidden, ask_causes=False) if hidden else step
+        step = refit(best, step.model, priors=hidden, with_causes=False) if hidden else step
         steps.append(step)
         # AIC of nested models that are both right differs by chi-squared of the values added: that is its scatter.
         chance = math.sqrt(2 * max(step.nvarys - best.nvarys, 0))
@@ -258,16 +255,16 @@ def rescale_noise(fit: FitResult) -> FitResult:
 
 
 def refit(
-    fit: FitResult, model: RotorModel, priors: Mapping[str, Any] | None = None, *, ask_causes: bool = True
+    fit: FitResult, model: RotorModel, priors: Mapping[str, Any] | None = None, *, with_causes: bool = True
 ) -> FitResult:
-    """Another model fitted with the same settings, new parameters from zero influence: a nested one can only gain."""
+    """Another model fitted with the same settings, new parameters from zero influence: a nested one can only gain.
+    Candidates are compared ``with_causes`` false, since causes stand for what they add."""
     settings = fit.settings
     start = {n: p.value for n, p in fit.params.items() if p.vary and bare_name(n) in model.parameter_names}
     start |= {q.name: 0.0 for q in model.parameters if q.name not in {bare_name(b) for b in fit.params}}
     known = {k: v for k, v in settings.known.items() if k in model.parameter_names}
     wanted = replace(settings.asked, known=known, priors={**settings.priors, **(priors or {})}, start=start)
-    found = fitted(model, fit.experiments, wanted, ask_causes=ask_causes)
-    return assuming(found, settings.assumptions, also_fitted=True) if settings.assumptions else found
+    return fitted(model, fit.experiments, wanted if with_causes else replace(wanted, causes=None))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,6 @@ from rotorfit.base.digits import significant
 from rotorfit.base.names import unknown_name
 from rotorfit.base.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 from rotorfit.estimators.inference.identifiability import UNSEEN_CHANGE
-from rotorfit.identify.fitting.quantities import THRESHOLD
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.uncertainty.derived import DERIVED_DRAWS, SHAFT_DRAWS
 from rotorfit.identify.uncertainty.predict import extrapolation
@@ -68,7 +67,7 @@ def stability_report(
         loop=sensitivity,
         limits=limits,
     )
-    one, unseen = rotors_of(fit, fit.thetas[group][None]), unseen_rotors(fit, group)
+    one, unseen = rotors_of(fit, fit.thetas[group][None], group), unseen_rotors(fit, group)
     many = drawn_rotors(fit, group, DERIVED_DRAWS if fit.model.shaft is None else SHAFT_DRAWS, thetas)
     judged = {"": {}, **(cases or {})}
     criteria = [
@@ -175,11 +174,8 @@ def _answer(question: Question, case: str, one: Rotors, many: Rotors, unseen: Ro
     drawn, asked = question.ask(many)
     met = drawn >= asked if question.at_least else drawn <= asked
     probability, ends = float(np.mean(met)), task.quantiles(drawn)
-    left_open = question.left_open
-    if unseen.theta.size:
-        moved = ~np.isclose(question.ask(unseen)[0], value, rtol=UNSEEN_CHANGE, atol=0.0)
-        left_open = left_open or bool(moved.any())
-    if left_open:
+    unlike = ~np.isclose(question.ask(unseen)[0], value, rtol=UNSEEN_CHANGE, atol=0.0) if unseen.theta.size else None
+    if unlike is not None and unlike.any():
         probability, ends = math.nan, np.full(2, math.nan)
     return Criterion(
         name=question.name,
@@ -202,10 +198,6 @@ def _notes(fit: FitResult, one: Rotors, running: tuple[float, float]) -> tuple[s
         found.append(f"{len(least)} of the modes lie above the tested frequencies: they are extrapolated.")
     if fit.model.eccentricity_dependent:
         found.append("The rotor is judged for small motion about the centre of its bearings.")
-    if fit.moved_by(THRESHOLD):
-        found.append(f"The threshold speed is not determined: {fit.moved_by(THRESHOLD)}.")
-    if len(fit.thetas) > 1:
-        found.append("Intervals hold the statistical errors only: parameters were fitted per attribute.")
-    elif fit.assumed.entries:
-        found.append("Intervals hold the systematic share of fit.assumptions() too.")
+    if fit.causes.rows:
+        found.append("Intervals hold the causes beside the model (fit.causes).")
     return tuple(found)

@@ -11,12 +11,11 @@ import numpy as np
 from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.base.matching import matched
 from rotorfit.base.names import unknown_name
+from rotorfit.estimators.inference.causes import Act
 from rotorfit.estimators.inference.covariance import spreading
-from rotorfit.estimators.inference.score_tests import Term
-from rotorfit.estimators.inference.smooth_causes import Cause, Kind, Part, beyond, changed_values, onset_terms
-from rotorfit.identify.fitting.assumptions.assumption_table import THRESHOLD_COLUMN, Assumption
+from rotorfit.identify.fitting.causes.onset import onset_slopes
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.models import RotorModel, Threshold, eigenvalues
+from rotorfit.models import RotorModel, eigenvalues
 from rotorfit.models.coefficient_tables import loop_stiffness
 from rotorfit.models.motion.neglected_terms import LeftOut, eigenvalues_with
 from rotorfit.models.motion.stability import counted, spectrum, whirls_forward
@@ -32,8 +31,8 @@ class Rotors:
     model: RotorModel  # the model
     band: float = math.inf  # modulus of eigenvalues that count, rad/s
     theta: Float  # parameter vectors, shape ``(W, P)``
-    # of the equation of motion that the model leaves out, and changes of its values with speed
-    terms: tuple[LeftOut | Part, ...]
+    # of the equation of motion that the model leaves out, and what changes its values
+    terms: tuple[LeftOut | Act, ...]
     sizes: Float  # of these terms in each rotor, shape ``(W, T)``
     onset_shifts: tuple[float, ...] = ()  # change of the threshold speed by a unit of each term, rad/s
     # cross-coupled stiffness at planes, N/m, which drives forward whirl; by plane, each shape ``(W,)``
@@ -109,10 +108,10 @@ class Rotors:
         """Parameter vectors at speeds ``(S,)``, shape ``(W, S, P)``."""
         theta = self.theta[some, None]
         changes = np.zeros((len(theta), speed.size, theta.shape[-1]))
-        for part, size in zip(self.terms, self.sizes[some].T, strict=True):
-            if isinstance(part, Part):
-                grown = size[:, None] * beyond(part, np.abs(speed))
-                changes += grown[..., None] * changed_values(self.model, theta, part.value)
+        for act, size in zip(self.terms, self.sizes[some].T, strict=True):
+            values = None if isinstance(act, LeftOut) else act.values_at(self.model, theta, speed)
+            if values is not None:
+                changes += size[:, None, None] * values
         return theta + changes
 
     def _motion(self, speed: float) -> ComplexArray:
@@ -197,70 +196,51 @@ def has_planes(model: RotorModel) -> bool:
 # ---- of a fit ----------------------------------------------------------------------------------------------------
 
 
-def rotors_of(fit: FitResult, theta: Float) -> Rotors:
-    """Rotors by their parameters alone, shape ``(W, P)``."""
-    return Rotors(
-        model=fit.model, band=fit.stability_band, theta=theta, terms=(), sizes=np.zeros((len(theta), 0)), coupling={}
+def rotors_of(fit: FitResult, theta: Float, group: int, sizes: Float | None = None) -> Rotors:
+    """Rotors by their parameters, shape ``(W, P)``, with the sizes of their causes, ``(W, k)``, by default as found.
+    The damping of hysteresis is that of a forward whirl, which may become unstable."""
+    model, solved = fit.model, fit.settings.solved
+    alone = Rotors(
+        model=model, band=fit.stability_band, theta=theta, coupling={}, terms=(), sizes=np.zeros((len(theta), 0))
     )
+    if solved is None or not has_planes(model):
+        return alone
+    sizes = np.tile(solved.errors.value, (len(theta), 1)) if sizes is None else sizes
+    onset = fit.onset(group)
+    shifts = np.zeros(len(solved.causes)) if onset is None else onset_slopes(model, fit.thetas[group], onset, solved)
+    terms: list[tuple[LeftOut | Act, int]] = []
+    for number, cause in enumerate(solved.causes):
+        term = cause.act.term(model, fit.thetas[group], 1.0)
+        if term is not None:
+            terms.append((term, number))
+        elif cause.act.values_at(model, fit.thetas[group], 0.0) is not None:
+            terms.append((cause.act, number))
+    places = [number for _, number in terms]
+    own = tuple(shifts[places].tolist())
+    return replace(alone, terms=tuple(term for term, _ in terms), sizes=sizes[:, places], onset_shifts=own)
 
 
 def unseen_rotors(fit: FitResult, group: int) -> Rotors:
     """Rotors that no datum tells from the fitted one, a tenth of the parameters' own sizes away."""
     null = fit.identifiability.null_space
     x = fit.x[: null.shape[0]] + null.T / 10
-    return rotors_of(fit, fit.problem.space.theta(x)[:, group] if null.size else fit.thetas[:0, :])
+    return rotors_of(fit, fit.problem.space.theta(x)[:, group] if null.size else fit.thetas[:0, :], group)
 
 
 def drawn_rotors(fit: FitResult, group: int, draws: int, thetas: Float | None = None) -> Rotors:
-    """Rotors within the errors of a fit, or of a posterior's draws ``thetas`` of shape ``(W, P)``. What the model
-    leaves out or takes as known takes the sizes of the table of assumptions at random; what the tests would have made
-    of it moves the parameters along."""
-    rng = np.random.default_rng(0)
-    theta = _scattered(fit, group, draws, rng) if thetas is None else thetas.copy()
-    names, planes, onset = fit.model.parameter_names, has_planes(fit.model), fit.onset(group)
-    acting: list[tuple[LeftOut | Part, Float, float]] = []  # terms with their sizes and shifts of the threshold speed
-    for entry in fit.assumed.entries:
-        size = entry.left * rng.normal(size=len(theta))
-        for name, shift in entry.shifts.items():
-            if name in names:
-                theta[:, names.index(name)] += shift * size
-        if isinstance(entry.acts, int):
-            theta[:, entry.acts] += size
-        elif entry.acts is not None and planes:
-            shift = _onset_shift(fit, group, onset, entry)
-            for number, (term, share) in enumerate(_acting(entry.acts)):
-                acting.append((term, share * size, 0.0 if number else shift))
-    if not acting:
-        return rotors_of(fit, theta)
-    terms, sizes, shifts = zip(*acting, strict=True)
-    return replace(rotors_of(fit, theta), terms=terms, sizes=np.column_stack(sizes), onset_shifts=shifts)
-
-
-def _acting(term: Term) -> list[tuple[LeftOut | Part, float]]:
-    """What of a term acts on the rotor beside the parameters, and the share of its size that each has. The damping of
-    hysteresis is that of a forward whirl, which may become unstable."""
-    if isinstance(term, LeftOut):
-        return [(term, 1.0)]
-    if not isinstance(term, Cause):
-        return []
-    if term.kind in (Kind.SPEED, Kind.BEND):
-        return list(zip(term.parts, term.shares.tolist(), strict=True))
-    return [(own, 1.0) for own in onset_terms(term, 1.0)]
-
-
-def _onset_shift(fit: FitResult, group: int, onset: Threshold | None, entry: Assumption) -> float:
-    """Change of the threshold speed by a unit of what acts, the parameters held, rad/s; none where it does not move."""
-    if onset is None or THRESHOLD_COLUMN not in entry.shifts:
-        return 0.0
-    moved = np.array([entry.shifts[name] for name in fit.problem.space.names])
-    slopes = fit.problem.space.pull_back(np.asarray(onset.gradient), group)[: moved.size]
-    return float(entry.shifts[THRESHOLD_COLUMN] - slopes @ moved)
-
-
-def _scattered(fit: FitResult, group: int, draws: int, rng: np.random.Generator) -> Float:
-    """Parameter vectors by the covariance, with the tails of Student's t where an error has few degrees of freedom."""
-    errors = rng.normal(size=(draws, fit.x.size)) @ spreading(fit.covar).T
+    """Rotors within the errors of a fit, or of a posterior's draws ``thetas`` of shape ``(W, P)``: values and causes
+    together, with the tails of Student's t where an error has few degrees of freedom."""
+    rng, solved = np.random.default_rng(0), fit.settings.solved
+    sizes, moved = None, np.zeros((draws if thetas is None else len(thetas), fit.x.size))
+    covar = fit.covar
+    if solved is not None:
+        sizes = solved.errors.drawn(len(moved), rng)
+        moved = (sizes - solved.errors.value) @ solved.errors.moves.T
+        covar = covar - solved.errors.covariance
+    if thetas is not None:  # which hold what causes did to the values already
+        return rotors_of(fit, thetas, group, sizes)
+    errors = rng.normal(size=moved.shape) @ spreading(covar).T
     freedom = min((p.freedom for p in fit.params.values() if p.vary and p.resolved), default=math.inf)
     if math.isfinite(freedom):
         errors *= np.sqrt(freedom / rng.chisquare(freedom, size=(draws, 1)))
-    return np.asarray(fit.problem.space.theta(fit.x + errors)[:, group])
+    return rotors_of(fit, np.asarray(fit.problem.space.theta(fit.x + errors + moved)[:, group]), group, sizes)

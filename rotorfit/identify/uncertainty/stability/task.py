@@ -14,7 +14,6 @@ import numpy as np
 from rotorfit.base.array_types import Bool, Float, Index
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.identify.fitting.quantities import THRESHOLD
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.uncertainty.derived import onsets_of
 from rotorfit.identify.uncertainty.stability.record import SENSITIVITY, Curve, ModeDamping
@@ -31,7 +30,6 @@ class Question:
     unit: str = ""
     source: str = ""
     at_least: bool = True
-    left_open: bool = False  # what the data do not show moves it by more than itself
 
 
 class Limits(NamedTuple):
@@ -95,15 +93,15 @@ class Task:
         return Question(
             name="threshold speed over running speed",
             ask=lambda rotors: (self._thresholds(rotors) / self.running[1], limit),
-            left_open=bool(self.fit.moved_by(THRESHOLD)),
         )
 
     def _thresholds(self, rotors: Rotors) -> Float:
         """Threshold speeds, infinite for rotors that are stable at every speed searched."""
         fit = self.fit
         if len(rotors.theta) == 1 and np.array_equal(rotors.theta[0], fit.thetas[self.group]):
-            speed = np.array([fit.threshold_of(self.group).value])
-        elif len(rotors.theta) == 1:
+            speed = np.array([fit.threshold_of(self.group).value])  # causes included
+            return np.where(np.isnan(speed), np.inf, speed)
+        if len(rotors.theta) == 1:
             speed = threshold_speeds(fit.model, rotors.theta, band=fit.stability_band)[0]
         else:
             speed = onsets_of(fit, rotors.theta, self.group, seed=0).speed

@@ -1,1 +1,0 @@
-"""Assumptions of a fit, and by how much its numbers would move if they were wrong."""
