@@ -8,15 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.base.array_types import ComplexArray, Float
+from rotorfit.base.array_types import ComplexArray
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.estimators.inference.smooth_causes import Cause, Kind, beyond, changed_values, onset_terms
 from rotorfit.identify.fitting.causes.onset import onset_slopes, onset_with_causes
 from rotorfit.identify.fitting.judge import why_not_refined
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.models import Threshold, eigenvalues
-from rotorfit.models.motion.stability import SPEEDS, eigenvalue_gradient, fastest_growth, first_growth, search_limits
+from rotorfit.models import eigenvalues
+from rotorfit.models.motion.stability import eigenvalue_gradient
 
 
 def onset_of(fit: FitResult, group: int) -> Quantity:
@@ -81,28 +80,6 @@ def onset_note(fit: FitResult, group: int) -> str:
     extrapolated = "the model extrapolates" if why_not_refined(fit.model, fit.identifiability) else alone
     known = error if fit.settings.onsets else extrapolated
     return f"{words}tested frequencies ({fit.band * RPM_PER_RAD_S:.0f}): {known}"
-
-
-def onset_with(fit: FitResult, onset: Threshold, cause: Cause, shift: Float) -> float:
-    """Threshold speed, rad/s, of the fitted rotor with a cause of the size found and by what a unit of it moves the
-    fitted vector, the highest searched without one. All modes are looked at: a large one may make another unstable."""
-    model = fit.model
-    moved = fit.problem.space.theta(fit.x + cause.size * shift)[0]
-    terms = onset_terms(cause, onset.whirl_frequency)
-    changing = [part for part in cause.parts if part.kind in (Kind.SPEED, Kind.BEND)]
-    highest, round_off = search_limits(model, moved, fit.stability_band)
-
-    def growth(speed: Float) -> Float:
-        changes = [beyond(part, speed)[:, None] * changed_values(model, moved, part.value) for part in changing]
-        coefficients = np.array(model.motion(moved + cause.size * sum(changes, np.zeros((speed.size, 1))), speed))
-        for term in terms:
-            for row, column, weight in term.entries:
-                for factor, power, speeds in term.terms:
-                    coefficients[:, power, row, column] += weight * cause.size * factor * speed**speeds
-        return fastest_growth(model, coefficients, fit.stability_band) - round_off
-
-    found = first_growth(growth, np.geomspace(1e-4 * highest, highest, SPEEDS))
-    return highest if found is None else found
 
 
 def _growth_error(fit: FitResult, group: int) -> float:
