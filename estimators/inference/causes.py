@@ -429,6 +429,7 @@ class Cause:
     one_sided: bool = False  # never negative
     reason: str = ""  # of its size
     source: str = ""
+    remedy: str = ""  # what would tell it, or take it out
 
 
 def with_causes(problem: Problem, x: Float, causes: Sequence[Cause], sizes: Float) -> Problem:

@@ -23,6 +23,7 @@ from rotorfit.estimators.misfit.problem import Problem, robust_weights
 from rotorfit.estimators.starting.closed_form import ClosedForm
 from rotorfit.estimators.starting.start_points import Start
 from rotorfit.identify.fitting.causes.solution import JointSearch, SolvedCauses
+from rotorfit.identify.fitting.causes.table import table_of
 from rotorfit.identify.fitting.noise.error_bars import shares_of_possible_effects, with_scatter, with_shares
 from rotorfit.identify.fitting.noise.record import is_run_effect
 from rotorfit.identify.fitting.noise.residual_study import MODEL_LIMITED_REDCHI, ResidualStudy, is_misfit
@@ -68,10 +69,13 @@ def judge(
             shift=beside.shift,
             plain=beside.plain,
             plain_square=beside.plain_square,
+            raised=beside.raised,
+            factor=beside.factor,
         )
     settings = replace(settings, solved=causes)
     params = _parameters(problem.space, x, start.x, scattered, covar, degrees, verdict.unresolved, causes)
     warnings = [*notes, *fit_warnings(problem, x, redchi, params, verdict, bool(settings.noise_scale), noise)]
+    warnings += table_of(causes).warnings
     success, method, message, evaluations = True, "closed form", "closed form, no iteration", 0
     if isinstance(solved, Solution):
         # A minimum along a whole line is one: the identifiability verdict names the line.

@@ -32,52 +32,9 @@ from rotorfit.estimators.inference.causes import (
 )
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.identify.fitting.causes.calibration import Calibration, sizes_of
+from rotorfit.identify.fitting.causes.sizes import SIZES, Size
 from rotorfit.models import RotorModel
 from rotorfit.models.motion.neglected_terms import LeftOut, fluid_coordinates, terms_left_out
-
-
-@dataclass(frozen=True, kw_only=True)
-class Size:
-    """Usual size of a cause in its own measure, with the reason."""
-
-    size: float
-    reason: str
-    source: str  # "c" for arithmetic or a convention that can be checked, "m" measured, "j" judgement
-
-
-SIZES = {
-    "gain": Size(size=0.03, reason="material of the shaft 2.9 %, trial weight and radius 1 %", source="c"),
-    "gain[plane]": Size(
-        size=0.02, reason="a chain of probe, cable and driver holds 5 %, two of a plane average", source="c"
-    ),
-    "gain[probe]": Size(size=0.03, reason="a chain of probe, cable and driver holds 5 %", source="c"),
-    "phase": Size(size=math.radians(2.0), reason="width of the mark, edge off the middle of its swing", source="c"),
-    "lead": Size(size=0.0, reason="", source=""),
-    "turned": Size(size=math.radians(1.0), reason="probe bracket against the zero of the force", source="j"),
-    "delay": Size(
-        size=math.radians(0.5) / (2 * math.pi * 100), reason="unequal filters, 0.5 deg at 100 Hz", source="c"
-    ),
-    "curve": Size(size=0.01, reason="linearity of a probe, and of the film under its amplitude", source="j"),
-    "damper": Size(size=0.05, reason="damping ratio of rotors without fluid 2.5 %", source="m"),
-    "damping": Size(size=0.20, reason="a damping that was measured by a ring-down", source="j"),
-    "loss": Size(size=0.005, reason="loss factor of built-up rotors", source="m"),
-    "gyro": Size(size=0.02, reason="a disk of a seventh of the span at a third of it", source="c"),
-    "known": Size(size=0.01, reason="a value that was measured", source="j"),
-    "mass": Size(size=0.005, reason="a mass that was weighed", source="j"),
-    "lag": Size(size=math.radians(2.0), reason="compliance in series, 30 times the fluid's at the top", source="j"),
-    "speed[lam]": Size(size=0.05, reason="swirl, when the speed doubles", source="c"),
-    "speed[K0]": Size(size=0.30, reason="falls at constant pressure when the speed doubles", source="c"),
-    "speed[D]": Size(size=0.10, reason="oil that warms when the speed doubles", source="c"),
-    "drift": Size(size=0.04, reason="oil that warms by 1 K from the middle of a sweep to its end", source="c"),
-    "speed label": Size(size=0.002, reason="a speed of unknown origin", source="j"),
-    "between": Size(size=0.01, reason="coupling that a lumped chain leaves out, of the stiffness", source="j"),
-    "offset": Size(size=0.02, reason="2 mm of 100 mm on the way to the next plane", source="c"),
-    "q": Size(size=0.003, reason="modes above the band, of the stiffness at its top", source="c"),
-    "flex": Size(size=0.01, reason="modes above the band, of the static compliance", source="c"),
-    "flex[journal]": Size(size=0.03, reason="the same where a journal or a bare shaft is forced", source="c"),
-    "clearance": Size(size=0.02, reason="heat and measurement", source="c"),
-}
-"""Usual sizes, which the user may replace; docs/uncertainty.md says where they come from."""
 
 _FLUID = {"lam": ("lam", "lam_D", "lam_M"), "K0": ("K0",), "D": ("D",)}
 _OF_FLUID = ("K0", "D", "lam", "lam_D", "lam_M", "Mf")
@@ -407,6 +364,7 @@ def _cause(
         one_sided=positive,
         reason=usual.reason,
         source=usual.source,
+        remedy=usual.remedy,
     )
 
 

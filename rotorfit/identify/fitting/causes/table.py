@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
 FOUND = 4.0
 """Score from which a cause is named: 25 tests give one false name in 600 fits. Chosen."""
-PULLED = 3.0
-"""Pull from which a size is too small for what the data show, once in 370 where it is right. Chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,6 +35,7 @@ class CauseRow:
         value, stderr: what was found.
         z: score against none; NaN where the data do not tell.
         pull: what was found over what it scatters by if the size is right; NaN likewise.
+        remedy: what would tell it, or take it out.
     """
 
     name: str
@@ -51,6 +50,7 @@ class CauseRow:
     stderr: float
     z: float
     pull: float
+    remedy: str = ""
 
     @property
     def found(self) -> bool:
@@ -69,6 +69,9 @@ class Causes(Printed):
     """Causes of a fit: iterating gives :class:`CauseRow`, indexing by name one of them."""
 
     rows: tuple[CauseRow, ...]
+    raised: tuple[str, ...] = ()  # names of those whose sizes were too small for what the data show
+    factor: float = 1.0  # on all sizes, which were too small as a whole
+    unexplained: bool = False  # no listed cause explains the misfit: nothing that was found is one
 
     def __iter__(self) -> Iterator[CauseRow]:
         return iter(self.rows)
@@ -85,7 +88,19 @@ class Causes(Printed):
     @property
     def found(self) -> tuple[CauseRow, ...]:
         """Those that the data show, the clearest first."""
-        return tuple(sorted((row for row in self.rows if row.found), key=lambda row: -abs(row.z)))
+        found = () if self.unexplained else (row for row in self.rows if row.found)
+        return tuple(sorted(found, key=lambda row: -abs(row.z)))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the causes ask a reader to know."""
+        told = [f"the data show {row.words}{_remedy(row)}" for row in self.found]
+        held = [name for name in self.raised if not self.unexplained]
+        if held:
+            told.append(f"the size of {', '.join(held)} was too small for what the data show, and was raised to it")
+        if self.factor > 1:
+            told.append(f"the sizes of causes were too small as a whole; all were raised {self.factor:.2g} times")
+        return tuple(told)
 
     def to_dataframe(self) -> DataFrame:
         """A row each; pandas is imported for it."""
@@ -102,6 +117,10 @@ class Causes(Printed):
             sizes = (significant(row.size, 2), two_digits(row.value), two_digits(row.stderr))
             rows.append([row.name, *sizes, told, z, pull, "" if row.unit == "1" else row.unit, row.reason])
         return "\n".join(text_table(rows, "<22 >10 >10 >10 >6 >6 >6 <8 <1"))
+
+
+def _remedy(row: CauseRow) -> str:
+    return f"; {row.remedy}" if row.remedy else ""
 
 
 def table_of(solved: SolvedCauses | None) -> Causes:
@@ -126,7 +145,11 @@ def table_of(solved: SolvedCauses | None) -> Causes:
                 stderr=deviation,
                 z=z,
                 pull=pull,
+                remedy=cause.remedy,
             )
             for cause, determined, value, deviation, z, pull in numbers
-        )
+        ),
+        raised=solved.raised,
+        factor=solved.factor,
+        unexplained=errors.widened > 1,
     )

@@ -1,0 +1,93 @@
+"""Usual sizes of causes, each with its reason, its source, and what would tell it or take it out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Size:
+    """Usual size of a cause in its own measure."""
+
+    size: float
+    reason: str
+    source: str  # "c" for arithmetic or a convention that can be checked, "m" measured, "j" judgement
+    remedy: str = ""
+
+
+_CALIBRATE = "calibrate the probes on the shaft (calibration=)"
+_SPEEDS = "test at a second speed, or fit a law of speed (law=rf.models.LinearInSpeed)"
+_RING_DOWN = "measure a ring-down without fluid"
+
+SIZES = {
+    "gain": Size(
+        size=0.03, reason="steel of the shaft 2.9 %, trial weight and radius 1 %", source="c", remedy=_CALIBRATE
+    ),
+    "gain[plane]": Size(
+        size=0.02, reason="two chains of probe, cable and driver that hold 5 %", source="c", remedy=_CALIBRATE
+    ),
+    "phase": Size(
+        size=math.radians(2.0),
+        reason="width of the mark, edge off the middle of its swing",
+        source="c",
+        remedy='check the zero by turning the shaft by hand, or fit it (phase_offsets="common")',
+    ),
+    "turned": Size(
+        size=math.radians(1.0),
+        reason="probe bracket against the zero of the force",
+        source="j",
+        remedy="measure the angles of the probes from the zero of the force",
+    ),
+    "lead": Size(size=0.0, reason="listed by a calibration", source="j"),
+    "delay": Size(
+        size=math.radians(0.5) / (2 * math.pi * 100),
+        reason="unequal filters, 0.5 deg at 100 Hz",
+        source="c",
+        remedy="undo the filters of the channels at reading",
+    ),
+    "curve": Size(
+        size=0.01,
+        reason="linearity of a probe, and of the film under its amplitude",
+        source="j",
+        remedy="check the probe's characteristic, or test with less motion",
+    ),
+    "damper": Size(
+        size=0.05, reason="damping ratio of rotors without fluid 2.5 %", source="m", remedy=f"{_RING_DOWN} (known=)"
+    ),
+    "damping": Size(size=0.20, reason="a damping that was measured by a ring-down", source="j"),
+    "loss": Size(size=0.005, reason="loss factor of built-up rotors", source="m", remedy=_RING_DOWN),
+    "gyro": Size(
+        size=0.02,
+        reason="a disk of a seventh of the span at a third of it",
+        source="c",
+        remedy="fit a model with tilt, or the known shaft",
+    ),
+    "known": Size(size=0.01, reason="a value that was measured", source="j"),
+    "mass": Size(size=0.005, reason="a mass that was weighed", source="j"),
+    "lag": Size(
+        size=math.radians(2.0),
+        reason="compliance in series, 30 times the fluid's at the top",
+        source="j",
+        remedy="take Mf for an effective one",
+    ),
+    "speed[lam]": Size(size=0.05, reason="swirl, when the speed doubles", source="c", remedy=_SPEEDS),
+    "speed[K0]": Size(size=0.30, reason="pressure is constant, the speed doubles", source="c", remedy=_SPEEDS),
+    "speed[D]": Size(size=0.10, reason="oil that warms when the speed doubles", source="c", remedy=_SPEEDS),
+    "drift": Size(
+        size=0.04,
+        reason="oil that warms by 1 K from the middle of a sweep to its end",
+        source="c",
+        remedy="let temperatures settle, and repeat the sweep the other way",
+    ),
+    "speed label": Size(
+        size=0.002, reason="a speed of unknown origin", source="j", remedy="check the counter against a reference"
+    ),
+    "between": Size(size=0.01, reason="coupling that a lumped chain leaves out, of the stiffness", source="j"),
+    "offset": Size(size=0.02, reason="2 mm of 100 mm on the way to the next plane", source="c"),
+    "q": Size(size=0.003, reason="modes above the band, of the stiffness at its top", source="c"),
+    "flex": Size(size=0.01, reason="modes above the band, of the static compliance", source="c"),
+    "flex[journal]": Size(size=0.03, reason="the same where a journal or a bare shaft is forced", source="c"),
+    "clearance": Size(size=0.02, reason="heat and measurement", source="c"),
+}
+"""Usual sizes, which the user may replace; docs/uncertainty.md says where they come from."""
