@@ -22,7 +22,7 @@ from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.problem import Problem, robust_weights
 from rotorfit.estimators.starting.closed_form import ClosedForm
 from rotorfit.estimators.starting.start_points import Start
-from rotorfit.identify.fitting.causes.solution import JointSearch, SolvedCauses
+from rotorfit.identify.fitting.causes.solution import JointSearch, SolvedCauses, shifted
 from rotorfit.identify.fitting.causes.table import table_of
 from rotorfit.identify.fitting.noise.error_bars import shares_of_possible_effects, with_scatter, with_shares
 from rotorfit.identify.fitting.noise.record import is_run_effect
@@ -55,7 +55,7 @@ def judge(
     """The result of a solved problem, ``beside`` causes that were solved with it, or of a closed form."""
     x = np.concatenate([solved.x, np.zeros(problem.space.size - solved.x.size)])
     residuals, jacobian = problem.jacobian(x)
-    goodness = _goodness(problem, settings, x, residuals)
+    goodness = _goodness(problem, settings, x, residuals, beside)
     redchi, nfree = goodness["redchi"], goodness["nfree"]
     estimate = solved if isinstance(solved, ClosedForm) else None
     scattered, covar, degrees, verdict, noise, errors = _standard_errors(
@@ -133,23 +133,29 @@ def inverse_curvature(fit: FitResult) -> Float:
 # ---- goodness of fit -------------------------------------------------------------------------------------------------
 
 
-def _goodness(problem: Problem, settings: FitSettings, x: Float, residuals: ComplexArray) -> dict[str, Any]:
+def _goodness(
+    problem: Problem, settings: FitSettings, x: Float, residuals: ComplexArray, beside: JointSearch | None
+) -> dict[str, Any]:
     """Fields of the result that say how well an estimate agrees with the data, by the noise of the data, whatever
-    weights the fit gave them."""
+    weights the fit gave them. Models are compared without causes, which would stand for what one of them lacks."""
     given, before = with_noise_of_data(problem, settings, x)
     count = given.space.size
     size2 = np.abs(residuals if given is problem else given.residuals(before)) ** 2
     # A nuisance entry with a prior brings the datum that pays for it.
     nfree = problem.n_data - count + sum(prior.entry >= len(problem.space.names) for prior in given.priors)
     chisqr = float(size2.sum())
-    deviance = chisqr if problem.loss == "linear" else float(robust_weights(problem.loss, size2)[0].sum())
+    deviance = alone = chisqr if problem.loss == "linear" else float(robust_weights(problem.loss, size2)[0].sum())
+    if beside is not None:
+        plain = shifted(given, [-part for part in beside.shift])
+        without = np.abs(plain.residuals(beside.plain[:count])) ** 2
+        alone = float(robust_weights(problem.loss, without)[0].sum())
     return {
         "chisqr": chisqr,
         "redchi": deviance * covariance.per_freedom(problem.loss, nfree),
         "nvarys": count,
         "nfree": nfree,
-        "aic": deviance + 2 * count,
-        "bic": deviance + count * float(np.log(problem.n_data)),
+        "aic": alone + 2 * count,
+        "bic": alone + count * float(np.log(problem.n_data)),
         "responses": _qualities(given, before),
     }
 

@@ -255,12 +255,17 @@ class _Rig:
             return
         stiffness = float(np.median(self.stiffness))
         speed = max((float(b.speed.max()) for b in self.linear), default=0.0) or self.top
-        words = {"m": "mass", "c": "damper", "g": "gyro"}
+        words = {"c": "damper", "g": "gyro"}
         for term in terms_left_out(self.model):
             symbol, _, where = term.name.partition("[")
             _, power, speeds = term.terms[0]
             planes = where.rstrip("]")
-            if symbol in words and "," in planes:
+            if symbol == "m":
+                usual, (i, j, _), *_ = SIZES["mass between"], *term.entries
+                times = math.sqrt(self.inertia[i] * self.inertia[j])
+                meaning = f"{term.meaning}, {planes}"
+                yield _cause(f"mass[{planes}]", meaning, Term(left_out=term), usual, times=times, unit="kg")
+            elif symbol in words and "," in planes:
                 times = stiffness / self.top**power / speed**speeds
                 yield _cause(
                     f"{words[symbol]}[{planes}]", f"{term.meaning}, {planes}", Term(left_out=term), SIZES["between"],
