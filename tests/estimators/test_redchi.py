@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plain import plain_fit
 from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
-import rotorfit as rf
 from rotorfit.identify.fitting.noise.record import NoiseVerdict
 from rotorfit.identify.fitting.noise.residual_study import ResidualStudy, largest_redchi
 from rotorfit.identify.fitting.result import FitResult
@@ -26,7 +26,7 @@ def random_rig(seed: int, *, sigma_known: bool, quieter: float = 1.0) -> FitResu
     test = circular_test(model, theta, speeds=SPEEDS[name], frequency=w, noise=0.01, seed=seed, sigma_known=sigma_known)
     if sigma_known:
         test = replace(test, sigma=test.sigma / quieter)
-    return rf.fit(model, test, known=known_of(name, values))
+    return plain_fit(model, test, known=known_of(name, values))
 
 
 @pytest.mark.parametrize("sigma_known", [True, False])

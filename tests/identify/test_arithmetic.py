@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from plain import plain_fit
 from sentences import refuses
 
 import rotorfit as rf
@@ -86,7 +87,7 @@ def test_a_sum_begins_at_zero_and_numpy_takes_symbols(rig_fit: rf.FitResult) -> 
 
 
 def test_another_fit_and_a_number_on_its_own_are_independent(rig_fit: rf.FitResult) -> None:
-    other = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), known={"K3": 6000.0})
+    other = plain_fit(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), known={"K3": 6000.0})
     difference = rig_fit.params["D"] - other.params["D"]
     assert difference.stderr == pytest.approx(math.hypot(rig_fit.params["D"].stderr, other.params["D"].stderr))
     speed = Quantity(200.0, 1.0, "rad/s")
@@ -99,7 +100,7 @@ def test_another_fit_and_a_number_on_its_own_are_independent(rig_fit: rf.FitResu
 def test_what_the_data_leave_open_stays_open(rig_fit: rf.FitResult) -> None:
     rig = rf.datasets.rig_open()
     assert isinstance(rig, rf.PerturbationTest)
-    fit = rf.fit(rf.models.WhirlWhip(), rig.select(rig.force_plane == "journal"), known={"K3": 6000.0})
+    fit = plain_fit(rf.models.WhirlWhip(), rig.select(rig.force_plane == "journal"), known={"K3": 6000.0})
     assert str(fit.params["Md"] / fit.params["D"]) == "not determined by these data"
     # what is determined as a combination is, however it is written
     assert math.isfinite((fit.params["Mf"] / fit.params["D"]).stderr)
@@ -107,7 +108,7 @@ def test_what_the_data_leave_open_stays_open(rig_fit: rf.FitResult) -> None:
 
 def test_entries_beside_the_parameters_keep_their_place(rig_fit: rf.FitResult) -> None:
     """A common zero of the forces is fitted beside the parameters, and the covariance has a row of it."""
-    fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0}, phase_offsets="common")
+    fit = plain_fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0}, phase_offsets="common")
     assert len(fit.var_names) > len(fit.problem.space.names)
     ratio = fit.params["K0"] / fit.params["D"]
     assert ratio.stderr == pytest.approx(fit.derive(lambda p: p.K0 / p.D).stderr, rel=1e-9)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fe_rigs import K3, random_rig
+from plain import plain_fit
 from scipy import stats
 from sentences import refuses
 
@@ -23,7 +24,7 @@ def close_call():
     rng = np.random.default_rng(11)
     for _ in range(16):
         truth, rig, speeds, threshold = random_rig(rng)
-    fit = rf.fit(WhirlWhip(), rig.campaign(speeds, 15), known={"K3": K3})
+    fit = plain_fit(WhirlWhip(), rig.campaign(speeds, 15), known={"K3": K3})
     return truth, threshold, rf.refine(fit).steps
 
 
@@ -103,10 +104,10 @@ def test_what_cannot_be_averaged_is_refused(close_call):
         rf.sample_models([])
     with refuses(ValueError):
         rf.sample_models(steps, refine=True)
-    other = rf.fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": K3})
+    other = plain_fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": K3})
     with refuses(ValueError):
         rf.sample_models([steps[0], other])
-    robust = rf.fit(WhirlWhip(), steps[0].experiments, known={"K3": K3}, loss="huber")
+    robust = plain_fit(WhirlWhip(), steps[0].experiments, known={"K3": K3}, loss="huber")
     with refuses(ValueError):
         rf.sample_models([steps[0], robust])
 

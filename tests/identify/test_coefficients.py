@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from plain import plain_fit
 from seal_rig import FLUID, floating_stator, matrices
 from sentences import refuses
 
@@ -76,7 +77,7 @@ def test_the_structure_is_left_out_and_slopes_are_those_of_differences() -> None
 
 @pytest.fixture(scope="module")
 def fit() -> rf.FitResult:
-    return rf.fit(rf.models.WhirlWhip(), rf.read(rf.datasets.path("rig_open.csv")), known={"K3": 6000.0})
+    return plain_fit(rf.models.WhirlWhip(), rf.read(rf.datasets.path("rig_open.csv")), known={"K3": 6000.0})
 
 
 def test_errors_and_correlations_are_those_of_the_parameters(fit: rf.FitResult) -> None:
@@ -98,7 +99,7 @@ def test_the_whirl_frequency_ratio_is_where_a_mass_on_the_force_alone_whirls() -
     """Lund's formula against the eigenvalues of a mass at its threshold: damped by none, whirling at the ratio."""
     fluid, rpm = FLUID(3000.0), 3000.0
     table = floating_stator(speeds_rpm=[rpm], fluid=lambda _: fluid, mass=0.0, exact=True)
-    fit = rf.fit(
+    fit = plain_fit(
         rf.models.Anisotropic(("stator",)), rf.read(table), known={f"M{i}{j}": 0.0 for i in "xy" for j in "xy"}
     )
     ratio = fit.coefficients(rpm * RPM).whirl_frequency_ratio.value
@@ -120,7 +121,7 @@ def test_a_table_over_speeds_as_csv_and_figure(tmp_path: Path, fit: rf.FitResult
     names = [k + i + j for k in "KD" for i in "xy" for j in "xy"]
     test = rf.read(floating_stator(speeds_rpm=[1500.0, 3000.0], mass=0.0, force_noise=0.6, force_sigma=0.6))
     known = {f"M{i}{j}": 0.0 for i in "xy" for j in "xy"}
-    found = rf.fit(rf.models.Anisotropic(("stator",)), test, known=known, per=dict.fromkeys(names, "speed_rpm"))
+    found = plain_fit(rf.models.Anisotropic(("stator",)), test, known=known, per=dict.fromkeys(names, "speed_rpm"))
     table = found.coefficient_table()
     table.to_csv(tmp_path / "coefficients.csv")
     back = pd.read_csv(tmp_path / "coefficients.csv")
@@ -151,7 +152,7 @@ def test_several_pressures_are_conditions_and_lines_of_their_own() -> None:
     test = rf.read(pd.concat([table.assign(run=table.run + f" {k} bar") for k, table in enumerate(tables)]))
     known = {f"M{i}{j}": 0.0 for i in "xy" for j in "xy"}
     per = dict.fromkeys(names, "speed_rpm+pressure_bar")
-    fit = rf.fit(rf.models.Anisotropic(("stator",)), test, known=known, per=per)
+    fit = plain_fit(rf.models.Anisotropic(("stator",)), test, known=known, per=per)
     conditions = [f"pressure_bar={bar}, {rpm} rpm" for bar in (2, 5) for rpm in (1500, 3000)]
     assert [row.condition for row in fit.coefficient_table().rows] == conditions
     curves = [container.lines[0] for container in fit.plot.coefficients().axes[0].containers]

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plain import plain_fit
 from scipy import integrate, stats
 from slow_cases import slow_but
 
@@ -36,7 +37,7 @@ def complex_normal(rng, *shape):
 
 def fitted(world, seed, **options):
     test = simulate(world, np.random.default_rng(seed))
-    return rf.fit(rf.models.OneMode(), test, known=FLUID, **{**world.options, **options})
+    return plain_fit(rf.models.OneMode(), test, known=FLUID, **{**world.options, **options})
 
 
 # ---- coverage ------------------------------------------------------------------------------------
@@ -138,7 +139,7 @@ def test_errors_allow_for_what_runs_may_differ_by():
     moves = []
     for run in runs:
         stronger = replace(test, response=test.response * np.where(test.run == run, 1 + 1e-4, 1.0))
-        moves.append((rf.fit(fit.model, stronger, known=FLUID).x - fit.x) / 1e-4 * sd)
+        moves.append((plain_fit(fit.model, stronger, known=FLUID).x - fit.x) / 1e-4 * sd)
     # Steps are exact to first order; residuals of half a percent bend them by as much.
     np.testing.assert_allclose(np.sqrt(np.diag(share)), np.sqrt(np.sum(np.square(moves), axis=0)), rtol=0.03)
 
@@ -411,7 +412,9 @@ def test_correlated_noise_without_sigma_is_asked_for():
     (warning,) = [words for words in fit.warnings if "limits this fit" in words]
     assert "overlapping filters" in warning
     assert "Give sigma_um" in warning
-    again = rf.fit(fit.model, fit.experiments, known={**FLUID, "Mf": 0.0})  # a model that does not fit: a long memory
+    again = plain_fit(
+        fit.model, fit.experiments, known={**FLUID, "Mf": 0.0}
+    )  # a model that does not fit: a long memory
     (warning,) = [words for words in again.warnings if "limits this fit" in words]
     assert "overlapping filters" not in warning
 

@@ -12,6 +12,7 @@ from hammer_tests import EIGHT, hammer_test
 from known_shaft import FITTED, known_rig
 from law_data import CLEARANCE_UM, ONE_MODE, WHIRL_WHIP, static, sweep
 from line_tests import ALL, TORSION, VALUES, line_test
+from plain import plain_fit
 from scipy import stats
 from sentences import refuses
 from slow_cases import slow_but
@@ -56,8 +57,8 @@ def readings(name: str, **options: Any) -> rf.PerturbationTest:
 
 def both(model: rf.models.RotorModel, experiments: Any, **options: Any) -> rf.FitResult:
     """The fit by Gauss-Newton, which is that by Ipopt within a millionth of an error."""
-    one = rf.fit(model, experiments, method="gauss-newton", **options)
-    other = rf.fit(model, experiments, method="ipopt", **options)
+    one = plain_fit(model, experiments, method="gauss-newton", **options)
+    other = plain_fit(model, experiments, method="ipopt", **options)
     assert one.success
     assert other.success
     for name, parameter in one.params.items():
@@ -134,7 +135,7 @@ def test_bounds_priors_phase_offsets_and_a_start_far_away() -> None:
     both(model, test, known=known, priors={"Mf": stats.norm(0.5, 0.05)})
     both(model, test, known=known, phase_offsets="common")
     both(model, test, known=known, start={"lam": 0.2, "D": 100.0, "K0": 3e4, "K1": 3e4})
-    assert cost_graph(rf.fit(model, test, known=known, priors={"Mf": stats.gamma(4.0, 0.1)}).problem) is None
+    assert cost_graph(plain_fit(model, test, known=known, priors={"Mf": stats.gamma(4.0, 0.1)}).problem) is None
 
 
 @pytest.mark.parametrize("law", [Muszynska(), EvenPolynomial(), MonotoneSpline(knots=(0.5,))])
@@ -177,4 +178,4 @@ def test_a_law_of_the_speed() -> None:
 
 def test_an_unknown_method_is_refused() -> None:
     with refuses(ValueError):
-        rf.fit(OneMode(), readings("one-mode"), method="bfgs")  # type: ignore[arg-type]
+        plain_fit(OneMode(), readings("one-mode"), method="bfgs")  # type: ignore[arg-type]

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 import pytest
 from hammer_tests import EIGHT, MODES, hammer_test
+from plain import plain_fit
 from sentences import refuses
 
 import rotorfit as rf
@@ -137,10 +138,10 @@ def test_published_modes_give_the_published_damping() -> None:
 def test_two_modes_of_start_ups_give_the_disks() -> None:
     """Start-ups of a simulated two-disk rotor through both resonances, fitted as two modes and turned into disks."""
     test, truth = rf.datasets.two_disk(), rf.datasets.truth("two_disk")
-    fit = rf.fit(rf.models.Modal(("inboard", "outboard"), modes=2, gains="plane"), test)
+    fit = plain_fit(rf.models.Modal(("inboard", "outboard"), modes=2, gains="plane"), test)
     assert fit.success
     found = rf.two_disk_from_modes(fit)
-    direct = rf.fit(rf.models.TwoDisk(), test)
+    direct = plain_fit(rf.models.TwoDisk(), test)
     for name in ("M1", "M2", "K1", "K2", "K3", "D11", "D12", "D22"):
         # real participations: damping that couples the modes a little is left out, a percent of the widths
         assert found[name].value == pytest.approx(direct.params[name].value, rel=0.03), name
@@ -150,7 +151,7 @@ def test_two_modes_of_start_ups_give_the_disks() -> None:
 
 
 def test_other_models_have_no_modes_to_turn_into_disks() -> None:
-    fit = rf.fit(rf.models.TwoDisk(), rf.datasets.two_disk())
+    fit = plain_fit(rf.models.TwoDisk(), rf.datasets.two_disk())
     with refuses(ValueError):
         rf.two_disk_from_modes(fit)
 
@@ -197,7 +198,7 @@ def test_sums_of_terms_are_the_solution_of_the_equation(gains, apart, residuals)
 def test_eight_sensors_and_three_modes(lines, coherence) -> None:
     """Responses along one axis at rest, as noisy as measured ones are: a second or two for 2000 lines."""
     model = rf.models.Modal(EIGHT, modes=3, gains="plane", force_planes=("s0",))
-    fit = rf.fit(model, hammer_test(lines, coherence, seed=3))
+    fit = plain_fit(model, hammer_test(lines, coherence, seed=3))
     assert fit.success
     assert fit.nfev < 15
     assert 0.95 < fit.redchi < 1.05
@@ -213,7 +214,7 @@ def test_modes_normalised_where_they_move_against_the_force() -> None:
 
     test = hammer_test(400, 0.95, seed=3)
     model = rf.models.Modal(("s5", *(s for s in EIGHT if s != "s5")), modes=3, gains="plane", force_planes=("s0",))
-    fit = rf.fit(model, test)
+    fit = plain_fit(model, test)
     assert fit.success
     assert 0.9 < fit.redchi < 1.1
     shape = np.sin(np.arange(1, 4) * np.pi * (0.1 + 0.8 * 5 / 7)) / np.sin(np.arange(1, 4) * np.pi * 0.1)
@@ -227,7 +228,7 @@ def test_modes_normalised_where_they_move_against_the_force() -> None:
 def test_fewer_modes_than_the_responses_have() -> None:
     """One mode of three: the one that explains the responses best, and redchi says that it does not suffice."""
     model = rf.models.Modal(EIGHT, modes=1, gains="plane", force_planes=("s0",))
-    fit = rf.fit(model, hammer_test(400, 0.8, seed=4))
+    fit = plain_fit(model, hammer_test(400, 0.8, seed=4))
     assert fit.success
     assert fit.redchi > 10
     assert np.abs(MODES["wn"] / fit.params["wn"].value - 1).min() < 0.01
@@ -288,7 +289,7 @@ def test_stabilisation_and_shapes_are_drawn() -> None:
     """Poles of the three modes are stable from some order on, and stay where the modes are."""
     from rotorfit.estimators.starting.modal_start import stabilisation
 
-    fit = rf.fit(beam(3), eight_sensors(0.02))
+    fit = plain_fit(beam(3), eight_sensors(0.02))
     orders = stabilisation(beam(3), list(fit.problem.blocks), 7)
     for found in orders[4:]:
         stable = found.frequency[found.stable] / (2 * np.pi)
@@ -298,6 +299,6 @@ def test_stabilisation_and_shapes_are_drawn() -> None:
     assert len({axis.get_position().x0 for axis in fit.plot.bode().axes}) == 3  # columns: a page has no room for one
     shapes = fit.plot.mode_shapes(unit="hz")
     assert [axis.get_ylabel() for axis in shapes.axes] == ["mode 1, 42 Hz", "mode 2, 95 Hz", "mode 3, 160 Hz"]
-    rig = rf.fit(rf.models.WhirlWhip(), rf.read(rf.datasets.path("rig_open.csv")), known={"K3": 6000.0})
+    rig = plain_fit(rf.models.WhirlWhip(), rf.read(rf.datasets.path("rig_open.csv")), known={"K3": 6000.0})
     with refuses(ValueError):
         rig.plot.mode_shapes()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from fe_rigs import K3, TYPICAL, Rig
+from plain import plain_fit
 
 import rotorfit as rf
 from rotorfit.models import WhirlWhip
@@ -18,7 +19,7 @@ def refinements():
     found = []
     for seed in SEEDS:
         rig = Rig(**TYPICAL | {"noise": 0.005, "K0": 1e4 * (0.5 + 0.5 * seed), "D": 300.0 + 100 * seed})
-        plain = rf.fit(WhirlWhip(), rig.campaign(SPEEDS, seed, lines=50), known={"K3": K3})
+        plain = plain_fit(WhirlWhip(), rig.campaign(SPEEDS, seed, lines=50), known={"K3": K3})
         found.append((rig, rf.refine(plain)))
     return found
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from fe_rigs import K3, QUANTITIES, TYPICAL, Rig, pulls_of, random_rig
+from plain import plain_fit
 from scipy import stats
 from synthetic import TYPICAL as VALUES
 from synthetic import circular_test
@@ -42,7 +43,7 @@ def test_a_refinement_says_what_one_speed_leaves_open_before_it_misses_the_data(
     test = circular_test(
         model, model.vector(true), speeds=[157.0], frequency=np.concatenate([-up[::-1], up]), noise=3e-4, seed=1
     )
-    best = rf.refine(rf.fit(WhirlWhip(), test, known={"K3": K3})).best
+    best = rf.refine(plain_fit(WhirlWhip(), test, known={"K3": K3})).best
     assert "gyroscopic" in best.model.blocks
     assert any("cannot separate g22" in words for words in best.warnings)
     assert best.params["Mf"].stderr > 1e-3  # known but for g22 / (2 lam), of which as much as 3e-3 kg is plausible

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from beams import shaft
 from law_data import CLEARANCE_UM, LIGHT, impulse, off_centre, ring_down, squeeze, static, sweep
+from plain import plain_fit
 from scipy import stats
 from sentences import refuses
 from synthetic import TYPICAL, circular_test
@@ -63,7 +64,7 @@ def test_a_saved_fit_is_the_same_fit(rig_fit, tmp_path):
     loaded = rf.load_fit(path)
     assert differences(rig_fit, loaded) == []
     assert loaded.summary() == rig_fit.summary()
-    again = rf.fit(loaded.model, loaded.experiments, known=loaded.settings.known)
+    again = plain_fit(loaded.model, loaded.experiments, known=loaded.settings.known)
     # The data came back to the last bit. What is fitted to them anew differs in the last digits all the same, where
     # NumPy's arrays lie elsewhere in memory; both searches end within 1e-10 of the misfit, far below a millionth of an
     # error.
@@ -80,7 +81,7 @@ def test_everything_that_can_be_asked_for_comes_back():
         attributes={"oil_C": oil, "day": np.where(oil > 50, "Tue", "Mön"), "batch": np.full(len(test), 7)},
         sigma=np.where(np.arange(len(test)) % 2, test.sigma, np.nan),
     )
-    fit = rf.fit(
+    fit = plain_fit(
         OneMode(),
         [test.select(test.run == name) for name in test.runs],
         known={"K": 8000.0, "Ds": 8.0},
@@ -134,7 +135,7 @@ def test_models_of_many_kinds_come_back_after_a_fit():
     for model in (known, chain):
         theta = model.vector(values[model.name])
         test = circular_test(model, theta, speeds=(100.0,), frequency=W, noise=0.01, seed=5, sigma_known=True)
-        fit = rf.fit(model, test, start={n: v for n, v in values[model.name].items() if n != "E"})
+        fit = plain_fit(model, test, start={n: v for n, v in values[model.name].items() if n != "E"})
         loaded = fit_from_json(fit_to_json(fit))
         assert differences(fit, loaded) == []
         assert loaded.threshold_speed().stderr == fit.threshold_speed().stderr
@@ -142,7 +143,7 @@ def test_models_of_many_kinds_come_back_after_a_fit():
 
 def test_experiments_of_every_kind_come_back():
     kinds = [f(LIGHT) for f in (static, impulse, off_centre, squeeze, ring_down)]
-    fit = rf.fit(
+    fit = plain_fit(
         OneMode(law=Muszynska(), clearance_um=CLEARANCE_UM),
         [sweep(LIGHT, levels=(0.7, 4.0), lines=20), *kinds],
         known={"Ds": 8.0},
@@ -168,7 +169,7 @@ class Spring(RotorModel):
 def test_a_model_of_ones_own_is_given_by_the_reader(tmp_path):
     theta = np.array([9e3, 40.0])
     test = circular_test(Spring(), theta, speeds=(100.0,), frequency=W, noise=0.01, seed=1)
-    fit = rf.fit(Spring(), test, start={"k": 8e3, "c": 30.0})
+    fit = plain_fit(Spring(), test, start={"k": 8e3, "c": 30.0})
     path = tmp_path / "own.json"
     rf.save_fit(fit, path)
     with refuses(ValueError):
@@ -190,10 +191,10 @@ class Triangle(stats.rv_continuous):
 def test_what_a_file_cannot_hold_is_refused():
     test = one_mode_test(sigma_known=True)
     prior = Triangle(a=0, b=1, name="triangle")()
-    fit = rf.fit(OneMode(), test, known={"K": 8000.0, "Ds": 8.0}, priors={"lam": prior})
+    fit = plain_fit(OneMode(), test, known={"K": 8000.0, "Ds": 8.0}, priors={"lam": prior})
     with refuses(ValueError):
         fit_to_json(fit)
-    plain = rf.fit(OneMode(), test, known={"K": 8000.0, "Ds": 8.0})
+    plain = plain_fit(OneMode(), test, known={"K": 8000.0, "Ds": 8.0})
     noisier = replace(plain.problem.blocks[0], sigma=2 * plain.problem.blocks[0].sigma)
     changed = replace(plain, problem=replace(plain.problem, blocks=(noisier,)), chisqr=plain.chisqr / 4)
     with refuses(ValueError):

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from analyser_files import MODE, RPM, SPEED, W, analyser, shaker_test, written
+from plain import plain_fit
 from sentences import refuses, warns
 from synthetic import TYPICAL
 
@@ -172,8 +173,10 @@ def test_a_reference_along_one_axis_is_a_force_that_does_not_turn(tmp_path: Path
     assert isinstance(test, PerturbationTest)
     assert test.forces == (f"7 along {'xy'[axis - 1]}",)
     assert (test.frequency > 0).all()
-    both = rf.fit(OneMode(planes=("7",)), rf.read(written(tmp_path / "b.uff", shaker_test())), known={"K": 0, "Ds": 0})
-    fit = rf.fit(OneMode(planes=("7",)), test, known={"K": 0, "Ds": 0})
+    both = plain_fit(
+        OneMode(planes=("7",)), rf.read(written(tmp_path / "b.uff", shaker_test())), known={"K": 0, "Ds": 0}
+    )
+    fit = plain_fit(OneMode(planes=("7",)), test, known={"K": 0, "Ds": 0})
     for name in ("K0", "D", "lam"):  # the abscissa of the files has six digits
         assert fit.params[name].value == pytest.approx(both.params[name].value, rel=1e-4)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from plain import plain_fit
 from seal_rig import FLUID, floating_stator
 from sentences import refuses
 
@@ -21,7 +22,9 @@ NOISE = {"force_noise": 0.6, "motion_noise": 0.15, "force_sigma": 0.6, "sigma_um
 
 
 def fitted(table: pd.DataFrame, per: str = "speed_rpm", **options: float) -> rf.FitResult:
-    return rf.fit(MODEL, rf.read(table), stator_mass_kg=None, per=dict.fromkeys(NAMES, per), known=NO_MASS, **options)
+    return plain_fit(
+        MODEL, rf.read(table), stator_mass_kg=None, per=dict.fromkeys(NAMES, per), known=NO_MASS, **options
+    )
 
 
 def wet(seed: int, fluid=FLUID, **options) -> pd.DataFrame:
@@ -95,6 +98,6 @@ def test_conditions_and_frequencies(tmp_path: Path) -> None:
 
 
 def test_frequencies_of_a_rotor_are_refused() -> None:
-    fit = rf.fit(rf.models.WhirlWhip(), rf.read(rf.datasets.path("rig_open.csv")), known={"K3": 6000.0})
+    fit = plain_fit(rf.models.WhirlWhip(), rf.read(rf.datasets.path("rig_open.csv")), known={"K3": 6000.0})
     with refuses(ValueError):
         fit.frequency_coefficients()

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plain import plain_fit
 from sentences import refuses
 from synthetic import TYPICAL
 
@@ -36,7 +37,7 @@ def test_a_start_up_without_weight_takes_the_residual_unbalance_out_of_those_wit
     rf.write(test, tmp_path / "trial.csv")
     assert cli.main(["fit", str(tmp_path / "trial.csv"), "--model", "two-disk", "--quiet"]) == 0
     assert capsys.readouterr().err == ""
-    fit = rf.fit(model, rf.read(tmp_path / "trial.csv"))
+    fit = plain_fit(model, rf.read(tmp_path / "trial.csv"))
     for name, parameter in fit.params.items():
         # the readings are exact but for the digits of the file: nothing of the residual unbalance is left in them
         assert parameter.value == pytest.approx(TYPICAL["two-disk"][name], rel=1e-4), name
@@ -64,7 +65,7 @@ def test_a_reference_run_and_a_trial_run_in_two_files_are_one_test(tmp_path: Pat
         "1 (inboard-2e-05) minus 1 (inboard-0)",
         "1 (outboard-2e-05) minus 1 (inboard-0)",
     ]
-    fit = rf.fit(model, whole)
+    fit = plain_fit(model, whole)
     for name, parameter in fit.params.items():
         assert parameter.value == pytest.approx(TYPICAL["two-disk"][name], rel=1e-4), name
 
@@ -115,7 +116,7 @@ def test_runs_of_one_name_in_several_tests_are_several_runs(sources: tuple[str, 
     """As one run their difference would be in no error bar: these were 19 N/m of K1, where 180 are right."""
     alike, apart = days()
     named = [replace(test, source=source) for test, source in zip(alike, sources, strict=True)]
-    found, wanted = (rf.fit(rf.models.WhirlWhip(), tests, known={"K3": 6000.0}) for tests in (named, apart))
+    found, wanted = (plain_fit(rf.models.WhirlWhip(), tests, known={"K3": 6000.0}) for tests in (named, apart))
     assert any("runs differ" in warning for warning in found.warnings)
     for name in ("Md", "K1", "D"):
         assert found.params[name].stderr == pytest.approx(wanted.params[name].stderr, rel=1e-6)

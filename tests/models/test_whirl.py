@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from law_data import CLEARANCE, CLEARANCE_UM, ONE_MODE, WHIRL_WHIP, fluid, static, sweep
+from plain import plain_fit
 from scipy.integrate import solve_ivp
 from sentences import refuses
 
@@ -160,7 +161,7 @@ def test_the_band_is_that_of_changed_parameters() -> None:
 
 def test_figures_and_what_they_refuse() -> None:
     rotor = OneMode(law=Muszynska(), clearance_um=CLEARANCE_UM)
-    fit = rf.fit(rotor, [sweep(ONE_MODE, levels=(3.0, 30.0), lines=20), static(ONE_MODE)], known={"Ds": 8.0})
+    fit = plain_fit(rotor, [sweep(ONE_MODE, levels=(3.0, 30.0), lines=20), static(ONE_MODE)], known={"Ds": 8.0})
     radius, frequency = fit.plot.whirl(max_speed_rpm=6000, unit=("hz", "mil")).axes
     assert "mil" in radius.get_ylabel()
     line = frequency.get_lines()[0].get_xydata()
@@ -169,6 +170,6 @@ def test_figures_and_what_they_refuse() -> None:
     assert "N" in load.get_xlabel()
     with refuses(ValueError):
         fit.plot.whirl(max_speed_rpm=1000)
-    linear = rf.fit(OneMode(), sweep(ONE_MODE, levels=(0.3,), lines=20), known={"K": 8e3, "Ds": 8.0})
+    linear = plain_fit(OneMode(), sweep(ONE_MODE, levels=(0.3,), lines=20), known={"K": 8e3, "Ds": 8.0})
     with refuses(ValueError):
         linear.plot.whirl()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from beams import shaft
+from plain import plain_fit
 from scipy.optimize import brentq
 
 import rotorfit as rf
@@ -105,7 +106,7 @@ QUANTITIES = ("D", "lam", "Mf", "threshold")
 
 def pulls_of(p, rig, speeds, threshold, seed):
     """Errors over their standard errors after refinement, and redchi before and after."""
-    plain = rf.fit(WhirlWhip(), rig.campaign(speeds, seed), known={"K3": K3})
+    plain = plain_fit(WhirlWhip(), rig.campaign(speeds, seed), known={"K3": K3})
     best = rf.refine(plain).best
     onset = best.threshold_speed()
     pulls = [(best.params[n].value - p[n]) / best.params[n].stderr for n in ("D", "lam", "Mf")]

@@ -13,6 +13,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from known_shaft import FITTED, known_rig
+from plain import plain_fit
 from scipy import optimize, stats
 from sentences import refuses
 from slow_cases import slow_but
@@ -39,7 +40,7 @@ def swept(seed: int) -> rf.PerturbationTest:
 
 def test_errors_are_those_that_fits_scatter_by() -> None:
     plan = rf.plan(ONE, FREE, swept(0), known=KNOWN, quantity="lam")
-    fits = [rf.fit(ONE, swept(seed), known=KNOWN) for seed in range(DRAWS)]
+    fits = [plain_fit(ONE, swept(seed), known=KNOWN) for seed in range(DRAWS)]
     low, high = stats.chi2.ppf([0.5e-4, 1 - 0.5e-4], DRAWS)
     for name, one in plan.expected.items():
         pulls = [
@@ -240,13 +241,13 @@ def test_a_virtual_run_is_fitted_as_planned() -> None:
     noise = {"noise_um": 0.5, "noise_share": 0.004, "common_share": 0.003}
     plan = rf.plan(ONE, FREE, design, known=KNOWN, quantity="lam", **noise)
     test = plan.virtual_run(seed=5)
-    fit = rf.fit(ONE, test, known=KNOWN)
+    fit = plain_fit(ONE, test, known=KNOWN)
     limits = stats.chi2.ppf([0.5e-4, 1 - 0.5e-4], fit.nfree) / fit.nfree
     assert limits[0] < fit.redchi < limits[1]
     for name, value in FREE.items():
         assert abs(fit.params[name].value - value) < 4.5 * plan.expected[name].stderr, name
     other = plan.virtual_run(values={"lam": 0.40}, seed=5)
-    assert rf.fit(ONE, other, known=KNOWN).params["lam"].value == pytest.approx(0.40, rel=0.01)
+    assert plain_fit(ONE, other, known=KNOWN).params["lam"].value == pytest.approx(0.40, rel=0.01)
 
 
 def test_one_level_of_motion_leaves_a_law_of_eccentricity_open() -> None:
@@ -280,7 +281,7 @@ def test_what_is_measured_already_counts_and_moves_the_plan_elsewhere() -> None:
 def test_terms_that_hold_in_the_band_leave_a_rotor_that_can_be_planned_for() -> None:
     """As a polynomial the out-of-band block has unstable roots at every speed, which are none of the rotor's."""
     model = rf.models.WhirlWhip(blocks=("coupling_mass", "gyroscopic", "out_of_band"))
-    fit = rf.fit(model, rf.datasets.rig_open(), known={"K3": 6000.0})
+    fit = plain_fit(model, rf.datasets.rig_open(), known={"K3": 6000.0})
     design = rf.Design(speed_rpm=[1000, 1800], frequency_rpm=np.linspace(300, 3000, 10), force_N=1.0)
     plan = rf.plan(model, fit, design, noise_um=0.5, quantity="threshold_speed", draws=2)
     assert plan.expected["threshold_speed"].value == pytest.approx(fit.threshold_speed().value, rel=1e-9)
@@ -436,7 +437,7 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
 
 
 def test_the_model_of_a_plan_may_be_that_of_the_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rf.fit(ONE, swept(1), known=KNOWN).save(tmp_path / "fit.json")
+    plain_fit(ONE, swept(1), known=KNOWN).save(tmp_path / "fit.json")
     head, design = PLAN.partition("[values]")[0], PLAN[PLAN.index("[design]") :]
     head = head.replace('model = "one-mode"', 'fit = "fit.json"').replace("known = {K = 8000.0, Ds = 8.0}", "")
     (tmp_path / "plan.toml").write_text(head + design, encoding="utf-8")
