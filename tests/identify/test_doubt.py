@@ -9,9 +9,7 @@ import pytest
 
 import rotorfit as rf
 from rotorfit.estimators.inference.covariance import excess
-from rotorfit.identify.fitting.causes.calibration import Calibration
 from rotorfit.identify.fitting.judge import inverse_curvature
-from rotorfit.identify.uncertainty.budget import budget
 
 
 def averaged(rig_refinement, value):
@@ -43,16 +41,6 @@ def test_the_threshold_speed_holds_the_differences_of_candidates(rig_refinement)
     found = rig_refinement.best.threshold_speed()
     # A candidate with terms that the chosen model lacks moves the threshold by these too, here by a tenth at most.
     assert found.stderr > 0.8 * speeds
-
-
-def test_the_budget_has_the_structure_as_a_systematic_source_of_its_own(rig_refinement):
-    best = rig_refinement.best
-    found = budget(best, Calibration(probe_gain=0.01))
-    share = found.share("lam")
-    lam = best.var_names.index("lam")
-    assert share.sources["structure"] == pytest.approx(np.sqrt(best.model_uncertainty[lam, lam]), rel=1e-6)
-    assert share.combined**2 == pytest.approx(share.random**2 + share.systematic**2, rel=1e-9)
-    assert "structure" in found.table()
 
 
 def test_newton_steps_do_not_take_model_uncertainty_for_curvature(rig_refinement):
