@@ -7,7 +7,6 @@ from beams import shaft
 from scipy.optimize import brentq
 
 import rotorfit as rf
-from rotorfit.lab.data.experiments import perturbation_test
 from rotorfit.models import WhirlWhip
 
 RPM = np.pi / 30
@@ -82,7 +81,7 @@ class Rig:
             name: np.concatenate([np.broadcast_to(np.asarray(row[k]), row[2].shape) for row in rows])
             for k, name in enumerate(names)
         }
-        return perturbation_test(**columns, source="finite-element rig")
+        return rf.perturbation_test(**columns, source="finite-element rig")
 
 
 def random_rig(rng):

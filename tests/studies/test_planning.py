@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import math
+import pickle
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,8 @@ import numpy as np
 import pytest
 from known_shaft import FITTED, known_rig
 from scipy import optimize, stats
+from seal_campaigns import KNOWN as SEAL_KNOWN
+from seal_campaigns import seal_campaign
 from sentences import refuses
 from slow_cases import slow_but
 from synthetic import TYPICAL, circular_test, covering_frequencies, known_of
@@ -22,6 +25,7 @@ import rotorfit as rf
 from rotorfit.apps.cli.main import main
 from rotorfit.base.array_types import Float
 from rotorfit.estimators.inference.optimal_shares import GAP, Lines, optimal_shares
+from rotorfit.models import OneMode
 
 ONE = rf.models.OneMode()
 TRUTH = TYPICAL["one-mode"]
@@ -475,3 +479,12 @@ def test_a_wrong_file_is_one_sentence(
     assert said in error
     assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_a_fit_and_a_plan_can_be_sent():
+    fit = rf.fit(OneMode(), seal_campaign(1)[0], known=SEAL_KNOWN)
+    sent = pickle.loads(pickle.dumps(fit))
+    np.testing.assert_array_equal(sent.sample(seed=1, ess=20).chain, fit.sample(seed=1, ess=20).chain)
+    design = rf.Design(speed_rpm=[500, 900], frequency_rpm=range(200, 2001, 200), force_N=5.0)
+    plan = rf.plan(OneMode(), fit, design, noise_um=0.5, quantity="lam")
+    assert str(pickle.loads(pickle.dumps(plan))) == str(plan)

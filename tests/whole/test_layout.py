@@ -11,6 +11,7 @@ import re
 import subprocess
 import sys
 import textwrap
+import tomllib
 from functools import cache
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -366,3 +367,21 @@ def test_names_that_docstrings_refer_to_are_there() -> None:
     for name in MODULES:
         module = importlib.import_module(name)
         assert missing(tree_of(name), module, module) == [], name
+
+
+@pytest.mark.parametrize("storey", ["base", "models", "estimators"])
+def test_tests_of_a_storey_take_nothing_from_above(storey: str) -> None:
+    """``pytest tests/models`` is quick and says where a fault is. Bundled data are no code."""
+    root = Path(__file__).parents[2]
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
+    layers = project["tool"]["importlinter"]["contracts"][0]["layers"]
+    above = {*layers[: layers.index(storey)]} - {"datasets"}
+    homes = {name: room(f"{home}.") for name, home in rotorfit._HOME.items() if home}
+    taken = []
+    for file in (root / "tests" / storey).glob("test_*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and begins(str(node.module), ("rotorfit",)):
+                taken += [(file.name, room(f"{node.module}.{alias.name}")) for alias in node.names]
+            elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "rf":
+                taken.append((file.name, homes.get(node.attr, node.attr)))
+    assert [(file, home) for file, home in taken if home in above] == []
