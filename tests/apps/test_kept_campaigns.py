@@ -71,7 +71,7 @@ if __name__ == "__main__":
 def test_killed_workers_and_a_killed_sender_change_no_digit(tmp_path):
     """A worker dies after the first batches, the sender after the third; begun again, the table is that of a loop."""
     pytest.importorskip("distributed")
-    store, tests = tmp_path / "runs.db", Path(__file__).parent
+    store, tests = tmp_path / "runs.db", Path(__file__).parents[1] / "rigs"
     (tmp_path / "killed.py").write_text(KILLED, encoding="utf-8")
     ended = subprocess.run(
         [sys.executable, tmp_path / "killed.py", tests, store],

@@ -11,7 +11,7 @@ from sentences import refuses
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
-from rotorfit.identify.fitting.assumptions.calibration import Calibration, calibration_of
+from rotorfit.identify.fitting.assumptions.calibration import Calibration
 from rotorfit.identify.fitting.fit import solve_again
 from rotorfit.identify.fitting.fit_file import fit_from_json, fit_to_json
 from rotorfit.identify.fitting.problem_setup import build_problem
@@ -212,30 +212,6 @@ def test_robust_losses_and_priors_of_parameters_count_too():
         assert a.sources["priors"] > 0
         assert b.systematic == pytest.approx(a.systematic, rel=0.05)
         assert b.combined == pytest.approx(a.combined, rel=0.1)
-
-
-@pytest.mark.usefixtures("sketched")
-def test_studies_and_reports_carry_a_calibration(tmp_path, rig_fit):
-    from rotorfit.apps.study_files.study import Study
-    from rotorfit.apps.study_files.study_file import read_study
-
-    file = tmp_path / "study.toml"
-    file.write_text(
-        'files = ["rig.csv"]\nmodel = "whirl-whip"\ncalibration = {probe_gain = {disk = 0.01}, mr = 0.005}\n',
-        encoding="utf-8",
-    )
-    study = read_study(file)
-    assert isinstance(study, Study)
-    assert calibration_of(study.calibration) == Calibration(probe_gain={"disk": 0.01}, mr=0.005)
-    assert calibration_of({}) is None
-    with refuses(ValueError):
-        calibration_of({"probegain": 0.01})
-    fit = rig_fit.calibration(probe_gain=0.01).fit
-    rf.write_report(fit, tmp_path / "report.html")
-    text = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "GUM type A" in text
-    assert "--calibration probe_gain=0.01" in text
-    assert "calibration=rf.Calibration(probe_gain=0.01" in text
 
 
 def test_what_makes_no_sense_is_refused(rig_fit):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import pickle
-import shutil
 import wave
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,7 +17,6 @@ from scipy.io import savemat, wavfile
 from sentences import hear, refuses
 
 import rotorfit as rf
-from rotorfit.apps.cli.main import main
 from rotorfit.base.array_types import Float
 from rotorfit.estimators.signals.pulse_numbers import number_pulses
 from rotorfit.estimators.signals.pulses import find_edges, find_levels
@@ -440,21 +438,6 @@ def test_a_perturbation_that_wanders_needs_a_mark(tmp_path: Path) -> None:
         rf.read_recording(
             write_hdf5(tmp_path / "still.h5", {**steady(TIME, 0.0), **shaft}, {}), setup
         ).perturbator_angle()
-
-
-@pytest.mark.usefixtures("sketched")
-def test_recordings_of_one_file_name_are_runs_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A folder a day, each with a rec.h5: as one run their differences would enter no error bar."""
-    for day, way in (("day0", "fwd"), ("day1", "bwd")):
-        (tmp_path / day).mkdir()
-        shutil.copyfile(rf.datasets.path(f"volts_journal-{way}.h5"), tmp_path / day / "rec.h5")
-    monkeypatch.chdir(tmp_path)
-    test = rf.responses([rf.read_recording(f"{day}/rec.h5") for day in ("day0", "day1")])
-    assert test.runs == ("day0/rec", "day1/rec")
-    assert main(["look", "day0/rec.h5", "day1/rec.h5", "--plane", "disk", "--out", "figures", "--quiet"]) == 0
-    names = {file.name for file in (tmp_path / "figures").iterdir()}
-    assert {f"{day}-rec-orbit.png" for day in ("day0", "day1")} <= names
-    assert sum(name.startswith("day0") for name in names) == sum(name.startswith("day1") for name in names)
 
 
 def test_names_of_recordings_use_as_many_folders_as_they_need(tmp_path: Path) -> None:

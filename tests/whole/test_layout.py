@@ -380,7 +380,7 @@ def test_tests_of_a_storey_take_nothing_from_above(storey: str) -> None:
     taken = []
     for file in (root / "tests" / storey).glob("test_*.py"):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and begins(str(node.module), ("rotorfit",)):
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("rotorfit"):
                 taken += [(file.name, room(f"{node.module}.{alias.name}")) for alias in node.names]
             elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "rf":
                 taken.append((file.name, homes.get(node.attr, node.attr)))
