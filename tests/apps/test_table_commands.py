@@ -16,7 +16,7 @@ from rotorfit.apps.cli import main as cli
 
 
 def test_the_command_line_warns_once_and_in_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    axial = [analyser(W + 0j, 3, axis) for axis in (1, 2, 1, 2, 1)]
+    axial = [analyser(W + k + 0j, 3, axis) for k, axis in enumerate((1, 2, 1, 2, 1))]
     path = written(tmp_path / "t.uff", [*shaker_test(), *axial])
     with warnings.catch_warnings():
         warnings.simplefilter("default")
