@@ -61,3 +61,10 @@ def test_pipes_devices_and_folders_are_no_files(
         assert (code, said.count("\n")) == (2, 1)
         assert path.name in said
         assert words in said
+
+
+def test_a_folder_is_called_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["info", str(tmp_path)]) == 2
+    assert f"{tmp_path} is a folder; name a file in it" in capsys.readouterr().err
+    assert cli.main(["info", "."]) == 2
+    assert capsys.readouterr().err.startswith("rotorfit: . is a folder")

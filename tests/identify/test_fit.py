@@ -533,3 +533,9 @@ def test_a_model_of_ones_own_fits_from_its_own_closed_form():
     for name, expected in truth.items():
         assert fit.params[name].value == pytest.approx(expected, rel=1e-8)
     assert fit.threshold_speed().value == pytest.approx(np.sqrt(3e4 / 2) / 0.45, rel=1e-6)
+
+
+def test_a_pure_number_at_its_bound_has_no_unit() -> None:
+    test = rf.datasets.rig_open()
+    fit = rf.fit(rf.models.WhirlWhip(), test, known={"K3": 6000.0}, bounds={"lam": (0.2, 0.4)}, max_iterations=30)
+    assert any(w.endswith("lam rests on its bound at 0.4") for w in fit.warnings)
