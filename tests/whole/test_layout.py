@@ -249,7 +249,10 @@ def undocumented(callables: dict[str, object], classes: dict[str, type]) -> list
         if told == [None] and owner in classes:
             told = [documented(vars(kind)[own].__doc__) for kind in stands_in_for(classes[owner]) if own in vars(kind)]
         wanted = arguments(function)
-        said = [("``ax`` and ``unit``" if one == "look" else f"``{one}``") in str(function.__doc__) for one in wanted]
+        said = [
+            ("``ax`` and ``unit``" if one in ("look", "sheet") else f"``{one}``") in str(function.__doc__)
+            for one in wanted
+        ]
         if wanted not in (*told, []) and not (documented(function.__doc__) is None and all(said)):
             found.append(name)
     return found

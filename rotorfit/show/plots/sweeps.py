@@ -21,7 +21,7 @@ from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.summary import natural
 from rotorfit.models import RotorModel
 from rotorfit.show.plots.journal import group_label, half_width
-from rotorfit.show.plots.style import colour_of, literal, rate_unit, rate_words
+from rotorfit.show.plots.style import PLAIN, Sheet, colour_of, literal
 
 _SWEPT_SPEED = -1.0  # speed of a key whose speed is swept
 
@@ -53,7 +53,7 @@ class _Key:
     level: str
 
 
-def sweeps(fit: FitResult) -> tuple[list[SweepCondition], list[Sweeps]]:
+def sweeps(fit: FitResult, sheet: Sheet) -> tuple[list[SweepCondition], list[Sweeps]]:
     """Conditions, and the blocks with responses to circular forces or imposed orbits."""
     found: list[tuple[int, Responses, Responses | OrbitResponses]] = []
     theta = fit.thetas
@@ -73,7 +73,7 @@ def sweeps(fit: FitResult) -> tuple[list[SweepCondition], list[Sweeps]]:
         {key for keys in keyed for key in keys},
         key=lambda k: (natural(group_label(fit, k.group)), k.speed, natural(k.level)),
     )
-    names = _names(fit, distinct)
+    names = _names(sheet, fit, distinct)
     conditions = []
     for i, (key, name) in enumerate(zip(distinct, names, strict=True)):
         speed, colour = math.nan if key.speed == _SWEPT_SPEED else key.speed, colour_of(i, len(distinct))
@@ -131,12 +131,12 @@ def _rounded(values: Float, tolerance: float) -> Float:
     return out
 
 
-def _names(fit: FitResult, keys: Sequence[_Key]) -> list[str]:
+def _names(sheet: Sheet, fit: FitResult, keys: Sequence[_Key]) -> list[str]:
     """Words for the legend: speed, force, and the group where these do not tell it."""
     several = len({(k.speed, k.level) for k in keys}) < len(keys)
     found = []
     for k in keys:
-        speed = "synchronous" if k.speed == _SWEPT_SPEED else rate_words(k.speed)
+        speed = "synchronous" if k.speed == _SWEPT_SPEED else sheet.rate_words(k.speed)
         parts = (speed, k.level, group_label(fit, k.group) if several else "")
         found.append(literal(", ".join(filter(None, parts))))
     return found
@@ -178,15 +178,15 @@ def as_probe(values: ComplexArray, frequency: Float, signed: bool) -> ComplexArr
     return np.where(signed & (frequency < 0), values.conj(), values)
 
 
-def curves(fit: FitResult) -> tuple[Sequence[SweepCondition], Sequence[SweepCurve]]:
+def curves(fit: FitResult, sheet: Sheet = PLAIN) -> tuple[Sequence[SweepCondition], Sequence[SweepCurve]]:
     """Conditions, and every measured and fitted response."""
-    return _curves_of(fit, rate_unit())
+    return _curves_of(fit, replace(sheet, ax=None))
 
 
 @lru_cache(maxsize=1)  # three figures of a report show them
-def _curves_of(fit: FitResult, unit: str) -> tuple[Sequence[SweepCondition], Sequence[SweepCurve]]:
-    """Conditions named in a unit of speed, and the responses."""
-    conditions, parts = sweeps(fit)
+def _curves_of(fit: FitResult, sheet: Sheet) -> tuple[Sequence[SweepCondition], Sequence[SweepCurve]]:
+    """Conditions named in the units of a sheet, and the responses."""
+    conditions, parts = sweeps(fit, sheet)
     return tuple(conditions), tuple(curve for part in parts for curve in _curves(fit, conditions, part))
 
 
