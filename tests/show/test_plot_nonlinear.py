@@ -210,6 +210,18 @@ def solid(axis: Any, largest: float) -> list[Any]:
     return [line for line in rows if np.max(line.get_xdata()) <= 1.01 * largest]
 
 
+def test_a_first_look_is_the_first_figure_of_the_report() -> None:
+    """Of sweeps the dynamic stiffness, of static loads the law that they show, of neither the eigenvalues."""
+    full = fitted(1)
+    known = {name: full.params[name].value for name in ("Ds", "K", "M", "Mf")}
+    static = rf.fit(full.model, full.experiments[1], known=known, start={"D": 150.0})
+    linear = rf.models.OneMode()
+    blows = rf.simulate(linear, ONE_MODE, "impulse", speed_rpm=[600.0, 1000.0], load=0.5, impulse=4e-4, noise=0.01)
+    free = rf.fit(linear, blows, known={name: ONE_MODE[name] for name in ("M", "K", "Ds", "Mf")})
+    titles = [fit.plot().get_suptitle().partition(",")[0] for fit in (full, static, free)]
+    assert titles == ["Dynamic stiffness", "Fluid against eccentricity", "Stability"]
+
+
 def test_figures_without_their_data_say_what_is_missing() -> None:
     full = fitted(1)
     known = {name: full.params[name].value for name in ("Ds", "K", "M", "Mf")}

@@ -16,7 +16,7 @@ from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequenci
 
 import rotorfit as rf
 from rotorfit.models import OneMode, WhirlWhip
-from rotorfit.show.plots.style import decade_ticks, picture_of
+from rotorfit.show.plots.style import PLAIN, decade_ticks, picture_of
 from rotorfit.show.plots.uncertainty import plot_corner, plot_traces
 
 RPM = 30 / np.pi
@@ -86,7 +86,7 @@ def test_confidence_band_is_that_of_refitted_noise():
 
     values = []
     for fit in fits_of_draws():
-        (condition,) = _shown(fit)
+        (condition,) = _shown(PLAIN, fit)
         line = _fitted(fit, condition, 0, 0, True)
         values.append(line.kappa[[10, 200]])
     band = np.array([line.direct[[10, 200]], line.quadrature[[10, 200]]]) / 1.96

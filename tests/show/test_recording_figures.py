@@ -162,6 +162,10 @@ def test_figures_are_drawn(record: rf.Recording, tmp_path: Path, name: str) -> N
     getattr(record.plot, name)().savefig(tmp_path / "figure.png")
 
 
+def test_a_first_look_at_a_recording_is_its_timebase(record: rf.Recording) -> None:
+    assert record.plot().get_suptitle() == record.plot.timebase().get_suptitle()
+
+
 def test_figures_of_less_are_drawn_or_refused_in_words(tmp_path: Path) -> None:
     alone = rf.read_recording(write_hdf5(tmp_path / "run.h5", {"disk_X": volts()["disk_X"]}))
     for name in ("timebase", "full_spectrum", "cascade"):

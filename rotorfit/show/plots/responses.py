@@ -11,6 +11,8 @@ from matplotlib.figure import Figure
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
 from rotorfit.identify.fitting.result import FitResult
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.models import RotorModel
 from rotorfit.show.plots.bode import (
     cell_title,
     condition_legend,
@@ -20,7 +22,7 @@ from rotorfit.show.plots.bode import (
     response_unit,
 )
 from rotorfit.show.plots.style import GREY, SMALL_TYPE, Sheet, on_sheet, square_axis
-from rotorfit.show.plots.sweeps import SweepCurve, curves, joined
+from rotorfit.show.plots.sweeps import SweepCondition, SweepCurve, curves, joined, measured_curves
 
 
 @on_sheet
@@ -31,19 +33,36 @@ def plot_polar(fit: FitResult, *, sheet: Sheet) -> Figure:
     frequencies, in rpm, signed.
     """
     conditions, found = curves(fit, sheet)
-    figure, panels, _ = panels_of(sheet, found, f"Polar plot, {fit.model.name}", rows=1, size=(4.4, 3.9))
+    return _polar(sheet, fit.model, conditions, found, f"Polar plot, {fit.model.name}", "fit")
+
+
+@on_sheet
+def plot_measured_polar(test: PerturbationTest, *, sheet: Sheet) -> Figure:
+    """The same of a test before a fit; lines and crosses lead from reading to reading."""
+    return _polar(sheet, *measured_curves(test, sheet), "Measured responses", "")
+
+
+def _polar(
+    sheet: Sheet,
+    model: RotorModel,
+    conditions: Sequence[SweepCondition],
+    found: Sequence[SweepCurve],
+    title: str,
+    line: str,
+) -> Figure:
+    figure, panels, _ = panels_of(sheet, found, title, rows=1, size=(4.4, 3.9))
     for curve in found:
         (axis,) = panels[curve.coordinate, curve.force_plane]
         colour = curve.condition.colour
-        factor, _ = response_unit(sheet, fit, curve.coordinate)
+        factor, _ = response_unit(sheet, model, curve.coordinate, found)
         face = colour if curve.frequency[-1] > 0 else "none"
         z, fitted = factor * curve.seen, factor * _round(curve)
         axis.plot(z.real, z.imag, "o", ms=3, mfc=face, mec=colour, mew=0.6, alpha=0.5)
         axis.plot(fitted.real, fitted.imag, "-", lw=1.1, color=colour)
     for pair, (axis,) in panels.items():
         mine = [c for c in found if (c.coordinate, c.force_plane) == pair]
-        factor, unit = response_unit(sheet, fit, pair[0])
-        axis.set_title(cell_title(fit, *pair))
+        factor, unit = response_unit(sheet, model, pair[0], found)
+        axis.set_title(cell_title(model, *pair))
         axis.set(xlabel=f"in phase, {unit}", ylabel=f"quadrature, {unit}", aspect="equal")
         axis.axhline(0, color="0.7", lw=0.6)
         axis.axvline(0, color="0.7", lw=0.6)
@@ -51,7 +70,7 @@ def plot_polar(fit: FitResult, *, sheet: Sheet) -> Figure:
         square_axis(axis, every, 1.28)  # and numbers beside the curve; noise of low frequencies may lie outside
         _mark_frequencies(sheet, axis, mine, factor)
     marks = direction_marks(found, "o") | {f"frequency in {sheet.rate_unit}": ("x", GREY)}
-    condition_legend(figure, conditions, "fit", marks)
+    condition_legend(figure, conditions, line, marks)
     return figure
 
 
@@ -131,7 +150,7 @@ def plot_residuals(fit: FitResult, *, sheet: Sheet) -> Figure:
         axis.plot(x, curve.whitened.real, ".", ms=2.5, color=curve.condition.colour, alpha=0.7)
         axis.plot(x, curve.whitened.imag, "x", ms=2.5, mew=0.6, color=curve.condition.colour, alpha=0.7)
     for pair, (axis, histogram) in panels.items():
-        axis.set_title(cell_title(fit, *pair))
+        axis.set_title(cell_title(fit.model, *pair))
         axis.set(ylabel="residual / noise", xlabel=frequency_label(sheet, found))
         axis.axhspan(-2, 2, color="0.93", zorder=0)
         mine = np.concatenate([c.whitened for c in found if (c.coordinate, c.force_plane) == pair])
