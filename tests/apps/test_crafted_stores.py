@@ -130,7 +130,14 @@ def test_what_differs_is_found_and_no_command_fails_over_it(
             connection.commit()
     found = store.problems()
     assert any(said in one for one in found), found
-    commands = ["list", "trend", "check", "get 3 --out out", "get 2 --out more", f"add {tmp_path / 'day1.csv'}"]
+    commands = [
+        "list",
+        "trend",
+        "check",
+        f"get 3 --out {tmp_path / 'out'}",
+        f"get 2 --out {tmp_path / 'out'}",
+        f"add {tmp_path / 'day1.csv'}",
+    ]
     commands += [f"add {tmp_path / 'day3.csv'} --machine m"]
     for words in commands:
         action, *more = words.split()
