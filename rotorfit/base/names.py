@@ -29,6 +29,9 @@ def nearest(name: str, allowed: Iterable[str], cutoff: float) -> str:
 
 def _same_unit(name: str, other: str) -> bool:
     """True unless the ends of two names of several words may be different units: short words that are not the same."""
+    plain = [re.sub(r"[\W_]", "", each).lower() for each in (name, other)]
+    if plain[0] == plain[1] or other.lower().startswith((f"{name.lower()} [", f"{name.lower()} (")):
+        return True
     words, others = (re.split(r"[_ ]+", each.lower()) for each in (name, other))
     if len(words) == len(others) == 1:
         return True
