@@ -1,8 +1,9 @@
 """Pulses of a phase reference: the levels and edges of a Keyphasor's voltage.
 
 A Keyphasor sees a notch (voltage falls) or a projection (voltage rises) once a turn. Where edge and level are given,
-the voltage need not have two levels: the pulses of a magnetic pickup cross the level, and grow with the speed. Between two samples the edge is
-interpolated at the level half way between the two voltages; a hysteresis keeps noise at the edge from being counted.
+the voltage need not have two levels: the pulses of a magnetic pickup cross the level, and grow with the speed.
+Between two samples the edge is interpolated at the level half way between the two voltages; a hysteresis keeps noise
+at the edge from being counted.
 """
 
 from __future__ import annotations
