@@ -256,16 +256,6 @@ class FitResult:
         onset = self.threshold_of(0).value if self.assumed.entries else math.nan
         return "" if math.isnan(onset) else self.assumed.moves(THRESHOLD_COLUMN, onset, "rad/s")
 
-    @property
-    def foundations(self) -> tuple[str, ...]:
-        """The weightiest effects that the data do not show although they move a result by more than its error.
-
-        Example:
-            >>> any(words.startswith("Ds[journal]") for words in fit.foundations)
-            True
-        """
-        return self.assumed.main_foundations
-
     @cached_property
     def assumed(self) -> Assumptions:
         """:meth:`assumptions`, empty where these are not known: no convergence, parameters per attribute."""

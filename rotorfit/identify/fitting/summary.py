@@ -88,7 +88,7 @@ def fit_table(fit: FitResult) -> str:
         lines.append("correlations: " + ", ".join(f"{a}-{b} {r:+.2f}" for a, b, r in pairs))
     lines += _stability_lines(fit) if fit.success else ["threshold speed: not given, because the fit did not converge"]
     lines += interval_lines(fit)
-    if foundations := fit.foundations:  # effects that these data cannot show
+    if foundations := fit.assumed.main_foundations:  # effects that these data cannot show
         head = "the systematic share allows for what these data do not show, by these sizes"
         lines += [f"{head} (assumptions= replaces them):", *(f"  {line}" for line in foundations)]
     lines += [f"errors: {remark}" for remark in fit.remarks]
