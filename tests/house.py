@@ -317,6 +317,7 @@ def enters_by_the_applications(file: Path) -> bool:
     ]
     arguments = {one.arg for node in tests for one in node.args.args}
     homes = {home for home, _, _ in imports(tree)}
+    homes |= {rf._HOME.get(node.attr, "") for node in nodes(tree) if isinstance(node, ast.Attribute)}  # rf.Store
     helpers = [one for home in homes for one in (TESTS / "rigs" / f"{home}.py", TESTS / f"{home}.py") if one.is_file()]
     return (
         not arguments.isdisjoint({"run", "draw"})
