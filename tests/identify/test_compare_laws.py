@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from law_data import sweep
 from nonlinear_rigs import CLEARANCE_UM, EVEN, ONE_MODE, POWER
 from plain import plain_fit
 from sentences import refuses
@@ -145,3 +146,10 @@ def test_impossible_comparisons_are_refused(
     test = sweeps(rf.models.Muszynska(), POWER)
     with refuses(error):
         rf.compare_laws(model, test, **options)
+
+
+def test_orbits_too_small_for_a_law_are_an_error_of_the_data() -> None:
+    test = sweep(ONE_MODE | POWER, levels=(0.002,), lines=30)
+    model = rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=200.0)
+    with pytest.raises(ValueError, match="small orbits tell no law from another"):
+        rf.compare_laws(model, test, known={"K": ONE_MODE["K"], "Ds": ONE_MODE["Ds"]})

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from own_model import Disk
 from plain import plain_fit
 from scipy import stats
 from sentences import refuses
@@ -17,7 +18,13 @@ import rotorfit as rf
 from rotorfit.estimators.misfit.problem import LOSSES, robust_weights
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.lab.data.experiments import DisplacementTest, perturbation_test
-from rotorfit.models import Anisotropic, OneMode, TwoDisk, WhirlWhip
+from rotorfit.models import (
+    Anisotropic,
+    Chain,
+    OneMode,
+    TwoDisk,
+    WhirlWhip,
+)
 
 FLUID = {name: TYPICAL["one-mode"][name] for name in ("K", "Ds")}
 
@@ -482,3 +489,54 @@ def test_results_and_experiments_print_short():
     assert repr(rig) == "<PerturbationTest rig_open.csv: 4032 readings in 8 runs, at disk, journal, 1000, 2000 rpm>"
     fit = plain_fit(WhirlWhip(), rig, known={"K3": 6000.0})
     assert repr(fit).startswith("<FitResult whirl-whip, least squares: 10 values from 4032 data, redchi 10.63, conv")
+
+
+def test_fit_of_a_chain_of_three():
+    values = {"M1": 0.9, "M2": 0.5, "M3": 0.3, "K1": 1.4e4, "K2": 1.5e4, "K3": 1.2e4, "K4": 6e3, "Ds1": 3.0, "Ds2": 2.0}
+    values |= {"Ds3": 0.0, "K0": 1e4, "D": 300.0, "lam": 0.45, "Mf": 0.2}
+    model = Chain(planes=("disk", "coupling", "seal"), fluid="seal")
+    theta = model.vector(values)
+    speeds = (80.0, 160.0)
+    test = circular_test(
+        model, theta, speeds=speeds, frequency=covering_frequencies(model, theta, speeds, 120), noise=0.01, seed=5
+    )
+    # K0 and the last spring stand side by side: only their sum shows in the data.
+    open_ = plain_fit(model, test, known={"Ds3": 0.0})
+    assert {"K0", "K4"} <= set(open_.identifiability.unresolved)
+    fit = plain_fit(model, test, known={"Ds3": 0.0, "K4": 6e3})
+    assert fit.success
+    for name in set(values) - {"Ds3", "K4"}:
+        assert abs(fit.params[name].value - values[name]) < 4 * fit.params[name].stderr, name
+
+
+def test_measured_dynamic_stiffness_of_an_anisotropic_rig():
+    """Eq. (7) with forward and backward runs gives the model's kappa in x and y back."""
+    model = Anisotropic(("a", "b"))
+    rng = np.random.default_rng(5)
+    base = {"Kxx": 2e4, "Kyy": 2.5e4, "Dxx": 30.0, "Dyy": 40.0, "Mxx": 1.0, "Myy": 1.1}
+    p = {q.name: (base.get(q.name[:3], 0.0) if q.name[-2:] in ("11", "22") else 0.0) for q in model.parameters}
+    p = {name: value + 0.05 * q.scale * rng.normal() for (name, value), q in zip(p.items(), model, strict=True)}
+    theta = model.vector(p)
+    w = covering_frequencies(model, theta, (0.0,), 20)
+    measured = rf.dynamic_stiffness(
+        circular_test(model, theta, speeds=(0.0,), frequency=w), ("a", "b"), isotropic=False
+    )
+    exact = model.dynamic_stiffness(theta, measured.frequency, 0.0)
+    np.testing.assert_allclose(measured.kappa, exact, rtol=1e-8, atol=1e-8 * np.abs(exact).max())
+
+
+def test_a_model_of_ones_own_fits_from_its_own_closed_form():
+    model = Disk()
+    truth = {"M": 2.0, "K0": 3e4, "D": 200.0, "lam": 0.45}
+    w = np.concatenate([-np.linspace(5, 250, 60)[::-1], np.linspace(5, 250, 60)])
+    test = circular_test(model, model.vector(truth), speeds=(100.0,), frequency=w)
+    fit = plain_fit(model, test)
+    for name, expected in truth.items():
+        assert fit.params[name].value == pytest.approx(expected, rel=1e-8)
+    assert fit.threshold_speed().value == pytest.approx(np.sqrt(3e4 / 2) / 0.45, rel=1e-6)
+
+
+def test_a_pure_number_at_its_bound_has_no_unit() -> None:
+    test = rf.datasets.rig_open()
+    fit = plain_fit(rf.models.WhirlWhip(), test, known={"K3": 6000.0}, bounds={"lam": (0.2, 0.4)}, max_iterations=30)
+    assert any(w.endswith("lam rests on its bound at 0.4") for w in fit.warnings)

@@ -17,6 +17,7 @@ from slow_cases import slow_but
 import rotorfit as rf
 from rotorfit.estimators.inference.covariance import inverse_curvature
 from rotorfit.estimators.inference.log_posterior import LogPosterior
+from rotorfit.estimators.misfit.problem import Derivatives
 from rotorfit.estimators.noise.residuals import fit_probes, line_scatter, memory, scatter
 from rotorfit.estimators.noise.run_effects import MixedModel, select_effects, shared_variances
 from rotorfit.estimators.noise.sweep_noise import deviations_of_repeats
@@ -133,9 +134,9 @@ def test_errors_allow_for_what_runs_may_differ_by():
     test, runs = fit.experiments[0], tuple(np.unique(fit.experiments[0].run).tolist())
     ones = np.ones(fit.problem.blocks[0].measured.size, dtype=complex)
     effect = RunEffect(kind="run_force", sd=sd, freedom=3.0, runs=runs, sensitivities=(ones,))
-    _, J = fit.problem.jacobian(fit.x)
+    derivatives, curvature = Derivatives(fit.problem, fit.x), inverse_curvature(fit.problem, fit.x)
     noise = replace(fit.noise, possible_effects=(effect,))
-    (share,) = shares_of_possible_effects(noise, fit.problem, fit.x, J, inverse_curvature(fit.problem, fit.x))
+    (share,) = shares_of_possible_effects(noise, fit.problem, fit.x, derivatives, curvature)
     moves = []
     for run in runs:
         stronger = replace(test, response=test.response * np.where(test.run == run, 1 + 1e-4, 1.0))
@@ -341,14 +342,17 @@ def test_scatter_line_by_line_sees_noise_of_one_direction():
     J = complex_normal(rng, 4000, 1)
     covar = np.array([[1 / np.sum(np.abs(J) ** 2)]])
     line = np.arange(4000)
-    circular = line_scatter(complex_normal(rng, 4000), J, covar, line)
+    every = np.arange(4000)
+    whole = [(every, np.zeros(1, dtype=int), J.T)]
+    circular = line_scatter(complex_normal(rng, 4000), whole, covar, line)
     assert abs(circular.excess[0]) < 4
     along = J[:, 0] / np.abs(J[:, 0]) * rng.normal(size=4000) * np.sqrt(2)
-    found = line_scatter(along, J, covar, line)
+    found = line_scatter(along, whole, covar, line)
     assert found.excess[0] > 10
     assert found.covar[0, 0] == pytest.approx(2 * covar[0, 0], rel=0.15)
     shared = np.repeat(complex_normal(rng, 2000), 2)  # two probes with one noise, seen alike
-    twice = line_scatter(shared, np.repeat(J[:2000], 2, axis=0), covar, np.repeat(np.arange(2000), 2))
+    whole = [(every, np.zeros(1, dtype=int), np.repeat(J[:2000], 2, axis=0).T)]
+    twice = line_scatter(shared, whole, covar, np.repeat(np.arange(2000), 2))
     assert twice.excess[0] > 10
 
 

@@ -24,6 +24,7 @@ from law_data import (
 from plain import plain_fit
 from scipy.stats import binom, chi2
 from sentences import refuses
+from systematic_causes import CAUSES, measured, one_mode
 
 import rotorfit as rf
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
@@ -357,3 +358,11 @@ def test_coverage_of_sweeps(model: OneMode) -> None:
 
 
 ONE_MODE_FREE = {name: value for name, value in ONE_MODE.items() if name != "Ds"}
+
+
+def test_a_law_of_speed_is_fitted_without_a_remark_on_its_start() -> None:
+    rng = np.random.default_rng(2)
+    rig, test = CAUSES["in proportion to speed, lam +5 % a half threshold, four speeds"][1](one_mode(rng), rng)
+    fit = plain_fit(rf.models.OneMode(**test.model), measured(rig, test, rng), known=rig.known)
+    assert fit.success
+    assert not [words for words in fit.warnings if "coefficient" in words]

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from functools import cache
-from pathlib import Path
 
 import law_data
 import numpy as np
 import pytest
 from scipy import stats
-from sentences import hear, refuses
+from sentences import refuses
 from slow_cases import slow_but
 from synthetic import TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
-from rotorfit.apps.cli.main import main
 from rotorfit.base.array_types import Float
 from rotorfit.identify.fitting.quantities import Share
 
@@ -43,7 +40,12 @@ def drawn(whole: bool) -> list[tuple[rf.FitResult, object]]:
     for seed in range(DRAWS):
         test = circular_test(MODEL, THETA, speeds=TESTED, frequency=w, noise=0.02, seed=seed, sigma_known=True)
         fit = rf.fit(MODEL, test, known=known_of(NAME, TYPICAL[NAME]), causes=None)
-        found.append((fit, fit.predict(FREQUENCY, ELSEWHERE, **WHERE, level=LEVEL, whole=whole)))
+        found.append(
+            (
+                fit,
+                fit.predict(FREQUENCY, ELSEWHERE, **WHERE, level=LEVEL, whole=whole),
+            )
+        )
     return found
 
 
@@ -231,47 +233,3 @@ def test_derived_quantities_have_the_error_of_their_parameters_together() -> Non
         fit.derive(lambda p: "K0")
     with refuses(ValueError):
         fit.threshold_speed().to("furlong")
-
-
-def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    fit, _ = drawn(False)[0]
-    fit.save(tmp_path / "fit.json")
-    words = ["predict", str(tmp_path / "fit.json"), "--force-plane", "disk", "--plane", "journal"]
-    out = tmp_path / "out"
-    assert main([*words, "--speed", "1500", "--mr-g-mm", "30", "--out", str(out)]) == 0
-    assert {"prediction.csv", "prediction.png", "summary.txt"} <= {file.name for file in out.iterdir()}
-    capsys.readouterr()
-    assert main([*words, "--speed", "1400,1500", "--synchronous", "--mr-g-mm", "30", "--json"]) == 0
-    points = json.loads(capsys.readouterr().out)["points"]
-    expected = fit.predict(None, np.array([1400.0, 1500.0]) * np.pi / 30, force_plane="disk", plane="journal", mr=3e-5)
-    assert [p["amplitude_um"] for p in points] == pytest.approx((np.abs(expected.response) * 1e6).tolist(), rel=1e-9)
-    assert main([*words, "--speed", "9000"]) == 2
-    refused = capsys.readouterr().err
-    assert "unstable at 9000 rpm" in refused
-    assert f"below its threshold of {fit.threshold_speed().value * 30 / np.pi:.5g} rpm" in refused
-    assert main([*words[:2], "--speed", "1500"]) == 2
-    hear(capsys.readouterr().err)
-    assert main([*words, "--speed", "1400,1500"]) == 2
-    hear(capsys.readouterr().err)
-
-
-def test_the_condition_of_a_fit_with_parameters_per_speed_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    w = covering_frequencies(MODEL, THETA, TESTED, 10)
-    test = circular_test(MODEL, THETA, speeds=TESTED, frequency=w, noise=0.02, seed=3, sigma_known=True)
-    fit = rf.fit(MODEL, test, known=known_of(NAME, TYPICAL[NAME]), per={"D": "speed_rpm"})
-    fit.save(tmp_path / "fit.json")
-    words = ["predict", str(tmp_path / "fit.json"), "--speed", "1500", "--force-plane", "disk", "--frequency", "1000"]
-    assert main(words) == 2
-    refused = capsys.readouterr().err
-    assert "--at NAME=VALUE" in refused
-    assert main(["judge", words[1]]) == 2
-    hear(capsys.readouterr().err)
-    speed = next(name for name in fit.var_names if name.startswith("D["))[len("D[speed_rpm=") : -1]
-    assert main([*words, "--at", f"speed_rpm={speed}", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    expected = fit.predict(1000 * np.pi / 30, 1500 * np.pi / 30, force_plane="disk", at={"speed_rpm": float(speed)})
-    assert found["points"][0]["amplitude_um"] == pytest.approx(1e6 * abs(expected.response[0]), rel=1e-9)
-    assert found["notes"] is not None
-    assert main(["judge", words[1], "--at", f"speed_rpm={speed}"]) == 0

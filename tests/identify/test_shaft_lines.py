@@ -116,6 +116,7 @@ def test_figures_show_lines_and_unstable_bands(tmp_path):
     words = " ".join(text.get_text() for text in fit.plot.stability().legends[0].get_texts())
     assert "unstable, 18" in words
     assert "unstable by turning anisotropy: 18" in fit.summary()
+    assert fit.plot.stability(unit="hz").axes[0].get_xlabel() == "rotative speed, Hz"
     page = rf.write_report(fit, tmp_path / "report.html").read_text()
     assert "Spectral lines" in page
     with refuses(ValueError):

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from plain import plain_fit
 from seal_rig import FLUID
-from sentences import hear
+from sentences import hear, refuses
 from shaken_stator import SETUP, rods, shaken
 
 import rotorfit as rf
-from rotorfit.apps.cli.main import main
 
 MODEL = rf.models.Anisotropic(("stator",))
 
@@ -79,11 +78,11 @@ def test_a_dry_run_in_volts_is_taken_out(rig: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(again.attributes["coherence"].astype(float), dry.attributes["coherence"])
 
 
-def test_shakers_that_run_at_once_are_refused(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_shakers_that_run_at_once_are_refused(rig: Path) -> None:
     shaken(rig, rpm=100.0, cross_talk=0.4, both=True, duration=4.0)
-    files = [str(rig / f"wet-100-shaken-{axis}.h5") for axis in "xy"]
-    assert main(["fit", *files, "--setup", str(rig / "rig.toml"), "--model", "anisotropic", "--planes", "stator"]) == 2
-    hear(capsys.readouterr().err)
+    records = [rf.read_recording(rig / f"wet-100-shaken-{axis}.h5", rig / "rig.toml") for axis in "xy"]
+    with refuses(ValueError):
+        rf.responses(records)
 
 
 def test_exchanged_force_channels_are_named(rig: Path) -> None:

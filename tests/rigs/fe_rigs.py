@@ -8,7 +8,6 @@ from plain import plain_fit
 from scipy.optimize import brentq
 
 import rotorfit as rf
-from rotorfit.lab.data.experiments import perturbation_test
 from rotorfit.models import WhirlWhip
 
 RPM = np.pi / 30
@@ -83,7 +82,7 @@ class Rig:
             name: np.concatenate([np.broadcast_to(np.asarray(row[k]), row[2].shape) for row in rows])
             for k, name in enumerate(names)
         }
-        return perturbation_test(**columns, source="finite-element rig")
+        return rf.perturbation_test(**columns, source="finite-element rig")
 
 
 def random_rig(rng):

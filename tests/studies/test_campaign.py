@@ -456,3 +456,13 @@ def test_the_table_of_many_runs_looks_at_each_a_few_times(small):
     assert len(many.to_csv().splitlines()) == 1 + len(many.runs)
     many.table()
     assert Counted.looks <= 2 * len(many.runs)
+
+
+def test_an_attribute_keeps_its_last_digit() -> None:
+    from dataclasses import replace
+
+    from rotorfit.studies.campaigns.runs import conditions
+
+    test = rf.datasets.rig_open()
+    told = replace(test, attributes={"oil_C": np.full(len(test), 16.49)})
+    assert conditions(told)["oil_C"] == 16.49

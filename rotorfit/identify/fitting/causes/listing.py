@@ -49,6 +49,8 @@ def listed(
         KeyError: a name that is not in the list; the message names the nearest.
         ValueError: a size that is negative or no number.
     """
+    if not problem.space.model.has_causes:
+        return ()
     rig = _Rig.of(problem, x, frozenset(given))
     found = [_named(cause) for cause in rig.causes()]
     if calibration is not None:

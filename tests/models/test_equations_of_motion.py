@@ -11,7 +11,7 @@ import pytest
 from beams import frequencies, shaft, solid_disk
 from hypothesis import given
 from hypothesis import strategies as st
-from plain import plain_fit
+from own_model import Disk
 from scipy.integrate import solve_ivp
 from sentences import refuses
 from synthetic import MODELS, SPEEDS, TYPICAL
@@ -22,11 +22,9 @@ from rotorfit.models import (
     OneMode,
     Overhung,
     Parameter,
-    RotorModel,
     TwoDisk,
     WhirlWhip,
     eigenvalues,
-    fluid_force,
     threshold_speed,
 )
 from rotorfit.models.complexes import Complex
@@ -230,24 +228,6 @@ def test_equations_8_and_corrected_9():
         np.testing.assert_allclose((-1) ** (q + 1) * B.imag, (K - w**2 * M)[cross, own], rtol=1e-9, atol=1e-9)
 
 
-def test_measured_dynamic_stiffness_of_an_anisotropic_rig():
-    """Eq. (7) with forward and backward runs gives the model's kappa in x and y back."""
-    from synthetic import circular_test, covering_frequencies
-
-    model = Anisotropic(("a", "b"))
-    rng = np.random.default_rng(5)
-    base = {"Kxx": 2e4, "Kyy": 2.5e4, "Dxx": 30.0, "Dyy": 40.0, "Mxx": 1.0, "Myy": 1.1}
-    p = {q.name: (base.get(q.name[:3], 0.0) if q.name[-2:] in ("11", "22") else 0.0) for q in model.parameters}
-    p = {name: value + 0.05 * q.scale * rng.normal() for (name, value), q in zip(p.items(), model, strict=True)}
-    theta = model.vector(p)
-    w = covering_frequencies(model, theta, (0.0,), 20)
-    measured = rf.dynamic_stiffness(
-        circular_test(model, theta, speeds=(0.0,), frequency=w), ("a", "b"), isotropic=False
-    )
-    exact = model.dynamic_stiffness(theta, measured.frequency, 0.0)
-    np.testing.assert_allclose(measured.kappa, exact, rtol=1e-8, atol=1e-8 * np.abs(exact).max())
-
-
 # ---- gyroscopic rotor ----------------------------------------------------------------------------
 
 
@@ -362,36 +342,6 @@ def test_complex_matrices():
     a, b = (rng.normal(size=(2, 2)) + 1j * rng.normal(size=(2, 2)) for _ in range(2))
     product = Complex.matrix(a.tolist()) @ Complex.matrix(b.tolist()).T
     np.testing.assert_allclose(np.array(ca.DM(product.re)) + 1j * np.array(ca.DM(product.im)), a @ b.T, rtol=1e-14)
-
-
-class Disk(RotorModel):
-    """A user's model: one disk in a fluid with a cubic-free extra spring."""
-
-    name = "my-disk"
-    planes = ("disk",)
-    parameters = (
-        Parameter("M", "kg", "mass"),
-        Parameter("K0", "N/m", "fluid stiffness", 1e4),
-        Parameter("D", "N s/m", "damping", 100.0),
-        Parameter("lam", "1", "velocity ratio", 0.5),
-    )
-
-    def equation(self, p, speed, eccentricity):
-        fluid = fluid_force(p.K0, p.D, 0.0, p.lam, p.lam, speed)
-        return [[fluid.K]], [[fluid.C]], [[p.M + fluid.M]]
-
-
-def test_a_model_of_ones_own_fits_from_its_own_closed_form():
-    from synthetic import circular_test
-
-    model = Disk()
-    truth = {"M": 2.0, "K0": 3e4, "D": 200.0, "lam": 0.45}
-    w = np.concatenate([-np.linspace(5, 250, 60)[::-1], np.linspace(5, 250, 60)])
-    test = circular_test(model, model.vector(truth), speeds=(100.0,), frequency=w)
-    fit = plain_fit(model, test)
-    for name, expected in truth.items():
-        assert fit.params[name].value == pytest.approx(expected, rel=1e-8)
-    assert fit.threshold_speed().value == pytest.approx(np.sqrt(3e4 / 2) / 0.45, rel=1e-6)
 
 
 def test_models_that_are_the_same_share_what_was_compiled():

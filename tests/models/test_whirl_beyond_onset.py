@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from law_data import CLEARANCE, CLEARANCE_UM, ONE_MODE, WHIRL_WHIP, fluid, static, sweep
-from plain import plain_fit
+from law_data import CLEARANCE, CLEARANCE_UM, ONE_MODE, WHIRL_WHIP, fluid
 from scipy.integrate import solve_ivp
-from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.apps.cli.main import main
 from rotorfit.base.array_types import ComplexArray
-from rotorfit.lab.simulation.integration import IntegrationError
-from rotorfit.lab.simulation.rig import nonlinear_path
-from rotorfit.models import EvenPolynomial, Muszynska, OneMode, WhirlWhip, whirl_branch
+from rotorfit.models import Muszynska, OneMode, WhirlWhip, whirl_branch
 
 WHIP = WHIRL_WHIP | {"Ds": 3.0}
 """Lightly damped: its whirl becomes a whip."""
@@ -63,46 +56,6 @@ def test_the_orbit_is_the_one_that_integration_in_time_ends_on(values: dict[str,
     eps, w = whirl(values, float(branch.speed[k]), 0.7 * branch.orbit[k], float(branch.frequency[k]))
     assert eps == pytest.approx(branch.eccentricity[k], rel=1e-3)  # what is left of the transient
     assert w == pytest.approx(branch.frequency[k], rel=1e-3)
-
-
-def test_a_start_up_runs_through_the_onset(tmp_path: Path) -> None:
-    """Against the equation of motion at the speed of the moment, written out here."""
-    first, rate, unbalance, v = 230.0, 80.0, 6e-5, ONE_MODE
-    rotor = OneMode(law=Muszynska(), clearance_um=CLEARANCE_UM)
-    onset = rf.models.threshold_speed(rotor, rotor.vector(v))
-    assert onset is not None
-    assert first < onset.speed < first + rate
-
-    def push(t: Any) -> Any:
-        speed = first + rate * t
-        return unbalance * (speed**2 - 1j * rate) * np.exp(1j * (first * t + rate * t**2 / 2))
-
-    def motion(t: float, s: np.ndarray) -> np.ndarray:
-        K0, D, lam = fluid(v, abs(s[0]) / CLEARANCE)
-        turn = 1j * lam * (first + rate * t)
-        force = (K0 - D * turn + v["Mf"] * turn**2 + v["K"]) * s[0] + (D - 2 * v["Mf"] * turn + v["Ds"]) * s[1]
-        return np.array([s[1], (push(t) - force) / (v["M"] + v["Mf"])])
-
-    given = {"speed": lambda t: first + rate * t, "force": lambda t: push(t)[:, None], "rate": 500.0, "count": 500}
-    path = nonlinear_path(rotor, rotor.vector(v), **given)[:, 0]
-    t = np.arange(500) / 500.0
-    z = solve_ivp(motion, (0, 1.0), np.zeros(2, complex), t_eval=t, rtol=1e-9, atol=1e-14, method="DOP853").y[0]
-    assert np.abs(path - z).max() < 1e-4 * np.abs(z).max()  # steps of 1e-6 over a hundred periods
-    quick = {"duration": 0.5, "hole_deg": (0.0,), "speed_rpm": (2200.0, 3000.0)}
-    rig = ["--model", "one-mode", "--law", "muszynska", "--clearance-um", "200", "--kind", "synchronous"]
-    rig += [word for name, value in v.items() for word in ("--set", f"{name}={value}")]
-    rig += ["--speed-rpm", "2200,3000", "--duration", "0.5", "--unbalance", "6e-5", "--sampling-hz", "2000"]
-    assert main(["simulate", *rig, "--recordings", str(tmp_path / "raw"), "--quiet"]) == 0
-    for file in (tmp_path / "raw").glob("*.h5"):
-        z = rf.read_recording(file).motion("journal")
-        assert 0.1 * CLEARANCE < np.abs(z[-200:]).max() < CLEARANCE
-    soft = OneMode(law=EvenPolynomial(terms=1), clearance_um=CLEARANCE_UM)
-    values = {name: value for name, value in v.items() if name not in ("n_K", "n_D", "b")}
-    values |= {"K0_2": 0.0, "D_2": 0.0, "lam_2": 0.0}
-    with refuses(IntegrationError):
-        rf.simulate_recordings(soft, values, tmp_path, "synchronous", unbalance=1e-2, **quick)
-    with refuses(ValueError):
-        rf.simulate_recordings(rotor, v, tmp_path, "release", speed_rpm=1000)
 
 
 def test_a_whirl_becomes_a_whip() -> None:
@@ -157,19 +110,3 @@ def test_the_band_is_that_of_changed_parameters() -> None:
         assert (ahead - behind) / (2 * step[place]) == pytest.approx(
             expected, rel=0.03
         )  # points of 0.02, straight between
-
-
-def test_figures_and_what_they_refuse() -> None:
-    rotor = OneMode(law=Muszynska(), clearance_um=CLEARANCE_UM)
-    fit = plain_fit(rotor, [sweep(ONE_MODE, levels=(3.0, 30.0), lines=20), static(ONE_MODE)], known={"Ds": 8.0})
-    radius, frequency = fit.plot.whirl(max_speed_rpm=6000, unit=("hz", "mil")).axes
-    assert "mil" in radius.get_ylabel()
-    line = frequency.get_lines()[0].get_xydata()
-    assert line[0, 0] == pytest.approx(fit.threshold_speed().value / (2 * np.pi), rel=1e-6)
-    _, load = fit.plot.side_load().axes
-    assert "N" in load.get_xlabel()
-    with refuses(ValueError):
-        fit.plot.whirl(max_speed_rpm=1000)
-    linear = plain_fit(OneMode(), sweep(ONE_MODE, levels=(0.3,), lines=20), known={"K": 8e3, "Ds": 8.0})
-    with refuses(ValueError):
-        linear.plot.whirl()

@@ -1,17 +1,17 @@
-"""Small words of the interface: each was wrong once."""
+"""Names of columns and units as the file writes them: mega or milli, a column of another kind of test."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.apps.cli import main as cli
 
 HEAD = "run,speed_rpm,frequency_rpm,force_plane,{force},force_phase_deg,plane,direction,amplitude_um,phase_deg"
+
+
 ROW = "a,1000,300,journal,2,0,journal,x,1,0"
 
 
@@ -38,29 +38,13 @@ def test_a_column_of_another_test_is_no_unknown_unit(tmp_path: Path) -> None:
         read(tmp_path, head, row)
 
 
-def test_a_folder_is_called_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["info", str(tmp_path)]) == 2
-    assert f"{tmp_path} is a folder; name a file in it" in capsys.readouterr().err
-    assert cli.main(["info", "."]) == 2
-    assert capsys.readouterr().err.startswith("rotorfit: . is a folder")
-
-
 def test_one_reading_is_one_reading(tmp_path: Path) -> None:
     test = read(tmp_path, HEAD.format(force="force_N"))
     assert "1 reading in 1 run" in repr(test)
 
 
-def test_an_attribute_keeps_its_last_digit() -> None:
-    from dataclasses import replace
-
-    from rotorfit.studies.campaigns.runs import conditions
-
-    test = rf.datasets.rig_open()
-    told = replace(test, attributes={"oil_C": np.full(len(test), 16.49)})
-    assert conditions(told)["oil_C"] == 16.49
-
-
-def test_a_pure_number_at_its_bound_has_no_unit() -> None:
-    test = rf.datasets.rig_open()
-    fit = rf.fit(rf.models.WhirlWhip(), test, known={"K3": 6000.0}, bounds={"lam": (0.2, 0.4)}, max_iterations=30)
-    assert any(w.endswith("lam rests on its bound at 0.4") for w in fit.warnings)
+def test_missing_columns_name_the_way_to_say_them(tmp_path) -> None:
+    path = tmp_path / "short.csv"
+    path.write_text("frequency_rpm,force_N,amplitude,phase_deg\n1000,5,10,20\n1100,5,11,21\n")
+    with pytest.raises(ValueError, match=r"missing columns: .*--column NAME=THEIRS"):
+        rf.read(path)
