@@ -463,5 +463,5 @@ def test_posterior_is_as_wide_as_an_interval_of_few_runs():
     fit = fitted(WORLDS["force 1 % from run to run"], 1)
     posterior = fit.sample(seed=1, walkers=32, ess=400)
     assert "integrated out" in posterior.treatment
-    widths = [np.diff(one)[0] for one in (posterior.interval("D"), fit.interval("D", statistical=True))]
+    widths = [np.diff(one)[0] for one in (posterior.interval("D"), fit.interval("D", share="noise"))]
     assert 0.75 < widths[0] / widths[1] < 1.3

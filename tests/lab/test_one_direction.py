@@ -248,7 +248,7 @@ def test_errors_by_coherence_cover_the_truth() -> None:
         fit = plain_fit(MODELS["whirl-whip"](), rf.read(averaged(10, seed, 0.05)), known=KNOWN)
         redchi.append(fit.redchi)
         for key in ("Md", "K1", "D", "K0"):
-            low, high = fit.interval(key, 0.95, statistical=True)
+            low, high = fit.interval(key, 0.95, share="noise")
             inside.append(low <= TRUTH[key] <= high)
     # parameters of a draw go together: as if 80 were independent, 0.95 +- 3 * 0.024
     assert 0.87 <= np.mean(inside) <= 1.0

@@ -78,7 +78,7 @@ def test_error_bars_hold_where_the_speed_wanders(wander: Any) -> None:
                 ("lam", LAM, fit.params["lam"]),
                 ("threshold", THRESHOLD, fit.threshold_speed()),
             ):
-                low, high = found.interval(0.95, statistical=True)
+                low, high = found.interval(0.95, share="noise")
                 held[name] += low <= truth <= high
             redchi.append(fit.redchi)
             warned += bool(fit.warnings)
