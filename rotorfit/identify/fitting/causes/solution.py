@@ -40,6 +40,7 @@ class JointSearch:
     """Where a search of fitted values and causes ended."""
 
     problem: Problem  # with the effect of the causes taken out of its readings
+    acting: Problem  # with the causes in its predictions
     x: Float
     causes: tuple[Cause, ...]
     sizes: Float  # of the causes
@@ -61,22 +62,27 @@ class JointSearch:
         """Standard uncertainties of the causes before the data."""
         return np.array([cause.size for cause in self.causes])
 
-    def errors(self, inverse: Float, widening: float) -> JointErrors:
-        """The errors that the causes leave; ``inverse``: covariance of the fitted vector at unit noise, ``widening``:
-        variance of the residuals over that of the noise. Noise that is larger than given weighs the data less. A misfit
-        that no listed cause explains widens all errors alike, lest causes be found that are not there."""
-        r, J = self.problem.jacobian(self.x)
+    def errors(self, widening: float) -> JointErrors:
+        """The errors that the causes leave, by the derivatives where they act: beside those of the rotor without them,
+        what the fitted values take up would seem to be told by the data. ``widening``: variance of the residuals over
+        that of the noise. Noise that is larger than given weighs the data less. A misfit that no listed cause explains
+        widens all errors alike, lest causes be found that are not there."""
+        r = self.problem.residuals(self.x)
         root = np.sqrt(robust_weights(self.problem.loss, np.abs(r) ** 2)[1])[:, None]
-        return JointErrors.of(
+        J = self.acting.jacobian(self.x)[1] * root
+        information = np.asarray((J.conj().T @ J).real) + np.diag(prior_curvature(self.problem, self.x))
+        found = JointErrors.of(
             (r - self.columns @ self.sizes) * root[:, 0],
-            J * root,
+            J,
             self.columns * root,
-            inverse=inverse,
+            inverse=inverse_of_determined(information)[0],
             size=self.before,
             one_sided=self.one_sided,
             noise_factor=1.0 if widening > UNLISTED else widening,
             widened=widening if widening > UNLISTED else 1.0,
         )
+        # The sizes that go with the fitted values: along what nothing determines, others are as good.
+        return replace(found, free=self.sizes)
 
 
 PULLED = 3.0
@@ -156,16 +162,17 @@ def _solved(problem: Problem, x: Float, causes: tuple[Cause, ...]) -> JointSearc
         )
     )
     return JointSearch(
-        problem=shifted(problem, shift), x=at.x, causes=causes, sizes=at.sizes, columns=B, shift=shift,
-        plain=x, plain_square=begin.square, square=at.square,
+        problem=shifted(problem, shift), acting=at.problem, x=at.x, causes=causes, sizes=at.sizes, columns=B,
+        shift=shift, plain=x, plain_square=begin.square, square=at.square,
     )  # fmt: skip
 
 
 def solved_before(problem: Problem, x: Float, solved: SolvedCauses) -> JointSearch:
     """Causes that were solved already, beside fitted values of the problem with their effect taken out."""
+    acting = with_causes(problem, x, solved.causes, solved.errors.value)
     return JointSearch(
-        problem=problem, x=x, causes=solved.causes, sizes=solved.errors.value,
-        columns=columns(problem, x, solved.causes), shift=solved.shift, plain=solved.plain,
+        problem=problem, acting=acting, x=x, causes=solved.causes, sizes=solved.errors.value,
+        columns=columns(acting, x, solved.causes), shift=solved.shift, plain=solved.plain,
         plain_square=solved.plain_square, square=math.nan, raised=solved.raised, factor=solved.factor,
     )  # fmt: skip
 
