@@ -108,7 +108,7 @@ class Rotor:
         speed = self._first_onset()
         w = float(self._roots(speed)[-1].imag)
         at = np.array([w, speed])
-        for share in (np.linspace(0.1, 1, 10) if acting else [0.0]):
+        for share in np.linspace(0.1, 1, 10) if acting else [0.0]:
             part = {name: share * size for name, size in acting.items()}
             for _ in range(30):
                 value = self._singular(at, part, sweep)
@@ -146,6 +146,16 @@ class Rotor:
             middle = (low + up) / 2
             low, up = (low, middle) if self._roots(middle)[-1].real > 0 else (middle, up)
         return float(low)
+
+    def value(self, name: str) -> float:
+        """A value by the name that the model of such a rig has for it."""
+        if name in ("K0", "D", "lam", "Mf"):
+            return float(getattr(self, name))
+        if name == "sigma":
+            return 1.0
+        symbol, place = name.rstrip("123456789db"), name.lstrip("MKDs")
+        number = {"": 1, "d": 1, "b": self.M.size}.get(place) or int(place)
+        return float({"M": self.M, "K": self.K, "Ds": self.Ds}[symbol][number - 1])
 
     @property
     def top(self) -> float:
@@ -252,7 +262,9 @@ class Row:
     factor: float = 0.0  # of the sizes of the list
     alone: str = ""  # the only kind of cause that acts; all where it is empty
     runs: tuple[float, float] = (0.0, 0.0)  # gain and angle, rad, by which runs differ
-    extra: Mapping[str, float] = field(default_factory=dict)  # causes of given size, or of a share of what it belongs to
+    extra: Mapping[str, float] = field(
+        default_factory=dict
+    )  # causes of given size, or of a share of what it belongs to
     out: tuple[str, ...] = ()  # causes that are taken out of the list
     told: Mapping[str, float] = field(default_factory=dict)  # values told as known in place of the true ones
     free: tuple[str, ...] = ()  # values that are fitted though they may be known
@@ -281,7 +293,7 @@ def responses(rotor: Rotor, sweep: Sweep, acting: Mapping[str, float], row: Row,
                 turn = acting.get("turned", 0.0) + way * acting.get("phase", 0.0)
                 z = z * np.exp(1j * turn - 1j * w * acting.get("delay", 0.0))[:, None]
                 gain, angle = np.array(row.runs) * rng.normal(size=2)
-                by_run.append(z * (1 + acting.get("gain", 0.0)) * (1 + gain) * np.exp(1j * way * angle))
+                by_run.append(z * np.exp(acting.get("gain", 0.0)) * (1 + gain) * np.exp(1j * way * angle))
                 told.append((speed, forced, w))
     largest = np.max(np.abs(by_run), axis=(0, 1))
     columns: dict[str, list[Any]] = {
@@ -290,7 +302,7 @@ def responses(rotor: Rotor, sweep: Sweep, acting: Mapping[str, float], row: Row,
     for z, (speed, forced, w) in zip(by_run, told, strict=True):
         for at, plane in enumerate(rotor.planes):
             read = z[:, at] * (1 + acting.get(f"curve[{plane}]", 0.0) * (np.abs(z[:, at]) / largest[at]) ** 2)
-            read = read * (1 + acting.get(f"gain[{plane}]", 0.0))
+            read = read * np.exp(acting.get(f"gain[{plane}]", 0.0))
             sigma = NOISE * float(np.sqrt(np.mean(np.abs(read) ** 2)))
             read = read + sigma * (rng.normal(size=w.size) + 1j * rng.normal(size=w.size))
             run = f"{rotor.planes[forced]} {speed:.4g} {'forward' if w[0] > 0 else 'backward'}"
@@ -394,9 +406,11 @@ class Found:
         return np.asarray((self.error + self.low <= 0) & (self.error + self.high >= 0))
 
 
-def acting_in(row: Row, number: int, seed: int, listed: Mapping[str, tuple[float, bool]], sizes: Mapping[str, float]) -> dict[str, float]:
+def acting_in(
+    row: Row, number: int, seed: int, listed: Mapping[str, tuple[float, bool]], sizes: Mapping[str, float]
+) -> dict[str, float]:
     """Sizes of the causes that act on a rig."""
-    rng = np.random.default_rng([seed, number, 3])
+    rng = np.random.default_rng([seed, number, 3, list(ROTORS).index(row.kind)])
     acting = {}
     for name, (size, positive) in listed.items():
         unit = rng.normal()

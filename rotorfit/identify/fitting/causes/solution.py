@@ -133,7 +133,8 @@ def _solved(problem: Problem, x: Float, causes: tuple[Cause, ...]) -> JointSearc
     size = np.array([cause.size for cause in causes])
     one_sided = np.array([cause.one_sided for cause in causes])
     at = begin = _Point.of(problem, x, causes, np.zeros(size.size), size)
-    steps, negligible = 3, 0.01  # more let the search wander along what nothing determines; fall of Q that is none
+    # Mostly three; many more would let the search wander along what nothing determines.
+    steps, negligible = 6, 0.01  # and fall of Q that is none
     B = columns(at.problem, at.x, causes)
     for _ in range(steps):
         r, J = at.problem.jacobian(at.x)
