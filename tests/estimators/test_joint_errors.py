@@ -156,17 +156,18 @@ def test_the_step_with_signs_is_least_beside_values_that_follow(seed: int) -> No
         prior=np.zeros(VALUES), prior_slope=np.zeros(VALUES),
     )  # fmt: skip
 
-    def Q(dx: np.ndarray, sizes: np.ndarray) -> float:
+    def square_of(dx: np.ndarray, sizes: np.ndarray) -> float:
         left = problem.r + problem.J @ dx + problem.B @ sizes
         return float(np.vdot(left, left).real + np.sum((sizes / problem.size) ** 2))
 
-    assert Q(dx, sizes) == pytest.approx(square, rel=1e-9)
+    assert square_of(dx, sizes) == pytest.approx(square, rel=1e-9)
     assert (sizes[problem.one_sided] >= 0).all()
     scale = 1 / np.linalg.norm(problem.J, axis=0)
     for _ in range(200):
         there = sizes + 10.0 ** rng.uniform(-5, 0) * problem.size * rng.normal(size=CAUSES)
         there[problem.one_sided] = np.maximum(there[problem.one_sided], 0)
-        assert Q(dx + 10.0 ** rng.uniform(-5, 0) * scale * rng.normal(size=VALUES), there) >= square * (1 - 1e-12)
+        beside = dx + 10.0 ** rng.uniform(-5, 0) * scale * rng.normal(size=VALUES)
+        assert square_of(beside, there) >= square * (1 - 1e-12)
 
 
 def test_the_reach_is_of_both_sides_alike_but_for_causes_of_one_sign() -> None:
