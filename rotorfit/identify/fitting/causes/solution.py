@@ -92,20 +92,36 @@ UNLISTED = 1.3
 
 
 def search(
-    problem: Problem, x: Float, given: Mapping[str, float], calibration: Calibration | None = None
+    problem: Problem,
+    x: Float,
+    given: Mapping[str, float],
+    calibration: Calibration | None = None,
+    *,
+    begin: tuple[Float, JointSearch] | None = None,
 ) -> JointSearch | None:
     """Solve for causes beside fitted values from their optimum without any; nothing where the list is empty.
 
     A size that is too small for what the data show holds the estimate back: it is raised to what was found, and all
     are where they are too small as a whole. Of a misfit that no listed cause explains nothing is concluded.
+
+    Args:
+        problem: what is fitted.
+        x: fitted vector without causes.
+        given, calibration: as for :func:`~rotorfit.identify.fitting.causes.listing.listed`.
+        begin: fitted vector and causes where another search ended: effects of runs, which would pass for causes at
+            their optimum without any, are to be solved about these.
     """
     causes = listed(problem, x, given, calibration)
     if not causes:
         return None
-    found = _solved(problem, x, causes)
+    known = None
+    if begin is not None:
+        before = {cause.name: size for cause, size in zip(begin[1].causes, begin[1].sizes.tolist(), strict=True)}
+        known = begin[0], np.array([before.get(cause.name, 0.0) for cause in causes])
+    found = _solved(problem, x, causes, known)
     raised: dict[str, None] = {}
     for _ in range(3):
-        errors = found.errors(_inverse(found), 1.0)
+        errors = found.errors(1.0)
         if found.square > UNLISTED * (problem.n_data - x.size):
             break
         pulled = np.abs(np.nan_to_num(errors.pull)) > PULLED
@@ -114,25 +130,25 @@ def search(
         raised |= dict.fromkeys(np.array([cause.name for cause in causes])[pulled].tolist())
         sizes = np.where(pulled, np.abs(errors.value), [cause.size for cause in causes]).tolist()
         causes = tuple(replace(cause, size=size) for cause, size in zip(causes, sizes, strict=True))
-        found = _solved(problem, x, causes)
+        found = _solved(problem, x, causes, (found.x, found.sizes))
     told = errors.determined > 0.3  # which the data tell well enough for their pulls to say something
     factor = error_factor(errors.pull[told].tolist()) if found.square <= UNLISTED * (problem.n_data - x.size) else 1.0
     if factor > 1:
-        found = _solved(problem, x, tuple(replace(cause, size=factor * cause.size) for cause in causes))
+        causes = tuple(replace(cause, size=factor * cause.size) for cause in causes)
+        found = _solved(problem, x, causes, (found.x, found.sizes))
     return replace(found, raised=tuple(raised), factor=factor)
 
 
-def _inverse(found: JointSearch) -> Float:
-    """Covariance of the fitted vector at unit noise."""
-    _, J = found.problem.jacobian(found.x)
-    return inverse_of_determined((J.conj().T @ J).real + np.diag(prior_curvature(found.problem, found.x)))[0]
-
-
-def _solved(problem: Problem, x: Float, causes: tuple[Cause, ...]) -> JointSearch:
-    """Gauss-Newton steps on fitted values and causes."""
+def _solved(
+    problem: Problem, x: Float, causes: tuple[Cause, ...], known: tuple[Float, Float] | None = None
+) -> JointSearch:
+    """Gauss-Newton steps on fitted values and causes, from where they are known to be close to, or from none."""
     size = np.array([cause.size for cause in causes])
     one_sided = np.array([cause.one_sided for cause in causes])
     at = begin = _Point.of(problem, x, causes, np.zeros(size.size), size)
+    if known is not None:
+        close = _Point.of(problem, known[0], causes, known[1], size)
+        at = close if close.square < begin.square else begin
     # Mostly three; many more would let the search wander along what nothing determines.
     steps, negligible = 6, 0.01  # and fall of Q that is none
     B = columns(at.problem, at.x, causes)
