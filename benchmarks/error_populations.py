@@ -21,6 +21,7 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -42,8 +43,6 @@ NOISE = 0.005
 """Standard deviation of real and imaginary part over the rms of a sweep's readings."""
 PROMISED = 0.88
 OUTPUTS = ("D", "lam", "M", "K0", "Mf", "threshold")
-NAMED = 4.0
-"""Score above which a cause counts as named."""
 
 # ---- rigs ------------------------------------------------------------------------------------------------------------
 
@@ -60,8 +59,17 @@ class Rotor:
     D: float
     lam: float
     Mf: float
+    law: tuple[float, float, float] | None = None  # exponents of K0, D and lam in eccentricity
+    clearance: float = 0.0  # that is told, m
 
-    def stiffness(self, s: Complex, speed: float, acting: Mapping[str, float], sweep: Sweep | None = None) -> Complex:
+    def stiffness(
+        self,
+        s: Complex,
+        speed: float,
+        acting: Mapping[str, float],
+        sweep: Sweep | None = None,
+        eccentricity: Float | float = 0.0,
+    ) -> Complex:
         """Dynamic stiffness, force over motion, shape ``(L, n, n)``, with causes by name.
 
         Args:
@@ -69,6 +77,7 @@ class Rotor:
             speed: true rotative speed, rad/s.
             acting: sizes of causes.
             sweep: how the rig was tested; without it nothing drifts.
+            eccentricity: of the last mass on each line.
         """
         n, K, Ds = self.M.size, self.K.copy(), self.Ds.copy()
         for name in acting:
@@ -81,11 +90,15 @@ class Rotor:
         found = found.astype(complex)
         beyond = 0.0 if sweep is None else speed / sweep.mean - 1
         rise = {k: 1 + acting.get(f"speed[{k}]", 0.0) * beyond for k in ("lam", "K0", "D")}
-        D, lam = self.D * rise["D"], self.lam * rise["lam"]
+        K0, D, lam = self.K0 * rise["K0"], self.D * rise["D"], self.lam * rise["lam"]
+        if self.law is not None:
+            wide = 1 - np.asarray(eccentricity) ** 2
+            K0, D = K0 * wide ** -self.law[0], D * wide ** -self.law[1]
+            lam = lam * (1 - np.asarray(eccentricity)) ** self.law[2]
         if sweep is not None and "drift" in acting:
             D = D * (1 + acting["drift"] * sweep.progress(s.imag))
         slip = s - 1j * lam * speed
-        found[:, -1, -1] += self.K0 * rise["K0"] + D * slip / (1 + acting.get("lag", 0.0) * slip) + self.Mf * slip**2
+        found[:, -1, -1] += K0 + D * slip / (1 + acting.get("lag", 0.0) * slip) + self.Mf * slip**2
         found[:, 0, 0] += acting.get("loss", 0.0) * (s - 1j * speed)
         for name, size in acting.items():
             found += size * self._beside(name, s, speed).reshape(-1, n, n)
@@ -206,8 +219,12 @@ ROTORS: dict[str, list[dict[str, Any]]] = {
          "Mf": 12.0},
     ],
 }  # fmt: skip
+LAW, LAW_OF = "law of eccentricity", "one mode"
+"""Rigs of the second kind with a fluid of Muszynska's law, at two levels of force."""
+KINDS = (*ROTORS, LAW)
 PLANES = {
     "one mode": ("journal",),
+    LAW: ("journal",),
     "disk and journal": ("disk", "journal"),
     "chain of three": ("left", "disk", "journal"),
 }
@@ -216,16 +233,18 @@ PLANES = {
 def rotor_of(kind: str, number: int, seed: int) -> Rotor:
     """The rig of that number: one of three rotors with values of its own."""
     rng = np.random.default_rng([seed, number, 1])
-    typical = ROTORS[kind][number % 3]
+    typical = ROTORS[LAW_OF if kind == LAW else kind][number % 3]
     own = {name: np.asarray(value) * rng.uniform(0.88, 1.12, np.shape(value)) for name, value in typical.items()}
-    return Rotor(
-        planes=PLANES[kind], **{name: value if value.ndim else float(value) for name, value in own.items()}
-    )  # fmt: skip
+    values = {name: value if value.ndim else float(value) for name, value in own.items()}
+    law = {"law": (2.0, 1.4, 0.5), "clearance": 200e-6} if kind == LAW else {}
+    return Rotor(planes=PLANES[kind], **values, **law)
 
 
 def model_of(kind: str) -> rf.models.RotorModel:
     """What is fitted."""
     planes = PLANES[kind]
+    if kind == LAW:
+        return rf.models.OneMode(planes, law=rf.models.Muszynska(), clearance_um=200.0)
     if kind == "one mode":
         return rf.models.OneMode(planes)
     return rf.models.WhirlWhip(planes) if len(planes) == 2 else rf.models.Chain(planes=planes, fluid=planes[-1])
@@ -233,7 +252,7 @@ def model_of(kind: str) -> rf.models.RotorModel:
 
 def known_of(kind: str, rotor: Rotor, free: Iterable[str] = ()) -> dict[str, float]:
     """What the fit is told: what the fluid's stiffness and damping cannot be told from."""
-    if kind == "one mode":
+    if kind in ("one mode", LAW):
         known = {"K": rotor.K[0], "Ds": rotor.Ds[0]}
     else:
         known = {"K3": rotor.K[2]} if kind == "disk and journal" else {"K4": rotor.K[3], "Ds3": 0.0}
@@ -244,11 +263,11 @@ def truth_of(kind: str, rotor: Rotor, sweep: Sweep, acting: Mapping[str, float])
     """True values of the outputs."""
     return {
         "D": rotor.D, "lam": rotor.lam, "M": float(rotor.M[0]), "K0": rotor.K0, "Mf": rotor.Mf,
-        "threshold": rotor.onset(acting, sweep),
+        "threshold": rotor.onset({name: size for name, size in acting.items() if name != "drift"}, sweep),
     }  # fmt: skip
 
 
-MASS = {"one mode": "M", "disk and journal": "Md", "chain of three": "M1"}
+MASS = {"one mode": "M", LAW: "M", "disk and journal": "Md", "chain of three": "M1"}
 
 # ---- tests -----------------------------------------------------------------------------------------------------------
 
@@ -286,55 +305,67 @@ def responses(rotor: Rotor, sweep: Sweep, acting: Mapping[str, float], row: Row,
     """A test of the rig with its causes."""
     n, size = rotor.M.size, np.linspace(sweep.low, sweep.high, LINES)
     by_run, told = [], []
-    for speed in sweep.speeds:
-        for forced in sorted({0, n - 1}):
-            for way in (1, -1) if sweep.both else (1,):
-                w = way * size
-                z = _motion(rotor, sweep, acting, row, w, speed, forced)
-                turn = acting.get("turned", 0.0) + way * acting.get("phase", 0.0)
-                z = z * np.exp(1j * turn - 1j * w * acting.get("delay", 0.0))[:, None]
-                gain, angle = np.array(row.runs) * rng.normal(size=2)
-                by_run.append(z * np.exp(acting.get("gain", 0.0)) * (1 + gain) * np.exp(1j * way * angle))
-                told.append((speed, forced, w))
+    for speed, level, forced, way in product(
+        sweep.speeds, _levels(rotor, sweep), sorted({0, n - 1}), (1, -1) if sweep.both else (1,)
+    ):
+        w = way * size
+        z = _motion(rotor, sweep, acting, row, w, speed, forced, level)
+        turn = acting.get("turned", 0.0) + way * acting.get("phase", 0.0)
+        z = z * np.exp(1j * turn - 1j * w * acting.get("delay", 0.0))[:, None]
+        gain, angle = np.array(row.runs) * rng.normal(size=2)
+        by_run.append(z * np.exp(acting.get("gain", 0.0)) * (1 + gain) * np.exp(1j * way * angle))
+        told.append((speed, level, forced, w))
     largest = np.max(np.abs(by_run), axis=(0, 1))
     columns: dict[str, list[Any]] = {
-        key: [] for key in ("run", "speed", "frequency", "force_plane", "plane", "response", "sigma")
+        key: [] for key in ("run", "speed", "frequency", "force_plane", "force", "plane", "response", "sigma")
     }
-    for z, (speed, forced, w) in zip(by_run, told, strict=True):
+    for z, (speed, level, forced, w) in zip(by_run, told, strict=True):
         for at, plane in enumerate(rotor.planes):
             read = z[:, at] * (1 + acting.get(f"curve[{plane}]", 0.0) * (np.abs(z[:, at]) / largest[at]) ** 2)
             read = read * np.exp(acting.get(f"gain[{plane}]", 0.0))
             sigma = NOISE * float(np.sqrt(np.mean(np.abs(read) ** 2)))
             read = read + sigma * (rng.normal(size=w.size) + 1j * rng.normal(size=w.size))
-            run = f"{rotor.planes[forced]} {speed:.4g} {'forward' if w[0] > 0 else 'backward'}"
-            cells = (run, speed, w, rotor.planes[forced], plane, read, sigma)
+            run = f"{rotor.planes[forced]} {speed:.4g} {level:.3g} {'forward' if w[0] > 0 else 'backward'}"
+            cells = (run, speed, w, rotor.planes[forced], level, plane, read, sigma)
             for key, cell in zip(columns, cells, strict=True):
                 columns[key].append(np.broadcast_to(np.asarray(cell), w.shape))
     whole = {key: np.concatenate(parts) for key, parts in columns.items()}
     if not row.noise_told:
         del whole["sigma"]
-    return rf.perturbation_test(direction="z", force=1.0, **whole)
+    return rf.perturbation_test(direction="z", **whole)
+
+
+def _levels(rotor: Rotor, sweep: Sweep) -> tuple[float, ...]:
+    """Forces, N: one newton, or by a law two, of which the larger moves the journal by a third of the clearance."""
+    if rotor.law is None:
+        return (1.0,)
+    w = np.linspace(sweep.low, sweep.high, 200)
+    largest = max(float(np.abs(1 / rotor.stiffness(1j * w, speed, {})).max()) for speed in sweep.speeds)
+    return 0.1 * rotor.clearance / largest, 0.35 * rotor.clearance / largest
 
 
 def _motion(
-    rotor: Rotor, sweep: Sweep, acting: Mapping[str, float], row: Row, w: Float, speed: float, forced: int
+    rotor: Rotor, sweep: Sweep, acting: Mapping[str, float], row: Row, w: Float, speed: float, forced: int, level: float
 ) -> Complex:
-    """Motion at the probes for a unit force at a plane, shape ``(L, n)``."""
+    """Motion at the probes for a force at a plane, shape ``(L, n)``."""
     n, planes = rotor.M.size, rotor.planes
     true = speed * (1 + acting.get("speed label", 0.0))
-    H = np.linalg.inv(rotor.stiffness(1j * w, true, acting, sweep))
     force = np.zeros(n)
     towards = [k + 1 if k + 1 < n else k - 1 for k in range(n)]
     off = acting.get(f"force[{planes[forced]}]", 0.0)
-    force[forced] = 1 - off
+    force[forced] = level * (1 - off)
     if off:
-        force[towards[forced]] += off
-    z = H @ force
-    z[:, forced] += acting.get(f"flex[{planes[forced]}]", 0.0)
+        force[towards[forced]] += level * off
+    z = np.linalg.inv(rotor.stiffness(1j * w, true, acting, sweep)) @ force
+    gap = rotor.clearance * (1 + acting.get("clearance", 0.0))
+    for _ in range(60 if rotor.law else 0):
+        there = rotor.stiffness(1j * w, true, acting, sweep, np.abs(z[:, -1]) / gap)
+        z = (z + np.linalg.inv(there) @ force) / 2
+    z[:, forced] += level * acting.get(f"flex[{planes[forced]}]", 0.0)
     if row.foundation:  # a pedestal that resonates in the band, with 2 % damping, moves the probe of the forced plane
         place = 0.6 * sweep.high
         static = abs(np.linalg.inv(rotor.stiffness(np.zeros(1, dtype=complex), true, {})[0])[forced, forced])
-        z[:, forced] += row.foundation * static / (1 - (w / place) ** 2 + 0.04j * w / place)
+        z[:, forced] += level * row.foundation * static / (1 - (w / place) ** 2 + 0.04j * w / place)
     read = z.copy()
     for at, plane in enumerate(planes):
         off = acting.get(f"probe[{plane}]", 0.0)
@@ -411,7 +442,7 @@ def acting_in(
     row: Row, number: int, seed: int, listed: Mapping[str, tuple[float, bool]], sizes: Mapping[str, float]
 ) -> dict[str, float]:
     """Sizes of the causes that act on a rig."""
-    rng = np.random.default_rng([seed, number, 3, list(ROTORS).index(row.kind)])
+    rng = np.random.default_rng([seed, number, 3, KINDS.index(row.kind) + 1])
     acting = {}
     for name, (size, positive) in listed.items():
         unit = rng.normal()
@@ -448,8 +479,7 @@ def found_in(row: Row, number: int, seed: int) -> Found:
     value = np.array([p.value for p in printed])
     ends = np.array([p.interval(0.95) for p in printed])
     solved = fit.settings.solved
-    scores = dict(zip((c.name for c in solved.causes), solved.errors.z, strict=True))
-    named = {name for name, z in scores.items() if abs(z) > NAMED}
+    named = {cause.name for cause in fit.causes.found}
     told = solved.errors.determined > 0.3
     return Found(
         error=value / true - 1,
@@ -467,8 +497,8 @@ def found_in(row: Row, number: int, seed: int) -> Found:
 def _plain_onset(kind: str, rotor: Rotor, fit: Any) -> float:
     """Threshold by the values of the plain fit, by the equations of this file."""
     value = {name: p.plain if p.vary else p.value for name, p in fit.params.items()}
-    K = [value["K"], 0.0] if kind == "one mode" else [value[f"K{k + 1}"] for k in range(rotor.K.size)]
-    M = [value[name] for name in {"one mode": ["M"], "disk and journal": ["Md", "Mb"]}.get(kind, ["M1", "M2", "M3"])]
+    K = [value["K"], 0.0] if len(rotor.M) == 1 else [value[f"K{k + 1}"] for k in range(rotor.K.size)]
+    M = [value[name] for name in {1: ["M"], 2: ["Md", "Mb"]}.get(len(rotor.M), ["M1", "M2", "M3"])]
     Ds = [value.get("Ds", 0.0), 0.0][: rotor.M.size]
     if kind == "chain of three":
         Ds = [value[f"Ds{k + 1}"] for k in range(3)]
@@ -543,7 +573,7 @@ BOUNDED = ("turned", "phase", "curve", "speed[lam]", "speed[K0]", "speed[D]", "d
 
 def _rows() -> dict[str, Row]:
     rows: dict[str, Row] = {}
-    for kind in ROTORS:
+    for kind in KINDS:
         for speeds, both in ((2, True), (1, True), (2, False), (1, False)):
             design = f"{speeds} speed{'s' * (speeds > 1)}, {'both directions' if both else 'forward'}"
             for factor in (0.0, 0.2, 0.5, 1.0, 2.0):
@@ -552,7 +582,7 @@ def _rows() -> dict[str, Row]:
         for factor in (0.0, 0.5, 1.0):
             rows[f"{kind}, sizes of the first list, all at {factor:g}"] = Row(kind=kind, factor=factor, sizes="first")
         for cause in ALONE:
-            if kind == "one mode" and cause in ("probe", "force", "mass", "q"):
+            if kind in ("one mode", LAW) and cause in ("probe", "force", "mass", "q"):
                 continue
             rows[f"{kind}, {cause} alone at 1"] = Row(kind=kind, factor=1.0, alone=cause)
             if cause in BOUNDED:
