@@ -384,15 +384,17 @@ class Flexible(Act):
     at: int
 
     def moved(self, base: Responses) -> ComplexArray:
-        """Motion by a unit of the size at each reading, shape ``(R,)``."""
-        return np.where(base.coordinate == self.at, base.force[base.line, self.at], 0.0)
+        """Motion of all coordinates by a unit of the size, shape ``(L, n)``."""
+        found = np.zeros_like(base.force)
+        found[:, self.at] = base.force[:, self.at]
+        return found
 
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
         base = motion.base
         if motion.linear is None or base is None:
             return np.zeros(motion.block.measured.size, dtype=complex)
-        return np.asarray(self.moved(base) * motion.gain)
+        return motion.read(self.moved(base))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -473,18 +475,20 @@ def _with_causes(block: Block, theta: Float, causes: Sequence[Cause], sizes: Flo
     rotor, values = found.own, found.values(theta)
     parts = [part for act, size in acting if (part := act.stiffness(rotor, values, size)) is not None]
     stiffness = np.sum(parts, axis=0) if parts else None
-    force, way, beside = block.force.copy(), np.zeros(block.line.size), np.zeros(block.line.size, dtype=complex)
+    force, way, beside = block.force.copy(), np.zeros(block.line.size), np.zeros_like(block.force)
     towards = block.coordinate.copy()
     for act, size in acting:
         if isinstance(act, Flexible):
-            beside += size * act.moved(block) * probe_factors(rotor, values)
+            beside = beside + size * act.moved(block)
         elif isinstance(act, OffPlane) and act.what == "force":
             force[:, act.at] -= size * block.force[:, act.at]
             force[:, act.towards] += size * block.force[:, act.at]
         elif isinstance(act, OffPlane):
             own = block.coordinate == act.at
             towards[own], way[own] = act.towards, size
-    found = replace(found, force=force, stiffness=stiffness, towards=towards, way=way, moved=beside)
+    found = replace(found, force=force, stiffness=stiffness, towards=towards, way=way)
+    moving = Motion(block=found, theta=theta)
+    found = replace(found, moved=moving.read(beside))
     moving = Motion(block=found, theta=theta)
     logarithms = [size * part for act, size in acting if (part := act.of_readings(moving)) is not None]
     return replace(found, gain=np.exp(np.sum(logarithms, axis=0))) if logarithms else found

@@ -91,10 +91,10 @@ def test_columns_are_the_derivatives_where_all_causes_act(name: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ROTORS)
-@pytest.mark.parametrize("factor", [1.0, 2.0])
+@pytest.mark.parametrize("factor", [0.5, 1.0])
 def test_predictions_with_causes_are_those_of_equations_of_motion_written_out(kind: str, factor: float) -> None:
     """True values and causes of a rig leave its noise; readings number 100 to 500, and parts left out thousands."""
-    for number in range(3):
+    for number in range(4):
         row = Row(kind=kind, factor=factor)
         rotor = rotor_of(kind, number, 1)
         sizes = usual_sizes(kind, number, 1, row.speeds, row.both, ())
@@ -108,7 +108,7 @@ def test_predictions_with_causes_are_those_of_equations_of_motion_written_out(ki
         square = float(np.sum(np.abs(with_causes(problem, x, causes, there).residuals(x)) ** 2))
         expected = problem.n_data
         # four standard deviations of chi-squared, and a tenth of the noise's power for products of causes
-        assert square < (1 + 0.1 * factor) * expected + 4 * np.sqrt(2 * expected), (number, square, expected)
+        assert square < 1.1 * expected + 4 * np.sqrt(2 * expected), (number, square, expected)
 
 
 def one_mode(known: dict[str, float], seed: int = 1, causes: Any = {}, damping: float = 0.0) -> Any:  # noqa: B006

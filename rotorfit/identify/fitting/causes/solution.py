@@ -40,11 +40,11 @@ class JointSearch:
     """Where a search of fitted values and causes ended."""
 
     problem: Problem  # with the effect of the causes taken out of its readings
-    acting: Problem  # with the causes in its predictions
     x: Float
     causes: tuple[Cause, ...]
     sizes: Float  # of the causes
-    columns: ComplexArray  # change of the whitened residuals by a unit of each, shape ``(R, k)``
+    J: ComplexArray  # derivatives of the whitened residuals by the fitted vector where the causes act, shape ``(R, p)``
+    columns: ComplexArray  # likewise by a unit of each cause, shape ``(R, k)``
     shift: tuple[ComplexArray, ...]
     plain: Float  # fitted vector without causes
     plain_square: float  # sum of squares there
@@ -69,7 +69,7 @@ class JointSearch:
         widens all errors alike, lest causes be found that are not there."""
         r = self.problem.residuals(self.x)
         root = np.sqrt(robust_weights(self.problem.loss, np.abs(r) ** 2)[1])[:, None]
-        J = self.acting.jacobian(self.x)[1] * root
+        J = self.J * root
         information = np.asarray((J.conj().T @ J).real) + np.diag(prior_curvature(self.problem, self.x))
         found = JointErrors.of(
             (r - self.columns @ self.sizes) * root[:, 0],
@@ -179,8 +179,8 @@ def _solved(
         )
     )
     return JointSearch(
-        problem=shifted(problem, shift), acting=at.problem, x=at.x, causes=causes, sizes=at.sizes, columns=B,
-        shift=shift, plain=x, plain_square=begin.square, square=at.square,
+        problem=shifted(problem, shift), x=at.x, causes=causes, sizes=at.sizes, J=at.problem.jacobian(at.x)[1],
+        columns=B, shift=shift, plain=x, plain_square=begin.square, square=at.square,
     )  # fmt: skip
 
 
@@ -188,7 +188,7 @@ def solved_before(problem: Problem, x: Float, solved: SolvedCauses) -> JointSear
     """Causes that were solved already, beside fitted values of the problem with their effect taken out."""
     acting = with_causes(problem, x, solved.causes, solved.errors.value)
     return JointSearch(
-        problem=problem, acting=acting, x=x, causes=solved.causes, sizes=solved.errors.value,
+        problem=problem, x=x, causes=solved.causes, sizes=solved.errors.value, J=acting.jacobian(x)[1],
         columns=columns(acting, x, solved.causes), shift=solved.shift, plain=solved.plain,
         plain_square=solved.plain_square, square=math.nan, raised=solved.raised, factor=solved.factor,
     )  # fmt: skip
