@@ -5,7 +5,7 @@
 writes results/error_populations.md and .csv. Rigs are equations written out here: masses on a line of springs, one of
 them in a fluid, three rotors of 1.2 to 80 kg with values up to 12 % off the typical ones. Causes act in full and not to
 first order: each of the fit's list for that rig, drawn from a normal distribution of its size, or half of one where it
-is never negative, times the factor of the row. Values that change are those at the mean tested speed and in the middle
+is never negative, times the factor of the row, with as many rigs in each part of the distribution. Values that change are those at the mean tested speed and in the middle
 of a sweep; the threshold is that of the rig with its causes. Exit status 1 says that a row of at most usual sizes has
 less than PROMISED in some column.
 """
@@ -23,6 +23,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -439,13 +440,18 @@ class Found:
 
 
 def acting_in(
-    row: Row, number: int, seed: int, listed: Mapping[str, tuple[float, bool]], sizes: Mapping[str, float]
+    row: Row,
+    number: int,
+    seed: int,
+    listed: Mapping[str, tuple[float, bool]],
+    sizes: Mapping[str, float],
+    rigs: int = 60,
 ) -> dict[str, float]:
-    """Sizes of the causes that act on a rig."""
-    rng = np.random.default_rng([seed, number, 3, KINDS.index(row.kind) + 1])
+    """Sizes of the causes that act on a rig of so many, each cause with one rig in each part of its distribution."""
     acting = {}
-    for name, (size, positive) in listed.items():
-        unit = rng.normal()
+    for place, (name, (size, positive)) in enumerate(listed.items()):
+        rng = np.random.default_rng([seed, 3, KINDS.index(row.kind) + 1, place])
+        unit = NormalDist().inv_cdf((rng.permutation(rigs)[number] + rng.random(rigs)[number]) / rigs)
         unit = math.copysign(1.0, unit) if row.fixed else unit
         drawn = row.factor * sizes.get(name, size) * (abs(unit) if positive else unit)
         if drawn and (not row.alone or name.startswith(row.alone)):
@@ -455,13 +461,13 @@ def acting_in(
     return acting
 
 
-def found_in(row: Row, number: int, seed: int) -> Found:
+def found_in(row: Row, number: int, seed: int, rigs: int = 60) -> Found:
     """Draw a rig, test and fit it."""
     rotor = rotor_of(row.kind, number, seed)
     sweep = sweep_of(rotor, row)
     listed = usual_sizes(row.kind, number, seed, row.speeds, row.both, row.free)
     given = given_sizes(row, listed, sweep)
-    acting = acting_in(row, number, seed, listed, given if row.sizes == "first" else {})
+    acting = acting_in(row, number, seed, listed, given if row.sizes == "first" else {}, rigs)
     if row.told:
         name, share = next(iter(row.told.items()))
         rotor = replace(rotor, Ds=np.array([share * rotor.D]))
@@ -536,7 +542,7 @@ class Line:
 def line_of(name: str, row: Row, rigs: int, seed: int) -> tuple[Line, list[Found]]:
     """Fit the rigs of a row."""
     begin = time.perf_counter()
-    found = [found_in(row, number, seed) for number in range(rigs)]
+    found = [found_in(row, number, seed, rigs) for number in range(rigs)]
     seconds = (time.perf_counter() - begin) / rigs
     error, plain, deviation = (np.array([getattr(f, k) for f in found]) for k in ("error", "plain", "deviation"))
     held = np.array([f.held for f in found])
