@@ -5,9 +5,9 @@
 writes results/error_populations.md and .csv. Rigs are equations written out here: masses on a line of springs, one of
 them in a fluid, three rotors of 1.2 to 80 kg with values up to 12 % off the typical ones. Causes act in full and not to
 first order: each of the fit's list for that rig, drawn from a normal distribution of its size, or half of one where it
-is never negative, times the factor of the row, with as many rigs in each part of the distribution. Values that change are those at the mean tested speed and in the middle
-of a sweep; the threshold is that of the rig with its causes. Exit status 1 says that a row of at most usual sizes has
-less than PROMISED in some column.
+is never negative, times the factor of the row, with as many rigs in each part of the distribution. Values that change
+are those at the mean tested speed and in the middle of a sweep; the threshold is that of the rig with its causes. Exit
+status 1 says that a row of at most usual sizes, two speeds and both directions, has less than PROMISED in some column.
 """
 
 from __future__ import annotations
