@@ -21,6 +21,7 @@ from numpy.linalg import LinAlgError
 from rotorfit.apps.cli.answer import Answer, BadInputError, ExitCode, answered, say
 from rotorfit.apps.study_files.wording import sentence
 from rotorfit.base.atomic_file import protected_inputs
+from rotorfit.base.caches import cache_home
 from rotorfit.base.file_reading import shown
 from rotorfit.base.version import __version__
 
@@ -93,7 +94,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _carry_out(arguments: Sequence[str] | None) -> int:
     """Do what the words say; what is wrong with them, or with the files that they name, becomes a sentence."""
     words = sys.argv[1:] if arguments is None else arguments
-    parser = build_parser([word for word in words if word in COMMANDS][:1])
+    asked = [word for word in words if word in COMMANDS][:1]
+    if asked:
+        cache_home()  # before packages that have caches are loaded
+    parser = build_parser(asked)
     options = parser.parse_args(words)
     if options.command is None:
         parser.print_help()

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.base.atomic_file import note_input, whole_file
+from rotorfit.base.caches import cache_home
 from rotorfit.base.digits import significant, with_error
 from rotorfit.base.file_reading import reading, seal
 from rotorfit.base.text_table import text_table
@@ -198,8 +199,9 @@ def load_arviz() -> Any:
     """The module ``arviz``, imported now if it has not been.
 
     The announcement is for those who write against ArviZ, not for those who fit rotors; which day a machine last saw it
-    must not decide what a user or a test sees.
+    must not decide what a user or a test sees. It keeps that day in the folder for caches.
     """
+    cache_home()
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=r"\s*ArviZ is undergoing", category=FutureWarning)
         import arviz
