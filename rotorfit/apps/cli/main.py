@@ -1,7 +1,7 @@
 """The command line: ``rotorfit demo``, ``fit``, ``run``, ``campaign``, ``compare-laws``, ``simulate`` and others.
 
 Exit codes: 0 done, 1 the data have an error or the fit or sampling did not converge, 2 bad input (one sentence on
-stderr), 3 an alarm of a watched machine, 130 interrupted.
+stderr), 3 an alarm of a watched machine, 4 an error of the program, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import traceback
 import warnings
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -89,6 +90,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _close_output()
         print(f"rotorfit: the output cannot be written: {shown(sentence(problem))}", file=sys.stderr)
         return ExitCode.BAD_INPUT
+    except ImportError as problem:
+        say(f"{problem}: a package is missing or damaged; install it, or rotorfit anew")
+        return ExitCode.BAD_INPUT
+    except Exception:
+        traceback.print_exc()
+        say(f"this is an error of rotorfit {__version__}, not of your data: please report it, with the lines above")
+        return ExitCode.ERROR_OF_THE_PROGRAM
 
 
 def _carry_out(arguments: Sequence[str] | None) -> int:
@@ -140,7 +148,7 @@ def build_parser(filled: Iterable[str] = tuple(COMMANDS)) -> argparse.ArgumentPa
         allow_abbrev=False,
         description="Identify rotor and fluid-force parameters from rotating-force perturbation tests.",
         epilog="Exit codes: 0 done, 1 the data have an error or the fit or sampling did not converge, 2 bad input, "
-        "3 an alarm.",
+        "3 an alarm, 4 an error of the program.",
     )
     whole.add_argument("--version", action="version", version=f"rotorfit {__version__}")
     whole.set_defaults(command=None)

@@ -151,8 +151,10 @@ def load_posterior(path: str | os.PathLike[str], fit: FitResult) -> Posterior:
     """
     path = Path(path)
     note_input(path)
-    with reading(path.name, "posterior saved by rotorfit"):
+    kind = "posterior saved by rotorfit"
+    with reading(path.name, kind, decoded=True):
         posterior = _read(path, fit)
+    with reading(path.name, kind):
         _check(posterior, path.name)
     return posterior
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.executors import Kept, carry_out
+from rotorfit.base.faults import of_program
 from rotorfit.base.file_reading import decompressed, reading
 from rotorfit.base.version import __version__
 from rotorfit.estimators.blocks.row_keys import rows_by, words
@@ -192,6 +193,8 @@ def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mappin
         given = {name: getattr(settings, name) for name in ("known", "bounds", "priors", "loss")}
         found = fit(model, run.experiment, start=start, **given)
     except (ValueError, KeyError, np.linalg.LinAlgError) as problem:
+        if of_program(problem):
+            raise
         reason = problem.args[0] if isinstance(problem, KeyError) and problem.args else problem
         return RunFit(name=run.name, attributes=run.attributes, message=f"not fitted: {reason}")
     # What differs between the sweeps of a run is in the covariance, and in no parameter.
@@ -354,7 +357,7 @@ def _to_bytes(fit: RunFit) -> bytes:
 
 def _from_bytes(data: bytes) -> RunFit:
     name = "a fit that the store keeps"
-    with reading(name, "fit of a run"):
+    with reading(name, "fit of a run", decoded=True):
         return RunFit(**decode(json.loads(decompressed(name, data, len(data)))))
 
 
