@@ -21,6 +21,7 @@ import numpy as np
 from rotorfit.base.atomic_file import whole_file
 from rotorfit.base.caches import cache_home
 from rotorfit.base.file_reading import is_sealed, seal
+from rotorfit.base.version import RESULTS
 
 Kernel = Callable[..., None]
 
@@ -104,7 +105,7 @@ def compile_kernels(source: str) -> dict[str, Kernel]:
     import numba
 
     directory = cache_directory()
-    versions = f"{version('numba')}\n{np.__version__}\n{source}"
+    versions = f"{RESULTS}\n{version('numba')}\n{np.__version__}\n{source}"
     name = f"rotorfit_kernel_{hashlib.sha256(versions.encode()).hexdigest()[:32]}"
     path = (directory or Path()) / f"{name}.py"
     if directory is not None and not path.exists():

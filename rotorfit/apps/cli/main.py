@@ -24,7 +24,7 @@ from rotorfit.apps.study_files.wording import sentence
 from rotorfit.base.atomic_file import protected_inputs
 from rotorfit.base.caches import cache_home
 from rotorfit.base.file_reading import shown
-from rotorfit.base.version import __version__
+from rotorfit.base.version import VERSIONS
 
 COMMANDS = {
     "demo": ("fits", "identify the bundled rig and compare with its truth"),
@@ -95,7 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return ExitCode.BAD_INPUT
     except Exception:
         traceback.print_exc()
-        say(f"this is an error of rotorfit {__version__}, not of your data: please report it, with the lines above")
+        say(f"this is an error of rotorfit {VERSIONS}, not of your data: please report it, with the lines above")
         return ExitCode.ERROR_OF_THE_PROGRAM
 
 
@@ -150,7 +150,7 @@ def build_parser(filled: Iterable[str] = tuple(COMMANDS)) -> argparse.ArgumentPa
         epilog="Exit codes: 0 done, 1 the data have an error or the fit or sampling did not converge, 2 bad input, "
         "3 an alarm, 4 an error of the program.",
     )
-    whole.add_argument("--version", action="version", version=f"rotorfit {__version__}")
+    whole.add_argument("--version", action="version", version=f"rotorfit {VERSIONS}")
     whole.set_defaults(command=None)
     group = whole.add_subparsers(metavar="COMMAND")
     for name, (home, help) in COMMANDS.items():

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import MISSING, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ import numpy as np
 from rotorfit.base.atomic_file import note_input, whole_file
 from rotorfit.base.faults import of_program
 from rotorfit.base.file_reading import reading
+from rotorfit.base.version import VERSIONS
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.identify.fitting.json_values import UserDefinedError, check_types, decode, encode
 from rotorfit.identify.fitting.noise.record import is_run_effect
@@ -30,14 +31,10 @@ SCHEMA = 1
 
 _FORMAT = "rotorfit fit"
 _KIND = "fit saved by rotorfit"
-_LATER = ("noise", "model_uncertainty", "start", "perhaps_local")  # entries that files of earlier versions lack
-_EARLIER = {"doubt": "model_uncertainty"}  # entries as version 0.1.0 called them, and their names today
 
 
 def fit_to_json(fit: FitResult) -> str:
     """A result as JSON text; see :func:`save_fit`."""
-    from rotorfit.base.version import __version__
-
     _check(fit, build_problem(fit.model, fit.experiments, fit.settings), "the result")
     names = [f.name for f in fields(fit) if f.name not in ("model", "problem")]
     own = fit.model
@@ -49,7 +46,7 @@ def fit_to_json(fit: FitResult) -> str:
     content = {
         "format": _FORMAT,
         "schema": SCHEMA,
-        "rotorfit": __version__,
+        "rotorfit": VERSIONS,
         "model": model,
         **{name: encode(getattr(fit, name)) for name in names},
         # Its settings hold what the study found already.
@@ -135,13 +132,13 @@ def _decoded(text: str, model: RotorModel | None, source: str) -> tuple[RotorMod
             f"{source} has schema {content.get('schema')!r}, written by rotorfit {content.get('rotorfit', '?')}; "
             f"this version reads schema {SCHEMA}"
         )
-    content = {_EARLIER.get(name, name): item for name, item in content.items()}
-    names = [f.name for f in fields(FitResult) if f.name not in ("model", "problem")]
-    missing = [name for name in ("model", *names) if name not in content and name not in _LATER]
+    saved = [f for f in fields(FitResult) if f.name not in ("model", "problem")]
+    needed = [f.name for f in saved if f.default is MISSING]
+    missing = [name for name in ("model", *needed) if name not in content]
     if missing:
         raise ValueError(f"{source} is incomplete: it has no {', '.join(missing)}")
     own = _read_model(content["model"], model)
-    entries = {name: decode(content[name]) for name in names if name in content}
+    entries = {f.name: decode(content[f.name]) for f in saved if f.name in content}
     check_types(FitResult, entries)
     if entries.get("noise") is not None:
         entries["noise"] = replace(entries["noise"], found=entries["settings"].noise)

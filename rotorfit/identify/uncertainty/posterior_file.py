@@ -17,7 +17,7 @@ from rotorfit.base.caches import cache_home
 from rotorfit.base.digits import significant, with_error
 from rotorfit.base.file_reading import reading, seal
 from rotorfit.base.text_table import text_table
-from rotorfit.base.version import __version__
+from rotorfit.base.version import VERSIONS
 from rotorfit.identify.fitting.noise.error_bars import effect_entries
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.uncertainty.posterior import Posterior, SampleSettings
@@ -98,7 +98,7 @@ def datasets(posterior: Posterior) -> dict[str, xr.Dataset]:
     header = {
         "title": _KIND,
         "inference_library": "emcee",
-        "created_by": f"rotorfit {__version__}",
+        "created_by": f"rotorfit {VERSIONS}",
         "burn_in": posterior.burn_in,
         "converged": int(posterior.converged),
         "message": posterior.message,

@@ -21,7 +21,7 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.executors import Kept, carry_out
 from rotorfit.base.faults import of_program
 from rotorfit.base.file_reading import decompressed, reading
-from rotorfit.base.version import __version__
+from rotorfit.base.version import RESULTS
 from rotorfit.estimators.blocks.row_keys import rows_by, words
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.identify.fitting.fit import fit
@@ -254,7 +254,7 @@ class Workers:
             work = _fit_alone  # type: ignore[assignment]
             how = {}
             for option in {id(one): one for one in options}.values():
-                said = [__version__, encode(self.model), encode(dict(option))]
+                said = [RESULTS, encode(self.model), encode(dict(option))]
                 how[id(option)] = json.dumps(said, sort_keys=True)
             whole = (f"{how[id(option)]}{run.readings.content}" for run, option in pairs)
             keys = [hashlib.sha256(one.encode()).hexdigest() for one in whole]
