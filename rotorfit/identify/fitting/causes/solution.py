@@ -10,8 +10,9 @@ import numpy as np
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float
 from rotorfit.estimators.inference.causes import Cause, columns, with_causes
-from rotorfit.estimators.inference.covariance import prior_curvature
+from rotorfit.estimators.inference.covariance import prior_curvature, prior_slope
 from rotorfit.estimators.inference.joint_errors import JointErrors, error_factor, joint_step
+from rotorfit.estimators.inference.linear_causes import LinearCauses
 from rotorfit.estimators.misfit.problem import Problem, robust_weights
 from rotorfit.estimators.noise.run_effects import inverse_of_determined
 from rotorfit.identify.fitting.causes.calibration import Calibration
@@ -24,7 +25,8 @@ class SolvedCauses:
 
     causes: tuple[Cause, ...]
     errors: JointErrors
-    shift: tuple[ComplexArray, ...]  # what they add to the predictions of each block, shape ``(R,)``
+    sizes: Float  # of the causes at the joint optimum
+    shift: tuple[ComplexArray, ...]  # what these add to the predictions of each block, shape ``(R,)``
     plain: Float  # fitted vector without causes
     plain_square: float  # sum of squares there
     raised: tuple[str, ...] = ()  # causes whose sizes were too small for what the data show, and were raised to that
@@ -139,7 +141,7 @@ def _solved(problem: Problem, x: Float, causes: tuple[Cause, ...]) -> JointSearc
             size=size,
             one_sided=one_sided,
             prior=prior_curvature(problem, at.x),
-            prior_slope=_prior_slope(problem, at.x),
+            prior_slope=prior_slope(problem, at.x),
         )
         ahead = _accepted(problem, at, causes, dx, sizes - at.sizes, size)
         if ahead is None:
@@ -155,8 +157,10 @@ def _solved(problem: Problem, x: Float, causes: tuple[Cause, ...]) -> JointSearc
             at.problem.predict(at.x), plain, at.problem.blocks, problem.blocks, strict=True
         )
     )
+    there = shifted(problem, shift)
+    # Of the same predictions as the Jacobian beside them: what both take up alike must cancel.
     return JointSearch(
-        problem=shifted(problem, shift), x=at.x, causes=causes, sizes=at.sizes, columns=B, shift=shift,
+        problem=there, x=at.x, causes=causes, sizes=at.sizes, columns=columns(there, at.x, causes), shift=shift,
         plain=x, plain_square=begin.square, square=at.square,
     )  # fmt: skip
 
@@ -164,10 +168,22 @@ def _solved(problem: Problem, x: Float, causes: tuple[Cause, ...]) -> JointSearc
 def solved_before(problem: Problem, x: Float, solved: SolvedCauses) -> JointSearch:
     """Causes that were solved already, beside fitted values of the problem with their effect taken out."""
     return JointSearch(
-        problem=problem, x=x, causes=solved.causes, sizes=solved.errors.value,
+        problem=problem, x=x, causes=solved.causes, sizes=solved.sizes,
         columns=columns(problem, x, solved.causes), shift=solved.shift, plain=solved.plain,
         plain_square=solved.plain_square, square=math.nan, raised=solved.raised, factor=solved.factor,
     )  # fmt: skip
+
+
+def linear_causes(problem: Problem, x: Float, solved: SolvedCauses) -> LinearCauses:
+    """The causes to first order about the joint optimum, as wide as the errors have them."""
+    size = solved.errors.size
+    found = LinearCauses(
+        columns=columns(problem, x, solved.causes) * size,
+        at=solved.sizes / size,
+        size=size,
+        one_sided=solved.errors.one_sided,
+    )
+    return found.wider(math.sqrt(solved.errors.widened))
 
 
 def shifted(problem: Problem, shift: Sequence[ComplexArray]) -> Problem:
@@ -207,10 +223,3 @@ def _accepted(
             return ahead
         share /= 4
     return None
-
-
-def _prior_slope(problem: Problem, x: Float) -> Float:
-    slope = np.zeros(x.size)
-    for prior in problem.priors:
-        slope[prior.entry] += prior.terms(float(x[prior.entry]))[1]
-    return slope
