@@ -50,6 +50,7 @@ class Modal(RotorModel):
     """
 
     name: ClassVar[str] = "modal"
+    has_causes = False  # gains and angles are those of probes and forces as they are
 
     def __init__(
         self,

@@ -66,6 +66,7 @@ class RotorModel(ABC):
     shaft: SeenShaft | None = None  # a structure whose matrices are known
     ratios: Mapping[str, tuple[str, ...]] = MappingProxyType({})  # what data may tell only over a positive parameter
     line_count: int = 2  # coordinates of each motion that turns: its own and those of its image
+    has_causes: bool = True  # whether effects beside it are listed for its fits: not where its values hold them
     in_band_only: bool = False  # its free motion is that of the rotor up to the tested frequencies only
     turns: bool = False  # free motion (see motion) is written in turning coordinates, each motion with its image
 

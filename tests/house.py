@@ -311,8 +311,13 @@ def size() -> Iterator[tuple[str, Measured]]:
 def enters_by_the_applications(file: Path) -> bool:
     """Whether a file of tests or of helpers takes the command line, the store or the app in its hands."""
     tree = ast.parse(file.read_text(encoding="utf-8"))
-    arguments = {one.arg for node in nodes(tree) if isinstance(node, ast.FunctionDef) for one in node.args.args}
+    tests = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
+    tests = [
+        node for node in tests if node.name.startswith("test_") or "fixture" in ast.unparse(node).partition("def")[0]
+    ]
+    arguments = {one.arg for node in tests for one in node.args.args}
     homes = {home for home, _, _ in imports(tree)}
+    homes |= {rf._HOME.get(node.attr, "") for node in nodes(tree) if isinstance(node, ast.Attribute)}  # rf.Store
     helpers = [one for home in homes for one in (TESTS / "rigs" / f"{home}.py", TESTS / f"{home}.py") if one.is_file()]
     return (
         not arguments.isdisjoint({"run", "draw"})

@@ -19,7 +19,7 @@ from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.inference.identifiability import covariance as inverse
 from rotorfit.estimators.inference.identifiability import natural_scales
-from rotorfit.estimators.misfit.problem import Loss, Problem, robust_weights
+from rotorfit.estimators.misfit.problem import Derivatives, Loss, Problem, robust_weights
 from rotorfit.estimators.noise.run_effects import LEAST_RESIDUAL_SHARE, real_rows
 
 
@@ -60,7 +60,7 @@ def per_freedom(loss: Loss, nfree: int) -> float:
 
 
 def information(
-    problem: Problem, x: Float, r: ComplexArray, J: ComplexArray, *, widening: float = 1.0
+    problem: Problem, x: Float, r: ComplexArray, derivatives: Derivatives, *, widening: float = 1.0
 ) -> tuple[Float, Float | None]:
     """``R`` with ``R^T R`` the cost's curvature, and the scatter of its gradient; None for independent squares."""
     prior = prior_curvature(problem, x)
@@ -71,9 +71,9 @@ def information(
         if size.all() and np.linalg.eigvalsh(curvature / (size[:, None] * size))[0] >= least_eigenvalue:
             root = np.asarray(np.linalg.cholesky(curvature).T)
         else:  # the product hides weak directions in round-off
-            root = _root(J / np.sqrt(widening), prior)
-        return root, _common_scatter(problem, x, J)
-    bend = float(np.mean(bends(problem.loss, r)))
+            root = _root(derivatives.whole / np.sqrt(widening), prior)
+        return root, _common_scatter(problem, x, derivatives)
+    bend, J = float(np.mean(bends(problem.loss, r))), derivatives.whole
     root = _root(np.sqrt(bend) * J, prior)
     covar = inverse(root, parameter_scales(problem, x))[0]
     return root, score_scatter(problem, x, r, J, bend=bend, covar=covar)
@@ -149,12 +149,12 @@ def weighing_error(problem: Problem, J: ComplexArray, covar: Float) -> Float:
     return np.asarray(covar @ total @ covar)
 
 
-def _common_scatter(problem: Problem, x: Float, J: ComplexArray) -> Float | None:
+def _common_scatter(problem: Problem, x: Float, derivatives: Derivatives) -> Float | None:
     """Scatter of the cost's gradient where readings of one mounting err together, None where all are independent."""
     if not any(isinstance(block, CorrelatedResponses) for block in problem.blocks):
         return None
     total = np.diag(prior_curvature(problem, x))
-    for block, rows in zip(problem.blocks, problem.by_block(J), strict=True):
+    for block, rows in zip(problem.blocks, problem.by_block(derivatives.whole), strict=True):
         errors = block.scatter @ rows if isinstance(block, CorrelatedResponses) else rows
         total = total + (rows.conj().T @ errors).real
     return np.asarray(total)
@@ -162,7 +162,8 @@ def _common_scatter(problem: Problem, x: Float, J: ComplexArray) -> Float | None
 
 def inverse_curvature(problem: Problem, x: Float) -> Float:
     """Change of the estimate by the slope of the cost, shape ``(p, p)``."""
-    root, _ = information(problem, x, *problem.jacobian(x))
+    derivatives = Derivatives(problem, x)
+    root, _ = information(problem, x, derivatives.residuals, derivatives)
     return inverse(root, parameter_scales(problem, x))[0]
 
 

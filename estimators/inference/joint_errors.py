@@ -106,8 +106,7 @@ class JointErrors:
         moves = -inverse @ (rows.T @ own)
         seen = own + rows @ moves  # what the fitted values do not take up
         scaled = seen * size
-        gram = scaled.T @ scaled / noise_factor + np.eye(size.size)
-        covar = np.linalg.inv(gram)
+        covar = _inverse_beside_one(scaled / math.sqrt(noise_factor))
         residual = np.concatenate([r.real, r.imag])
         free = -size * (covar @ (scaled.T @ residual)) / noise_factor
         return cls(
@@ -184,6 +183,16 @@ class JointErrors:
         return Reach(
             rest=max(whole - float(along @ one), 0.0), one_sided=np.asarray(one), room=self.value[trusted] / sd
         )
+
+
+def _inverse_beside_one(columns: Float) -> Float:
+    """``inv(1 + B' B)``: of products where they keep the digits, else of the columns themselves."""
+    gram = columns.T @ columns
+    largest = 1e8  # of the products, which then tell sizes of one in eight digits
+    if np.einsum("kk->k", gram).max(initial=0.0) < largest:
+        return np.asarray(np.linalg.inv(gram + np.eye(len(gram))))
+    _, size, basis = np.linalg.svd(np.linalg.qr(columns, mode="r"))
+    return np.asarray((basis.T / (1 + size**2)) @ basis)
 
 
 def nearest_of_one_sign(free: Float, covar: Float, one_sided: Bool) -> Float:

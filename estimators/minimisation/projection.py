@@ -14,8 +14,9 @@ from functools import cached_property
 
 import numpy as np
 
-from rotorfit.base.array_types import Float, Index
+from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.estimators.minimisation.descent import solve_symmetric
+from rotorfit.estimators.minimisation.own_columns import OwnColumns
 from rotorfit.estimators.misfit.problem import LinearisedChannel, Problem
 
 
@@ -120,6 +121,21 @@ class Projection:
             gradient = gradient - sums.cross @ onto[:, -1]  # what round-off left of the linear ones' slope
             matrix = matrix - sums.cross @ onto[:, :-1]
         return cost, gradient, (matrix + matrix.T) / 2
+
+    def derivatives(self, x: Float) -> tuple[ComplexArray, ComplexArray, tuple[OwnColumns, ...]]:
+        """Whitened residuals of a fitted vector, shape ``(R,)``, their derivatives by the entries of the search, shape
+        ``(R, q)``, and those by the linear entries of each channel."""
+        count = self.problem.n_data // 2
+        residuals, rows = np.zeros(count, dtype=complex), np.zeros((count, self.kept.size), dtype=complex)
+        own = []
+        for term in self.problem.terms:
+            for channel in term.channels(x):
+                readings, kept = term.readings.start + channel.readings, self._is_kept[channel.entries]
+                residuals[readings] = channel.residuals
+                rows[readings[:, None], self._place[channel.entries[kept]]] = channel.rows[kept].T
+                if not kept.all():
+                    own.append(OwnColumns(readings=readings, rows=channel.rows[~kept]))
+        return residuals, rows, tuple(own)
 
     def cost(self, y: Float) -> float:
         """Cost of one vector of the search."""

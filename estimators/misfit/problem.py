@@ -414,3 +414,40 @@ class Problem:
         gradient = self.evaluate(np.concatenate([x[None], beyond]), matrix=False)[1]
         matrix = (gradient[1:] - gradient[0]) / (np.diagonal(beyond) - x)[:, None]
         return np.asarray((matrix + matrix.T) / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """Derivatives of the whitened residuals of a problem at a fitted vector: worked out when they are asked for, whole
+    or in pieces, which are small where channels have entries of their own."""
+
+    problem: Problem
+    x: Float
+
+    @cached_property
+    def _both(self) -> tuple[ComplexArray, ComplexArray]:
+        return self.problem.jacobian(self.x)
+
+    @property
+    def whole(self) -> ComplexArray:
+        """All of them, shape ``(R, p)``."""
+        return self._both[1]
+
+    @cached_property
+    def residuals(self) -> ComplexArray:
+        """The residuals, shape ``(R,)``."""
+        return self.problem.residuals(self.x) if self.in_channels else self._both[0]
+
+    @property
+    def in_channels(self) -> bool:
+        """True if the pieces are channels."""
+        return all(term.sum is not None for term in self.problem.terms) and len(self.problem.space.index) == 1
+
+    def pieces(self) -> Iterator[tuple[Index, Index, ComplexArray]]:
+        """Readings, the entries that act on them, and the derivatives, shape ``(k, m)``."""
+        if not self.in_channels:
+            yield np.arange(self.problem.n_data // 2), np.arange(self.x.size), self.whole.T
+            return
+        for term in self.problem.terms:
+            for channel in term.channels(self.x):
+                yield term.readings.start + channel.readings, channel.entries, channel.rows

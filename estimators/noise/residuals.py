@@ -11,8 +11,9 @@ share at a line, one variance a reading does not see: the scatter of the gradien
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -169,24 +170,47 @@ class LineScatter:
     freedom: Float  # degrees of freedom of those variances, shape ``(p,)``
 
 
-def line_scatter(r: ComplexArray, J: ComplexArray, covar: Float, line: Index, power: float = 1.0) -> LineScatter:
-    """Compare the scatter of the gradient with what noise of a given power explains."""
-    own = real_rows(J)
-    moved = covar @ own  # both parts of each reading one after the other
-    left = np.maximum(1 - powers(moved, own) / 2, LEAST_RESIDUAL_SHARE)
-    order = np.argsort(line, kind="stable")
-    starts = 2 * np.flatnonzero(np.diff(line[order], prepend=-1))
-    parts = (2 * order[:, None] + np.arange(2)).ravel()
+Piece: TypeAlias = tuple[Index, Index, ComplexArray]
+"""Some readings, the entries that act on them, and the derivatives by these, shape ``(k, m)``."""
 
-    def by_line(values: Float) -> Float:
-        return np.asarray(np.add.reduceat(values[:, parts], starts, axis=1))
 
-    def gathered(residuals: ComplexArray) -> Float:
-        return by_line(moved * residuals.view(float))
+def scatter_in_pieces(pieces: Iterable[Piece], size: int, sweeps: Sequence[Index], lags: Sequence[float]) -> Float:
+    """The same as :func:`scatter`, of derivatives in pieces that hold whole sweeps, by ``size`` entries."""
+    added = np.zeros((size, size))
+    place = np.full(max((int(sweep.max()) for sweep in sweeps), default=0) + 1, -1)
+    for readings, entries, rows in pieces:
+        place[:] = -1
+        known = readings < place.size
+        place[readings[known]] = np.flatnonzero(known)
+        own = [place[sweep] for sweep in sweeps]
+        added[np.ix_(entries, entries)] += scatter(rows.T, [sweep for sweep in own if (sweep >= 0).all()], lags)
+    return added
 
-    expected = by_line(moved**2)
+
+def line_scatter(
+    r: ComplexArray,
+    pieces: Iterable[Piece],
+    covar: Float,
+    line: Index,
+    power: float = 1.0,
+    entries: Index | None = None,
+) -> LineScatter:
+    """Compare the scatter of the gradient with what noise of a given power explains, for all entries or some."""
+    wanted = np.arange(len(covar)) if entries is None else entries
+    number = np.unique(line, return_inverse=True)[1].reshape(-1)
+    expected, evened, scatter = np.zeros((3, wanted.size, int(number.max(initial=-1)) + 1))
+    for readings, acting, rows in pieces:
+        own = np.ascontiguousarray(rows).view(float)  # both parts of each reading one after the other
+        moved = covar[np.ix_(wanted, acting)] @ own
+        share = powers(covar[np.ix_(acting, acting)] @ own if entries is not None else moved[acting], own) / 2
+        left = np.maximum(1 - share, LEAST_RESIDUAL_SHARE)
+        order = np.argsort(number[readings], kind="stable")
+        starts = 2 * np.flatnonzero(np.diff(number[readings][order], prepend=-1))
+        parts, lines = (2 * order[:, None] + np.arange(2)).ravel(), number[readings][order[starts // 2]]
+        for total, factor in ((evened, r[readings] / np.sqrt(left)), (scatter, r[readings] / left)):
+            total[:, lines] += np.add.reduceat((moved * factor.view(float))[:, parts], starts, axis=1)
+        expected[:, lines] += np.add.reduceat((moved**2)[:, parts], starts, axis=1)
     total = np.maximum(expected.sum(axis=1), np.finfo(float).tiny)
     chance = np.maximum(np.sqrt(2 * np.sum(expected**2, axis=1)) / total, np.finfo(float).eps)
-    ratio = np.sum(gathered(r / np.sqrt(left)) ** 2, axis=1) / total / power
-    scatter = gathered(r / left)
+    ratio = np.sum(evened**2, axis=1) / total / power
     return LineScatter(covar=scatter @ scatter.T, excess=(ratio - 1) / chance, freedom=2 / chance**2)

@@ -1,7 +1,9 @@
 """Pulses of a phase reference: the levels and edges of a Keyphasor's voltage.
 
-A Keyphasor sees a notch (voltage falls) or a projection (voltage rises) once a turn. Between two samples the edge is
-interpolated at the level half way between the two voltages; a hysteresis keeps noise at the edge from being counted.
+A Keyphasor sees a notch (voltage falls) or a projection (voltage rises) once a turn. Where edge and level are given,
+the voltage need not have two levels: the pulses of a magnetic pickup cross the level, and grow with the speed.
+Between two samples the edge is interpolated at the level half way between the two voltages; a hysteresis keeps noise
+at the edge from being counted.
 """
 
 from __future__ import annotations
@@ -51,10 +53,14 @@ def find_levels(voltage: Float, *, edge: str = "", level: float | None = None) -
     lower, upper = voltage[voltage <= split], voltage[voltage > split]
     low, high = _plateau(lower, top - bottom), _plateau(upper, top - bottom)
     scatter = float(np.hypot(lower.std(), upper.std()) / np.sqrt(2))
-    if high - low < NOISE_STEP_OVER_SCATTER * scatter:
+    two_levels = high - low >= NOISE_STEP_OVER_SCATTER * scatter
+    if edge and level is not None and not (two_levels and low < level < high):
+        return _crossings(voltage, falling=edge == "falling", level=level)
+    if not two_levels:
         raise ValueError(
             f"no pulses: the voltage, {significant(bottom, 4)} to {significant(top, 4)} V, does not jump between two "
-            "levels; is it the channel of the Keyphasor?"
+            "levels; is it the channel of the Keyphasor? Of a magnetic pickup, whose pulses go to both sides of a "
+            "level and grow with the speed, say edge and level_V (0.0)"
         )
     if level is not None and not low < level < high:
         raise ValueError(
@@ -72,6 +78,30 @@ def find_levels(voltage: Float, *, edge: str = "", level: float | None = None) -
         falling=falling,
         duty=duty,
         noise=float(1.4826 * np.median(np.abs(upper - high))),
+    )
+
+
+def _crossings(voltage: Float, *, falling: bool, level: float) -> PulseLevels:
+    """A level that pulses cross, whatever their size: that of magnetic pickups grows with the speed. What is not noise
+    crosses it; the noise is that of second differences, in which slow pulses hardly show."""
+    bottom, top = float(voltage.min()), float(voltage.max())
+    noise = float(1.4826 * np.median(np.abs(np.diff(voltage, 2))) / np.sqrt(6))
+    clear_of_noise = 8.0  # deviations of the noise on either side of the level
+    hysteresis = max(clear_of_noise * noise, 1e-3 * (top - bottom))
+    if not bottom + hysteresis < level < top - hysteresis:
+        raise ValueError(
+            f"no pulses cross the level of {level:g} V clear of the noise, {significant(noise, 2)} V: the voltage is "
+            f"{significant(bottom, 4)} to {significant(top, 4)} V"
+        )
+    share = float(np.mean(voltage > level))
+    return PulseLevels(
+        low=bottom,
+        high=top,
+        level=level,
+        hysteresis=hysteresis,
+        falling=falling,
+        duty=min(share, 1 - share),
+        noise=noise,
     )
 
 

@@ -3,15 +3,40 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
+
+_LONGEST = 80
+"""Characters of an unknown name that are compared and shown."""
 
 
 def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> str:
-    """Sentence for an error: the unknown name, the nearest known one, and all that is allowed."""
-    longest = 80  # characters of an unknown name that are compared and shown
-    allowed, name = list(allowed), name[:longest]
-    near = difflib.get_close_matches(name, allowed, n=1, cutoff=0.5)
-    if not near:
-        near = [other for other in allowed if other.lower() == name.lower()]
-    hint = f", did you mean {near[0]!r}?" if near else "."
+    """Sentence for an error: the unknown name, the nearest known one, and all that is allowed. Units and suffixes have
+    no near ones: one letter makes another unit, or another format."""
+    allowed, name = list(allowed), name[:_LONGEST]
+    alike = any(word in ("unit", "suffix") for word in kind.split())
+    near = "" if alike else nearest(name, allowed, 0.5)
+    near = near or next((other for other in allowed if other.lower() == name.lower()), "")
+    hint = f", did you mean {near!r}?" if near else "."
     return f"unknown {kind} {name!r}{hint} Allowed: {', '.join(allowed)}"
+
+
+def nearest(name: str, allowed: Iterable[str], cutoff: float) -> str:
+    """The nearest of some names that is of the same unit; empty where none is."""
+    near = difflib.get_close_matches(name[:_LONGEST], list(allowed), n=5, cutoff=cutoff)
+    return next((other for other in near if _same_unit(name, other)), "")
+
+
+def _same_unit(name: str, other: str) -> bool:
+    """True unless the ends of two names of several words may be different units: short words that are not the same."""
+    plain = [re.sub(r"[\W_]", "", each).lower() for each in (name, other)]
+    if plain[0] == plain[1] or other.lower().startswith((f"{name.lower()} [", f"{name.lower()} (")):
+        return True
+    words, others = (re.split(r"[_ ]+", each.lower()) for each in (name, other))
+    if len(words) == len(others) == 1:
+        return True
+    word = 4  # letters from which the end of a name is a word and no unit
+    last, end = words[-1], others[-1]
+    if len(last) >= word and (others[: len(words)] == words or len(end) >= word):
+        return True  # the unit is missing, or a word is misspelt
+    return sorted(last) == sorted(end) and len(words) == len(others)

@@ -4,6 +4,9 @@ import warnings
 
 __version__ = "0.1.0"
 
+RESULTS = "1"
+"""Version of the numbers that fits give: what a store holds of another one is marked, and fitted again when asked."""
+
 
 def renamed(name: str, today: str) -> None:
     """Warn the caller of a property that it has another name today; the property goes with the next release."""

@@ -218,3 +218,21 @@ def test_a_file_given_twice_is_warned_of(tmp_path, capsys, small):
     assert json.loads(capsys.readouterr().out)["warnings"][0].startswith(warned)
     assert main(["info", str(file), str(file)]) == 0
     assert "check: warning [duplicate] Copies of runs" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--cluster", "host:8786"], "--cluster takes local:N or the address of a scheduler"),
+        (["--cluster", "local:0"], "from 1"),
+        (["--cluster", "local:2", "--jobs", "2"], "give one of them"),
+    ],
+)
+def test_an_address_that_is_none_is_one_sentence(words, said, capsys, tmp_path):
+    table, _ = seal_campaign(2)
+    rf.write(table, tmp_path / "seal.csv")
+    file = str(tmp_path / "seal.csv")
+    commands = ["campaign", file, "--model", "one-mode"], ["fit", file, "--model", "one-mode"]
+    for command in (*commands, ["vectors", file, "--out", str(tmp_path / "out.csv")]):
+        assert main([*command, *words]) == 2
+        assert said in capsys.readouterr().err

@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +17,16 @@ import pytest
 from command_words import FIGURES, FIT, FROM_VOLTS, RIG, TABLES, TRUTH, WHOLE, Run, perturbed, refused, table
 from report_pages import leave_pixels_out
 from seal_campaigns import seal_campaign
-from sentences import refuses
+from sentences import hear, refuses
 from slips import thinned
 
 import rotorfit
 import rotorfit as rf
+from rotorfit import datasets
 from rotorfit.apps.cli import main as cli
 from rotorfit.apps.cli.answer import ProgressLine
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.show.report import interactive
 
 ROOT = Path(__file__).parents[2]
 
@@ -188,7 +192,6 @@ def test_two_files_are_fitted_together(run: Run, tmp_path: Path) -> None:
 
 
 def test_info_tells_of_a_conjugated_response(run: Run, tmp_path: Path) -> None:
-    from dataclasses import replace
 
     rig = perturbed()
     rf.write(replace(rig, response=rig.response.conj(), force=rig.force.conj()), tmp_path / "conjugated.csv")
@@ -481,3 +484,24 @@ def test_an_output_that_is_closed_full_or_of_few_letters_is_no_traceback(tmp_pat
         assert b"Traceback" not in said
         assert b"ignored" not in said
         assert b"\x1b" not in said
+
+
+def test_an_interactive_report_without_bokeh_is_refused_before_the_fit(
+    rig_fit: FitResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["fit", str(datasets.path("rig_lumped.csv")), "--model", "whirl-whip", "--interactive"]
+    assert cli.main(words) == 2
+    hear(capsys.readouterr().err)
+    monkeypatch.setattr(interactive, "find_spec", lambda name: None)
+    assert cli.main([*words, "--out", str(tmp_path / "results")]) == 2
+    assert 'pip install "rotorfit[interactive]"' in capsys.readouterr().err
+    with refuses(ValueError):
+        rf.write_report(rig_fit, tmp_path / "report.html", interactive=True)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_info_of_a_clean_file(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["info", str(rf.datasets.path("rig_open.csv"))]) == 0
+    printed = capsys.readouterr().out
+    assert "[" not in printed
+    assert "disk, journal" in printed

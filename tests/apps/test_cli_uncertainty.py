@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_words import FIGURES, SAMPLED, TABLES, WHOLE, Run, refused
+from rotorfit.identify.fitting.assumptions.calibration import Calibration, calibration_of
+from sentences import refuses
 from synthetic import circular_test
 
 import rotorfit as rf
@@ -144,3 +146,27 @@ def test_progress_is_one_line_with_a_bar(capsys: pytest.CaptureFixture[str]) -> 
     assert end == ""
     ProgressLine(enabled=False)("nothing", 1.0)
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.usefixtures("sketched")
+def test_studies_and_reports_carry_a_calibration(tmp_path, rig_fit):
+    from rotorfit.apps.study_files.study import Study
+    from rotorfit.apps.study_files.study_file import read_study
+
+    file = tmp_path / "study.toml"
+    file.write_text(
+        'files = ["rig.csv"]\nmodel = "whirl-whip"\ncalibration = {probe_gain = {disk = 0.01}, mr = 0.005}\n',
+        encoding="utf-8",
+    )
+    study = read_study(file)
+    assert isinstance(study, Study)
+    assert calibration_of(study.calibration) == Calibration(probe_gain={"disk": 0.01}, mr=0.005)
+    assert calibration_of({}) is None
+    with refuses(ValueError):
+        calibration_of({"probegain": 0.01})
+    fit = rig_fit.calibration(probe_gain=0.01).fit
+    rf.write_report(fit, tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "GUM type A" in text
+    assert "--calibration probe_gain=0.01" in text
+    assert "calibration=rf.Calibration(probe_gain=0.01" in text

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import socket
 import sqlite3
+import time
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
@@ -11,6 +15,8 @@ import pytest
 from stored import STUDY, days
 
 import rotorfit as rf
+from rotorfit.apps.store import adding, records
+from rotorfit.apps.store.database import SEALED, put_seal
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -22,12 +28,20 @@ def change(path: Path, statement: str, *values: object) -> None:
         connection.commit()
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A store of three tests with their fits, and a fourth test."""
+    folder = tmp_path_factory.mktemp("made")
+    rf.Store(folder / "machine.db").add(days(folder, 4)[:3], STUDY)
+    return folder
+
+
 @pytest.fixture
-def store(tmp_path: Path) -> rf.Store:
-    """A store of three tests with their fits."""
-    made = rf.Store(tmp_path / "machine.db")
-    made.add(days(tmp_path, 3), STUDY)
-    return made
+def store(made: Path, tmp_path: Path) -> rf.Store:
+    """A copy of it."""
+    for file in made.iterdir():
+        shutil.copy2(file, tmp_path)
+    return rf.Store(tmp_path / "machine.db")
 
 
 @pytest.mark.parametrize(
@@ -52,6 +66,142 @@ def test_a_file_that_no_fit_has_is_refused_and_nothing_is_written(
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert err.startswith(f"rotorfit: fit 1 of {store.path}")
     code, out, _ = run("store", "check", store.path)
-    assert (code, out.count("\n")) == (2, 1)
+    assert (code, out.count("\n")) == (2, 2)  # the fit's checksum, and the file
     assert victim.read_text(encoding="utf-8") == "alias ll=ls\n"
     assert sorted(tmp_path.rglob("*")) == before
+
+
+CRAFTED = [
+    ("UPDATE parameters SET stderr = stderr / 10 WHERE fit = 2", "fit 2: M, K0, D, lam, Mf, threshold_speed differ"),
+    ("UPDATE parameters SET stderr = NULL WHERE fit = 2 AND name = 'lam'", "fit 2: lam differ"),
+    (
+        "UPDATE parameters SET systematic = 0 WHERE fit = 1 AND name = 'threshold_speed'",
+        "fit 1: threshold_speed differ",
+    ),
+    ("UPDATE parameters SET value = value * 1.01 WHERE fit = 1 AND name = 'threshold_speed'", "threshold_speed differ"),
+    ("UPDATE parameters SET value = value * 1.01 WHERE fit = 1 AND name = 'D'", "fit 1: D differ"),
+    ("UPDATE parameters SET unit = 'N' WHERE fit = 1 AND name = 'D'", "fit 1: D differ"),
+    ("DELETE FROM parameters WHERE fit = 3 AND name = 'lam'", "fit 3: lam differ"),
+    ("UPDATE fits SET success = 0 WHERE number = 3", "fit 3: success differ"),
+    ("UPDATE fits SET redchi = NULL WHERE number = 3", "fit 3: redchi differ"),
+    ("UPDATE fits SET message = 'x' WHERE number = 3", "fit 3: message differ"),
+    ("UPDATE fits SET result = NULL WHERE number = 3", "fit 3: success, D, K0, M, Mf, lam"),
+    ("UPDATE fits SET result = (SELECT result FROM fits WHERE number = 1) WHERE number = 3", "fit 3: redchi"),
+    ("UPDATE tests SET date = '2026-04-01' WHERE number = 2", "test 2: date are not"),
+    ("UPDATE tests SET machine = 'other', conditions = '{}' WHERE number = 2", "test 2: conditions are not"),
+    ("UPDATE tests SET date_given = 0 WHERE number = 2", "test 2: date_given are not"),
+    ("UPDATE tests SET readings = 7 WHERE number = 2", "test 2: readings are not"),
+    (
+        "UPDATE tests SET data = (SELECT data FROM tests WHERE number = 1) WHERE number = 3",
+        "its readings are not those",
+    ),
+    ("INSERT INTO alarms VALUES (40, 'lam')", "alarms: one was told of fit 40"),
+    ("UPDATE settings SET text = replace(text, '8000', '9000')", "settings: "),
+    ("UPDATE sources SET test = 99 WHERE number = 2", "sources: record 2 is of none of the tests"),
+    ("UPDATE fits SET settings = 'x' WHERE number = 2", "fits: record 2 is of none of the settings"),
+]
+"""What somebody changes who seals the records again, and a part of what the check says."""
+SILENT = [
+    "UPDATE tests SET superseded = 1 WHERE number = 3",
+    "UPDATE tests SET batch = 0 WHERE number = 3",
+    "UPDATE tests SET machine = 'other' WHERE number = 2",
+    'UPDATE tests SET findings = \'[[["error", "x", "x", "x"]]]\' WHERE number = 2',
+    'UPDATE fits SET findings = \'{"errors": ["x"], "warnings": []}\' WHERE number = 2',
+    "UPDATE fits SET version = '9' WHERE number = 2",
+    "UPDATE fits SET results = '0' WHERE number = 2",
+    "UPDATE sources SET stamp = '[]' WHERE number = 2",
+    "UPDATE sources SET test = NULL, refusal = 'x' WHERE number = 2",
+    "UPDATE tests SET seal = '' WHERE number = 1",
+]
+"""Damage that only the checksums show."""
+
+
+@pytest.mark.parametrize(("statement", "said"), [*CRAFTED, *((one, "is not as it was written") for one in SILENT)])
+def test_what_differs_is_found_and_no_command_fails_over_it(
+    statement: str, said: str, store: rf.Store, run: Run, tmp_path: Path
+) -> None:
+    change(store.path, statement)
+    if (statement, said) in CRAFTED:
+        with closing(sqlite3.connect(store.path)) as connection:
+            connection.row_factory = sqlite3.Row
+            for table in SEALED:
+                for (number,) in connection.execute(f"SELECT number FROM {table}").fetchall():
+                    put_seal(connection, table, number)
+            connection.commit()
+    found = store.problems()
+    assert any(said in one for one in found), found
+    commands = [
+        "list",
+        "trend",
+        "check",
+        f"get 3 --out {tmp_path / 'out'}",
+        f"get 2 --out {tmp_path / 'out'}",
+        f"add {tmp_path / 'day1.csv'}",
+    ]
+    commands += [f"add {tmp_path / 'day3.csv'} --machine m"]
+    for words in commands:
+        action, *more = words.split()
+        code, _, err = run("store", action, store.path, *more)
+        assert code in (0, 1, 2)
+        assert all(line.startswith("rotorfit: ") for line in err.splitlines()), err
+
+
+def test_a_source_of_a_test_that_is_gone_is_added_again(store: rf.Store, tmp_path: Path) -> None:
+    change(store.path, "UPDATE sources SET test = 99 WHERE number = 2")
+    [added] = store.add([tmp_path / "day1.csv"], STUDY)
+    assert (added.test, added.new_test, added.fit, added.new_fit) == (2, False, 2, False)
+
+
+def test_fits_of_earlier_numbers_are_marked_and_made_anew_when_asked(
+    store: rf.Store, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (adding, records):
+        monkeypatch.setattr(module, "RESULTS", "of another day")
+    assert [fit.outdated for fit in store.fits] == [True] * 3
+    assert store.problems() == ()
+    assert "(of an earlier rotorfit)" in run("store", "list", store.path)[1]
+    assert "3 fits are of an earlier rotorfit" in run("store", "trend", store.path, "--follow", "lam")[2]
+    assert not store.add([tmp_path / "day0.csv"], STUDY)[0].new_fit
+    assert store.refit(STUDY) == 3
+    assert [(fit.test, fit.outdated) for fit in store.fits] == [(1, False), (2, False), (3, False)]
+    assert store.refit(STUDY) == 0
+    assert store.problems() == ()
+
+
+# ---- claims -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("owner", "until"),
+    [("otherhost 12 34", 3e6), ("otherhost 12 34", -1.0), ("none", 30.0), ("x y z", 30.0), (f"h {10**30} 1", 30.0),
+     (7, 30.0), (b"\xff", 30.0), ("otherhost 12 34", None)],
+)  # fmt: skip
+def test_a_claim_that_is_none_stops_nobody(owner: object, until: float | None, store: rf.Store, tmp_path: Path) -> None:
+    """Of a clock that is ahead by a month, run out, or nothing that this program writes."""
+    when = "soon" if until is None else time.time() + until
+    change(store.path, "REPLACE INTO claims VALUES ('tests', ?, ?)", owner, when)
+    begin = time.monotonic()
+    store.add([tmp_path / "day0.csv"])
+    assert time.monotonic() - begin < 5
+
+
+def test_who_holds_a_claim_is_said(store: rf.Store, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """After 5 s; and a lease that is not renewed runs out."""
+    own = f"{socket.gethostname()} {os.getpid()} 1"
+    change(store.path, "REPLACE INTO claims VALUES ('tests', ?, ?)", own, time.time() + 7)
+    begin = time.monotonic()
+    store.add([tmp_path / "day0.csv"])
+    assert 6 < time.monotonic() - begin < 12
+    [said] = [record.getMessage() for record in caplog.records]
+    assert (
+        said
+        == f"rotorfit: {store.path}: waiting for process {os.getpid()} on {socket.gethostname()}, which is at the tests"
+    )
+
+
+def test_a_store_that_is_deleted_under_an_open_one_is_a_sentence(store: rf.Store, tmp_path: Path) -> None:
+    store.path.unlink()
+    for work in (lambda: store.tests, lambda: store.add([tmp_path / "day0.csv"], STUDY), store.problems, store.trend):
+        with pytest.raises(FileNotFoundError, match=r"machine.db is not there any more"):
+            work()
+    assert not store.path.exists()

@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hammer_tests import hammer_test
 from sentences import refuses
 from slow_cases import slow_but
 from synthetic import circular_test
 
 import rotorfit as rf
 from rotorfit.apps.cli import main as cli
+from rotorfit.apps.study_files.study import modal_options
 from rotorfit.identify.fitting.fit_file import fit_from_json, fit_to_json
 from rotorfit.models import BLOCKS, LAWS, MODELS, RotorModel
 from rotorfit.models.parameters import Parameter
@@ -149,3 +151,8 @@ def test_a_law_without_a_fluid_is_still_refused() -> None:
 def test_a_chain_refines() -> None:
     model: RotorModel = rf.models.Chain(2)
     assert model.variant(blocks=("gyroscopic",)).options()["blocks"] == ("gyroscopic",)
+
+
+def test_modes_are_normalised_at_the_drive_point() -> None:
+    test = hammer_test(400, 0.95, seed=3)
+    assert modal_options((), [test])["planes"][0] == "s0"  # though others move more

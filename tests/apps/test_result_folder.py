@@ -334,3 +334,28 @@ def test_a_forward_test_alone_of_anisotropic_coefficients_is_written(tmp_path: P
     command = ["fit", str(tmp_path / "forward.csv"), "--model", "anisotropic", "--no-figures", "--quiet"]
     assert main([*command, "--out", str(tmp_path / "out")]) == 0
     assert not (tmp_path / "out" / "frequency_coefficients.csv").exists()
+
+
+def test_drafts_that_a_kill_left_are_swept_a_day_later(tmp_path: Path) -> None:
+    import time
+
+    from rotorfit.apps.study_files.folder import complete_folder
+
+    old = time.time() - 2 * 24 * 3600
+    gone = [tmp_path / ".123-456-a.csv", tmp_path / ".rotorfit-99-out"]
+    kept = [
+        tmp_path / ".124-456-a.csv",
+        tmp_path / ".rotorfit-98-out",
+        tmp_path / ".123-456-b.csv",
+        tmp_path / ".a.csv",
+    ]
+    for path in (*gone, *kept):
+        path.mkdir() if "rotorfit" in path.name else path.touch()
+    for path in (*gone, *kept[2:]):
+        os.utime(path, (old, old))
+    with whole_file(tmp_path / "a.csv") as draft:
+        draft.write_text("x")
+    with complete_folder(tmp_path / "out") as folder:
+        (folder / "b").write_text("y")
+    assert not any(path.exists() for path in gone)
+    assert all(path.exists() for path in kept)

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import math
-import re
 
-import numpy as np
 import pytest
-from synthetic import SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
-import rotorfit as rf
 from rotorfit.base.digits import interval, plus_minus, significant, with_error, with_errors
 
 
@@ -58,42 +54,3 @@ def test_a_value_and_all_its_errors_have_one_exponent():
     assert with_errors(-4e-9, 4.3e-9, 4.2e-9, 1e-9, 0.0) == ["-4.0e-9", "4.2e-9", "1.0e-9", "-"]
     assert with_errors(-4e-9, 4.3e-8, 4.2e-9) == ["-0.4e-8", "0.42e-8"]
     assert with_errors(0.47235, 0.018, 6.9e-5) == ["0.472", "0.000069"]
-
-
-@pytest.fixture(scope="module")
-def open_sum():
-    return rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open())
-
-
-def test_what_is_known_only_as_a_sum_gives_the_sum_with_its_error(open_sum):
-    """K3 known would leave K0 with the error of the sum: no other parameter knows how the two share it."""
-    told = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
-    expected = plus_minus(6000.0 + told.params["K0"].value, told.params["K0"].stderr)
-    assert f"determined: K3 + K0 = {expected} N/m" in open_sum.summary()
-
-
-def test_summary_profile_and_budget_have_one_unit_and_say_what_is_extrapolated(open_sum):
-    text = open_sum.summary()
-    found = re.search(r"threshold speed: ([\d.]+) \+- [\d.]+ rpm.* above the highest tested speed \(2000 rpm\)", text)
-    assert found
-    assert "extrapolated" in text
-    rpm = float(found[1])
-    told = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
-    profile = str(told.profile("threshold_speed"))
-    exact = re.match(r"threshold_speed: ([\d.]+), 95 % \[[\d., ]+\] rpm", profile)
-    assert exact
-    assert abs(float(exact[1]) - rpm) <= 0.5  # the summary rounds by the systematic share, too
-    row = next(line for line in str(open_sum.calibration(mr=0.005)).splitlines() if line.startswith("threshold speed"))
-    assert row.endswith("rpm")
-    assert abs(float(row.split()[2]) - rpm) < 2
-
-
-def test_groups_stand_in_the_order_of_their_numbers():
-    model = rf.models.OneMode()
-    theta = model.vector(TYPICAL["one-mode"])
-    w = covering_frequencies(model, theta, SPEEDS["one-mode"], 30)
-    speeds = tuple(np.array([1000.0, 500.0, 1500.0]) * np.pi / 30)
-    test = circular_test(model, theta, speeds=speeds, frequency=w, noise=0.01)
-    fit = rf.fit(model, test, known=known_of("one-mode", TYPICAL["one-mode"]), per={"D": "speed_rpm"})
-    names = re.findall(r"^(\S+)", fit.summary(), flags=re.MULTILINE)
-    assert [name for name in names if name.startswith("D[")] == [f"D[speed_rpm={n}]" for n in (500, 1000, 1500)]

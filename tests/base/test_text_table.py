@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import rotorfit as rf
 from rotorfit.base.text_table import Wide, text_table
-from rotorfit.models import WhirlWhip
 
 NAME = "K0_seal[speed_rpm=1000.523]"
 
@@ -27,11 +25,3 @@ def test_a_wide_cell_and_a_remark_leave_the_columns_where_they_are() -> None:
     assert lines[1] == "x  not determined  m"
     assert lines[2].index("m") == lines[1].rindex("m")
     assert lines[3] == "z   a remark that is longer than the table"
-
-
-def test_the_summary_of_a_fit_with_long_names_is_aligned() -> None:
-    rig = rf.datasets.rig_open()
-    fit = rf.fit(WhirlWhip(), rig, known={"K3": 6000.0}, per={"D": "speed_rpm"})
-    table = [line for line in fit.summary().split("\n") if line.startswith(("parameter", "D[", "K0 "))]
-    assert len(table) > 2
-    assert len({line.index("unit") if "unit" in line else line.index("N") for line in table}) == 1

@@ -9,16 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from batch_checks import check
 from scipy import stats
 
 from rotorfit.estimators.minimisation.batch import batch_fit, with_measured
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit import accelerator
-from rotorfit.estimators.misfit.kernels import Batch
 from rotorfit.estimators.misfit.priors import Prior
-from rotorfit.estimators.misfit.problem import LOSSES, robust_weights
-from rotorfit.identify.fitting.problem_setup import build_problem
-from rotorfit.identify.fitting.settings import FitSettings
+from rotorfit.estimators.misfit.problem import LOSSES
 
 LINES, MEMBERS = 20, 6
 
@@ -43,25 +41,6 @@ def make():
     return problem
 
 
-def check(problem, x, accelerate):
-    """Against residuals and their derivatives, reading by reading; gradients to the round-off of their terms."""
-    batch = Batch(problem, accelerate=accelerate)
-    assert batch.compiled == bool(accelerate and len(problem.space.model.coordinates) <= 2)
-    costs, gradients = batch.cost_and_gradient(x)
-    np.testing.assert_allclose(batch.channel_sums(x).sum(axis=1), 2 * costs, rtol=1e-12)
-    sums = problem.evaluate(x)
-    for i, row in enumerate(x):
-        residuals, jacobian = problem.jacobian(row)
-        rho, weight = robust_weights(problem.loss, np.abs(residuals) ** 2)
-        expected, slope = rho.sum() / 2, ((weight * residuals).conj() @ jacobian).real
-        matrix = ((weight[:, None] * jacobian).conj().T @ jacobian).real
-        size = np.sqrt(np.diag(matrix))
-        for cost, gradient in ((costs[i], gradients[i]), (sums[0][i], sums[1][i])):
-            assert cost == pytest.approx(expected, rel=1e-10)
-            assert (np.abs(gradient - slope) < 1e-9 * np.sqrt(2 * expected) * size + 1e-300).all()
-        assert (np.abs(sums[2][i] - matrix) < 1e-10 * np.outer(size, size) + 1e-300).all()
-
-
 @pytest.mark.parametrize(
     ("name", "accelerate"),
     [
@@ -80,19 +59,6 @@ def test_robust_losses(make, loss, accelerate):
     problem, truth = make("one-mode")
     problem = replace(problem, loss=loss)
     check(problem, truth * (1 + 0.02 * np.random.default_rng(2).normal(size=(MEMBERS, truth.size))), accelerate)
-
-
-@pytest.mark.parametrize("accelerate", [False, True])
-def test_values_per_speed_and_phase_offsets(accelerate):
-    from rigs import RIGS
-
-    rig = RIGS["one-mode"]
-    test = rig.test(LINES, 0.02, np.random.default_rng(3))
-    known = {name: rig.truth[name] for name in rig.known}
-    problem = build_problem(rig.model, test, FitSettings(known=known, per={"D": "speed_rpm"}, phase_offsets=True))
-    space = problem.space
-    x = np.concatenate([[rig.truth[base] for base in space.base], np.full(len(space.nuisance), 0.05)])
-    check(problem, x * (1 + 0.02 * np.random.default_rng(2).normal(size=(MEMBERS, x.size))), accelerate)
 
 
 @pytest.mark.parametrize("accelerate", [False, True])

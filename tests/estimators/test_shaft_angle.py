@@ -12,7 +12,6 @@ from rotorfit.base.array_types import Float
 from rotorfit.estimators.signals.pulse_numbers import from_index, number_pulses, uneven_turns
 from rotorfit.estimators.signals.pulses import find_edges, find_levels
 from rotorfit.estimators.signals.shaft_angle import smooth_angle
-from rotorfit.lab.simulation.turning_speeds import Sweep
 
 RATE = 6400.0
 
@@ -168,32 +167,6 @@ def test_scatter_in_angle_is_told_from_scatter_in_time() -> None:
     in_time = smooth_angle(number_pulses(exact + 5e-6 * noise), duration=20.0)
     np.testing.assert_allclose(in_angle.scatter(np.array([3.0, 18.0])), 1e-3, rtol=0.25)  # 60 pulses: 9 % each
     np.testing.assert_allclose(in_time.scatter(np.array([3.0, 18.0])) / speed(np.array([3.0, 18.0])), 5e-6, rtol=0.25)
-
-
-@pytest.mark.parametrize("ends", [(60.0, 5000.0), (5000.0, 60.0)])
-def test_the_error_of_the_angle_holds_in_every_tenth_of_a_fast_sweep(ends: tuple[float, float]) -> None:
-    """60 to 5000 rpm in 10 s: a turn a second at one end, where the angle between two pulses is the spline's alone.
-
-    Noise of 0.05 V meets an edge that falls by 6 V over 6 degrees: scatter in angle, not in time. Errors over three
-    draws follow each other over some pulses, so that a tenth of the record holds ten or more values: their rms is known
-    to a fifth, and what is stated of the jerk to about as much.
-    """
-    sweep = Sweep(first=ends[0] * np.pi / 30, last=ends[1] * np.pi / 30, duration=10.0)
-    time = np.arange(64000) / 6400.0
-    ratio = []
-    for seed in range(3):
-        into = np.mod(np.degrees(sweep.angle(time) + 0.3) + 180, 360) - 180
-        depth = np.clip((into + 3) / 6, 0, 1) - np.clip((into - 21) / 6, 0, 1)
-        volts = -2.0 - 6.0 * depth + 0.05 * np.random.default_rng(seed).normal(size=time.size)
-        pulses = number_pulses(find_edges(iter([volts]), find_levels(volts, edge="falling")) / 6400.0)
-        smooth = smooth_angle(pulses, duration=10.0, resolution=1 / 6400.0)
-        inside = time[(time >= smooth.begin) & (time <= smooth.end)]
-        error = smooth.angle(inside) - sweep.angle(inside) - 0.3
-        error -= 2 * np.pi * np.round(np.median(error) / (2 * np.pi))
-        ratio.append([np.mean(part**2) for part in np.array_split(error / smooth.stderr(inside), 10)])
-    rms = np.sqrt(np.mean(ratio, axis=0))
-    assert (rms > 0.5).all()
-    assert (rms < 2.0).all()
 
 
 def test_pattern_of_a_wheel_is_taken_out() -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from plain import plain_fit
 from seal_rig import FLUID, STATOR_MASS, floating_stator
 from sentences import hear, refuses
 
@@ -41,7 +42,7 @@ def pair(seed: int, dry_hz: int = 25, dry_speeds: tuple[float, ...] = (0.0,), **
 
 
 def coefficients(wet: PerturbationTest, dry: PerturbationTest) -> rf.FitResult:
-    return rf.fit(MODEL, wet, baseline=dry, known=NO_MASS, per=dict.fromkeys(STIFFNESS_AND_DAMPING, "speed_rpm"))
+    return plain_fit(MODEL, wet, baseline=dry, known=NO_MASS, per=dict.fromkeys(STIFFNESS_AND_DAMPING, "speed_rpm"))
 
 
 def pulls(fit: rf.FitResult) -> list[float]:
@@ -90,11 +91,11 @@ def test_a_stator_mass_stands_for_a_dry_run_of_a_free_stator(tmp_path: Path) -> 
     """Nothing but mass beside the fluid: the mass joins the fluid's inertia, whatever else is fitted."""
     fluid = FLUID(3000.0) | {"Mxx": STATOR_MASS, "Myy": STATOR_MASS}
     table = floating_stator(speeds_rpm=[3000.0], fluid=lambda _: fluid, mass=0.0, **NOISE)
-    fit = rf.fit(MODEL, read(table), stator_mass_kg=STATOR_MASS)
+    fit = plain_fit(MODEL, read(table), stator_mass_kg=STATOR_MASS)
     for name, value in FLUID(3000.0).items():
         assert abs(fit.params[name].value - value) < 4 * fit.params[name].stderr, name
-    again = rf.fit(MODEL, read(table), known={"Mxx": STATOR_MASS, "Myy": STATOR_MASS, "Mxy": 0, "Myx": 0})
-    free = rf.fit(MODEL, read(table), stator_mass_kg=STATOR_MASS, known=NO_MASS)
+    again = plain_fit(MODEL, read(table), known={"Mxx": STATOR_MASS, "Myy": STATOR_MASS, "Mxy": 0, "Myx": 0})
+    free = plain_fit(MODEL, read(table), stator_mass_kg=STATOR_MASS, known=NO_MASS)
     assert free.params["Kxx"].value == pytest.approx(again.params["Kxx"].value, rel=1e-7)
     rf.save_fit(fit, tmp_path / "fit.json")
     assert rf.load_fit(tmp_path / "fit.json").redchi == fit.redchi
@@ -109,7 +110,7 @@ def test_an_isotropic_model_and_one_axis_at_rest_take_a_dry_run_too() -> None:
     wet = read(floating_stator(speeds_rpm=[3000.0], fluid=lambda _: both, mass=0.0, **NOISE))
     dry = read(floating_stator(speeds_rpm=[3000.0], fluid=lambda _: rods | own, mass=0.0, seed=1, **NOISE))
     model = rf.models.OneMode(planes=("stator",))
-    fit = rf.fit(model, wet, baseline=dry, known={"K": 0.0, "Ds": 0.0, "Mf": 0.0, "M": 0.0})
+    fit = plain_fit(model, wet, baseline=dry, known={"K": 0.0, "Ds": 0.0, "Mf": 0.0, "M": 0.0})
     truth = {"K0": 2e6, "D": 4e3, "lam": 8e5 / (4e3 * 100 * np.pi)}
     for name, value in truth.items():
         assert abs(fit.params[name].value - value) < 4 * fit.params[name].stderr, name
@@ -120,7 +121,7 @@ def test_an_isotropic_model_and_one_axis_at_rest_take_a_dry_run_too() -> None:
         for seed, c in enumerate((still, rods | own))
     ]
     one = [test.select((test.direction == "x") & (test.force_direction == "x")) for test in tests]
-    alone = rf.fit(model, one[0], baseline=one[1], known={"K": 0.0, "Ds": 0.0, "Mf": 0.0, "M": 0.0, "lam": 0.4})
+    alone = plain_fit(model, one[0], baseline=one[1], known={"K": 0.0, "Ds": 0.0, "Mf": 0.0, "M": 0.0, "lam": 0.4})
     assert abs(alone.params["D"].value - 4e3) < 4 * alone.params["D"].stderr
 
 
@@ -143,16 +144,16 @@ def test_what_is_no_dry_run_of_this_rig_is_named() -> None:
     light = read(floating_stator(speeds_rpm=[0.0], frequency_hz=HZ, fluid=None, mass=7.0, seed=3, **NOISE))
     errors = [[f.code for f in coefficients(wet, own).findings if f.severity == "error"] for own in (heavy, light, dry)]
     assert errors == [["other-rig"], ["missing-mass"], []]
-    pounds = rf.fit(MODEL, wet, stator_mass_kg=31.0, known=NO_MASS)
+    pounds = plain_fit(MODEL, wet, stator_mass_kg=31.0, known=NO_MASS)
     hear(pounds.findings[0].message)
     main = dataclasses.replace(wet, further_forces=np.array([], dtype=object))
     assert "give what both load cells say (force_x_N, force_y_N)" in " ".join(coefficients(main, dry).warnings)
     with refuses(ValueError):
-        rf.fit(MODEL, wet, baseline=dry, stator_mass_kg=3.0)
+        plain_fit(MODEL, wet, baseline=dry, stator_mass_kg=3.0)
     with refuses(ValueError):
-        rf.fit(MODEL, wet, stator_mass_kg=-3.0)
+        plain_fit(MODEL, wet, stator_mass_kg=-3.0)
     with refuses(TypeError):
-        rf.fit(MODEL, wet, baseline="dry.csv")  # type: ignore[arg-type]
+        plain_fit(MODEL, wet, baseline="dry.csv")  # type: ignore[arg-type]
 
 
 def test_the_command_line_and_a_study_take_a_dry_run(

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from batch_checks import check
 from honest_errors import WORLDS, simulate
 from law_data import CLEARANCE_UM, ONE_MODE, impulse, off_centre, squeeze, static, sweep
 from scipy import stats
+from seal_campaigns import KNOWN, seal_campaign
 from sentences import refuses
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
 from rotorfit.estimators.minimisation.batch import with_measured
 from rotorfit.identify.fitting.fit import solve_again
+from rotorfit.identify.fitting.problem_setup import build_problem
+from rotorfit.identify.fitting.settings import FitSettings
 from rotorfit.identify.uncertainty.bootstrap import _simulate
 from rotorfit.models import Muszynska, OneMode, WhirlWhip
 
@@ -175,3 +180,27 @@ def test_a_bootstrap_of_which_no_fit_converges_says_so():
     assert np.isnan(found.covar).all()
     assert found.interval("D") == (-np.inf, np.inf)
     assert "inf" in found.summary()
+
+
+def test_simulated_tests_are_fitted_elsewhere_as_here():
+    fit = rf.fit(OneMode(), seal_campaign(1)[0], known=KNOWN)
+    with ThreadPoolExecutor(2) as pool:
+        there = fit.bootstrap(n=80, seed=1, executor=pool)
+    here = fit.bootstrap(n=80, seed=1)
+    np.testing.assert_allclose(there.samples, here.samples, rtol=1e-6)
+
+
+LINES, MEMBERS = 20, 6
+
+
+@pytest.mark.parametrize("accelerate", [False, True])
+def test_values_per_speed_and_phase_offsets(accelerate):
+    from rigs import RIGS
+
+    rig = RIGS["one-mode"]
+    test = rig.test(LINES, 0.02, np.random.default_rng(3))
+    known = {name: rig.truth[name] for name in rig.known}
+    problem = build_problem(rig.model, test, FitSettings(known=known, per={"D": "speed_rpm"}, phase_offsets=True))
+    space = problem.space
+    x = np.concatenate([[rig.truth[base] for base in space.base], np.full(len(space.nuisance), 0.05)])
+    check(problem, x * (1 + 0.02 * np.random.default_rng(2).normal(size=(MEMBERS, x.size))), accelerate)

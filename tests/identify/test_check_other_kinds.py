@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from checked import codes, found
+from plain import plain_fit
 from sentences import hear, refuses
 
 import rotorfit as rf
@@ -62,7 +63,7 @@ def test_an_orbit_of_no_size_is_an_error_and_no_fit(recwarn: pytest.WarningsReco
     test = replace(test, displacement=np.where(np.arange(len(test)) == 3, 0, test.displacement))
     assert found(test, "no-orbit").rows == (3,)
     with refuses(ValueError):
-        rf.fit(rf.models.OneMode(planes=("seal",)), test, known={"K": 0.0, "Ds": 0.0})
+        plain_fit(rf.models.OneMode(planes=("seal",)), test, known={"K": 0.0, "Ds": 0.0})
     assert not recwarn.list
 
 
@@ -103,7 +104,7 @@ def test_a_position_without_load_is_refused_in_words(recwarn: pytest.WarningsRec
     test = replace(test, load=np.where(np.arange(len(test)) == 0, 0, test.load))
     assert found(test, "no-load").rows == (0,)
     with refuses(ValueError):
-        rf.fit(rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=900.0), test)
+        plain_fit(rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=900.0), test)
     assert not recwarn.list
 
 

@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from law_data import sweep
 from nonlinear_rigs import CLEARANCE_UM, EVEN, ONE_MODE, POWER
+from plain import plain_fit
 from sentences import refuses
 
 import rotorfit as rf
@@ -78,7 +80,7 @@ def test_damping_that_changes_is_told_from_stiffness_that_changes() -> None:
     assert not found.nonlinear_stiffness
     assert "do not ask for a nonlinear stiffness" in found.verdict
     # the Wald statistic against the fit with n_K = 0, to the cube of the change over its error
-    held = rf.fit(model, test, known={"Ds": ONE_MODE["Ds"], "K": ONE_MODE["K"], "n_K": 0.0})
+    held = plain_fit(model, test, known={"Ds": ONE_MODE["Ds"], "K": ONE_MODE["K"], "n_K": 0.0})
     assert held.aic - found.best.aic == pytest.approx(found.stiffness, abs=0.2)
 
 
@@ -95,7 +97,7 @@ def test_where_one_linear_step_foretells_nonsense_the_search_begins_where_it_was
     """Forces found to be a few percent off: one step from the fit without them led from a cost of 184 to 27,478."""
     test = sweeps(rf.models.EvenPolynomial(2), EVEN, seed=102)
     model = rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=CLEARANCE_UM)
-    found = rf.fit(model, test, known={"Ds": ONE_MODE["Ds"]})
+    found = plain_fit(model, test, known={"Ds": ONE_MODE["Ds"]})
     assert found.settings.noise is not None
     assert found.chisqr == pytest.approx(367.0326, rel=1e-6)  # by either way
     assert found.nfev < 60  # 26; from there 107, of which 30 with second derivatives
@@ -144,3 +146,10 @@ def test_impossible_comparisons_are_refused(
     test = sweeps(rf.models.Muszynska(), POWER)
     with refuses(error):
         rf.compare_laws(model, test, **options)
+
+
+def test_orbits_too_small_for_a_law_are_an_error_of_the_data() -> None:
+    test = sweep(ONE_MODE | POWER, levels=(0.002,), lines=30)
+    model = rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=200.0)
+    with pytest.raises(ValueError, match="small orbits tell no law from another"):
+        rf.compare_laws(model, test, known={"K": ONE_MODE["K"], "Ds": ONE_MODE["Ds"]})

@@ -11,6 +11,7 @@ import pytest
 from clean_rigs import clean_test
 from fe_rigs import K3, RPM, TYPICAL, Rig, random_rig
 from honest_errors import WORLDS, simulate
+from plain import plain_fit
 from sentences import hear
 from slips import forced_by, read_through, thinned
 from slow_cases import slow_but
@@ -145,7 +146,7 @@ def said(fit: rf.FitResult) -> list[str]:
 def test_what_was_done_to_readings_is_named_with_its_number(slip: str, rig: PerturbationTest) -> None:
     """The lumped model misses this shaft by a few times its noise, so that numbers are some per cent off."""
     make, words, numbers = NAMED[slip]
-    told = " ".join(said(rf.fit(rf.models.WhirlWhip(), make(rig), known={"K3": K3})))
+    told = " ".join(said(plain_fit(rf.models.WhirlWhip(), make(rig), known={"K3": K3})))
     found = re.search(words, told)
     assert found is not None, told
     assert [float(number) for number in found.groups()] == pytest.approx(numbers, rel=0.07)
@@ -160,7 +161,7 @@ def test_accelerations_are_half_a_turn_ahead(rig: PerturbationTest) -> None:
 
 def test_what_explains_the_data_alike_is_all_said(rig: PerturbationTest) -> None:
     """Whether one session is twice too large or the other one half as large, nothing tells."""
-    told = " ".join(said(rf.fit(rf.models.WhirlWhip(), NAMED["a session peak-to-peak"][0](rig), known={"K3": K3})))
+    told = " ".join(said(plain_fit(rf.models.WhirlWhip(), NAMED["a session peak-to-peak"][0](rig), known={"K3": K3})))
     factors = dict(re.findall(r"the readings at (\d+) rpm are ([\d.]+) times", told))
     assert float(factors["1000"]) == pytest.approx(0.5, rel=0.02)
     assert float(factors["2000"]) == pytest.approx(2.0, rel=0.02)
@@ -168,7 +169,7 @@ def test_what_explains_the_data_alike_is_all_said(rig: PerturbationTest) -> None
 
 def test_a_rotor_as_it_is_and_filters_too_slow_to_tell_name_nothing(rig: PerturbationTest) -> None:
     for test in (rig, read_through(rig, high_pass(0.1)), read_through(rig, low_pass(20e3))):
-        assert not said(rf.fit(rf.models.WhirlWhip(), test, known={"K3": K3}))
+        assert not said(plain_fit(rf.models.WhirlWhip(), test, known={"K3": K3}))
 
 
 def _three_masses(seed: int) -> PerturbationTest:
@@ -209,7 +210,7 @@ MISSES: dict[str, Callable[[PerturbationTest], Case]] = {
 )
 def test_a_model_that_misses_its_rotor_is_no_slip_of_the_readings(case: str, rig: PerturbationTest) -> None:
     model, test = MISSES[case](rig)
-    fit = rf.fit(model, test)
+    fit = plain_fit(model, test)
     assert fit.redchi > 10
     assert not said(fit)
 
@@ -219,7 +220,7 @@ def test_one_mode_with_wrong_values_told_is_no_level_in_decibels() -> None:
     rng = np.random.default_rng(11)
     _, shaft, speeds, _ = [random_rig(rng) for _ in range(4)][-1]
     test = _at(shaft.campaign(speeds, 3, lines=40, top=900.0), "journal")
-    fit = rf.fit(ONE(), test, known={"Mf": 0.0, "lam": 0.3, "K": 0.0})
+    fit = plain_fit(ONE(), test, known={"Mf": 0.0, "lam": 0.3, "K": 0.0})
     assert fit.redchi > 1000
     assert not said(fit)
 
@@ -228,19 +229,19 @@ def test_forces_that_scatter_from_run_to_run_blame_none() -> None:
     """Four runs of an exact model with forces off by -37, +11, +33 and -6 %: the first is only the worst of all."""
     world = replace(WORLDS["force 1 % from run to run"], gain=0.15)
     test = simulate(world, np.random.default_rng(1))
-    fit = rf.fit(ONE(), test, known={name: world.truth[name] for name in ("K", "Ds")})
+    fit = plain_fit(ONE(), test, known={name: world.truth[name] for name in ("K", "Ds")})
     assert fit.redchi > 1000
     assert not said(fit)
 
 
 @pytest.mark.parametrize("known", [{"lam": 0.2}, {"Mf": 0.0}])
 def test_wrong_known_values_are_no_slip_of_the_readings(known: dict[str, float], rig: PerturbationTest) -> None:
-    fit = rf.fit(rf.models.WhirlWhip(), thinned(rig, 2), known={"K3": K3, **known})
+    fit = plain_fit(rf.models.WhirlWhip(), thinned(rig, 2), known={"K3": K3, **known})
     assert fit.redchi > 10
     assert not said(fit)
 
 
 @pytest.mark.slow
 def test_a_known_damping_twice_too_large_is_said_beside_the_scale_that_it_asks_for(rig: PerturbationTest) -> None:
-    fit = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": K3, "D": 2 * TYPICAL["D"]})
+    fit = plain_fit(rf.models.WhirlWhip(), rig, known={"K3": K3, "D": 2 * TYPICAL["D"]})
     assert any("unless what was given as known (K3, D) is wrong" in told for told in said(fit))

@@ -7,6 +7,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from own_model import Disk
+from plain import plain_fit
 from scipy import stats
 from sentences import refuses
 from slow_cases import slow_but
@@ -16,7 +18,13 @@ import rotorfit as rf
 from rotorfit.estimators.misfit.problem import LOSSES, robust_weights
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.lab.data.experiments import DisplacementTest, perturbation_test
-from rotorfit.models import Anisotropic, OneMode, TwoDisk, WhirlWhip
+from rotorfit.models import (
+    Anisotropic,
+    Chain,
+    OneMode,
+    TwoDisk,
+    WhirlWhip,
+)
 
 FLUID = {name: TYPICAL["one-mode"][name] for name in ("K", "Ds")}
 
@@ -43,7 +51,7 @@ def test_gradient_and_hessian_against_differences(name, loss):
         model, theta, speeds=SPEEDS[name], frequency=covering_frequencies(model, theta, SPEEDS[name], 20), noise=0.05
     )
     test = replace(test, sigma=np.full(len(test), 0.02 * float(np.abs(test.response).max())))
-    fit = rf.fit(model, test, known=known_of(name, truth), loss=loss, phase_offsets=True)
+    fit = plain_fit(model, test, known=known_of(name, truth), loss=loss, phase_offsets=True)
     x = fit.x * 1.01 + np.where(fit.x == 0, 0.01, 0)
     cost, gradient, gauss_newton = fit.problem.gauss_newton(x)
     assert cost == pytest.approx(fit.problem.cost(x))
@@ -60,7 +68,7 @@ def test_gradient_and_hessian_against_differences(name, loss):
         w = covering_frequencies(model, theta, SPEEDS[name], 20)
         exact = circular_test(model, theta, speeds=SPEEDS[name], frequency=w)
         exact = replace(exact, sigma=np.full(len(exact), 0.01 * float(np.abs(exact.response).max())))
-        fit = rf.fit(model, exact, known=known_of(name, truth))
+        fit = plain_fit(model, exact, known=known_of(name, truth))
         gauss_newton = fit.problem.gauss_newton(fit.x)[2]
         scale = np.sqrt(np.diag(gauss_newton))
         hessian = fit.problem.hessian(fit.x)
@@ -92,7 +100,7 @@ def fits_of_draws(name, draws=80):
         circular_test(model, theta, speeds=SPEEDS[name], frequency=frequency, noise=0.01, seed=seed, sigma_known=True)
         for seed in range(draws)
     )
-    return [rf.fit(model, test, known=known_of(name, truth)) for test in tests]
+    return [plain_fit(model, test, known=known_of(name, truth)) for test in tests]
 
 
 @pytest.mark.parametrize("name", slow_but(MODELS, "one-mode", "whirl-whip", "anisotropic"))
@@ -133,7 +141,7 @@ def test_robust_errors_cover_with_outliers():
         hit = rng.random(len(test)) < 0.03
         gross = 1 + 4 * np.exp(2j * np.pi * rng.random(len(test)))  # of no preferred sense: no bias, much scatter
         test = replace(test, response=np.where(hit, test.response * gross, test.response))
-        fit = rf.fit(OneMode(), test, known=FLUID, loss="huber")
+        fit = plain_fit(OneMode(), test, known=FLUID, loss="huber")
         pulls.append([(fit.params[n].value - truth[n]) / fit.params[n].stderr for n in ("D", "lam", "Mf")])
     low, high = stats.chi2.ppf([0.01 / 6, 1 - 0.01 / 6], len(pulls))
     total = np.sum(np.square(pulls), axis=0)
@@ -142,16 +150,16 @@ def test_robust_errors_cover_with_outliers():
 
 def test_noise_that_is_overestimated_is_told():
     rig = rf.datasets.rig_open()
-    honest = rf.fit(WhirlWhip(), rig, known={"K3": 6000.0})
+    honest = plain_fit(WhirlWhip(), rig, known={"K3": 6000.0})
     noisy = replace(rig, sigma=np.full(len(rig), 1e-5))
-    told = rf.fit(WhirlWhip(), noisy, known={"K3": 6000.0})
+    told = plain_fit(WhirlWhip(), noisy, known={"K3": 6000.0})
     assert told.redchi < 0.5
     assert any("the noise is overestimated" in warning for warning in told.warnings)
     assert not any("overestimated" in warning for warning in honest.warnings)
 
 
 def test_noise_is_found_and_redchi_means_something():
-    redchi = [rf.fit(OneMode(), one_mode_test(seed=seed), known=FLUID).redchi for seed in range(20)]
+    redchi = [plain_fit(OneMode(), one_mode_test(seed=seed), known=FLUID).redchi for seed in range(20)]
     # sigma^2 of each of four sweeps from 40 to 80 samples: relative error of redchi near 0.1; mean of 20.
     assert np.mean(redchi) == pytest.approx(1.0, abs=0.1)
 
@@ -163,8 +171,8 @@ def test_joint_fit_of_squeeze_film_and_spinning_tests_is_sharper():
     truth = TYPICAL["one-mode"]
     spinning = one_mode_test(seed=1, sigma_known=True)
     squeeze = one_mode_test(seed=2, speeds=(0.0,), sigma_known=True)
-    alone = rf.fit(OneMode(), spinning, known=FLUID)
-    joint = rf.fit(OneMode(), [spinning, squeeze], known=FLUID)
+    alone = plain_fit(OneMode(), spinning, known=FLUID)
+    joint = plain_fit(OneMode(), [spinning, squeeze], known=FLUID)
     for name in ("K0", "D", "M", "Mf", "lam"):
         assert joint.params[name].stderr_noise < alone.params[name].stderr_noise
         assert abs(joint.params[name].value - truth[name]) < 4 * joint.params[name].stderr
@@ -173,12 +181,12 @@ def test_joint_fit_of_squeeze_film_and_spinning_tests_is_sharper():
 def test_one_value_for_each_speed():
     cold, warm = TYPICAL["one-mode"], TYPICAL["one-mode"] | {"D": 380.0}
     tests = [one_mode_test(seed=3, speeds=(100.0,), truth=cold), one_mode_test(seed=4, speeds=(180.0,), truth=warm)]
-    fit = rf.fit(OneMode(), tests, known=FLUID, per={"D": "speed_rpm"})
+    fit = plain_fit(OneMode(), tests, known=FLUID, per={"D": "speed_rpm"})
     names = [name for name in fit.params if name.startswith("D[")]
     assert names == ["D[speed_rpm=954.929659]", "D[speed_rpm=1718.873385]"]
     for name, value in zip(names, (450.0, 380.0), strict=True):
         assert abs(fit.params[name].value - value) < 4 * fit.params[name].stderr
-    shared = rf.fit(OneMode(), tests, known=FLUID)
+    shared = plain_fit(OneMode(), tests, known=FLUID)
     assert shared.bic > fit.bic
     with refuses(ValueError):
         fit.threshold_speed()
@@ -186,11 +194,11 @@ def test_one_value_for_each_speed():
     assert np.isfinite(slow.stderr)
     assert fit.threshold_speed(at={"speed_rpm": 100 * 30 / np.pi}).value == slow.value  # not the ten digits of the name
     with refuses(KeyError):
-        rf.fit(OneMode(), tests, known=FLUID, per={"D": "temperature"})
+        plain_fit(OneMode(), tests, known=FLUID, per={"D": "temperature"})
     both = [
         replace(test, attributes={"bar": np.full(len(test), bar)}) for test, bar in zip(tests, (2.0, 3.5), strict=True)
     ]
-    together = rf.fit(OneMode(), both, known=FLUID, per={"D": "speed_rpm+bar"})
+    together = plain_fit(OneMode(), both, known=FLUID, per={"D": "speed_rpm+bar"})
     assert [name for name in together.params if "[" in name] == [
         "D[speed_rpm+bar=954.929659+2]",
         "D[speed_rpm+bar=1718.873385+3.5]",
@@ -218,7 +226,7 @@ def test_imposed_orbit_gives_the_same_fluid():
         plane=np.full(w.size, "journal"), displacement=np.full(w.size, orbit), force_x=noisy(x), force_y=noisy(y),
         sigma=np.full(w.size, np.nan),
     )  # fmt: skip
-    for result in (rf.fit(model, test, known=FLUID), rf.closed_form(model, test, known=FLUID)):
+    for result in (plain_fit(model, test, known=FLUID), rf.closed_form(model, test, known=FLUID)):
         for name in ("K0", "D", "lam", "M", "Mf"):
             assert abs(result.params[name].value - truth[name]) < 4 * result.params[name].stderr
         assert result.redchi == pytest.approx(1, abs=0.4)
@@ -228,46 +236,46 @@ def test_phase_reference_offsets_are_found():
     test = one_mode_test(noise=0.003)
     run = next(run for run in test.runs[1:] if run.endswith("-1"))  # a backward one
     shifted = replace(test, response=test.response * np.where(test.run == run, np.exp(0.08j), 1.0))
-    plain = rf.fit(OneMode(), shifted, known=FLUID)
-    fit = rf.fit(OneMode(), shifted, known=FLUID, phase_offsets=True)
+    plain = plain_fit(OneMode(), shifted, known=FLUID)
+    fit = plain_fit(OneMode(), shifted, known=FLUID, phase_offsets=True)
     offset = fit.params[f"phase[{run}]"]
     assert abs(offset.value - 0.08) < 4 * offset.stderr
     assert fit.redchi < 0.5 * plain.redchi
 
 
 def test_priors_resolve_what_data_leave_open():
-    fit = rf.fit(OneMode(), one_mode_test(), known={"Ds": 8.0}, priors={"K": stats.norm(8000.0, 50.0)})
+    fit = plain_fit(OneMode(), one_mode_test(), known={"Ds": 8.0}, priors={"K": stats.norm(8000.0, 50.0)})
     assert not fit.identifiability.unresolved
     assert fit.params["K"].stderr_noise == pytest.approx(50.0, rel=0.01)
     assert fit.params["K"].value == pytest.approx(8000.0, abs=5.0)
     # A gamma prior of the same mean and spread says nearly the same; a bound by a uniform prior holds.
-    gamma = rf.fit(OneMode(), one_mode_test(), known={"Ds": 8.0}, priors={"K": stats.gamma(25600, scale=0.3125)})
+    gamma = plain_fit(OneMode(), one_mode_test(), known={"Ds": 8.0}, priors={"K": stats.gamma(25600, scale=0.3125)})
     assert gamma.params["K"].value == pytest.approx(fit.params["K"].value, abs=5.0)
 
 
 def test_priors_bound_the_fit_by_their_support_however_narrow_they_are():
     """The closed form may lie outside the support, and a density above one makes no cost below zero."""
     test = one_mode_test(noise=1e-6)
-    fit = rf.fit(OneMode(), test, known=FLUID, priors={"lam": stats.uniform(0.40, 0.05)})
-    bounded = rf.fit(OneMode(), test, known=FLUID, bounds={"lam": (0.40, 0.45)})
+    fit = plain_fit(OneMode(), test, known=FLUID, priors={"lam": stats.uniform(0.40, 0.05)})
+    bounded = plain_fit(OneMode(), test, known=FLUID, bounds={"lam": (0.40, 0.45)})
     assert fit.success
     assert fit.params["lam"].at_bound
     assert fit.params["lam"].value == pytest.approx(0.45, abs=1e-6)
     assert fit.params["D"].value == pytest.approx(bounded.params["D"].value, rel=1e-6)
-    narrow = rf.fit(OneMode(), test, known=FLUID, priors={"lam": stats.truncnorm(-2, 2, 0.46, 1e-7)})
+    narrow = plain_fit(OneMode(), test, known=FLUID, priors={"lam": stats.truncnorm(-2, 2, 0.46, 1e-7)})
     assert narrow.success
     assert narrow.params["lam"].value == pytest.approx(0.46, abs=3e-7)
 
 
 def test_a_bound_of_one_side_is_given_with_none():
     test = rf.read(rf.datasets.path("rig_lumped.csv"))
-    params = rf.fit(WhirlWhip(), test, known={"K3": 6000.0}, bounds={"lam": (0.0, None), "D": (None, 900.0)}).params
+    params = plain_fit(WhirlWhip(), test, known={"K3": 6000.0}, bounds={"lam": (0.0, None), "D": (None, 900.0)}).params
     assert (params["lam"].min, params["lam"].max) == (0.0, 2.0)
     assert (params["D"].min, params["D"].max) == (-np.inf, 900.0)
 
 
 def test_bounds_hold_and_are_reported():
-    fit = rf.fit(OneMode(), one_mode_test(), known=FLUID, bounds={"lam": (0.3, 0.44)})
+    fit = plain_fit(OneMode(), one_mode_test(), known=FLUID, bounds={"lam": (0.3, 0.44)})
     assert fit.params["lam"].at_bound
     assert fit.params["lam"].value == pytest.approx(0.44, abs=1e-6)
     assert any("rests on its bound" in warning for warning in fit.warnings)
@@ -279,7 +287,7 @@ def test_bounds_hold_and_are_reported():
 def test_a_single_probe_is_taken_as_a_circular_orbit():
     test = one_mode_test(noise=1e-6)
     for direction in "xy":
-        fit = rf.fit(OneMode(), test.select(test.direction == direction), known=FLUID)
+        fit = plain_fit(OneMode(), test.select(test.direction == direction), known=FLUID)
         assert fit.params["lam"].value == pytest.approx(0.46, rel=1e-4)
 
 
@@ -296,7 +304,7 @@ def test_without_a_closed_form_several_starts_are_taken():
     disk = test.select(test.plane == "disk")
     with refuses(ClosedFormError):
         rf.closed_form(model, disk, known={"K3": 6000.0})
-    fit = rf.fit(model, disk, known={"K3": 6000.0, "sigma": truth["sigma"]})
+    fit = plain_fit(model, disk, known={"K3": 6000.0, "sigma": truth["sigma"]})
     assert fit.redchi < 1.3
     assert any("no closed form" in warning and "starts was taken" in warning for warning in fit.warnings)
     for name in ("D", "lam", "Md"):
@@ -309,7 +317,7 @@ def test_force_at_one_plane_of_two_disks():
     theta = model.vector(truth)
     w = covering_frequencies(model, theta, (0.0,), 200)
     test = circular_test(model, theta, speeds=(0.0,), frequency=w, noise=0.002, force_planes=("inboard",))
-    for result in (rf.closed_form(model, test), rf.fit(model, test)):
+    for result in (rf.closed_form(model, test), plain_fit(model, test)):
         for name in ("M1", "M2", "K2"):
             assert abs(result.params[name].value - truth[name]) < 4 * result.params[name].stderr
 
@@ -319,7 +327,7 @@ def test_anisotropic_rig_needs_an_anisotropic_model():
     theta = model.vector(truth)
     w = covering_frequencies(model, theta, (0.0,), 120)
     test = circular_test(model, theta, speeds=(0.0,), frequency=w, noise=0.003)
-    fit = rf.fit(model, test)
+    fit = plain_fit(model, test)
     for name in ("Kxx", "Kxy", "Kyx", "Kyy", "Dxx", "Mxy"):
         assert abs(fit.params[name].value - truth[name]) < 4 * fit.params[name].stderr
 
@@ -332,13 +340,13 @@ def test_an_unstable_fit_says_that_no_rig_was_measured_there():
     theta = model.vector(truth)
     speed = 1.3 * rf.models.threshold_speed(model, theta).speed
     w = np.concatenate([-np.linspace(5, 400, 60)[::-1], np.linspace(5, 400, 60)])
-    fit = rf.fit(model, circular_test(model, theta, speeds=(speed,), frequency=w, noise=0.01), known=FLUID)
+    fit = plain_fit(model, circular_test(model, theta, speeds=(speed,), frequency=w, noise=0.01), known=FLUID)
     assert any("could not have been measured there" in warning for warning in fit.warnings)
 
 
 def test_a_fit_cut_short_is_a_result_that_says_so():
     test = one_mode_test()
-    fit = rf.fit(
+    fit = plain_fit(
         OneMode(), test, known=FLUID, start={"M": 30.0, "K0": 1e6, "D": 5.0, "lam": 0.1, "Mf": 5.0}, max_iterations=1
     )
     assert not fit.success
@@ -368,28 +376,28 @@ def test_a_fit_cut_short_is_a_result_that_says_so():
 )  # fmt: skip
 def test_bad_settings(options, error):
     with refuses(error):
-        rf.fit(OneMode(), one_mode_test(lines=20), **options)
+        plain_fit(OneMode(), one_mode_test(lines=20), **options)
 
 
 def test_bad_data():
     test = one_mode_test(lines=20)
     with refuses(ValueError):
-        rf.fit(OneMode(planes=("seal",)), test)
+        plain_fit(OneMode(planes=("seal",)), test)
     broken = replace(test, response=np.where(np.arange(len(test)) == 3, np.nan, test.response))
     with refuses(ValueError):
-        rf.fit(OneMode(), broken)
+        plain_fit(OneMode(), broken)
     with refuses(ValueError):
-        rf.fit(OneMode(), [])
+        plain_fit(OneMode(), [])
     few = perturbation_test(
         run="a", speed=100.0, frequency=[10.0, 20.0], force_plane="journal", force=1.0, plane="journal", direction="z",
         response=[1e-5, 1e-5], sigma=1e-7,
     )  # fmt: skip
     with refuses(ValueError):
-        rf.fit(OneMode(), few)
+        plain_fit(OneMode(), few)
     with refuses(ValueError):
-        rf.fit(OneMode(), replace(few, sigma=np.full(2, np.nan)))
+        plain_fit(OneMode(), replace(few, sigma=np.full(2, np.nan)))
     with refuses(ValueError):
-        rf.refine(rf.fit(OneMode(), test, known=FLUID))
+        rf.refine(plain_fit(OneMode(), test, known=FLUID))
     rig = rf.datasets.rig_open()
     with refuses(ValueError):
         rf.dynamic_stiffness(rig.select(rig.force_plane == "journal"))
@@ -400,9 +408,9 @@ def test_refinement_is_advised_only_where_it_is_not_refused():
     rig = rf.datasets.rig_open()
     journal = rig.select((rig.plane == "journal") & (rig.force_plane == "journal"))
     fits = {
-        "one plane": rf.fit(OneMode(), journal, known=FLUID),
-        "open": rf.fit(WhirlWhip(), rig),
-        "complete": rf.fit(WhirlWhip(), rig, known={"K3": 6000.0}),
+        "one plane": plain_fit(OneMode(), journal, known=FLUID),
+        "open": plain_fit(WhirlWhip(), rig),
+        "complete": plain_fit(WhirlWhip(), rig, known={"K3": 6000.0}),
     }
     advised = {}
     for name, fit in fits.items():
@@ -431,7 +439,7 @@ def test_measured_dynamic_stiffness_lies_on_the_model():
 
 
 def test_summary_shows_what_a_reader_needs():
-    fit = rf.fit(OneMode(), one_mode_test(), known=FLUID)
+    fit = plain_fit(OneMode(), one_mode_test(), known=FLUID)
     text = fit.summary()
     for word in ("lam", "stderr", "known", "redchi", "identifiability", "threshold speed", "rpm", "whirl ratio"):
         assert word in text
@@ -445,7 +453,7 @@ def test_summary_shows_what_a_reader_needs():
 
 
 def test_a_robust_fit_tells_a_wrong_model_from_outliers():
-    wrong_model = rf.fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0}, loss="huber")
+    wrong_model = plain_fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0}, loss="huber")
     assert any("not outliers but the model limits this fit" in warning for warning in wrong_model.warnings)
     model, values = WhirlWhip(), TYPICAL["whirl-whip"]
     theta = model.vector(values)
@@ -454,7 +462,7 @@ def test_a_robust_fit_tells_a_wrong_model_from_outliers():
     outlier = np.random.default_rng(3).random(len(test)) < 0.05
     test = replace(test, response=np.where(outlier, 20 * test.response, test.response))
     for loss in ("soft_l1", "huber", "cauchy"):
-        fit = rf.fit(model, test, known={"K3": values["K3"]}, loss=loss)
+        fit = plain_fit(model, test, known={"K3": values["K3"]}, loss=loss)
         assert fit.redchi > 2  # the outliers' own share
         assert not any("limits this fit" in warning for warning in fit.warnings)
 
@@ -468,7 +476,7 @@ def test_standard_errors_of_robust_fits_to_few_readings():
     pulls = []
     for seed in range(60):
         test = one_mode_test(noise=0.005, seed=seed, speeds=(100.0,), lines=15, sigma_known=True)
-        fit = rf.fit(OneMode(), test, known={**FLUID, "M": 1.2}, loss="soft_l1")
+        fit = plain_fit(OneMode(), test, known={**FLUID, "M": 1.2}, loss="soft_l1")
         pulls.append([(fit.params[n].value - TYPICAL["one-mode"][n]) / fit.params[n].stderr_noise for n in PULLED])
     mean_square = (np.array(pulls) ** 2).mean(axis=0)
     low, high = stats.chi2.ppf([5e-4, 1 - 5e-4], len(pulls)) / len(pulls)
@@ -479,5 +487,56 @@ def test_standard_errors_of_robust_fits_to_few_readings():
 def test_results_and_experiments_print_short():
     rig = rf.datasets.rig_open()
     assert repr(rig) == "<PerturbationTest rig_open.csv: 4032 readings in 8 runs, at disk, journal, 1000, 2000 rpm>"
-    fit = rf.fit(WhirlWhip(), rig, known={"K3": 6000.0})
+    fit = plain_fit(WhirlWhip(), rig, known={"K3": 6000.0})
     assert repr(fit).startswith("<FitResult whirl-whip, least squares: 10 values from 4032 data, redchi 10.63, conv")
+
+
+def test_fit_of_a_chain_of_three():
+    values = {"M1": 0.9, "M2": 0.5, "M3": 0.3, "K1": 1.4e4, "K2": 1.5e4, "K3": 1.2e4, "K4": 6e3, "Ds1": 3.0, "Ds2": 2.0}
+    values |= {"Ds3": 0.0, "K0": 1e4, "D": 300.0, "lam": 0.45, "Mf": 0.2}
+    model = Chain(planes=("disk", "coupling", "seal"), fluid="seal")
+    theta = model.vector(values)
+    speeds = (80.0, 160.0)
+    test = circular_test(
+        model, theta, speeds=speeds, frequency=covering_frequencies(model, theta, speeds, 120), noise=0.01, seed=5
+    )
+    # K0 and the last spring stand side by side: only their sum shows in the data.
+    open_ = plain_fit(model, test, known={"Ds3": 0.0})
+    assert {"K0", "K4"} <= set(open_.identifiability.unresolved)
+    fit = plain_fit(model, test, known={"Ds3": 0.0, "K4": 6e3})
+    assert fit.success
+    for name in set(values) - {"Ds3", "K4"}:
+        assert abs(fit.params[name].value - values[name]) < 4 * fit.params[name].stderr, name
+
+
+def test_measured_dynamic_stiffness_of_an_anisotropic_rig():
+    """Eq. (7) with forward and backward runs gives the model's kappa in x and y back."""
+    model = Anisotropic(("a", "b"))
+    rng = np.random.default_rng(5)
+    base = {"Kxx": 2e4, "Kyy": 2.5e4, "Dxx": 30.0, "Dyy": 40.0, "Mxx": 1.0, "Myy": 1.1}
+    p = {q.name: (base.get(q.name[:3], 0.0) if q.name[-2:] in ("11", "22") else 0.0) for q in model.parameters}
+    p = {name: value + 0.05 * q.scale * rng.normal() for (name, value), q in zip(p.items(), model, strict=True)}
+    theta = model.vector(p)
+    w = covering_frequencies(model, theta, (0.0,), 20)
+    measured = rf.dynamic_stiffness(
+        circular_test(model, theta, speeds=(0.0,), frequency=w), ("a", "b"), isotropic=False
+    )
+    exact = model.dynamic_stiffness(theta, measured.frequency, 0.0)
+    np.testing.assert_allclose(measured.kappa, exact, rtol=1e-8, atol=1e-8 * np.abs(exact).max())
+
+
+def test_a_model_of_ones_own_fits_from_its_own_closed_form():
+    model = Disk()
+    truth = {"M": 2.0, "K0": 3e4, "D": 200.0, "lam": 0.45}
+    w = np.concatenate([-np.linspace(5, 250, 60)[::-1], np.linspace(5, 250, 60)])
+    test = circular_test(model, model.vector(truth), speeds=(100.0,), frequency=w)
+    fit = plain_fit(model, test)
+    for name, expected in truth.items():
+        assert fit.params[name].value == pytest.approx(expected, rel=1e-8)
+    assert fit.threshold_speed().value == pytest.approx(np.sqrt(3e4 / 2) / 0.45, rel=1e-6)
+
+
+def test_a_pure_number_at_its_bound_has_no_unit() -> None:
+    test = rf.datasets.rig_open()
+    fit = plain_fit(rf.models.WhirlWhip(), test, known={"K3": 6000.0}, bounds={"lam": (0.2, 0.4)}, max_iterations=30)
+    assert any(w.endswith("lam rests on its bound at 0.4") for w in fit.warnings)

@@ -10,12 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plain import plain_fit
 from scipy import integrate, stats
 from slow_cases import slow_but
 
 import rotorfit as rf
 from rotorfit.estimators.inference.covariance import inverse_curvature
 from rotorfit.estimators.inference.log_posterior import LogPosterior
+from rotorfit.estimators.misfit.problem import Derivatives
 from rotorfit.estimators.noise.residuals import fit_probes, line_scatter, memory, scatter
 from rotorfit.estimators.noise.run_effects import MixedModel, select_effects, shared_variances
 from rotorfit.estimators.noise.sweep_noise import deviations_of_repeats
@@ -36,7 +38,7 @@ def complex_normal(rng, *shape):
 
 def fitted(world, seed, **options):
     test = simulate(world, np.random.default_rng(seed))
-    return rf.fit(rf.models.OneMode(), test, known=FLUID, **{**world.options, **options})
+    return plain_fit(rf.models.OneMode(), test, known=FLUID, **{**world.options, **options})
 
 
 # ---- coverage ------------------------------------------------------------------------------------
@@ -132,13 +134,13 @@ def test_errors_allow_for_what_runs_may_differ_by():
     test, runs = fit.experiments[0], tuple(np.unique(fit.experiments[0].run).tolist())
     ones = np.ones(fit.problem.blocks[0].measured.size, dtype=complex)
     effect = RunEffect(kind="run_force", sd=sd, freedom=3.0, runs=runs, sensitivities=(ones,))
-    _, J = fit.problem.jacobian(fit.x)
+    derivatives, curvature = Derivatives(fit.problem, fit.x), inverse_curvature(fit.problem, fit.x)
     noise = replace(fit.noise, possible_effects=(effect,))
-    (share,) = shares_of_possible_effects(noise, fit.problem, fit.x, J, inverse_curvature(fit.problem, fit.x))
+    (share,) = shares_of_possible_effects(noise, fit.problem, fit.x, derivatives, curvature)
     moves = []
     for run in runs:
         stronger = replace(test, response=test.response * np.where(test.run == run, 1 + 1e-4, 1.0))
-        moves.append((rf.fit(fit.model, stronger, known=FLUID).x - fit.x) / 1e-4 * sd)
+        moves.append((plain_fit(fit.model, stronger, known=FLUID).x - fit.x) / 1e-4 * sd)
     # Steps are exact to first order; residuals of half a percent bend them by as much.
     np.testing.assert_allclose(np.sqrt(np.diag(share)), np.sqrt(np.sum(np.square(moves), axis=0)), rtol=0.03)
 
@@ -340,14 +342,17 @@ def test_scatter_line_by_line_sees_noise_of_one_direction():
     J = complex_normal(rng, 4000, 1)
     covar = np.array([[1 / np.sum(np.abs(J) ** 2)]])
     line = np.arange(4000)
-    circular = line_scatter(complex_normal(rng, 4000), J, covar, line)
+    every = np.arange(4000)
+    whole = [(every, np.zeros(1, dtype=int), J.T)]
+    circular = line_scatter(complex_normal(rng, 4000), whole, covar, line)
     assert abs(circular.excess[0]) < 4
     along = J[:, 0] / np.abs(J[:, 0]) * rng.normal(size=4000) * np.sqrt(2)
-    found = line_scatter(along, J, covar, line)
+    found = line_scatter(along, whole, covar, line)
     assert found.excess[0] > 10
     assert found.covar[0, 0] == pytest.approx(2 * covar[0, 0], rel=0.15)
     shared = np.repeat(complex_normal(rng, 2000), 2)  # two probes with one noise, seen alike
-    twice = line_scatter(shared, np.repeat(J[:2000], 2, axis=0), covar, np.repeat(np.arange(2000), 2))
+    whole = [(every, np.zeros(1, dtype=int), np.repeat(J[:2000], 2, axis=0).T)]
+    twice = line_scatter(shared, whole, covar, np.repeat(np.arange(2000), 2))
     assert twice.excess[0] > 10
 
 
@@ -411,7 +416,9 @@ def test_correlated_noise_without_sigma_is_asked_for():
     (warning,) = [words for words in fit.warnings if "limits this fit" in words]
     assert "overlapping filters" in warning
     assert "Give sigma_um" in warning
-    again = rf.fit(fit.model, fit.experiments, known={**FLUID, "Mf": 0.0})  # a model that does not fit: a long memory
+    again = plain_fit(
+        fit.model, fit.experiments, known={**FLUID, "Mf": 0.0}
+    )  # a model that does not fit: a long memory
     (warning,) = [words for words in again.warnings if "limits this fit" in words]
     assert "overlapping filters" not in warning
 
@@ -456,5 +463,5 @@ def test_posterior_is_as_wide_as_an_interval_of_few_runs():
     fit = fitted(WORLDS["force 1 % from run to run"], 1)
     posterior = fit.sample(seed=1, walkers=32, ess=400)
     assert "integrated out" in posterior.treatment
-    widths = [np.diff(one)[0] for one in (posterior.interval("D"), fit.interval("D", statistical=True))]
+    widths = [np.diff(one)[0] for one in (posterior.interval("D"), fit.interval("D", share="noise"))]
     assert 0.75 < widths[0] / widths[1] < 1.3

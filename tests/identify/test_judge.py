@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from judged_rotor import KNOWN, MODEL, SPEEDS, TRUE, exact, simulated_fit
 from report_pages import report_of
 from scipy import optimize, stats
 from scipy.integrate import solve_ivp
 from scipy.signal import find_peaks
-from sentences import hear, refuses
+from sentences import refuses
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
-from rotorfit.apps.cli.main import main
-from rotorfit.apps.study_files.folder import CONTENTS
 from rotorfit.identify.uncertainty.stability import report as judging
 from rotorfit.identify.uncertainty.stability.rotors import Rotors
 from rotorfit.identify.uncertainty.stability.task import Task, margin_asked, peaks_of
@@ -27,29 +25,13 @@ from rotorfit.models.motion.neglected_terms import eigenvalue_shift, terms_left_
 from rotorfit.models.motion.stability import spectrum
 
 RPM = 30 / np.pi
-MODEL = rf.models.OneMode(planes=("disk",))
-TRUE = {"M": 1.2, "K": 30e3, "Ds": 8.0, "K0": 8e3, "D": 60.0, "lam": 0.45, "Mf": 0.0}
-KNOWN = {"K": 30e3, "Mf": 0.0, "Ds": 8.0}
-SPEEDS, RUNNING = (100.0, 250.0), 300.0
+RUNNING = 300.0
 DRAWS = 30
-
-
-def simulated_fit(seed: int, noise: float) -> rf.FitResult:
-    w = np.linspace(40.0, 320.0, 30)
-    theta = MODEL.vector(TRUE)
-    test = circular_test(MODEL, theta, speeds=SPEEDS, frequency=np.r_[-w, w], noise=noise, seed=seed, sigma_known=True)
-    return rf.fit(MODEL, test, known=KNOWN)
 
 
 @cache
 def fitted() -> list[rf.FitResult]:
     return [simulated_fit(seed, 0.03) for seed in range(DRAWS)]
-
-
-@cache
-def exact() -> rf.FitResult:
-    """A fit whose errors are too small to matter."""
-    return simulated_fit(1000, 1e-9)
 
 
 def by_name(report: rf.StabilityReport, words: str) -> rf.Criterion:
@@ -334,40 +316,6 @@ def test_what_is_refused() -> None:
         fit.stability_report(max_sped_rpm=2000.0)
 
 
-def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    exact().save(tmp_path / "fit.json")
-    words = ["judge", str(tmp_path / "fit.json"), "--max-speed", "2800"]
-    out = tmp_path / "out"
-    assert main([*words, "--unbalance", "disk=20", "--cross-coupling", "disk=9000", "--out", str(out)]) == 0
-    assert {"stability.csv", "stability.png", "summary.txt"} <= {file.name for file in out.iterdir()}
-    assert "NOT MET" in capsys.readouterr().out
-    assert main([*words, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["criteria"][0]["probability"] == 1
-    assert main([*words, "--unbalance", "dsik=20"]) == 2
-    hear(capsys.readouterr().err)
-    assert main([*words, "--plane", "disk"]) == 2
-    hear(capsys.readouterr().err)
-    assert main([*words, "--unbalance", "20"]) == 2
-    hear(capsys.readouterr().err)
-    assert main([*words, "--cross-coupling", "disk=3kN/m"]) == 2
-    hear(capsys.readouterr().err)
-    with pytest.raises(SystemExit):
-        main(["judge", str(tmp_path / "fit.json"), "--max-speed", "2800rpm"])
-    hear(capsys.readouterr().err)
-    assert main([*words, "--case", "worn: K0=0.6,D=0.5", "--json"]) == 0
-    cases = {row["case"] for row in json.loads(capsys.readouterr().out)["criteria"]}
-    assert cases == {"", "worn"}
-    for wrong in ("K0=0.6", "worn:", "worn: K0"):
-        assert main([*words, "--case", wrong]) == 2
-        hear(capsys.readouterr().err)
-    before = (tmp_path / "fit.json").read_bytes()
-    (tmp_path / CONTENTS).write_text("fit.json\n", encoding="utf-8")  # the folder of results that holds the fit
-    assert main([*words, "--out", str(tmp_path)]) == 2
-    assert (tmp_path / "fit.json").read_bytes() == before
-    hear(capsys.readouterr().err)
-
-
 def test_a_rotor_whose_model_misses_the_data_is_judged_with_caution() -> None:
     rig = rf.datasets.rig_open()
     fit = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6e3})
@@ -399,12 +347,3 @@ def test_a_report_says_why_a_rotor_cannot_be_judged(tmp_path: Path, monkeypatch:
     with refuses(ValueError):
         fit.stability_report(max_speed_rpm=RUNNING * RPM)
     assert "cannot be judged" in report_of(fit, tmp_path / "report.html").shown
-
-
-def test_a_rotor_known_to_have_no_stiffness_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    theta, w = MODEL.vector(TRUE | {"K": 0.0, "K0": 0.0}), np.linspace(40.0, 320.0, 30)
-    test = circular_test(MODEL, theta, speeds=SPEEDS, frequency=np.r_[-w, w], noise=0.01, seed=1, sigma_known=True)
-    rf.write(test, tmp_path / "free.csv")
-    known = [word for name in ("K", "K0") for word in ("--known", f"{name}=0")]
-    assert main(["fit", str(tmp_path / "free.csv"), "--model", "one-mode", "--planes", "disk", *known]) == 2
-    hear(capsys.readouterr().err)

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from plain import plain_fit
 from sentences import refuses
 from supported_shaft import FLUID, at_rest, dynamic_stiffness, held, magnets, matrices, model, motion, rotating
 
@@ -29,7 +30,7 @@ def one_mass():
 def fit():
     rng = np.random.default_rng(1)
     tests = [at_rest(rng, lines=60, magnetic=True), rotating(rng, lines=30, magnetic=True)]
-    return rf.fit(model(magnetic=True), tests, known=MAGNETS)
+    return plain_fit(model(magnetic=True), tests, known=MAGNETS)
 
 
 def integrated(z, v, force, end, step=2e-5):
@@ -136,7 +137,7 @@ def test_magnets_and_gains_are_told_apart_by_the_delay_alone(fit):
     """At frequencies where the delay is short no test gives Km beside Kp, and the fit says so."""
     known = {name: value for name, value in TRUTH.items() if not name.endswith("_left")}
     test = at_rest(np.random.default_rng(2), lines=60, magnetic=True)
-    free = rf.fit(fit.model, test, known=known)
+    free = plain_fit(fit.model, test, known=known)
     assert {"Km_left", "Kp_left"} <= set(free.identifiability.unresolved)
 
 

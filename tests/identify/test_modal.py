@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 import pytest
 from hammer_tests import EIGHT, MODES, hammer_test
+from plain import plain_fit
 from sentences import refuses
 
 import rotorfit as rf
@@ -137,10 +138,10 @@ def test_published_modes_give_the_published_damping() -> None:
 def test_two_modes_of_start_ups_give_the_disks() -> None:
     """Start-ups of a simulated two-disk rotor through both resonances, fitted as two modes and turned into disks."""
     test, truth = rf.datasets.two_disk(), rf.datasets.truth("two_disk")
-    fit = rf.fit(rf.models.Modal(("inboard", "outboard"), modes=2, gains="plane"), test)
+    fit = plain_fit(rf.models.Modal(("inboard", "outboard"), modes=2, gains="plane"), test)
     assert fit.success
     found = rf.two_disk_from_modes(fit)
-    direct = rf.fit(rf.models.TwoDisk(), test)
+    direct = plain_fit(rf.models.TwoDisk(), test)
     for name in ("M1", "M2", "K1", "K2", "K3", "D11", "D12", "D22"):
         # real participations: damping that couples the modes a little is left out, a percent of the widths
         assert found[name].value == pytest.approx(direct.params[name].value, rel=0.03), name
@@ -150,7 +151,7 @@ def test_two_modes_of_start_ups_give_the_disks() -> None:
 
 
 def test_other_models_have_no_modes_to_turn_into_disks() -> None:
-    fit = rf.fit(rf.models.TwoDisk(), rf.datasets.two_disk())
+    fit = plain_fit(rf.models.TwoDisk(), rf.datasets.two_disk())
     with refuses(ValueError):
         rf.two_disk_from_modes(fit)
 
@@ -197,7 +198,7 @@ def test_sums_of_terms_are_the_solution_of_the_equation(gains, apart, residuals)
 def test_eight_sensors_and_three_modes(lines, coherence) -> None:
     """Responses along one axis at rest, as noisy as measured ones are: a second or two for 2000 lines."""
     model = rf.models.Modal(EIGHT, modes=3, gains="plane", force_planes=("s0",))
-    fit = rf.fit(model, hammer_test(lines, coherence, seed=3))
+    fit = plain_fit(model, hammer_test(lines, coherence, seed=3))
     assert fit.success
     assert fit.nfev < 15
     assert 0.95 < fit.redchi < 1.05
@@ -209,11 +210,9 @@ def test_eight_sensors_and_three_modes(lines, coherence) -> None:
 
 def test_modes_normalised_where_they_move_against_the_force() -> None:
     """Mass between the forced plane and that of the first probe is negative in modes in which these are opposed."""
-    from rotorfit.apps.study_files.study import modal_options
-
     test = hammer_test(400, 0.95, seed=3)
     model = rf.models.Modal(("s5", *(s for s in EIGHT if s != "s5")), modes=3, gains="plane", force_planes=("s0",))
-    fit = rf.fit(model, test)
+    fit = plain_fit(model, test)
     assert fit.success
     assert 0.9 < fit.redchi < 1.1
     shape = np.sin(np.arange(1, 4) * np.pi * (0.1 + 0.8 * 5 / 7)) / np.sin(np.arange(1, 4) * np.pi * 0.1)
@@ -221,13 +220,12 @@ def test_modes_normalised_where_they_move_against_the_force() -> None:
     for number, mass in enumerate(MODES["M"] / shape, start=1):
         p = fit.params[f"M{number}"]
         assert abs(p.value - mass) < 4 * p.stderr
-    assert modal_options((), [test])["planes"][0] == "s0"  # the drive point, though others move more
 
 
 def test_fewer_modes_than_the_responses_have() -> None:
     """One mode of three: the one that explains the responses best, and redchi says that it does not suffice."""
     model = rf.models.Modal(EIGHT, modes=1, gains="plane", force_planes=("s0",))
-    fit = rf.fit(model, hammer_test(400, 0.8, seed=4))
+    fit = plain_fit(model, hammer_test(400, 0.8, seed=4))
     assert fit.success
     assert fit.redchi > 10
     assert np.abs(MODES["wn"] / fit.params["wn"].value - 1).min() < 0.01
@@ -288,7 +286,7 @@ def test_stabilisation_and_shapes_are_drawn() -> None:
     """Poles of the three modes are stable from some order on, and stay where the modes are."""
     from rotorfit.estimators.starting.modal_start import stabilisation
 
-    fit = rf.fit(beam(3), eight_sensors(0.02))
+    fit = plain_fit(beam(3), eight_sensors(0.02))
     orders = stabilisation(beam(3), list(fit.problem.blocks), 7)
     for found in orders[4:]:
         stable = found.frequency[found.stable] / (2 * np.pi)
@@ -298,6 +296,104 @@ def test_stabilisation_and_shapes_are_drawn() -> None:
     assert len({axis.get_position().x0 for axis in fit.plot.bode().axes}) == 3  # columns: a page has no room for one
     shapes = fit.plot.mode_shapes(unit="hz")
     assert [axis.get_ylabel() for axis in shapes.axes] == ["mode 1, 42 Hz", "mode 2, 95 Hz", "mode 3, 160 Hz"]
-    rig = rf.fit(rf.models.WhirlWhip(), rf.read(rf.datasets.path("rig_open.csv")), known={"K3": 6000.0})
+    rig = plain_fit(rf.models.WhirlWhip(), rf.read(rf.datasets.path("rig_open.csv")), known={"K3": 6000.0})
     with refuses(ValueError):
         rig.plot.mode_shapes()
+
+
+# ---- gains by linear least squares within the search -------------------------------------------------------------
+
+
+def modal_problem(**settings: object):
+    from rotorfit.identify.fitting.problem_setup import build_problem
+    from rotorfit.identify.fitting.settings import FitSettings
+
+    model = rf.models.Modal(EIGHT, modes=3, gains="plane", force_planes=("s0",), residuals=True)
+    problem = build_problem(model, hammer_test(60, 0.9, seed=3), FitSettings(**settings))
+    values = {q.name: q.scale for q in model} | {f"{n}{i}": v for n, w in MODES.items() for i, v in enumerate(w, 1)}
+    x = np.array([values[name] for name in problem.space.base])
+    return problem, x * np.random.default_rng(0).uniform(0.98, 1.02, x.size)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"known": {"g1_s3": 0.5}}, {"bounds": {"g2_s5": (-3.0, 3.0), "wn1": (200.0, 300.0)}}, {"per": {"wn1": "run"}}],
+    ids=str,
+)
+def test_variable_projection_is_the_search_for_all_unknowns(settings) -> None:
+    """Its optimum over the linear entries by a solver of all, its slope by differences, its matrix by elimination."""
+    from scipy.optimize import lsq_linear
+
+    from rotorfit.estimators.minimisation.projection import Projection
+
+    problem, x = modal_problem(**settings)
+    projection = Projection.of(problem)
+    assert projection is not None
+    y, linear = x[projection.kept], np.concatenate(list(projection.linear.values()))
+    assert projection.kept.size == 9 + ("g2_s5" in str(settings))
+    r, J = problem.jacobian(np.where(np.isin(np.arange(x.size), linear), 0.0, x))
+    best = lsq_linear(np.concatenate([J.real, J.imag])[:, linear], -np.concatenate([r.real, r.imag])).x
+    found = projection.vector(y)
+    np.testing.assert_allclose(found[linear], best, rtol=1e-7, atol=1e-9 * np.abs(best).max())
+    cost, gradient, matrix = projection.gauss_newton(y)
+    assert cost == pytest.approx(problem.cost(found), rel=1e-12)
+    for i, step in enumerate(1e-6 * np.abs(y)):
+        ends = [projection.cost(y + sign * step * (np.arange(y.size) == i)) for sign in (1, -1)]
+        assert gradient[i] == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-4)
+    whole = problem.gauss_newton(found)[2]
+    kept, own = np.ix_(projection.kept, projection.kept), np.ix_(linear, linear)
+    cross = whole[np.ix_(projection.kept, linear)]
+    eliminated = whole[kept] - cross @ np.linalg.solve(whole[own], cross.T)
+    np.testing.assert_allclose(matrix, eliminated, rtol=1e-6, atol=1e-10 * np.abs(whole[kept]).max())
+
+
+def test_what_is_not_linear_is_searched_for() -> None:
+    """A robust loss, priors and bounds: no entry, or those others, are left to linear least squares."""
+    from scipy import stats
+
+    from rotorfit.estimators.minimisation.projection import Projection
+
+    assert Projection.of(modal_problem(loss="huber")[0]) is None
+    problem, _ = modal_problem(priors={"g1_s3": stats.norm(0.5, 0.1)}, bounds={"g2_s3": (0.0, 5.0)})
+    projection = Projection.of(problem)
+    assert projection is not None
+    assert {problem.space.names[i] for i in projection.kept} >= {"g1_s3", "g2_s3", "wn1", "zeta3", "M2"}
+    assert projection.kept.size == 11
+
+
+def test_errors_by_channels_are_those_of_all_unknowns(monkeypatch) -> None:
+    """Weights, leverages, memory and scatter of residuals: own numbers of each probe taken out, and kept."""
+    from rotorfit.estimators.misfit.problem import Derivatives
+    from rotorfit.estimators.noise.residuals import line_scatter, scatter, scatter_in_pieces
+    from rotorfit.identify.fitting.noise import noise_fit
+
+    fit = plain_fit(beam(3), eight_sensors(0.1))
+    problem, x = fit.problem, fit.x
+
+    def studied() -> noise_fit.NoiseFit:
+        data = noise_fit.linearise(problem, x)
+        assert data is not None
+        sigma = data.sigma * np.random.default_rng(1).uniform(0.5, 1.5, data.sigma.size)
+        return noise_fit.NoiseFit.of(data, sigma, np.zeros(len(data.kinds)))
+
+    by_channel = studied()
+    assert by_channel.data.own
+    monkeypatch.setattr(noise_fit.Projection, "of", lambda problem: None)
+    whole = studied()
+    assert not whole.data.own
+    np.testing.assert_allclose(by_channel.residuals.values, whole.residuals.values, atol=1e-9)
+    np.testing.assert_allclose(by_channel.residuals.leverage, whole.residuals.leverage, atol=1e-9)
+    one, other = (fit.memory(fit.sigma) for fit in (by_channel, whole))
+    assert one.first == pytest.approx(other.first, abs=1e-9)
+
+    derivatives, covar = Derivatives(problem, x), np.linalg.inv(problem.gauss_newton(x)[2])
+    assert derivatives.in_channels
+    pieces = [(np.arange(problem.n_data // 2), np.arange(x.size), derivatives.whole.T)]
+    lines = noise_fit.lines_in(problem)
+    found, expected = (line_scatter(derivatives.residuals, p, covar, lines) for p in (derivatives.pieces(), pieces))
+    np.testing.assert_allclose(found.covar, expected.covar, rtol=1e-6, atol=1e-9 * np.abs(expected.covar).max())
+    np.testing.assert_allclose(found.excess, expected.excess, atol=1e-6)
+    sweeps = [sweep for sweeps in noise_fit.channels_of(problem) for sweep in sweeps]
+    added = scatter(derivatives.whole, sweeps, (0.3, 0.1))
+    by_piece = scatter_in_pieces(derivatives.pieces(), x.size, sweeps, (0.3, 0.1))
+    np.testing.assert_allclose(by_piece, added, atol=1e-12 * np.abs(added).max())

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from plain import plain_fit
 from scipy.linalg import eig, eigh
 from sentences import refuses
 from synthetic import SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
@@ -19,7 +20,7 @@ from rotorfit.models import MODELS, TwoDisk
 
 @pytest.fixture(scope="module")
 def fit() -> rf.FitResult:
-    return rf.fit(TwoDisk(), rf.datasets.two_disk())
+    return plain_fit(TwoDisk(), rf.datasets.two_disk())
 
 
 def test_the_papers_numbers_come_out(fit: rf.FitResult) -> None:
@@ -60,7 +61,7 @@ def test_the_command_gives_the_modes_too(fit: rf.FitResult, tmp_path: Path) -> N
     report = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "half-power" in report
     assert fit.modes().rows()[1][4] in report
-    damped = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), known={"K3": 6e3})
+    damped = plain_fit(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), known={"K3": 6e3})
     assert own_modes(damped) is None
 
 
@@ -79,7 +80,7 @@ def test_modes_with_a_fluid_are_another_solvers() -> None:
     model = MODELS["whirl-whip"]()
     w = covering_frequencies(model, model.vector(p), SPEEDS["whirl-whip"], 40)
     test = circular_test(model, model.vector(p), speeds=SPEEDS["whirl-whip"], frequency=w)
-    fit = rf.fit(model, test, known=known_of("whirl-whip", p))
+    fit = plain_fit(model, test, known=known_of("whirl-whip", p))
     turn = 1j * p["lam"] * speed
     fluid = p["K0"] - p["D"] * turn + p["Mf"] * turn**2
     K = np.array([[p["K1"] + p["K2"], -p["K2"] * p["sigma"]], [-p["K2"], p["K3"] + p["K2"] * p["sigma"] + fluid]])
@@ -102,7 +103,7 @@ def test_errors_of_modes_are_the_spread_of_fits_to_simulated_tests() -> None:
     rows = []
     for seed in range(60):
         test = circular_test(model, theta, speeds=(0.0,), frequency=w, noise=0.02, seed=seed, sigma_known=True)
-        first, _ = rf.fit(model, test).modes()
+        first, _ = plain_fit(model, test).modes()
         rows.append(
             [
                 (q.value, q.stderr)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from honest_errors import WORLDS, simulate
+from plain import plain_fit
 from slips import thinned
 
 import rotorfit as rf
@@ -55,7 +56,7 @@ def test_what_is_left_without_a_run_is_that_of_a_fit_to_the_rest() -> None:
 def test_blocks_taken_in_to_follow_a_run_do_not_hide_it(rig: PerturbationTest) -> None:
     """Peak-to-peak amplitudes in one run, which thirty parameters follow half-way."""
     spoiled = in_one_run(thinned(rig, 2), "response", 2.0)
-    plain = rf.fit(rf.models.WhirlWhip(), spoiled, known={"K3": 6000.0})
+    plain = plain_fit(rf.models.WhirlWhip(), spoiled, known={"K3": 6000.0})
     assert len(said(plain)) == 1
     best = rf.refine(plain).best
     assert best.redchi > 2
@@ -67,9 +68,9 @@ def test_blocks_taken_in_to_follow_a_run_do_not_hide_it(rig: PerturbationTest) -
 def test_a_slip_of_one_run_is_named_with_what_the_others_would_leave(slip: str, rig: PerturbationTest) -> None:
     model, known = rf.models.WhirlWhip(), {"K3": 6000.0}
     spoiled = SLIPS[slip](rig)
-    fit = rf.fit(model, spoiled, known=known)
+    fit = plain_fit(model, spoiled, known=known)
     assert len(said(fit)) == 1
-    others = rf.fit(model, spoiled.select(spoiled.run != ODD), known=known)
+    others = plain_fit(model, spoiled.select(spoiled.run != ODD), known=known)
     name, predicted = fit.noise.run_left_out
     assert name == ODD
     assert predicted == pytest.approx(others.redchi, rel=0.25)  # by one step of Gauss-Newton
@@ -78,13 +79,13 @@ def test_a_slip_of_one_run_is_named_with_what_the_others_would_leave(slip: str, 
 @pytest.mark.slow
 def test_a_slip_that_blocks_between_planes_lay_bare_is_named_by_refinement(rig: PerturbationTest) -> None:
     """A gain 10 % off is less than what the lumped model misses; refined, nothing else is left."""
-    fit = rf.fit(rf.models.WhirlWhip(), in_one_run(rig, "response", 1.1), known={"K3": 6000.0})
+    fit = plain_fit(rf.models.WhirlWhip(), in_one_run(rig, "response", 1.1), known={"K3": 6000.0})
     assert not said(fit)
     assert ODD in said(rf.refine(fit).best)[0]
 
 
 def test_a_model_that_misses_everywhere_blames_no_run(rig: PerturbationTest) -> None:
-    fit = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
+    fit = plain_fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
     assert fit.redchi > 4
     assert not said(fit)
 
@@ -94,7 +95,7 @@ def test_runs_that_scatter_more_than_their_noise_are_not_blamed(seed: int) -> No
     """Speeds that jitter move the run near resonance most: without it redchi would fall as much, but it is no slip."""
     world = WORLDS["speed jitter 1 %, probes 0.2 %"]
     test = simulate(world, np.random.default_rng(seed))
-    fit = rf.fit(rf.models.OneMode(), test, known={name: world.truth[name] for name in ("K", "Ds")})
+    fit = plain_fit(rf.models.OneMode(), test, known={name: world.truth[name] for name in ("K", "Ds")})
     assert fit.redchi > 10
     assert not said(fit)
 
@@ -102,7 +103,7 @@ def test_runs_that_scatter_more_than_their_noise_are_not_blamed(seed: int) -> No
 @pytest.mark.slow
 def test_what_one_run_alone_differs_by_is_said_with_its_name(rig: PerturbationTest) -> None:
     """A speed label 5 % off, which the lumped model hides and refinement lays bare."""
-    fit = rf.refine(rf.fit(rf.models.WhirlWhip(), in_one_run(rig, "speed", 1.05), known={"K3": 6000.0})).best
+    fit = rf.refine(plain_fit(rf.models.WhirlWhip(), in_one_run(rig, "speed", 1.05), known={"K3": 6000.0})).best
     (effect,) = [effect for effect in fit.noise.effects if effect.kind == "run_lam"]
     assert any(f"Nearly all of it is in run {ODD}" in text for text in fit.warnings)
     error = fit.noise.runs[-1][2]  # of one run's label
@@ -117,7 +118,7 @@ def test_runs_that_all_differ_blame_none() -> None:
     blamed = 0
     for seed in range(20):
         test = simulate(world, np.random.default_rng(seed))
-        fit = rf.fit(rf.models.OneMode(), test, known={name: world.truth[name] for name in ("K", "Ds")})
+        fit = plain_fit(rf.models.OneMode(), test, known={name: world.truth[name] for name in ("K", "Ds")})
         assert any("runs differ" in text for text in fit.warnings)
         blamed += any("Nearly all of it" in text for text in fit.warnings)
     assert blamed == 0

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from fe_rigs import K3, TYPICAL, Rig
+from plain import plain_fit
 
 import rotorfit as rf
+from rotorfit.identify.fitting.structure.refine import _warnings
 from rotorfit.models import WhirlWhip
 
 SPEEDS = np.array([100.0])
@@ -18,7 +22,7 @@ def refinements():
     found = []
     for seed in SEEDS:
         rig = Rig(**TYPICAL | {"noise": 0.005, "K0": 1e4 * (0.5 + 0.5 * seed), "D": 300.0 + 100 * seed})
-        plain = rf.fit(WhirlWhip(), rig.campaign(SPEEDS, seed, lines=50), known={"K3": K3})
+        plain = plain_fit(WhirlWhip(), rig.campaign(SPEEDS, seed, lines=50), known={"K3": K3})
         found.append((rig, rf.refine(plain)))
     return found
 
@@ -44,3 +48,13 @@ def test_what_was_taken_to_be_zero_is_said_and_in_the_errors(refinements):
         onset = next(e for e in best.settings.onsets)
         # the onset lies above the tested speed, where w Om g22 is larger than it was in the tests
         assert best.threshold_speed().stderr > onset.difference
+
+
+@pytest.mark.parametrize(("speeds", "said"), [((100.0,), True), ((100.0, 180.0), False)])
+def test_one_speed_is_blamed_where_there_is_one(speeds: tuple[float, ...], said: bool) -> None:
+    prior = SimpleNamespace(std=lambda: 1e-3)
+    plain = SimpleNamespace(settings=SimpleNamespace(priors={}), noise=None)
+    chosen = SimpleNamespace(settings=SimpleNamespace(priors={"g22": prior}), speeds=np.array(speeds), noise=None)
+    (words,) = _warnings(plain, chosen)  # type: ignore[arg-type]
+    assert ("as those at one speed" in words) == said
+    assert ("tests at another speed would" in words) == said

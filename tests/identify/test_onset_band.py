@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from fe_rigs import K3, TYPICAL, Rig
+from plain import plain_fit
 
 import rotorfit as rf
 from rotorfit.base.digits import interval
@@ -24,12 +25,12 @@ def short():
 
 @pytest.fixture(scope="module")
 def refinement(short):
-    return rf.refine(rf.fit(WhirlWhip(), short[1], known={"K3": K3}))
+    return rf.refine(plain_fit(WhirlWhip(), short[1], known={"K3": K3}))
 
 
 def test_a_band_that_ends_below_the_onset_does_not_say_stable(short):
     """With the w^4 block only roots in the tested band count: none unstable there says nothing of the rotor."""
-    fit = rf.fit(WhirlWhip(blocks=BLOCKS), short[1], known={"K3": K3})
+    fit = plain_fit(WhirlWhip(blocks=BLOCKS), short[1], known={"K3": K3})
     onset = fit.threshold_speed()
     assert np.isnan(onset.value)
     assert np.isinf(onset.stderr)
@@ -51,14 +52,14 @@ def test_a_refinement_lends_its_threshold_to_the_candidate_that_cannot_tell(shor
 
 
 def test_a_plain_fit_says_that_its_onset_is_extrapolated_in_frequency(short):
-    fit = rf.fit(WhirlWhip(), short[1], known={"K3": K3})
+    fit = plain_fit(WhirlWhip(), short[1], known={"K3": K3})
     assert "refine (--refine) would show" in fit.summary()
 
 
 def test_an_onset_far_above_the_tested_speeds_has_the_difference_between_candidates_as_an_error():
     """Tested to 500 rpm, unstable near 2650: what grows with speed was hardly seen."""
     rig = Rig(**TYPICAL)
-    refinement = rf.refine(rf.fit(WhirlWhip(), rig.campaign(RPM * np.array([300.0, 500.0]), 4), known={"K3": K3}))
+    refinement = rf.refine(plain_fit(WhirlWhip(), rig.campaign(RPM * np.array([300.0, 500.0]), 4), known={"K3": K3}))
     onset = refinement.best.threshold_speed()
     assert onset.stderr >= refinement.best.settings.onsets[0].difference
     assert abs(onset.value - rig.threshold()) < 2.5 * onset.stderr
@@ -68,7 +69,7 @@ def test_an_onset_far_above_the_tested_speeds_has_the_difference_between_candida
 def test_the_difference_of_candidates_is_counted_once_in_an_extrapolated_threshold():
     """The covariance holds the uncertainty of the choice among candidates already: the larger of the two, not both."""
     rig = Rig(**TYPICAL)
-    best = rf.refine(rf.fit(WhirlWhip(), rig.campaign(RPM * np.array([300.0, 500.0]), 4), known={"K3": K3})).best
+    best = rf.refine(plain_fit(WhirlWhip(), rig.campaign(RPM * np.array([300.0, 500.0]), 4), known={"K3": K3})).best
     space, beyond = best.problem.space, best.settings.onsets[0].difference
     by_theta = np.asarray(best.onset(0).gradient)
     slope = np.array([by_theta[best.model.parameter_names.index(name)] for name in space.names])
@@ -81,7 +82,7 @@ def test_the_difference_of_candidates_is_counted_once_in_an_extrapolated_thresho
 
 def test_draws_of_a_threshold_follow_the_rules_of_the_fit(short, refinement):
     """Not stable where the band was not searched, and as uncertain as the candidates differ."""
-    top = rf.fit(WhirlWhip(blocks=BLOCKS), short[1], known={"K3": K3})
+    top = plain_fit(WhirlWhip(blocks=BLOCKS), short[1], known={"K3": K3})
     onset = top.bootstrap(n=4).threshold_speed()
     assert np.isnan(onset.samples).all()
     assert "outside the tested band" in onset.note

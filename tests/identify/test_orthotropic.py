@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from fe_rigs import DISK, JOURNAL, RPM, TYPICAL, Rig
+from plain import plain_fit
 from sentences import hear, refuses
 
 import rotorfit as rf
@@ -78,7 +79,7 @@ def rig() -> OrthotropicRig:
 @pytest.fixture(scope="module")
 def refined(rig: OrthotropicRig) -> rf.FitResult:
     model = rf.models.Orthotropic(rf.models.WhirlWhip(), at="journal")
-    fit = rf.fit(model, rig.tests(RPM * np.array([1000.0, 2000.0]), seed=1), known={"K3": (K3X + K3Y) / 2})
+    fit = plain_fit(model, rig.tests(RPM * np.array([1000.0, 2000.0]), seed=1), known={"K3": (K3X + K3Y) / 2})
     return rf.refine(fit).best
 
 
@@ -136,7 +137,7 @@ def test_a_known_shaft_on_such_a_support_is_the_finite_elements_themselves(rig, 
 
 @pytest.mark.slow
 def test_a_known_shaft_is_fitted_forward_and_backward_with_its_support(rig, known, tmp_path) -> None:
-    fit = rf.fit(known, rig.tests(RPM * np.array([1000.0, 2000.0]), seed=1, lines=30))
+    fit = plain_fit(known, rig.tests(RPM * np.array([1000.0, 2000.0]), seed=1, lines=30))
     assert 0.9 < fit.redchi < 1.1
     for name, truth in KNOWN_TRUTH.items():
         assert abs(fit.params[name].value - truth) < 4 * fit.params[name].stderr, name
@@ -216,7 +217,7 @@ def test_other_rotors_take_such_supports_too(base: rf.models.RotorModel) -> None
         response=np.concatenate([r[5] for r in rows]), sigma=1e-9,
     )  # fmt: skip
     known = {name: truth[name] for name in ("K", "Ds", "K4", "Ds3") if name in truth}
-    fit = rf.fit(model, test, known=known)
+    fit = plain_fit(model, test, known=known)
     for name, parameter in fit.params.items():
         if parameter.vary and parameter.resolved:
             assert parameter.value == pytest.approx(truth[name], rel=1e-4, abs=1e-4 * model.parameter(name).scale), name

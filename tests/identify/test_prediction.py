@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import json
 from functools import cache
-from pathlib import Path
 
 import law_data
 import numpy as np
 import pytest
-from rotorfit.identify.fitting.assumptions.shifts import assuming
 from scipy import stats
-from sentences import hear, refuses
+from sentences import refuses
 from slow_cases import slow_but
 from synthetic import TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
-from rotorfit.apps.cli.main import main
 from rotorfit.base.array_types import Float
+from rotorfit.identify.fitting.quantities import Share
 
 NAME, TESTED, ELSEWHERE = "whirl-whip", (100.0, 180.0), 220.0
 DRAWS, LEVEL = 60, 0.9
-CHANGE = "change with speed[lam]"
+CHANGE = "speed[lam]"
 FREQUENCY = np.linspace(30.0, 400.0, 40)
 WHERE = {"force_plane": "disk", "plane": "journal"}
 MODEL = rf.models.WhirlWhip()
@@ -42,11 +39,11 @@ def drawn(whole: bool) -> list[tuple[rf.FitResult, object]]:
     found = []
     for seed in range(DRAWS):
         test = circular_test(MODEL, THETA, speeds=TESTED, frequency=w, noise=0.02, seed=seed, sigma_known=True)
-        fit = rf.fit(MODEL, test, known=known_of(NAME, TYPICAL[NAME]))
+        fit = rf.fit(MODEL, test, known=known_of(NAME, TYPICAL[NAME]), causes=None)
         found.append(
             (
                 fit,
-                fit.predict(FREQUENCY, ELSEWHERE, **WHERE, level=LEVEL, whole=whole, statistical=True),
+                fit.predict(FREQUENCY, ELSEWHERE, **WHERE, level=LEVEL, whole=whole),
             )
         )
     return found
@@ -91,7 +88,8 @@ def test_bands_hold_what_the_model_takes_as_known(assumed: str, size: float) -> 
     rng, w = np.random.default_rng(4), covering_frequencies(MODEL, THETA, TESTED, 10)
     known = known_of(NAME, TYPICAL[NAME]) | ({"Mf": TYPICAL[NAME]["Mf"]} if assumed == "Mf" else {})
     journal, disk = (MODEL.coordinate(plane, "z") for plane in ("journal", "disk"))
-    counts = {False: np.zeros(FREQUENCY.size), True: np.zeros(FREQUENCY.size)}
+    others: dict[str, float] = {}
+    counts: dict[Share, Float] = {"all": np.zeros(FREQUENCY.size), "noise": np.zeros(FREQUENCY.size)}
     for seed in range(DRAWS):
         truly = size * rng.normal()
         parts = [
@@ -101,15 +99,16 @@ def test_bands_hold_what_the_model_takes_as_known(assumed: str, size: float) -> 
             )
             for k, speed in enumerate(TESTED)
         ]  # fmt: skip
-        fit = rf.fit(MODEL, parts, known=known)
-        fit = assuming(fit, {entry.name: 0.0 for entry in fit.assumed.entries} | {assumed: size})
+        given = {assumed: size * (TYPICAL[NAME]["Mf"] if assumed == "Mf" else 1.0)}
+        others = others or {cause.name: 0.0 for cause in rf.fit(MODEL, parts, known=known).causes}
+        fit = rf.fit(MODEL, parts, known=known, causes=others | given)
         theta = truth_with(assumed, truly, ELSEWHERE)
         exact = np.linalg.inv(MODEL.dynamic_stiffness(theta, FREQUENCY, ELSEWHERE))[:, journal, disk]
-        for statistical in counts:
-            found = fit.predict(FREQUENCY, ELSEWHERE, **WHERE, level=LEVEL, statistical=statistical)
-            counts[statistical] += held(found.band, exact)[0]
-    assert all(within(int(counts[False][point]), DRAWS) for point in (0, 13, 26, 39))
-    assert counts[True].min() < 0.8 * DRAWS
+        for share in counts:
+            found = fit.predict(FREQUENCY, ELSEWHERE, **WHERE, level=LEVEL, share=share)
+            counts[share] += held(found.band, exact)[0]
+    assert all(within(int(counts["all"][point]), DRAWS) for point in (0, 13, 26, 39))
+    assert counts["noise"].min() < 0.8 * DRAWS
 
 
 def test_bands_hold_new_readings() -> None:
@@ -234,47 +233,3 @@ def test_derived_quantities_have_the_error_of_their_parameters_together() -> Non
         fit.derive(lambda p: "K0")
     with refuses(ValueError):
         fit.threshold_speed().to("furlong")
-
-
-def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    fit, _ = drawn(False)[0]
-    fit.save(tmp_path / "fit.json")
-    words = ["predict", str(tmp_path / "fit.json"), "--force-plane", "disk", "--plane", "journal"]
-    out = tmp_path / "out"
-    assert main([*words, "--speed", "1500", "--mr-g-mm", "30", "--out", str(out)]) == 0
-    assert {"prediction.csv", "prediction.png", "summary.txt"} <= {file.name for file in out.iterdir()}
-    capsys.readouterr()
-    assert main([*words, "--speed", "1400,1500", "--synchronous", "--mr-g-mm", "30", "--json"]) == 0
-    points = json.loads(capsys.readouterr().out)["points"]
-    expected = fit.predict(None, np.array([1400.0, 1500.0]) * np.pi / 30, force_plane="disk", plane="journal", mr=3e-5)
-    assert [p["amplitude_um"] for p in points] == pytest.approx((np.abs(expected.response) * 1e6).tolist(), rel=1e-9)
-    assert main([*words, "--speed", "9000"]) == 2
-    refused = capsys.readouterr().err
-    assert "unstable at 9000 rpm" in refused
-    assert f"below its threshold of {fit.threshold_speed().value * 30 / np.pi:.5g} rpm" in refused
-    assert main([*words[:2], "--speed", "1500"]) == 2
-    hear(capsys.readouterr().err)
-    assert main([*words, "--speed", "1400,1500"]) == 2
-    hear(capsys.readouterr().err)
-
-
-def test_the_condition_of_a_fit_with_parameters_per_speed_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    w = covering_frequencies(MODEL, THETA, TESTED, 10)
-    test = circular_test(MODEL, THETA, speeds=TESTED, frequency=w, noise=0.02, seed=3, sigma_known=True)
-    fit = rf.fit(MODEL, test, known=known_of(NAME, TYPICAL[NAME]), per={"D": "speed_rpm"})
-    fit.save(tmp_path / "fit.json")
-    words = ["predict", str(tmp_path / "fit.json"), "--speed", "1500", "--force-plane", "disk", "--frequency", "1000"]
-    assert main(words) == 2
-    refused = capsys.readouterr().err
-    assert "--at NAME=VALUE" in refused
-    assert main(["judge", words[1]]) == 2
-    hear(capsys.readouterr().err)
-    speed = next(name for name in fit.var_names if name.startswith("D["))[len("D[speed_rpm=") : -1]
-    assert main([*words, "--at", f"speed_rpm={speed}", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    expected = fit.predict(1000 * np.pi / 30, 1500 * np.pi / 30, force_plane="disk", at={"speed_rpm": float(speed)})
-    assert found["points"][0]["amplitude_um"] == pytest.approx(1e6 * abs(expected.response[0]), rel=1e-9)
-    assert any("statistical errors only" in note for note in found["notes"])
-    assert main(["judge", words[1], "--at", f"speed_rpm={speed}"]) == 0

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from clean_rigs import clean_test
+from plain import plain_fit
 from sentences import hear
 from slips import exchanged, forced_by, lag_as_lead, mixed, read_through, thinned, turned
 from slow_cases import slow_but
@@ -39,7 +40,7 @@ def test_a_wrong_gain_is_named_with_its_factor(rig: PerturbationTest, direction:
 def test_what_a_gain_is_said_to_bias_is_what_it_biases(rig: PerturbationTest) -> None:
     """30 % too much in one probe of a pair is 15 % in the orbit: 13 % too little in every coefficient, not in lam."""
     wrong = mixed(thinned(rig, 3), [[1, 0], [0, 1.3]])
-    fits = [rf.fit(rf.models.WhirlWhip(), test, known={"K3": 0.0}) for test in (thinned(rig, 3), wrong)]
+    fits = [plain_fit(rf.models.WhirlWhip(), test, known={"K3": 0.0}) for test in (thinned(rig, 3), wrong)]
     share = {name: fits[1].params[name].value / fits[0].params[name].value for name in ("K2", "D", "Md", "lam")}
     for name in ("K2", "D", "Md"):
         assert share[name] == pytest.approx(1 / 1.15, rel=5e-3), name
@@ -134,7 +135,7 @@ def test_mirrored_orbits_are_an_error_that_a_fit_explains(rig: PerturbationTest,
     change, code, words = MIRRORED[case]
     wrong = change(thinned(rig, 4))
     assert [finding.severity for finding in only(wrong, "wrong-direction")] == ["error"]
-    first = rf.fit(rf.models.WhirlWhip(), wrong, known={"K3": 6000.0}).findings[0]
+    first = plain_fit(rf.models.WhirlWhip(), wrong, known={"K3": 6000.0}).findings[0]
     assert first.code == code
     assert words in first.message
 
@@ -149,7 +150,7 @@ def test_mirrored_orbits_are_an_error_that_a_fit_explains(rig: PerturbationTest,
 )
 def test_a_pair_at_another_angle_is_an_error(rig: PerturbationTest, angle: float, planes: list[str] | None) -> None:
     wrong = turned(thinned(rig, 4), angle, planes)
-    findings = rf.fit(rf.models.WhirlWhip(), wrong, known={"K3": 6000.0}).findings
+    findings = plain_fit(rf.models.WhirlWhip(), wrong, known={"K3": 6000.0}).findings
     (found,) = [finding for finding in findings if finding.code == "probes-turned"]
     assert found.severity == "error"
     assert f"sit {angle:g} degrees from where they are given" in found.message
@@ -210,6 +211,6 @@ def test_a_static_band_cannot_tell_a_gain_from_an_anisotropic_stiffness() -> Non
 def test_phases_of_responses_alone_given_as_lead_are_not_explained_by_probes() -> None:
     """The force's phase is lead, the responses' are lag."""
     rig = thinned(rf.datasets.rig_open(), 4)
-    fit = rf.fit(rf.models.WhirlWhip(), replace(rig, response=rig.response.conj()), known={"K3": 6000.0})
+    fit = plain_fit(rf.models.WhirlWhip(), replace(rig, response=rig.response.conj()), known={"K3": 6000.0})
     assert "phase lag read as lead" in next(f.message for f in fit.findings if f.code == "wrong-direction")
     assert not {finding.code for finding in fit.findings} & {"probes-exchanged", "probes-inverted"}

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from plain import plain_fit
 from scipy import optimize, stats
 from sentences import hear, refuses
 from slow_cases import slow_but
@@ -91,7 +92,7 @@ def model() -> rf.models.WhirlWhip:
 def test_sigma_beta_law_and_stiffness_come_out_of_one_set(draws: int) -> None:
     pulls = {}
     for seed in range(draws):
-        fit = rf.fit(model(), measured(seed), known=KNOWN)
+        fit = plain_fit(model(), measured(seed), known=KNOWN)
         assert fit.success
         assert not fit.identifiability.unresolved
         for name, p in fit.params.items():
@@ -115,7 +116,7 @@ def test_static_loads_are_read_by_the_same_probes() -> None:
     )
     np.testing.assert_allclose(off.displacement, 0.8 * plain.displacement, rtol=1e-4)
     known = {name: true[name] for name in ("M", "Ds", "Mf", "K", "n_K", "n_D", "b", "lam")}
-    fit = rf.fit(rotor, off, known={**known, "beta1": None})
+    fit = plain_fit(rotor, off, known={**known, "beta1": None})
     assert fit.params["beta1"].value == pytest.approx(0.8, rel=1e-4)
     assert fit.params["D"].value == pytest.approx(450.0, rel=1e-3)
 
@@ -158,7 +159,7 @@ def test_positions_at_rest_are_read_by_the_same_probe() -> None:
     taps = rf.simulate(rotor, true, "impulse", speed_rpm=1500, impulse=1e-6, load=[1.0, 2.0], **still)
     sweep = rf.simulate(rotor, true, speed_rpm=1500, frequency_rpm=[-900.0, 500.0, 900.0, 1500.0], force=1.0, **still)
     for tests in ([sweep, off], [sweep, taps]):
-        fit = rf.fit(rotor, tests, known={"beta1": None, "M": 1.0, "K": 6e3, "Ds": 5.0})
+        fit = plain_fit(rotor, tests, known={"beta1": None, "M": 1.0, "K": 6e3, "Ds": 5.0})
         for name in ("beta1", "n_K", "n_D", "b", "lam"):
             # noise of 1e-4; read as they stand, positions put n_K off by four fifths
             assert fit.params[name].value == pytest.approx(true[name], rel=5e-3), name
@@ -174,8 +175,8 @@ def test_measured_stiffness_is_drawn_without_the_factors() -> None:
     factor = np.where(rig.plane == "journal", 0.5, 1.0)
     low = replace(rig, response=factor * rig.response, sigma=factor * rig.sigma)
     known = {"K3": 6e3, "beta2": 1.0}
-    plain = rf.fit(rf.models.WhirlWhip(), rig, known=known)
-    halved = rf.fit(rf.models.WhirlWhip(), low, known=known | {"beta2": 0.5})
+    plain = plain_fit(rf.models.WhirlWhip(), rig, known=known)
+    halved = plain_fit(rf.models.WhirlWhip(), low, known=known | {"beta2": 0.5})
     for one, other in zip(
         (plain.plot.dynamic_stiffness(), plain.plot.drive_point(plane="journal")),
         (halved.plot.dynamic_stiffness(), halved.plot.drive_point(plane="journal")),
@@ -183,7 +184,7 @@ def test_measured_stiffness_is_drawn_without_the_factors() -> None:
     ):
         for mine, yours in zip(dots(one), dots(other), strict=True):
             np.testing.assert_allclose(mine, yours, rtol=1e-9)
-    lines = next(journal_lines(rf.fit(model(), measured(0), known=KNOWN), static=False))
+    lines = next(journal_lines(plain_fit(model(), measured(0), known=KNOWN), static=False))
     assert np.abs(lines.eccentricity / lines.fitted_eccentricity - 1).max() < 5 * NOISE
 
 
@@ -198,21 +199,21 @@ def test_what_probes_refuse() -> None:
         model().force_vector("quarter", 1.0, 1.0)
     rig = rf.datasets.rig_lumped()
     with refuses(KeyError):
-        rf.fit(rf.models.WhirlWhip(), rig, known={"beta3": None})
+        plain_fit(rf.models.WhirlWhip(), rig, known={"beta3": None})
 
 
 def test_a_factor_that_nothing_else_tells_is_called_undetermined() -> None:
     """Every entry of the journal's column but K2 is off by it, and K2 is told apart by sigma alone."""
-    fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), known={"K3": 6e3, "beta2": None})
+    fit = plain_fit(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), known={"K3": 6e3, "beta2": None})
     assert "beta2" in fit.identifiability.unresolved
-    known = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), known={"K3": 6e3, "beta2": None, "sigma": 1.0})
+    known = plain_fit(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), known={"K3": 6e3, "beta2": None, "sigma": 1.0})
     assert abs(known.params["beta2"].value - 1) < 4 * known.params["beta2"].stderr
 
 
 def test_saved_and_on_the_command_line(tmp_path, capsys) -> None:
     from rotorfit.apps.cli.main import main
 
-    fit = rf.fit(model(), measured(0), known=KNOWN)
+    fit = plain_fit(model(), measured(0), known=KNOWN)
     fit.save(tmp_path / "fit.json")
     again = rf.load_fit(tmp_path / "fit.json")
     assert again.model == fit.model

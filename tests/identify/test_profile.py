@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import stats
+from seal_campaigns import KNOWN, seal_campaign
 from sentences import refuses
 from synthetic import TYPICAL, circular_test
 
@@ -290,3 +292,12 @@ def test_the_threshold_of_responses_that_noise_hides_is_said_to_be_open():
             for side, word in ((profile.lower, "below"), (profile.upper, "above")):
                 assert np.isinf(side) == (f"open {word}" in profile.message)
     assert any("no minimum was found" in message for message in said)
+
+
+def test_profiles_are_found_elsewhere_as_here():
+    fit = rf.fit(OneMode(), seal_campaign(1)[0], known=KNOWN)
+    with ThreadPoolExecutor(2) as pool:
+        there = fit.profiles(["K0", "lam"], points=5, executor=pool)
+    for one, other in zip(there, fit.profiles(["K0", "lam"], points=5), strict=True):
+        assert (one.name, one.interval, one.message) == (other.name, other.interval, other.message)
+        np.testing.assert_array_equal(one.rise, other.rise)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plain import plain_fit
 from sentences import hear
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
@@ -68,7 +69,7 @@ def test_rig_open_refined(rig_refinement):
 
 def test_journal_force_alone_names_what_is_open(rig):
     journal = rig.select(rig.force_plane == "journal")
-    fit = rf.fit(WhirlWhip(), journal, known={"K3": 6000.0})
+    fit = plain_fit(WhirlWhip(), journal, known={"K3": 6000.0})
     # Mf of the lumped chain is 1.6 % off, forward and backward sweeps each with noise of their own (variances differ
     # by 1.9 to 5.0 at the disk and the journal); pooled, it was 1.5 %.
     for name, within in (("lam", 0.015), ("D", 0.015), ("Mf", 0.02)):
@@ -80,7 +81,7 @@ def test_journal_force_alone_names_what_is_open(rig):
     hear(combination.message)
     assert all(not np.isfinite(fit.params[name].stderr) for name in combination.names)
     # The advice works.
-    fixed = rf.fit(WhirlWhip(), journal, known={"K3": 6000.0, "sigma": 1.0})
+    fixed = plain_fit(WhirlWhip(), journal, known={"K3": 6000.0, "sigma": 1.0})
     assert not fixed.identifiability.unresolved
     # A parameter that the data do not give shows no number in the table.
     row = next(line for line in fit.summary().splitlines() if line.startswith("Md "))
@@ -89,7 +90,7 @@ def test_journal_force_alone_names_what_is_open(rig):
 
 def test_journal_probe_alone_opens_a_second_direction(rig):
     one_probe = rig.select((rig.force_plane == "journal") & (rig.plane == "journal"))
-    fit = rf.fit(WhirlWhip(), one_probe, known={"K3": 6000.0})
+    fit = plain_fit(WhirlWhip(), one_probe, known={"K3": 6000.0})
     assert fit.identifiability.size - fit.identifiability.rank == 2
     assert "K2" in fit.identifiability.unresolved
     assert fit.params["lam"].resolved
@@ -102,7 +103,7 @@ def test_gross_outliers(rig, loss):
     hit = rng.random(len(rig)) < 0.03
     factor = np.where(hit, 5 * np.exp(2j * np.pi * rng.random(len(rig))), 1.0)
     spoiled = replace(rig, response=rig.response * factor)
-    fit = rf.fit(WhirlWhip(), spoiled, known={"K3": 6000.0}, loss=loss)
+    fit = plain_fit(WhirlWhip(), spoiled, known={"K3": 6000.0}, loss=loss)
     assert fit.success
     assert fit.params["D"].value == pytest.approx(TRUTH["D"], rel=0.015)
     assert fit.params["lam"].value == pytest.approx(TRUTH["lam"], rel=0.015)
@@ -165,7 +166,7 @@ def test_probe_factor_follows_from_reciprocity():
     test = circular_test(
         model, theta, speeds=(0.0,), frequency=covering_frequencies(model, theta, (0.0,), 200), noise=0.003, seed=2
     )
-    fit = rf.fit(model, test, known={"beta2": None, "D21": truth["D21"]})
+    fit = plain_fit(model, test, known={"beta2": None, "D21": truth["D21"]})
     assert not fit.identifiability.unresolved
     assert fit.params["beta2"].vary
     within_own_errors(fit, {"beta2": 0.93, "K2": truth["K2"], "M2": truth["M2"]})
@@ -183,7 +184,7 @@ def squeeze_film(noise=0.005):
 
 def test_squeeze_film_gives_the_fluid_but_not_lam():
     truth = TYPICAL["one-mode"]
-    fit = rf.fit(OneMode(), squeeze_film(), known={name: truth[name] for name in ("K", "Ds", "M")})
+    fit = plain_fit(OneMode(), squeeze_film(), known={name: truth[name] for name in ("K", "Ds", "M")})
     within_own_errors(fit, {name: truth[name] for name in ("D", "K0", "Mf")})
     assert fit.identifiability.unresolved == ("lam",)
     hear(fit.identifiability.combinations[0].message)
@@ -192,7 +193,7 @@ def test_squeeze_film_gives_the_fluid_but_not_lam():
 
 def test_squeeze_film_with_free_mass_gives_the_sum():
     truth = TYPICAL["one-mode"]
-    fit = rf.fit(OneMode(), squeeze_film(), known={name: truth[name] for name in ("K", "Ds")})
+    fit = plain_fit(OneMode(), squeeze_film(), known={name: truth[name] for name in ("K", "Ds")})
     assert set(fit.identifiability.unresolved) == {"M", "Mf", "lam"}
     assert any("M + Mf only as a sum" in c.message for c in fit.identifiability.combinations)
     total = fit.params["M"].value + fit.params["Mf"].value
@@ -236,7 +237,7 @@ def test_kanki_long_seal_refuses_one_lam():
     speed = 2000 * RPM
     lam_D, lam_M = -k.imag / (c.real * speed), -c.imag / (2 * m * speed)
     assert (round(lam_D, 4), round(lam_M, 4)) == (0.3508, 0.5960)
-    fit = rf.fit(OneMode(), kanki_test(), known={"M": 0.0, "K": 0.0, "Ds": 0.0})
+    fit = plain_fit(OneMode(), kanki_test(), known={"M": 0.0, "K": 0.0, "Ds": 0.0})
     verdict = rf.one_lam_test(fit)
     assert verdict.rejected
     hear(verdict.message)
@@ -247,7 +248,7 @@ def test_kanki_long_seal_refuses_one_lam():
 
 def test_one_lam_is_not_refused_in_silence_by_what_the_model_leaves_out():
     """The bundled rig turns with one ratio, and has structure that whirl-whip lacks."""
-    fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
+    fit = plain_fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
     hear(rf.one_lam_test(fit).message)
 
 
@@ -263,7 +264,7 @@ def test_one_lam_is_kept_where_it_holds():
         test = circular_test(
             model, theta, speeds=(100.0,), frequency=frequency, noise=0.01, seed=seed, sigma_known=True
         )
-        fit = rf.fit(model, test, known={name: truth[name] for name in ("K", "Ds", "M")})
+        fit = plain_fit(model, test, known={name: truth[name] for name in ("K", "Ds", "M")})
         refused += rf.one_lam_test(fit).rejected
     # Binomial(100, 0.01): more than 5 has probability 5e-4.
     assert refused <= 5

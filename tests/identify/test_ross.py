@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from known_shaft import rig_matrices
+from plain import plain_fit
 from scipy.io import loadmat, savemat
 from sentences import refuses
 
@@ -247,7 +248,7 @@ def test_the_rig_assembled_by_ross_is_the_one_behind_the_data(ross):
     M, G, K = rig_matrices()
     for mine, theirs in ((M, model.shaft.matrices.M), (-1j * G, model.shaft.matrices.G), (K, model.shaft.matrices.K)):
         np.testing.assert_allclose(theirs, mine, atol=1e-12 * np.abs(mine).max())
-    fit = rf.fit(model, rf.datasets.rig_open())
+    fit = plain_fit(model, rf.datasets.rig_open())
     assert 0.9 < fit.redchi < 1.1
     assert fit.params["K0"].value == pytest.approx(10000, rel=0.02)
 
@@ -326,7 +327,7 @@ def test_the_report_says_how_to_make_a_fit_of_a_file_s_shaft_again(rig, capsys):
     from rotorfit.show.report.reproduce import _calls, _command
 
     model = rf.models.KnownStructure.from_ross(rig / "shaft.mat", planes={"disk": 2, "oil": 4}, fluid="oil")
-    fit = rf.fit(model, rf.read(rig / "rig.csv"))
+    fit = plain_fit(model, rf.read(rig / "rig.csv"))
     material = ReportInput(fit=fit)
     words = shlex.split(_command(material))
     assert words[3:9] == ["--structure", str(rig / "shaft.mat"), "--planes", "disk=2,oil=4", "--fluid", "oil"]
@@ -372,7 +373,7 @@ def test_words_that_make_no_shaft(rig, capsys, monkeypatch, words, message):
 
 @pytest.fixture(scope="module")
 def fit(rig):
-    return rf.fit(from_file("2.3.0"), rf.read(rig / "rig.csv"))
+    return plain_fit(from_file("2.3.0"), rf.read(rig / "rig.csv"))
 
 
 def test_a_rotor_with_the_fitted_element_is_the_fitted_rotor(ross, rotor, fit, tmp_path):

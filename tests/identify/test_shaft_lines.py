@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from line_tests import ALL, FORCE, SPEED, TORSION, VALUES, W, line_test
+from plain import plain_fit
 from sentences import refuses
 
 import rotorfit as rf
@@ -15,7 +16,7 @@ def test_lines_and_twist_give_every_parameter_with_errors_that_hold():
     pulls = []
     for seed in range(12):
         test = line_test(model, truth, ALL, np.random.default_rng(seed), steady=("1x", "2x"))
-        fit = rf.fit(model, test)
+        fit = plain_fit(model, test)
         assert fit.success
         assert 0.7 < fit.redchi < 1.3
         pulls.append([(fit.params[name].value - truth[name]) / fit.params[name].stderr for name in truth])
@@ -27,8 +28,8 @@ def test_lines_and_twist_give_every_parameter_with_errors_that_hold():
 
 def test_stiffness_and_damping_of_the_twist_are_another_way_to_say_the_same():
     test = line_test(rf.models.AnisotropicShaft(), VALUES | TORSION, ALL, np.random.default_rng(3))
-    modal = rf.fit(rf.models.AnisotropicShaft(), test, known={"J": 2e-4})
-    stiff = rf.fit(rf.models.AnisotropicShaft(torsion="stiffness"), test, known={"J": 2e-4})
+    modal = plain_fit(rf.models.AnisotropicShaft(), test, known={"J": 2e-4})
+    stiff = plain_fit(rf.models.AnisotropicShaft(torsion="stiffness"), test, known={"J": 2e-4})
     assert stiff.chisqr == pytest.approx(modal.chisqr, rel=1e-8)
     assert stiff.params["kt"].value == pytest.approx(2e-4 * modal.params["nu_t"].value ** 2, rel=1e-6)
 
@@ -36,11 +37,11 @@ def test_stiffness_and_damping_of_the_twist_are_another_way_to_say_the_same():
 def test_what_the_lines_do_not_tell_is_said():
     few = -np.linspace(30.0, 310.0, 24)
     test = line_test(rf.models.AnisotropicShaft(), VALUES | TORSION, ALL, np.random.default_rng(3), sweep=few)
-    fit = rf.fit(rf.models.AnisotropicShaft(), test)  # J, eccentricity and side load only by their ratios
+    fit = plain_fit(rf.models.AnisotropicShaft(), test)  # J, eccentricity and side load only by their ratios
     assert {"J", "ec", "es", "Px", "Py"} <= set(fit.identifiability.unresolved)
     assert fit.params["nu_t"].value == pytest.approx(340.0, rel=1e-3)
     lateral = line_test(rf.models.AnisotropicShaft(), VALUES | TORSION, ALL[:2], np.random.default_rng(3), sweep=few)
-    assert {"ec", "Px"} <= set(rf.fit(rf.models.AnisotropicShaft(torsion=None), lateral).identifiability.unresolved)
+    assert {"ec", "Px"} <= set(plain_fit(rf.models.AnisotropicShaft(torsion=None), lateral).identifiability.unresolved)
 
 
 def test_a_round_shaft_is_called_round_in_19_of_20_tests():
@@ -49,7 +50,7 @@ def test_a_round_shaft_is_called_round_in_19_of_20_tests():
     round_shaft = {"M": 1.0, "D": 14.0, "K": 4e4, "dK_cos": 0.0, "dK_sin": 0.0} | known
     rng, covered = np.random.default_rng(1), 0
     for _ in range(200):
-        fit = rf.fit(model, line_test(model, round_shaft, ALL[:2], rng), known=known)
+        fit = plain_fit(model, line_test(model, round_shaft, ALL[:2], rng), known=known)
         covered += not fit.turning_anisotropy().significant
     # 95 % of 200 with the binomial's standard deviation 3.1: two of them to either side.
     assert 183 <= covered <= 197
@@ -75,7 +76,7 @@ def test_a_perturbation_test_without_images_fits_the_shaft_too():
         run="a", speed=SPEED, frequency=W, force_plane="disk", force=FORCE, plane="disk", direction="z",
         response=noisy, sigma=2e-8,
     )  # fmt: skip
-    fit = rf.fit(model, test, known={"ec": 0.0, "es": 0.0, "Px": 0.0, "Py": 0.0})
+    fit = plain_fit(model, test, known={"ec": 0.0, "es": 0.0, "Px": 0.0, "Py": 0.0})
     assert fit.params["K"].value == pytest.approx(4e4, rel=0.01)  # dK^2/K is what the image takes off at the most
     found = fit.turning_anisotropy()  # the angle leaves no trace at w
     assert not found.significant
@@ -84,7 +85,7 @@ def test_a_perturbation_test_without_images_fits_the_shaft_too():
 
 def test_results_are_saved_and_read_again(tmp_path):
     model = rf.models.AnisotropicShaft()
-    fit = rf.fit(model, line_test(model, VALUES | TORSION, ALL, np.random.default_rng(3)), known={"J": 2e-4})
+    fit = plain_fit(model, line_test(model, VALUES | TORSION, ALL, np.random.default_rng(3)), known={"J": 2e-4})
     fit.save(tmp_path / "fit.json")
     again = rf.load_fit(tmp_path / "fit.json")
     assert again.turning_anisotropy() == fit.turning_anisotropy()
@@ -95,17 +96,17 @@ def test_wrong_lines_models_and_planes_are_refused_in_words():
     model = rf.models.AnisotropicShaft()
     test = line_test(model, VALUES | TORSION, ALL, np.random.default_rng(0))
     with refuses(ValueError):
-        rf.fit(rf.models.OneMode(), test)
+        plain_fit(rf.models.OneMode(), test)
     with refuses(ValueError):
-        rf.fit(rf.models.AnisotropicShaft(torsion=None), test)
+        plain_fit(rf.models.AnisotropicShaft(torsion=None), test)
     with refuses(ValueError):
-        rf.fit(rf.models.AnisotropicShaft(planes=("rotor",)), test)
+        plain_fit(rf.models.AnisotropicShaft(planes=("rotor",)), test)
 
 
 def test_figures_show_lines_and_unstable_bands(tmp_path):
     model = rf.models.AnisotropicShaft()
     test = line_test(model, VALUES | TORSION | {"D": 6.0}, ALL, np.random.default_rng(3))
-    fit = rf.fit(model, test, known={"J": 2e-4})
+    fit = plain_fit(model, test, known={"J": 2e-4})
     lines = fit.plot.lines()
     assert len(lines.axes) == 8
     # |kappa(Om)|^2 = dK^2 with D = 6: a quadratic in Om^2.
@@ -115,10 +116,11 @@ def test_figures_show_lines_and_unstable_bands(tmp_path):
     words = " ".join(text.get_text() for text in fit.plot.stability().legends[0].get_texts())
     assert "unstable, 18" in words
     assert "unstable by turning anisotropy: 18" in fit.summary()
+    assert fit.plot.stability(unit="hz").axes[0].get_xlabel() == "rotative speed, Hz"
     page = rf.write_report(fit, tmp_path / "report.html").read_text()
     assert "Spectral lines" in page
     with refuses(ValueError):
-        rf.fit(rf.models.OneMode(), round_test(), known=KNOWN_MODE).plot.lines()
+        plain_fit(rf.models.OneMode(), round_test(), known=KNOWN_MODE).plot.lines()
 
 
 KNOWN_MODE = {"K0": 0.0, "D": 0.0, "lam": 0.0, "Mf": 0.0}
@@ -165,4 +167,4 @@ def test_damaged_files_of_lines_are_refused_in_words(tmp_path, old, new):
     assert old in text
     (tmp_path / "bad.csv").write_text(text.replace(old, new, 1))
     with refuses(ValueError):
-        rf.fit(model, rf.read(tmp_path / "bad.csv"), known={"J": 2e-4})
+        plain_fit(model, rf.read(tmp_path / "bad.csv"), known={"J": 2e-4})

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from line_tests import ALL, TORSION, VALUES, W, line_test
+from plain import plain_fit
 from scipy.optimize import least_squares
 
 import rotorfit as rf
@@ -24,7 +25,7 @@ def valley_test(seed):
 @pytest.fixture(scope="module")
 def fits():
     """Fits of 24 data sets in which J is known to 130 % at best."""
-    return [rf.fit(rf.models.AnisotropicShaft(), valley_test(seed)) for seed in range(24)]
+    return [plain_fit(rf.models.AnisotropicShaft(), valley_test(seed)) for seed in range(24)]
 
 
 @pytest.mark.slow
@@ -82,7 +83,7 @@ def test_intervals_of_what_goes_with_the_inertia_are_its_own_times_the_ratio(fit
 @pytest.mark.parametrize("setting", [{"bounds": {"Px": (-20.0, 20.0)}}, {"bounds": {"J": (1e-8, 1e-2)}}])
 def test_bounds_do_not_make_the_inertia_determined(setting):
     near_nothing = {"J": 1.7e-6, "ec": 5.2e-7, "es": 1.7e-7, "Px": 0.0104, "Py": -0.0706}
-    fit = rf.fit(rf.models.AnisotropicShaft(), valley_test(3), start=near_nothing, **setting)
+    fit = plain_fit(rf.models.AnisotropicShaft(), valley_test(3), start=near_nothing, **setting)
     assert {"J", *OVER_INERTIA} <= set(fit.identifiability.unresolved)
 
 
@@ -136,7 +137,7 @@ def test_derivatives_in_ratios_are_those_of_the_cost(fits):
 
 @pytest.mark.parametrize("settings", [{"known": {"ec": 6e-5}}, {"bounds": {"Px": (-2.0, 2.0)}}, {"known": {"J": 2e-4}}])
 def test_ratios_are_left_alone_where_something_tells_the_inertia_or_bounds_a_part(settings):
-    fit = rf.fit(rf.models.AnisotropicShaft(), valley_test(4), **settings)
+    fit = plain_fit(rf.models.AnisotropicShaft(), valley_test(4), **settings)
     assert ratios_of(fit.problem) is None
 
 
@@ -148,7 +149,7 @@ def test_ratios_are_left_alone_where_no_reading_tells_of_them():
 
 def test_a_side_load_without_a_trace_stays_where_it_is():
     model = rf.models.AnisotropicShaft()
-    fit = rf.fit(model, line_test(model, TRUTH, [ALL[0], ALL[2]], np.random.default_rng(3), sweep=W))
+    fit = plain_fit(model, line_test(model, TRUTH, [ALL[0], ALL[2]], np.random.default_rng(3), sweep=W))
     assert fit.success
     assert {"J", "ec", "es", "Px", "Py"} <= set(fit.identifiability.unresolved)
     assert fit.params["Px"].value == 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from plain import plain_fit
 from scipy.optimize import least_squares, minimize
 from synthetic import (
     KNOWN,
@@ -67,7 +68,7 @@ def test_noise_free_data_give_the_parameters_back(name):
     frequency = covering_frequencies(model, theta, SPEEDS[name], 200)
     test = circular_test(model, theta, speeds=SPEEDS[name], frequency=frequency)
     known = known_of(name, truth)
-    for result in (rf.closed_form(model, test, known=known), rf.fit(model, test, known=known)):
+    for result in (rf.closed_form(model, test, known=known), plain_fit(model, test, known=known)):
         assert result.success
         for key, value in truth.items():
             assert result.params[key].value == pytest.approx(value, rel=1e-8)
@@ -83,7 +84,7 @@ def assert_optima_found(name, count, noise, seed):
             model, theta, speeds=SPEEDS[name], frequency=frequency, noise=noise, seed=number, sigma_known=True
         )
         known = known_of(name, truth)
-        fit = rf.fit(model, test, known=known)
+        fit = plain_fit(model, test, known=known)
         assert fit.success, (number, fit.message)
         from_truth = least_cost_near(fit.problem, np.array([truth.get(name, 0.0) for name in fit.var_names]))
         # Minima agree to the optimiser's tolerance on the cost; another minimum would differ by far more.
@@ -113,7 +114,7 @@ def test_multistart_finds_no_better_optimum(name):
     frequency = covering_frequencies(model, theta, SPEEDS[name], 200)
     test = circular_test(model, theta, speeds=SPEEDS[name], frequency=frequency, noise=0.01, seed=5, sigma_known=True)
     known = known_of(name, truth)
-    fit = rf.fit(model, test, known=known)
+    fit = plain_fit(model, test, known=known)
     rng = np.random.default_rng(1)
     costs = []
     for _ in range(12):
@@ -135,7 +136,7 @@ def test_sharp_resonances_in_noise_have_their_optimum_found(seed, number):
         model, theta, speeds=SPEEDS["overhung"], noise=0.05, seed=number, sigma_known=True,
         frequency=covering_frequencies(model, theta, SPEEDS["overhung"], 200),
     )  # fmt: skip
-    fit = rf.fit(model, test)
+    fit = plain_fit(model, test)
     assert fit.start == "short fit"
     assert fit.chisqr < best_from_the_truth(truth, test) + 0.1
 
@@ -156,8 +157,8 @@ def test_force_and_probe_at_the_journal_alone_give_the_deepest_minimum():
     for number in SHARP:
         truth = rigs[number]
         test, known = journal_alone(truth, 60, 0.01, number), {"K3": truth["K3"]}
-        fit = rf.fit(WhirlWhip(), test, known=known)
-        near = rf.fit(WhirlWhip(), test, known=known, start={k: v for k, v in truth.items() if k != "K3"})
+        fit = plain_fit(WhirlWhip(), test, known=known)
+        near = plain_fit(WhirlWhip(), test, known=known, start={k: v for k, v in truth.items() if k != "K3"})
         assert fit.success, (number, fit.message)
         # Along what the data leave open the search ends anywhere: costs agree to the offset at which it may.
         assert fit.chisqr == pytest.approx(near.chisqr, rel=1e-6), number
@@ -172,19 +173,19 @@ def test_a_result_says_which_start_was_taken():
         sigma_known=True,
     )  # fmt: skip
     assert rf.closed_form(WhirlWhip(), test, known=known).start == "closed form"
-    fit = rf.fit(WhirlWhip(), test, known=known)
+    fit = plain_fit(WhirlWhip(), test, known=known)
     assert fit.start == "closed form"
     assert "start: closed form" in fit.summary()
-    partly = rf.fit(WhirlWhip(), test, known=known, start={"lam": 0.4})
+    partly = plain_fit(WhirlWhip(), test, known=known, start={"lam": 0.4})
     assert partly.start == "closed form"
     assert partly.params["lam"].init_value == 0.4
     assert "start: closed form, with lam given" in partly.summary()
     values = {name: value for name, value in truth.items() if name not in known}
-    assert rf.fit(WhirlWhip(), test, known=known, start=values).start == "given"
-    assert rf.fit(WhirlWhip(), test, known=known, phase_offsets="common").start == "short fit"
-    assert rf.fit(rf.models.Modal(modes=1, planes=("disk", "journal")), test).start == "rational fit"
+    assert plain_fit(WhirlWhip(), test, known=known, start=values).start == "given"
+    assert plain_fit(WhirlWhip(), test, known=known, phase_offsets="common").start == "short fit"
+    assert plain_fit(rf.models.Modal(modes=1, planes=("disk", "journal")), test).start == "rational fit"
     alone = journal_alone(truth, 60, 0.01, 1)
-    assert rf.fit(WhirlWhip(), alone, known=known).start == "random starts"
+    assert plain_fit(WhirlWhip(), alone, known=known).start == "random starts"
 
 
 def test_zeros_of_a_rational_fit_are_those_of_the_rotor():
@@ -201,7 +202,7 @@ def test_zeros_of_a_rational_fit_are_those_of_the_rotor():
 
 def best_from_the_truth(truth, test):
     """Chi-squared of the minimum that the true values lead to."""
-    return rf.fit(MODELS["overhung"](), test, start={name: truth[name] for name in TYPICAL["overhung"]}).chisqr
+    return plain_fit(MODELS["overhung"](), test, start={name: truth[name] for name in TYPICAL["overhung"]}).chisqr
 
 
 @pytest.mark.slow
@@ -210,14 +211,14 @@ def test_a_minimum_in_the_gap_beside_is_found():
     family = random_stable_rigs("overhung", 28, seed=11)
     for number in (3, 7, 13, 20, 27):
         test = overhung_without_slopes(family[number], seed=number)
-        assert rf.fit(MODELS["overhung"](), test).chisqr < best_from_the_truth(family[number], test) + 1
+        assert plain_fit(MODELS["overhung"](), test).chisqr < best_from_the_truth(family[number], test) + 1
 
 
 def test_what_may_be_a_local_minimum_is_called_so():
     """An overhung rotor whose slopes nobody read: where no start finds its sharp resonance the fit says so."""
     truth = random_stable_rigs("overhung", 10, seed=13)[9]
     test = overhung_without_slopes(truth, seed=9)
-    fit = rf.fit(MODELS["overhung"](), test)
+    fit = plain_fit(MODELS["overhung"](), test)
     assert fit.chisqr > best_from_the_truth(truth, test) + 10  # if ever a start finds it, this needs another rotor
     (doubt,) = (warning for warning in fit.warnings if "perhaps a local minimum" in warning)
     assert doubt in fit.summary()

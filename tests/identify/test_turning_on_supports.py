@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from plain import plain_fit
 from scipy.integrate import solve_ivp
 from sentences import refuses
 from shaft_setups import PERTURBED
@@ -97,7 +98,7 @@ def test_both_anisotropies_and_their_angles_are_fitted(simulated):
     pulls = []
     for seed in range(4):
         test = line_test(simulated, ("w", "2Om-w", "-w", "w-2Om"), 4e-7, seed)
-        fit = rf.fit(MODEL, test, known={"angle_s": None})
+        fit = plain_fit(MODEL, test, known={"angle_s": None})
         assert fit.success
         assert 0.8 < fit.redchi < 1.2  # 800 real data: 1 to 5 %
         pulls.append([(fit.params[n].value - TRUTH[n]) / fit.params[n].stderr for n in MODEL.parameter_names])
@@ -114,7 +115,7 @@ def test_both_anisotropies_and_their_angles_are_fitted(simulated):
 
 
 def test_what_is_cut_off_is_said_with_figures_and_files(simulated, tmp_path):
-    few = rf.fit(MODEL.variant(terms=2), line_test(simulated, ("w", "2Om-w", "-w", "w-2Om"), 4e-7, 0))
+    few = plain_fit(MODEL.variant(terms=2), line_test(simulated, ("w", "2Om-w", "-w", "w-2Om"), 4e-7, 0))
     size, share = lines_cut_off(few)
     exact, cut = (
         m.turning.receptance(m.vector(TRUTH), 90.0 - SPEED, SPEED)[:2, 0] for m in (MODEL, MODEL.variant(terms=2))
@@ -132,9 +133,9 @@ def test_what_is_cut_off_is_said_with_figures_and_files(simulated, tmp_path):
 
 def test_a_support_taken_for_round_does_not_explain_the_lines(simulated):
     test = line_test(simulated, ("w", "2Om-w"), 4e-7, 1)
-    both = rf.fit(MODEL, test, known={"angle_s": TRUTH["angle_s"]})
+    both = plain_fit(MODEL, test, known={"angle_s": TRUTH["angle_s"]})
     assert both.redchi < 1.2  # 400 data: 7 %
-    assert rf.fit(MODEL.rotor, test).redchi > 1.5
+    assert plain_fit(MODEL.rotor, test).redchi > 1.5
     assert abs(both.params["dKs"].value - TRUTH["dKs"]) < 4 * both.params["dKs"].stderr
 
 
@@ -174,7 +175,7 @@ def test_what_makes_no_such_rotor_is_refused_in_words(simulated):
         rf.models.Orthotropic(MODEL.rotor)
     test = line_test(simulated, ("w", "-w"), 1e-7, 0)
     with refuses(ValueError):
-        rf.fit(MODEL.rotor, test)
+        plain_fit(MODEL.rotor, test)
 
 
 @pytest.mark.slow
@@ -201,7 +202,7 @@ def test_both_anisotropies_come_from_volts(tmp_path):
     rotor = TurningOnSupports(Turning(Chain(1, planes=("disk",))))
     free = [name for name in ("M1", "K1", "Ds1") if name in rotor.parameter_names]
     assert len(free) == 3
-    fit = rf.fit(rotor, test, known={"angle_s": None, "dDs": 0.0, "K2": 0.0})
+    fit = plain_fit(rotor, test, known={"angle_s": None, "dDs": 0.0, "K2": 0.0})
     expected = {"M1": 1.0, "K1": 4e4, "Ds1": 25.0, "dK_cos": truth["dK_cos"], "dK_sin": truth["dK_sin"]}
     for name, value in expected.items():
         assert abs(fit.params[name].value - value) < 4 * fit.params[name].stderr, name

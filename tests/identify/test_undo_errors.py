@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from plain import plain_fit
 from sentences import refuses
 
 import rotorfit as rf
@@ -50,7 +51,7 @@ def test_what_a_finding_names_is_undone(
     slip(table).to_csv(file, index=False)
     with pytest.warns(rf.DataWarning):
         test = rf.read(file)
-    fit = rf.fit(rf.models.WhirlWhip(), test, known=KNOWN)
+    fit = plain_fit(rf.models.WhirlWhip(), test, known=KNOWN)
     (name,) = [found.correction for found in fit.findings if found.correction]
     right = rf.read(table)
     (mended,) = undone([test], [name])
@@ -65,7 +66,7 @@ def test_what_a_finding_names_is_undone(
 
 def test_an_error_that_leaves_the_scale_open_is_not_undone(table: pd.DataFrame) -> None:
     """Forces of an unbalance given as constant: how large the unbalance is they do not say."""
-    fit = rf.fit(rf.models.WhirlWhip(), rf.read(constant_forces(table)), known=KNOWN)
+    fit = plain_fit(rf.models.WhirlWhip(), rf.read(constant_forces(table)), known=KNOWN)
     assert [(found.code, found.correction) for found in fit.findings] == [("unbalance-as-constant", None)]
     with refuses(ValueError):
         undone(fit.experiments, ["unbalance-as-constant"])

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 from analyser_files import MODE, RPM, SPEED, W, analyser, shaker_test, written
+from plain import plain_fit
 from sentences import refuses, warns
 from synthetic import TYPICAL
 
 import rotorfit as rf
-from rotorfit.apps.cli import main as cli
 from rotorfit.lab.data.experiments import Experiment, PerturbationTest
 from rotorfit.lab.io.files import read
 from rotorfit.models import OneMode, Overhung
@@ -172,22 +172,12 @@ def test_a_reference_along_one_axis_is_a_force_that_does_not_turn(tmp_path: Path
     assert isinstance(test, PerturbationTest)
     assert test.forces == (f"7 along {'xy'[axis - 1]}",)
     assert (test.frequency > 0).all()
-    both = rf.fit(OneMode(planes=("7",)), rf.read(written(tmp_path / "b.uff", shaker_test())), known={"K": 0, "Ds": 0})
-    fit = rf.fit(OneMode(planes=("7",)), test, known={"K": 0, "Ds": 0})
+    both = plain_fit(
+        OneMode(planes=("7",)), rf.read(written(tmp_path / "b.uff", shaker_test())), known={"K": 0, "Ds": 0}
+    )
+    fit = plain_fit(OneMode(planes=("7",)), test, known={"K": 0, "Ds": 0})
     for name in ("K0", "D", "lam"):  # the abscissa of the files has six digits
         assert fit.params[name].value == pytest.approx(both.params[name].value, rel=1e-4)
-
-
-def test_the_command_line_warns_once_and_in_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    axial = [analyser(W + k + 0j, 3, axis) for k, axis in enumerate((1, 2, 1, 2, 1))]
-    path = written(tmp_path / "t.uff", [*shaker_test(), *axial])
-    with warnings.catch_warnings():
-        warnings.simplefilter("default")
-        assert cli.main(["info", str(path)]) == 0
-    told = capsys.readouterr().err.strip().splitlines()
-    assert len(told) == 1
-    assert told[0].startswith("rotorfit: t.uff: left out, not lateral")
-    assert told[0].endswith("and 2 more")
 
 
 def test_axial_directions_are_left_out_with_a_warning(tmp_path: Path) -> None:

@@ -6,12 +6,13 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from plain import plain_fit
 from sentences import refuses
 
 import rotorfit as rf
@@ -50,16 +51,6 @@ def test_whatever_a_package_raises_becomes_one_line_with_its_cause() -> None:
         raise_in_reading(IndexError("list index out of range"))
     with refuses(ValueError):
         raise_in_reading(ValueError("a.wav: line 3 is odd"))
-
-
-def test_names_that_are_no_text_are_refused(tmp_path: Path) -> None:
-    """They would end in figures and stores, which take none."""
-    path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/a\xff.csv"))
-    path.write_bytes(rf.datasets.path("field_balance.csv").read_bytes())
-    with refuses(ValueError):
-        rf.read(path)
-    [added] = rf.Store(tmp_path / "machine.db").add([path])
-    assert "must be text" in added.refusal
 
 
 def test_a_stop_passes_and_a_lack_of_memory_is_a_sentence() -> None:
@@ -144,7 +135,7 @@ def test_a_long_name_is_refused_at_once(tmp_path: Path) -> None:
     with refuses(ValueError):
         rf.load_fit(path)
     with refuses(KeyError) as caught:
-        rf.fit(rf.models.TwoDisk(), rf.datasets.two_disk(), known={"K" * 100_000: 1.0})
+        plain_fit(rf.models.TwoDisk(), rf.datasets.two_disk(), known={"K" * 100_000: 1.0})
     assert len(str(caught.value)) < 1000
 
 
@@ -161,32 +152,6 @@ def test_dimensions_of_mat_files_are_checked_whatever_their_type(tmp_path: Path,
         path.write_bytes(head + np.array([14, len(content)], "<i4").tobytes() + content)
         with pytest.raises(ValueError, match=words):
             check_mat(path)
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes with names")
-@pytest.mark.parametrize(
-    ("command", "suffix"),
-    [
-        *[("info", suffix) for suffix in (".csv", ".xlsx", ".nc", ".mat", ".uff")],
-        *[("look", suffix) for suffix in (".h5", ".tdms", ".wav", ".npz", ".parquet")],
-        ("run", ".toml"),
-        ("plan", ".toml"),
-        ("judge", ".json"),
-    ],
-)
-def test_pipes_devices_and_folders_are_no_files(
-    run: Callable[..., tuple[int, str, str]], tmp_path: Path, command: str, suffix: str
-) -> None:
-    """A pipe was waited for without end, and a device that has no end was read until the memory was full."""
-    pipe, device, folder = (tmp_path / f"{name}{suffix}" for name in ("pipe", "device", "folder"))
-    os.mkfifo(pipe)
-    device.symlink_to("/dev/zero")
-    folder.mkdir()
-    for path, words in ((pipe, "a pipe or a device"), (device, "a pipe or a device"), (folder, "Is a directory")):
-        code, _, said = run(command, path)
-        assert (code, said.count("\n")) == (2, 1)
-        assert path.name in said
-        assert words in said
 
 
 @pytest.mark.parametrize(("column", "cell"), [(1, "1e308"), (4, "1e200"), (8, "1e299")])

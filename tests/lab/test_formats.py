@@ -12,6 +12,7 @@ import pytest
 from analyser_files import shaker_test, written
 from any_test import PLAIN_NAMES, imposed_orbits, rigs, same
 from hypothesis import HealthCheck, given, settings
+from seal_campaigns import seal_campaign
 from sentences import refuses
 from slow_cases import slow_but
 from synthetic import TYPICAL, circular_test, covering_frequencies
@@ -206,3 +207,14 @@ def test_mat_of_version_73_is_named(tmp_path: Path) -> None:
     path.write_bytes(header + path.read_bytes()[len(header) :])
     with refuses(ValueError):
         rf.read(path)
+
+
+def test_netcdf_files_are_written_beside_a_dask_client(tmp_path):
+    """xarray then locks by the cluster, which takes files only; posteriors are drawn on workers."""
+    distributed = pytest.importorskip("distributed")
+    table, _ = seal_campaign(1)
+    here = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
+    options = {"processes": False, "protocol": "tcp", "threads_per_worker": 1, "scheduler_kwargs": here}
+    with distributed.LocalCluster(1, **options) as workers, distributed.Client(workers):
+        rf.write(table, tmp_path / "a.nc")
+    assert len(rf.read(tmp_path / "a.nc")) == len(table)

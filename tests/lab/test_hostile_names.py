@@ -2,43 +2,19 @@
 
 from __future__ import annotations
 
-import re
 import tomllib
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from hostile_names import HOSTILE, STEERS, named
 
 import rotorfit as rf
 from rotorfit.base.file_reading import shown, shown_lines
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.recordings.formats.files import open_raw
 from rotorfit.lab.recordings.rig.template import template
-
-HOSTILE = ("\x1b[31mred", "all\rwell", "a\nrotorfit: all is well", "gnp\u202e", "\x9b2J\u2028\t\x07")
-STEERS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]|^rotorfit: all", re.MULTILINE)
-
-Run = Callable[..., tuple[int, str, str]]
-
-
-def named(name: str) -> PerturbationTest:
-    """The bundled rig with its journal, one of its runs and an attribute called otherwise."""
-    rig = rf.datasets.rig_lumped()
-    rig = rig.select(np.arange(len(rig)) % 40 < 4)  # one frequency in ten
-
-    def called(column: np.ndarray, old: str) -> np.ndarray:
-        return np.array([name if word == old else word for word in column.tolist()])
-
-    return replace(
-        rig,
-        run=called(rig.run, rig.runs[0]),
-        plane=called(rig.plane, "journal"),
-        force_plane=called(rig.force_plane, "journal"),
-        attributes={f"oil {name}": np.array([name] * len(rig))},
-    )
 
 
 def write_table(test: PerturbationTest, path: Path) -> None:
@@ -59,29 +35,6 @@ def test_names_in_files_are_shown_on_one_line(tmp_path: Path, name: str) -> None
         names += tuple(test.attribute(next(iter(test.attributes))).tolist())
         assert not any(STEERS.search(word) or "\n" in word or "\t" in word for word in names)
         assert shown(name.strip().replace("\r", "\n" if suffix == ".csv" else "\r")) in test.planes
-
-
-def test_nothing_that_is_written_steers(run: Run, tmp_path: Path) -> None:
-    name = "".join(HOSTILE)
-    rf.write(named(name), tmp_path / "a.nc")
-    given = ("--model", "whirl-whip", "--planes", f"disk,{shown(name)}", "--known", "K3=6000", "--bootstrap", "5")
-    code, out, err = run("fit", tmp_path / "a.nc", *given, "--out", tmp_path / "fit")
-    assert (code, err) == (0, "")
-    written = [path.read_text(encoding="utf-8") for path in tmp_path.glob("fit/*") if path.suffix != ".png"]
-    assert len(written) > 5
-    assert not any(map(STEERS.search, (out, *written)))
-
-
-@pytest.mark.parametrize("name", HOSTILE)
-@pytest.mark.parametrize("command", ["info", "look", "template", "run", "judge", "plan", "store list"])
-def test_files_with_such_names_are_refused_in_a_sentence(run: Run, tmp_path: Path, name: str, command: str) -> None:
-    for suffix in (".csv", ".h5"):
-        path = tmp_path / f"{name}{suffix}"
-        path.write_bytes(rf.datasets.path("rig_lumped.csv").read_bytes())
-        code, out, err = run(*command.split(), path)
-        assert (code, out, err.count("\n")) == (2, "", 1)
-        assert err.startswith("rotorfit: ")
-        assert not STEERS.search(err)
 
 
 def test_a_setup_made_of_a_recording_is_toml_whatever_its_channels_are_called(tmp_path: Path) -> None:

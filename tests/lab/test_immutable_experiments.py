@@ -6,10 +6,9 @@ import pickle
 from dataclasses import replace
 
 import numpy as np
+from plain import plain_fit
 from sentences import refuses
 from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
-
-import rotorfit as rf
 
 
 def rig(count, noise=0.01):
@@ -37,9 +36,9 @@ def test_columns_and_attributes_cannot_be_written_to():
 def test_a_start_from_some_of_many_lines_leads_to_the_optimum_of_all():
     """Errors of 20000 lines are small, so that a start from some of them is off by several: the optimum is not."""
     model, test, known = rig(20_000)
-    fit = rf.fit(model, test, known=known)
+    fit = plain_fit(model, test, known=known)
     start = {name: TYPICAL["one-mode"][name] for name in fit.var_names}
-    from_truth = rf.fit(model, test, known=known, start=start)
+    from_truth = plain_fit(model, test, known=known, start=start)
     errors = np.sqrt(np.diag(fit.covar))
     assert fit.success
     np.testing.assert_allclose((fit.x - from_truth.x) / errors, 0, atol=1e-4)  # the optimiser's tolerance

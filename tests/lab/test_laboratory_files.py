@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plain import plain_fit
 from sentences import hear, refuses, warns
 from synthetic import SPEEDS, TYPICAL, circular_test, covering_frequencies
 
@@ -368,7 +369,7 @@ def test_run_and_planes_left_out(tmp_path, tidy, test_data):
     }
     same(replace(read, run=test_data.run), test_data)
     known = {"K3": 6000.0}
-    fit, other = (rf.fit(rf.models.WhirlWhip(), data, known=known) for data in (read, test_data))
+    fit, other = (plain_fit(rf.models.WhirlWhip(), data, known=known) for data in (read, test_data))
     assert fit.params["D"].value == pytest.approx(other.params["D"].value, rel=1e-6)
     text = example("perturbation").replace("force_plane,", "").replace("plane,direction", "direction")
     (tmp_path / "one.csv").write_text(text.replace(",journal", ""))
@@ -409,7 +410,7 @@ def test_a_shaft_along_another_axis(tmp_path, axes):
     path = tmp_path / "lab.uff"
     pyuff.UFF(str(path)).write_sets(sets, "overwrite")
     test = rf.read(path, axes=axes)
-    fit = rf.fit(rf.models.OneMode(planes=test.planes), test, known={"K": 8000.0, "Ds": 8.0})
+    fit = plain_fit(rf.models.OneMode(planes=test.planes), test, known={"K": 8000.0, "Ds": 8.0})
     assert fit.params["lam"].value == pytest.approx(TYPICAL["one-mode"]["lam"], rel=1e-4)
     assert fit.params["D"].value == pytest.approx(TYPICAL["one-mode"]["D"], rel=1e-4)
 

@@ -9,6 +9,7 @@ from tempfile import mkdtemp
 import h5py
 import numpy as np
 import pytest
+from plain import plain_fit
 from recorded import write_hdf5
 from sentences import refuses
 
@@ -72,7 +73,7 @@ def test_a_late_channel_is_named_with_its_delay_and_put_right_by_the_setup(tmp_p
     assert "delay_s of the probe in rig.toml" in told
     right = vectors(late, f"{PROBES}delay_us = {delay * 1e6}\n")
     assert "probe-delay" not in [finding.code for finding in rf.check(right)]
-    fits = [rf.fit(rf.models.WhirlWhip(), test, known=KNOWN) for test in (vectors(late, PROBES), right)]
+    fits = [plain_fit(rf.models.WhirlWhip(), test, known=KNOWN) for test in (vectors(late, PROBES), right)]
     astray, found = ([(fit.params[n].value - TRUTH[n]) / fit.params[n].stderr for n in ("D", "lam")] for fit in fits)
     assert np.abs(found).max() < 4  # normal: a chance of 1e-4
     assert np.abs(astray).max() > 10
@@ -145,12 +146,12 @@ def test_marks_of_a_clock_of_their_own_are_named_and_put_right_by_the_setup(tmp_
             for name, own in volts.items()
         }
         paths.append(write_hdf5(tmp_path / source.name, channels, attributes))
-    fit = rf.fit(rf.models.WhirlWhip(), vectors(paths), known=KNOWN)
+    fit = plain_fit(rf.models.WhirlWhip(), vectors(paths), known=KNOWN)
     assert fit.noise is not None
     assert [cause.name for cause in fit.noise.causes] == ["clock[all channels]"]
     assert -2 * fit.noise.causes[0].size / 8.0 == pytest.approx(fast, rel=0.2)  # grows over the eight seconds
     told = vectors(paths, "[shaft]\nclock_ppm = 20.0\n[perturbator]\nclock_ppm = 20.0\n")
-    right = rf.fit(rf.models.WhirlWhip(), told, known=KNOWN)
+    right = plain_fit(rf.models.WhirlWhip(), told, known=KNOWN)
     assert right.noise is not None
     assert not right.noise.causes
     for name in ("D", "lam", "K0", "Mf"):

@@ -7,7 +7,6 @@ import pytest
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.apps.cli.main import main
 
 CHANNELS = "CH#|Channel Name|Machine Name|Status|Angle|Direction|Speed Units(P)|Amp Unit|Phase Unit|"
 SAMPLES = (
@@ -165,12 +164,11 @@ def test_a_day_that_is_ambiguous_is_no_date(tmp_path):
         lambda text: text.replace("BRG1Y", "BRG1 X"),
     ],
 )
-def test_what_cannot_be_told_is_refused_in_words(tmp_path, capsys, change):
+def test_what_cannot_be_told_is_refused_in_words(tmp_path, change):
     path = written(tmp_path / "export.txt", change(export()))
-    with refuses(ValueError):
+    with refuses(ValueError) as caught:
         rf.read(path)
-    assert main(["info", str(path)]) == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert "\n" not in str(caught.value)
 
 
 @QUIET
@@ -215,12 +213,12 @@ def test_a_bode_table_says_neither_unit_nor_channel(tmp_path):
         rf.read(path, columns=AMPLITUDE)
 
 
-def test_the_command_line_says_what_a_bode_table_does_not(tmp_path, capsys):
+def test_samples_of_a_bode_table_without_a_phase_are_skipped_with_a_word(tmp_path):
+    found = []
     path = written(tmp_path / "bode.csv", bode().replace(phase(X[3]), "---"), "utf-8")
-    weight = ("plane=disk", "direction=x", "mr_g_mm=30", "force_phase_deg=0")
-    words = [word for constant in weight for word in ("--constant", constant)]
-    assert main(["info", str(path), "--column", "Y-Axis Value=amplitude_um_pp", *words]) == 0
-    told = capsys.readouterr().out
-    assert "7 readings in 1 run" in told
-    assert "1 of 8 samples were skipped (no phase: 1; line 5)" in told
-    assert "no weight" not in told
+    weight = {"plane": "disk", "direction": "x", "mr_g_mm": 30, "force_phase_deg": 0}
+    test = rf.read(path, columns=AMPLITUDE, constants=weight, on_finding=found.append)
+    assert len(test) == 7
+    words = "\n".join(map(str, found))
+    assert "1 of 8 samples were skipped (no phase: 1; line 5)" in words
+    assert "no weight" not in words

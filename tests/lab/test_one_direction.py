@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from linear_tests import linear_test
+from plain import plain_fit
 from sentences import refuses, warns
 from synthetic import MODELS, TYPICAL, known_of
 
@@ -34,7 +35,7 @@ def at_rest(noise: float = 0.0, seed: int = 0, along: str = "x") -> Perturbation
 
 @pytest.mark.parametrize("along", ["x", "y"])
 def test_one_direction_at_rest_gives_back_its_rig(along: str) -> None:
-    fit = rf.fit(MODELS["whirl-whip"](), at_rest(along=along), known=KNOWN)
+    fit = plain_fit(MODELS["whirl-whip"](), at_rest(along=along), known=KNOWN)
     for key in ("Md", "Ds", "K1", "K2", "Mb", "K0", "D"):
         assert fit.params[key].value == pytest.approx(TRUTH[key], rel=1e-6), key
 
@@ -43,7 +44,7 @@ def test_beside_pairs_single_probes_count_too() -> None:
     model = MODELS["whirl-whip"]()
     both = linear_test(model, model.vector(TRUTH), speed=0.0, frequency=W, along="x", force=5.0, noise=0.01)
     mixed = both.select((both.direction == "x") | (both.plane == "disk"))
-    found = rf.fit(model, mixed, known=KNOWN).params["D"]
+    found = plain_fit(model, mixed, known=KNOWN).params["D"]
     assert abs(found.value - TRUTH["D"]) < 4 * found.stderr
 
 
@@ -51,10 +52,10 @@ def test_a_rotor_that_turns_or_a_reading_across_the_force_is_refused() -> None:
     model = MODELS["whirl-whip"]()
     turning = linear_test(model, model.vector(TRUTH), speed=100.0, frequency=W, along="x", force=5.0)
     with refuses(ValueError):
-        rf.fit(model, turning.select(turning.direction == "x"), known=KNOWN)
+        plain_fit(model, turning.select(turning.direction == "x"), known=KNOWN)
     still = linear_test(model, model.vector(TRUTH), speed=0.0, frequency=W, along="x", force=5.0, noise=0.01)
     with refuses(ValueError):
-        rf.fit(model, still.select(still.direction == "y"), known=KNOWN)
+        plain_fit(model, still.select(still.direction == "y"), known=KNOWN)
 
 
 def test_lag_read_as_lead_is_named_at_rest_too() -> None:
@@ -97,7 +98,7 @@ def test_accelerations_are_displacements_with_their_noise_over_w_squared() -> No
 def test_noise_of_accelerometers_that_is_not_given_is_found_even_in_acceleration() -> None:
     """By the readings alone; 40 windows know a variance to a quarter, and their median errs by no more."""
     table, _ = accelerations(1e-3, 1)
-    fit = rf.fit(MODELS["whirl-whip"](), rf.read(table), known=KNOWN)
+    fit = plain_fit(MODELS["whirl-whip"](), rf.read(table), known=KNOWN)
     block = fit.problem.blocks[0]
     own = block.sigma * (2 * np.pi * table["frequency_hz"].to_numpy().reshape(4, -1)[0, 0]) ** 2
     assert own.max() / own.min() > 50  # as (80 Hz / 4 Hz)^2 = 400 times as large below as above, by channel
@@ -111,7 +112,7 @@ def test_noise_of_accelerometers_beside_that_of_the_force_is_told_apart() -> Non
     rng = np.random.default_rng(2)
     jitter, sensor = rng.standard_normal((2, a.size)) + 1j * rng.standard_normal((2, a.size))
     read = a * (1 + 0.02 * jitter) + 2e-3 * sensor
-    fit = rf.fit(
+    fit = plain_fit(
         MODELS["whirl-whip"](),
         rf.read(table.assign(acceleration_g=np.abs(read), phase_deg=np.degrees(np.angle(read)))),
         known=KNOWN,
@@ -244,10 +245,10 @@ def test_errors_by_coherence_cover_the_truth() -> None:
     """40 draws of 4 parameters from 10 averages each, by H1 of random force: nothing that the formula knows of."""
     inside, redchi = [], []
     for seed in range(40):
-        fit = rf.fit(MODELS["whirl-whip"](), rf.read(averaged(10, seed, 0.05)), known=KNOWN)
+        fit = plain_fit(MODELS["whirl-whip"](), rf.read(averaged(10, seed, 0.05)), known=KNOWN)
         redchi.append(fit.redchi)
         for key in ("Md", "K1", "D", "K0"):
-            low, high = fit.interval(key, 0.95, statistical=True)
+            low, high = fit.interval(key, 0.95, share="noise")
             inside.append(low <= TRUTH[key] <= high)
     # parameters of a draw go together: as if 80 were independent, 0.95 +- 3 * 0.024
     assert 0.87 <= np.mean(inside) <= 1.0

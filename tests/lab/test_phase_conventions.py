@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plain import plain_fit
 from scipy.integrate import solve_ivp
 from sentences import refuses
 
@@ -77,13 +78,13 @@ def test_a_weight_at_25_degrees_is_written_so(
     tmp_path: Path, orbits: Orbits, column: str, forward: float, backward: float
 ) -> None:
     test = rf.read(table(tmp_path / "rig.csv", orbits, column, forward, backward))
-    assert_true(rf.fit(rf.models.OneMode(), test, known=KNOWN))
+    assert_true(plain_fit(rf.models.OneMode(), test, known=KNOWN))
     rf.write(test, tmp_path / "again.csv")
-    assert_true(rf.fit(rf.models.OneMode(), rf.read(tmp_path / "again.csv"), known=KNOWN))
+    assert_true(plain_fit(rf.models.OneMode(), rf.read(tmp_path / "again.csv"), known=KNOWN))
 
 
 def test_angles_of_backward_forces_given_as_phases_are_named(tmp_path: Path, orbits: Orbits) -> None:
-    fit = rf.fit(
+    fit = plain_fit(
         rf.models.OneMode(), rf.read(table(tmp_path / "rig.csv", orbits, "force_phase_deg", 25, 25)), known=KNOWN
     )
     assert [finding.code for finding in fit.findings if finding.severity == "error"] == ["backward-angles"]
@@ -100,7 +101,7 @@ def test_readings_z_at_signed_frequency_go_with_force_angle(orbits: Orbits) -> N
     given = {"run": "r", "speed": SPEED, "frequency": list(orbits), "force_plane": "journal", "plane": "journal"}
     given |= {"direction": "z", "response": z, "sigma": 1e-8}
     test = rf.perturbation_test(**given, force=FORCE, force_angle=np.radians(ANGLE))
-    assert_true(rf.fit(rf.models.OneMode(), test, known=KNOWN))
+    assert_true(plain_fit(rf.models.OneMode(), test, known=KNOWN))
     with refuses(ValueError):
         rf.perturbation_test(**given, force=FORCE + 0j, force_angle=0.3)
     with refuses(ValueError):
@@ -109,7 +110,7 @@ def test_readings_z_at_signed_frequency_go_with_force_angle(orbits: Orbits) -> N
 
 def test_figures_show_the_phase_of_the_probe(tmp_path: Path, orbits: Orbits) -> None:
     """Of the motions integrated in time: the lead of the x probe on the force along x, forward and backward."""
-    fit = rf.fit(rf.models.OneMode(), rf.read(table(tmp_path / "rig.csv", orbits, "force_angle_deg", 25, 25)))
+    fit = plain_fit(rf.models.OneMode(), rf.read(table(tmp_path / "rig.csv", orbits, "force_angle_deg", 25, 25)))
     ratios = {
         w: x / (FORCE * np.exp(1j * np.sign(w) * np.radians(ANGLE))) * 1e6  # the force along x lags a backward angle
         for w, (x, _) in orbits.items()

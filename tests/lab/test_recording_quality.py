@@ -11,6 +11,7 @@ from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.base.array_types import Float
+from rotorfit.estimators.signals.spectral_lines import mains_hum
 from rotorfit.lab.recordings.reduction.responses import recorded_tests
 
 
@@ -175,3 +176,15 @@ def test_channels_without_pulses_are_refused_by_name(tmp_path: Path) -> None:
     for signal in (np.full_like(channels["disk_X"], -2.0), channels["disk_X"]):
         with refuses(ValueError):
             codes(tmp_path, {**channels, "keyphasor_shaft": signal})
+
+
+def test_blows_at_equal_times_are_no_hum_and_hum_is() -> None:
+    """Blows 2.000 s apart have lines at all multiples of 0.5 Hz, 50 and 60 Hz among them."""
+    rate, rng = 2000.0, np.random.default_rng(1)
+    t = np.arange(int(24 * rate)) / rate
+    since = t % 2.0
+    ringing = np.exp(-8 * since) * np.sin(2 * np.pi * 55.0 * since)
+    noise = 1e-3 * rng.normal(size=t.size)
+    assert mains_hum(ringing + noise, rate) == []
+    found = mains_hum(0.05 * np.sin(2 * np.pi * 50.0 * t) + noise, rate)
+    assert [round(frequency) for frequency, _ in found] == [50]

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from inspect import signature
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from law_data import CLEARANCE, fluid
 from nonlinear_rigs import CLEARANCE_UM, JUMPING, ONE_MODE, POWER, WHIRL_WHIP
+from plain import plain_fit
+from scipy.integrate import solve_ivp
 from sentences import refuses
 from slow_cases import slow_but
 from synthetic import TYPICAL
@@ -18,7 +22,9 @@ from rotorfit.identify.observing.observations import observe_any
 from rotorfit.lab.data.ring_down import ring_down_modes
 from rotorfit.lab.simulation.integration import IntegrationError
 from rotorfit.lab.simulation.recordings import RECORDED
+from rotorfit.lab.simulation.rig import nonlinear_path
 from rotorfit.lab.simulation.simulate import SIMULATED, ExperimentOptions, RecordingOptions
+from rotorfit.models import EvenPolynomial, Muszynska, OneMode
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues, static_equilibria
 
 RPM = np.pi / 30
@@ -98,7 +104,7 @@ def test_the_same_data_by_integration_and_by_the_phasor_equation_give_the_same_f
     x = np.where(single.frequency < 0, amplitude.conj(), amplitude)
     phasor = np.concatenate([x, np.where(single.frequency < 0, 1j, -1j) * x])  # rows are all x, then all y
     equation = replace(integrated, response=integrated.response + phasor - exact.response)
-    fits = [rf.fit(model, test, known={"Ds": VALUES["Ds"]}) for test in (integrated, equation)]
+    fits = [plain_fit(model, test, known={"Ds": VALUES["Ds"]}) for test in (integrated, equation)]
     # Cauchy and Schwarz: no least-squares estimate moves by more standard errors than the size of the change over
     # the noise; fits stop within 1e-4 of an error from the minimum
     change = float(np.linalg.norm((phasor - exact.response) / integrated.sigma))
@@ -163,7 +169,7 @@ def test_synchronous_start_ups_give_the_two_disk_rotor_back_whatever_its_residua
         model, values, "synchronous", speed_rpm=np.linspace(900, 5200, 18), unbalance=2e-4,
         residual={"inboard": 1e-4j, "outboard": -2e-4}, seed=3, tolerance=1e-5,
     )  # fmt: skip
-    fit = rf.fit(model, rf.difference_synchronous(test))
+    fit = plain_fit(model, rf.difference_synchronous(test))
     for name, parameter in fit.params.items():
         if parameter.vary:
             assert abs(parameter.value - values[name]) < 3.5 * parameter.stderr, name
@@ -263,3 +269,40 @@ def test_what_no_force_moves_is_at_rest_and_no_weight_is_refused() -> None:
     )
     assert np.abs(cancelled.response[cancelled.run == "journal 0 deg"]).max() == 0
     assert np.abs(cancelled.response[cancelled.run == "journal 180 deg"]).min() > 0
+
+
+def test_a_simulated_start_up_runs_through_the_onset(tmp_path: Path) -> None:
+    """Against the equation of motion at the speed of the moment, written out here."""
+    first, rate, unbalance, v = 230.0, 80.0, 6e-5, VALUES
+    rotor = OneMode(law=Muszynska(), clearance_um=CLEARANCE_UM)
+    onset = rf.models.threshold_speed(rotor, rotor.vector(v))
+    assert onset is not None
+    assert first < onset.speed < first + rate
+
+    def push(t: Any) -> Any:
+        speed = first + rate * t
+        return unbalance * (speed**2 - 1j * rate) * np.exp(1j * (first * t + rate * t**2 / 2))
+
+    def motion(t: float, s: np.ndarray) -> np.ndarray:
+        K0, D, lam = fluid(v, abs(s[0]) / CLEARANCE)
+        turn = 1j * lam * (first + rate * t)
+        force = (K0 - D * turn + v["Mf"] * turn**2 + v["K"]) * s[0] + (D - 2 * v["Mf"] * turn + v["Ds"]) * s[1]
+        return np.array([s[1], (push(t) - force) / (v["M"] + v["Mf"])])
+
+    given = {"speed": lambda t: first + rate * t, "force": lambda t: push(t)[:, None], "rate": 500.0, "count": 500}
+    path = nonlinear_path(rotor, rotor.vector(v), **given)[:, 0]
+    t = np.arange(500) / 500.0
+    z = solve_ivp(motion, (0, 1.0), np.zeros(2, complex), t_eval=t, rtol=1e-9, atol=1e-14, method="DOP853").y[0]
+    assert np.abs(path - z).max() < 1e-4 * np.abs(z).max()  # steps of 1e-6 over a hundred periods
+    quick = {"duration": 0.5, "hole_deg": (0.0,), "speed_rpm": (2200.0, 3000.0)}
+    rf.simulate_recordings(rotor, v, tmp_path / "raw", "synchronous", unbalance=6e-5, **quick)
+    for file in (tmp_path / "raw").glob("*.h5"):
+        z = rf.read_recording(file).motion("journal")
+        assert 0.1 * CLEARANCE < np.abs(z[-200:]).max() < CLEARANCE
+    soft = OneMode(law=EvenPolynomial(terms=1), clearance_um=CLEARANCE_UM)
+    values = {name: value for name, value in v.items() if name not in ("n_K", "n_D", "b")}
+    values |= {"K0_2": 0.0, "D_2": 0.0, "lam_2": 0.0}
+    with refuses(IntegrationError):
+        rf.simulate_recordings(soft, values, tmp_path, "synchronous", unbalance=1e-2, **quick)
+    with refuses(ValueError):
+        rf.simulate_recordings(rotor, v, tmp_path, "release", speed_rpm=1000)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from plain import plain_fit
 from sentences import refuses
 from shaft_setups import PERTURBED, PROBES
 
@@ -59,7 +60,7 @@ def test_a_heavy_shaft_runs_at_2x_most_at_half_its_critical_speed(lines):
 
 
 def test_a_start_up_alone_gives_the_anisotropy_for_a_known_mass(lines):
-    fit = rf.fit(rf.models.AnisotropicShaft(torsion=None, runout=True), lines, known={"M": 1.0})
+    fit = plain_fit(rf.models.AnisotropicShaft(torsion=None, runout=True), lines, known={"M": 1.0})
     assert fit.success
     assert 0.6 < fit.redchi < 1.5
     truth = TRUTH | {"R1c": RUNOUT.real, "R1s": RUNOUT.imag, "R2c": 0.0, "R2s": 0.0}
@@ -69,7 +70,7 @@ def test_a_start_up_alone_gives_the_anisotropy_for_a_known_mass(lines):
     shape = fit.turning_anisotropy()
     assert shape.dK.stderr < 0.01 * shape.dK.value
     # Without its mass everything is known but for a factor.
-    assert not rf.fit(rf.models.AnisotropicShaft(torsion=None, runout=True), lines).params["K"].resolved
+    assert not plain_fit(rf.models.AnisotropicShaft(torsion=None, runout=True), lines).params["K"].resolved
     assert [axis.get_xlabel() for axis in fit.plot.lines().axes] == ["rotative speed, rpm"] * 4
 
 
@@ -80,8 +81,8 @@ def test_a_start_up_and_a_perturbation_sweep_are_fitted_together(start_up, lines
     )
     (start_up / "perturbed.toml").write_text(PERTURBED)
     swept = rf.shaft_lines(rf.read_recording(start_up / "sweep.h5", start_up / "perturbed.toml"))
-    alone = rf.fit(SHAFT, swept, known=dict.fromkeys(("ec", "es", "Px", "Py"), 0.0))
-    both = rf.fit(rf.models.AnisotropicShaft(torsion=None, runout=True), [swept, lines])
+    alone = plain_fit(SHAFT, swept, known=dict.fromkeys(("ec", "es", "Px", "Py"), 0.0))
+    both = plain_fit(rf.models.AnisotropicShaft(torsion=None, runout=True), [swept, lines])
     for name in ("M", "D", "K", "dK_cos", "dK_sin", "ec", "es", "Px", "Py"):
         assert abs(both.params[name].value - TRUTH[name]) < 4 * both.params[name].stderr, name
     assert both.turning_anisotropy().dK.stderr < alone.turning_anisotropy().dK.stderr

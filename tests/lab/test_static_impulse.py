@@ -22,6 +22,7 @@ from law_data import (
     sweep,
     whirl,
 )
+from plain import plain_fit
 from scipy.signal import lfilter
 from scipy.stats import chi2
 from sentences import refuses, warns
@@ -55,7 +56,7 @@ def tests() -> dict[str, Experiment]:
 
 @pytest.fixture(scope="module")
 def joint(model: OneMode, tests: dict[str, Experiment]) -> FitResult:
-    return rf.fit(model, list(tests.values()), known=KNOWN)
+    return plain_fit(model, list(tests.values()), known=KNOWN)
 
 
 def pulls(fit: FitResult, truth: dict[str, float] = LIGHT) -> dict[str, float]:
@@ -70,7 +71,7 @@ def worst(fit: FitResult, truth: dict[str, float] = LIGHT) -> float:
 
 
 def test_static_loads_give_stiffness_and_the_law(model: OneMode, tests: dict[str, Experiment]) -> None:
-    fit = rf.fit(model, tests["static"], known=KNOWN | {"M": 1.2, "Mf": 0.4, "D": 150.0})
+    fit = plain_fit(model, tests["static"], known=KNOWN | {"M": 1.2, "Mf": 0.4, "D": 150.0})
     assert fit.success
     assert worst(fit) < 3.5
     assert fit.params["n_K"].stderr < 0.05
@@ -78,23 +79,23 @@ def test_static_loads_give_stiffness_and_the_law(model: OneMode, tests: dict[str
 
 
 def test_static_loads_say_what_they_do_not_see(model: OneMode, tests: dict[str, Experiment]) -> None:
-    fit = rf.fit(model, tests["static"], known=KNOWN)
+    fit = plain_fit(model, tests["static"], known=KNOWN)
     assert {"M", "D", "lam", "Mf"} <= set(fit.identifiability.unresolved)
     assert "M is not observable" in fit.summary()
     assert {"K", "K0", "n_K"}.isdisjoint(fit.identifiability.unresolved)
 
 
 def test_impulses_alone(model: OneMode, tests: dict[str, Experiment]) -> None:
-    fit = rf.fit(model, tests["impulse"], known=KNOWN | {"M": 1.2, "Mf": 0.4})
+    fit = plain_fit(model, tests["impulse"], known=KNOWN | {"M": 1.2, "Mf": 0.4})
     assert fit.success
     assert worst(fit) < 3.5
     assert fit.params["lam"].value > 0
 
 
 def test_imposed_orbits_alone(model: OneMode) -> None:
-    fit = rf.fit(model, squeeze(LIGHT, speed=120.0, eccentricities=(0.1, 0.4, 0.7, 0.8)), known=KNOWN)
+    fit = plain_fit(model, squeeze(LIGHT, speed=120.0, eccentricities=(0.1, 0.4, 0.7, 0.8)), known=KNOWN)
     assert worst(fit) < 3.5
-    film = rf.fit(model, squeeze(LIGHT), known=KNOWN | {"lam": 0.46, "b": 0.5})
+    film = plain_fit(model, squeeze(LIGHT), known=KNOWN | {"lam": 0.46, "b": 0.5})
     assert set(film.identifiability.unresolved) == {"M", "Mf"}
     assert "M + Mf only as a sum" in film.summary()
 
@@ -102,13 +103,13 @@ def test_imposed_orbits_alone(model: OneMode) -> None:
 def test_imposed_orbit_has_to_be_at_the_journal() -> None:
     test = replace(squeeze(LIGHT), plane=np.full(80, "disk"))
     with refuses(ValueError):
-        rf.fit(WhirlWhip(law=Muszynska(), clearance_um=CLEARANCE_UM), test)
+        plain_fit(WhirlWhip(law=Muszynska(), clearance_um=CLEARANCE_UM), test)
 
 
 def test_two_planes_under_static_loads_and_forces() -> None:
     model = WhirlWhip(law=Muszynska(), clearance_um=CLEARANCE_UM)
     swept = sweep(WHIRL_WHIP, levels=(1.0, 6.0), lines=40)
-    fit = rf.fit(model, [swept, static(WHIRL_WHIP)], known={"K3": 6000.0, "sigma": 1.0})
+    fit = plain_fit(model, [swept, static(WHIRL_WHIP)], known={"K3": 6000.0, "sigma": 1.0})
     assert fit.success
     assert worst(fit, WHIRL_WHIP) < 3.5
 
@@ -116,7 +117,7 @@ def test_two_planes_under_static_loads_and_forces() -> None:
 def test_linear_rotor_under_static_loads() -> None:
     linear = LIGHT | {"n_K": 0.0, "n_D": 0.0, "b": 0.0}
     test = static(linear, loads=(0.5, 1.0, 1.5, 2.0))
-    fit = rf.fit(OneMode(), test, known=KNOWN | {"M": 1.2, "K": 8000.0, "D": 150.0, "Mf": 0.4})
+    fit = plain_fit(OneMode(), test, known=KNOWN | {"M": 1.2, "K": 8000.0, "D": 150.0, "Mf": 0.4})
     assert set(pulls(fit, linear)) == {"K0", "lam"}
     assert worst(fit, linear) < 3.5
 
@@ -132,7 +133,7 @@ def test_joint_fit_is_sharper_than_any_alone_and_consistent(
     assert joint.redchi == pytest.approx(1.0, abs=4 * np.sqrt(2 / joint.nfree))
     assert not joint.identifiability.unresolved
     for name, test in tests.items():
-        alone = rf.fit(model, test, known=KNOWN, start={n: LIGHT[n] for n in LIGHT if n != "Ds"})
+        alone = plain_fit(model, test, known=KNOWN, start={n: LIGHT[n] for n in LIGHT if n != "Ds"})
         for parameter, p in joint.params.items():
             other = alone.params[parameter]
             if not p.vary:
@@ -176,7 +177,7 @@ def test_phase_offsets_are_those_of_turning_forces(model: OneMode, tests: dict[s
 
 
 def test_per_parameter_across_kinds(model: OneMode, tests: dict[str, Experiment]) -> None:
-    fit = rf.fit(
+    fit = plain_fit(
         model, [tests["static"], tests["sweep"]], known=KNOWN | {"M": 1.2, "Mf": 0.4}, per={"lam": "speed_rpm"}
     )
     found = [p for n, p in fit.params.items() if n.startswith("lam[")]
@@ -185,11 +186,11 @@ def test_per_parameter_across_kinds(model: OneMode, tests: dict[str, Experiment]
 
 
 def test_data_that_do_not_see_lam_do_not_call_the_rotor_stable(model: OneMode) -> None:
-    fit = rf.fit(model, static(LIGHT), known={"K": 8000.0, "M": 1.2, "Ds": 8.0})
+    fit = plain_fit(model, static(LIGHT), known={"K": 8000.0, "M": 1.2, "Ds": 8.0})
     assert not fit.params["lam"].resolved  # Mf, D and lam of a static load only in combination
     assert np.isinf(fit.threshold_speed().stderr)
     assert "threshold speed: not determined by these data" in fit.summary()
-    resolved = rf.fit(model, static(LIGHT), known={name: LIGHT[name] for name in ("K", "M", "Ds", "D", "Mf")})
+    resolved = plain_fit(model, static(LIGHT), known={name: LIGHT[name] for name in ("K", "M", "Ds", "D", "Mf")})
     assert np.isfinite(resolved.threshold_speed().stderr)
 
 
@@ -284,9 +285,9 @@ def test_several_modes_of_a_record() -> None:
 def test_records_are_fitted_as_they_are(model: OneMode) -> None:
     records = ring_down(LIGHT, eccentricities=(0.0, 0.15, 0.3, 0.45, 0.6))
     known = KNOWN | {"M": 1.2, "Mf": 0.4}
-    fit = rf.fit(model, records, known=known)
+    fit = plain_fit(model, records, known=known)
     assert worst(fit) < 3.5
-    reduced = rf.fit(model, rf.ring_down_modes(records), known=known)
+    reduced = plain_fit(model, rf.ring_down_modes(records), known=known)
     assert fit.params["lam"].value == pytest.approx(reduced.params["lam"].value, rel=1e-9)
 
 
@@ -318,9 +319,9 @@ def test_noise_of_static_loads_from_repeats_and_from_smoothness(model: OneMode) 
     known = KNOWN | {"M": 1.2, "Mf": 0.4, "D": 150.0}
     loads = tuple(np.linspace(2, 45, 24))
     once = static(LIGHT, speeds=(100.0,), loads=loads)
-    smooth = rf.fit(model, replace(once, sigma=np.full(24, np.nan)), known=known)
+    smooth = plain_fit(model, replace(once, sigma=np.full(24, np.nan)), known=known)
     again = static(LIGHT, speeds=(100.0,), loads=tuple(np.repeat(loads, 3)))
-    repeated = rf.fit(model, replace(again, sigma=np.full(72, np.nan)), known=known)
+    repeated = plain_fit(model, replace(again, sigma=np.full(72, np.nan)), known=known)
     for fit, error in ((smooth, 0.5), (repeated, 0.35)):
         sigma = fit.problem.blocks[0].sigma
         assert sigma[0] == pytest.approx(0.3e-6, rel=error)
@@ -330,12 +331,12 @@ def test_noise_of_static_loads_from_repeats_and_from_smoothness(model: OneMode) 
 def test_unknown_noise_is_asked_for(model: OneMode) -> None:
     few = replace(static(LIGHT, speeds=(100.0,), loads=(2.0, 9.0, 20.0)), sigma=np.full(3, np.nan))
     with refuses(ValueError):
-        rf.fit(model, few)
+        plain_fit(model, few)
     hit = replace(impulse(LIGHT), sigma=np.full(10, np.nan))
     with refuses(ValueError):
-        rf.fit(model, hit)
+        plain_fit(model, hit)
     twice = impulse(LIGHT, eccentricities=tuple(np.repeat((0.0, 0.3, 0.5), 4)))
-    fit = rf.fit(model, replace(twice, sigma=np.full(24, np.nan)), known=KNOWN | {"M": 1.2, "Mf": 0.4})
+    fit = plain_fit(model, replace(twice, sigma=np.full(24, np.nan)), known=KNOWN | {"M": 1.2, "Mf": 0.4})
     assert fit.problem.blocks[0].sigma[0] == pytest.approx(0.3, rel=0.5)
     table = replace(rf.datasets.seal_muszynska_tum(), sigma=np.full(70, np.nan))
     with refuses(ValueError):
@@ -347,18 +348,18 @@ def test_bad_readings_are_named(model: OneMode) -> None:
     load = test.load.copy()
     load[3] = np.nan
     with refuses(ValueError):
-        rf.fit(model, replace(test, load=load))
+        plain_fit(model, replace(test, load=load))
     with refuses(ValueError):
-        rf.fit(OneMode(law=Muszynska(), clearance_um=100.0), test)
+        plain_fit(OneMode(law=Muszynska(), clearance_um=100.0), test)
     with refuses(ValueError):
-        rf.fit(OneMode(planes=("seal",), law=Muszynska(), clearance_um=200.0), test)
+        plain_fit(OneMode(planes=("seal",), law=Muszynska(), clearance_um=200.0), test)
     centred = replace(impulse(LIGHT), eccentricity=np.full(10, np.nan))
     with refuses(ValueError):
-        rf.fit(model, centred)
+        plain_fit(model, centred)
     with refuses(ValueError):
         replace(impulse(LIGHT), damping_ratio=np.full(10, 1.2))
     with refuses(ValueError):
-        rf.fit(model, replace(off_centre(LIGHT), attributes={"static_x_um": np.full(96, 10.0)}))
+        plain_fit(model, replace(off_centre(LIGHT), attributes={"static_x_um": np.full(96, 10.0)}))
 
 
 def test_position_is_as_good_as_eccentricity(model: OneMode) -> None:

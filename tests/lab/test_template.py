@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from recorded import RATE, volts, write_hdf5
-from sentences import hear, refuses
+from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.apps.cli.main import main
 from rotorfit.lab.recordings.rig.rig_toml import setup_of
 from rotorfit.lab.recordings.rig.setup import ForceSetup
 from rotorfit.lab.recordings.rig.template import template
@@ -47,21 +46,6 @@ def test_a_template_to_fill_in_is_refused_until_it_is(tmp_path: Path) -> None:
     assert rf.read_recording(path, setup).sample_rate == RATE
 
 
-def test_raw_signals_given_to_fit_are_told_what_to_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    raw = tmp_path / "raw.csv"
-    t = np.arange(200) / 1000
-    np.savetxt(raw, np.column_stack([t, t]), delimiter=",", header="time_s,disk_X", comments="")
-    assert main(["fit", str(raw), "--model", "whirl-whip"]) == 2
-    said = capsys.readouterr().err
-    assert "raw.csv looks like raw signals (200 samples of time_s, disk_X)" in said
-    assert "rotorfit template raw.csv > rig.toml" in said
-    bare = write_hdf5(tmp_path / "a.h5", volts(), {})
-    assert main(["fit", str(bare), "--model", "whirl-whip"]) == 2
-    hear(capsys.readouterr().err)
-    with refuses(ValueError):
-        rf.read(bare)
-
-
 def test_the_setup_of_the_documents_is_one() -> None:
     page = (Path(__file__).parents[2] / "docs" / "volts.md").read_text(encoding="utf-8")
     setup = setup_of(tomllib.loads(page.partition("```toml\n")[2].partition("```")[0]), "rig.toml")
@@ -71,11 +55,3 @@ def test_the_setup_of_the_documents_is_one() -> None:
     assert setup.of_file("other.h5").force == ForceSetup(
         plane="disk", mr=pytest.approx(2e-5), angle=np.radians(33.0), whirl=1
     )
-
-
-def test_template_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = write_hdf5(tmp_path / "run.h5", volts())
-    assert main(["template", str(path)]) == 0
-    assert capsys.readouterr().out == template(path)
-    assert main(["template", str(tmp_path / "none.h5")]) == 2
-    assert "no such file" in capsys.readouterr().err

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from plain import plain_fit
 from seal_rig import FLUID, STATOR_MASS, dry_stiffness, floating_stator, matrices
 from sentences import refuses
 
@@ -28,7 +29,7 @@ def test_cross_talk_that_was_measured_biases_nothing() -> None:
     table = floating_stator(speeds_rpm=[3000.0], cross_talk=0.03, exact=True, mass=0.0)
     test = read(table)
     assert test.forces == ("stator along x + stator along y", "stator along y + stator along x")
-    fit = rf.fit(MODEL, test)
+    fit = plain_fit(MODEL, test)
     truth = FLUID(3000.0)
     for name, value in truth.items():
         assert fit.params[name].value == pytest.approx(value, rel=1e-8, abs=1e-6), name
@@ -39,7 +40,7 @@ def test_cross_talk_that_was_measured_biases_nothing() -> None:
         ),
         force_direction=table["run"].str[-1],
     ).drop(columns=["force_x_N", "force_x_phase_deg", "force_y_N", "force_y_phase_deg"])
-    alone = rf.fit(MODEL, rf.read(main))
+    alone = plain_fit(MODEL, rf.read(main))
     assert max(abs(alone.params[name].value / truth[name] - 1) for name in ("Kxx", "Kxy", "Kyx", "Kyy")) > 0.005
 
 
@@ -49,7 +50,7 @@ def test_an_isotropic_model_sees_both_forces_forward_and_backward() -> None:
     mass = {"Mxx": 3.0, "Myy": 3.0, "Mxy": 0.0, "Myx": 0.0}
     table = floating_stator(speeds_rpm=[3000.0], cross_talk=0.05, exact=True, mass=0.0, fluid=lambda _: fluid | mass)
     model = rf.models.OneMode(planes=("stator",))
-    fit = rf.fit(model, rf.read(table), known={"K": 0.0, "Ds": 0.0, "Mf": 0.0})
+    fit = plain_fit(model, rf.read(table), known={"K": 0.0, "Ds": 0.0, "Mf": 0.0})
     found = {name: fit.params[name].value for name in ("K0", "D", "lam", "M")}
     lam = 8e5 / (4e3 * 100 * np.pi)
     assert found == pytest.approx({"K0": 2e6, "D": 4e3, "lam": lam, "M": 3.0}, rel=1e-8)
@@ -106,7 +107,7 @@ def test_a_universal_file_with_both_references_has_a_dry_run(tmp_path: Path) -> 
                 )  # fmt: skip
         pyuff.UFF(str(tmp_path / f"{name}.uff")).write_sets(records, mode="overwrite")
     names = [kind + row + column for kind in "KD" for row in "xy" for column in "xy"]
-    fit = rf.fit(
+    fit = plain_fit(
         rf.models.Anisotropic(("7",)),
         rf.read(tmp_path / "wet.uff"),
         baseline=rf.read(tmp_path / "dry.uff"),
@@ -142,7 +143,7 @@ def test_at_rest_the_force_along_the_reading_counts() -> None:
             "amplitude_m": np.abs(x), "phase_rad": np.angle(x),
         }
     )  # fmt: skip
-    fit = rf.fit(rf.models.OneMode(), rf.read(table), known={"K0": 0.0, "D": 0.0, "lam": 0.4, "Mf": 0.0})
+    fit = plain_fit(rf.models.OneMode(), rf.read(table), known={"K0": 0.0, "D": 0.0, "lam": 0.4, "Mf": 0.0})
     assert {name: fit.params[name].value for name in truth} == pytest.approx(truth, rel=1e-8)
 
 

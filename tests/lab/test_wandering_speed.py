@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import recorded
+from plain import plain_fit
 
 import rotorfit as rf
 from rotorfit.estimators.blocks.set_speeds import set_speeds
@@ -62,7 +63,7 @@ def swept(seed: int, wander: Any, probes: int, speeds: tuple[float, ...] = (1000
 
 
 def fitted(test: Any, **options: Any) -> Any:
-    return rf.fit(rf.models.OneMode(planes=("seal",)), test, known=KNOWN, **options)
+    return plain_fit(rf.models.OneMode(planes=("seal",)), test, known=KNOWN, **options)
 
 
 @pytest.mark.parametrize("wander", [slow, jitter, coarse])
@@ -77,7 +78,7 @@ def test_error_bars_hold_where_the_speed_wanders(wander: Any) -> None:
                 ("lam", LAM, fit.params["lam"]),
                 ("threshold", THRESHOLD, fit.threshold_speed()),
             ):
-                low, high = found.interval(0.95, statistical=True)
+                low, high = found.interval(0.95, share="noise")
                 held[name] += low <= truth <= high
             redchi.append(fit.redchi)
             warned += bool(fit.warnings)
@@ -208,8 +209,8 @@ def test_responses_of_a_recording_have_the_speed_at_their_own_moment(tmp_path: P
     setup = tmp_path / "rig.toml" if measured else None
     test = rf.responses([rf.read_recording(path, setup) for path in paths])
     assert 0.005 < np.std(test.speed) / np.mean(test.speed) < 0.02
-    fit = rf.fit(rf.models.OneMode(planes=("disk",)), test, known=KNOWN)
-    steady = rf.fit(rf.models.OneMode(planes=("disk",)), replace(test, speed=test.set_speed), known=KNOWN)
+    fit = plain_fit(rf.models.OneMode(planes=("disk",)), test, known=KNOWN)
+    steady = plain_fit(rf.models.OneMode(planes=("disk",)), replace(test, speed=test.set_speed), known=KNOWN)
     assert fit.params["lam"].value == pytest.approx(LAM, rel=1e-3)
     assert steady.redchi > 10 * fit.redchi
 
@@ -218,7 +219,7 @@ def test_combination_lines_have_the_speed_at_their_own_moment(tmp_path: Path) ->
     """A wander of 0.5 %: with the mean speed redchi is 7 and the uneven stiffness 4 errors off."""
     test = rf.shaft_lines([rf.read_recording(path) for path in recorded_sweeps(tmp_path, 0.005, turning=900.0)])
     twist = {"ec": 0.0, "es": 0.0, "Px": 0.0, "Py": 0.0, "J": 0.01, "nu_t": 5000.0, "zeta_t": 0.01}
-    fit = rf.fit(rf.models.AnisotropicShaft(planes=("disk",)), test, known=twist)
+    fit = plain_fit(rf.models.AnisotropicShaft(planes=("disk",)), test, known=twist)
     assert fit.redchi < 2
     for name, value in {"M": MASS, "D": DAMPING, "K": STIFFNESS, "dK_cos": 900.0, "dK_sin": 0.0}.items():
         assert abs(fit.params[name].value - value) < 4 * fit.params[name].stderr, name
@@ -238,7 +239,7 @@ def test_simulated_rotors_turn_at_the_speed_that_their_marks_show(tmp_path: Path
     )
     test = rf.responses([rf.read_recording(path) for path in paths])
     assert np.ptp(test.speed) > 0.01 * 1500.0 * RPM
-    fit = rf.fit(rf.models.OneMode(), test, known={name: values[name] for name in ("K", "Ds", "M")})
+    fit = plain_fit(rf.models.OneMode(), test, known={name: values[name] for name in ("K", "Ds", "M")})
     assert fit.redchi < 1.3
     for name in ("K0", "D", "lam", "Mf"):
         parameter = fit.params[name]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from beams import shaft
+from plain import plain_fit
 from scipy.optimize import brentq
 
 import rotorfit as rf
-from rotorfit.lab.data.experiments import perturbation_test
 from rotorfit.models import WhirlWhip
 
 RPM = np.pi / 30
@@ -82,7 +82,7 @@ class Rig:
             name: np.concatenate([np.broadcast_to(np.asarray(row[k]), row[2].shape) for row in rows])
             for k, name in enumerate(names)
         }
-        return perturbation_test(**columns, source="finite-element rig")
+        return rf.perturbation_test(**columns, source="finite-element rig")
 
 
 def random_rig(rng):
@@ -105,7 +105,7 @@ QUANTITIES = ("D", "lam", "Mf", "threshold")
 
 def pulls_of(p, rig, speeds, threshold, seed):
     """Errors over their standard errors after refinement, and redchi before and after."""
-    plain = rf.fit(WhirlWhip(), rig.campaign(speeds, seed), known={"K3": K3})
+    plain = plain_fit(WhirlWhip(), rig.campaign(speeds, seed), known={"K3": K3})
     best = rf.refine(plain).best
     onset = best.threshold_speed()
     pulls = [(best.params[n].value - p[n]) / best.params[n].stderr for n in ("D", "lam", "Mf")]

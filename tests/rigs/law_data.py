@@ -8,15 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+import rotorfit as rf
 from rotorfit.base.array_types import ComplexArray, Float
-from rotorfit.lab.data.experiments import (
-    DisplacementTest,
-    ImpulseTest,
-    PerturbationTest,
-    RingDownTest,
-    StaticTest,
-    perturbation_test,
-)
 
 Values = Mapping[str, float]
 
@@ -83,7 +76,7 @@ def sweep(
     noise: float = 0.01,
     seed: int = 0,
     branch: int | str = 0,
-) -> PerturbationTest:
+) -> rf.PerturbationTest:
     """Sweeps at several force levels at the journal, noise a fraction of each response's rms.
 
     ``branch`` is the number of the orbit where there are several, or "alternate" for first and last in turn.
@@ -110,7 +103,7 @@ def sweep(
                 for key, cell in row.items():
                     rows.setdefault(key, []).append(np.broadcast_to(np.asarray(cell), w.shape))
     joined: dict[str, Any] = {key: np.concatenate(parts) for key, parts in rows.items()}
-    return perturbation_test(**joined, source="sweep")
+    return rf.perturbation_test(**joined, source="sweep")
 
 
 def equilibrium(v: Values, speed: float, load: complex) -> ComplexArray:
@@ -128,7 +121,7 @@ def static(
     angle: float = -np.pi / 2,
     sigma: float = 0.3e-6,
     seed: int = 1,
-) -> StaticTest:
+) -> rf.StaticTest:
     rng = np.random.default_rng(seed)
     rows = []
     for speed in speeds:
@@ -140,7 +133,7 @@ def static(
                 rows.append((f"{speed:g} rad/s", speed, "journal", vector, plane, value + error, sigma or np.nan))
     names = ("run", "speed", "load_plane", "load", "plane", "displacement", "sigma")
     columns: dict[str, Any] = {n: np.array(column) for n, column in zip(names, zip(*rows, strict=True), strict=True)}
-    return StaticTest(**columns, source="static")
+    return rf.StaticTest(**columns, source="static")
 
 
 def small_motion(v: Values, speed: float, z0: complex) -> tuple[Float, Float, Float]:
@@ -188,7 +181,7 @@ def impulse(
     eccentricities: Sequence[float] = (0.0, 0.15, 0.3, 0.45, 0.6),
     sigma: float = 0.3,
     seed: int = 2,
-) -> ImpulseTest:
+) -> rf.ImpulseTest:
     rng = np.random.default_rng(seed)
     rows = []
     for speed in speeds:
@@ -197,7 +190,7 @@ def impulse(
             rows.append((f"{speed:g} rad/s", speed, s.imag, -s.real / abs(s), eps, sigma or np.nan))
     names = ("run", "speed", "frequency", "damping_ratio", "eccentricity", "sigma")
     columns: dict[str, Any] = {n: np.array(column) for n, column in zip(names, zip(*rows, strict=True), strict=True)}
-    return ImpulseTest(**columns, position=np.full(len(rows), complex(np.nan, np.nan)), source="impulse")
+    return rf.ImpulseTest(**columns, position=np.full(len(rows), complex(np.nan, np.nan)), source="impulse")
 
 
 def ring_down(
@@ -209,7 +202,7 @@ def ring_down(
     duration: float = 0.4,
     samples: int = 800,
     seed: int = 3,
-) -> RingDownTest:
+) -> rf.RingDownTest:
     """Records after a small velocity step, from the matrix exponential of the linearised motion."""
     rng = np.random.default_rng(seed)
     time = np.linspace(0.0, duration, samples)
@@ -223,12 +216,12 @@ def ring_down(
         for key, cell in (record | {"eccentricity": np.nan}).items():
             parts.setdefault(key, []).append(np.broadcast_to(np.asarray(cell), time.shape))
     columns: dict[str, Any] = {key: np.concatenate(cells) for key, cells in parts.items()}
-    return RingDownTest(**columns, source="records")
+    return rf.RingDownTest(**columns, source="records")
 
 
 def off_centre(
     v: Values, *, speed: float = 100.0, eps: float = 0.5, lines: int = 24, noise: float = 0.01, seed: int = 5
-) -> PerturbationTest:
+) -> rf.PerturbationTest:
     """Small forward and backward circular forces about an equilibrium at 0.7 rad, read in x and y."""
     rng = np.random.default_rng(seed)
     z0 = eps * CLEARANCE * np.exp(0.7j)
@@ -255,7 +248,7 @@ def off_centre(
         "static_y_um": np.full(count, z0.imag * 1e6),
     }
     joined: dict[str, Any] = {key: np.concatenate(parts) for key, parts in rows.items()}
-    return perturbation_test(**joined, attributes=place, source="off-centre")
+    return rf.perturbation_test(**joined, attributes=place, source="off-centre")
 
 
 def squeeze(
@@ -266,7 +259,7 @@ def squeeze(
     lines: int = 20,
     noise: float = 0.01,
     seed: int = 4,
-) -> DisplacementTest:
+) -> rf.DisplacementTest:
     """Circular orbits imposed on a journal, of one mode; without rotation the squeeze-film test."""
     rng = np.random.default_rng(seed)
     eps = np.repeat(np.asarray(eccentricities), lines)
@@ -276,7 +269,7 @@ def squeeze(
     spread = noise * float(np.sqrt(np.mean(np.abs(F) ** 2)))
     F = F + spread * (rng.normal(size=w.size) + 1j * rng.normal(size=w.size))
     x = np.where(w < 0, F.conj(), F)
-    return DisplacementTest(
+    return rf.DisplacementTest(
         run=np.full(w.size, f"imposed {speed:g}"), speed=np.full(w.size, speed), frequency=w,
         plane=np.full(w.size, "journal"), displacement=size.astype(complex), force_x=x,
         force_y=np.where(w < 0, 1j * x, -1j * x), sigma=np.full(w.size, spread * np.sqrt(2) or np.nan),

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+import rotorfit as rf
 from rotorfit.base.array_types import Float
-from rotorfit.lab.data.experiments import PerturbationTest, perturbation_test
 from rotorfit.models import RotorModel
 from rotorfit.models.motion.journal import journal
 
@@ -55,7 +55,7 @@ def linear_test(
     force: complex = 5.0 * np.exp(0.4j),
     planes: Sequence[str] | None = None,
     gains: Mapping[tuple[str, str], float] | None = None,
-) -> PerturbationTest:
+) -> rf.PerturbationTest:
     """Sweeps at every plane, read in x and y, from the equation of motion in real coordinates, all x then all y.
 
     Args:
@@ -89,4 +89,4 @@ def linear_test(
                 }
                 for key, cell in row.items():
                     columns.setdefault(key, []).append(np.broadcast_to(np.asarray(cell), frequency.shape))
-    return perturbation_test(**{key: np.concatenate(parts) for key, parts in columns.items()}, source="linear")  # type: ignore[arg-type]
+    return rf.perturbation_test(**{key: np.concatenate(parts) for key, parts in columns.items()}, source="linear")  # type: ignore[arg-type]

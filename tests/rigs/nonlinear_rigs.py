@@ -5,9 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.models import EvenPolynomial, MonotoneSpline, Muszynska, OneMode, RotorModel, WhirlWhip
+from rotorfit.models.motion.journal import journal
+from rotorfit.models.motion.off_centre import static_equilibria
+from rotorfit.models.motion.orbits import OrbitEquation
 
 CLEARANCE_UM = 200.0
+SPEED = 100.0
+"""rad/s"""
 
 ONE_MODE = {"M": 1.2, "K": 8000.0, "Ds": 8.0, "K0": 9000.0, "D": 450.0, "lam": 0.46, "Mf": 0.4}
 JUMPING = {"M": 1.2, "K": 2000.0, "Ds": 8.0, "K0": 9000.0, "D": 40.0, "lam": 0.46, "Mf": 0.4}
@@ -39,3 +45,36 @@ def rig(name: str) -> tuple[RotorModel, NDArray[np.float64]]:
     }
     model, values = rigs[name]
     return model, model.vector(values)
+
+
+def loaded(name: str, newton: complex) -> tuple[RotorModel, Float, ComplexArray, float, float]:
+    """A rig under a load at its journal: model, parameters, displacements, eccentricity and attitude."""
+    model, theta = rig(name)
+    seat = journal(model)
+    load = np.zeros(len(model.coordinates), dtype=complex)
+    load[seat.at] = newton
+    z = static_equilibria(model, theta, SPEED, load)[0]
+    return model, theta, z, float(abs(z[seat.at]) / seat.clearance), float(np.angle(z[seat.at]))
+
+
+def forces(model: RotorModel, plane: int, size: NDArray[np.generic]) -> ComplexArray:
+    vector = np.zeros((size.size, len(model.coordinates)), dtype=complex)
+    vector[:, plane] = size
+    return vector
+
+
+def orbit_equation(
+    model: RotorModel, theta: Float, speed: float, frequency: Float, force: ComplexArray
+) -> OrbitEquation:
+    """The equation of each line, force of shape ``(L, n)``."""
+    seat = journal(model)
+    H = model.receptance(theta, frequency, speed)
+    drive = np.einsum("lij,lj->li", H, force)[:, seat.at] / seat.clearance
+    lines = frequency.size
+    return OrbitEquation(
+        theta=np.tile(theta, (lines, 1)),
+        frequency=frequency,
+        speed=np.full(lines, speed),
+        drive=np.abs(drive),
+        receptance=H[:, seat.at, seat.at],
+    )

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from synthetic import circular_test
 
+import rotorfit as rf
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.models import OneMode
 
@@ -50,3 +52,13 @@ def same_fits(one, other):
     """Two campaigns agree to the last digit."""
     assert one.to_csv() == other.to_csv()
     assert [run.params for run in one.runs] == [run.params for run in other.runs]
+
+
+def written_parts(folder: Path) -> list[Path]:
+    """Three files of four runs each."""
+    table, _ = seal_campaign(12, lines=40)
+    files = [folder / name for name in ("a.nc", "b.csv", "c.nc")]
+    for number, file in enumerate(files):
+        own = table.runs[4 * number : 4 * number + 4]
+        rf.write(table.select(np.isin(table.run, own)), file)
+    return files

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+import rotorfit as rf
 from rotorfit import models
-from rotorfit.lab.data.experiments import PerturbationTest, perturbation_test
 from rotorfit.models import RotorModel
 from rotorfit.models.motion.stability import eigenvalues, growth_rate
 
@@ -116,7 +116,7 @@ def circular_test(
     force_planes: Sequence[str] | None = None,
     force: complex = 5.0 * np.exp(0.4j),
     sigma_known: bool = False,
-) -> PerturbationTest:
+) -> rf.PerturbationTest:
     """Circular-force sweeps at every force plane, read in x and y at every coordinate of the model.
 
     Args:
@@ -152,7 +152,7 @@ def circular_test(
                         }
                         for key, cell in row.items():
                             columns.setdefault(key, []).append(np.broadcast_to(np.asarray(cell), w.shape))
-    return perturbation_test(**{key: np.concatenate(parts) for key, parts in columns.items()}, source="synthetic")
+    return rf.perturbation_test(**{key: np.concatenate(parts) for key, parts in columns.items()}, source="synthetic")
 
 
 def _probes(
@@ -186,7 +186,7 @@ def random_stable_rigs(name: str, count: int, seed: int) -> list[dict[str, float
     return rigs
 
 
-def overhung_without_slopes(truth: dict[str, float], seed: int) -> PerturbationTest:
+def overhung_without_slopes(truth: dict[str, float], seed: int) -> rf.PerturbationTest:
     """Sweeps of an overhung rotor whose slopes nobody read."""
     model, speeds = MODELS["overhung"](), SPEEDS["overhung"]
     theta = model.vector(truth)

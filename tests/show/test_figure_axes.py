@@ -90,6 +90,42 @@ def test_measured_stiffness_without_a_fit(rig: rf.PerturbationTest) -> None:
         one.plot.dynamic_stiffness(["nowhere"])
 
 
+def test_measured_responses_without_a_fit(rig: rf.PerturbationTest, fit: rf.FitResult) -> None:
+    """In a fit's panels and with its points; the equation of motion says where these are."""
+    amplitude, phase = rig.plot.bode(unit="hz").axes
+    lines = [line for line in amplitude.get_lines() if line.get_marker() == "."]
+    for line, speed in zip(lines, SPEEDS, strict=True):
+        x, y = line.get_xydata().T
+        exact = [1e6 / abs(stiffness(w * 2 * np.pi, speed)) for w in x.tolist()]
+        np.testing.assert_allclose(y, exact, rtol=0.05)
+    for drawn, of_fit in zip((amplitude, phase), fit.plot.bode(unit="hz").axes, strict=True):
+        points = [
+            np.concatenate([line.get_xydata() for line in axis.get_lines() if line.get_marker() == "."])
+            for axis in (drawn, of_fit)
+        ]
+        np.testing.assert_allclose(*points, rtol=1e-9)
+        assert drawn.get_ylabel() == of_fit.get_ylabel()
+    (polar,), (of_fit,) = rig.plot.polar().axes, fit.plot.polar().axes
+    points = [
+        np.concatenate([line.get_xydata() for line in axis.get_lines() if line.get_marker() == "o"])
+        for axis in (polar, of_fit)
+    ]
+    np.testing.assert_allclose(*points, rtol=1e-9)
+    assert rig.plot().get_suptitle() == "Measured responses"
+
+
+def test_responses_of_start_ups_and_tilts_are_drawn_without_a_fit() -> None:
+    two = rf.datasets.two_disk()
+    assert len(two.plot.bode().axes) == 8
+    assert two.plot.bode().legends[0].get_texts()[0].get_text() == "synchronous"
+    with refuses(ValueError):
+        two.plot.bode(against="ratio")
+    model = rf.models.Overhung()
+    tilted = circular_test(model, model.vector(TYPICAL["overhung"]), speeds=(100.0,), frequency=W)
+    titles = [axis.get_title() for axis in tilted.plot.bode().axes]
+    assert titles[::2] == ["disk, force at disk", "tilt at disk, force at disk"]
+
+
 def test_response_and_stiffness_of_several_conditions(fit: rf.FitResult) -> None:
     figure = fit.plot.drive_point()
     phase, amplitude, direct, quadrature = figure.axes

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from html import unescape
 from html.parser import HTMLParser
-from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
-from rotorfit.apps.cli.main import main
 
 
 class Cells(HTMLParser):
@@ -68,20 +65,6 @@ def test_figures_show_without_pyplot(fit: rf.FitResult) -> None:
     picture = fit.plot.stability()._repr_png_()
     assert picture.startswith(b"\x89PNG")
     assert len(picture) > 5000
-
-
-@pytest.mark.parametrize(("name", "begin"), [("pdf", b"%PDF"), ("svg", b"<?xml")])
-def test_figures_are_written_as_asked(name: str, begin: bytes, tmp_path: Path) -> None:
-    file, model, w = tmp_path / "rig.csv", rf.models.OneMode(), np.r_[-300:-5:40j, 5:300:40j]
-    theta = model.vector(TYPICAL["one-mode"])
-    rf.write(circular_test(model, theta, speeds=(100.0,), frequency=w, noise=0.01), file)
-    words = ["fit", str(file), "--model", "one-mode", "--known", "K=8000", "--known", "Ds=8", "--quiet"]
-    assert main([*words, "--out", str(tmp_path / "out"), "--figure-format", name]) == 0
-    found = sorted(p.name for p in (tmp_path / "out").glob(f"*.{name}"))
-    assert "bode." + name in found
-    assert not list((tmp_path / "out").glob("*.png"))
-    assert (tmp_path / "out" / f"bode.{name}").read_bytes().startswith(begin)
-    assert "data:image/png" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_results_are_a_line_in_a_session_and_their_text_in_a_notebook() -> None:

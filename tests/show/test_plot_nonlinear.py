@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from law_data import static, sweep
 from nonlinear_rigs import CLEARANCE_UM, ONE_MODE, POWER, WHIRL_WHIP, rig
 from sentences import refuses
 from slow_cases import slow_but
 
 import rotorfit as rf
+from rotorfit.models import Muszynska, OneMode
 from rotorfit.models.coefficient_tables import law_curves
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues
 from rotorfit.show.plots.eccentricity import plot_law, plot_nonlinear_stiffness
@@ -208,6 +210,18 @@ def solid(axis: Any, largest: float) -> list[Any]:
     return [line for line in rows if np.max(line.get_xdata()) <= 1.01 * largest]
 
 
+def test_a_first_look_is_the_first_figure_of_the_report() -> None:
+    """Of sweeps the dynamic stiffness, of static loads the law that they show, of neither the eigenvalues."""
+    full = fitted(1)
+    known = {name: full.params[name].value for name in ("Ds", "K", "M", "Mf")}
+    static = rf.fit(full.model, full.experiments[1], known=known, start={"D": 150.0})
+    linear = rf.models.OneMode()
+    blows = rf.simulate(linear, ONE_MODE, "impulse", speed_rpm=[600.0, 1000.0], load=0.5, impulse=4e-4, noise=0.01)
+    free = rf.fit(linear, blows, known={name: ONE_MODE[name] for name in ("M", "K", "Ds", "Mf")})
+    titles = [fit.plot().get_suptitle().partition(",")[0] for fit in (full, static, free)]
+    assert titles == ["Dynamic stiffness", "Fluid against eccentricity", "Stability"]
+
+
 def test_figures_without_their_data_say_what_is_missing() -> None:
     full = fitted(1)
     known = {name: full.params[name].value for name in ("Ds", "K", "M", "Mf")}
@@ -251,3 +265,21 @@ def test_each_force_level_has_a_curve_and_a_colour_that_meet_its_points() -> Non
         measured = dict(zip(*near[0].get_data(), strict=True))
         miss = [abs(measured[x] - y) for x, y in zip(*entry.get_data(), strict=True)]
         assert np.median(miss) < 0.02 * span  # noise of 2 %
+
+
+def test_figures_and_what_they_refuse() -> None:
+    rotor = OneMode(law=Muszynska(), clearance_um=CLEARANCE_UM)
+    fit = rf.fit(
+        rotor, [sweep(ONE_MODE | POWER, levels=(3.0, 30.0), lines=20), static(ONE_MODE | POWER)], known={"Ds": 8.0}
+    )
+    radius, frequency = fit.plot.whirl(max_speed_rpm=6000, unit=("hz", "mil")).axes
+    assert "mil" in radius.get_ylabel()
+    line = frequency.get_lines()[0].get_xydata()
+    assert line[0, 0] == pytest.approx(fit.threshold_speed().value / (2 * np.pi), rel=1e-6)
+    _, load = fit.plot.side_load().axes
+    assert "N" in load.get_xlabel()
+    with refuses(ValueError):
+        fit.plot.whirl(max_speed_rpm=1000)
+    linear = rf.fit(OneMode(), sweep(ONE_MODE | POWER, levels=(0.3,), lines=20), known={"K": 8e3, "Ds": 8.0})
+    with refuses(ValueError):
+        linear.plot.whirl()

@@ -16,7 +16,7 @@ from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequenci
 
 import rotorfit as rf
 from rotorfit.models import OneMode, WhirlWhip
-from rotorfit.show.plots.style import decade_ticks, picture_of
+from rotorfit.show.plots.style import PLAIN, decade_ticks, picture_of
 from rotorfit.show.plots.uncertainty import plot_corner, plot_traces
 
 RPM = 30 / np.pi
@@ -86,7 +86,7 @@ def test_confidence_band_is_that_of_refitted_noise():
 
     values = []
     for fit in fits_of_draws():
-        (condition,) = _shown(fit)
+        (condition,) = _shown(PLAIN, fit)
         line = _fitted(fit, condition, 0, 0, True)
         values.append(line.kappa[[10, 200]])
     band = np.array([line.direct[[10, 200]], line.quadrature[[10, 200]]]) / 1.96
@@ -127,7 +127,7 @@ def test_stability_shows_the_threshold_and_the_tested_speeds():
 
 def marked_speeds(fit):
     """Speeds, rad/s, at the triangles of the figure of stability."""
-    lines = fit.plot_stability().axes[0].lines
+    lines = fit.plot.stability().axes[0].lines
     return sorted(line.get_xdata()[0] / RPM for line in lines if line.get_marker() == "^")
 
 
@@ -143,7 +143,7 @@ def test_tested_speeds_are_those_of_all_tests_and_those_that_were_set():
     logged = rig.speed * (1 + 1e-3 * np.random.default_rng(1).normal(size=len(rig)))
     fit = rf.fit(WhirlWhip(), replace(rig, speed=logged), known={"K3": 6000.0})
     np.testing.assert_allclose(marked_speeds(fit), np.unique(rig.speed), rtol=1e-3)
-    (peaks,) = [line for line in fit.plot_stability().axes[1].lines if line.get_marker() == "o"]
+    (peaks,) = [line for line in fit.plot.stability().axes[1].lines if line.get_marker() == "o"]
     assert len(peaks.get_xdata()) > 4
 
 

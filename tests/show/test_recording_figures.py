@@ -6,12 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recorded import ATTRIBUTES, RATE, perturbator_angle, shaft_angle, volts, write_hdf5
-from sentences import hear, refuses
+from recorded import RATE, perturbator_angle, shaft_angle, volts, write_hdf5
+from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.apps.cli.main import main
-from rotorfit.apps.study_files.folder import CONTENTS
 from rotorfit.estimators.signals.spectral_lines import full_spectrum
 from rotorfit.estimators.signals.tracking import order_vectors
 from rotorfit.lab.recordings.angle_track import Marks, speeds
@@ -118,21 +116,6 @@ def test_the_clearance_stands_about_the_centre_that_the_gap_voltages_give(tmp_pa
         rf.read_recording(path, toml)
 
 
-def test_look_subtracts_the_orbit_of_slow_turning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A shaft that turns slowly with 12 um of run-out, and the same at speed: what is left is the vibration's alone."""
-    channels, t = volts(), np.arange(volts()["disk_X"].size) / RATE
-    run_out = 12e-6 * np.exp(1j * shaft_angle(t))
-    slow = channels | {"disk_X": -10 + 7870 * run_out.real, "disk_Y": -10 + 7870 * run_out.imag}
-    write_hdf5(tmp_path / "slow.h5", slow)
-    parts = {"disk_X": run_out.real, "disk_Y": run_out.imag}
-    path = write_hdf5(tmp_path / "run.h5", channels | {k: channels[k] + 7870 * v for k, v in parts.items()})
-    assert main(["look", str(path), "--slow-roll", str(tmp_path / "slow.h5"), "--out", str(tmp_path / "out")]) == 0
-    assert "disk_X 12 µm, disk_Y 12 µm" in capsys.readouterr().out
-    for wrong in ("nothing.h5", "-300"):
-        assert main(["look", str(path), f"--slow-roll={wrong}"]) == 2
-        hear(capsys.readouterr().err)
-
-
 def test_cascade_follows_the_perturbation(record: rf.Recording) -> None:
     found = cascade(record, marks_of(record), "disk", spectra=20)
     assert found.over == "perturbation"
@@ -179,6 +162,10 @@ def test_figures_are_drawn(record: rf.Recording, tmp_path: Path, name: str) -> N
     getattr(record.plot, name)().savefig(tmp_path / "figure.png")
 
 
+def test_a_first_look_at_a_recording_is_its_timebase(record: rf.Recording) -> None:
+    assert record.plot().get_suptitle() == record.plot.timebase().get_suptitle()
+
+
 def test_figures_of_less_are_drawn_or_refused_in_words(tmp_path: Path) -> None:
     alone = rf.read_recording(write_hdf5(tmp_path / "run.h5", {"disk_X": volts()["disk_X"]}))
     for name in ("timebase", "full_spectrum", "cascade"):
@@ -201,51 +188,6 @@ def test_one_probe_reads_its_amplitude_in_the_full_spectrum(tmp_path: Path) -> N
     alone = rf.read_recording(write_hdf5(tmp_path / "run.h5", {"disk_X": -10 + 7870 * 50e-6 * np.cos(200 * np.pi * t)}))
     frequency, amplitude = spectrum(alone, "disk", 0.0, None)
     assert amplitude[np.abs(frequency) == 100.0] == pytest.approx([50e-6, 50e-6], rel=1e-3)
-
-
-def test_look_says_and_draws_what_there_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = write_hdf5(tmp_path / "run.h5", volts())
-    out = tmp_path / "figures"
-    assert main(["look", str(path), "--out", str(out)]) == 0
-    said = capsys.readouterr().out
-    assert "run: 4.000 s at 3200 Hz, 4 channels" in said
-    assert "shaft        1200.0 to 1200.0 rpm, 80 pulses" in said
-    assert "m r = 2e-5 kg m at disk, forward with the perturbator, 40.0 deg ahead of the mark" in said
-    assert "nothing odd was found" in said
-    names = {"cascade_disk" if name == "cascade" else name for name in FIGURES}
-    assert {file.name for file in out.iterdir()} == {f"{name}.png" for name in names} | {"summary.txt", CONTENTS}
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--plane", "journal"], "unknown plane 'journal'"),
-        (["--at", "9"], "--at 9 is not within run, 0 to 4 s"),
-        (["--setup", "none.toml"], "No such file"),
-    ],
-)
-def test_look_refuses_in_one_sentence_and_leaves_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
-) -> None:
-    path = write_hdf5(tmp_path / "run.h5", volts())
-    assert main(["look", str(path), "--out", str(tmp_path / "out"), *arguments]) == 2
-    said = capsys.readouterr().err
-    assert words in said
-    assert said.count("\n") == 1
-    assert not (tmp_path / "out").exists()
-
-
-def test_look_says_what_is_wrong_with_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    channels = volts()
-    channels["disk_X"] = np.minimum(channels["disk_X"], -9.7)
-    whole = write_hdf5(tmp_path / "run.h5", channels, {**ATTRIBUTES, "whirl": "backward"})
-    assert main(["look", str(whole)]) == 1
-    said = capsys.readouterr().out
-    assert "error [channel-clipped]" in said
-    assert "error [whirl-reversed]" in said
-    whole.write_bytes(whole.read_bytes()[:5000])
-    assert main(["look", str(whole)]) == 2
-    assert "run.h5 is not a readable HDF5 file: " in capsys.readouterr().err
 
 
 def test_vectors_of_a_sweep_pass_the_orders_of_the_shaft_smoothly() -> None:

@@ -12,7 +12,7 @@ import law_data
 import numpy as np
 import pytest
 from report_pages import Page, made_profile, normal_draws, report_of
-from sentences import hear, refuses
+from sentences import refuses
 from slow_cases import slow_but
 from synthetic import (
     KNOWN,
@@ -27,11 +27,8 @@ from synthetic import (
 )
 
 import rotorfit as rf
-from rotorfit import datasets
-from rotorfit.apps.cli import main as cli
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.findings import Finding
-from rotorfit.show.report import interactive
 from rotorfit.show.report.interactive import interactive_section
 from rotorfit.show.report.numbers import with_error
 from rotorfit.show.report.page import SECTIONS, VERDICT
@@ -390,20 +387,6 @@ def test_names_from_files_stay_text(tmp_path: Path) -> None:
     assert page.shown.count(HOSTILE) > 20
     assert "<title>&lt;script&gt;alert(1)&lt;/script&gt;&amp;&quot;$x_{</title>" in page.text
     assert HOSTILE not in interactive_section(fit)
-
-
-def test_an_interactive_report_without_bokeh_is_refused_before_the_fit(
-    rig_fit: FitResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["fit", str(datasets.path("rig_lumped.csv")), "--model", "whirl-whip", "--interactive"]
-    assert cli.main(words) == 2
-    hear(capsys.readouterr().err)
-    monkeypatch.setattr(interactive, "find_spec", lambda name: None)
-    assert cli.main([*words, "--out", str(tmp_path / "results")]) == 2
-    assert 'pip install "rotorfit[interactive]"' in capsys.readouterr().err
-    with refuses(ValueError):
-        rf.write_report(rig_fit, tmp_path / "report.html", interactive=True)
-    assert list(tmp_path.iterdir()) == []
 
 
 # ---- whole or not at all ------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plain import plain_fit
 from scipy.stats import norm
 from seal_campaigns import FLUID, KNOWN, seal_campaign
 from sentences import refuses
@@ -49,7 +50,7 @@ def test_every_run_is_found(small, fitted):
 
 def test_a_run_alone_gives_the_same(small, fitted):
     table, _ = small
-    alone = rf.fit(OneMode(), table.select(table.run == "r07"), known=KNOWN)
+    alone = plain_fit(OneMode(), table.select(table.run == "r07"), known=KNOWN)
     again = fitted.fit("r07")
     run = fitted.runs[7]
     assert run.attributes["inlet"] == "anti-swirl"
@@ -119,7 +120,7 @@ def test_shared_parameters_are_those_of_the_joint_fit(small):
     part = table.select(np.isin(table.run, [f"r{i:02d}" for i in range(6)]))
     known = {"K": 8000.0, "Ds": 8.0}
     found = rf.campaign(OneMode(), part, known=known, shared=["M"])
-    joint = rf.fit(OneMode(), part, known=known, per=dict.fromkeys(FLUID, "run"))
+    joint = plain_fit(OneMode(), part, known=known, per=dict.fromkeys(FLUID, "run"))
     assert found.success
     assert found.shared["M"].value == pytest.approx(joint.params["M"].value, rel=1e-7)
     assert found.shared["M"].stderr_noise == pytest.approx(joint.params["M"].stderr_noise, rel=1e-4)
@@ -134,7 +135,7 @@ def test_shared_parameters_are_those_of_the_joint_fit(small):
     assert np.ptp(value) == 0
     assert stderr[0] == found.shared["M"].stderr
     # The mass comes out of all runs better than of any one.
-    alone = rf.fit(OneMode(), part.select(part.run == "r00"), known=known)
+    alone = plain_fit(OneMode(), part.select(part.run == "r00"), known=known)
     assert found.shared["M"].stderr < 0.6 * alone.params["M"].stderr
 
 
@@ -144,7 +145,7 @@ def test_two_shared_parameters_and_a_robust_loss(small):
     known = {"K": 8000.0, "Ds": 8.0}
     found = rf.campaign(OneMode(), part, known=known, shared=("M", "Mf"), loss="soft_l1")
     per = dict.fromkeys(("K0", "D", "lam"), "run")
-    joint = rf.fit(OneMode(), part, known=known, per=per, loss="soft_l1")
+    joint = plain_fit(OneMode(), part, known=known, per=per, loss="soft_l1")
     for name in ("M", "Mf"):
         assert abs(found.shared[name].value - joint.params[name].value) < 1e-3 * joint.params[name].stderr
 
@@ -170,7 +171,7 @@ def test_errors_of_a_robust_loss_are_those_of_the_joint_fit(small, loss):
     part = replace(part, response=response)
     known = {"K": 8000.0, "Ds": 8.0}
     found = rf.campaign(OneMode(), part, known=known, shared=("M", "Mf"), loss=loss)
-    joint = rf.fit(OneMode(), part, known=known, per=dict.fromkeys(("K0", "D", "lam"), "run"), loss=loss)
+    joint = plain_fit(OneMode(), part, known=known, per=dict.fromkeys(("K0", "D", "lam"), "run"), loss=loss)
     assert joint.redchi > 2  # what must not widen anything
     same_errors(found, joint)
     for run in found.runs:
@@ -188,7 +189,7 @@ def test_errors_of_a_model_that_does_not_fit_are_those_of_the_joint_fit(small, p
     known = {"K": 8000.0, "Ds": 8.0, "Mf": 0.0}
     found = rf.campaign(OneMode(), part, known=known, shared=("M",), priors=priors)
     per = dict.fromkeys(("K0", "D", "lam"), "run")
-    joint = rf.fit(OneMode(), part, known=known, per=per, priors=priors)
+    joint = plain_fit(OneMode(), part, known=known, per=per, priors=priors)
     assert joint.redchi > 2
     same_errors(found, joint)
 
@@ -455,3 +456,13 @@ def test_the_table_of_many_runs_looks_at_each_a_few_times(small):
     assert len(many.to_csv().splitlines()) == 1 + len(many.runs)
     many.table()
     assert Counted.looks <= 2 * len(many.runs)
+
+
+def test_an_attribute_keeps_its_last_digit() -> None:
+    from dataclasses import replace
+
+    from rotorfit.studies.campaigns.runs import conditions
+
+    test = rf.datasets.rig_open()
+    told = replace(test, attributes={"oil_C": np.full(len(test), 16.49)})
+    assert conditions(told)["oil_C"] == 16.49

@@ -19,6 +19,7 @@ from synthetic import KNOWN as KNOWN_VALUES
 from synthetic import SPEEDS, TYPICAL, circular_test
 
 import rotorfit as rf
+from rotorfit.base.executors import carry_out, cluster
 from rotorfit.estimators.starting import lumped
 from rotorfit.models import MODELS, OneMode
 from rotorfit.studies.campaigns import runs
@@ -157,3 +158,19 @@ def test_dask_cluster_that_loses_a_worker(small, fitted):
             found = rf.campaign(OneMode(), table, known=KNOWN, executor=pool, progress=kill_one)
             assert killed
             same_fits(found, fitted)
+
+
+@pytest.mark.slow
+def test_a_dask_cluster_and_one_scaled_to_zero():
+    """A real cluster of one process: it works, and when it is taken away the rest is done here."""
+    pytest.importorskip("distributed")
+    table, _ = seal_campaign(16)
+    plain = rf.campaign(OneMode(), table, known=KNOWN)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the cluster itself
+        with cluster("local:1") as pool:
+            same_fits(rf.campaign(OneMode(), table, known=KNOWN, executor=pool), plain)
+            same_fits(rf.campaign(OneMode(), table, known=KNOWN, client=pool._client), plain)
+            logging.getLogger("distributed").setLevel(logging.CRITICAL)
+            pool._client.cluster.scale(0)
+            assert carry_out(abs, [-1, -2], pool, patience=1.0) == [1, 2]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from plain import plain_fit
 from sentences import refuses
 
 import rotorfit as rf
@@ -35,7 +36,7 @@ def dated_fit(day, dK, rng):
         attributes={"date": np.full(count, f"2026-03-{day:02d}")},
         source=f"day{day}.h5",
     )
-    return rf.fit(SHAFT, test, known=OPEN)
+    return plain_fit(SHAFT, test, known=OPEN)
 
 
 def test_a_crack_that_grows_is_found_between_its_dates():
@@ -72,7 +73,7 @@ def test_fits_without_an_anisotropy_are_refused_in_words():
         response=1 / (4e4 + 14j * W - W**2), sigma=1e-9,
     )  # fmt: skip
     with refuses(ValueError):
-        rf.dated_anisotropy(rf.fit(lateral, test, known=OPEN))
-    mode = rf.fit(rf.models.OneMode(planes=("disk",)), test, known={"K0": 0.0, "D": 0.0, "lam": 0.0, "Mf": 0.0})
+        rf.dated_anisotropy(plain_fit(lateral, test, known=OPEN))
+    mode = plain_fit(rf.models.OneMode(planes=("disk",)), test, known={"K0": 0.0, "D": 0.0, "lam": 0.0, "Mf": 0.0})
     with refuses(ValueError):
         rf.dated_anisotropy(mode)

@@ -8,31 +8,20 @@ import tracemalloc
 import weakref
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
-from seal_campaigns import KNOWN, same_fits, seal_campaign
+from seal_campaigns import KNOWN, same_fits, seal_campaign, written_parts
 from sentences import warns
 
 import rotorfit as rf
 from rotorfit.base.executors import process_pool
 from rotorfit.models import OneMode
 
-FIT = ["--model", "one-mode", "--known", "M=1.2,K=8000,Ds=8", "--quiet"]
-
 
 @pytest.fixture(scope="module")
 def parts(tmp_path_factory):
-    """Three files of four runs each, and the tables that they hold."""
-    folder = tmp_path_factory.mktemp("parts")
-    table, _ = seal_campaign(12, lines=40)
-    files = [folder / name for name in ("a.nc", "b.csv", "c.nc")]
-    for number, file in enumerate(files):
-        own = table.runs[4 * number : 4 * number + 4]
-        rf.write(table.select(np.isin(table.run, own)), file)
-    return files
+    return written_parts(tmp_path_factory.mktemp("parts"))
 
 
 @pytest.fixture(scope="module")
@@ -141,37 +130,3 @@ def test_errors_in_a_part_are_warned_of(parts, tmp_path):
     table.assign(phase_deg=table["phase_deg"] + 180.0 * inverted).to_csv(tmp_path / "y.csv", index=False)
     with warns(rf.DataWarning):
         rf.campaign(OneMode(), [tmp_path / "y.csv"], known=KNOWN)
-
-
-def test_the_command_reads_parts(parts, tmp_path, run):
-    for name, words in [("whole", []), ("lazy", ["--lazy"])]:
-        code, _, stderr = run("campaign", *parts, *FIT, "--out", tmp_path / name, *words)
-        assert (code, stderr) == (0, "")
-    assert (tmp_path / "whole" / "runs.csv").read_bytes() == (tmp_path / "lazy" / "runs.csv").read_bytes()
-    assert (tmp_path / "whole" / "summary.txt").read_text() == (tmp_path / "lazy" / "summary.txt").read_text()
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "said"),
-    [
-        ("cut.nc", b"\x89HDF\r\n\x1a\n", "cut.nc"),
-        ("empty.csv", b"", "empty.csv"),
-        ("other.csv", b"speed_rpm,amplitude_um\n1000,1\n", "other.csv"),
-        ("volts.h5", b"", "--lazy is for files of vectors"),
-        ("rest.txt", b"\xff\xfe\x00", "rest.txt"),
-    ],
-)
-def test_a_part_that_cannot_be_read_is_one_sentence(name, text, said, parts, tmp_path, run):
-    (tmp_path / name).write_bytes(text)
-    code, _, stderr = run("campaign", parts[0], tmp_path / name, *FIT, "--lazy")
-    assert code == 2
-    assert said in stderr
-    assert len(stderr.strip().splitlines()) == 1
-
-
-def test_a_copy_in_another_part_is_named(parts, tmp_path, run):
-    (tmp_path / "again.nc").write_bytes(Path(parts[0]).read_bytes())
-    words = [word for word in FIT if word != "--quiet"]
-    said = [run("campaign", parts[0], tmp_path / "again.nc", *words, *lazy)[1] for lazy in ([], ["--lazy"])]
-    assert "Copies of runs: to the last digit r00 is r00 of a.nc" in said[0]
-    assert "Copies of runs: to the last digit r00 is r00 of a.nc" in said[1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from plain import plain_fit
 from seal_campaigns import KNOWN, seal_campaign
 from sentences import refuses
 
@@ -34,7 +35,7 @@ def test_a_fit_as_a_table(rig_fit: rf.FitResult) -> None:
 
 
 def test_fits_side_by_side(rig_fit: rf.FitResult) -> None:
-    larger = rf.fit(rf.models.WhirlWhip(blocks=("coupling_mass",)), rig_fit.experiments, known={"K3": 6000.0})
+    larger = plain_fit(rf.models.WhirlWhip(blocks=("coupling_mass",)), rig_fit.experiments, known={"K3": 6000.0})
     both = rf.compare([rig_fit, larger])
     assert f"{rig_fit.params['D']}".split(" N")[0] in str(both)  # with the systematic share, as where it stands alone
     assert next(iter(both.fits)) == "whirl-whip 2"  # of smaller AIC
@@ -45,10 +46,10 @@ def test_fits_side_by_side(rig_fit: rf.FitResult) -> None:
     assert len(both.plot().axes) >= len(both.parameters)
     other = rig_fit.experiments[0].select(np.arange(len(rig_fit.experiments[0]))[:-8])
     with refuses(ValueError):
-        rf.compare([rig_fit, rf.fit(rf.models.WhirlWhip(), other, known={"K3": 6000.0})])
+        rf.compare([rig_fit, plain_fit(rf.models.WhirlWhip(), other, known={"K3": 6000.0})])
     with refuses(ValueError):
         rf.compare([])
-    robust = rf.fit(rf.models.WhirlWhip(), rig_fit.experiments, known={"K3": 6000.0}, loss="soft_l1")
+    robust = plain_fit(rf.models.WhirlWhip(), rig_fit.experiments, known={"K3": 6000.0}, loss="soft_l1")
     with refuses(ValueError):
         rf.compare([rig_fit, robust])
     with refuses(TypeError):

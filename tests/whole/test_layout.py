@@ -11,6 +11,7 @@ import re
 import subprocess
 import sys
 import textwrap
+import tomllib
 from functools import cache
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -248,7 +249,10 @@ def undocumented(callables: dict[str, object], classes: dict[str, type]) -> list
         if told == [None] and owner in classes:
             told = [documented(vars(kind)[own].__doc__) for kind in stands_in_for(classes[owner]) if own in vars(kind)]
         wanted = arguments(function)
-        said = [("``ax`` and ``unit``" if one == "look" else f"``{one}``") in str(function.__doc__) for one in wanted]
+        said = [
+            ("``ax`` and ``unit``" if one in ("look", "sheet") else f"``{one}``") in str(function.__doc__)
+            for one in wanted
+        ]
         if wanted not in (*told, []) and not (documented(function.__doc__) is None and all(said)):
             found.append(name)
     return found
@@ -366,3 +370,21 @@ def test_names_that_docstrings_refer_to_are_there() -> None:
     for name in MODULES:
         module = importlib.import_module(name)
         assert missing(tree_of(name), module, module) == [], name
+
+
+@pytest.mark.parametrize("storey", ["base", "models", "estimators"])
+def test_tests_of_a_storey_take_nothing_from_above(storey: str) -> None:
+    """``pytest tests/models`` is quick and says where a fault is. Bundled data are no code."""
+    root = Path(__file__).parents[2]
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
+    layers = project["tool"]["importlinter"]["contracts"][0]["layers"]
+    above = {*layers[: layers.index(storey)]} - {"datasets"}
+    homes = {name: room(f"{home}.") for name, home in rotorfit._HOME.items() if home}
+    taken = []
+    for file in (root / "tests" / storey).glob("test_*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("rotorfit"):
+                taken += [(file.name, room(f"{node.module}.{alias.name}")) for alias in node.names]
+            elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "rf":
+                taken.append((file.name, homes.get(node.attr, node.attr)))
+    assert [(file, home) for file, home in taken if home in above] == []

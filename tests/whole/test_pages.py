@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGES = ("ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/bibliography.md")
+PAGES = ("ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "docs/bibliography.md")
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -21,24 +22,31 @@ def test_links_and_files_of_a_page_are_there(page: str) -> None:
     there = [str(file.relative_to(ROOT)) for file in ROOT.rglob("*.py")]
     short = re.findall(r"`([\w/]+\.py)`", text)
     assert [file for file in short if not any(f"/{path}".endswith(f"/{file}") for path in there)] == []
+    folders = re.findall(r"`((?:base|lab|identify|show|studies|apps)/[\w/]+/)`", text)
+    assert [folder for folder in folders if not (ROOT / "rotorfit" / folder).is_dir()] == []
 
 
-def test_every_room_is_drawn() -> None:
+def test_every_storey_and_every_room_is_drawn() -> None:
     drawing = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8").split("```")[1]
-    rooms = {path.parent.name for path in (ROOT / "rotorfit").glob("*/__init__.py")}
-    rooms |= {path.parent.name for path in (ROOT / "estimators").glob("*/__init__.py")}
-    rooms |= {path.name for path in (ROOT / "rotorfit").glob("*.py")} - {"__init__.py", "__main__.py"}
-    assert sorted(name for name in rooms if not re.search(rf"\b{re.escape(name)}\b", drawing)) == []
+    inits = [
+        *ROOT.glob("rotorfit/*/__init__.py"),
+        *ROOT.glob("rotorfit/*/*/__init__.py"),
+    ]  # by the links, the lower two
+    assert sorted({i.parent.name for i in inits if not re.search(rf"\b{i.parent.name}\b", drawing)}) == []
+    layers = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]["contracts"][
+        0
+    ]
+    drawn = re.findall(r"^ (\w+) +│", drawing, flags=re.MULTILINE)
+    assert drawn == [layer for layer in layers["layers"] if layer != "__main__"]
 
 
 def test_functions_on_the_way_from_file_to_result_are_where_the_page_says() -> None:
     text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
-    named = re.findall(r"(\w+) \(((?:fitting|observing|estimators|io)(?:\.\w+)+)\)", text)
-    assert len(named) >= 5
+    named = re.findall(r"(\w+) \(((?:identify|lab|estimators)(?:\.\w+)+)\)", text)
+    assert len(named) >= 6
     for function, module in named:
-        folder = "" if module.startswith("estimators.") else "rotorfit/"
-        source = (ROOT / f"{folder}{module.replace('.', '/')}.py").read_text(encoding="utf-8")
-        assert f"def {function.removeprefix('rf.')}(" in source, (function, module)
+        source = (ROOT / "rotorfit" / f"{module.replace('.', '/')}.py").read_text(encoding="utf-8")
+        assert f"def {function}(" in source, (function, module)
 
 
 def test_every_citation_is_in_the_bibliography() -> None:

@@ -19,6 +19,7 @@ import pytest
 from slow_cases import slow_but
 
 import rotorfit
+from rotorfit.base.accessors import PROVIDERS
 
 ROOT = Path(__file__).parents[2]
 SITE = ROOT / "docs" / "_build"
@@ -68,6 +69,13 @@ def test_every_public_name_is_on_one_page_of_the_reference() -> None:
     constants = {"BLOCKS", "LAWS", "MODELS", "ROSS_4", "ROSS_6"}  # shown from where their docstrings stand
     models = {f"models.{name}" for name in rotorfit.models.__all__ if name not in constants}
     assert sorted(name for name in listed if name != "models.MODELS") == sorted(public | models)
+
+
+def test_the_figures_of_every_record_are_in_the_reference() -> None:
+    """Providers that are functions stand on the page of their record, as its methods do."""
+    pages = "\n".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs" / "reference" / "api").glob("*.rst"))
+    wanted = {place.replace(":", ".") for place in PROVIDERS.values() if place.endswith("Plots")}
+    assert {name for name in wanted if f".. autoclass:: {name}\n   :members:" not in pages} == set()
 
 
 def test_the_first_line_of_every_page_says_whom_it_is_for() -> None:

@@ -95,7 +95,7 @@ def _figures(fit: FitResult) -> Any:
         for probe, force in pairs:
             own = [curve for curve in sweeps if (curve.coordinate, curve.force_plane) == (probe, force)]
             unit = "µrad/N" if fit.model.coordinates[probe].axis == "r" else "µm/N"
-            figures.append(draw(own, panel_name(fit, probe, force), unit))
+            figures.append(draw(own, panel_name(fit.model, probe, force), unit))
         tabs.append((name, pn.Column(parts.colour_key("", colours), parts.figures_beside(figures), **parts.WIDE)))
     return tabs
 

@@ -124,6 +124,10 @@ def add_store(to: argparse.ArgumentParser) -> None:
     help = "folder for fit.json, the tests as netCDF files, and posterior.nc, profiles.csv, bootstrap.csv"
     option(getting, "--out OUT", help, Path, required=True)
     add_output(getting)
+    again = action("refit", _refit, "fit again what an earlier rotorfit fitted, whose numbers may be others")
+    option(again, "--study STUDY.toml", "settings of the fits", Path, required=True)
+    add_jobs(again, "fit")
+    add_output(again)
     add_output(action("check", _check, "look for damage in every page, test and fit"))
 
 
@@ -191,7 +195,8 @@ def _fit_words(fit: StoredFit) -> str:
     if not fit.success:
         return f"did not converge: {fit.message}"
     values_shown = 6
-    return ", ".join(f"{name} {value}" for name, value in [*fit.params.items()][-values_shown:])
+    words = ", ".join(f"{name} {value}" for name, value in [*fit.params.items()][-values_shown:])
+    return f"{words} (of an earlier rotorfit)" if fit.outdated else words
 
 
 def added_json(added: Added, fits: dict[int, StoredFit]) -> dict[str, Any]:
@@ -217,8 +222,17 @@ def _list(options: argparse.Namespace) -> Answer:
 
 def _trend(options: argparse.Namespace) -> Answer:
     asked = {"study": options.study, "since": options.since, "false_alarm": options.false_alarm}
-    found = _opened(options).trend(options.follow, **asked)
-    return Answer(text=str(found), plain=lambda: [place_json(place) for place in found.places])
+    opened = _opened(options)
+    found = opened.trend(options.follow, **asked)
+    earlier = sum(fit.outdated for _, fit in opened.history(study=options.study, since=options.since))
+    said = [f"{earlier} fits are of an earlier rotorfit: `rotorfit store refit` makes them anew"] if earlier else []
+    return Answer(text=str(found), plain=lambda: [place_json(place) for place in found.places], said=said)
+
+
+def _refit(options: argparse.Namespace) -> Answer:
+    with progress_line(options) as progress, workers_of(options) as executor:
+        count = _opened(options).refit(options.study, executor=executor, progress=progress)
+    return Answer(text=f"{count} fits made anew", plain=lambda: {"fits": count})
 
 
 def _get(options: argparse.Namespace) -> Answer:

@@ -12,7 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.apps.store.database import KIND, Database, claimed
+from rotorfit.apps.store.database import KIND, Database, claimed, put_seal
 from rotorfit.apps.store.records import Added, fit_row, insert, stored_findings, test_row, values_of
 from rotorfit.apps.store.sources import Source, continues, settings_key
 from rotorfit.apps.study_files.data_files import StudyProgress, no_progress
@@ -22,7 +22,7 @@ from rotorfit.apps.study_files.study import Study
 from rotorfit.apps.study_files.wording import sentence
 from rotorfit.base.executors import carry_out
 from rotorfit.base.file_reading import reading
-from rotorfit.base.version import __version__
+from rotorfit.base.version import RESULTS, __version__
 from rotorfit.lab.data.experiments import Experiment
 from rotorfit.lab.data.findings import Finding
 
@@ -51,11 +51,15 @@ def add_sources(
         threads.shutdown(cancel_futures=True)
 
 
+_THERE = "(test IS NULL OR test IN (SELECT number FROM tests))"
+"""Condition of a source whose test the store does hold."""
+
+
 def is_known(store: Store, source: Source) -> bool:
     """True if nothing has changed since the source was last added, with its study, or refused."""
     with store.database.look() as ask:
         found = ask(
-            "SELECT test, version FROM sources WHERE path = ? AND stamp = ? ORDER BY number DESC LIMIT 1",
+            f"SELECT test, version FROM sources WHERE path = ? AND stamp = ? AND {_THERE} ORDER BY number DESC LIMIT 1",
             (source.name, source.stamp()),
         )
         if not found:
@@ -93,14 +97,15 @@ def _refuse(database: Database, source: Source, reason: str) -> None:
         return
     with database.change() as connection:
         row = {"path": source.name, "files": "[]", "stamp": stamp, "test": None, "refusal": reason}
-        insert(connection, "sources", {**row, "version": __version__})
+        put_seal(connection, "sources", insert(connection, "sources", {**row, "version": __version__}))
 
 
 def _test_of(database: Database, source: Source, batch: int, machine: str, progress: StudyProgress) -> tuple[int, bool]:
     """Number of the test, and whether it is new."""
     stamp, identity = source.stamp(), source.identity()
     with database.look() as ask:
-        known = ask("SELECT test FROM sources WHERE path = ? AND files = ? AND test NOT NULL", (source.name, identity))
+        asked = f"SELECT test FROM sources WHERE path = ? AND files = ? AND test NOT NULL AND {_THERE}"
+        known = ask(asked, (source.name, identity))
     row = None
     if not known:
         row = {"batch": batch, **test_row(source, machine, progress)}
@@ -113,14 +118,18 @@ def _test_of(database: Database, source: Source, batch: int, machine: str, progr
             held = connection.execute("SELECT number FROM tests WHERE content = ?", (row["content"],)).fetchone()
             is_new = held is None
             test = insert(connection, "tests", row) if is_new else held[0]
+        changed = [int(test or 0)]
         connection.execute("UPDATE tests SET superseded = NULL WHERE number = ?", (test,))
         # tests of earlier states of the source that it continues count no longer
         asked = "SELECT DISTINCT test, files FROM sources WHERE path = ? AND test NOT NULL AND test != ?"
         for other, earlier in connection.execute(asked, (source.name, test)).fetchall():
             if continues(source, json.loads(earlier)[0]):
                 connection.execute("UPDATE tests SET superseded = ? WHERE number = ?", (test, other))
+                changed.append(other)
+        for number in changed:
+            put_seal(connection, "tests", number)
         row = {"path": source.name, "files": identity, "stamp": stamp, "test": test, "refusal": ""}
-        insert(connection, "sources", {**row, "version": __version__})
+        put_seal(connection, "sources", insert(connection, "sources", {**row, "version": __version__}))
     return int(test or 0), is_new
 
 
@@ -128,17 +137,36 @@ def _with_fit(
     store: Store, source: Source, added: Added, progress: StudyProgress, executor: Executor | None = None
 ) -> Added:
     """What was added with the fit by its study, which is made where the store does not have it."""
-    study, test = source.study, added.test
-    if study is None or test is None:
+    if source.study is None or added.test is None:
         return added
+    number, is_new = _fit_of(store, source.study, added.test, progress, executor)
+    return replace(added, fit=number, new_fit=is_new)
+
+
+def refit(store: Store, study: Study, executor: Executor | None, progress: StudyProgress) -> int:
+    """Fit again what has fits by a study of another version of results; returns how many."""
+    key, _ = settings_key(study)
+    asked = "SELECT test FROM fits WHERE settings = ? AND results != ? ORDER BY test"
+    with store.database.look() as ask:
+        tests = [int(row[0]) for row in ask(asked, (key, RESULTS))]
+    for count, test in enumerate(tests):
+        progress(f"fit of test {test}", count / len(tests))
+        _fit_of(store, study, test, no_progress, executor, again=True)
+    return len(tests)
+
+
+def _fit_of(
+    store: Store, study: Study, test: int, progress: StudyProgress, executor: Executor | None, *, again: bool = False
+) -> tuple[int, bool]:
+    """Number of the fit of a test by a study, and whether it was made now; ``again``, where it is of other results."""
     key, text = settings_key(study)
-    found = _fit_number(store.database, test, key)
+    found = _fit_number(store.database, test, key, again)
     if found is not None:
-        return replace(added, fit=found)
+        return found, False
     with claimed(store.database, f"fit {test} {key}"):
-        found = _fit_number(store.database, test, key)  # another process may have made it while this one waited
+        found = _fit_number(store.database, test, key, again)  # another process may have made it while this one waited
         if found is not None:
-            return replace(added, fit=found)
+            return found, False
         with store.database.look() as ask:
             findings = ask("SELECT findings FROM tests WHERE number = ?", (test,))[0][0]
         with reading(str(store.path), KIND):
@@ -153,14 +181,17 @@ def _with_fit(
             connection.executemany("INSERT INTO parameters VALUES (?, ?, ?, ?, ?, ?)", rows)
             kept = [(number, *one) for one in files.items()]
             connection.executemany("INSERT INTO uncertainty VALUES (?, ?, ?)", kept)
-        return replace(added, fit=number, new_fit=True)
+            put_seal(connection, "fits", number)
+        return number, True
 
 
-def _fit_number(database: Database, test: int, key: str) -> int | None:
+def _fit_number(database: Database, test: int, key: str, again: bool) -> int | None:
     """Number of a fit; what could not be fitted is tried again by another version."""
-    asked = "SELECT number FROM fits WHERE test = ? AND settings = ? AND (result NOT NULL OR version = ?)"
+    kept = "(version = ? AND results = ?)" if again else "(result NOT NULL OR (version = ? AND results = ?))"
     with database.look() as ask:
-        rows = ask(asked, (test, key, __version__))
+        rows = ask(
+            f"SELECT number FROM fits WHERE test = ? AND settings = ? AND {kept}", (test, key, __version__, RESULTS)
+        )
     return int(rows[0][0]) if rows else None
 
 

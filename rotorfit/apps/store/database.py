@@ -11,20 +11,24 @@ what a kill or a power failure leaves of another is rolled back by whoever opens
 
 from __future__ import annotations
 
+import hashlib
+import logging
+import math
 import os
+import re
 import socket
 import sqlite3
 import threading
 import time
 import zlib
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from rotorfit.base.file_reading import decompressed, reading
+from rotorfit.base.file_reading import decompressed, reading, shown
 
-SCHEMA = 1
+SCHEMA = 2
 """Version of the tables; raised when older readers would misread them."""
 _MARK = 0x726F7466
 """SQLite's application_id of a store: the letters "rotf"."""
@@ -48,7 +52,8 @@ CREATE TABLE tests (
     data BLOB NOT NULL,                       -- compressed JSON of the experiments
     superseded INTEGER REFERENCES tests (number), -- by a test that holds the same files, completed
     added TEXT NOT NULL,
-    version TEXT NOT NULL
+    version TEXT NOT NULL,
+    seal TEXT NOT NULL DEFAULT ''             -- checksum of the record
 );
 CREATE TABLE sources (
     number INTEGER PRIMARY KEY,
@@ -57,7 +62,8 @@ CREATE TABLE sources (
     stamp TEXT NOT NULL,                      -- JSON: name, size and times of each file
     test INTEGER REFERENCES tests (number),   -- none: refused
     refusal TEXT NOT NULL,
-    version TEXT NOT NULL
+    version TEXT NOT NULL,
+    seal TEXT NOT NULL DEFAULT ''
 );
 CREATE INDEX sources_by_path ON sources (path);
 CREATE TABLE settings (key TEXT PRIMARY KEY, model TEXT NOT NULL, text TEXT NOT NULL);
@@ -72,6 +78,8 @@ CREATE TABLE fits (
     result BLOB,                              -- compressed fit.json, with covariances; none: not fitted
     added TEXT NOT NULL,
     version TEXT NOT NULL,
+    results TEXT NOT NULL,                    -- version of the numbers that fits give
+    seal TEXT NOT NULL DEFAULT '',            -- with its parameters and files
     UNIQUE (test, settings)
 );
 CREATE TABLE parameters (                     -- of a fit, SI units, for whoever asks in SQL
@@ -110,7 +118,7 @@ class Database:
             return
         if not os.access(path if path.exists() else path.parent, os.W_OK):
             raise PermissionError(f"cannot write the store {path}: its folder is read-only; give another place")
-        with self._connected() as connection:
+        with self._connected(make=True) as connection:
             connection.execute("BEGIN IMMEDIATE")
             if self._version(connection) == 0:  # nobody else made it meanwhile
                 for statement in filter(str.strip, _TABLES.split(";\n")):
@@ -131,6 +139,7 @@ class Database:
     @contextmanager
     def change(self) -> Iterator[sqlite3.Connection]:
         """Change the store, as a whole when the block ends well and not at all otherwise."""
+        self._refuse_gone()
         if not os.access(self.path, os.W_OK) or not os.access(self.path.parent, os.W_OK):
             raise PermissionError(f"the store {self.path} is read-only: it or its folder may not be written to")
         with self._connected() as connection:
@@ -144,8 +153,14 @@ class Database:
                 raise
             connection.execute("COMMIT")
 
+    def _refuse_gone(self) -> None:
+        if not self.path.exists():
+            raise FileNotFoundError(f"the store {self.path} is not there any more: it was deleted, renamed or moved")
+
     @contextmanager
-    def _connected(self) -> Iterator[sqlite3.Connection]:
+    def _connected(self, *, make: bool = False) -> Iterator[sqlite3.Connection]:
+        if not make:
+            self._refuse_gone()
         with self._sentences(), closing(self._open()) as connection:
             connection.execute("PRAGMA synchronous = FULL")
             connection.execute("PRAGMA foreign_keys = ON")
@@ -172,6 +187,11 @@ class Database:
             raise ValueError(
                 f"{self.path}: a test is too long for a store, which holds at most 1e9 packed bytes of each; split it"
             ) from problem
+        except sqlite3.IntegrityError as problem:
+            raise ValueError(
+                f"{self.path} is damaged: what it holds does not belong together ({_on_one_line(problem)}); `rotorfit "
+                "store check` says where"
+            ) from problem
         except (sqlite3.DatabaseError, UnicodeDecodeError) as problem:
             if type(problem) not in (sqlite3.DatabaseError, UnicodeDecodeError):  # a mistake in a statement, no damage
                 raise
@@ -187,6 +207,11 @@ class Database:
         version, mark = self._version(connection), connection.execute("PRAGMA application_id").fetchone()[0]
         if mark != _MARK:
             raise ValueError(f"{self.path} is an SQLite database of another program, not a store of tests")
+        if version < SCHEMA:
+            raise ValueError(
+                f"the store {self.path} has version {version}, of a rotorfit before any release; `rotorfit store add` "
+                "into a new file fits the tests again"
+            )
         if version > SCHEMA:
             raise ValueError(
                 f"the store {self.path} has version {version}, written by a newer rotorfit; this one reads version "
@@ -194,10 +219,39 @@ class Database:
             )
 
     def problems(self) -> list[str]:
-        """Damage of the file, in SQLite's words."""
+        """Damage of the file, in SQLite's words, and records that are not as they were written."""
         with self._connected() as connection:
             found = [str(row[0]) for row in connection.execute("PRAGMA integrity_check")]
-            return [text for text in found if text != "ok"]
+            found = [text for text in found if text != "ok"]
+            for table, row, other, _ in connection.execute("PRAGMA foreign_key_check"):
+                found.append(f"{table}: record {row or ''} is of none of the {other}")
+            for table in SEALED:
+                for number, seal in connection.execute(f"SELECT number, seal FROM {table} ORDER BY number").fetchall():
+                    if seal_of(connection, table, number) != seal:
+                        found.append(f"{table}: record {number} is not as it was written (its checksum does not agree)")
+            return found
+
+
+SEALED: dict[str, tuple[str, ...]] = {"tests": (), "sources": (), "fits": ("parameters", "uncertainty")}
+"""Tables whose records have a checksum, with those whose rows it takes in."""
+
+
+def seal_of(connection: sqlite3.Connection, table: str, number: int) -> str:
+    """Checksum of a record with the rows that belong to it."""
+    digest = hashlib.sha256()
+    asked = [f"SELECT * FROM {table} WHERE number = ?"]
+    asked += [f"SELECT * FROM {part} WHERE fit = ? ORDER BY 1, 2" for part in SEALED[table]]
+    for sql in asked:
+        for row in connection.execute(sql, (number,)):
+            for name in row.keys():  # noqa: SIM118 - iterating a row gives its values
+                value = hashlib.sha256(row[name]).hexdigest() if isinstance(row[name], bytes) else row[name]
+                digest.update(repr((name, value)).encode() if name != "seal" else b"")
+    return digest.hexdigest()
+
+
+def put_seal(connection: sqlite3.Connection, table: str, number: int) -> None:
+    """Seal a record once all of it is written, and again where it changes."""
+    connection.execute(f"UPDATE {table} SET seal = ? WHERE number = ?", (seal_of(connection, table, number), number))
 
 
 def _on_one_line(problem: Exception) -> str:
@@ -220,20 +274,27 @@ def unpacked(blob: bytes, name: str) -> str:
 
 LEASE = 60.0
 """Seconds after which the claim of an owner that does not renew it is void: of a machine that is gone. Chosen."""
+_LOG = logging.getLogger("rotorfit")
 
 
 @contextmanager
 def claimed(database: Database, key: str) -> Iterator[None]:
-    """Hold the claim on a piece of work; waits while another process that is alive holds it."""
+    """Hold the claim on a piece of work; waits while another process that is alive holds it, and says for which."""
     owner = f"{socket.gethostname()} {os.getpid()} {threading.get_ident()}"
-    while not _take(database, key, owner):
-        poll = 0.2  # seconds between looks at the claim of another. Chosen
+    poll, silent = 0.2, 5.0  # seconds between looks at the claim of another, and of waiting without a word. Chosen
+    begin = time.monotonic()
+    while holder := _take(database, key, owner):
+        if time.monotonic() - begin > silent:
+            host, process, _ = shown(holder).rsplit(" ", 2)
+            work = key.partition(" ")[0]
+            _LOG.warning(f"rotorfit: {database.path}: waiting for process {process} on {host}, which is at the {work}")
+            silent = math.inf
         time.sleep(poll)
     ended = threading.Event()
 
     def renew() -> None:
         while not ended.wait(LEASE / 4):
-            with database.change() as connection:
+            with suppress(OSError, ValueError), database.change() as connection:  # what lasts is met at the end
                 asked = "UPDATE claims SET until = ? WHERE key = ? AND owner = ?"
                 connection.execute(asked, (time.time() + LEASE, key, owner))
 
@@ -248,22 +309,26 @@ def claimed(database: Database, key: str) -> Iterator[None]:
             connection.execute("DELETE FROM claims WHERE key = ? AND owner = ?", (key, owner))
 
 
-def _take(database: Database, key: str, owner: str) -> bool:
+def _take(database: Database, key: str, owner: str) -> str:
+    """Take a claim, or say who holds it."""
     with database.change() as connection:
         held = connection.execute("SELECT owner, until FROM claims WHERE key = ?", (key,)).fetchone()
-        if held is not None and held[1] > time.time() and not _is_dead(held[0]):
-            return False
+        if held is not None and not _is_void(*held):
+            return str(held[0])
         connection.execute("REPLACE INTO claims VALUES (?, ?, ?)", (key, owner, time.time() + LEASE))
+        return ""
+
+
+def _is_void(owner: Any, until: Any) -> bool:
+    """True if a claim has run out, is dated further ahead than clocks of machines differ by, is none that this program
+    writes, or its owner was a process of this machine that has ended."""
+    written = isinstance(until, float) and isinstance(owner, str) and re.fullmatch(r".* (\d{1,9}) \d+", owner)
+    if not written or not 0 < until - time.time() <= 2 * LEASE:
         return True
-
-
-def _is_dead(owner: str) -> bool:
-    """True if the owner was a process of this machine that has ended."""
-    host, process, _ = owner.rsplit(" ", 2)
-    if host != socket.gethostname() or os.name != "posix":
+    if owner.rsplit(" ", 2)[0] != socket.gethostname() or os.name != "posix":
         return False
     try:
-        os.kill(int(process), 0)
+        os.kill(int(written[1]), 0)
     except ProcessLookupError:
         return True
     except PermissionError:  # another user's, and alive

@@ -15,12 +15,13 @@ from rotorfit.apps.store.sources import Source
 from rotorfit.apps.study_files.data_files import StudyProgress
 from rotorfit.apps.study_files.study import Outcome
 from rotorfit.base.digits import plus_minus
-from rotorfit.base.version import __version__
+from rotorfit.base.version import RESULTS, __version__
 from rotorfit.identify.fitting.fit_file import fit_to_json
 from rotorfit.identify.fitting.json_values import encode
 from rotorfit.identify.fitting.quantities import THRESHOLD, shown_unit
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.content import content_hash
+from rotorfit.lab.data.experiments import Experiment
 from rotorfit.lab.data.findings import Finding, errors_in, warnings_in
 from rotorfit.studies.campaigns.runs import conditions
 
@@ -76,11 +77,17 @@ class StoredFit:
     # values by name; the threshold speed is among them, by the name ``threshold_speed``
     params: Mapping[str, StoredValue]
     version: str  # of rotorfit that made it
+    results: str  # version of its numbers
 
     @property
     def good(self) -> bool:
         """True if its values may be followed: it converged and the data have no error."""
         return self.success and not self.errors
+
+    @property
+    def outdated(self) -> bool:
+        """True if this rotorfit may give other numbers; :meth:`Store.refit` makes such fits anew."""
+        return self.results != RESULTS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,23 +125,12 @@ def as_time(text: str, what: str) -> datetime:
 def test_row(source: Source, machine: str, progress: StudyProgress) -> dict[str, Any]:
     """The row of a test that has been read."""
     experiments, findings = source.read(progress)
-    attributes: dict[str, float | str] = {}
-    for experiment in experiments:
-        attributes |= conditions(experiment)
-    own = str(attributes.get("machine", "")) or machine
-    dates = sorted(
-        {str(d) for e in experiments if "date" in e.attributes for d in e.attributes["date"].tolist()} - {""}
-    )
-    if dates:
-        as_time(dates[0], str(source.path))
+    said = said_by(experiments, str(source.path))
     return {
-        "content": content_hash(experiments),
-        "kind": ", ".join(dict.fromkeys(test.title for test in experiments)),
-        "readings": sum(map(len, experiments)),
-        "machine": own,
-        "date": dates[0] if dates else source.date(),
-        "date_given": bool(dates),
-        "conditions": json.dumps({n: v for n, v in attributes.items() if isinstance(v, str) or math.isfinite(v)}),
+        "machine": machine,
+        "date": source.date(),
+        "date_given": False,
+        **said,
         "findings": json.dumps([[[f.severity, f.code, f.message, f.source] for f in found] for found in findings]),
         "data": packed(json.dumps(encode(list(experiments)), allow_nan=False, ensure_ascii=False)),
         "added": now(),
@@ -142,9 +138,30 @@ def test_row(source: Source, machine: str, progress: StudyProgress) -> dict[str,
     }
 
 
+def said_by(experiments: Sequence[Experiment], name: str) -> dict[str, Any]:
+    """Columns of a test's row that its readings give."""
+    attributes: dict[str, float | str] = {}
+    for experiment in experiments:
+        attributes |= conditions(experiment)
+    own = str(attributes.get("machine", ""))
+    dates = sorted(
+        {str(d) for e in experiments if "date" in e.attributes for d in e.attributes["date"].tolist()} - {""}
+    )
+    if dates:
+        as_time(dates[0], name)
+    return {
+        "content": content_hash(experiments),
+        "kind": ", ".join(dict.fromkeys(test.title for test in experiments)),
+        "readings": sum(map(len, experiments)),
+        "conditions": json.dumps({n: v for n, v in attributes.items() if isinstance(v, str) or math.isfinite(v)}),
+        **({"machine": own} if own else {}),
+        **({"date": dates[0], "date_given": True} if dates else {}),
+    }
+
+
 def fit_row(outcome: Outcome | str) -> dict[str, Any]:
     """The row of a fit, or of the reason why there is none."""
-    common = {"added": now(), "version": __version__}
+    common = {"added": now(), "version": __version__, "results": RESULTS}
     if isinstance(outcome, str):
         none = json.dumps({"errors": [], "warnings": []})
         return {**common, "success": False, "message": outcome, "redchi": None, "findings": none, "result": None}
@@ -216,3 +233,42 @@ def stored_fit(row: Mapping[str, Any], params: Mapping[str, StoredValue]) -> Sto
         "params": params,
     }
     return _checked(StoredFit(**{**own, **read}))
+
+
+def differing(test: StoredTest, said: Mapping[str, Any]) -> list[str]:
+    """Columns of a test that are not as its readings say."""
+    own = {"date_given": False, **said, "conditions": json.loads(said["conditions"])}
+    return [name for name, value in own.items() if not _same(getattr(test, name), value)]
+
+
+def odd_in_fit(fit: StoredFit, result: FitResult | None) -> list[str]:
+    """What is not as the whole result says, or as it is where nothing could be fitted."""
+    if result is None:
+        return ["success"] * fit.success + list(fit.params)
+    own = {"success": result.success, "message": result.message, "redchi": result.redchi, "model": result.model.name}
+    odd = [name for name, value in own.items() if not _same(getattr(fit, name), value)]
+    values = {
+        name: [math.nan if number is None else number for number in numbers] + [unit]
+        for name, *numbers, unit in values_of(result)
+    }
+    if fit.outdated:  # this version may find the threshold speed elsewhere
+        values.pop(THRESHOLD, None)
+    for name in dict.fromkeys((*values, *fit.params)):
+        stored = fit.params.get(name)
+        if name == THRESHOLD and fit.outdated:
+            continue
+        kept = [] if stored is None else [stored.value, stored.stderr, stored.systematic, stored.unit]
+        if not _same(kept, values.get(name, [])):
+            odd.append(name)
+    return odd
+
+
+def _same(one: Any, other: Any) -> bool:
+    """True if values are the same, numbers to what other processors round differently."""
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return one.keys() == other.keys() and all(_same(one[name], other[name]) for name in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_same, one, other))
+    if isinstance(one, float) and isinstance(other, int | float):
+        return math.isclose(one, other, rel_tol=1e-6) or (math.isnan(one) and math.isnan(other))
+    return bool(one == other)

@@ -34,9 +34,9 @@ def settings_key(study: Study) -> tuple[str, str]:
     if study.structure:  # what the file holds counts, not where it is
         shaft = Path(study.structure)
         files = sorted(shaft.iterdir()) if shaft.is_dir() else [shaft]
-        given["structure"] = _sha256("".join(digest_of(file)[1] for file in files if file.is_file()))
+        given["structure"] = key_of("".join(digest_of(file)[1] for file in files if file.is_file()))
     text = json.dumps({"model": study.model, **given}, sort_keys=True, allow_nan=False)
-    return _sha256(text), text
+    return key_of(text), text
 
 
 def _sorted(value: Any) -> Any:
@@ -49,7 +49,8 @@ def _sorted(value: Any) -> Any:
     return [_sorted(item) for item in value] if isinstance(value, list) else value
 
 
-def _sha256(text: str) -> str:
+def key_of(text: str) -> str:
+    """Hash of a text, of settings for instance."""
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 

@@ -11,10 +11,21 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.apps.store.adding import add_sources
+from rotorfit.apps.store.adding import add_sources, refit
 from rotorfit.apps.store.database import KIND, Database, unpacked
-from rotorfit.apps.store.records import Added, StoredFit, StoredTest, StoredValue, as_time, stored_fit, stored_test
-from rotorfit.apps.store.sources import settings_key, sources_of
+from rotorfit.apps.store.records import (
+    Added,
+    StoredFit,
+    StoredTest,
+    StoredValue,
+    as_time,
+    differing,
+    odd_in_fit,
+    said_by,
+    stored_fit,
+    stored_test,
+)
+from rotorfit.apps.store.sources import key_of, settings_key, sources_of
 from rotorfit.apps.study_files.data_files import StudyProgress, no_progress
 from rotorfit.apps.study_files.results import UNCERTAINTY_FILES
 from rotorfit.apps.study_files.study import Study, check_model
@@ -27,7 +38,6 @@ from rotorfit.identify.fitting.fit_file import fit_from_json
 from rotorfit.identify.fitting.json_values import decode
 from rotorfit.identify.fitting.quantities import THRESHOLD
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.lab.data.content import content_hash
 from rotorfit.lab.data.experiments import Experiment
 from rotorfit.models import RotorModel
 from rotorfit.studies.monitoring.trend import DatedValues, MachineTrend, trend
@@ -115,6 +125,30 @@ class Store:
         there = executor_of(executor, client)
         return add_sources(self, sources, machine, there, progress)
 
+    def refit(
+        self,
+        study: str | os.PathLike[str] | Mapping[str, Any] | Study,
+        *,
+        executor: Executor | None = None,
+        progress: StudyProgress = no_progress,
+    ) -> int:
+        """Make fits anew whose numbers are of another version of rotorfit's results; see ``StoredFit.outdated``.
+
+        Args:
+            study: settings of the fits.
+            executor: any ``concurrent.futures`` executor to fit with.
+            progress: called as each fit begins.
+
+        Returns:
+            how many were made.
+
+        Raises:
+            ValueError: a study that is wrong.
+            OSError: a store that cannot be written.
+        """
+        settings = study_for_store(study)
+        return 0 if settings is None else refit(self, settings, executor, progress)
+
     # ---- asking --------------------------------------------------------------------------------------------------
 
     @property
@@ -136,7 +170,7 @@ class Store:
         """All fits in order of their making."""
         with self.database.look() as ask:
             rows = ask(
-                "SELECT number, test, model, settings, success, message, redchi, findings, version "
+                "SELECT number, test, model, settings, success, message, redchi, findings, version, results "
                 "FROM fits JOIN settings ON key = settings ORDER BY number"
             )
             parameters = ask("SELECT * FROM parameters")
@@ -322,25 +356,35 @@ class Store:
             connection.executemany("INSERT OR IGNORE INTO pieces VALUES (?, ?)", list(pieces.items()))
 
     def problems(self) -> tuple[str, ...]:
-        """Damage of the store: every page, every test against its hash, every fit."""
+        """Damage of the store: every page and record, every test against its readings, every fit against its result."""
         found = self.database.problems()
-        for test in self.tests:
+        with self.database.look() as ask:
+            settings = ask("SELECT key, text FROM settings")
+            never = ask("SELECT fit FROM alarms WHERE fit > (SELECT coalesce(max(seq), 0) FROM sqlite_sequence)")
+            whole = {row[0] for row in ask("SELECT number FROM fits WHERE result NOT NULL")}
+        found += [f"settings: {text!r} are not those of their key" for key, text in settings if key != key_of(text)]
+        found += [f"alarms: one was told of fit {fit}, which has never been made" for (fit,) in never]
+        try:
+            tests, fits = self.tests, self.fits
+        except ValueError as problem:
+            return (*found, str(problem))
+        for test in tests:
             try:
-                if content_hash(self.experiments(test.number)) != test.content:
-                    found.append(f"test {test.number}: its readings are not those that were added")
+                odd = differing(test, said_by(self.experiments(test.number), self.path.name))
             except ValueError as problem:
                 found.append(str(problem))
-        for fit in self.fits:
+            else:
+                found += [f"test {test.number}: its readings are not those that were added"] * ("content" in odd)
+                other = ", ".join(name for name in odd if name != "content")
+                found += [f"test {test.number}: {other} are not those of its readings"] * bool(other)
+        for fit in fits:
             try:
                 self.uncertainty_files(fit.number)
-                stored = self.result(fit.number).params if math.isfinite(fit.redchi) else {}
+                odd = odd_in_fit(fit, self.result(fit.number) if fit.number in whole else None)
             except ValueError as problem:
                 found.append(str(problem))
-                continue
-            odd = [
-                n for n, p in fit.params.items() if n in stored and p.value == p.value and p.value != stored[n].value
-            ]
-            found += [f"fit {fit.number}: {', '.join(odd)} differ from the result"] * bool(odd)
+            else:
+                found += [f"fit {fit.number}: {', '.join(odd)} differ from the result"] * bool(odd)
         return tuple(found)
 
 

@@ -19,10 +19,10 @@ from rotorfit.estimators.inference.identifiability import Identifiability, along
 from rotorfit.estimators.inference.joint_errors import JointErrors
 from rotorfit.estimators.minimisation.least_squares import Solution, Status
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
-from rotorfit.estimators.misfit.problem import Problem, robust_weights
+from rotorfit.estimators.misfit.problem import Derivatives, Problem, robust_weights
 from rotorfit.estimators.starting.closed_form import ClosedForm
 from rotorfit.estimators.starting.start_points import Start
-from rotorfit.identify.fitting.causes.solution import JointSearch, SolvedCauses
+from rotorfit.identify.fitting.causes.solution import JointSearch, SolvedCauses, shifted
 from rotorfit.identify.fitting.causes.table import table_of
 from rotorfit.identify.fitting.noise.error_bars import shares_of_possible_effects, with_scatter, with_shares
 from rotorfit.identify.fitting.noise.record import is_run_effect
@@ -54,12 +54,13 @@ def judge(
 ) -> FitResult:
     """The result of a solved problem, ``beside`` causes that were solved with it, or of a closed form."""
     x = np.concatenate([solved.x, np.zeros(problem.space.size - solved.x.size)])
-    residuals, jacobian = problem.jacobian(x)
-    goodness = _goodness(problem, settings, x, residuals)
+    derivatives = Derivatives(problem, x)
+    residuals = derivatives.residuals
+    goodness = _goodness(problem, settings, x, residuals, beside)
     redchi, nfree = goodness["redchi"], goodness["nfree"]
     estimate = solved if isinstance(solved, ClosedForm) else None
     scattered, covar, degrees, verdict, noise, errors = _standard_errors(
-        problem, settings, x, residuals, jacobian, redchi, nfree, estimate, noise, beside
+        problem, settings, x, residuals, derivatives, redchi, nfree, estimate, noise, beside
     )
     causes = None
     if beside is not None and errors is not None:
@@ -127,30 +128,36 @@ def inverse_curvature(fit: FitResult) -> Float:
     """Change of the estimate by the slope of the cost, shape ``(p, p)``: mostly ``covar`` itself."""
     noise = fit.noise
     wider = noise is not None and (noise.robust or noise.correlated or bool(noise.possible_effects))
-    wider = wider or fit.model_uncertainty is not None
+    wider = wider or fit.model_uncertainty is not None or fit.settings.solved is not None
     return fit.covar if fit.problem.loss == "linear" and not wider else covariance.inverse_curvature(fit.problem, fit.x)
 
 
 # ---- goodness of fit -------------------------------------------------------------------------------------------------
 
 
-def _goodness(problem: Problem, settings: FitSettings, x: Float, residuals: ComplexArray) -> dict[str, Any]:
+def _goodness(
+    problem: Problem, settings: FitSettings, x: Float, residuals: ComplexArray, beside: JointSearch | None
+) -> dict[str, Any]:
     """Fields of the result that say how well an estimate agrees with the data, by the noise of the data, whatever
-    weights the fit gave them."""
+    weights the fit gave them. Models are compared without causes, which would stand for what one of them lacks."""
     given, before = with_noise_of_data(problem, settings, x)
     count = given.space.size
     size2 = np.abs(residuals if given is problem else given.residuals(before)) ** 2
     # A nuisance entry with a prior brings the datum that pays for it.
     nfree = problem.n_data - count + sum(prior.entry >= len(problem.space.names) for prior in given.priors)
     chisqr = float(size2.sum())
-    deviance = chisqr if problem.loss == "linear" else float(robust_weights(problem.loss, size2)[0].sum())
+    deviance = alone = chisqr if problem.loss == "linear" else float(robust_weights(problem.loss, size2)[0].sum())
+    if beside is not None:
+        plain = shifted(given, [-part for part in beside.shift])
+        without = np.abs(plain.residuals(beside.plain[:count])) ** 2
+        alone = float(robust_weights(problem.loss, without)[0].sum())
     return {
         "chisqr": chisqr,
         "redchi": deviance * covariance.per_freedom(problem.loss, nfree),
         "nvarys": count,
         "nfree": nfree,
-        "aic": deviance + 2 * count,
-        "bic": deviance + count * float(np.log(problem.n_data)),
+        "aic": alone + 2 * count,
+        "bic": alone + count * float(np.log(problem.n_data)),
         "responses": _qualities(given, before),
     }
 
@@ -184,7 +191,7 @@ def _standard_errors(
     settings: FitSettings,
     x: Float,
     residuals: ComplexArray,
-    jacobian: ComplexArray,
+    derivatives: Derivatives,
     redchi: float,
     nfree: int,
     estimate: ClosedForm | None,
@@ -194,13 +201,12 @@ def _standard_errors(
     """Covariance of an estimate by the noise alone, shape ``(p, p)``, and widened where the model or the residuals ask
     for it; degrees of freedom of each entry's error, what the data determine, and the study with its share in it."""
     space = problem.space
-    root, sandwich = covariance.information(problem, x, residuals, jacobian)
+    root, sandwich = covariance.information(problem, x, residuals, derivatives)
     names, base = (*space.names, *space.nuisance), (*space.base, *space.nuisance)
     scales = covariance.parameter_scales(problem, x)
     scattered, verdict = diagnose(space.model, names, base, x, root, scales)
-    inverse = scattered
     if sandwich is not None:
-        weighing = covariance.weighing_error(problem, jacobian, scattered)
+        weighing = covariance.weighing_error(problem, derivatives.whole, scattered)
         scattered = scattered @ sandwich @ scattered + weighing
     if estimate is not None:
         scattered = np.where(np.isfinite(estimate.covar), estimate.covar, np.nan)
@@ -211,17 +217,17 @@ def _standard_errors(
     covar = scattered * widening
     if problem.priors and widening > 1 and sandwich is None:
         # what is known beforehand is no less certain for a model that does not fit
-        wide = covariance.information(problem, x, residuals, jacobian, widening=widening)[0]
+        wide = covariance.information(problem, x, residuals, derivatives, widening=widening)[0]
         covar = diagnose(space.model, names, base, x, wide, scales)[0]
     if noise is not None:
-        covar, noise = with_scatter(noise, problem, residuals, jacobian, scattered, covar, widening)
-        possible = shares_of_possible_effects(noise, problem, x, jacobian, scattered)
+        covar, noise = with_scatter(noise, problem, residuals, derivatives, scattered, covar, widening)
+        possible = shares_of_possible_effects(noise, problem, x, derivatives, scattered)
         noise = with_shares(noise, settings, problem, x, covar, possible)
         covar = np.sum([covar, *possible], axis=0)
     freedom = min(known, float(nfree)) if widening > 1 and np.isfinite(known) else known
     errors = None
     if beside is not None:
-        errors = beside.errors(inverse, widening)
+        errors = beside.errors(widening)
         covar = covar + errors.covariance
         if noise is not None:
             noise = replace(noise, shares=(*noise.shares, errors.covariance), freedom=(*noise.freedom, math.inf))

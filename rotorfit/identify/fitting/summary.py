@@ -98,7 +98,7 @@ def fit_table(fit: FitResult) -> str:
 def _cause_lines(fit: FitResult) -> list[str]:
     """Causes that the data show, and those on trust that the errors mostly rest on."""
     rows = fit.causes
-    lines = [f"found beside the model: {row.words}" for row in rows.found]
+    lines = [f"note: {words}" for words in rows.notes]
     shares: dict[str, list[str]] = {}
     for p in fit.params.values():
         if p.vary and p.error is not None and p.error.trust > p.error.noise:

@@ -12,6 +12,7 @@ from rotorfit.identify.observing.circular import observe
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.several_forces import refuse_several
 from rotorfit.models import Anisotropic, RotorModel
+from rotorfit.models.model import Coordinate
 
 
 class IsotropicPlanes(RotorModel):
@@ -20,12 +21,18 @@ class IsotropicPlanes(RotorModel):
     name: ClassVar[str] = "isotropic planes"
     parameters = ()
 
-    def __init__(self, planes: Sequence[str]) -> None:
+    def __init__(self, planes: Sequence[str], tilts: Sequence[str] = ()) -> None:
         self.planes = tuple(planes)
+        self._tilts = tuple(tilts)
+
+    @property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        """Displacement of every plane, then the slopes at those that have them."""
+        return (*(Coordinate(p, "z") for p in self.planes), *(Coordinate(p, "r") for p in self._tilts))
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> list[list[list[float]]]:
         """Unit stiffness; only the coordinates are used."""
-        return [np.eye(len(self.planes)).tolist()]
+        return [np.eye(len(self.coordinates)).tolist()]
 
 
 def dynamic_stiffness(

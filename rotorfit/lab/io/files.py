@@ -13,7 +13,6 @@ import numpy as np
 from rotorfit.base.array_types import Index
 from rotorfit.base.atomic_file import note_input, refuse_input, whole_file
 from rotorfit.base.file_reading import reading
-from rotorfit.base.names import unknown_name
 from rotorfit.base.units import RAD_S_PER_RPM
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.misfit.parameter_space import LARGEST
@@ -29,7 +28,9 @@ from rotorfit.lab.data.probes import (
 from rotorfit.lab.data.selection import Wanted, selected, without
 from rotorfit.lab.data.synchronous import uneven_weights
 from rotorfit.lab.data.weights import differenced
+from rotorfit.lab.io.other_formats import unread_suffix
 from rotorfit.lab.io.tables.cells import EXCEL
+from rotorfit.lab.io.tables.json_records import SUFFIX
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -38,6 +39,10 @@ SUFFIXES = {".csv": "csv", ".txt": "csv", ".tsv": "csv", ".uff": "uff", ".unv": 
 """Format by suffix of the file."""
 RECORDINGS = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet", ".npz", ".uf58", ".lvm")
 """Suffixes that only recordings of raw signals have."""
+
+
+READ_ONLY = (*EXCEL, SUFFIX)
+"""Suffixes of tables that are not written."""
 
 
 def read(
@@ -63,7 +68,7 @@ def read(
     on_lines: Callable[[Index], None] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Experiment:
-    """Read a test: CSV (.csv .tsv .txt), Excel (.xlsx .xlsm), universal file (.uff .unv), netCDF (.nc) or MAT 5 (.mat).
+    """Read a test: CSV (.csv .tsv .txt), Excel (.xlsx .xlsm), JSON, universal file (.uff .unv), netCDF (.nc) or MAT.
 
     Corrections are applied in the order of the arguments, before synchronous runs are differenced; a selection comes
     first of all. Units of a table are in its column names; what is read is SI. A table is tidy (a row a reading) or
@@ -249,8 +254,9 @@ def check_target(path: str | Path) -> Path:
     """Refuse, before any work, a file that could not be written."""
     target = Path(path)
     _format(target)
-    if target.suffix.lower() in EXCEL:
-        raise ValueError(f"{target.name}: Excel files are read, not written; write .csv, which Excel opens")
+    if target.suffix.lower() in READ_ONLY:
+        kind = "Excel files are" if target.suffix.lower() in EXCEL else "JSON of records is"
+        raise ValueError(f"{target.name}: {kind} read, not written; write .csv, which Excel opens")
     if not target.parent.is_dir():
         raise FileNotFoundError(f"cannot write {target}: there is no folder {target.parent}")
     refuse_input(target)
@@ -265,11 +271,11 @@ def _format(path: str | Path) -> str:
             f"{name} is a recording of raw signals, not of vectors: read it with a setup of the rig "
             f"(rf.read_recording, --setup rig.toml); `rotorfit template {name}` makes one to fill in"
         )
-    if suffix in EXCEL:
+    if suffix in READ_ONLY:
         return "csv"
-    allowed = (*SUFFIXES, *EXCEL)
+    allowed = (*SUFFIXES, *READ_ONLY)
     if suffix not in SUFFIXES and Path(path).is_dir():
         raise ValueError(f"{path} is a folder; name a file in it, with one of the suffixes {', '.join(allowed)}")
     if suffix not in SUFFIXES:
-        raise ValueError(f"{Path(path).name}: {unknown_name('suffix', suffix, allowed)}")
+        raise ValueError(f"{Path(path).name}: {unread_suffix('suffix', suffix, [*allowed])}")
     return SUFFIXES[suffix]

@@ -266,16 +266,36 @@ def folding_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
 
 def speed_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:
     """A shaft whose marks do not come at the speed that file or setup say."""
-    speeds, said = shaft.speeds(), record.speed or 0.0
+    speeds, said = shaft.speeds(), abs(record.speed or 0.0)
     middle = float(np.median(speeds))
-    if said and np.ptp(speeds) < 0.05 * abs(middle) and abs(middle - abs(said)) > 0.03 * abs(said):
+    if said and np.ptp(speeds) < 0.05 * abs(middle) and abs(middle - said) > 0.03 * said:
         marks, given = middle * RPM_PER_RAD_S, said * RPM_PER_RAD_S
+        other_count = not 0.7 < middle / said < 1.4  # beyond what a machine runs off its speed
         words = (
-            f"{record.name}: the marks say {significant(marks, 4)} rpm, file or setup {significant(given, 4)} rpm: is "
-            f"pulses_per_turn right ({shaft.pulses_per_turn}), and the sampling "
-            f"rate ({record.sample_rate:g} Hz)?"
+            f"{record.name}: the marks say {significant(marks, 4)} rpm, file or setup {significant(given, 4)} rpm: "
+            f"{_other_count(record, shaft, middle, said)}"
         )
-        yield Finding("warning", "speed-disagrees", words)
+        yield Finding("error" if other_count else "warning", "speed-disagrees", words)
+
+
+def _other_count(record: Signals, shaft: AngleTrack, middle: float, said: float) -> str:
+    """Why the marks may come more or less often than the speed that is said makes them."""
+    count, rate = shaft.pulses_per_turn, record.sample_rate
+    passing = count * said / (2 * np.pi)  # Hz
+    folded = abs(passing - rate * round(passing / rate)) * 2 * np.pi / count
+    if passing > rate / 2:
+        seen = ", and what is seen are aliases" if abs(folded - middle) < 0.05 * middle else ""
+        return (
+            f"{count} pulses a turn pass at {passing:.0f} Hz there, above half the sampling rate ({rate:g} Hz){seen}. "
+            "Sample faster, or record a mark that passes once a turn."
+        )
+    ratio = middle / said
+    if count == 1 and ratio > 1.5 and abs(ratio - round(ratio)) < 0.03 * ratio:
+        return f"has the wheel {round(ratio)} marks a turn? Say pulses_per_turn = {round(ratio)} in [shaft]."
+    return (
+        f"is pulses_per_turn right ({count}), and the sampling rate ({rate:g} Hz)? Of more than half as many pulses a "
+        "second as samples, only aliases are seen."
+    )
 
 
 def setting_findings(record: Signals) -> Iterator[Finding]:

@@ -98,6 +98,20 @@ class Signals:
         return self.rig.speed
 
     @property
+    def stated_speed(self) -> float:
+        """Rotative speed of a shaft without a mark, rad/s, as file or setup give it.
+
+        Raises:
+            ValueError: neither does.
+        """
+        if self.speed is None:
+            raise ValueError(
+                f"{self.name}: nothing says how fast the shaft turns: name the channel of its mark in [shaft], or say "
+                "speed_rpm in the setup (speed_rpm = 0.0 for a rotor at rest)"
+            )
+        return abs(self.speed)
+
+    @property
     def attributes(self) -> Mapping[str, float | str]:
         """Test attributes, such as the oil temperature."""
         return self.rig.attributes

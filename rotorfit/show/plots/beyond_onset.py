@@ -20,8 +20,8 @@ from rotorfit.show.plots.journal import half_width, reach
 _STABLE, _UNSTABLE = style.COLOURS[0], style.COLOURS[1]
 
 
-@style.looked
-def plot_whirl(fit: FitResult, *, group: int = 0, max_speed_rpm: float | None = None) -> Figure:
+@style.on_sheet
+def plot_whirl(fit: FitResult, *, sheet: style.Sheet, group: int = 0, max_speed_rpm: float | None = None) -> Figure:
     """Radius and frequency of the self-excited whirl against rotative speed, with the 95 % band of the radius.
 
     Dashed where the orbit is unstable: there it jumps, or the journal returns to the centre.
@@ -33,16 +33,16 @@ def plot_whirl(fit: FitResult, *, group: int = 0, max_speed_rpm: float | None = 
     top = 2.5 * onset if max_speed_rpm is None else max_speed_rpm * RAD_S_PER_RPM
     branch = whirl_branch(fit.model, theta, max_speed=top)
     if branch is None:
-        limit = f"{significant(top * style.per_rad_s(), 5)} {style.rate_unit()}"
+        limit = f"{significant(top * sheet.per_rad_s, 5)} {sheet.rate_unit}"
         raise ValueError(f"the threshold speed is beyond {limit}: give max_speed_rpm")
-    figure, axes = style.grid(2, 1, f"Whirl beyond the onset, {fit.model.name}", size=(5.8, 2.5), one_abscissa=True)
+    figure, axes = sheet.grid(2, 1, f"Whirl beyond the onset, {fit.model.name}", size=(5.8, 2.5), one_abscissa=True)
     radius, frequency = axes[:, 0]
-    factor, unit = style.position_unit()
+    factor, unit = sheet.position_unit
     clearance = journal(fit.model).clearance
-    speed = branch.speed * style.per_rad_s()
+    speed = branch.speed * sheet.per_rad_s
     for axis, y in (
         (radius, branch.eccentricity * clearance * factor),
-        (frequency, branch.frequency * style.per_rad_s()),
+        (frequency, branch.frequency * sheet.per_rad_s),
     ):
         for stable, look in ((True, "-"), (False, "--")):
             shown = np.where(branch.stable == stable, y, np.nan)
@@ -52,14 +52,14 @@ def plot_whirl(fit: FitResult, *, group: int = 0, max_speed_rpm: float | None = 
     signs = np.sign(np.gradient(branch.eccentricity)), -np.sign(np.gradient(branch.speed))  # to one side of the branch
     edges = []
     for side in (1, -1):
-        x = speed + side * signs[0] * across[0] * style.per_rad_s()
+        x = speed + side * signs[0] * across[0] * sheet.per_rad_s
         y = (branch.eccentricity + side * signs[1] * across[1]) * clearance * factor
         edges.append(np.column_stack([x, y]))
     radius.add_patch(Polygon(np.concatenate([edges[0], edges[1][::-1]]), color=_STABLE, alpha=style.BAND, lw=0))
     radius.axhline(clearance * factor, color=style.GREY, lw=0.8)
     radius.set_ylabel(f"radius of the journal's orbit, {unit}")
-    frequency.set_ylabel(f"frequency of the whirl, {style.rate_unit()}")
-    frequency.set_xlabel(f"rotative speed, {style.rate_unit()}")
+    frequency.set_ylabel(f"frequency of the whirl, {sheet.rate_unit}")
+    frequency.set_xlabel(f"rotative speed, {sheet.rate_unit}")
     ratio = branch.frequency[0] / branch.speed[0]
     ends = np.array([speed[0], speed.max()])
     frequency.plot(ends, ratio * ends, ":", color=style.GREY, lw=1.0)
@@ -74,8 +74,8 @@ def plot_whirl(fit: FitResult, *, group: int = 0, max_speed_rpm: float | None = 
     return figure
 
 
-@style.looked
-def plot_side_load(fit: FitResult) -> Figure:
+@style.on_sheet
+def plot_side_load(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     """Threshold speed against the static eccentricity of the journal, and against the load that holds it there.
 
     A load moves the journal to where the film is stiffer and turns slower: the rotor is stable up to a higher speed.
@@ -85,7 +85,7 @@ def plot_side_load(fit: FitResult) -> Figure:
     eps, values, errors, loads = _thresholds(fit)
     if eps.size < 2:
         raise ValueError("the fitted rotor has no threshold speed at any eccentricity that could be searched")
-    figure, axes = style.grid(1, 2, f"Threshold speed under a side load, {fit.model.name}", size=(3.5, 2.8))
+    figure, axes = sheet.grid(1, 2, f"Threshold speed under a side load, {fit.model.name}", size=(3.5, 2.8))
     factor, unit = style.prefix(loads, "N")
     for axis, x, words in zip(
         axes[0],
@@ -93,11 +93,11 @@ def plot_side_load(fit: FitResult) -> Figure:
         ("static eccentricity over clearance", f"side load at the journal, {unit}"),
         strict=True,
     ):
-        style.draw_curve(axis, x, values * style.per_rad_s(), errors * style.per_rad_s(), _STABLE, lw=1.4)
-        axis.fill_between(x, values * style.per_rad_s(), axis.get_ylim()[1], color=_UNSTABLE, alpha=0.08, lw=0)
+        style.draw_curve(axis, x, values * sheet.per_rad_s, errors * sheet.per_rad_s, _STABLE, lw=1.4)
+        axis.fill_between(x, values * sheet.per_rad_s, axis.get_ylim()[1], color=_UNSTABLE, alpha=0.08, lw=0)
         axis.set_xlabel(words)
         axis.set_xlim(0, float(x.max()))
-        axis.set_ylabel(f"threshold speed, {style.rate_unit()}")
+        axis.set_ylabel(f"threshold speed, {sheet.rate_unit}")
     entries = {
         "threshold speed and 95 % band": Patch(color=_STABLE, alpha=0.5),
         "unstable": Patch(color=_UNSTABLE, alpha=0.15),

@@ -12,15 +12,22 @@ from matplotlib.figure import Figure
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
 from rotorfit.base.names import unknown_name
-from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.identify.fitting.result import FitResult
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.models import RotorModel
 from rotorfit.show.plots import style
 from rotorfit.show.plots.dynamic_stiffness import draw_drive_point
-from rotorfit.show.plots.sweeps import SweepCondition, SweepCurve, curves, forced_planes, joined
+from rotorfit.show.plots.sweeps import SweepCondition, SweepCurve, curves, forced_planes, joined, measured_curves
 
 
 def panels_of(
-    found: Sequence[SweepCurve], title: str, *, rows: int, size: tuple[float, float], one_abscissa: bool = False
+    sheet: style.Sheet,
+    found: Sequence[SweepCurve],
+    title: str,
+    *,
+    rows: int,
+    size: tuple[float, float],
+    one_abscissa: bool = False,
 ) -> tuple[Figure, dict[tuple[int, int], list[Any]], list[Any]]:
     """A figure with a panel for each probe (down) and force (across), packed where not all of them were measured, and
     side by side where a page is too short for all probes of one force.
@@ -37,7 +44,7 @@ def panels_of(
     else:
         place = {pair: divmod(i, max(columns, 2)) for i, pair in enumerate(pairs)}
     down, across = (max(where[k] for where in place.values()) + 1 for k in (0, 1))
-    figure, axes = style.grid(rows * down, across, title, size=size, one_abscissa=one_abscissa)
+    figure, axes = sheet.grid(rows * down, across, title, size=size, one_abscissa=one_abscissa)
     for row, column in {(r, c) for r in range(down) for c in range(across)} - set(place.values()):
         for axis in axes[rows * row : rows * (row + 1), column]:
             axis.remove()
@@ -52,27 +59,26 @@ def panels_of(
     return figure, shown, bottom
 
 
-def response_unit(fit: FitResult, coordinate: int) -> tuple[float, str]:
-    """Factor to and name of the unit in which a response to a force is shown."""
-    if all(base.imposed for base in map(responses_of, fit.problem.blocks) if base is not None and base.frequency.any()):
-        return 1 / style.length()[0], f"N/{style.length()[1]}"
-    return (
-        (1e6, "µrad/N")
-        if fit.model.coordinates[coordinate].axis == "r"
-        else (style.length()[0], f"{style.length()[1]}/N")
-    )
+def response_unit(
+    sheet: style.Sheet, model: RotorModel, coordinate: int, found: Sequence[SweepCurve]
+) -> tuple[float, str]:
+    """Factor to and name of the unit in which a response to a force, or a force over an imposed orbit, is shown."""
+    if all(c.imposed for c in found):
+        return 1 / sheet.length[0], f"N/{sheet.length[1]}"
+    factor, unit = (1e6, "µrad") if model.coordinates[coordinate].axis == "r" else sheet.length
+    return factor, f"{unit}/N"
 
 
-def cell_title(fit: FitResult, coordinate: int, force_plane: int) -> str:
+def cell_title(model: RotorModel, coordinate: int, force_plane: int) -> str:
     """Title of the panel of a probe and a force, for matplotlib."""
-    return style.literal(panel_name(fit, coordinate, force_plane))
+    return style.literal(panel_name(model, coordinate, force_plane))
 
 
-def panel_name(fit: FitResult, coordinate: int, force_plane: int) -> str:
+def panel_name(model: RotorModel, coordinate: int, force_plane: int) -> str:
     """Words for a probe and a force."""
-    probe = fit.model.coordinates[coordinate]
+    probe = model.coordinates[coordinate]
     reading = {"r": "tilt at ", "x": "x at ", "y": "y at "}.get(probe.axis, "")
-    return f"{reading}{probe.plane}, {forced_planes(fit.model, force_plane)}"
+    return f"{reading}{probe.plane}, {forced_planes(model, force_plane)}"
 
 
 AGAINST = ("frequency", "ratio", "size")
@@ -83,6 +89,8 @@ AGAINST = ("frequency", "ratio", "size")
 class _Axis:
     """Axis of responses, and the unbalance for which amplitudes are drawn."""
 
+    sheet: style.Sheet
+    found: Sequence[SweepCurve]  # all that the figure shows
     against: str
     mr: float | None
 
@@ -90,17 +98,19 @@ class _Axis:
         """Places of frequencies, rad/s, along the axis."""
         if self.against == "ratio":
             return frequency / curve.condition.speed
-        return (np.abs(frequency) if self.against == "size" else frequency) * style.per_rad_s()
+        return (np.abs(frequency) if self.against == "size" else frequency) * self.sheet.per_rad_s
 
     def scale(self, frequency: Float) -> Float | float:
         """Factor from responses to a unit force to those to the unbalance."""
         return 1.0 if self.mr is None else self.mr * frequency**2
 
-    def label(self, found: Sequence[SweepCurve]) -> str:
+    def label(self) -> str:
         """Words below the axis."""
         if self.against == "ratio":
             return "frequency over rotative speed (backward < 0 < forward)"
-        return f"frequency, {style.rate_unit()}" if self.against == "size" else frequency_label(found)
+        return (
+            f"frequency, {self.sheet.rate_unit}" if self.against == "size" else frequency_label(self.sheet, self.found)
+        )
 
     def style(self, curve: SweepCurve) -> tuple[str, str]:
         """Style of the line, and face of points: of backward responses on an axis of sizes dashed and open."""
@@ -108,18 +118,18 @@ class _Axis:
         return ("--", "none") if backward else ("-", curve.condition.colour)
 
 
-def _axis_of(found: Sequence[SweepCurve], against: str, mr: float | None) -> _Axis:
+def _axis_of(sheet: style.Sheet, found: Sequence[SweepCurve], against: str, mr: float | None) -> _Axis:
     if against not in AGAINST:
         raise ValueError(unknown_name("abscissa", against, AGAINST))
     if against == "ratio" and any(np.isnan(c.condition.speed) for c in found):
         raise ValueError("against='ratio' needs a constant rotative speed; of start-ups frequency is the speed")
     if mr is not None and not (np.isfinite(mr) and mr > 0):
         raise ValueError(f"mr is {mr!r}; an unbalance is above zero, kg m")
-    return _Axis(against=against, mr=mr)
+    return _Axis(sheet=sheet, found=found, against=against, mr=mr)
 
 
-@style.looked
-def plot_bode(fit: FitResult, *, against: str = "frequency", mr: float | None = None) -> Figure:
+@style.on_sheet
+def plot_bode(fit: FitResult, *, sheet: style.Sheet, against: str = "frequency", mr: float | None = None) -> Figure:
     """Amplitude and phase of every response per unit force against signed perturbation frequency.
 
     Rows are probes (amplitude, then phase), columns force planes; colours are rotative speeds and, of nonlinear fluids,
@@ -129,20 +139,36 @@ def plot_bode(fit: FitResult, *, against: str = "frequency", mr: float | None = 
     ``against``: ``ratio`` draws over frequency over rotative speed (Fig. 9), ``size`` forward and backward over one
     another, these dashed and open (Fig. 8). ``mr``, kg m: amplitudes under that unbalance.
     """
-    conditions, found = curves(fit)
-    along = _axis_of(found, against, mr)
-    title = f"Bode plot{_weight(mr)}, {fit.model.name}"
-    figure, panels, bottom = panels_of(found, title, rows=2, size=(5.2, 1.9), one_abscissa=True)
-    for curve in found if against == "size" else joined(found):
-        draw_bode(fit, panels[curve.coordinate, curve.force_plane], curve, along)
-    for (probe, force), pair in panels.items():
-        own = [c for c in found if (c.coordinate, c.force_plane) == (probe, force)]
-        finish_bode(fit, pair, own, along)
-        pair[0].set_title(cell_title(fit, probe, force))
-    for axis in bottom:
-        axis.set_xlabel(along.label(found))
+    conditions, found = curves(fit, sheet)
+    along = _axis_of(sheet, found, against, mr)
+    figure = _bode(fit.model, found, along, f"Bode plot{_weight(mr)}, {fit.model.name}")
     marks = direction_marks(found, ".", " (fit dashed)") if against == "size" else None
     condition_legend(figure, conditions, "fit and 95 % band", marks)
+    return figure
+
+
+@style.on_sheet
+def plot_measured_bode(
+    test: PerturbationTest, *, sheet: style.Sheet, against: str = "frequency", mr: float | None = None
+) -> Figure:
+    """The same of a test before a fit; lines lead from reading to reading."""
+    model, conditions, found = measured_curves(test, sheet)
+    figure = _bode(model, found, _axis_of(sheet, found, against, mr), f"Measured responses{_weight(mr)}")
+    condition_legend(figure, conditions, "", direction_marks(found, ".", " (dashed)") if against == "size" else None)
+    return figure
+
+
+def _bode(model: RotorModel, found: Sequence[SweepCurve], along: _Axis, title: str) -> Figure:
+    """Curves in their panels, without a legend."""
+    figure, panels, bottom = panels_of(along.sheet, found, title, rows=2, size=(5.2, 1.9), one_abscissa=True)
+    for curve in found if along.against == "size" else joined(found):
+        draw_bode(model, panels[curve.coordinate, curve.force_plane], curve, along)
+    for (probe, force), pair in panels.items():
+        own = [c for c in found if (c.coordinate, c.force_plane) == (probe, force)]
+        finish_bode(model, pair, own, along)
+        pair[0].set_title(cell_title(model, probe, force))
+    for axis in bottom:
+        axis.set_xlabel(along.label())
     return figure
 
 
@@ -158,11 +184,11 @@ def direction_marks(found: Sequence[SweepCurve], marker: str, more: str = "") ->
     return filled | ({f"measured, backward{more}": (marker, "none")} if both else {})
 
 
-def draw_bode(fit: FitResult, pair: Sequence[Any], curve: SweepCurve, along: _Axis) -> None:
+def draw_bode(model: RotorModel, pair: Sequence[Any], curve: SweepCurve, along: _Axis) -> None:
     """One response in its panels of amplitude and phase."""
     amplitude, phase = pair
     colour, x, fine = curve.condition.colour, along.x(curve, curve.frequency), along.x(curve, curve.fine)
-    factor, _ = _bode_unit(fit, curve.coordinate, along)
+    factor, _ = _bode_unit(model, curve.coordinate, along)
     look, face = along.style(curve)
     points = {"ls": "", "marker": ".", "ms": 2.5, "mfc": face, "mec": colour, "mew": 0.5, "alpha": 0.6}
     line, (relative, turn) = factor * along.scale(curve.fine) * np.abs(curve.fitted), curve.band
@@ -175,10 +201,10 @@ def draw_bode(fit: FitResult, pair: Sequence[Any], curve: SweepCurve, along: _Ax
     style.draw_curve(phase, fine, angle, half, colour, look, lw=1.1)
 
 
-def finish_bode(fit: FitResult, pair: Sequence[Any], found: Sequence[SweepCurve], along: _Axis) -> None:
+def finish_bode(model: RotorModel, pair: Sequence[Any], found: Sequence[SweepCurve], along: _Axis) -> None:
     """Scales, limits and names of the panels of amplitude and phase."""
     amplitude, phase = pair
-    factor, unit = _bode_unit(fit, found[0].coordinate, along)
+    factor, unit = _bode_unit(model, found[0].coordinate, along)
     amplitude.set_yscale("log")
     style.decade_ticks(amplitude.yaxis)
     shown = [(along.scale(c.frequency) * np.abs(c.measured), along.scale(c.fine) * np.abs(c.fitted)) for c in found]
@@ -199,47 +225,49 @@ def finish_bode(fit: FitResult, pair: Sequence[Any], found: Sequence[SweepCurve]
     style.phase_axis(phase)
 
 
-def _bode_unit(fit: FitResult, coordinate: int, along: _Axis) -> tuple[float, str]:
+def _bode_unit(model: RotorModel, coordinate: int, along: _Axis) -> tuple[float, str]:
     """Factor to and name of the unit of amplitudes, per force or under an unbalance."""
-    factor, unit = response_unit(fit, coordinate)
+    factor, unit = response_unit(along.sheet, model, coordinate, along.found)
     if along.mr is None:
         return factor, unit
     if unit.startswith("N/"):
         raise ValueError("mr is for responses to a force; these orbits were imposed")
-    return factor, style.amplitude_unit(unit.removesuffix("/N"))
+    return factor, along.sheet.amplitude_unit(unit.removesuffix("/N"))
 
 
-@style.looked
-def plot_drive_point(fit: FitResult, *, plane: str | None = None, mr: float | None = None) -> Figure:
+@style.on_sheet
+def plot_drive_point(
+    fit: FitResult, *, sheet: style.Sheet, plane: str | None = None, mr: float | None = None
+) -> Figure:
     """Phase, amplitude and dynamic stiffness of a forced plane above one another, a colour a condition (Fig. 11).
 
     Conditions are speeds, or values of the attribute by which parameters were fitted: a pressure, a temperature.
     ``plane``: a forced one, the last unless given. ``mr``, kg m: amplitudes under that unbalance.
     """
-    conditions, every = curves(fit)
+    conditions, every = curves(fit, sheet)
     own = [c for c in every if c.coordinate == c.force_plane]
     names = [fit.model.coordinates[c.coordinate].plane for c in own]
     if not own or (plane is not None and plane not in names):
         raise ValueError(unknown_name("plane that was forced and read", str(plane), sorted(set(names))))
     chosen = plane if plane is not None else names[-1]
     found = [c for c, name in zip(own, names, strict=True) if name == chosen]
-    along = _axis_of(found, "frequency", mr)
+    along = _axis_of(sheet, found, "frequency", mr)
     title = style.literal(f"Drive point at {chosen}{_weight(mr)}, {fit.model.name}")
-    figure, axes = style.grid(4, 1, title, size=(6.2, 1.9), one_abscissa=True)
+    figure, axes = sheet.grid(4, 1, title, size=(6.2, 1.9), one_abscissa=True)
     phase, amplitude, direct, quadrature = axes[:, 0]
     for curve in joined(found):
-        draw_bode(fit, (amplitude, phase), curve, along)
-    finish_bode(fit, (amplitude, phase), found, along)
-    draw_drive_point(fit, (direct, quadrature), found[0].coordinate)
-    quadrature.set_xlabel(along.label(found))
+        draw_bode(fit.model, (amplitude, phase), curve, along)
+    finish_bode(fit.model, (amplitude, phase), found, along)
+    draw_drive_point(sheet, fit, (direct, quadrature), found[0].coordinate)
+    quadrature.set_xlabel(along.label())
     condition_legend(figure, conditions, "fit and 95 % band")
     return figure
 
 
-def frequency_label(found: Sequence[SweepCurve]) -> str:
+def frequency_label(sheet: style.Sheet, found: Sequence[SweepCurve]) -> str:
     """Words below an axis of signed frequency."""
     both = any(c.frequency.min() < 0 for c in found) and any(c.frequency.max() > 0 for c in found)
-    return f"frequency, {style.rate_unit()} (backward < 0 < forward)" if both else f"frequency, {style.rate_unit()}"
+    return f"frequency, {sheet.rate_unit} (backward < 0 < forward)" if both else f"frequency, {sheet.rate_unit}"
 
 
 def degrees(values: ComplexArray) -> Float:

@@ -17,16 +17,16 @@ from rotorfit.identify.fitting.structure.coefficients import (
     FrequencyRows,
 )
 from rotorfit.models.coefficient_tables import COEFFICIENTS
-from rotorfit.show.plots.style import colour_of, draw_curve, grid, legend_below, looked, per_rad_s, prefix, rate_unit
+from rotorfit.show.plots.style import Sheet, colour_of, draw_curve, legend_below, on_sheet, prefix
 
 _MARKERS = "os^Dv<>P"
 
 
-@looked
-def coefficients(table: CoefficientRows) -> Figure:
+@on_sheet
+def coefficients(table: CoefficientRows, *, sheet: Sheet) -> Figure:
     """Stiffness, damping and inertia in x and y against speed, error bars of 95 %; a marker a condition."""
     kinds = [kind for kind in "KCM" if any(_there(table, name) for name in COEFFICIENTS if name[0] == kind)]
-    figure, axes = grid(len(kinds), 1, f"Coefficients at {table.rows[0].plane}", size=(6.5, 2.6))
+    figure, axes = sheet.grid(len(kinds), 1, f"Coefficients at {table.rows[0].plane}", size=(6.5, 2.6))
     series: dict[str, list[Coefficients]] = {}
     for row in sorted(table.rows, key=lambda row: row.speed):
         series.setdefault(row.condition.rpartition(", ")[0], []).append(row)
@@ -36,13 +36,13 @@ def coefficients(table: CoefficientRows) -> Figure:
         for name in names:
             colour = colour_of(("xx", "xy", "yx", "yy").index(name[1:]), 4)
             for marker, rows in zip(cycle(_MARKERS), series.values(), strict=False):
-                speed = np.array([row.speed for row in rows]) * per_rad_s()
+                speed = np.array([row.speed for row in rows]) * sheet.per_rad_s
                 values = factor * np.array([row[name].value for row in rows])
                 error = factor * CHANCE_ERRORS * np.array([row[name].stderr for row in rows])
                 shown = np.where(np.isfinite(error), error, 0.0)
                 axis.errorbar(speed, values, shown, fmt=f"{marker}-", ms=3, lw=1, capsize=2, color=colour)
         axis.set_ylabel(f"{kind}, {unit}")
-    axes[-1, 0].set_xlabel(f"rotative speed, {rate_unit()}")
+    axes[-1, 0].set_xlabel(f"rotative speed, {sheet.rate_unit}")
     names = [name[1:] for name in COEFFICIENTS if name[0] == kinds[0] and _there(table, name)]
     entries: dict[str, Any] = dict(zip(names, axes[0, 0].containers[:: len(series)], strict=True))
     if len(series) > 1:
@@ -56,12 +56,14 @@ def _there(table: CoefficientRows, name: str) -> bool:
     return any(row[name].value or row[name].stderr for row in table.rows)
 
 
-@looked
-def frequency_coefficients(table: FrequencyRows) -> Figure:
+@on_sheet
+def frequency_coefficients(table: FrequencyRows, *, sheet: Sheet) -> Figure:
     """Stiffness and damping against frequency, a colour a condition: points as measured, bands of 95 % as fitted."""
     # Quantile of the error bars that sets the axes: where both runs move alike, a bar is taller than the seal is stiff.
     shown = 0.1
-    figure, axes = grid(len(ENTRIES), 2, "Stiffness and damping against frequency", size=(4.6, 2.0), one_abscissa=True)
+    figure, axes = sheet.grid(
+        len(ENTRIES), 2, "Stiffness and damping against frequency", size=(4.6, 2.0), one_abscissa=True
+    )
     entries: dict[str, Any] = {}
     for kind, column, si in (("stiffness", 0, "N/m"), ("damping", 1, "N s/m")):
         factor, unit = prefix(
@@ -71,7 +73,7 @@ def frequency_coefficients(table: FrequencyRows) -> Figure:
             axis = axes[entry, column]
             ends: list[float] = []
             for number, row in enumerate(table.rows):
-                w, colour = row.frequency * per_rad_s(), colour_of(number, len(table.rows))
+                w, colour = row.frequency * sheet.per_rad_s, colour_of(number, len(table.rows))
                 value, error, fitted, width = (
                     factor * getattr(row, part)[entry]
                     for part in (kind, f"{kind}_stderr", f"fitted_{kind}", f"fitted_{kind}_stderr")
@@ -88,6 +90,6 @@ def frequency_coefficients(table: FrequencyRows) -> Figure:
             reach = max(ends) - min(ends)
             axis.set_ylim(min(ends) - 0.2 * reach, max(ends) + 0.2 * reach or 1.0)
     for axis in axes[-1]:
-        axis.set_xlabel(f"frequency, {rate_unit()}")
+        axis.set_xlabel(f"frequency, {sheet.rate_unit}")
     legend_below(figure, entries)
     return figure

@@ -64,19 +64,19 @@ AGAINST = ("frequency", "square", "ratio")
 """Axes of dynamic stiffness: frequency, its square for the direct part, or its ratio to the speed."""
 
 
-def draw_drive_point(fit: FitResult, pair: tuple[Any, Any], coordinate: int) -> None:
+def draw_drive_point(sheet: style.Sheet, fit: FitResult, pair: tuple[Any, Any], coordinate: int) -> None:
     """Direct and quadrature part at a forced coordinate, other planes free, in two panels."""
-    shown = _shown(fit)
+    shown = _shown(sheet, fit)
     full = len(fit.model.coordinates) == 1
     if not full:
-        _, parts = sweeps(fit)
+        _, parts = sweeps(fit, sheet)
         shown = [replace(s, points=[]) for s in shown]
         for number, some in enumerate(shown):
             for part in parts:
                 keep = (part.condition == number) & (part.responses.frequency != 0)
                 if keep.any():
                     some.points.extend(drive_points(_motion(part.responses.lines(keep), fit)))
-    _entry(fit, shown, pair, coordinate, coordinate, full, "frequency")
+    _entry(sheet, fit, shown, pair, coordinate, coordinate, full, "frequency")
     unit = pair[0].get_ylabel().rpartition(", ")[2]
     pair[0].set_ylabel(f"direct, {unit}")
     pair[1].set_ylabel(f"quadrature, {unit}")
@@ -84,8 +84,8 @@ def draw_drive_point(fit: FitResult, pair: tuple[Any, Any], coordinate: int) -> 
         axis.set_title("")
 
 
-@style.looked
-def plot_dynamic_stiffness(fit: FitResult, *, against: str = "frequency") -> Figure:
+@style.on_sheet
+def plot_dynamic_stiffness(fit: FitResult, *, sheet: style.Sheet, against: str = "frequency") -> Figure:
     """Direct and quadrature dynamic stiffness against signed frequency: data by eq. (7), the fit and its 95 % band.
 
     One row for each entry of the matrix, or, with more than two coordinates, one panel for each with both parts in it.
@@ -98,7 +98,7 @@ def plot_dynamic_stiffness(fit: FitResult, *, against: str = "frequency") -> Fig
     """
     if against not in AGAINST:
         raise ValueError(unknown_name("abscissa", against, AGAINST))
-    shown = _shown(fit)
+    shown = _shown(sheet, fit)
     if against == "ratio" and any(np.isnan(some.condition.speed) for some in shown):
         raise ValueError("against='ratio' needs a constant rotative speed; of start-ups frequency is the speed")
     n = len(fit.model.coordinates)
@@ -108,12 +108,12 @@ def plot_dynamic_stiffness(fit: FitResult, *, against: str = "frequency") -> Fig
     kind = "Dynamic stiffness" if full else "Drive-point dynamic stiffness, other planes free"
     together = full and n > 2 and against != "square"
     rows, columns, size = (n, n, (3.6, 2.4)) if together else (len(entries), 2, (5.4, 2.2))
-    figure, axes = style.grid(rows, columns, f"{kind}, {fit.model.name}", size=size, one_abscissa=True)
+    figure, axes = sheet.grid(rows, columns, f"{kind}, {fit.model.name}", size=size, one_abscissa=True)
     for place, (row, column) in enumerate(entries):
         pair = (axes[row, column],) * 2 if together else tuple(axes[place])
-        _entry(fit, shown, pair, row, column, full, against)
+        _entry(sheet, fit, shown, pair, row, column, full, against)
     for number, axis in enumerate(axes[-1]):
-        axis.set_xlabel(abscissa_words(against, squared=number == 0 and not together))
+        axis.set_xlabel(abscissa_words(sheet, against, squared=number == 0 and not together))
     point, line = {"marker": "o", "ls": "", "ms": 4}, {"lw": 1.3}
     legend: dict[str, Any] = {s.condition.name: {"color": s.condition.colour, "lw": 2} for s in shown}
     if together:
@@ -125,24 +125,24 @@ def plot_dynamic_stiffness(fit: FitResult, *, against: str = "frequency") -> Fig
     return figure
 
 
-def abscissa_words(against: str, *, squared: bool) -> str:
+def abscissa_words(sheet: style.Sheet, against: str, *, squared: bool) -> str:
     """Words below an axis."""
     if against == "square" and squared:
         return "square of the frequency, 1000 rad²/s²"
     if against == "ratio":
         return "perturbation frequency over rotative speed"
-    return f"perturbation frequency, {style.rate_unit()}"
+    return f"perturbation frequency, {sheet.rate_unit}"
 
 
-def places(frequency: Float, speed: Float | float, against: str, *, squared: bool) -> Float:
+def places(sheet: style.Sheet, frequency: Float, speed: Float | float, against: str, *, squared: bool) -> Float:
     """Places of frequencies, rad/s, along an axis."""
     if against == "square" and squared:
         return frequency**2 / 1e3
-    return np.asarray(frequency / speed) if against == "ratio" else frequency * style.per_rad_s()
+    return np.asarray(frequency / speed) if against == "ratio" else frequency * sheet.per_rad_s
 
 
-def _shown(fit: FitResult) -> list[_Shown]:
-    conditions, parts = sweeps(fit)
+def _shown(sheet: style.Sheet, fit: FitResult) -> list[_Shown]:
+    conditions, parts = sweeps(fit, sheet)
     found = []
     for number, condition in enumerate(conditions):
         kept = [(part, (part.condition == number) & (part.responses.frequency != 0)) for part in parts]
@@ -224,7 +224,14 @@ def _along_the_data(fit: FitResult, block: OrbitResponses, group: int) -> Iterat
 
 
 def _entry(
-    fit: FitResult, shown: Sequence[_Shown], pair: tuple[Any, ...], row: int, column: int, full: bool, against: str
+    sheet: style.Sheet,
+    fit: FitResult,
+    shown: Sequence[_Shown],
+    pair: tuple[Any, ...],
+    row: int,
+    column: int,
+    full: bool,
+    against: str,
 ) -> None:
     lines = [_lines(fit, s, row, column, full) for s in shown]
     every = [line for several in lines for line in several]
@@ -237,12 +244,12 @@ def _entry(
         for number, (axis, part) in enumerate(zip(pair, (np.real, np.imag), strict=True)):
             second, squared = number == 1 and together, number == 0 and not together
             for line in curves:
-                x = places(line.frequency, speed, against, squared=squared)
+                x = places(sheet, line.frequency, speed, against, squared=squared)
                 half = factor * (line.quadrature if number else line.direct)
                 look = "--" if second else "-"
                 style.draw_curve(axis, x, factor * part(line.kappa), half, colour, look, zorder=_FITTED_LINES)
             for p in measured:
-                x, y = places(p.frequency, speed, against, squared=squared), factor * part(p.kappa)
+                x, y = places(sheet, p.frequency, speed, against, squared=squared), factor * part(p.kappa)
                 bars = np.stack([y - factor * p.sigma, y + factor * p.sigma, np.full_like(y, np.nan)], axis=1).ravel()
                 axis.plot(np.repeat(x, 3), bars, "-", lw=0.5, color=colour, alpha=0.45, zorder=2)
                 face = "none" if second else colour
@@ -254,7 +261,7 @@ def _entry(
         pair[0].set_title("direct" if row == column == 0 else "")
         pair[1].set_title("quadrature" if row == column == 0 else "")
         if full and not fit.model.eccentricity_dependent:
-            _readings(fit, shown, pair, row, column, against)
+            _readings(sheet, fit, shown, pair, row, column, against)
 
 
 def _lines(fit: FitResult, shown: _Shown, row: int, column: int, full: bool) -> list[_Line]:
@@ -314,7 +321,13 @@ def _limits(
 
 
 def _readings(
-    fit: FitResult, shown: Sequence[_Shown], pair: tuple[Any, ...], row: int, column: int, against: str
+    sheet: style.Sheet,
+    fit: FitResult,
+    shown: Sequence[_Shown],
+    pair: tuple[Any, ...],
+    row: int,
+    column: int,
+    against: str,
 ) -> None:
     """Write what the lines mean: intercept and curvature of the direct part, slope of the quadrature part.
 
@@ -340,7 +353,7 @@ def _readings(
             axis.text(
                 x, 0.04, where + text, transform=axis.transAxes, fontsize=7, va="bottom", ha=side, bbox=box, zorder=5
             )
-    _mark_whirl(fit, shown, pair[1], row, column, against)
+    _mark_whirl(sheet, fit, shown, pair[1], row, column, against)
 
 
 def _clear_side(axis: Any) -> tuple[str, float]:
@@ -368,7 +381,9 @@ def _symbols(fit: FitResult, power: int, row: int, column: int) -> str:
     return f"{style.literal(spaced)} = " if plain and any(name in words for name in model.parameter_names) else ""
 
 
-def _mark_whirl(fit: FitResult, shown: Sequence[_Shown], axis: Any, row: int, column: int, against: str) -> None:
+def _mark_whirl(
+    sheet: style.Sheet, fit: FitResult, shown: Sequence[_Shown], axis: Any, row: int, column: int, against: str
+) -> None:
     """Mark lam Omega where the fluid's quadrature stiffness crosses zero, labels stepping down so that none meet."""
     names = fit.model.parameter_names
     if row != column or row != len(fit.model.coordinates) - 1 or not {"D", "lam"} <= set(names):
@@ -380,8 +395,8 @@ def _mark_whirl(fit: FitResult, shown: Sequence[_Shown], axis: Any, row: int, co
         condition = some.condition
         whirl = theta[condition.group][names.index("lam")] * condition.speed
         if np.isfinite(whirl) and some.low < whirl < some.high:
-            at = float(places(np.array(whirl), condition.speed, against, squared=False))
-            text = f"λΩ = {style.rate_words(whirl)}" if against != "ratio" else f"λ = {significant(at, 4)}"
+            at = float(places(sheet, np.array(whirl), condition.speed, against, squared=False))
+            text = f"λΩ = {sheet.rate_words(whirl)}" if against != "ratio" else f"λ = {significant(at, 4)}"
             marked.setdefault(round(at, 9), (text, condition.colour))
     for at, (_, colour) in marked.items():
         axis.axvline(at, color=colour, lw=0.9, ls=":", zorder=1)

@@ -14,8 +14,8 @@ from rotorfit.show.plots import journal, style
 from rotorfit.show.plots.sweeps import levels
 
 
-@style.looked
-def plot_law(fit: FitResult) -> Figure:
+@style.on_sheet
+def plot_law(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     """K0, D and lam against eccentricity with their 95 % bands; ticks below mark the eccentricities of the data.
 
     Dotted beyond the data, where the law alone speaks. A law that changes with speed has a curve for each tested one.
@@ -25,7 +25,7 @@ def plot_law(fit: FitResult) -> Figure:
     eps = np.linspace(0.0, limit + 0.15 * min(limit, 1 - limit), 200)
     series = journal.law_series(fit)
     sets = [law_curves(fit.model, fit.thetas[group], eps, speed) for group, speed in series]
-    figure, axes = style.grid(len(sets[0]), 1, f"Fluid against eccentricity, {fit.model.name}", size=(5.6, 2.2))
+    figure, axes = sheet.grid(len(sets[0]), 1, f"Fluid against eccentricity, {fit.model.name}", size=(5.6, 2.2))
     seen = eps <= limit
     for place, axis in enumerate(axes[:, 0]):
         curves = [curves[place] for curves in sets]
@@ -42,7 +42,7 @@ def plot_law(fit: FitResult) -> Figure:
         ticks = {"color": style.GREY, "ms": 7, "mew": 0.6, "transform": axis.get_xaxis_transform()}
         axis.plot(measured, np.zeros(measured.size), "|", **ticks)
     axes[-1, 0].set_xlabel("eccentricity of the journal over clearance")
-    speeds = ["" if speed is None else style.rate_words(speed) for _, speed in series]
+    speeds = ["" if speed is None else sheet.rate_words(speed) for _, speed in series]
     groups = [style.literal(journal.group_label(fit, group)) for group, _ in series]
     names = [", ".join(filter(None, both)) for both in zip(groups, speeds, strict=True)]
     entries = style.in_colours(names) if len(names) > 1 else {}
@@ -51,8 +51,8 @@ def plot_law(fit: FitResult) -> Figure:
     return figure
 
 
-@style.looked
-def plot_nonlinear_stiffness(fit: FitResult) -> Figure:
+@style.on_sheet
+def plot_nonlinear_stiffness(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     """Nonlinear minus linear dynamic stiffness at the journal, as in Figs 13 to 15.
 
     Points are the data minus what the fitted model has for a vanishing orbit, lines the law's. Left against frequency,
@@ -62,40 +62,40 @@ def plot_nonlinear_stiffness(fit: FitResult) -> Figure:
     blocks = list(journal.journal_lines(fit, static=False))
     if not blocks:
         raise ValueError("this fit has no circular orbits of the journal to plot")
-    sweeps = [part for lines in blocks for part in _sweeps(lines)]
+    sweeps = [part for lines in blocks for part in _sweeps(sheet, lines)]
     sweeps.sort(key=lambda part: (part[1].speed[part[2][0]], float(np.median(part[1].eccentricity[part[2]]))))
     names = list(dict.fromkeys(name for name, _, _ in sweeps))
     size = np.concatenate([np.abs(lines.stiffness - lines.linear) for lines in blocks])
     factor, unit = style.prefix(np.array([np.quantile(size, 0.9)]), "N/m")
-    figure, axes = style.grid(
+    figure, axes = sheet.grid(
         2, 2, f"Nonlinear minus linear stiffness at the journal, {fit.model.name}", size=(5.0, 2.7)
     )
     for name, lines, rows in sweeps:
-        _draw_sweep(fit, axes, lines, rows, style.colour_of(names.index(name), len(names)), factor)
+        _draw_sweep(sheet, fit, axes, lines, rows, style.colour_of(names.index(name), len(names)), factor)
     for row, part in enumerate(("direct", "quadrature")):
         axes[row, 0].set_ylabel(f"{part}, {unit}")
         for axis in axes[row]:
             axis.axhline(0, color="0.6", lw=0.7, zorder=1)
-    axes[1, 0].set_xlabel(f"perturbation frequency, {style.rate_unit()} (backward < 0 < forward)")
+    axes[1, 0].set_xlabel(f"perturbation frequency, {sheet.rate_unit} (backward < 0 < forward)")
     axes[1, 1].set_xlabel("eccentricity of the journal over clearance")
     looks = {"data ± 1 sd minus linear model": {"ls": "", "marker": "o", "ms": 3}, "the fitted law": {"lw": 1.2}}
     style.legend_below(figure, style.in_colours(names) | looks)
     return figure
 
 
-def _sweeps(lines: journal.JournalLines) -> list[tuple[str, journal.JournalLines, Index]]:
+def _sweeps(sheet: style.Sheet, lines: journal.JournalLines) -> list[tuple[str, journal.JournalLines, Index]]:
     """Rows of each speed and force level, by frequency, with a name for the legend."""
     level = np.array(levels(np.abs(lines.force), lines.frequency))
     found = []
     for speed in np.unique(lines.speed):
         for value in np.unique(level[lines.speed == speed]).tolist():
             rows = np.flatnonzero((lines.speed == speed) & (level == value))
-            found.append((f"{style.rate_words(speed)}, {value}", lines, rows[np.argsort(lines.frequency[rows])]))
+            found.append((f"{sheet.rate_words(speed)}, {value}", lines, rows[np.argsort(lines.frequency[rows])]))
     return found
 
 
 def _draw_sweep(
-    fit: FitResult, axes: Any, lines: journal.JournalLines, rows: Index, colour: str, factor: float
+    sheet: style.Sheet, fit: FitResult, axes: Any, lines: journal.JournalLines, rows: Index, colour: str, factor: float
 ) -> None:
     theta = fit.thetas
     w, change = lines.frequency[rows], lines.stiffness[rows] - lines.linear[rows]
@@ -108,7 +108,7 @@ def _draw_sweep(
     fitted = np.array(drive) - lines.linear[rows]
     for row, part in enumerate((np.real, np.imag)):
         for axis, x, x_fit in (
-            (axes[row, 0], w * style.per_rad_s(), w * style.per_rad_s()),
+            (axes[row, 0], w * sheet.per_rad_s, w * sheet.per_rad_s),
             (axes[row, 1], eps, fitted_eps),
         ):
             axis.errorbar(

@@ -14,8 +14,8 @@ from rotorfit.base.digits import significant
 from rotorfit.show.plots import style
 
 
-@style.looked
-def plot_comparison(comparison: Any) -> Figure:
+@style.on_sheet
+def plot_comparison(comparison: Any, *, sheet: style.Sheet) -> Figure:
     """Each parameter's estimates side by side with their 95 % intervals, a panel a parameter.
 
     ``ax`` and ``unit`` are as for :meth:`rotorfit.FitResult.plot.bode`.
@@ -32,7 +32,7 @@ def plot_comparison(comparison: Any) -> Figure:
         raise ValueError(f"{' and '.join(fits)} have no parameter in common: there is nothing to draw side by side")
     columns = min(3, len(names))
     rows = -(-len(names) // columns)
-    figure, axes = style.grid(rows, columns, "Estimates with 95 % intervals", size=(2.6, 0.6 + 0.3 * len(fits)))
+    figure, axes = sheet.grid(rows, columns, "Estimates with 95 % intervals", size=(2.6, 0.6 + 0.3 * len(fits)))
     for axis, name in zip(axes.flat, names, strict=False):
         found = [(i, fit.params[name]) for i, fit in enumerate(fits.values()) if name in fit.params]
         unit = found[0][1].unit
@@ -51,8 +51,8 @@ def plot_comparison(comparison: Any) -> Figure:
     return figure
 
 
-@style.looked
-def plot_prediction(prediction: Any) -> Figure:
+@style.on_sheet
+def plot_prediction(prediction: Any, *, sheet: style.Sheet) -> Figure:
     """Amplitude and phase lead against frequency, or speed where the force is once per turn, with both bands.
 
     ``ax`` and ``unit`` are as for :meth:`rotorfit.FitResult.plot.bode`.
@@ -62,14 +62,14 @@ def plot_prediction(prediction: Any) -> Figure:
     """
     synchronous = np.array_equal(prediction.frequency, prediction.speed)
     speeds = np.unique(prediction.speed)
-    at = "" if synchronous or speeds.size > 1 else f", {style.rate_words(speeds[0])}"
+    at = "" if synchronous or speeds.size > 1 else f", {sheet.rate_words(speeds[0])}"
     title = style.literal(f"Predicted response at {prediction.plane}, force at {prediction.force_plane}{at}")
-    figure, axes = style.grid(2, 1, title, size=(6.2, 2.4), one_abscissa=True)
+    figure, axes = sheet.grid(2, 1, title, size=(6.2, 2.4), one_abscissa=True)
     amplitude, phase = axes[:, 0]
     order = np.argsort(prediction.frequency, kind="stable")
-    x = prediction.frequency[order] * style.per_rad_s()
+    x = prediction.frequency[order] * sheet.per_rad_s
     seen = prediction.seen[order]
-    scale, unit = (1e6, "µrad") if prediction.direction.startswith("r") else style.length()
+    scale, unit = (1e6, "µrad") if prediction.direction.startswith("r") else sheet.length
     size, angle = np.abs(seen) * scale, np.unwrap(np.angle(seen))
     what = "of the whole curve" if prediction.whole else "at each frequency"
     floor = size.min() / 2  # of the panel, to which a band reaches that holds zero
@@ -86,23 +86,23 @@ def plot_prediction(prediction: Any) -> Figure:
     amplitude.set_yscale("log")
     amplitude.set_ylim(bottom=floor)
     style.decade_ticks(amplitude.yaxis)
-    amplitude.set_ylabel(f"amplitude, {style.amplitude_unit(unit)}")
+    amplitude.set_ylabel(f"amplitude, {sheet.amplitude_unit(unit)}")
     phase.set_ylabel(style.PHASE_LABEL)
     phase.set_ylim(max(phase.get_ylim()[0], -540), min(phase.get_ylim()[1], 540))
-    phase.set_xlabel(f"{'speed' if synchronous else 'frequency of the force'}, {style.rate_unit()}")
+    phase.set_xlabel(f"{'speed' if synchronous else 'frequency of the force'}, {sheet.rate_unit}")
     style.legend_below(figure)
     return figure
 
 
-@style.looked
-def plot_profile(profile: Any) -> Figure:
+@style.on_sheet
+def plot_profile(profile: Any, *, sheet: style.Sheet) -> Figure:
     """Rise of chi-squared when a parameter is held at other values, beside the parabola of its standard error.
 
     ``ax`` and ``unit`` are as for :meth:`rotorfit.FitResult.plot.bode`.
     """
-    figure, axes = style.grid(1, 1, "", size=(3.45, 2.5))  # two of them side by side in a report
+    figure, axes = sheet.grid(1, 1, "", size=(3.45, 2.5))  # two of them side by side in a report
     axis, rise, error = axes[0, 0], profile.rise, profile.stderr
-    factor, unit = (style.per_rad_s(), style.rate_unit()) if profile.unit == "rad/s" else (1.0, profile.unit)
+    factor, unit = (sheet.per_rad_s, sheet.rate_unit) if profile.unit == "rad/s" else (1.0, profile.unit)
     values = profile.values * factor
     axis.plot(values, rise, color=style.COLOURS[0], marker=".", ms=4, lw=1.3, label="profile")
     if np.isfinite(error) and error > 0:

@@ -8,19 +8,44 @@ from typing import Unpack
 from matplotlib.figure import Figure
 
 from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.show.plots.bode import plot_measured_bode
 from rotorfit.show.plots.figure_keywords import PlotKeywords
 from rotorfit.show.plots.measured_stiffness import plot_measured_stiffness
+from rotorfit.show.plots.responses import plot_measured_polar
 
 
 class MeasuredPlots:
-    """Figures of a perturbation test, without a model; ``test.plot()`` is the dynamic stiffness."""
+    """Figures of a perturbation test, without a model; ``test.plot()`` is the Bode plot."""
 
     def __init__(self, test: PerturbationTest) -> None:
         self._test = test
 
     def __call__(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """First look: :meth:`dynamic_stiffness`; ``ax`` and ``unit`` as for :meth:`rotorfit.FitResult.plot.bode`."""
-        return self.dynamic_stiffness(**look)
+        """First look: :meth:`bode`; ``ax`` and ``unit`` as for :meth:`rotorfit.FitResult.plot.bode`."""
+        return self.bode(**look)
+
+    def bode(self, *, against: str = "frequency", mr: float | None = None, **look: Unpack[PlotKeywords]) -> Figure:
+        """Amplitude and phase of every measured response, in the panels of a fit's Bode plot.
+
+        Of each pair of probes it is the component in the direction of the force; a single probe is taken for one of a
+        circular orbit.
+
+        Args:
+            against, mr: as for :meth:`rotorfit.FitResult.plot.bode`.
+            **look: ``ax`` and ``unit``, as there.
+
+        Raises:
+            ValueError: no such abscissa or unit, a ratio to a speed that is swept, or no force.
+
+        Example:
+            >>> len(rig.plot.bode(unit="hz").axes)
+            8
+        """
+        return plot_measured_bode(self._test, against=against, mr=mr, **look)
+
+    def polar(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Measured responses in the complex plane; ``ax`` and ``unit`` as for :meth:`rotorfit.FitResult.plot.bode`."""
+        return plot_measured_polar(self._test, **look)
 
     def dynamic_stiffness(
         self, planes: Sequence[str] | None = None, *, against: str = "frequency", **look: Unpack[PlotKeywords]

@@ -14,15 +14,15 @@ from rotorfit.identify.observing.circular import observe
 from rotorfit.identify.observing.measured_stiffness import IsotropicPlanes, dynamic_stiffness
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.show.plots.dynamic_stiffness import AGAINST, abscissa_words, drive_points, places
-from rotorfit.show.plots.style import colour_of, grid, in_colours, legend_below, literal, looked, prefix, rate_words
+from rotorfit.show.plots.style import Sheet, colour_of, in_colours, legend_below, literal, on_sheet, prefix
 
 _Entry = tuple[str, Float, Float, ComplexArray, Float]
 """Name of an entry, its frequencies and speeds, rad/s, values and their noise, N/m."""
 
 
-@looked
+@on_sheet
 def plot_measured_stiffness(
-    test: PerturbationTest, planes: Sequence[str] | None = None, against: str = "frequency"
+    test: PerturbationTest, planes: Sequence[str] | None = None, against: str = "frequency", *, sheet: Sheet
 ) -> Figure:
     """Direct and quadrature dynamic stiffness of a test: eq. (7), or force over response where it has no solution."""
     if against not in AGAINST:
@@ -32,12 +32,12 @@ def plot_measured_stiffness(
     swept = speeds.size > 12  # more speeds than a test dwells at: a start-up
     size = np.concatenate([np.abs(kappa) for *_, kappa, _ in entries])
     factor, unit = prefix(np.array([np.quantile(size, 0.9)]), "N/m")
-    figure, axes = grid(len(entries), 2, "Measured dynamic stiffness", size=(5.4, 2.2), one_abscissa=True)
+    figure, axes = sheet.grid(len(entries), 2, "Measured dynamic stiffness", size=(5.4, 2.2), one_abscissa=True)
     for row, (name, w, speed, kappa, sigma) in zip(axes, entries, strict=True):
         for number, (axis, part) in enumerate(zip(row, (kappa.real, kappa.imag), strict=True)):
             for k, value in enumerate([np.nan] if swept else speeds.tolist()):
                 here = np.isfinite(speed) if swept else np.round(speed, 2) == value
-                x = places(w[here], speed[here], against, squared=number == 0)
+                x = places(sheet, w[here], speed[here], against, squared=number == 0)
                 style: dict[str, Any] = {"fmt": "o", "ms": 2.2, "elinewidth": 0.5, "alpha": 0.6}
                 axis.errorbar(x, factor * part[here], factor * sigma[here], color=colour_of(k, speeds.size), **style)
             middle = factor * part[sigma < 0.5 * np.abs(kappa)]  # near zero frequency an unbalance tells nothing
@@ -48,9 +48,9 @@ def plot_measured_stiffness(
         row[0].set_ylabel(f"{name}, {unit}")
     for number, title in enumerate(("direct", "quadrature")):
         axes[0, number].set_title(title)
-        axes[-1, number].set_xlabel(abscissa_words(against, squared=number == 0))
+        axes[-1, number].set_xlabel(abscissa_words(sheet, against, squared=number == 0))
     if not swept:
-        names = [rate_words(value) for value in speeds.tolist()]
+        names = [sheet.rate_words(value) for value in speeds.tolist()]
         legend_below(figure, {name: {**look, "marker": "o", "ls": ""} for name, look in in_colours(names).items()})
     return figure
 

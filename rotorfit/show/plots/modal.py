@@ -20,18 +20,18 @@ def _modal(fit: FitResult) -> Modal:
     return fit.model
 
 
-@style.looked
-def plot_stabilisation(fit: FitResult, most: int | None = None) -> Figure:
+@style.on_sheet
+def plot_stabilisation(fit: FitResult, most: int | None = None, *, sheet: style.Sheet) -> Figure:
     """Natural frequencies of poles against how many pairs are looked for, over the size of all responses."""
     model = _modal(fit)
     blocks = [block for block in map(responses_of, fit.problem.blocks) if block is not None]
-    figure, axes = style.grid(1, 1, "Stabilisation diagram", size=(6.5, 3.6))
-    axis, scale = axes[0, 0], style.per_rad_s()
+    figure, axes = sheet.grid(1, 1, "Stabilisation diagram", size=(6.5, 3.6))
+    axis, scale = axes[0, 0], sheet.per_rad_s
     w, size = _responses(blocks)
     back = axis.twinx()
-    back.semilogy(w * scale, size * style.length()[0], color="0.75", lw=1)
+    back.semilogy(w * scale, size * sheet.length[0], color="0.75", lw=1)
     style.decade_ticks(back.yaxis)
-    back.set_ylabel(f"rms response per unit force, {style.length()[1]}/N", color="0.5")
+    back.set_ylabel(f"rms response per unit force, {sheet.length[1]}/N", color="0.5")
     back.tick_params(labelsize=7, colors="0.5")
     axis.set_zorder(back.get_zorder() + 1)
     axis.patch.set_visible(False)
@@ -47,7 +47,7 @@ def plot_stabilisation(fit: FitResult, most: int | None = None) -> Figure:
         for name, parameter in fit.params.items():
             if name.startswith(f"wn{number if model.modes > 1 else ''}") and parameter.value <= top:
                 axis.axvline(parameter.value * scale, color="0.2", lw=0.8, ls="--")
-    axis.set_xlabel(f"frequency, {style.rate_unit()}")
+    axis.set_xlabel(f"frequency, {sheet.rate_unit}")
     axis.set_ylabel("pairs of poles")
     entries = {
         "stable within 1 % and 5 % of damping": {"marker": "o", "color": style.colour_of(0, 2), "ls": "none"},
@@ -67,14 +67,14 @@ def _responses(blocks: list) -> tuple[Float, Float]:  # type: ignore[type-arg]
     return lines, np.sqrt(power)
 
 
-@style.looked
-def plot_mode_shapes(fit: FitResult) -> Figure:
+@style.on_sheet
+def plot_mode_shapes(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     """Gains of the probes in each mode, that at which all are normalised being one: real and imaginary part with 95 %
     errors, probes in the order of the data."""
     model = _modal(fit)
     planes = [p for p in dict.fromkeys(p for test in fit.experiments for p in test.planes) if p in model.probe_planes]
     axes_of = ("x", "y") if model.frame == "xy" else ("",)
-    figure, axes = style.grid(
+    figure, axes = sheet.grid(
         model.modes, len(axes_of), "Mode shapes", size=(6.5 / len(axes_of), 1.9), one_abscissa=True
     )
     places = np.arange(len(planes))
@@ -94,6 +94,6 @@ def plot_mode_shapes(fit: FitResult) -> Figure:
             axis.axhline(0.0, color="0.6", lw=0.7)
             axis.set_xticks(places, planes)
             own = [fit.params[n] for n in (f"wn{tag}_{end}", f"wn{tag}") if n in fit.params]
-            axis.set_ylabel(f"mode {row + 1}{f' {end}' if end else ''}, {style.rate_words(own[0].value)}")
+            axis.set_ylabel(f"mode {row + 1}{f' {end}' if end else ''}, {sheet.rate_words(own[0].value)}")
     style.legend_below(figure, dict(zip(("real part", "imaginary part"), handles, strict=False)))
     return figure

@@ -29,20 +29,20 @@ _LABEL = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5}
 """Ground of a label that spectra would run through."""
 
 
-@style.looked
-def plot_timebase(stretches: Sequence[Stretch], name: str) -> Figure:
+@style.on_sheet
+def plot_timebase(stretches: Sequence[Stretch], name: str, *, sheet: style.Sheet) -> Figure:
     """x and y of each plane over time, with a dot at every pulse of a mark."""
-    figure, axes = style.grid(len(stretches), 1, style.literal(f"{name}: time base"), size=(7.5, 2.4))
+    figure, axes = sheet.grid(len(stretches), 1, style.literal(f"{name}: time base"), size=(7.5, 2.4))
     handles: dict[str, Any] = {}
     for axis, part in zip(axes[:, 0], stretches, strict=True):
         traces = {"x": part.z.real, "y": part.z.imag} if np.iscomplexobj(part.z) else {"along the probe": part.z}
         for colour, (label, values) in zip((style.COLOURS[0], style.COLOURS[2]), traces.items(), strict=False):
-            handles[label] = axis.plot(part.t, values * style.position_unit()[0], color=colour, linewidth=0.9)[0]
+            handles[label] = axis.plot(part.t, values * sheet.position_unit[0], color=colour, linewidth=0.9)[0]
             for mark, times in part.dots.items():
-                at = np.interp(times, part.t, values * style.position_unit()[0])
+                at = np.interp(times, part.t, values * sheet.position_unit[0])
                 look = {"color": _MARK_COLOURS[mark], "markersize": 4, "linestyle": ""}
                 handles[f"mark of the {mark}"] = axis.plot(times, at, marker="o", **look)[0]
-        axis.set_ylabel(style.literal(f"{part.plane}, {style.position_unit()[1]}"))
+        axis.set_ylabel(style.literal(f"{part.plane}, {sheet.position_unit[1]}"))
         axis.margins(x=0.01)
     axes[-1, 0].set_xlabel("time, s")
     handles = dict(sorted(handles.items(), key=lambda entry: entry[0].startswith("mark")))
@@ -50,35 +50,37 @@ def plot_timebase(stretches: Sequence[Stretch], name: str) -> Figure:
     return figure
 
 
-@style.looked
-def plot_orbit(stretches: Sequence[Stretch], name: str) -> Figure:
+@style.on_sheet
+def plot_orbit(stretches: Sequence[Stretch], name: str, *, sheet: style.Sheet) -> Figure:
     """Orbits as recorded and filtered to each mark, with Keyphasor dots; a row a plane."""
     marks = list(stretches[0].filtered)
     at = f"{stretches[0].t.mean():.2f} s"
-    speeds = ", ".join(f"{mark} {style.rate_words(abs(v))}" for mark, v in stretches[0].speeds.items())
+    speeds = ", ".join(f"{mark} {sheet.rate_words(abs(v))}" for mark, v in stretches[0].speeds.items())
     title = style.literal(f"{name} at {at}: orbits" + (f" ({speeds})" if speeds else ""))
-    figure, axes = style.grid(len(stretches), 1 + len(marks), title, size=(3.1, 2.9))
+    figure, axes = sheet.grid(len(stretches), 1 + len(marks), title, size=(3.1, 2.9))
     handles: dict[str, Any] = {}
     for row, part in zip(axes, stretches, strict=True):
-        _orbit(row[0], part, part.z * style.position_unit()[0], part.dots, handles)
+        _orbit(sheet, row[0], part, part.z * sheet.position_unit[0], part.dots, handles)
         if part.clearance is not None:
-            handles |= _draw_clearance(row[0], part.clearance)
+            handles |= _draw_clearance(sheet, row[0], part.clearance)
         row[0].set_title(style.literal(f"{part.plane}, {'without run-out' if part.cleaned else 'as recorded'}"))
         for axis, mark in zip(row[1:], marks, strict=True):
-            _orbit(axis, part, part.filtered[mark] * style.position_unit()[0], {mark: part.dots[mark]}, handles)
+            _orbit(sheet, axis, part, part.filtered[mark] * sheet.position_unit[0], {mark: part.dots[mark]}, handles)
             axis.set_title(style.literal(f"{part.plane}, {_FILTERED[mark]} of the {mark}"))
     style.legend_below(figure, handles)
     return figure
 
 
-def _orbit(axis: Any, part: Stretch, z: NDArray[Any], dots: dict[str, Float], handles: dict[str, Any]) -> None:
+def _orbit(
+    sheet: style.Sheet, axis: Any, part: Stretch, z: NDArray[Any], dots: dict[str, Float], handles: dict[str, Any]
+) -> None:
     axis.plot(z.real, z.imag, color=style.COLOURS[0], linewidth=0.8)
     for mark, times in dots.items():
         x, y = np.interp(times, part.t, z.real), np.interp(times, part.t, z.imag)
         handles[f"mark of the {mark}"] = axis.plot(x, y, "o", color=_MARK_COLOURS[mark], markersize=4)[0]
     middle = complex(np.mean(z)) if np.isfinite(z).all() else 0j
     reach = 1.1 * float(np.nanmax(np.abs(z - middle), initial=1e-3))
-    _plane_of_motion(axis, middle, reach)
+    _plane_of_motion(sheet, axis, middle, reach)
     for side in (axis.xaxis, axis.yaxis):
         style.few_ticks(side, 4)
     if not np.isfinite(z).any():
@@ -86,34 +88,34 @@ def _orbit(axis: Any, part: Stretch, z: NDArray[Any], dots: dict[str, Float], ha
         axis.text(0.5, 0.5, text, transform=axis.transAxes, ha="center", fontsize=8, color=style.GREY)
 
 
-def _plane_of_motion(axis: Any, middle: complex, reach: float) -> None:
+def _plane_of_motion(sheet: style.Sheet, axis: Any, middle: complex, reach: float) -> None:
     """Limits of x and y about a place, with their names."""
     axis.set(xlim=(middle.real - reach, middle.real + reach), ylim=(middle.imag - reach, middle.imag + reach))
-    axis.set(xlabel=f"x, {style.position_unit()[1]}", ylabel=f"y, {style.position_unit()[1]}", aspect="equal")
+    axis.set(xlabel=f"x, {sheet.position_unit[1]}", ylabel=f"y, {sheet.position_unit[1]}", aspect="equal")
 
 
-def _draw_clearance(axis: Any, clearance: Clearance) -> dict[str, Any]:
+def _draw_clearance(sheet: style.Sheet, axis: Any, clearance: Clearance) -> dict[str, Any]:
     """The circle that the shaft can move in, whole; returns its entry of a legend."""
     turn = clearance.centre + clearance.radius * np.exp(1j * np.linspace(0, 2 * np.pi, 181))
-    z = turn * style.position_unit()[0]
+    z = turn * sheet.position_unit[0]
     ends = np.array([*axis.get_xlim()]) + 1j * np.array([*axis.get_ylim()])
     style.square_axis(axis, np.concatenate([ends, z]), 1.06)
     words = "clearance" if clearance.known else "clearance about the mean position (no centre_V)"
     return {words: axis.plot(z.real, z.imag, color=style.GREY, linewidth=1, linestyle="--", label=words, zorder=1)[0]}
 
 
-@style.looked
-def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
+@style.on_sheet
+def plot_centreline(lines: Sequence[Centreline], name: str, *, sheet: style.Sheet) -> Figure:
     """Mean position of the shaft relative to the start of the recording, coloured by speed, else by time."""
-    figure, axes = style.grid(
+    figure, axes = sheet.grid(
         1, len(lines), style.literal(f"{name}: shaft centreline from the gap voltages"), size=(4.0, 3.0)
     )
     handles: dict[str, Any] = {}
     for axis, line in zip(axes[0], lines, strict=True):
-        z = line.z * style.position_unit()[0]
+        z = line.z * sheet.position_unit[0]
         by_speed = np.isfinite(line.speed).all() and np.ptp(line.speed) > 0.02 * np.abs(line.speed).max()
         values, label = (
-            (np.abs(line.speed) * style.per_rad_s(), f"speed, {style.rate_unit()}") if by_speed else (line.t, "time, s")
+            (np.abs(line.speed) * sheet.per_rad_s, f"speed, {sheet.rate_unit}") if by_speed else (line.t, "time, s")
         )
         axis.plot(z.real, z.imag, color="0.8", linewidth=0.7, zorder=1)
         drawn = axis.scatter(z.real, z.imag, c=values, s=9, cmap="viridis", zorder=2)
@@ -124,9 +126,9 @@ def plot_centreline(lines: Sequence[Centreline], name: str) -> Figure:
         scale.ax.tick_params(labelsize=7)
         middle = (z.real.min() + z.real.max() + 1j * (z.imag.min() + z.imag.max())) / 2
         reach = max(1.1 * float(np.abs(z - middle).max()), 1.0)  # less than a micrometre is not worth a figure of it
-        _plane_of_motion(axis, middle, reach)
+        _plane_of_motion(sheet, axis, middle, reach)
         if line.clearance is not None:
-            handles |= _draw_clearance(axis, line.clearance)
+            handles |= _draw_clearance(sheet, axis, line.clearance)
         axis.set_title(style.literal(line.plane))
     style.legend_below(figure, handles)
     return figure
@@ -138,12 +140,12 @@ def vectors_shown(record: Recording, marks: Marks, reference: str, turns: float 
     return swept or vectors_over_time(record, marks, reference, turns=_TURNS if turns is None else turns)
 
 
-@style.looked
-def plot_bode(vectors: OrderVectors, name: str) -> Figure:
+@style.on_sheet
+def plot_bode(vectors: OrderVectors, name: str, *, sheet: style.Sheet) -> Figure:
     """Amplitude and phase of every probe's vector over the speed of its mark; a column a plane."""
     planes = list(dict.fromkeys(plane for plane, _ in vectors.probes))
-    figure, axes = style.grid(2, len(planes), style.literal(f"{name}: {_what(vectors)}"), size=(4.4, 2.5))
-    rpm, over = np.abs(vectors.speed) * style.per_rad_s(), _axis_of(vectors)
+    figure, axes = sheet.grid(2, len(planes), style.literal(f"{name}: {_what(vectors)}"), size=(4.4, 2.5))
+    rpm, over = np.abs(vectors.speed) * sheet.per_rad_s, _axis_of(vectors)
     x = rpm if over == "speed" else vectors.t
     # Where windows cannot tell the mark's turns from the other mark's, there is no vector.
     good = np.flatnonzero(np.isfinite(vectors.phasors).all(axis=0))
@@ -152,14 +154,14 @@ def plot_bode(vectors: OrderVectors, name: str) -> Figure:
         own = [(angle, row) for (at, angle), row in zip(vectors.probes, vectors.phasors, strict=True) if at == plane]
         for number, (angle, values) in enumerate(own):
             look: dict[str, Any] = {"color": style.COLOURS[number % len(style.COLOURS)], "linewidth": 1}
-            top.plot(x, np.abs(values) * style.length()[0], label=f"probe at {np.degrees(angle):g}°", **look)
+            top.plot(x, np.abs(values) * sheet.length[0], label=f"probe at {np.degrees(angle):g}°", **look)
             bottom.plot(x, _unwrapped(values, own[0][1]), **look)
         top.set_title(style.literal(plane))
-        top.set_ylabel(f"amplitude, {style.amplitude_unit()}")
+        top.set_ylabel(f"amplitude, {sheet.amplitude_unit()}")
         top.set_ylim(bottom=0)
         top.legend(fontsize=8, title="gaps: at orders of the other mark" if missing else None, title_fontsize=7)
         bottom.set_ylabel(style.PHASE_LABEL)
-        bottom.set_xlabel(f"speed of the {vectors.reference}, {style.rate_unit()}" if over == "speed" else "time, s")
+        bottom.set_xlabel(f"speed of the {vectors.reference}, {sheet.rate_unit}" if over == "speed" else "time, s")
     return figure
 
 
@@ -187,19 +189,19 @@ def _unwrapped(values: NDArray[Any], first: NDArray[Any]) -> Float:
     return np.asarray(phase - 360 * turns)
 
 
-@style.looked
-def plot_polar(vectors: OrderVectors, name: str) -> Figure:
+@style.on_sheet
+def plot_polar(vectors: OrderVectors, name: str, *, sheet: style.Sheet) -> Figure:
     """Locus of every probe's vector, speeds written beside it; angles from the probe, with phase lead."""
     columns = min(len(vectors.probes), 2)
     rows = -(-len(vectors.probes) // columns)
-    title = style.literal(f"{name}: {_what(vectors)}, {style.amplitude_unit()}")
-    figure, axes = style.grid(rows, columns, title, size=(3.5, 3.5), projection="polar")
+    title = style.literal(f"{name}: {_what(vectors)}, {sheet.amplitude_unit()}")
+    figure, axes = sheet.grid(rows, columns, title, size=(3.5, 3.5), projection="polar")
     for axis in axes.flat[len(vectors.probes) :]:
         axis.set_visible(False)
     for axis, (plane, angle), values in zip(axes.flat, vectors.probes, vectors.phasors, strict=False):
-        factor, look = style.length()[0], {"ms": 3, "ls": "", "marker": "o"}
+        factor, look = sheet.length[0], {"ms": 3, "ls": "", "marker": "o"}
         axis.plot(np.angle(values), np.abs(values) * factor, color=style.COLOURS[0], linewidth=1)  # a gap stays a gap
-        for words, value in _round_speeds(vectors, values) if _axis_of(vectors) == "speed" else ():
+        for words, value in _round_speeds(sheet, vectors, values) if _axis_of(vectors) == "speed" else ():
             out, place = value / abs(value), (np.angle(value), abs(value) * factor)
             axis.plot(*place, color=style.COLOURS[1], **look)
             beside = {"ha": "left" if out.real > 0 else "right", "va": "bottom" if out.imag > 0 else "top"}
@@ -213,12 +215,12 @@ def plot_polar(vectors: OrderVectors, name: str) -> Figure:
     return figure
 
 
-def _round_speeds(vectors: OrderVectors, values: NDArray[Any]) -> list[tuple[str, complex]]:
+def _round_speeds(sheet: style.Sheet, vectors: OrderVectors, values: NDArray[Any]) -> list[tuple[str, complex]]:
     """Round speeds, in words, and vectors there: far enough from each other on the locus to be read."""
     good = np.flatnonzero(np.isfinite(values))
     if good.size < 2:
         return []
-    speed = np.abs(vectors.speed[good]) * style.per_rad_s()
+    speed = np.abs(vectors.speed[good]) * sheet.per_rad_s
     order = np.argsort(speed)
     steps = MaxNLocator(nbins=30, steps=[1, 2, 2.5, 5, 10]).tick_values(speed.min(), speed.max())
     apart = 0.22 * float(np.abs(values[good]).max())
@@ -238,24 +240,26 @@ def _clear_direction(values: NDArray[Any]) -> float:
     return float(candidates[np.argmax(apart)])
 
 
-@style.looked
+@style.on_sheet
 def plot_full_spectrum(
     spectra: dict[str, tuple[Float, Float]],
     lines: dict[str, float],
     name: str,
     limit: float | None = None,
     marks: Mapping[str, float] = MappingProxyType({}),
+    *,
+    sheet: style.Sheet,
 ) -> Figure:
     """Full spectrum of each plane: a circle of radius A has amplitude A at its signed frequency.
 
     ``marks``: frequencies to mark, rad/s, by name, as those of modes (Fig. 29a).
     """
-    figure, axes = style.grid(len(spectra), 1, style.literal(f"{name}: full spectrum"), size=(7.5, 2.4))
+    figure, axes = sheet.grid(len(spectra), 1, style.literal(f"{name}: full spectrum"), size=(7.5, 2.4))
     edge = max(_worth_seeing(*each) for each in spectra.values()) if limit is None else limit
     for axis, (plane, (frequency, amplitude)) in zip(axes[:, 0], spectra.items(), strict=True):
         inside = np.abs(frequency) <= edge
-        axis.plot(frequency[inside], amplitude[inside] * style.length()[0], color=style.COLOURS[0], linewidth=0.8)
-        top = float(amplitude[inside].max(initial=0.0)) * style.length()[0]
+        axis.plot(frequency[inside], amplitude[inside] * sheet.length[0], color=style.COLOURS[0], linewidth=0.8)
+        top = float(amplitude[inside].max(initial=0.0)) * sheet.length[0]
         for label, at in lines.items():
             if abs(at) <= edge:
                 axis.axvline(at, color=style.GREY, linewidth=0.6, linestyle=":")
@@ -268,7 +272,7 @@ def plot_full_spectrum(
                 axis.text(at / (2 * np.pi), top * 1.13, style.literal(label), **look)
         axis.set_xlim(-edge, edge)
         axis.set_ylim(0, top * (1.25 if marks else 1.15) or 1.0)
-        axis.set_ylabel(style.literal(f"{plane}, {style.amplitude_unit()}"))
+        axis.set_ylabel(style.literal(f"{plane}, {sheet.amplitude_unit()}"))
     axes[-1, 0].set_xlabel("frequency, Hz (backward < 0 < forward)")
     return figure
 
@@ -279,12 +283,14 @@ def _worth_seeing(frequency: Float, amplitude: Float) -> float:
     return float(np.clip(1.25 * np.abs(frequency[high]).max(initial=1.0), 10.0, np.abs(frequency).max()))
 
 
-@style.looked
+@style.on_sheet
 def plot_cascade(
     cascade: Cascade,
     name: str,
     limit: float | None = None,
     lines: Mapping[str, tuple[float, float]] = MappingProxyType({}),
+    *,
+    sheet: style.Sheet,
 ) -> Figure:
     """Full-spectrum cascade with order lines: one spectrum a line, shifted up by time, speed or perturbation.
 
@@ -292,14 +298,14 @@ def plot_cascade(
     """
     edge = _worth_seeing(cascade.frequency, cascade.amplitude.max(axis=0)) if limit is None else limit
     inside = np.abs(cascade.frequency) <= edge
-    frequency, amplitude = cascade.frequency[inside], cascade.amplitude[:, inside] * style.length()[0]
-    scale, label = style.positions(cascade.over)
+    frequency, amplitude = cascade.frequency[inside], cascade.amplitude[:, inside] * sheet.length[0]
+    scale, label = sheet.positions(cascade.over)
     position = cascade.position * scale
     spacing = np.ptp(position) / max(position.size - 1, 1) or 1.0
     height = 7 * spacing / float(amplitude.max(initial=1e-9))
     full = cascade.direction is None
     what = "full-spectrum cascade" if full else f"cascade of {cascade.direction}"
-    figure, ((axis,),) = style.grid(1, 1, style.literal(f"{name}, {cascade.plane}: {what}"), size=(style.PAGE[0], 5.9))
+    figure, ((axis,),) = sheet.grid(1, 1, style.literal(f"{name}, {cascade.plane}: {what}"), size=(style.PAGE[0], 5.9))
     style.draw_cascade(axis, frequency, amplitude * height, position)
     _order_lines(axis, cascade, position, edge, lines)
     axis.set_xlim(-edge if full else 0, edge)
@@ -311,7 +317,7 @@ def plot_cascade(
     right = 0.96 * edge
     foot = position.max() + 5.5 * spacing  # above the labels of the lines
     axis.plot([right, right], [foot, foot + bar * height], color="black", zorder=999)
-    axis.text(right - 0.025 * edge, foot, f"{bar:g} {style.amplitude_unit()}", fontsize=8, ha="right", zorder=999)
+    axis.text(right - 0.025 * edge, foot, f"{bar:g} {sheet.amplitude_unit()}", fontsize=8, ha="right", zorder=999)
     return figure
 
 
@@ -346,20 +352,20 @@ def draw_order_line(axis: Any, label: str, at: Float, position: Float, edge: flo
     axis.annotate(label, place, (0, 14 if "w" in label else 4), textcoords="offset points", **look)
 
 
-@style.looked
-def plot_speed(tracks: Sequence[SpeedTrack], name: str) -> Figure:
+@style.on_sheet
+def plot_speed(tracks: Sequence[SpeedTrack], name: str, *, sheet: style.Sheet) -> Figure:
     """Speed and acceleration of each mark over time, with the speed from pulse to pulse as dots."""
-    figure, axes = style.grid(2, len(tracks), style.literal(f"{name}: speed and sweep rate"), size=(5.0, 2.4))
+    figure, axes = sheet.grid(2, len(tracks), style.literal(f"{name}: speed and sweep rate"), size=(5.0, 2.4))
     for column, each in enumerate(tracks):
         top, bottom = axes[:, column]
         colour = style.COLOURS[column % len(style.COLOURS)]
         look = {"color": "0.75", "markersize": 2, "rasterized": True}
-        top.plot(each.raw_t, each.raw_speed * style.per_rad_s(), ".", label="from pulse to pulse", **look)
-        top.plot(each.t, each.speed * style.per_rad_s(), color=colour, linewidth=1, label="smoothed")
+        top.plot(each.raw_t, each.raw_speed * sheet.per_rad_s, ".", label="from pulse to pulse", **look)
+        top.plot(each.t, each.speed * sheet.per_rad_s, color=colour, linewidth=1, label="smoothed")
         top.set_title(each.mark)
-        top.set_ylabel(f"speed, {style.rate_unit()}")
+        top.set_ylabel(f"speed, {sheet.rate_unit}")
         top.legend(fontsize=8)
-        bottom.plot(each.t, each.acceleration * style.per_rad_s(), color=colour, linewidth=1)
-        bottom.set_ylabel(f"sweep rate, {style.rate_unit()}/s")
+        bottom.plot(each.t, each.acceleration * sheet.per_rad_s, color=colour, linewidth=1)
+        bottom.set_ylabel(f"sweep rate, {sheet.rate_unit}/s")
         bottom.set_xlabel("time, s")
     return figure

@@ -11,6 +11,8 @@ from matplotlib.figure import Figure
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
 from rotorfit.identify.fitting.result import FitResult
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.models import RotorModel
 from rotorfit.show.plots.bode import (
     cell_title,
     condition_legend,
@@ -19,39 +21,56 @@ from rotorfit.show.plots.bode import (
     panels_of,
     response_unit,
 )
-from rotorfit.show.plots.style import GREY, SMALL_TYPE, looked, per_rad_s, rate_unit, square_axis
-from rotorfit.show.plots.sweeps import SweepCurve, curves, joined
+from rotorfit.show.plots.style import GREY, SMALL_TYPE, Sheet, on_sheet, square_axis
+from rotorfit.show.plots.sweeps import SweepCondition, SweepCurve, curves, joined, measured_curves
 
 
-@looked
-def plot_polar(fit: FitResult) -> Figure:
+@on_sheet
+def plot_polar(fit: FitResult, *, sheet: Sheet) -> Figure:
     """Responses per unit force in the complex plane; filled points forward, open points backward.
 
     Angles are phase leads of the probe, forward and backward alike. Crosses along the fitted lines are at round
     frequencies, in rpm, signed.
     """
-    conditions, found = curves(fit)
-    figure, panels, _ = panels_of(found, f"Polar plot, {fit.model.name}", rows=1, size=(4.4, 3.9))
+    conditions, found = curves(fit, sheet)
+    return _polar(sheet, fit.model, conditions, found, f"Polar plot, {fit.model.name}", "fit")
+
+
+@on_sheet
+def plot_measured_polar(test: PerturbationTest, *, sheet: Sheet) -> Figure:
+    """The same of a test before a fit; lines and crosses lead from reading to reading."""
+    return _polar(sheet, *measured_curves(test, sheet), "Measured responses", "")
+
+
+def _polar(
+    sheet: Sheet,
+    model: RotorModel,
+    conditions: Sequence[SweepCondition],
+    found: Sequence[SweepCurve],
+    title: str,
+    line: str,
+) -> Figure:
+    figure, panels, _ = panels_of(sheet, found, title, rows=1, size=(4.4, 3.9))
     for curve in found:
         (axis,) = panels[curve.coordinate, curve.force_plane]
         colour = curve.condition.colour
-        factor, _ = response_unit(fit, curve.coordinate)
+        factor, _ = response_unit(sheet, model, curve.coordinate, found)
         face = colour if curve.frequency[-1] > 0 else "none"
         z, fitted = factor * curve.seen, factor * _round(curve)
         axis.plot(z.real, z.imag, "o", ms=3, mfc=face, mec=colour, mew=0.6, alpha=0.5)
         axis.plot(fitted.real, fitted.imag, "-", lw=1.1, color=colour)
     for pair, (axis,) in panels.items():
         mine = [c for c in found if (c.coordinate, c.force_plane) == pair]
-        factor, unit = response_unit(fit, pair[0])
-        axis.set_title(cell_title(fit, *pair))
+        factor, unit = response_unit(sheet, model, pair[0], found)
+        axis.set_title(cell_title(model, *pair))
         axis.set(xlabel=f"in phase, {unit}", ylabel=f"quadrature, {unit}", aspect="equal")
         axis.axhline(0, color="0.7", lw=0.6)
         axis.axvline(0, color="0.7", lw=0.6)
         every = np.asarray(factor * np.concatenate([*(c.line_seen for c in mine), np.zeros(1)]), dtype=complex)
         square_axis(axis, every, 1.28)  # and numbers beside the curve; noise of low frequencies may lie outside
-        _mark_frequencies(axis, mine, factor)
-    marks = direction_marks(found, "o") | {f"frequency in {rate_unit()}": ("x", GREY)}
-    condition_legend(figure, conditions, "fit", marks)
+        _mark_frequencies(sheet, axis, mine, factor)
+    marks = direction_marks(found, "o") | {f"frequency in {sheet.rate_unit}": ("x", GREY)}
+    condition_legend(figure, conditions, line, marks)
     return figure
 
 
@@ -66,11 +85,11 @@ def _round(curve: SweepCurve) -> ComplexArray:
     return np.asarray(CubicSpline(np.arange(curve.fine.size), curve.line_seen)(along), dtype=complex)
 
 
-def _mark_frequencies(axis: Any, found: Sequence[SweepCurve], factor: float) -> None:
+def _mark_frequencies(sheet: Sheet, axis: Any, found: Sequence[SweepCurve], factor: float) -> None:
     """Crosses at round frequencies on the fitted lines, each with its number where it hides least."""
     from matplotlib.ticker import MaxNLocator
 
-    top = max(float(np.abs(c.fine).max()) for c in found) * per_rad_s()
+    top = max(float(np.abs(c.fine).max()) for c in found) * sheet.per_rad_s
     steps = np.asarray(MaxNLocator(nbins=28, steps=[1, 2, 5, 10]).tick_values(-top, top))
     reach = np.ptp(axis.get_xlim()) / 2
     apart = 0.3  # of crosses, in halves of the axis
@@ -79,7 +98,7 @@ def _mark_frequencies(axis: Any, found: Sequence[SweepCurve], factor: float) -> 
     cell = 0.02 * reach  # places nearer than this count once
     drawn = np.asarray(np.unique(np.round(every / cell)) * cell, dtype=complex)
     for curve in found:
-        x = curve.fine * per_rad_s()
+        x = curve.fine * sheet.per_rad_s
         for rpm in sorted(steps[(steps >= x[0]) & (steps <= x[-1]) & (steps != 0)], key=abs):
             z = factor * complex(np.interp(rpm, x, curve.line_seen.real), np.interp(rpm, x, curve.line_seen.imag))
             if all(abs(z - other) > apart * reach for other in placed):
@@ -119,20 +138,20 @@ def _clear_corner(axis: Any, z: complex, letters: int, drawn: ComplexArray) -> t
     return *best, np.concatenate([drawn, (z + best[0] * width * x + 1j * best[1] * height * y).ravel()])
 
 
-@looked
-def plot_residuals(fit: FitResult) -> Figure:
+@on_sheet
+def plot_residuals(fit: FitResult, *, sheet: Sheet) -> Figure:
     """Residuals over their noise against frequency, with the band of two standard deviations, and their histogram."""
-    conditions, found = curves(fit)
+    conditions, found = curves(fit, sheet)
     title = f"Residuals over noise, {fit.model.name}: redchi {significant(fit.redchi, 3)}"
-    figure, panels, _ = panels_of(found, title, rows=2, size=(5.2, 1.6))
+    figure, panels, _ = panels_of(sheet, found, title, rows=2, size=(5.2, 1.6))
     for curve in joined(found):
         axis, _ = panels[curve.coordinate, curve.force_plane]
-        x = curve.frequency * per_rad_s()
+        x = curve.frequency * sheet.per_rad_s
         axis.plot(x, curve.whitened.real, ".", ms=2.5, color=curve.condition.colour, alpha=0.7)
         axis.plot(x, curve.whitened.imag, "x", ms=2.5, mew=0.6, color=curve.condition.colour, alpha=0.7)
     for pair, (axis, histogram) in panels.items():
-        axis.set_title(cell_title(fit, *pair))
-        axis.set(ylabel="residual / noise", xlabel=frequency_label(found))
+        axis.set_title(cell_title(fit.model, *pair))
+        axis.set(ylabel="residual / noise", xlabel=frequency_label(sheet, found))
         axis.axhspan(-2, 2, color="0.93", zorder=0)
         mine = np.concatenate([c.whitened for c in found if (c.coordinate, c.force_plane) == pair])
         _histogram(histogram, np.concatenate([mine.real, mine.imag]))

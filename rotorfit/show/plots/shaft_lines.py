@@ -40,8 +40,8 @@ class _Curve:
     line_fitted: ComplexArray
 
 
-@style.looked
-def plot_lines(fit: FitResult) -> Figure:
+@style.on_sheet
+def plot_lines(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     """Amplitude and phase of each line per unit of force against the signed perturbation frequency, data and fit.
 
     Lines 1x and 2x of start-ups are drawn as they are, against speed.
@@ -52,13 +52,13 @@ def plot_lines(fit: FitResult) -> Figure:
     kinds = list(dict.fromkeys(c.title for c in curves))
     speeds = sorted({c.speed for c in curves if not np.isnan(c.speed)})
     per_force = ", per unit of force" if speeds else ""
-    figure, axes = style.grid(len(kinds), 2, f"Lines of the shaft{per_force}", size=(3.54, 1.9))
+    figure, axes = sheet.grid(len(kinds), 2, f"Lines of the shaft{per_force}", size=(3.54, 1.9))
     for (size, phase), kind in zip(axes, kinds, strict=True):
         own = [c for c in curves if c.title == kind]
         factor, name = style.prefix(np.concatenate([np.abs(c.fitted) for c in own]), own[0].unit)
         for curve in own:
             colour = style.GREY if np.isnan(curve.speed) else style.colour_of(speeds.index(curve.speed), len(speeds))
-            _draw(size, phase, curve, factor, colour)
+            _draw(sheet, size, phase, curve, factor, colour)
         size.set_ylabel(f"{_written(kind)}\n{name}", fontsize=style.SMALL_TYPE)
         size.set_yscale("log")
         style.decade_ticks(size.yaxis)
@@ -69,13 +69,13 @@ def plot_lines(fit: FitResult) -> Figure:
         phase.set_ylabel(words, fontsize=style.SMALL_TYPE)
         style.phase_axis(phase)
         if np.isnan(own[0].speed) or kind == [c.title for c in curves if not np.isnan(c.speed)][-1]:
-            words = (_RUNNING if np.isnan(own[0].speed) else _PERTURBED).format(style.rate_unit())
+            words = (_RUNNING if np.isnan(own[0].speed) else _PERTURBED).format(sheet.rate_unit)
             for axis in (size, phase):
                 axis.set_xlabel(words, fontsize=style.SMALL_TYPE)
     point = {"marker": "o", "ms": 3, "ls": ""}
     entries: dict[str, Any] = {
         f"measured ± σ at {name}": {**look, **point}
-        for name, look in style.in_colours([style.rate_words(v) for v in speeds]).items()
+        for name, look in style.in_colours([sheet.rate_words(v) for v in speeds]).items()
     }
     if any(np.isnan(c.speed) for c in curves):
         entries["measured ± σ, start-up"] = point
@@ -155,11 +155,11 @@ def _kinds(fit: FitResult, block: LineResponses | PairResponses) -> Iterator[tup
         yield f"{planes[place % n]} at {block.line[rows[0]]}\nforce at {planes[drive]}", rows
 
 
-def _draw(size: Any, phase: Any, curve: _Curve, factor: float, colour: str) -> None:
-    rpm = curve.frequency * style.per_rad_s()
+def _draw(sheet: style.Sheet, size: Any, phase: Any, curve: _Curve, factor: float, colour: str) -> None:
+    rpm = curve.frequency * sheet.per_rad_s
     drawn_as = {"color": colour, "ms": 2.2, "lw": 0, "elinewidth": 0.5, "fmt": "o", "alpha": 0.7}
     size.errorbar(rpm, np.abs(curve.measured) * factor, curve.sigma * factor, **drawn_as)
-    fine = curve.fine * style.per_rad_s()
+    fine = curve.fine * sheet.per_rad_s
     size.plot(fine, np.abs(curve.line_fitted) * factor, color="black", lw=0.9, zorder=3)
     sure = curve.sigma < np.abs(curve.fitted)  # a reading with a larger error has no phase worth showing
     error = np.degrees(curve.sigma / np.abs(curve.fitted))
@@ -167,12 +167,11 @@ def _draw(size: Any, phase: Any, curve: _Curve, factor: float, colour: str) -> N
     phase.plot(fine, broken_phase(curve.line_fitted), color="black", lw=0.9, zorder=3)
 
 
-@style.looked
-def plot_turning_stability(fit: FitResult) -> Figure:
+def turning_stability(sheet: style.Sheet, fit: FitResult) -> Figure:
     """Growth rate and whirl frequency of a shaft that is not round against rotative speed, unstable bands shaded."""
     model, theta = fit.model, fit.theta()
     if not isinstance(model, AnisotropicShaft | Turning):
-        raise ValueError(f"{model.name} does not turn its stiffness: see plot_stability")
+        raise ValueError(f"{model.name} does not turn its stiffness")
     critical = float(np.abs(eigenvalues(model, theta, 0.0)).max())
     ends = [float(end) for e in fit.experiments for end in (np.min(e.speed), np.max(e.speed))]
     top = 1.15 * max(1.5 * critical, *ends)
@@ -181,23 +180,23 @@ def plot_turning_stability(fit: FitResult) -> Figure:
     edges = [speed for band in bands for speed in band]
     speeds = np.unique(np.concatenate([np.linspace(0.0, top, 600), *(v * np.linspace(0.99, 1.01, 41) for v in edges)]))
     s = eigenvalues(model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds)
-    figure, axes = style.grid(1, 2, f"Stability, {style.literal(model.name)}", size=(3.54, 2.8))
+    figure, axes = sheet.grid(1, 2, f"Stability, {style.literal(model.name)}", size=(3.54, 2.8))
     growth, whirl = axes[0]
-    rpm = speeds * style.per_rad_s()
+    rpm = speeds * sheet.per_rad_s
     growth.plot(rpm, np.sort(s.real, axis=1), color=style.COLOURS[0], lw=1.3)
     growth.axhline(0, color=style.GREY, lw=0.8)
     growth.set_ylabel("growth rate, 1/s")
     ahead = np.concatenate([s.imag + speeds[:, None], speeds[:, None] - s.imag], axis=1)
-    whirl.plot(rpm, np.sort(ahead, axis=1) * style.per_rad_s(), ".", color=style.COLOURS[0], ms=1.2)
+    whirl.plot(rpm, np.sort(ahead, axis=1) * sheet.per_rad_s, ".", color=style.COLOURS[0], ms=1.2)
     whirl.plot(rpm, rpm, "--", color="0.6", lw=0.9)
-    whirl.set_ylabel(f"frequencies of free motion, {style.rate_unit()}")
+    whirl.set_ylabel(f"frequencies of free motion, {sheet.rate_unit}")
     for axis in axes[0]:
-        axis.set_xlabel(f"rotative speed, {style.rate_unit()}")
+        axis.set_xlabel(f"rotative speed, {sheet.rate_unit}")
         axis.set_xlim(0, rpm[-1])
         for low, high in bands:
-            axis.axvspan(low * style.per_rad_s(), high * style.per_rad_s(), color=style.COLOURS[1], alpha=0.2, lw=0)
-        mark_speeds(axis, tested)
-    ranges = ", ".join(f"{low * style.per_rad_s():.0f} to {style.rate_words(high)}" for low, high in bands)
+            axis.axvspan(low * sheet.per_rad_s, high * sheet.per_rad_s, color=style.COLOURS[1], alpha=0.2, lw=0)
+        mark_speeds(sheet, axis, tested)
+    ranges = ", ".join(f"{low * sheet.per_rad_s:.0f} to {sheet.rate_words(high)}" for low, high in bands)
     entries: dict[str, Any] = {
         "lateral modes and their images": {"color": style.COLOURS[0], "lw": 1.3},
         "1×: frequency = speed": {"color": "0.6", "lw": 0.9, "ls": "--"},
@@ -209,8 +208,8 @@ def plot_turning_stability(fit: FitResult) -> Figure:
     return figure
 
 
-def mark_speeds(axis: Any, speeds: Iterable[float]) -> None:
+def mark_speeds(sheet: style.Sheet, axis: Any, speeds: Iterable[float]) -> None:
     """A triangle on the speed axis at each tested speed."""
     for speed in speeds:
         marker = {"marker": "^", "color": "black", "ms": 5, "clip_on": False}
-        axis.plot(speed * style.per_rad_s(), 0.0, transform=axis.get_xaxis_transform(), **marker)
+        axis.plot(speed * sheet.per_rad_s, 0.0, transform=axis.get_xaxis_transform(), **marker)

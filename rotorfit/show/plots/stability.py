@@ -19,21 +19,21 @@ from rotorfit.models import AnisotropicShaft, Turning, eigenvalues
 from rotorfit.models.motion.stability import whirls_forward
 from rotorfit.show.plots import style
 from rotorfit.show.plots.journal import group_label, speeds_of
-from rotorfit.show.plots.shaft_lines import mark_speeds, plot_turning_stability
+from rotorfit.show.plots.shaft_lines import mark_speeds, turning_stability
 
 _THRESHOLD = style.COLOURS[1]
 _MODES = tuple(c for c in style.COLOURS if c != _THRESHOLD)
 """Colours of modes: all but the threshold's."""
 
 
-@style.looked
-def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
+@style.on_sheet
+def plot_stability(fit: FitResult, *, sheet: style.Sheet, group: int = 0) -> Figure:
     """Modes against rotative speed, with the threshold and its 95 % interval.
 
     Growth rate and damped frequency above, damping ratio and logarithmic decrement below.
     """
     if isinstance(fit.model, AnisotropicShaft | Turning):
-        return plot_turning_stability(fit)
+        return turning_stability(sheet, fit)
     onset, tested = None, _tested_speeds(fit, group)
     if fit.model.speed_dependent and np.isfinite(fit.threshold_of(group).value):
         onset = fit.threshold_of(group)
@@ -42,29 +42,29 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
     top = 1.5 * max(fastest, 1.0) if onset is None else 1.25 * max(onset.value, fastest)
     speeds = np.union1d(np.linspace(0.0, top, 400), tested[-1:])  # at which the legend and tables name frequencies
     named_at = int(np.argmin(np.abs(speeds - tested.max(initial=0.0))))
-    s, x = _modes(fit, fit.thetas[group], speeds, named_at), speeds * style.per_rad_s()
+    s, x = _modes(fit, fit.thetas[group], speeds, named_at), speeds * sheet.per_rad_s
     label = group_label(fit, group)
     title = f"Stability, {fit.model.name}" + (f", {style.literal(label)}" if label else "")
-    figure, axes = style.grid(2, 2, title, size=(5.4, 2.6))
-    _draw_modes(axes, x, s)
+    figure, axes = sheet.grid(2, 2, title, size=(5.4, 2.6))
+    _draw_modes(sheet, axes, x, s)
     for axis in axes.flat:
-        axis.set(xlabel=f"rotative speed, {style.rate_unit()}", xlim=(0, x[-1]))
-        mark_speeds(axis, tested.tolist())
+        axis.set(xlabel=f"rotative speed, {sheet.rate_unit}", xlim=(0, x[-1]))
+        mark_speeds(sheet, axis, tested.tolist())
         if onset is not None:
-            axis.axvline(onset.value * style.per_rad_s(), color=_THRESHOLD, lw=1.4)
+            axis.axvline(onset.value * sheet.per_rad_s, color=_THRESHOLD, lw=1.4)
             if np.isfinite(onset.stderr):
-                low, high = (end * style.per_rad_s() for end in onset.interval(0.95))
+                low, high = (end * sheet.per_rad_s for end in onset.interval(0.95))
                 axis.axvspan(low, high, color=_THRESHOLD, alpha=0.3, lw=0)
     frequency = axes[0, 1]
     frequency.plot(x, x, "--", color="0.6", lw=0.9)
     span = np.nanmax(np.abs(s.imag), initial=0.0)
-    frequency.set_ylim(-1.1 * span * style.per_rad_s(), 1.1 * span * style.per_rad_s())
-    measured = [part * style.per_rad_s() for part in _resonances(fit, group, tested, span)]
+    frequency.set_ylim(-1.1 * span * sheet.per_rad_s, 1.1 * span * sheet.per_rad_s)
+    measured = [part * sheet.per_rad_s for part in _resonances(fit, group, tested, span)]
     frequency.plot(*measured, "o", ms=5, mfc="none", mec="black", mew=0.9, zorder=4)
-    modes = _mode_names(s[named_at], float(tested.max(initial=0.0)))
+    modes = _mode_names(sheet, s[named_at], float(tested.max(initial=0.0)))
     entries: dict[str, Any] = {name: {"color": _MODES[i % len(_MODES)], "lw": 1.4} for i, name in enumerate(modes)}
     if onset is not None:
-        entries[_threshold_words(onset)] = {"color": _THRESHOLD, "lw": 1.4}
+        entries[_threshold_words(sheet, onset)] = {"color": _THRESHOLD, "lw": 1.4}
     entries["unstable"] = Patch(color=_THRESHOLD, alpha=0.15)
     entries["1×: frequency = speed"] = {"color": "0.6", "lw": 0.9, "ls": "--"}
     if tested.size:
@@ -75,7 +75,7 @@ def plot_stability(fit: FitResult, *, group: int = 0) -> Figure:
     return figure
 
 
-def _draw_modes(axes: Any, x: Float, s: ComplexArray) -> None:
+def _draw_modes(sheet: style.Sheet, axes: Any, x: Float, s: ComplexArray) -> None:
     """Growth rate and frequency of each mode above, its damping ratio and decrement below."""
     zeta = -s.real / np.where(np.abs(s) > 0, np.abs(s), np.nan)
     overdamped = 0.99  # damping ratio from which a mode no longer oscillates and has no decrement
@@ -83,7 +83,7 @@ def _draw_modes(axes: Any, x: Float, s: ComplexArray) -> None:
     delta = np.where(swings, 2 * np.pi * zeta / np.sqrt(np.where(swings, 1 - zeta**2, 1.0)), np.nan)
     panels = {
         "growth rate, 1/s": s.real,
-        f"damped frequency, {style.rate_unit()}": s.imag * style.per_rad_s(),
+        f"damped frequency, {sheet.rate_unit}": s.imag * sheet.per_rad_s,
         "damping ratio": zeta,
         "logarithmic decrement": delta,
     }
@@ -97,11 +97,11 @@ def _draw_modes(axes: Any, x: Float, s: ComplexArray) -> None:
     _unstable_half(axes[1, 1], np.minimum(delta, largest), above=False)
 
 
-def _threshold_words(onset: Quantity) -> str:
-    low, high = (style.per_rad_s() * end for end in onset.interval(0.95))
+def _threshold_words(sheet: style.Sheet, onset: Quantity) -> str:
+    low, high = (sheet.per_rad_s * end for end in onset.interval(0.95))
     known = np.isfinite(high) and high > low
-    value = with_error(onset.value * style.per_rad_s(), (high - low) / 4 if known else np.nan)[0]
-    return f"threshold {value} {style.rate_unit()}" + (f", 95 % {interval_words(low, high)}" if known else "")
+    value = with_error(onset.value * sheet.per_rad_s, (high - low) / 4 if known else np.nan)[0]
+    return f"threshold {value} {sheet.rate_unit}" + (f", 95 % {interval_words(low, high)}" if known else "")
 
 
 def _tested_speeds(fit: FitResult, group: int) -> Float:
@@ -176,11 +176,11 @@ def _modes(fit: FitResult, theta: Float, speeds: Float, at: int) -> ComplexArray
     return np.asarray(s.real + 1j * np.where(forward, 1.0, -1.0) * np.abs(s.imag))
 
 
-def _mode_names(s: ComplexArray, at: float) -> list[str]:
+def _mode_names(sheet: style.Sheet, s: ComplexArray, at: float) -> list[str]:
     """Words for each mode: its whirl and its frequency at a speed."""
     return [
-        f"{'forward' if value.imag > 0 else 'backward'} mode, {style.rate_words(abs(value.imag))} at "
-        f"{style.rate_words(at)}"
+        f"{'forward' if value.imag > 0 else 'backward'} mode, {sheet.rate_words(abs(value.imag))} at "
+        f"{sheet.rate_words(at)}"
         if np.isfinite(value)
         else "mode beyond the tested band"
         for value in s

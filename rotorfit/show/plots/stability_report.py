@@ -15,8 +15,8 @@ from rotorfit.identify.uncertainty.stability.record import SENSITIVITY, Curve, S
 from rotorfit.show.plots import style
 
 
-@style.looked
-def plot_stability_report(report: StabilityReport) -> Figure:
+@style.on_sheet
+def plot_stability_report(report: StabilityReport, *, sheet: style.Sheet) -> Figure:
     """Decrement against speed, unbalance response, decrement against cross-coupling, sensitivity, with their bands.
 
     ``ax`` and ``unit`` are as for :meth:`rotorfit.FitResult.plot.bode`.
@@ -26,11 +26,11 @@ def plot_stability_report(report: StabilityReport) -> Figure:
     """
     more = ((_unbalance, report.unbalance), (_coupling, report.cross_coupling), (_sensitivity, report.sensitivity))
     panels = [_decrements, *(panel for panel, curves in more if curves)]
-    figure, axes = style.grid(
+    figure, axes = sheet.grid(
         len(panels), 1, f"Stability, with {significant(100 * report.level, 4)} % bands", size=(6.6, 2.4)
     )
     for panel, axis in zip(panels, axes[:, 0], strict=True):
-        panel(report, axis)
+        panel(sheet, report, axis)
     style.legend_below(figure)
     return figure
 
@@ -47,8 +47,8 @@ def _clipped(values: Float) -> Float:
     return np.asarray(np.clip(values, -1e9, 1e9))
 
 
-def _running(report: StabilityReport, axis: Any) -> None:
-    low, high = (style.per_rad_s() * speed for speed in report.running)
+def _running(sheet: style.Sheet, report: StabilityReport, axis: Any) -> None:
+    low, high = (sheet.per_rad_s * speed for speed in report.running)
     if low < high:
         axis.axvspan(low, high, color="0.5", alpha=0.15, lw=0, label="running speeds")
     else:
@@ -61,22 +61,22 @@ def _limit(report: StabilityReport, axis: Any) -> None:
     axis.axhline(0.0, color="0.2", lw=0.7)
 
 
-def _decrements(report: StabilityReport, axis: Any) -> None:
+def _decrements(sheet: style.Sheet, report: StabilityReport, axis: Any) -> None:
     damped = 3.0  # above which curves are cut off: such a mode is no question of stability
     modes = sorted(report.modes, key=lambda mode: mode.frequency)
-    at = style.rate_words(report.running[1])
+    at = sheet.rate_words(report.running[1])
     shown = [
-        replace(curve, label=f"{mode.direction} mode, {style.rate_words(abs(mode.frequency))} at {at}")
+        replace(curve, label=f"{mode.direction} mode, {sheet.rate_words(abs(mode.frequency))} at {at}")
         for curve, mode in zip(report.decrement, modes, strict=True)
         if np.min(curve.y) < damped
     ]
-    _draw(axis, shown, style.per_rad_s(), 1.0)
-    _running(report, axis)
+    _draw(axis, shown, sheet.per_rad_s, 1.0)
+    _running(sheet, report, axis)
     _limit(report, axis)
     top = max([report.criteria[0].limit, *(float(np.max(np.minimum(c.band, damped))) for c in shown)])
     low = min([0.0, *(float(np.min(c.band)) for c in shown)])
     axis.set_ylim(max(low, -0.5 * top) - 0.1 * top, 1.15 * top)
-    axis.set(xlabel=f"speed, {style.rate_unit()}", ylabel="log. decrement")
+    axis.set(xlabel=f"speed, {sheet.rate_unit}", ylabel="log. decrement")
     ratio = axis.secondary_yaxis("right", functions=(damping_ratio, _decrement_of))
     ratio.set_ylabel("damping ratio")
     ratio.tick_params(labelsize=7)
@@ -87,24 +87,24 @@ def _decrement_of(ratio: Float) -> Float:
     return np.asarray(2 * np.pi * np.tan(np.arcsin(np.clip(ratio, -0.99, 0.99))))
 
 
-def _unbalance(report: StabilityReport, axis: Any) -> None:
-    scale, _ = style.length()
-    _draw(axis, report.unbalance, style.per_rad_s(), scale, first=len(report.decrement))
-    _running(report, axis)
+def _unbalance(sheet: style.Sheet, report: StabilityReport, axis: Any) -> None:
+    scale, _ = sheet.length
+    _draw(axis, report.unbalance, sheet.per_rad_s, scale, first=len(report.decrement))
+    _running(sheet, report, axis)
     axis.set_ylim(0.0, None)
-    axis.set(xlabel=f"speed, {style.rate_unit()}", ylabel=f"amplitude, {style.amplitude_unit()}")
+    axis.set(xlabel=f"speed, {sheet.rate_unit}", ylabel=f"amplitude, {sheet.amplitude_unit()}")
 
 
-def _coupling(report: StabilityReport, axis: Any) -> None:
+def _coupling(_: style.Sheet, report: StabilityReport, axis: Any) -> None:
     scale, unit = style.prefix(report.cross_coupling[0].x, "N/m")
     _draw(axis, report.cross_coupling, scale, 1.0, first=len(report.decrement) + 1)
     _limit(report, axis)
     axis.set(xlabel=f"cross-coupled stiffness, {unit}", ylabel="log. decrement")
 
 
-def _sensitivity(report: StabilityReport, axis: Any) -> None:
-    _draw(axis, report.sensitivity, style.per_rad_s(), 1.0, first=len(report.decrement) + 2)
+def _sensitivity(sheet: style.Sheet, report: StabilityReport, axis: Any) -> None:
+    _draw(axis, report.sensitivity, sheet.per_rad_s, 1.0, first=len(report.decrement) + 2)
     limit = next(c.limit for c in report.criteria if c.source == SENSITIVITY)
     axis.axhline(limit, color="C3", lw=0.9, ls=":", label=f"limit {limit:g}")
     axis.set_ylim(0.0, None)
-    axis.set(xlabel=f"frequency, {style.rate_unit()}", ylabel="sensitivity")
+    axis.set(xlabel=f"frequency, {sheet.rate_unit}", ylabel="sensitivity")

@@ -40,8 +40,8 @@ def _speeds(blocks: list[JournalLines]) -> list[float]:
     return sorted({round(float(v), 6) for lines in blocks for v in lines.speed})
 
 
-@style.looked
-def plot_static_locus(fit: FitResult) -> Figure:
+@style.on_sheet
+def plot_static_locus(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     """Positions of the journal under constant loads, as in Fig. 26, over the clearance; the circle is the wall.
 
     Points are measured, lines the fitted locus from the centre to the largest load; positions are turned so that the
@@ -51,7 +51,7 @@ def plot_static_locus(fit: FitResult) -> Figure:
 
     blocks = _static(fit)
     speeds, theta = _speeds(blocks), fit.thetas
-    figure, axes = style.grid(1, 1, f"Journal under static loads, {fit.model.name}", size=(6.0, 5.4))
+    figure, axes = sheet.grid(1, 1, f"Journal under static loads, {fit.model.name}", size=(6.0, 5.4))
     axis = axes[0, 0]
     for lines in blocks:
         clearance = float(np.abs(lines.position[0]) / lines.eccentricity[0])
@@ -74,12 +74,12 @@ def plot_static_locus(fit: FitResult) -> Figure:
     axis.text(0.04, -1.14, "load", fontsize=8, color=style.GREY)
     axis.set(xlim=(-1.1, 1.1), ylim=(-1.22, 1.12), aspect="equal")
     axis.set(xlabel="across the load, over clearance", ylabel="against the load, over clearance")
-    _legend(figure, speeds, "fitted locus")
+    _legend(sheet, figure, speeds, "fitted locus")
     return figure
 
 
-@style.looked
-def plot_static_stiffness(fit: FitResult) -> Figure:
+@style.on_sheet
+def plot_static_stiffness(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     """Static load over displacement against eccentricity, as in Figs 27 and 28.
 
     Above its part across the load over rotative speed, lam D for one mode; below its part along the load,
@@ -92,7 +92,7 @@ def plot_static_stiffness(fit: FitResult) -> Figure:
         style.prefix(across, "N s/m"),
         style.prefix(np.concatenate([lines.stiffness.real for lines in blocks]), "N/m"),
     )
-    figure, axes = style.grid(2, 1, f"Static stiffness of the journal, {fit.model.name}", size=(5.6, 2.6))
+    figure, axes = sheet.grid(2, 1, f"Static stiffness of the journal, {fit.model.name}", size=(5.6, 2.6))
     for lines in blocks:
         for group, speed, largest in _curves(lines):
             here = np.flatnonzero((lines.group == group) & (lines.speed == speed))
@@ -115,12 +115,12 @@ def plot_static_stiffness(fit: FitResult) -> Figure:
     axes[0, 0].set_ylabel(f"{'λD' if single else 'across the load / Ω'}, {scales[0][1]}")
     axes[1, 0].set_ylabel(f"{'K + K0 − Mf λ²Ω²' if single else 'along the load'}, {scales[1][1]}")
     axes[1, 0].set_xlabel("eccentricity of the journal over clearance")
-    _legend(figure, speeds, "fit and 95 % band")
+    _legend(sheet, figure, speeds, "fit and 95 % band")
     return figure
 
 
-@style.looked
-def plot_velocity_ratio(fit: FitResult) -> Figure:
+@style.on_sheet
+def plot_velocity_ratio(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     """Damped frequency over rotative speed from impulse tests against eccentricity, as in Fig. 29.
 
     The paper reads these ratios as lam; they are eigenvalues of the rotor, drawn as solid lines, and lam itself,
@@ -131,7 +131,7 @@ def plot_velocity_ratio(fit: FitResult) -> Figure:
     if not blocks:
         raise ValueError("this fit has no impulse tests to plot")
     speeds = sorted({round(float(v), 6) for block in blocks for v in block.speed})
-    figure, axes = style.grid(1, 1, f"Velocity ratio from impulse tests, {fit.model.name}", size=(5.6, 3.6))
+    figure, axes = sheet.grid(1, 1, f"Velocity ratio from impulse tests, {fit.model.name}", size=(5.6, 3.6))
     axis = axes[0, 0]
     limit = max(float(block.measured_eccentricity(fit.thetas).max()) for block in blocks)
     eps = np.linspace(0.0, limit + 0.1 * min(limit, 1 - limit) or 0.5, style.CURVE_POINTS)
@@ -140,7 +140,7 @@ def plot_velocity_ratio(fit: FitResult) -> Figure:
     _draw_ratios(fit, axis, speeds, eps)
     axis.set(ylabel="damped frequency over rotative speed", xlabel="eccentricity of the journal over clearance")
     axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
-    _legend(figure, speeds, "fitted eigenvalue", {"lam and 95 % band": {"lw": 1.2, "ls": "--"}})
+    _legend(sheet, figure, speeds, "fitted eigenvalue", {"lam and 95 % band": {"lw": 1.2, "ls": "--"}})
     return figure
 
 
@@ -185,8 +185,10 @@ def _branches(
     return found
 
 
-def _legend(figure: Figure, speeds: list[float], line: str, more: Mapping[str, Any] = MappingProxyType({})) -> None:
-    entries = style.in_colours([style.rate_words(v) for v in speeds], 0)
+def _legend(
+    sheet: style.Sheet, figure: Figure, speeds: list[float], line: str, more: Mapping[str, Any] = MappingProxyType({})
+) -> None:
+    entries = style.in_colours([sheet.rate_words(v) for v in speeds], 0)
     style.legend_below(
         figure, entries | {"measured": {"ls": "", "marker": "o", "ms": 4}, line: {"lw": 1.3}} | dict(more)
     )

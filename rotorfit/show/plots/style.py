@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from functools import wraps
+from inspect import Parameter, Signature, signature
 from io import BytesIO
 from typing import Any, cast
 
@@ -43,22 +43,111 @@ CURVE_POINTS = 800
 
 
 @dataclass(frozen=True)
-class _Look:
-    """Where a figure is drawn, and the units of frequencies and lengths."""
+class Sheet:
+    """Where a figure is drawn, and the units of its frequencies and lengths, by their names in column names."""
 
     ax: Any = None
     rate: str = "rpm"
-    length: str = "um"
+    length_unit: str = "um"
+
+    @classmethod
+    def of(cls, ax: Any = None, unit: str | Sequence[str] | None = None) -> Sheet:
+        """That of ``ax`` and ``unit`` as users give them, see :func:`on_sheet`."""
+        sheet = cls(ax=ax)
+        rates, lengths = UNITS["frequency"], UNITS["displacement"]
+        for name in [unit] if isinstance(unit, str) else unit or ():
+            plain = name.replace("µ", "u").replace("/", "_").lower()
+            if plain not in rates and plain not in lengths:
+                raise ValueError(unknown_name("unit of a figure", name, [*rates, *lengths]))
+            sheet = replace(sheet, rate=plain) if plain in rates else replace(sheet, length_unit=plain)
+        return sheet
+
+    @property
+    def per_rad_s(self) -> float:
+        """Factor from rad/s to the unit of frequency."""
+        return 1 / UNITS["frequency"][self.rate]
+
+    @property
+    def rate_unit(self) -> str:
+        """Unit of frequencies, as it is written."""
+        return _NAMES.get(self.rate, self.rate)
+
+    def rate_words(self, value: float) -> str:
+        """A frequency or speed given in rad/s, with its unit."""
+        return f"{significant(value * self.per_rad_s, 4)} {self.rate_unit}"
+
+    @property
+    def length(self) -> tuple[float, str]:
+        """Factor from m to the unit of length, and its name."""
+        base, _, peak = self.length_unit.partition("_")
+        name = " ".join(part for part in (_NAMES.get(base, base), peak) if part)
+        return 1 / UNITS["displacement"][self.length_unit], name
+
+    @property
+    def position_unit(self) -> tuple[float, str]:
+        """Factor from m to the unit of positions and radii, which are not counted pp or rms, and its name."""
+        base = self.length_unit.partition("_")[0]
+        return 1 / UNITS["displacement"][base], _NAMES.get(base, base)
+
+    def amplitude_unit(self, unit: str | None = None) -> str:
+        """A unit of amplitudes, by default that of lengths, with 0-pk unless it is pp or rms already."""
+        name = self.length[1] if unit is None else unit
+        return name if name.endswith((" pp", " rms")) else f"{name} 0-pk"
+
+    def positions(self, over: str) -> tuple[float, str]:
+        """Factor and name of the axis along which spectra stand above one another."""
+        if over == "time":
+            return 1.0, "time, s"
+        what = "speed of the shaft" if over == "speed" else "perturbation frequency"
+        return self.per_rad_s, f"{what}, {self.rate_unit}"
+
+    def grid(
+        self,
+        rows: int,
+        columns: int,
+        title: str,
+        *,
+        size: tuple[float, float] = (4.6, 2.3),
+        one_abscissa: bool = False,
+        projection: str | None = None,
+    ) -> tuple[Figure, Any]:
+        """An empty figure of axes, shape ``(rows, columns)``."""
+        share: Any = "col" if one_abscissa else "none"
+        given = self.ax
+        drawn_on = given is not None and not isinstance(given, FigureBase)
+        panels: Any = np.atleast_1d(np.asarray(given, dtype=object)) if drawn_on else np.empty(0)
+        if panels.size > 1 and panels.size != rows * columns:
+            raise ValueError(f"ax has {panels.size} axes; this figure has {rows} x {columns} panels")
+        if panels.size == rows * columns:
+            axes = panels.reshape(rows, columns)
+            figure = axes[0, 0].figure
+        else:
+            figure = _room(given, min(size[0] * columns, PAGE[0]), min(size[1] * rows + 0.5, PAGE[1]))
+            kind = {"projection": projection}
+            axes = figure.subplots(rows, columns, squeeze=False, sharex=share, subplot_kw=kind)
+        if title and given is None:
+            figure.suptitle(title, fontsize=10)
+        for axis in axes.flat if projection is None else ():
+            few_ticks(axis.xaxis)
+            few_ticks(axis.yaxis)
+            axis.tick_params(labelsize=SMALL_TYPE)
+            axis.xaxis.label.set_size(TYPE)
+            axis.yaxis.label.set_size(TYPE)
+            axis.grid(color="0.9", linewidth=0.6)
+            axis.set_axisbelow(True)
+            axis.spines[["top", "right"]].set_visible(False)
+            axis.spines[:].set_in_layout(False)  # ticks and labels reach further, and are measured anyway
+        return figure, axes
 
 
-_PLAIN = _Look()
-_LOOK: ContextVar[_Look] = ContextVar("look", default=_PLAIN)
+PLAIN = Sheet()
+"""A figure of its own, in rpm and µm."""
 _NAMES = {"um": "µm", "rad_s": "rad/s", "hz": "Hz"}
 """Units whose names are written otherwise than in column names."""
 
 
-def looked(draw: Callable[..., Figure]) -> Callable[..., Figure]:
-    """Let a function that draws take ``ax`` and ``unit`` too.
+def on_sheet(draw: Callable[..., Figure]) -> Callable[..., Figure]:
+    """Let a function that draws on a ``sheet`` take ``ax`` and ``unit`` in its place.
 
     ``ax``: axes to draw in, one or as many as the figure has panels; one place for several panels is divided, and a
     (sub)figure filled. ``unit``: of frequencies (rpm, hz, rad_s, cpm), of lengths (um, mil, mm, um_pp, ...), or both,
@@ -67,59 +156,13 @@ def looked(draw: Callable[..., Figure]) -> Callable[..., Figure]:
 
     @wraps(draw)
     def drawn(*arguments: Any, ax: Any = None, unit: str | Sequence[str] | None = None, **options: Any) -> Figure:
-        token = _LOOK.set(replace(_units(unit), ax=ax))
-        try:
-            with rc_context(_SETTINGS):
-                return draw(*arguments, **options)
-        finally:
-            _LOOK.reset(token)
+        with rc_context(_SETTINGS):
+            return draw(*arguments, sheet=Sheet.of(ax, unit), **options)
 
+    own = [p for p in signature(draw).parameters.values() if p.name != "sheet"]
+    both = [Parameter(name, Parameter.KEYWORD_ONLY, default=None) for name in ("ax", "unit")]
+    drawn.__signature__ = Signature([*own, *both])  # type: ignore[attr-defined]  # what ``help`` shows
     return drawn
-
-
-def _units(unit: str | Sequence[str] | None) -> _Look:
-    look = _Look()
-    rates, lengths = UNITS["frequency"], UNITS["displacement"]
-    for name in [unit] if isinstance(unit, str) else unit or ():
-        plain = name.replace("µ", "u").replace("/", "_").lower()
-        if plain not in rates and plain not in lengths:
-            raise ValueError(unknown_name("unit of a figure", name, [*rates, *lengths]))
-        look = replace(look, rate=plain) if plain in rates else replace(look, length=plain)
-    return look
-
-
-def per_rad_s() -> float:
-    """Factor from rad/s to the figure's unit of frequency."""
-    return 1 / UNITS["frequency"][_LOOK.get().rate]
-
-
-def rate_unit() -> str:
-    """Unit of frequencies in this figure, as it is written."""
-    return _NAMES.get(_LOOK.get().rate, _LOOK.get().rate)
-
-
-def rate_words(value: float) -> str:
-    """A frequency or speed given in rad/s, in the figure's unit."""
-    return f"{significant(value * per_rad_s(), 4)} {rate_unit()}"
-
-
-def length() -> tuple[float, str]:
-    """Factor from m to the figure's unit of length, and its name."""
-    name = _LOOK.get().length
-    base, _, peak = name.partition("_")
-    return 1 / UNITS["displacement"][name], _NAMES.get(base, base) + {"": "", "pp": " pp"}.get(peak, f" {peak}")
-
-
-def position_unit() -> tuple[float, str]:
-    """Factor from m to the figure's unit of positions and radii, which are not counted pp or rms, and its name."""
-    base = _LOOK.get().length.partition("_")[0]
-    return 1 / UNITS["displacement"][base], _NAMES.get(base, base)
-
-
-def amplitude_unit(unit: str | None = None) -> str:
-    """A unit of amplitudes, by default the figure's unit of length, with 0-pk unless it is pp or rms already."""
-    name = length()[1] if unit is None else unit
-    return name if name.endswith((" pp", " rms")) else f"{name} 0-pk"
 
 
 def number_words(value: float, digits: int = 4) -> str:
@@ -135,44 +178,6 @@ class ShownFigure(Figure):
         stream = BytesIO()
         self.savefig(stream, format="png", dpi=120)
         return stream.getvalue()
-
-
-def grid(
-    rows: int,
-    columns: int,
-    title: str,
-    *,
-    size: tuple[float, float] = (4.6, 2.3),
-    one_abscissa: bool = False,
-    projection: str | None = None,
-) -> tuple[Figure, Any]:
-    """An empty figure of axes, shape ``(rows, columns)``."""
-    share: Any = "col" if one_abscissa else "none"
-    given = _LOOK.get().ax
-    drawn_on = given is not None and not isinstance(given, FigureBase)
-    panels: Any = np.atleast_1d(np.asarray(given, dtype=object)) if drawn_on else np.empty(0)
-    if panels.size > 1 and panels.size != rows * columns:
-        raise ValueError(f"ax has {panels.size} axes; this figure has {rows} x {columns} panels")
-    if panels.size == rows * columns:
-        axes = panels.reshape(rows, columns)
-        figure = axes[0, 0].figure
-    else:
-        figure = _room(given, min(size[0] * columns, PAGE[0]), min(size[1] * rows + 0.5, PAGE[1]))
-        kind = {"projection": projection}
-        axes = figure.subplots(rows, columns, squeeze=False, sharex=share, subplot_kw=kind)
-    if title and given is None:
-        figure.suptitle(title, fontsize=10)
-    for axis in axes.flat if projection is None else ():
-        few_ticks(axis.xaxis)
-        few_ticks(axis.yaxis)
-        axis.tick_params(labelsize=SMALL_TYPE)
-        axis.xaxis.label.set_size(TYPE)
-        axis.yaxis.label.set_size(TYPE)
-        axis.grid(color="0.9", linewidth=0.6)
-        axis.set_axisbelow(True)
-        axis.spines[["top", "right"]].set_visible(False)
-        axis.spines[:].set_in_layout(False)  # ticks and labels reach further, and are measured anyway
-    return figure, axes
 
 
 def _room(given: Any, width: float, height: float) -> Any:
@@ -288,13 +293,6 @@ def draw_curve(axis: Any, x: Float, y: Float, half: Float, colour: str, style: s
     """A line with its band."""
     axis.plot(x, y, style, color=colour, **{"lw": 1.3, **look})
     axis.fill_between(x, y - half, y + half, color=colour, alpha=BAND, lw=0)
-
-
-def positions(over: str) -> tuple[float, str]:
-    """Factor and name of the axis along which spectra stand above one another."""
-    if over == "time":
-        return 1.0, "time, s"
-    return per_rad_s(), f"{'speed of the shaft' if over == 'speed' else 'perturbation frequency'}, {rate_unit()}"
 
 
 def draw_cascade(axis: Any, x: Float, heights: Float, levels: Float) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -19,9 +19,12 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.summary import natural
+from rotorfit.identify.observing.circular import observe
+from rotorfit.identify.observing.measured_stiffness import IsotropicPlanes
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.models import RotorModel
 from rotorfit.show.plots.journal import group_label, half_width
-from rotorfit.show.plots.style import colour_of, literal, rate_unit, rate_words
+from rotorfit.show.plots.style import PLAIN, Sheet, colour_of, literal
 
 _SWEPT_SPEED = -1.0  # speed of a key whose speed is swept
 
@@ -53,7 +56,7 @@ class _Key:
     level: str
 
 
-def sweeps(fit: FitResult) -> tuple[list[SweepCondition], list[Sweeps]]:
+def sweeps(fit: FitResult, sheet: Sheet) -> tuple[list[SweepCondition], list[Sweeps]]:
     """Conditions, and the blocks with responses to circular forces or imposed orbits."""
     found: list[tuple[int, Responses, Responses | OrbitResponses]] = []
     theta = fit.thetas
@@ -73,16 +76,21 @@ def sweeps(fit: FitResult) -> tuple[list[SweepCondition], list[Sweeps]]:
         {key for keys in keyed for key in keys},
         key=lambda k: (natural(group_label(fit, k.group)), k.speed, natural(k.level)),
     )
-    names = _names(fit, distinct)
-    conditions = []
-    for i, (key, name) in enumerate(zip(distinct, names, strict=True)):
-        speed, colour = math.nan if key.speed == _SWEPT_SPEED else key.speed, colour_of(i, len(distinct))
-        conditions.append(SweepCondition(group=key.group, speed=speed, name=name, colour=colour))
+    conditions = _conditions(sheet, distinct, lambda group: group_label(fit, group))
     parts = []
     for (number, clean, block), keys in zip(found, keyed, strict=True):
         places = np.array([distinct.index(key) for key in keys], dtype=np.intp)
         parts.append(Sweeps(number=number, responses=clean, block=block, condition=places))
     return conditions, parts
+
+
+def _conditions(sheet: Sheet, keys: Sequence[_Key], label: Callable[[int], str]) -> list[SweepCondition]:
+    """Conditions in the order of their keys; ``label`` has words for a parameter group."""
+    conditions = []
+    for i, (key, name) in enumerate(zip(keys, _names(sheet, keys, label), strict=True)):
+        speed, colour = math.nan if key.speed == _SWEPT_SPEED else key.speed, colour_of(i, len(keys))
+        conditions.append(SweepCondition(group=key.group, speed=speed, name=name, colour=colour))
+    return conditions
 
 
 def _keys(blocks: Sequence[Responses], *, nonlinear: bool) -> list[list[_Key]]:
@@ -131,13 +139,13 @@ def _rounded(values: Float, tolerance: float) -> Float:
     return out
 
 
-def _names(fit: FitResult, keys: Sequence[_Key]) -> list[str]:
+def _names(sheet: Sheet, keys: Sequence[_Key], label: Callable[[int], str]) -> list[str]:
     """Words for the legend: speed, force, and the group where these do not tell it."""
     several = len({(k.speed, k.level) for k in keys}) < len(keys)
     found = []
     for k in keys:
-        speed = "synchronous" if k.speed == _SWEPT_SPEED else rate_words(k.speed)
-        parts = (speed, k.level, group_label(fit, k.group) if several else "")
+        speed = "synchronous" if k.speed == _SWEPT_SPEED else sheet.rate_words(k.speed)
+        parts = (speed, k.level, label(k.group) if several else "")
         found.append(literal(", ".join(filter(None, parts))))
     return found
 
@@ -155,8 +163,9 @@ class SweepCurve:
     measured: ComplexArray  # response over force (or force over imposed displacement)
     whitened: ComplexArray  # residual over noise
     signed: bool  # values are of x + jy at the signed frequency, not of a probe
-    fine: Float  # frequencies of the fitted line
-    fitted: ComplexArray  # values of the fitted line
+    imposed: bool  # values are forces over an imposed displacement
+    fine: Float  # frequencies of the fitted line; before a fit of the readings
+    fitted: ComplexArray  # values of the fitted line; before a fit the readings
     band: tuple[Float, Float]  # half-width of the fitted line's 95 % band
 
     @property
@@ -178,15 +187,15 @@ def as_probe(values: ComplexArray, frequency: Float, signed: bool) -> ComplexArr
     return np.where(signed & (frequency < 0), values.conj(), values)
 
 
-def curves(fit: FitResult) -> tuple[Sequence[SweepCondition], Sequence[SweepCurve]]:
+def curves(fit: FitResult, sheet: Sheet = PLAIN) -> tuple[Sequence[SweepCondition], Sequence[SweepCurve]]:
     """Conditions, and every measured and fitted response."""
-    return _curves_of(fit, rate_unit())
+    return _curves_of(fit, replace(sheet, ax=None))
 
 
 @lru_cache(maxsize=1)  # three figures of a report show them
-def _curves_of(fit: FitResult, unit: str) -> tuple[Sequence[SweepCondition], Sequence[SweepCurve]]:
-    """Conditions named in a unit of speed, and the responses."""
-    conditions, parts = sweeps(fit)
+def _curves_of(fit: FitResult, sheet: Sheet) -> tuple[Sequence[SweepCondition], Sequence[SweepCurve]]:
+    """Conditions named in the units of a sheet, and the responses."""
+    conditions, parts = sweeps(fit, sheet)
     return tuple(conditions), tuple(curve for part in parts for curve in _curves(fit, conditions, part))
 
 
@@ -209,40 +218,75 @@ def joined(found: Sequence[SweepCurve]) -> list[SweepCurve]:
     return whole
 
 
+def measured_curves(test: PerturbationTest, sheet: Sheet) -> tuple[RotorModel, list[SweepCondition], list[SweepCurve]]:
+    """Coordinates of a test, its conditions, and every measured response as a curve through the readings."""
+    planes = tuple(dict.fromkeys((*test.planes, *test.force_planes)))
+    tilts = sorted({p for p, d in zip(test.plane.tolist(), test.direction.tolist(), strict=True) if d.startswith("r")})
+    model = IsotropicPlanes(planes, tilts)
+    base = observe(model, test, np.zeros(len(test), dtype=np.intp))
+    (keys,) = _keys([base], nonlinear=False)
+    distinct = sorted(set(keys), key=lambda k: k.speed)
+    conditions = _conditions(sheet, distinct, str)
+    places = np.array([distinct.index(key) for key in keys], dtype=np.intp)
+    return model, conditions, list(_measured(base, conditions, places))
+
+
 def _curves(fit: FitResult, conditions: Sequence[SweepCondition], part: Sweeps) -> Iterator[SweepCurve]:
     base = part.responses
     predicted, by_theta = part.block.predict_jacobian(fit.thetas)
-    w = base.frequency[base.line]
-    plane = np.argmax(np.abs(base.force), axis=1)[base.line]
-    drive = base.force[base.line, plane]
-    share = np.round(base.force[base.line] / drive[:, None], 9)  # forces that act at once
-    load = np.array([_load(base, row) for row in base.force])[base.line]
-    at_several = load >= len(base.model.coordinates)
-    _, direction = np.unique(np.where(at_several[:, None], share, 0), axis=0, return_inverse=True)
-    keys = np.column_stack([base.coordinate, load, part.condition[base.line], w < 0, direction.reshape(-1)])
-    for key in np.unique(keys[w != 0], axis=0):
-        rows = np.flatnonzero((keys == key).all(axis=1))
-        rows = rows[np.argsort(w[rows], kind="stable")]
-        condition = conditions[int(key[2])]
+    drive, share = _drive(base)
+    for curve in _measured(base, conditions, part.condition):
+        rows = curve.reading
         alike = base.beside is None and bool((share[rows] == share[rows[0]]).all())
         if isinstance(part.block, Responses) and not base.imposed and alike:
             fine, fitted, slope = _fine(fit, part.block, rows)
         else:
-            fine, fitted, slope = w[rows], predicted[rows] / drive[rows], by_theta[rows] / drive[rows, None]
+            fine, fitted = curve.frequency, predicted[rows] / drive[rows]
+            slope = by_theta[rows] / drive[rows, None]
+        yield replace(
+            curve,
+            block=np.full(rows.size, part.number),
+            whitened=(predicted[rows] - base.measured[rows]) / base.sigma[rows],
+            fine=fine,
+            fitted=fitted,
+            band=_band(fit, curve.condition.group, fitted, slope),
+        )
+
+
+def _measured(base: Responses, conditions: Sequence[SweepCondition], condition: Index) -> Iterator[SweepCurve]:
+    """Curves through the readings of a block, whose lines are in the conditions of those numbers."""
+    w = base.frequency[base.line]
+    drive, share = _drive(base)
+    load = np.array([_load(base, row) for row in base.force])[base.line]
+    at_several = load >= len(base.model.coordinates)
+    _, direction = np.unique(np.where(at_several[:, None], share, 0), axis=0, return_inverse=True)
+    keys = np.column_stack([base.coordinate, load, condition[base.line], w < 0, direction.reshape(-1)])
+    for key in np.unique(keys[w != 0], axis=0):
+        rows = np.flatnonzero((keys == key).all(axis=1))
+        rows = rows[np.argsort(w[rows], kind="stable")]
+        measured, none = base.measured[rows] / drive[rows], np.zeros(rows.size)
         yield SweepCurve(
             coordinate=int(key[0]),
             force_plane=int(key[1]),
-            condition=condition,
-            block=np.full(rows.size, part.number),
+            condition=conditions[int(key[2])],
+            block=np.zeros(rows.size, dtype=np.intp),
             reading=rows,
             frequency=w[rows],
-            measured=base.measured[rows] / drive[rows],
-            whitened=(predicted[rows] - base.measured[rows]) / base.sigma[rows],
-            signed=fit.model.frame == "z",
-            fine=fine,
-            fitted=fitted,
-            band=_band(fit, condition.group, fitted, slope),
+            measured=measured,
+            whitened=none.astype(complex),
+            signed=base.model.frame == "z",
+            imposed=base.imposed,
+            fine=w[rows],
+            fitted=measured,
+            band=(none, none),
         )
+
+
+def _drive(base: Responses) -> tuple[ComplexArray, ComplexArray]:
+    """The largest force of each reading, and all forces over it, which act at once."""
+    plane = np.argmax(np.abs(base.force), axis=1)[base.line]
+    drive = base.force[base.line, plane]
+    return drive, np.round(base.force[base.line] / drive[:, None], 9)
 
 
 def _load(base: Responses, force: ComplexArray) -> int:

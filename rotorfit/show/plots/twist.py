@@ -16,20 +16,25 @@ _ORDERS = {"w − Ω": (1, -1), "w − 2Ω": (1, -2), "2(w − Ω)": (2, -2), "1
 """Combination lines of the twist: multiples of w and of Ω, the rotative speed."""
 
 
-@style.looked
+@style.on_sheet
 def plot_twist(
-    view: Cascade, name: str, limit: float | None = None, marks: Mapping[str, float] = MappingProxyType({})
+    view: Cascade,
+    name: str,
+    limit: float | None = None,
+    marks: Mapping[str, float] = MappingProxyType({}),
+    *,
+    sheet: style.Sheet,
 ) -> Figure:
     """Overall amplitude of the twist above, its spectra with order lines below.
 
     ``marks``: frequencies to mark, rad/s, by name, as the torsional natural frequency and its half (Fig. 38).
     """
-    scale, label = style.positions(view.over)
+    scale, label = sheet.positions(view.over)
     position = view.position * scale
     lines = {key: np.abs(m * view.perturbation + n * view.shaft) / (2 * np.pi) for key, (m, n) in _ORDERS.items()}
     highest = max((float(np.nanmax(at)) for at in lines.values() if np.isfinite(at).any()), default=np.inf)
     edge = min(1.15 * highest, float(view.frequency[-1])) if limit is None else limit
-    figure, axes = style.grid(2, 1, style.literal(f"{name}: twist"), size=(style.PAGE[0], 3.8))
+    figure, axes = sheet.grid(2, 1, style.literal(f"{name}: twist"), size=(style.PAGE[0], 3.8))
     overall, cascade = axes[:, 0]
     size = np.asarray(view.overall)
     factor, unit = style.prefix(size, "rad")

@@ -12,16 +12,18 @@ from matplotlib.figure import Figure
 from rotorfit.base.array_types import Float
 from rotorfit.identify.uncertainty.posterior import Posterior
 from rotorfit.show.plots.figure_keywords import PlotKeywords
-from rotorfit.show.plots.style import COLOURS, SMALL_TYPE, few_ticks, grid, literal, looked
+from rotorfit.show.plots.style import COLOURS, SMALL_TYPE, Sheet, few_ticks, literal, on_sheet
 
 _LABEL = SMALL_TYPE
 
 
-@looked
-def plot_corner(samples: Float, names: Sequence[str], truths: Mapping[str, float] | None = None) -> Figure:
+@on_sheet
+def plot_corner(
+    samples: Float, names: Sequence[str], truths: Mapping[str, float] | None = None, *, sheet: Sheet
+) -> Figure:
     """Marginal histograms and pairwise densities with 68 and 95 % contours."""
     count = len(names)
-    figure, axes = grid(count, count, "", size=(1.25, 1.2))
+    figure, axes = sheet.grid(count, count, "", size=(1.25, 1.2))
     # Inches from panel to panel of a corner plot at least: of many parameters it is larger than a page.
     narrowest = 0.88
     width, height = np.maximum(figure.get_size_inches(), narrowest * count)
@@ -93,10 +95,10 @@ def _density(axis: Any, x: Float, y: Float) -> None:
         axis.contour(*centres, counts.T, levels=levels, colors="0.25", linewidths=0.7)
 
 
-@looked
-def plot_traces(chain: Float, names: Sequence[str]) -> Figure:
+@on_sheet
+def plot_traces(chain: Float, names: Sequence[str], *, sheet: Sheet) -> Figure:
     """Walkers of a chain against the step, one row a parameter."""
-    figure, axes = grid(len(names), 1, "Chains", size=(7.5, 0.9))
+    figure, axes = sheet.grid(len(names), 1, "Chains", size=(7.5, 0.9))
     shown = chain[:, :: max(1, chain.shape[1] // 24)]
     for i, name in enumerate(names):
         axes[i, 0].plot(shown[:, :, i], lw=0.3, color=COLOURS[0], alpha=0.5)

@@ -90,7 +90,7 @@ def _panels(fit: FitResult, found: Sequence[SweepCurve]) -> tuple[list[tuple[Any
     from bokeh.plotting import figure
 
     from rotorfit.show.plots.bode import broken_phase, degrees, frequency_label, panel_name, response_unit
-    from rotorfit.show.plots.style import PHASE_LABEL
+    from rotorfit.show.plots.style import PHASE_LABEL, PLAIN
 
     readings = {
         number: _readings(fit.experiments[number], base)
@@ -101,15 +101,15 @@ def _panels(fit: FitResult, found: Sequence[SweepCurve]) -> tuple[list[tuple[Any
     sources: list[Any] = []
     conditions: dict[str, list[Any]] = {}
     for pair in sorted({(c.coordinate, c.force_plane) for c in found}):
-        factor, unit = response_unit(fit, pair[0])
+        factor, unit = response_unit(PLAIN, fit.model, pair[0], found)
         imposed = unit.startswith("N/")
         look: dict[str, Any] = {"tools": "box_zoom,wheel_zoom,tap,reset,save", "active_drag": "box_zoom"}
         look |= {"height": 250, **({"x_range": panels[0][0].x_range} if panels else {})}
         top = figure(y_axis_type="log", y_axis_label=unit if imposed else f"amplitude, {unit}", **look)
-        top.title.text = PlainText(text=panel_name(fit, *pair))
+        top.title.text = PlainText(text=panel_name(fit.model, *pair))
         phase = "phase lead of the force, deg" if imposed else PHASE_LABEL
         low = figure(y_range=(-190, 190), y_axis_label=phase, **{**look, "x_range": top.x_range})
-        low.xaxis.axis_label = frequency_label(found)
+        low.xaxis.axis_label = frequency_label(PLAIN, found)
         low.yaxis.ticker = [-180, -90, 0, 90, 180]
         panels.append((top, low))
         for curve in (c for c in found if (c.coordinate, c.force_plane) == pair):

@@ -34,14 +34,13 @@ def verdict_section(material: ReportInput) -> Html:
     of_data = [found.words for found in _of_data(material) if found.severity == "warning"]
     warnings += dict.fromkeys(f"warning of the data: {words}" for words in of_data)
     warnings += fit.warnings
-    warnings += [f"found beside the model: {row.words}" for row in fit.causes.found]
     if fit.identifiability.unresolved:
         warnings.append("not determined by these data: " + ", ".join(fit.identifiability.unresolved))
     if material.posterior is not None and not material.posterior.converged:
         warnings.append(f"posterior: {material.posterior.message}")
     if warnings:
         content.append(bullets((parts.sentence(w) for w in warnings), class_="warnings"))
-    caveats = caveats_of(fit)
+    caveats = [*caveats_of(fit), *fit.causes.notes]
     if caveats:
         content.append(bullets((parts.sentence(c) for c in caveats), class_="note"))
     return parts.section("Verdict", *content)

@@ -9,15 +9,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rotorfit.show.plots.figure_keywords import PlotKeywords
-from rotorfit.show.plots.style import colour_of, draw_curve, grid, labelled, legend_below, literal, looked, prefix
+from rotorfit.show.plots.style import Sheet, colour_of, draw_curve, labelled, legend_below, literal, on_sheet, prefix
 from rotorfit.studies.campaigns.campaign import Campaign
 from rotorfit.studies.campaigns.trends import Trend
 
 _MARKERS = ("o", "s", "^", "D", "v", "P")
 
 
-@looked
-def plot_trends(trends: Sequence[Trend], by: str | None = None) -> Figure:
+@on_sheet
+def plot_trends(trends: Sequence[Trend], by: str | None = None, *, sheet: Sheet) -> Figure:
     """One panel a parameter, one colour and marker a group, the weighted line with its standard error as a band."""
     if not trends:
         raise ValueError("no run has a resolved value of these parameters: there is nothing to plot")
@@ -25,7 +25,7 @@ def plot_trends(trends: Sequence[Trend], by: str | None = None) -> Figure:
     groups = list(dict.fromkeys(trend.group for trend in trends))
     against = list(dict.fromkeys(trend.against for trend in trends))
     title = f"{', '.join(parameters)} against {', '.join(against)}"
-    figure, axes = grid(len(parameters), len(against), title, size=(6.0, 2.3))
+    figure, axes = sheet.grid(len(parameters), len(against), title, size=(6.0, 2.3))
     handles: dict[str, Any] = {}
     beyond = 0
     for row, parameter in enumerate(parameters):

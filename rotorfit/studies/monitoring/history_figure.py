@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from rotorfit.studies.monitoring.trend import MachineTrend
 
 
-@style.looked
-def plot_trend(trend: MachineTrend) -> Figure:
+@style.on_sheet
+def plot_trend(trend: MachineTrend, *, sheet: style.Sheet) -> Figure:
     """One column a place, one panel a value: tests in order of time, levels with the scatter of one test as a band.
 
     ``ax`` and ``unit`` are as for :meth:`rotorfit.FitResult.plot.bode`.
     """
     rows = max(len(place.names) for place in trend.places)
-    figure, axes = style.grid(rows, len(trend.places), "", size=(7.0 / max(len(trend.places), 1), 1.9))
+    figure, axes = sheet.grid(rows, len(trend.places), "", size=(7.0 / max(len(trend.places), 1), 1.9))
     handles = {}
     for column, place in enumerate(trend.places):
         x = [datetime.fromisoformat(date) for date in place.dates] if place.dated else np.arange(len(place.dates))
@@ -36,9 +36,7 @@ def plot_trend(trend: MachineTrend) -> Figure:
                 continue
             speed = place.units[row] == "rad/s"
             factor, unit = (
-                (style.per_rad_s(), style.rate_unit())
-                if speed
-                else style.prefix(place.values[:, row], place.units[row])
+                (sheet.per_rad_s, sheet.rate_unit) if speed else style.prefix(place.values[:, row], place.units[row])
             )
             values, errors = place.values[:, row] * factor, place.stderr[:, row] * factor
             handles["one test, with its standard error"] = axis.errorbar(
@@ -85,7 +83,7 @@ def _name_tests(axis: Any, dates: tuple[str, ...], *, dated: bool) -> None:
 
 def plot_rules(rules: Sequence[Rule], dates: Mapping[int, str]) -> Figure:
     """One row a rule: values with their standard errors by date, and the evidence against its limit."""
-    figure, axes = style.grid(len(rules), 2, "", size=(3.5, 1.8))
+    figure, axes = style.PLAIN.grid(len(rules), 2, "", size=(3.5, 1.8))
     handles = {}
     for row, (rule, (left, right)) in enumerate(zip(rules, axes, strict=True)):
         watched = rule.watched

@@ -16,7 +16,7 @@ from rotorfit.estimators.blocks.small_motion import FreeVibrations, JournalCoeff
 from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.inference.identifiability import Identifiability, diagnose
 from rotorfit.estimators.minimisation.batch import with_measured
-from rotorfit.estimators.misfit.problem import Problem
+from rotorfit.estimators.misfit.problem import Derivatives, Problem
 from rotorfit.estimators.noise.residuals import scatter
 from rotorfit.estimators.noise.run_effects import real_rows
 from rotorfit.identify.fitting.noise.noise_fit import channels_of, lines_in
@@ -56,12 +56,12 @@ class Expectation:
     def errors(self) -> tuple[Float, Identifiability]:
         """Covariance of the estimate at the guess, shape ``(p, p)``, and what the test leaves open."""
         problem, x = self.problem, self.guess.centre
-        residuals, jacobian = problem.jacobian(x)
-        root, _ = covariance.information(problem, x, residuals, jacobian)
+        derivatives = Derivatives(problem, x)
+        root, _ = covariance.information(problem, x, derivatives.residuals, derivatives)
         space = problem.space
         names, base = (*space.names, *space.nuisance), (*space.base, *space.nuisance)
         covar, verdict = diagnose(space.model, names, base, x, root, covariance.parameter_scales(problem, x))
-        return covar + covar @ self._scatter(jacobian) @ covar, verdict
+        return covar + covar @ self._scatter(derivatives.whole) @ covar, verdict
 
     def _scatter(self, jacobian: ComplexArray) -> Float:
         """Addition to the scatter of the cost's gradient by errors that readings have in common, shape ``(p, p)``."""

@@ -49,10 +49,15 @@ def listed(
         KeyError: a name that is not in the list; the message names the nearest.
         ValueError: a size that is negative or no number.
     """
-    rig = _Rig.of(problem, x)
+    if not problem.space.model.has_causes:
+        return ()
+    rig = _Rig.of(problem, x, frozenset(given))
     found = [_named(cause) for cause in rig.causes()]
     if calibration is not None:
-        given = {**sizes_of(calibration, rig.probes), **given}
+        sizes = sizes_of(calibration, rig.probes)
+        if len(rig.probes) == 1 and (own := sizes.pop(f"gain[{next(iter(rig.probes))}]", 0.0)):
+            sizes["gain"] = math.hypot(sizes["gain"], own)  # one plane has no gain beside the common one
+        given = {**sizes, **given}
     names = [cause.name for cause in found]
     for name, size in given.items():
         if name not in names:
@@ -81,9 +86,10 @@ class _Rig:
     stiffness: Float  # of the shaft at each coordinate, N/m
     inertia: Float  # likewise, kg
     top: float  # highest frequency, rad/s
+    given: frozenset[str]  # names of causes whose size was given
 
     @classmethod
-    def of(cls, problem: Problem, x: Float) -> _Rig:
+    def of(cls, problem: Problem, x: Float, given: frozenset[str]) -> _Rig:
         """Measure a problem."""
         thetas, model = problem.space.theta(x), problem.space.model
         blocks = tuple(found for found in map(responses_of, problem.blocks) if found is not None)
@@ -101,6 +107,7 @@ class _Rig:
             stiffness=stiffness,
             inertia=inertia,
             top=top,
+            given=given,
         )
 
     @property
@@ -154,8 +161,8 @@ class _Rig:
             yield _cause("clearance", "radial clearance, a share of it", OfClearance(), SIZES["clearance"])
 
     def _is_damper(self, name: str) -> bool:
-        """True for a known damping at a plane, which the cause of an external damper there stands for."""
-        return self.turning and any(name in own for own in self._damping.values())
+        """True for a known damping at a plane that an external damper there stands for, unless its error is given."""
+        return self.turning and name not in self.given and any(name in own for own in self._damping.values())
 
     @property
     def _damping(self) -> dict[int, tuple[str, ...]]:
@@ -220,7 +227,7 @@ class _Rig:
         damping = self._damping
         for at, coordinate in enumerate(self.model.coordinates):
             names = damping.get(at, ())
-            if self.fitted & set(names):
+            if (self.fitted | self.given) & set(names):
                 continue
             usual = size.size / math.sqrt(planes) * math.sqrt(self.stiffness[at] * self.inertia[at])
             known = sum(abs(float(self.thetas[0, self.model.parameter_names.index(name)])) for name in names)
@@ -255,12 +262,17 @@ class _Rig:
             return
         stiffness = float(np.median(self.stiffness))
         speed = max((float(b.speed.max()) for b in self.linear), default=0.0) or self.top
-        words = {"m": "mass", "c": "damper", "g": "gyro"}
+        words = {"c": "damper", "g": "gyro"}
         for term in terms_left_out(self.model):
             symbol, _, where = term.name.partition("[")
             _, power, speeds = term.terms[0]
             planes = where.rstrip("]")
-            if symbol in words and "," in planes:
+            if symbol == "m":
+                usual, (i, j, _), *_ = SIZES["mass between"], *term.entries
+                times = math.sqrt(self.inertia[i] * self.inertia[j])
+                meaning = f"{term.meaning}, {planes}"
+                yield _cause(f"mass[{planes}]", meaning, Term(left_out=term), usual, times=times, unit="kg")
+            elif symbol in words and "," in planes:
                 times = stiffness / self.top**power / speed**speeds
                 yield _cause(
                     f"{words[symbol]}[{planes}]", f"{term.meaning}, {planes}", Term(left_out=term), SIZES["between"],

@@ -64,7 +64,6 @@ SIZES = {
         remedy="fit a model with tilt, or the known shaft",
     ),
     "known": Size(size=0.01, reason="a value that was measured", source="j"),
-    "mass": Size(size=0.005, reason="a mass that was weighed", source="j"),
     "lag": Size(
         size=math.radians(2.0),
         reason="compliance in series, 30 times the fluid's at the top",
@@ -83,6 +82,8 @@ SIZES = {
     "speed label": Size(
         size=0.002, reason="a speed of unknown origin", source="j", remedy="check the counter against a reference"
     ),
+    "mass": Size(size=0.005, reason="a mass that was weighed", source="j"),
+    "mass between": Size(size=0.05, reason="the shaft's own mass between planes, of the mean of theirs", source="c"),
     "between": Size(size=0.01, reason="coupling that a lumped chain leaves out, of the stiffness", source="j"),
     "offset": Size(size=0.02, reason="2 mm of 100 mm on the way to the next plane", source="c"),
     "q": Size(size=0.003, reason="modes above the band, of the stiffness at its top", source="c"),

@@ -92,9 +92,14 @@ class Causes(Printed):
         return tuple(sorted(found, key=lambda row: -abs(row.z)))
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """Those that the data show, in words; they are in the estimate and in its error already."""
+        return tuple(f"the data show {row.words}{_remedy(row)}" for row in self.found)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What the causes ask a reader to know."""
-        told = [f"the data show {row.words}{_remedy(row)}" for row in self.found]
+        told = []
         held = [name for name in self.raised if not self.unexplained]
         if held:
             told.append(f"the size of {', '.join(held)} was too small for what the data show, and was raised to it")

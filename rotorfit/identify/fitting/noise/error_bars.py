@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from rotorfit.base.array_types import ComplexArray, Float, Index
+from rotorfit.estimators.minimisation.projection import Projection
 from rotorfit.estimators.misfit.priors import CentredNormal, Prior
-from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.noise.residuals import line_scatter, scatter
+from rotorfit.estimators.misfit.problem import Derivatives, Problem
+from rotorfit.estimators.noise.residuals import line_scatter, scatter_in_pieces
 from rotorfit.identify.fitting.noise.noise_fit import channels_of, lines_in
 from rotorfit.identify.fitting.noise.record import RUN_KINDS, FoundNoise, NoiseVerdict, is_run_effect
 from rotorfit.identify.fitting.noise.residual_study import ResidualStudy
@@ -69,7 +70,7 @@ def with_scatter(
     study: ResidualStudy,
     problem: Problem,
     r: ComplexArray,
-    J: ComplexArray,
+    derivatives: Derivatives,
     scattered: Float,
     covar: Float,
     widening: float,
@@ -78,14 +79,21 @@ def with_scatter(
     if study.correlated:
         sweeps = [sweep for sweeps in channels_of(problem) for sweep in sweeps]
         if study.verdict is NoiseVerdict.CORRELATED:
-            return covar + scattered @ scatter(J, sweeps, study.lags) @ scattered * widening, study
-        own = J * np.concatenate(study.noise_ratio)[:, None]  # as if the misfit were noise of its own shape and memory
-        as_noise = scattered @ ((own.conj().T @ own).real + scatter(own, sweeps, study.lags)) @ scattered
+            added = scatter_in_pieces(derivatives.pieces(), len(covar), sweeps, study.lags)
+            return covar + scattered @ added @ scattered * widening, study
+        ratio = np.concatenate(study.noise_ratio)  # as if the misfit were noise of its own shape and memory
+        own = [(readings, entries, rows * ratio[readings]) for readings, entries, rows in derivatives.pieces()]
+        added = scatter_in_pieces(own, len(covar), sweeps, study.lags)
+        for _, entries, rows in own:
+            added[np.ix_(entries, entries)] += (rows.conj() @ rows.T).real
+        as_noise = scattered @ added @ scattered
         return covar + _beyond(as_noise, covar), study
     if study.verdict is NoiseVerdict.MISFIT:
         return covar, study
-    found = line_scatter(r, J, scattered, lines_in(problem), widening)
-    parameters = slice(0, len(problem.space.names))
+    projection = Projection.of(problem) if derivatives.in_channels else None
+    shared = None if projection is None else projection.kept  # what probes share, where each has entries of its own
+    lines, parameters = lines_in(problem), slice(0, len(problem.space.names))
+    found = line_scatter(r, derivatives.pieces(), scattered, lines, widening, shared)
     as_found = study.verdict is NoiseVerdict.AS_FOUND
     # Standard deviations of scatter beyond that of equal noise from which standard errors follow it: where all else
     # looks well (once in 300 000 by the normal distribution), and where the noise was not as expected (once in 160)
@@ -93,6 +101,8 @@ def with_scatter(
     limit = uneven_scatter if as_found else uneven_scatter_of_other_noise
     if problem.loss != "linear" or float(found.excess[parameters].max(initial=0.0)) < limit:
         return covar, study
+    if shared is not None:
+        found = line_scatter(r, derivatives.pieces(), scattered, lines, widening)
     robust = found.covar
     for prior in problem.priors:  # what is known beforehand does not scatter
         column = scattered[:, prior.entry] * np.sqrt(prior.terms(0.0)[2])
@@ -110,7 +120,7 @@ def _beyond(covar: Float, other: Float) -> Float:
 
 
 def shares_of_possible_effects(
-    study: ResidualStudy, problem: Problem, x: Float, J: ComplexArray, scattered: Float
+    study: ResidualStudy, problem: Problem, x: Float, derivatives: Derivatives, scattered: Float
 ) -> tuple[Float, ...]:
     """Contribution of possible differences of runs to the covariance, kind by kind, each of shape ``(p, p)``."""
     if not study.possible_effects:
@@ -120,7 +130,7 @@ def shares_of_possible_effects(
     for effect in study.possible_effects:
         change = effect.sd * np.concatenate(effect.sensitivities) * whitened
         columns = change[:, None] * (problem.run[:, None] == np.array(effect.runs))
-        moves = scattered @ (J.conj().T @ columns).real
+        moves = scattered @ (derivatives.whole.conj().T @ columns).real
         shares.append(moves @ moves.T)
     return tuple(shares)
 

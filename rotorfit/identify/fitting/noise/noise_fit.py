@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,8 @@ from rotorfit.estimators.blocks.observations import force_plane, sweeps_of
 from rotorfit.estimators.blocks.row_keys import rows_by, words
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
 from rotorfit.estimators.inference.covariance import prior_curvature
+from rotorfit.estimators.minimisation.own_columns import OwnColumns, own_basis, without
+from rotorfit.estimators.minimisation.projection import Projection
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.residuals import Memory, Shape, fit_probes, likelihood, memory
 from rotorfit.estimators.noise.run_effects import LEAST_RESIDUAL_SHARE, MixedModel, MixedSolution, Residuals
@@ -32,8 +34,8 @@ class LinearisedFit:
     that the fit has as entries are effects of runs here, and no fitted values."""
 
     r: ComplexArray  # residuals, without causes
-    J: ComplexArray  # their derivatives by the fitted values, shape ``(R, p)``
-    prior: Float  # curvature of the fitted values' priors
+    J: ComplexArray  # their derivatives by the fitted values but ``own``, shape ``(R, p)``
+    prior: Float  # curvature of these values' priors
     solved: ComplexArray  # residuals at the optimum, causes included
     predicted: ComplexArray  # in units of the readings
     sigma: Float  # noise, in units of the readings
@@ -45,6 +47,7 @@ class LinearisedFit:
     kinds: tuple[str, ...]  # of effects of runs that are looked for, those that combine others last
     Z: ComplexArray  # what a unit of each changes, shape ``(R, k)``
     forced: tuple[int, ...]  # kinds that the fit was asked to have: offsets of the phase reference
+    own: tuple[OwnColumns, ...] = ()  # fitted values that act on one channel alone, of a single run
 
     @property
     def sweeps(self) -> list[Index]:
@@ -65,9 +68,17 @@ class LinearisedFit:
         return NoiseFit.of(self, self.sigma, np.zeros(len(self.kinds)))
 
     def weighed(self, sigma: Float) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-        """Residuals, derivatives and effects in units of another noise."""
+        """Residuals, derivatives and effects in units of another noise, and what :attr:`own` leaves of them."""
         scale = (sigma / self.sigma)[:, None]
-        return self.r / scale[:, 0], self.J / scale, self.Z / scale
+        r, J, Z = self.r[:, None] / scale, self.J / scale, self.Z / scale
+        if self.own:
+            basis = self.own_basis(sigma)
+            r, J = without(self.own, basis, r), without(self.own, basis, J)
+        return r[:, 0], J, Z
+
+    def own_basis(self, sigma: Float) -> ComplexArray:
+        """Orthonormal columns that span :attr:`own` in units of a noise."""
+        return own_basis(self.own, sigma / self.sigma)
 
 
 def linearise(problem: Problem, x: Float, beside: JointSearch | None = None) -> LinearisedFit | None:
@@ -77,9 +88,7 @@ def linearise(problem: Problem, x: Float, beside: JointSearch | None = None) -> 
         return None
     if any(isinstance(block, CorrelatedResponses) for block in problem.blocks):
         return None
-    r, J = problem.jacobian(x)
     sigma = problem.sigma
-    predicted = problem.measured + r * sigma
     # Runs that may differ, with the readings of each; none where they are one, too many, or one has too few.
     names, number = words(problem.run)
     rows = rows_by(number)
@@ -87,17 +96,25 @@ def linearise(problem: Problem, x: Float, beside: JointSearch | None = None) -> 
     fewest_readings = 3  # fewest from which an effect of the run can be estimated
     comparable = 2 <= len(names) <= most_runs and all(own.size >= fewest_readings for own in rows)
     runs, rows = (tuple(names), rows) if comparable else ((), [])
+    projection = None if runs or beside is not None else Projection.of(problem)
+    own: tuple[OwnColumns, ...] = ()
+    values: Index = np.arange(x.size)
+    if projection is None:
+        r, J = problem.jacobian(x)
+    else:  # effects of runs would tie channels together
+        (r, J, own), values = projection.derivatives(x), projection.kept
+    predicted = problem.measured + r * sigma
     columns = effects_of_runs(problem, x, predicted / sigma, J) if runs else {}
     # Entries of the fitted vector that offset the phase reference of a run without a prior, and the run.
     first, bound = len(problem.space.names), {prior.entry for prior in problem.priors}
     parts = enumerate((name.partition("[") for name in problem.space.nuisance if runs), first)
     offsets = {entry: run[:-1] for entry, (kind, _, run) in parts if kind == "phase" and entry not in bound}
     for entry, run in offsets.items():
-        own = rows[runs.index(run)]
-        r[own] -= columns["run_phase"][own] * x[entry]
-    kept = np.setdiff1d(np.arange(x.size), list(offsets)).astype(int)
+        some = rows[runs.index(run)]
+        r[some] -= columns["run_phase"][some] * x[entry]
+    kept = np.flatnonzero(~np.isin(values, list(offsets)))
     kinds = tuple(columns)
-    J, prior, solved = J[:, kept], prior_curvature(problem, x)[kept], r
+    J, prior, solved = J[:, kept], prior_curvature(problem, x)[values[kept]], r
     if beside is not None:  # sizes of causes are values too, of which something is known beforehand
         J, prior = np.hstack([J, beside.columns]), np.concatenate([prior, beside.before**-2])
         r = r - beside.columns @ beside.sizes
@@ -116,6 +133,7 @@ def linearise(problem: Problem, x: Float, beside: JointSearch | None = None) -> 
         kinds=kinds,
         Z=np.array(list(columns.values())).T if kinds else np.zeros((r.size, 0), dtype=complex),
         forced=(kinds.index("run_phase"),) if offsets else (),
+        own=own,
     )
 
 
@@ -182,6 +200,11 @@ class NoiseFit:
         r, J, Z = data.weighed(sigma)
         solution = MixedModel.of(r, J, Z[:, kinds], data.rows, data.prior).solve(variance[kinds])
         residuals = solution.residuals(r, J, Z[:, kinds], data.rows)
+        if data.own:
+            basis = data.own_basis(sigma)
+            leverage = residuals.leverage + np.sum(np.abs(basis) ** 2, axis=1) / 2
+            sensitivities = np.hstack([residuals.sensitivities, basis])
+            residuals = replace(residuals, leverage=leverage, sensitivities=sensitivities)
         return cls(data=data, sigma=sigma, solution=solution, residuals=residuals)
 
     @cached_property
@@ -217,8 +240,11 @@ class NoiseFit:
 
     def memory(self, sigma: Float) -> Memory:
         """Correlation along the sweeps of residuals in units of a noise."""
-        values = self.residuals.values * (self.sigma / sigma)
-        return memory(values, self.residuals.sensitivities, self.solution.outer, self.data.sweeps)
+        values, sensitivities = self.residuals.values * (self.sigma / sigma), self.residuals.sensitivities
+        count = self.data.prior.size
+        outer = np.eye(sensitivities.shape[1])  # own columns come last, orthonormal
+        outer[:count, :count] = self.solution.outer
+        return memory(values, sensitivities, outer, self.data.sweeps)
 
 
 def reweighted(data: LinearisedFit, variance: Float) -> NoiseFit:

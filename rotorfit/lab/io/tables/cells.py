@@ -7,7 +7,7 @@ import csv
 import math
 import re
 from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import chain, islice
 from pathlib import Path
@@ -28,8 +28,17 @@ _MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (code
 _COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?|[+-]?\d+,")
 _POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}")
-NOT_TAKEN = ("", "nan", "n/a", "na", "-", "--")
-"""How a reading that was not taken is written."""
+NOT_TAKEN = frozenset((
+    "", "nan", "-nan", "n/a", "na", "n.a.", "-", "--", "---", "----", "-----", "*", "**", "***", "****", "*****", "?",
+    "#n/a", "#value!", "#div/0!", "#num!", "#ref!", "#null!", "#name?", "#nan",
+    "1.#qnan", "-1.#qnan", "1.#snan", "1.#ind", "-1.#ind", "1.#inf", "-1.#inf", "nan(ind)", "-nan(ind)",
+    "ol", "o.l", "o.l.", "ovl", "ovld", "ovf", "ovrng", "overload", "overrange", "over range", "overflow", "underrange",
+    "invalid", "not valid", "bad", "bad input", "error", "err", "err.", "fault", "failed", "no data", "nodata",
+    "missing", "null", "none", "no reading", "not taken",
+))  # fmt: skip
+"""How a reading that was not taken is written, by people, spreadsheets, compilers and instruments, in lower case."""
+_SHEET_ERROR = re.compile(r"#(N/A|VALUE!|DIV/0!|NUM!|REF!|NULL!|NAME\?)", re.IGNORECASE)
+"""What a spreadsheet writes in a cell, which begins as a comment does."""
 _FORMULA = ("=", "+", "-", "@")
 """First characters of a text that a spreadsheet takes for a formula; an apostrophe before them keeps it text."""
 _TITLE_ROWS = 40
@@ -75,7 +84,7 @@ def taken(cells: Sequence[str], rows: Sequence[int] | Index) -> Sequence[str]:
     return [cells[row] for row in rows]
 
 
-def lacking(cells: Sequence[str], words: Sequence[str] = ("",)) -> Bool:
+def lacking(cells: Sequence[str], words: Collection[str] = ("",)) -> Bool:
     """Rows whose cell is blank, or one of these words whatever its case, shape ``(R,)``."""
     if isinstance(cells, Numbers):
         return np.isnan(cells.values)
@@ -101,6 +110,7 @@ class _Column:
 
     def __init__(self, name: str, is_text: bool) -> None:
         self.name, self.is_text, self.lost = name, is_text, False
+        self._named_text = is_text
         self._numbers: list[Float] = []
         self._text: list[str] = []
         self._meant = _Text()
@@ -150,10 +160,15 @@ class _Column:
         if not self.is_text:
             return Numbers(np.concatenate(self._numbers or [np.zeros(0)]))
         check_text(f"{source}, column {self.name[:80]!r}", self._text)
-        pointed = _pointed(list(self._meant.values()), source, self.name)
-        if pointed is None:
+        meant = list(self._meant.values())
+        pointed = _pointed(meant, source, self.name) or meant
+        taken = {cell: cell for cell in pointed if cell.lower() not in NOT_TAKEN}
+        if not self._named_text and taken and all(map(_is_number, taken)):  # all others are gaps
+            numbers = dict(zip(meant, (float(taken.get(cell, "nan")) for cell in pointed), strict=True))
+            return Numbers(np.array([numbers[cell] for cell in self._text]))
+        if pointed is meant:
             return self._text
-        return list(map(dict(zip(self._meant.values(), pointed, strict=True)).__getitem__, self._text))
+        return list(map(dict(zip(meant, pointed, strict=True)).__getitem__, self._text))
 
     def of_thousands(self, mark: str) -> tuple[int, str] | None:
         """First row and cell with a mark, where all that are may stand between thousands."""
@@ -209,7 +224,7 @@ def read_cells(
     return header[:width], [column.finished(path.name) for column in columns], numbered
 
 
-def frame_cells(frame: DataFrame, is_text: Callable[[str], bool]) -> Cells:
+def frame_cells(frame: DataFrame, is_text: Callable[[str], bool], source: str = "DataFrame") -> Cells:
     """Columns of a table in memory, whose rows have the numbers that they would have below a header."""
     columns = [_Column(name, is_text=is_text(name)) for name in map(shown, map(str, frame.columns))]
     for at, column in enumerate(columns):
@@ -217,8 +232,8 @@ def frame_cells(frame: DataFrame, is_text: Callable[[str], bool]) -> Cells:
         if len(frame):
             column.add(tuple(values.where(values.notna(), "").astype(str)))
     lines = np.arange(2, len(frame) + 2)
-    _refuse_thousands("DataFrame", columns, lines)
-    return [column.name.strip() for column in columns], [column.finished("DataFrame") for column in columns], lines
+    _refuse_thousands(source, columns, lines)
+    return [column.name.strip() for column in columns], [column.finished(source) for column in columns], lines
 
 
 def _even(source: str, batch: Sequence[_Row], width: int) -> tuple[Sequence[int], Sequence[Sequence[str]]]:
@@ -368,7 +383,7 @@ def _content(stream: TextIO, skipped: list[int], size: int, progress: Callable[[
         if "#" in "".join(lines) or not all(map(str.strip, lines)):
             kept = []
             for line in lines:
-                if line.strip() and not line.lstrip().startswith("#"):
+                if line.strip() and not _is_comment(line.lstrip()):
                     kept.append(line)
                 else:
                     skipped.append(count + len(kept))
@@ -376,6 +391,10 @@ def _content(stream: TextIO, skipped: list[int], size: int, progress: Callable[[
         count += len(lines)
         progress(min(1.0, stream.buffer.tell() / size))
         yield lines
+
+
+def _is_comment(text: str) -> bool:
+    return text.startswith("#") and not _SHEET_ERROR.match(text)
 
 
 def _sheet(path: Path, sheet: str | None) -> Iterator[_Row]:
@@ -392,7 +411,7 @@ def _sheet(path: Path, sheet: str | None) -> Iterator[_Row]:
             check_unpacked(path.name, taken, size)
             # a whole number that Excel holds as a float keeps no point
             cells = ["" if c is None else f"{c:.17g}" if isinstance(c, float) else str(c).strip() for c in row]
-            if any(cells) and not cells[0].startswith("#"):
+            if any(cells) and not _is_comment(cells[0]):
                 yield line, cells
         book.close()
 
@@ -428,9 +447,9 @@ def _pointed(cells: Sequence[str], source: str, name: str) -> Sequence[str] | No
         for cell, comma in zip(cells, with_comma, strict=True)
     ):
         return None
-    if any("." in cell for cell in cells):
+    if points := [cell for cell in cells if "." in cell and cell.lower() not in NOT_TAKEN]:
         raise ValueError(
             f"{source}: column {name!r} has decimal points and decimal commas "
-            f"({next(c for c in cells if '.' in c)}, {cells[with_comma.index(True)]}); use one of them"
+            f"({points[0]}, {cells[with_comma.index(True)]}); use one of them"
         )
     return [cell.replace(",", ".") for cell in cells]

@@ -7,7 +7,6 @@ values, so none is read from a file that lacks a column.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -18,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.base.array_types import Bool, Float, Index, Text
-from rotorfit.base.names import unknown_name
+from rotorfit.base.names import nearest, unknown_name
 from rotorfit.base.units import UNITS, find_unit, units_of
 from rotorfit.lab.data.findings import Finding
 from rotorfit.lab.io.sampling import time_factor
 from rotorfit.lab.io.tables.cells import NOT_TAKEN, Numbers, frame_cells, lacking, read_cells, taken
+from rotorfit.lab.io.tables.json_records import SUFFIX, json_frame
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -151,10 +151,12 @@ def read_table(
 ) -> Table:
     """Columns of a CSV file (comma, semicolon or tab), of a sheet of an Excel file or of a table in memory; those that
     are text by their names stay as they are written."""
-    if isinstance(path, str | Path):
-        source, found = Path(path).name, read_cells(Path(path), sheet, is_text, is_unit, progress)
+    source = Path(path).name if isinstance(path, str | Path) else "DataFrame"
+    if isinstance(path, str | Path) and Path(path).suffix.lower() != SUFFIX:
+        found = read_cells(Path(path), sheet, is_text, is_unit, progress)
     else:
-        source, found = "DataFrame", frame_cells(path, is_text)
+        frame = json_frame(Path(path)) if isinstance(path, str | Path) else path
+        found = frame_cells(frame, is_text, source)
     if found is None:
         raise ValueError(f"{source} is empty; a tidy CSV has a header and rows. Known columns: {PERTURBATION_COLUMNS}")
     header, columns, lines = found
@@ -341,8 +343,8 @@ def _refuse_missing(table: Table, others: Sequence[str], missing: Sequence[str],
     names = ["run", "force_plane", "plane", "direction", *(f"{p}_{unit}" for p, us in PREFIXES.items() for unit in us)]
     unknown = []
     for name in map(table.names.__getitem__, others):
-        near = difflib.get_close_matches(name.lower(), names, n=1)
-        unknown.append(f"{name!r} (did you mean {near[0]!r}?)" if near else repr(name))
+        near, odd = nearest(name.lower(), names, 0.6), _odd_unit(name.lower())
+        unknown.append(f"{name!r} (did you mean {near!r}?)" if near else f"{name!r}{odd}")
     raise ValueError(
         f"{table.source}: missing columns: {', '.join(missing)}. Columns not recognised: "
         f"{', '.join(unknown) or 'none'}. Known: {known}. A column of another name is said with it (columns=, "
@@ -350,12 +352,23 @@ def _refuse_missing(table: Table, others: Sequence[str], missing: Sequence[str],
     )
 
 
+def _odd_unit(name: str) -> str:
+    """Why the column of a quantity in an unknown unit is none, in brackets; empty for other columns."""
+    prefix = next((p for p in PREFIXES if name.startswith(p + "_")), None)
+    if prefix is None:
+        return ""
+    unit = name[len(prefix) + 1 :]
+    if unit.partition("_")[0] in ("db", "dbm", "dbv"):
+        return " (a level in dB: its amplitude is the reference times 10^(dB/20))"
+    return f" (its unit {unit!r} is none of {', '.join(PREFIXES[prefix])})"
+
+
 def _refuse_mistaken(table: Table, name: str, known: str) -> None:
     """Refuse a column that nothing asks for if it was hardly meant as an attribute of the test."""
     prefix = next((p for p in PREFIXES if name.startswith(p + "_")), None)
     if prefix in ("velocity", "acceleration"):  # of a flow, say, where the motion was read by other sensors
         return
-    near = difflib.get_close_matches(name, ["sigma_um", "probe_radius_mm"], n=1, cutoff=0.85)
+    near = nearest(name, ["sigma_um", "probe_radius_mm"], 0.85)
     if prefix and table.factor(name, prefix, PREFIXES[prefix]) is not None:
         raise ValueError(
             f"{table.source}: column {table.names[name]!r} has no place in this test. Known: {known}. If it is "
@@ -365,5 +378,5 @@ def _refuse_mistaken(table: Table, name: str, known: str) -> None:
         tail = unknown_name("unit", name[len(prefix) + 1 :], PREFIXES[prefix]) if prefix else ""
         raise ValueError(
             f"{table.source}: unknown column {table.names[name]!r}; "
-            f"{tail or f'did you mean {near[0]!r}?'} If it is an attribute of the test, give it another name"
+            f"{tail or f'did you mean {near!r}?'} If it is an attribute of the test, give it another name"
         )

@@ -62,6 +62,7 @@ from rotorfit.lab.io.tables.skipped_rows import (
     without_incoherent,
     without_standstill,
 )
+from rotorfit.lab.io.tables.stiffness_tables import is_stiffness, stiffness_table
 from rotorfit.lab.io.tables.table import (
     PERTURBATION_COLUMNS,
     READING,
@@ -107,6 +108,7 @@ def read_csv(
         table = with_weight(table)
     else:
         refuse_doubtful(table)
+        table = stiffness_table(table) if is_stiffness(table) else table
         table = tidy(table) if is_wide(table) else table
     return experiment_of(table, speed_tolerance, on_finding, on_lines)
 

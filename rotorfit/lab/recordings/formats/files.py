@@ -10,7 +10,7 @@ import numpy as np
 
 from rotorfit.base.atomic_file import note_input
 from rotorfit.base.file_reading import check_unpacked, reading, shown
-from rotorfit.base.names import unknown_name
+from rotorfit.lab.io.other_formats import unread_suffix
 from rotorfit.lab.recordings.formats.raw_file import RawFile
 
 KINDS = {
@@ -39,7 +39,7 @@ def open_raw(path: str | Path) -> RawFile:
     file = Path(path)
     suffix = file.suffix.lower()
     if suffix not in FORMATS:
-        raise ValueError(f"{file.name}: {unknown_name('suffix of a recording', suffix, FORMATS)}")
+        raise ValueError(f"{file.name}: {unread_suffix('suffix of a recording', suffix, [*FORMATS])}")
     if not file.exists():
         raise FileNotFoundError(2, "there is no such file", str(file))
     note_input(file)

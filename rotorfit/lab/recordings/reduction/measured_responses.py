@@ -224,7 +224,7 @@ def _force_across(driven: _Forced, found: LocalResponse) -> tuple[ComplexArray, 
 
 def _belong_together(one: _Driven, other: _Driven) -> bool:
     """True if one recording is shaken along x and one along y, at one speed, and either along both."""
-    speeds = [each.reduced.shaft_speed or each.reduced.record.speed or 0.0 for each in (one, other)]
+    speeds = [each.reduced.shaft_speed for each in (one, other)]
     return (
         {one.direction, other.direction} == {"x", "y"}
         and not (one.ratio is None and other.ratio is None)
@@ -251,9 +251,7 @@ def _alone(driven: _Driven, report: Report) -> PerturbationTest:
 def _rows(driven: _Driven, found: LocalResponse, clear: Bool, report: Report) -> PerturbationTest:
     """Readings at clear lines, with their coherence: the share of the power of each that the force explains."""
     reduced, record = driven.reduced, driven.reduced.record
-    speed: Float | float = record.speed or 0.0
-    if reduced.shaft_speed:
-        speed = shaft_speed_at(reduced.without_orders(), found.frequency, found.width / (SMOOTH_DEGREE + 1))
+    speed = shaft_speed_at(reduced.without_orders(), found.frequency, found.width / (SMOOTH_DEGREE + 1))
     test = rows(
         record,
         readings(record, reduced.whirl, found, np.zeros(found.noise.shape)),

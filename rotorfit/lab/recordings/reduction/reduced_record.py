@@ -110,9 +110,9 @@ class ReducedRecord:
 
     @property
     def shaft_speed(self) -> float:
-        """Mean rotative speed, rad/s; zero without a reference of the shaft."""
+        """Mean rotative speed, rad/s; without a reference of the shaft that which file or setup say."""
         if self.shaft_angle is None:
-            return 0.0
+            return self.record.stated_speed
         return float((self.shaft_angle[-1] - self.shaft_angle[0]) / (self.time[-1] - self.time[0]))
 
     def orders(self, first: int = 1) -> list[int]:

@@ -75,7 +75,7 @@ def shaft_speed_at(reduced: ReducedRecord, frequency: Float, width: Float) -> Fl
     passed, a little later as the motion lags.
     """
     if reduced.shaft_angle is None:
-        return np.zeros(frequency.size)
+        return np.full(frequency.size, reduced.shaft_speed)
     away = np.gradient(reduced.shaft_angle) * reduced.rate - reduced.shaft_speed
     cross, power = np.zeros((2, reduced.lines.size))
     for z in reduced.motion.values():
@@ -92,10 +92,14 @@ def shaft_speed_at(reduced: ReducedRecord, frequency: Float, width: Float) -> Fl
 
 
 def apart_from_orders(reduced: ReducedRecord, w: Float) -> Bool:
-    """True if lines are further from every order than the record can separate, its own wander of speed added."""
-    if reduced.shaft_angle is None:
+    """True if lines are further from every order than the record can separate, its own wander of speed added; of a
+    shaft without a mark, whose speed is only said, than that speed may be off."""
+    if not reduced.shaft_speed:
         return np.ones(w.size, dtype=bool)
-    wander = float(np.std(np.diff(reduced.shaft_angle)) * reduced.rate)
+    said_within = 0.01  # of a speed that is said, as of a motor that slips
+    wander = said_within * reduced.shaft_speed
+    if reduced.shaft_angle is not None:
+        wander = float(np.std(np.diff(reduced.shaft_angle)) * reduced.rate)
     order = np.maximum(np.rint(w / reduced.shaft_speed), 1)
     resolution = 2 * np.pi / (reduced.time[-1] - reduced.time[0])
     return np.asarray(np.abs(w - order * reduced.shaft_speed) > resolution + order * wander)

@@ -7,6 +7,7 @@ method is in :mod:`rotorfit.estimators.signals.local_response`.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
@@ -19,7 +20,7 @@ import numpy as np
 from rotorfit.base.executors import carry_out, executor_of
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.lab.data.experiments import Experiment, PerturbationTest
-from rotorfit.lab.data.findings import PHASE_DATUM, Finding, listed
+from rotorfit.lab.data.findings import PHASE_DATUM, DataWarning, Finding, level_of_caller, listed
 from rotorfit.lab.data.synchronous import join
 from rotorfit.lab.data.weights import differenced
 from rotorfit.lab.recordings.quality import copied_recordings, probe_findings, spoiled
@@ -63,7 +64,8 @@ def responses(
             beside each other; by default one after the other in this process. What a lost worker had is done again.
         client: a Dask client, in place of its executor.
         on_finding: called with each thing that was found odd or that limits what the recordings say, for instance
-            ``print``; what was found while reading is in ``record.findings``.
+            ``print``; what was found while reading is in ``record.findings``. By default errors are warned of, those
+            in ``record.findings`` too.
         progress: called with a few words before each stage.
 
     Returns:
@@ -81,9 +83,15 @@ def responses(
         (('volts_journal-fwd', 'volts_journal-bwd'), ('disk', 'journal'))
     """
     listed = named_apart(records)
-    report = on_finding or (lambda finding: None)
-    there = executor_of(executor, client)
-    return checked_responses(listed, turns=turns, executor=there, on_finding=report, progress=progress, checked=False)
+    there, silent = executor_of(executor, client), on_finding is None
+    report = on_finding or _warn_of_error
+    return checked_responses(listed, turns=turns, executor=there, on_finding=report, progress=progress, checked=silent)
+
+
+def _warn_of_error(finding: Finding) -> None:
+    """Warn of what makes responses wrong, in the recordings too: nobody listens to findings."""
+    if finding.severity == "error":
+        warnings.warn(finding.message, DataWarning, stacklevel=level_of_caller())
 
 
 def checked_responses(

@@ -237,7 +237,7 @@ def _rest(record: Recording, plane: str, probes: Sequence[Probe]) -> RestPositio
 def _stretches(record: Recording, shaft: AngleTrack | None) -> tuple[list[tuple[float, float]], Float]:
     """Times from and to, and mean speeds, of what counts as one position each."""
     if shaft is None:
-        return [(0.0, record.duration)], np.array([abs(record.speed or 0.0)])
+        return [(0.0, record.duration)], np.array([record.stated_speed])
     speeds = shaft.speeds(400)
     count = 1 if np.ptp(speeds) <= STEADY_SPEED_RANGE * np.abs(speeds).mean() else 20
     edges = np.linspace(shaft.begin, shaft.end, count + 1)

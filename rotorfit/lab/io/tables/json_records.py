@@ -1,0 +1,67 @@
+"""JSON of records as a table: a list of objects with the columns of a row, or an object of columns.
+
+A list may stand inside an object as its only list of objects (``{"meta": ..., "data": [...]}``), and the columns may be
+apart from the rows, as pandas splits them (``{"columns": [...], "data": [[...], ...]}``).
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rotorfit.base.file_reading import check_unpacked
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+SUFFIX = ".json"
+_FORM = (
+    'readings are a list of objects, [{"run": "a", "speed_rpm": 1500, ...}, ...], with the names of the columns of a '
+    "CSV; or save them as CSV"
+)
+
+
+def json_frame(path: Path) -> DataFrame:
+    """The rows of a file, blank where an object lacks a column."""
+    from pandas import DataFrame
+
+    try:
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
+    except UnicodeDecodeError as problem:
+        raise ValueError(f"{path.name} is not JSON: byte {problem.start} is no UTF-8") from problem
+    except json.JSONDecodeError as problem:
+        raise ValueError(f"{path.name} is not JSON: {problem}") from problem
+    rows = _records(path.name, content)
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    check_unpacked(path.name, 8.0 * len(rows) * len(columns), path.stat().st_size)
+    for number, row in enumerate(rows, 1):
+        for key, value in row.items():
+            if isinstance(value, dict | list):
+                raise ValueError(f"{path.name}: record {number}, {key!r} holds several values; {_FORM}")
+    return DataFrame({key: [_cell(row.get(key)) for row in rows] for key in columns}, dtype=object)
+
+
+def _records(name: str, content: Any) -> list[dict[str, Any]]:
+    """Rows in whatever of the known forms."""
+    if isinstance(content, dict) and isinstance(content.get("columns"), list) and isinstance(content.get("data"), list):
+        names, rows = [str(each) for each in content["columns"]], content["data"]
+        if len(set(names)) == len(names) and all(isinstance(row, list) and len(row) == len(names) for row in rows):
+            return [dict(zip(names, row, strict=True)) for row in rows]
+    if isinstance(content, dict):
+        lists = [each for each in content.values() if isinstance(each, list)]
+        objects = [each for each in lists if each and all(isinstance(row, dict) for row in each)]
+        if len(objects) == 1:
+            content = objects[0]
+        elif len(lists) == len(content) and len({len(each) for each in lists}) == 1:
+            return [dict(zip(content, row, strict=True)) for row in zip(*lists, strict=True)]
+    if isinstance(content, list) and content and all(isinstance(row, dict) for row in content):
+        return content
+    raise ValueError(f"{name} holds no records: {_FORM}")
+
+
+def _cell(value: Any) -> str:
+    """A value as the cell of a table."""
+    if value is None:
+        return ""
+    return repr(value) if isinstance(value, float) else str(value)

@@ -1,0 +1,49 @@
+"""Weights by the command line: tables, refusals, and errors of the readings that stand before the weights."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import rotorfit as rf
+from rotorfit.apps.cli import main as cli
+
+AWKWARD = {
+    "run mistyped": (["--reference", "trial2"], "did you mean 'trial 2'?"),
+    "plane mistyped": (["--planes", "aft,fwb"], "unknown plane of a trial weight 'fwb', did you mean 'fwd'?"),
+    "negative limit": (["--max-g-mm", "-3"], "--max-g-mm -3: a weight is above zero"),
+    "limit of no plane": (["--max-g-mm", "mid=3"], "unknown plane 'mid'"),
+    "two holes": (["--holes", "2"], "holes at aft: three or more are needed"),
+    "start-ups": (None, "has runs over many speeds"),
+    "no reference": (["--exclude", "run=reference"], "the weights do not determine an influence"),
+}
+
+
+@pytest.mark.parametrize(("words", "sentence"), AWKWARD.values(), ids=list(AWKWARD))
+def test_awkward_questions_are_one_sentence(
+    words: list[str] | None, sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = "field_balance.csv" if words is not None else "two_disk.csv"
+    assert cli.main(["balance", str(rf.datasets.path(name)), *(words or [])]) == 2
+    said = capsys.readouterr().err
+    assert sentence in said
+    assert said.count("\n") == 1
+
+
+def test_the_command_writes_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["balance", str(rf.datasets.path("field_balance.csv")), "--reference", "reference", "--json"]
+    assert cli.main([*words, "--constant", "sigma_mil_pp=0.02", "--holes", "12", "--out", str(tmp_path / "out")]) == 0
+    assert '"mr_g_mm": 15.3' in capsys.readouterr().out
+    assert {"readings.csv", "summary.txt", "weights.csv"} <= {path.name for path in (tmp_path / "out").iterdir()}
+    assert (tmp_path / "out" / "weights.csv").read_text().startswith("plane,mr_g_mm,mr_low_g_mm")
+
+
+def test_an_error_of_the_readings_stands_before_the_weights(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Lag under the header of lead turns every weight the wrong way."""
+    text = rf.datasets.path("field_balance.csv").read_text()
+    (tmp_path / "lead.csv").write_text(text.replace("_mil_pp,phase_lag_deg", "_mil_pp,phase_deg"))
+    assert cli.main(["balance", str(tmp_path / "lead.csv")]) == 1
+    said = capsys.readouterr()
+    assert said.out.startswith("ERROR in the data: The rotor answers mostly against the direction of the force")
+    assert "phase lag read as lead" in said.err

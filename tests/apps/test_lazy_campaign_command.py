@@ -1,0 +1,49 @@
+"""Campaigns over parts by the command line: the numbers of whole tables, and what cannot be read in a sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from seal_campaigns import written_parts
+
+FIT = ["--model", "one-mode", "--known", "M=1.2,K=8000,Ds=8", "--quiet"]
+
+
+@pytest.fixture(scope="module")
+def parts(tmp_path_factory):
+    return written_parts(tmp_path_factory.mktemp("parts"))
+
+
+def test_the_command_reads_parts(parts, tmp_path, run):
+    for name, words in [("whole", []), ("lazy", ["--lazy"])]:
+        code, _, stderr = run("campaign", *parts, *FIT, "--out", tmp_path / name, *words)
+        assert (code, stderr) == (0, "")
+    assert (tmp_path / "whole" / "runs.csv").read_bytes() == (tmp_path / "lazy" / "runs.csv").read_bytes()
+    assert (tmp_path / "whole" / "summary.txt").read_text() == (tmp_path / "lazy" / "summary.txt").read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("cut.nc", b"\x89HDF\r\n\x1a\n", "cut.nc"),
+        ("empty.csv", b"", "empty.csv"),
+        ("other.csv", b"speed_rpm,amplitude_um\n1000,1\n", "other.csv"),
+        ("volts.h5", b"", "--lazy is for files of vectors"),
+        ("rest.txt", b"\xff\xfe\x00", "rest.txt"),
+    ],
+)
+def test_a_part_that_cannot_be_read_is_one_sentence(name, text, said, parts, tmp_path, run):
+    (tmp_path / name).write_bytes(text)
+    code, _, stderr = run("campaign", parts[0], tmp_path / name, *FIT, "--lazy")
+    assert code == 2
+    assert said in stderr
+    assert len(stderr.strip().splitlines()) == 1
+
+
+def test_a_copy_in_another_part_is_named(parts, tmp_path, run):
+    (tmp_path / "again.nc").write_bytes(Path(parts[0]).read_bytes())
+    words = [word for word in FIT if word != "--quiet"]
+    said = [run("campaign", parts[0], tmp_path / "again.nc", *words, *lazy)[1] for lazy in ([], ["--lazy"])]
+    assert "Copies of runs: to the last digit r00 is r00 of a.nc" in said[0]
+    assert "Copies of runs: to the last digit r00 is r00 of a.nc" in said[1]
