@@ -126,8 +126,8 @@ class CausedProblem:
         return found.x, found.status in (Status.CONVERGED, Status.SINGULAR)
 
     def minima(self, start: Float, moved: ComplexArray, options: Options) -> tuple[Float, Bool]:
-        """Optima for many sets of readings, shapes ``(M, p + k)`` and ``(M,)``, to a hundredth of a standard error; those
-        that steps do not find, as at bounds, one by one."""
+        """Optima for many sets of readings, shapes ``(M, p + k)`` and ``(M,)``, to a hundredth of a standard error;
+        those that steps do not find, as at bounds, one by one."""
         lower, upper = (np.broadcast_to(bound, (len(moved), start.size)) for bound in self.bounds)
 
         def step(y: Float, gradient: Float, matrix: Float, members: Index) -> tuple[Float, Float]:

@@ -67,7 +67,6 @@ def judge(
         causes = SolvedCauses(
             causes=beside.causes,
             errors=errors,
-            sizes=beside.sizes,
             shift=beside.shift,
             plain=beside.plain,
             plain_square=beside.plain_square,

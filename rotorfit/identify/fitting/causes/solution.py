@@ -25,8 +25,7 @@ class SolvedCauses:
 
     causes: tuple[Cause, ...]
     errors: JointErrors
-    sizes: Float  # of the causes at the joint optimum
-    shift: tuple[ComplexArray, ...]  # what these add to the predictions of each block, shape ``(R,)``
+    shift: tuple[ComplexArray, ...]  # what they add to the predictions of each block, shape ``(R,)``
     plain: Float  # fitted vector without causes
     plain_square: float  # sum of squares there
     raised: tuple[str, ...] = ()  # causes whose sizes were too small for what the data show, and were raised to that
@@ -188,9 +187,9 @@ def _solved(
 
 def solved_before(problem: Problem, x: Float, solved: SolvedCauses) -> JointSearch:
     """Causes that were solved already, beside fitted values of the problem with their effect taken out."""
-    acting = with_causes(problem, x, solved.causes, solved.sizes)
+    acting = with_causes(problem, x, solved.causes, solved.errors.value)
     return JointSearch(
-        problem=problem, x=x, causes=solved.causes, sizes=solved.sizes, J=acting.jacobian(x)[1],
+        problem=problem, x=x, causes=solved.causes, sizes=solved.errors.value, J=acting.jacobian(x)[1],
         columns=columns(acting, x, solved.causes), shift=solved.shift, plain=solved.plain,
         plain_square=solved.plain_square, square=math.nan, raised=solved.raised, factor=solved.factor,
     )  # fmt: skip
@@ -202,7 +201,7 @@ def linear_causes(problem: Problem, x: Float, solved: SolvedCauses) -> LinearCau
     size = solved.errors.size
     found = LinearCauses(
         columns=columns(problem, x, solved.causes) * size,
-        at=solved.sizes / size,
+        at=solved.errors.value / size,
         size=size,
         one_sided=solved.errors.one_sided,
     )
