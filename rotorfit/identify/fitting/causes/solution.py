@@ -10,8 +10,9 @@ import numpy as np
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float
 from rotorfit.estimators.inference.causes import Cause, columns, with_causes
-from rotorfit.estimators.inference.covariance import prior_curvature
+from rotorfit.estimators.inference.covariance import prior_curvature, prior_slope
 from rotorfit.estimators.inference.joint_errors import JointErrors, error_factor, joint_step
+from rotorfit.estimators.inference.linear_causes import LinearCauses
 from rotorfit.estimators.misfit.problem import Problem, robust_weights
 from rotorfit.estimators.noise.run_effects import inverse_of_determined
 from rotorfit.identify.fitting.causes.calibration import Calibration
@@ -162,7 +163,7 @@ def _solved(
             size=size,
             one_sided=one_sided,
             prior=prior_curvature(problem, at.x),
-            prior_slope=_prior_slope(problem, at.x),
+            prior_slope=prior_slope(problem, at.x),
         )
         ahead = _accepted(problem, at, causes, dx, sizes - at.sizes, size)
         if ahead is None:
@@ -192,6 +193,19 @@ def solved_before(problem: Problem, x: Float, solved: SolvedCauses) -> JointSear
         columns=columns(acting, x, solved.causes), shift=solved.shift, plain=solved.plain,
         plain_square=solved.plain_square, square=math.nan, raised=solved.raised, factor=solved.factor,
     )  # fmt: skip
+
+
+def linear_causes(problem: Problem, x: Float, solved: SolvedCauses) -> LinearCauses:
+    """The causes to first order about the joint optimum, as wide as the errors have them. The columns are of the same
+    predictions as the Jacobian of the problem, which has the causes taken out: what both take up alike must cancel."""
+    size = solved.errors.size
+    found = LinearCauses(
+        columns=columns(problem, x, solved.causes) * size,
+        at=solved.errors.value / size,
+        size=size,
+        one_sided=solved.errors.one_sided,
+    )
+    return found.wider(math.sqrt(solved.errors.widened))
 
 
 def shifted(problem: Problem, shift: Sequence[ComplexArray]) -> Problem:
@@ -231,10 +245,3 @@ def _accepted(
             return ahead
         share /= 4
     return None
-
-
-def _prior_slope(problem: Problem, x: Float) -> Float:
-    slope = np.zeros(x.size)
-    for prior in problem.priors:
-        slope[prior.entry] += prior.terms(float(x[prior.entry]))[1]
-    return slope
