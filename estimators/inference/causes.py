@@ -81,9 +81,18 @@ class Motion:
     @cached_property
     def by_values(self) -> ComplexArray:
         """Derivatives of the predictions by the values of each reading's own line, shape ``(R, P)``."""
-        if isinstance(self.block, CausedResponses):
-            return self.block.own.predict_jacobian(self.values)[1] * self.block.gain[:, None]
-        return self.block.predict_jacobian(self.theta)[1]
+        block = self.block
+        return (block.by_values if isinstance(block, CausedResponses) else block.predict_jacobian)(self.theta)[1]
+
+    def read(self, motion: ComplexArray) -> ComplexArray:
+        """What the probes read of a motion of all coordinates, shape ``(L, n)``."""
+        base, block = self.linear, self.block
+        if base is None:
+            return np.zeros(block.measured.size, dtype=complex)
+        found = motion[base.line, base.coordinate]
+        if isinstance(block, CausedResponses) and block.way.any():
+            found = (1 - block.way) * found + block.way * motion[base.line, block.towards]
+        return np.asarray(found * self.gain)
 
 
 class Act:
@@ -93,8 +102,8 @@ class Act:
         """Change of the predictions by a unit of the size, shape ``(R,)``."""
         raise NotImplementedError
 
-    def stiffness(self, base: Responses, theta: Float) -> ComplexArray | None:
-        """Dynamic stiffness by a unit of the size, shape ``(L, n, n)``; nothing where it does not act on the rotor."""
+    def stiffness(self, base: Responses, theta: Float, size: float) -> ComplexArray | None:
+        """Dynamic stiffness of a cause of a size, shape ``(L, n, n)``; nothing where it does not act on the rotor."""
         return None
 
     def changed(self, model: RotorModel, speed: Float) -> tuple[Float, Float] | None:
@@ -157,8 +166,7 @@ class OfReadings(Act):
         factor = self.of_readings(motion)
         if factor is None:
             return np.zeros(motion.block.measured.size, dtype=complex)
-        gain = motion.block.gain if isinstance(motion.block, CausedResponses) else 1.0
-        return np.asarray(motion.predicted / gain * factor)
+        return np.asarray(motion.predicted * factor)
 
 
 # ---- the rotor -----------------------------------------------------------------------------------------------------
@@ -173,13 +181,13 @@ class OfRotor(Act):
         """What the entries are multiplied by along the lines, shape ``(L,)``."""
         raise NotImplementedError
 
-    def stiffness(self, base: Responses, theta: Float) -> ComplexArray | None:
+    def stiffness(self, base: Responses, theta: Float, size: float) -> ComplexArray | None:
         """See :class:`Act`."""
-        size = len(base.model.coordinates)
-        at = np.zeros((size, size))
+        n = len(base.model.coordinates)
+        at = np.zeros((n, n))
         for i, j, weight in self.entries:
             at[i, j] += weight
-        return np.asarray(self.factor(base, theta)[:, None, None] * at)
+        return np.asarray((size * self.factor(base, theta))[:, None, None] * at)
 
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
@@ -190,8 +198,7 @@ class OfRotor(Act):
         pressed = np.zeros_like(z)
         for i, j, weight in self.entries:
             pressed[:, i] += weight * factor * z[:, j]
-        moved = -np.einsum("lij,lj->li", motion.receptance, pressed)
-        return np.asarray(moved[base.line, base.coordinate] * motion.gain)
+        return motion.read(-np.einsum("lij,lj->li", motion.receptance, pressed))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -231,9 +238,15 @@ class Hysteresis(OfRotor):
 
 @dataclass(frozen=True, kw_only=True)
 class Lag(OfRotor):
-    """A damping force of the fluid that lags: ``D (w - lam Om)^2`` by its time."""
+    """A damping force of the fluid that lags, as of a compliance in series: ``D (w - lam Om)^2`` by its time."""
 
     entries: Entries
+
+    def stiffness(self, base: Responses, theta: Float, size: float) -> ComplexArray | None:
+        """See :class:`Act`."""
+        slip = 1j * (base.s.imag - _fluid(base.model, theta[base.group])[1] * base.speed)
+        found = super().stiffness(base, theta, size)
+        return None if found is None else found / (1 + size * slip)[:, None, None]
 
     def factor(self, base: Responses, theta: Float) -> ComplexArray:
         """See :class:`OfRotor`."""
@@ -261,11 +274,11 @@ class OfValues(Act):
 
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
-        base = motion.base
-        if motion.linear is None or base is None:
+        base, own = motion.base, motion.linear
+        if own is None or base is None:
             return np.zeros(motion.block.measured.size, dtype=complex)
-        index, group, speed = base.condition
-        found = self.changed(base.model, speed)
+        index, group, _ = base.condition
+        found = self.changed(base.model, own.condition[2])
         if found is None:
             return np.zeros(base.line.size, dtype=complex)
         by_unit = motion.theta[group] * found[0] + found[1]
@@ -302,14 +315,23 @@ class Drifting(Act):
     middle: float  # rad/s
     half: float  # rad/s
 
+    def _along(self, base: Responses) -> Float:
+        return np.asarray((np.abs(base.frequency) - self.middle) / self.half)
+
+    def stiffness(self, base: Responses, theta: Float, size: float) -> ComplexArray | None:
+        """See :class:`Act`; the dynamic stiffness is linear in the value."""
+        without = theta.copy()
+        without[:, base.model.parameter_names.index(self.name)] = 0.0
+        share = dynamic_stiffness(base, theta) - dynamic_stiffness(base, without)
+        return np.asarray((size * self._along(base))[:, None, None] * share)
+
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
-        base = motion.base
-        if motion.linear is None or base is None:
+        base = motion.linear
+        if base is None:
             return np.zeros(motion.block.measured.size, dtype=complex)
         place = base.model.parameter_names.index(self.name)
-        along = (np.abs(base.frequency) - self.middle) / self.half
-        value = motion.theta[base.reading_group, place] * along[base.line]
+        value = motion.values[base.reading_group, place] * self._along(base)[base.line]
         return np.asarray(motion.by_values[:, place] * value)
 
 
@@ -349,15 +371,13 @@ class OffPlane(Act):
 
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
-        base = motion.linear
-        if base is None:
+        base, told, z, H = motion.linear, motion.base, motion.planes, motion.receptance
+        if base is None or told is None:
             return np.zeros(motion.block.measured.size, dtype=complex)
-        line, read, z, H = base.line, base.coordinate, motion.planes, motion.receptance
-        if self.what == "probe":
-            moved = np.where(read == self.at, z[line, self.towards] - z[line, self.at], 0.0)
-        else:
-            moved = (base.force[:, self.at, None] * (H[:, :, self.towards] - H[:, :, self.at]))[line, read]
-        return np.asarray(moved * motion.gain)
+        if self.what == "force":
+            return motion.read(told.force[:, self.at, None] * (H[:, :, self.towards] - H[:, :, self.at]))
+        read = base.coordinate == self.at
+        return np.asarray(np.where(read, (z[:, self.towards] - z[:, self.at])[base.line], 0.0) * motion.gain)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -366,13 +386,18 @@ class Flexible(Act):
 
     at: int
 
+    def moved(self, base: Responses) -> ComplexArray:
+        """Motion of all coordinates by a unit of the size, shape ``(L, n)``."""
+        found = np.zeros_like(base.force)
+        found[:, self.at] = base.force[:, self.at]
+        return found
+
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
-        base = motion.linear
-        if base is None:
+        base = motion.base
+        if motion.linear is None or base is None:
             return np.zeros(motion.block.measured.size, dtype=complex)
-        own = np.where(base.coordinate == self.at, base.force[base.line, self.at], 0.0)
-        return np.asarray(own * motion.gain)
+        return motion.read(self.moved(base))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -381,12 +406,11 @@ class SpeedLabel(Act):
 
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
-        base = motion.linear
-        if base is None:
-            return np.zeros(motion.block.measured.size, dtype=complex)
-        up, down = (replace(base, speed=base.speed * (1 + way * _STEP)).predict(motion.values) for way in (1, -1))
-        gain = motion.block.gain if isinstance(motion.block, CausedResponses) else 1.0
-        return np.asarray((up - down) / (2 * _STEP) * gain)
+        block = motion.block
+        if motion.linear is None or not isinstance(block, CausedResponses | Responses):
+            return np.zeros(block.measured.size, dtype=complex)
+        up, down = (replace(block, speed=block.speed * (1 + way * _STEP)).predict(motion.theta) for way in (1, -1))
+        return np.asarray((up - down) / (2 * _STEP))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -446,34 +470,51 @@ def with_causes(problem: Problem, x: Float, causes: Sequence[Cause], sizes: Floa
 
 def _with_causes(block: Block, theta: Float, causes: Sequence[Cause], sizes: Float) -> Block:
     motion = Motion(block=block, theta=theta)
+    acting = [(one.act, size) for one, size in zip(causes, sizes.tolist(), strict=True) if size]
     if not isinstance(block, Responses) or motion.linear is None:
-        moved = sum(
-            (size * one.act.change(motion) for one, size in zip(causes, sizes.tolist(), strict=True) if size), 0j
-        )
+        moved = sum((size * act.change(motion) for act, size in acting), 0j)
         return block.with_measured(block.measured - moved)
-    speed = block.condition[2]
-    shape = (speed.size, theta.shape[-1])
-    scaled, added, gain = np.zeros(shape), np.zeros(shape), np.ones(block.line.size, dtype=complex)
-    stiffness: ComplexArray | None = None
-    rest: ComplexArray | complex = 0j
-    for one, size in zip(causes, sizes.tolist(), strict=True):
-        if not size:
-            continue
-        more, values, factor = (
-            one.act.stiffness(block, theta),
-            one.act.changed(block.model, speed),
-            one.act.of_readings(motion),
-        )
-        if more is not None:
-            stiffness = size * more if stiffness is None else stiffness + size * more
-        elif values is not None:
-            scaled, added = scaled + size * values[0], added + size * values[1]
-        elif factor is not None:
-            gain = gain + size * factor
-        else:
-            rest = rest + size * one.act.change(motion)
-    base = block.with_measured(block.measured - rest)
-    return CausedResponses(base, stiffness=stiffness, scaled=scaled, added=added, gain=gain)
+    found = _values_with(block, acting)
+    rotor, values = found.own, found.values(theta)
+    parts = [part for act, size in acting if (part := act.stiffness(rotor, values, size)) is not None]
+    stiffness = np.sum(parts, axis=0) if parts else None
+    force, way, beside = block.force.copy(), np.zeros(block.line.size), np.zeros_like(block.force)
+    towards = block.coordinate.copy()
+    for act, size in acting:
+        if isinstance(act, Flexible):
+            beside = beside + size * act.moved(block)
+        elif isinstance(act, OffPlane) and act.what == "force":
+            force[:, act.at] -= size * block.force[:, act.at]
+            force[:, act.towards] += size * block.force[:, act.at]
+        elif isinstance(act, OffPlane):
+            own = block.coordinate == act.at
+            towards[own], way[own] = act.towards, size
+    found = replace(found, force=force, stiffness=stiffness, towards=towards, way=way)
+    moving = Motion(block=found, theta=theta)
+    found = replace(found, moved=moving.read(beside))
+    moving = Motion(block=found, theta=theta)
+    logarithms = [size * part for act, size in acting if (part := act.of_readings(moving)) is not None]
+    return replace(found, gain=np.exp(np.sum(logarithms, axis=0))) if logarithms else found
+
+
+def _values_with(block: Responses, acting: Sequence[tuple[Act, float]]) -> CausedResponses:
+    """The responses with the true speeds and the values that the model has there."""
+    speed = block.speed * (1 + sum(size for act, size in acting if isinstance(act, SpeedLabel)))
+    at = block.condition[2] if not block.model.speed_dependent else replace(block, speed=speed).condition[2]
+    changes = [(size, change) for act, size in acting if (change := act.changed(block.model, at)) is not None]
+    shape, none = (at.size, len(block.model.parameter_names)), np.zeros(block.line.size)
+    return CausedResponses(
+        block,
+        speed=speed,
+        force=block.force,
+        stiffness=None,
+        scaled=sum((size * change[0] for size, change in changes), np.zeros(shape)),
+        added=sum((size * change[1] for size, change in changes), np.zeros(shape)),
+        towards=block.coordinate,
+        way=none,
+        moved=none.astype(complex),
+        gain=np.ones(none.size, dtype=complex),
+    )
 
 
 def columns(problem: Problem, x: Float, causes: Sequence[Cause]) -> ComplexArray:

@@ -107,6 +107,14 @@ def prior_curvature(problem: Problem, x: Float) -> Float:
     return added
 
 
+def prior_slope(problem: Problem, x: Float) -> Float:
+    """Contribution of the priors to the slope of the cost, shape ``(p,)``."""
+    slope = np.zeros(x.size)
+    for prior in problem.priors:
+        slope[prior.entry] += prior.terms(float(x[prior.entry]))[1]
+    return slope
+
+
 def score_scatter(problem: Problem, x: Float, r: ComplexArray, J: ComplexArray, *, bend: float, covar: Float) -> Float:
     """Scatter of the cost's gradient, each reading's part judged by a fit without it, to first order (MacKinnon and
     White 1985, HC3), shape ``(p, p)``."""

@@ -86,23 +86,31 @@ class LogPosterior:
             return result
         x = vectors[inside, :p]
         with np.errstate(all="ignore"):  # a proposal may well be absurd; what is not finite is refused below
-            sums, levels = self.channel_sums(x), vectors[inside, p:]
+            (sums, beside), levels = self.sums_and_beside(x), vectors[inside, p:]
             if self.noise == "fixed":
                 value = -0.5 * sums.sum(axis=1)
             elif self.noise == "marginal":
                 value = -0.5 * np.log(sums + PRIOR_FREEDOM) @ self.counts
             else:
                 value = -levels @ self.counts - 0.5 * ((sums + PRIOR_FREEDOM) * np.exp(-2 * levels)).sum(axis=1)
-            value += self._log_priors(x)
+            value += self._log_priors(x) + beside
             for entries, sd in self._effects:
                 size = np.sum((x[:, entries] / sd) ** 2, axis=1)
                 value -= 0.5 * (PRIOR_FREEDOM + entries.size) * np.log(PRIOR_FREEDOM + size)
         result[inside] = np.where(np.isfinite(value), value, -np.inf)
         return result
 
+    def height(self, vectors: Float) -> Float:
+        """Log density by which optima are compared."""
+        return self(vectors)
+
     def channel_sums(self, x: Float) -> Float:
         """Whitened sum of squares of each channel over ``inflation``, shape ``(W, channels)``."""
-        return self.batch.channel_sums(x) / self.inflation
+        return self.sums_and_beside(x)[0]
+
+    def sums_and_beside(self, x: Float) -> tuple[Float, Float | float]:
+        """:meth:`channel_sums`, and what is beside them in the log density."""
+        return self.batch.channel_sums(x) / self.inflation, 0.0
 
     # ---- normal approximation ----------------------------------------------------------------------------------------
 
@@ -119,6 +127,10 @@ class LogPosterior:
         if self.inflation != 1 and self.problem.priors and self.noise == "fixed":
             x = self._fit(levels, x)  # priors weigh more against wider noise
         information = self._weighted(levels).gauss_newton(x)[2]
+        return self._normal(x, levels, information)
+
+    def _normal(self, x: Float, levels: Float, information: Float) -> tuple[Float, Float]:
+        """Centre and covariance by the information of the vector."""
         for prior in self.problem.priors:
             # A prior without curvature here still limits the width.
             has = prior.terms(float(x[prior.entry]))[2]

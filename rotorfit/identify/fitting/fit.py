@@ -184,17 +184,19 @@ def judged(
         begin = np.array([before.get(name, 0.0) for name in (*problem.space.names, *problem.space.nuisance)])
         again = solve(problem, begin, Options(max_iterations=settings.max_iterations, method=settings.method))
         solution = replace(again, n_evaluations=solution.n_evaluations + again.n_evaluations)
-        beside = _beside(problem, solution, settings)
+        beside = _beside(problem, solution, settings, None if beside is None else (begin, beside))
     if beside is not None:
         problem, solution = beside.problem, replace(solution, x=beside.x)
     return judge(problem, experiments, settings, start, solution, notes, study, beside)
 
 
-def _beside(problem: Problem, solution: Solution, settings: FitSettings) -> JointSearch | None:
+def _beside(
+    problem: Problem, solution: Solution, settings: FitSettings, begin: tuple[Float, JointSearch] | None = None
+) -> JointSearch | None:
     """The fitted values solved with causes, where these were asked for and the search found an optimum."""
     if settings.causes is None or not (solution.success or solution.status is Status.SINGULAR):
         return None
-    return search(problem, solution.x, settings.sizes, settings.calibration)
+    return search(problem, solution.x, settings.sizes, settings.calibration, begin=begin)
 
 
 def closed_form(

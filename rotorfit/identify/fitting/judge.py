@@ -204,7 +204,6 @@ def _standard_errors(
     names, base = (*space.names, *space.nuisance), (*space.base, *space.nuisance)
     scales = covariance.parameter_scales(problem, x)
     scattered, verdict = diagnose(space.model, names, base, x, root, scales)
-    inverse = scattered
     if sandwich is not None:
         weighing = covariance.weighing_error(problem, derivatives.whole, scattered)
         scattered = scattered @ sandwich @ scattered + weighing
@@ -227,7 +226,7 @@ def _standard_errors(
     freedom = min(known, float(nfree)) if widening > 1 and np.isfinite(known) else known
     errors = None
     if beside is not None:
-        errors = beside.errors(inverse, widening)
+        errors = beside.errors(widening)
         covar = covar + errors.covariance
         if noise is not None:
             noise = replace(noise, shares=(*noise.shares, errors.covariance), freedom=(*noise.freedom, math.inf))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorfit.base.array_types import ComplexArray
+from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.causes.slopes import onset_term_slopes, onset_with_causes
 from rotorfit.identify.fitting.judge import why_not_refined
@@ -44,6 +44,18 @@ def onset_of(fit: FitResult, group: int) -> Quantity:
         there = float(slope @ fit.model_uncertainty @ slope)
     more = math.sqrt(max(0.0, candidate.difference**2 - there))
     return Quantity(found.value, math.hypot(found.stderr, more), "rad/s", found.freedom)
+
+
+def onset_by_causes(fit: FitResult, group: int) -> tuple[float, Float]:
+    """Change of a threshold speed by causes of no size, and its slopes by sizes, shape ``(k,)``: the line through what
+    those that were found do in full."""
+    onset, solved = fit.onset(group), fit.settings.solved
+    if onset is None or solved is None:
+        return 0.0, np.zeros(0 if solved is None else len(solved.causes))
+    theta = fit.thetas[group]
+    there = onset_with_causes(fit.model, theta, onset, solved, fit.stability_band) - onset.speed
+    slopes = onset_slopes(fit.model, theta, onset, solved)
+    return there - float(slopes @ solved.errors.value), slopes
 
 
 def is_extrapolated(fit: FitResult, speed: ArrayLike, whirl: ArrayLike) -> Any:

@@ -23,6 +23,7 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.identify.fitting.fit_file import fit_from_json, fit_to_json
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.uncertainty.derived import Derived, Draws, onsets_of
+from rotorfit.identify.uncertainty.target import caused_problem
 
 # Data without a minimum nearby are common where the noise is large; what runs away need not be followed far. At a bound
 # Gauss-Newton may stall: the exact Hessian then finishes.
@@ -40,6 +41,7 @@ class Bootstrap(Draws):
         failures: simulations whose fit did not converge.
         seed: of the random numbers.
         message: what is to be known of the samples.
+        sizes: of causes beside the model, likewise, shape ``(N, k)``; None without any.
     """
 
     fit: FitResult
@@ -48,6 +50,7 @@ class Bootstrap(Draws):
     failures: int
     seed: int
     message: str
+    sizes: Float | None = None
 
     def parameter(self, name: str) -> Derived:
         """Estimates of one entry.
@@ -63,7 +66,14 @@ class Bootstrap(Draws):
             raise KeyError(unknown_name("fitted parameter", name, tuple(self.stderr)))
         if not self.fit.params[name].resolved:
             raise ValueError(f"{name} is not determined by these data: its estimates mean nothing")
-        return Derived(name=name, unit=self.fit.params[name].unit, samples=self.samples[:, self.names.index(name)])
+        samples = self._reflected[:, self.names.index(name)]
+        return Derived(name=name, unit=self.fit.params[name].unit, samples=samples)
+
+    @property
+    def _reflected(self) -> Float:
+        """Vectors by whose simulation the fit would have been found; the estimates themselves without causes, whose
+        simulated data all have the same truth."""
+        return self.samples if self.sizes is None else 2 * self.fit.x - self.samples
 
     @property
     def stderr(self) -> dict[str, float]:
@@ -107,9 +117,10 @@ class Bootstrap(Draws):
         Args:
             at: group of parameters, ``{"speed_rpm": 1000}``; needed where some were fitted per attribute.
         """
-        space = self.fit.problem.space
-        theta = np.asarray(space.theta(self.samples)[:, self.fit.group(at)])
-        found = onsets_of(self.fit, theta, self.fit.group(at), self.seed)
+        space, group, solved = self.fit.problem.space, self.fit.group(at), self.fit.settings.solved
+        theta = np.asarray(space.theta(self._reflected)[:, group])
+        sizes = None if self.sizes is None or solved is None else 2 * solved.errors.value - self.sizes
+        found = onsets_of(self.fit, theta, group, self.seed, sizes)
         return Derived(name="threshold speed", unit="rad/s", samples=found.speed, note=found.note)
 
     def summary(self) -> str:
@@ -135,7 +146,9 @@ def bootstrap(
 
     The noise is that of the data, times sqrt(redchi) where the model limits the fit, as in ``stderr``. Nuisance entries
     with a prior, such as gains of a calibration, are drawn from it: every simulated test has errors of calibration of
-    its own. Priors of parameters stay as they are and hold the estimates back.
+    its own. Priors of parameters stay as they are and hold the estimates back. Causes beside the model are drawn
+    from what is known of them before the data, none of one sign below zero, and solved with every fit by their columns
+    at the joint optimum; what an estimate misses its own truth by, taken from the fit, is then where the truth may be.
     """
     if fit.method == "closed form":
         raise ValueError("a closed form cannot be bootstrapped by fits; use the result of rf.fit")
@@ -149,12 +162,20 @@ def bootstrap(
     readings = 4_000_000  # readings simulated and fitted in one go
     step = max(1, readings // (fit.ndata // 2))
     samples, good = [], []
+    caused = caused_problem(fit)
     for begin in range(0, n, step):
         part = truth[begin : begin + step]
-        x, found = _fitted(fit, _simulate(fit, part, rng), accelerate, executor)
-        samples.append(fit.x + x - part)
+        if caused is None:
+            x, found = _fitted(fit, _simulate(fit, part, rng), accelerate, executor)
+            samples.append(fit.x + x - part)
+        else:
+            sizes = caused.causes.before(len(part), rng)
+            moved = caused.moved_by(_simulate(fit, part, rng), sizes)
+            y, found = _fitted(fit, moved, accelerate, executor)
+            samples.append(np.concatenate([fit.x, caused.causes.at]) + y - np.hstack([part, sizes]))
         good.append(found)
     converged = np.concatenate(good)
+    estimates = np.concatenate(samples)[converged]
     times = f" times {significant(math.sqrt(fit.widening), 3)}" if fit.widening > 1 else ""
     message = f"noise of the data{times}"
     if not converged.all():
@@ -164,17 +185,21 @@ def bootstrap(
     return Bootstrap(
         fit=fit,
         names=fit.var_names,
-        samples=np.concatenate(samples)[converged],
+        samples=estimates[:, : fit.x.size],
         failures=int(n - converged.sum()),
         seed=seed,
         message=message,
+        sizes=None if caused is None else estimates[:, fit.x.size :] * caused.causes.size,
     )
 
 
 def _fitted(
     fit: FitResult, measured: ComplexArray, accelerate: bool | None, executor: Executor | None
 ) -> tuple[Float, Bool]:
-    """Estimates from sets of readings, and which of them converged."""
+    """Estimates from sets of readings, and which of them converged; beside causes from whitened changes of readings,
+    with their sizes."""
+    if executor is None and (caused := caused_problem(fit)) is not None:
+        return caused.minima(np.concatenate([fit.x, caused.causes.at]), measured, _OPTIONS)
     if executor is None:
         result = batch_fit(fit.problem, measured, fit.x, accelerate=accelerate, options=_OPTIONS)
         return result.x, result.converged

@@ -13,7 +13,7 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.digits import interval, with_error
 from rotorfit.base.matching import matched
 from rotorfit.base.text_table import Printed
-from rotorfit.identify.fitting.onset import is_extrapolated
+from rotorfit.identify.fitting.onset import is_extrapolated, onset_by_causes
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models import RotorModel, eigenvalues
 from rotorfit.models.motion.stability import counted, mode_vectors, threshold_speeds
@@ -154,15 +154,19 @@ class Onsets:
     note: str  # what limits the numbers, in words; empty where there is nothing
 
 
-def onsets_of(fit: FitResult, theta: Float, group: int, seed: int) -> Onsets:
+def onsets_of(fit: FitResult, theta: Float, group: int, seed: int, sizes: Float | None = None) -> Onsets:
     """Threshold speeds of draws of one parameter group.
 
     After refinement candidates differ by more than the draws of one of them do, where the onset lies beyond the
     tested speeds or frequencies. As in :meth:`~rotorfit.FitResult.threshold_speed` that difference is an error of the
     result: extrapolated draws are scattered by it, and those whose onset lies outside the band of a model that holds in
-    the band only are drawn from the onset of the candidate that holds beyond.
+    the band only are drawn from the onset of the candidate that holds beyond. ``sizes`` of causes beside the model,
+    shape ``(N, k)``, move it by their slopes at the fit.
     """
     speed, whirl = threshold_speeds(fit.model, theta, band=fit.stability_band)
+    if sizes is not None:
+        moved, slopes = onset_by_causes(fit, group)
+        speed = speed + moved + sizes @ slopes
     ratio = whirl / np.where(speed > 0, speed, np.nan)
     found = np.isfinite(speed)
     candidate = fit.settings.onsets[group] if fit.settings.onsets else None

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.names import unknown_name
+from rotorfit.estimators.inference.caused_posterior import CausedPosterior
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import JudgeKeywords, PredictKeywords, check_keywords
 from rotorfit.identify.uncertainty.derived import (
@@ -49,6 +50,7 @@ class SampleSettings:
     max_steps: int  # as asked for
     steps: int  # steps made in all
     between_runs: bool = False  # whether the variance of effects of runs was integrated out, not taken as estimated
+    causes: bool = False  # whether causes beside the model were integrated out
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -134,10 +136,25 @@ class Posterior(Draws):
             at: group of parameters, ``{"speed_rpm": 1000}``, where some were fitted per attribute.
             draws: how many at most, by default :data:`DERIVED_DRAWS`, fewer for models with a whole shaft.
         """
+        space = self.fit.problem.space
+        return np.asarray(space.theta(self._vectors(draws))[:, space.group(at)])
+
+    def _vectors(self, draws: int | None = None) -> Float:
+        """Fitted vectors of evenly spaced draws, shape ``(N, p)``."""
         limit = draws or (DERIVED_DRAWS if self.fit.model.shaft is None else SHAFT_DRAWS)
-        samples, space = self.samples, self.fit.problem.space
+        samples = self.samples
         chosen = np.unique(np.linspace(0, len(samples) - 1, min(limit, len(samples))).astype(np.intp))
-        return np.asarray(space.theta(samples[chosen, : space.size])[:, space.group(at)])
+        return np.asarray(samples[chosen, : self.fit.problem.space.size])
+
+    @cached_property
+    def _sizes(self) -> Float | None:
+        """Sizes of causes drawn with the vectors of :attr:`thetas`, none of one sign below zero, shape ``(N, k)``."""
+        from rotorfit.identify.uncertainty.target import posterior_of
+
+        target = posterior_of(self.fit, self.settings)
+        if not isinstance(target, CausedPosterior):
+            return None
+        return target.drawn(self._vectors(), np.random.default_rng(self.seed))
 
     def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Derived:
         """Rotative speed at which the rotor becomes unstable, rad/s; see :class:`Onsets`.
@@ -182,7 +199,7 @@ class Posterior(Draws):
     def _onsets(self, at: Mapping[str, Any] | None) -> Onsets:
         group = self.fit.group(at)
         if group not in self._cache:
-            self._cache[group] = onsets_of(self.fit, self.thetas(at), group, self.seed)
+            self._cache[group] = onsets_of(self.fit, self.thetas(at), group, self.seed, self._sizes)
         return self._cache[group]
 
     @cached_property

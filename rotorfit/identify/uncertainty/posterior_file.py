@@ -17,9 +17,9 @@ from rotorfit.base.digits import significant, with_error
 from rotorfit.base.file_reading import reading, seal
 from rotorfit.base.text_table import text_table
 from rotorfit.base.version import __version__
-from rotorfit.identify.fitting.noise.error_bars import effect_entries
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.uncertainty.posterior import Posterior, SampleSettings
+from rotorfit.identify.uncertainty.target import posterior_of
 from rotorfit.lab.io.netcdf import load_dataset, write_dataset
 
 if TYPE_CHECKING:
@@ -180,11 +180,8 @@ def _read(path: Path, fit: FitResult) -> Posterior:
 
 def _check(posterior: Posterior, source: str) -> None:
     """The density of the last draws, evaluated anew, tells whether data, model and priors are those of the fit."""
-    from rotorfit.estimators.inference.log_posterior import LogPosterior
-
-    fit, settings = posterior.fit, posterior.settings
-    effects = effect_entries(fit.problem, fit.settings.noise) if settings.between_runs else ()
-    target = LogPosterior(fit.problem, settings.noise, inflation=settings.inflation, effects=effects, work=0)
+    fit = posterior.fit
+    target = posterior_of(fit, posterior.settings)
     if target.names != posterior.names:
         raise ValueError(
             f"{source} holds {', '.join(posterior.names)}, but this fit is of {', '.join(target.names)}: load it with "

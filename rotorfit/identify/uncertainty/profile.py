@@ -20,11 +20,13 @@ from rotorfit.base.significance import quantile
 from rotorfit.base.text_table import Printed
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.blocks.correlated import freedom_of
+from rotorfit.estimators.inference.caused_problem import CausedProblem
 from rotorfit.estimators.inference.constrained_minima import (
     Condition,
     EntryConstraint,
     QuantityConstraint,
     ValueAndGradient,
+    bounds_of,
 )
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.inference.log_posterior import box
@@ -33,8 +35,10 @@ from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.misfit.ratios import LogRatioProblem, Ratios, ratios_of
 from rotorfit.identify.fitting.fit_file import fit_from_json, fit_to_json
+from rotorfit.identify.fitting.onset import onset_by_causes
 from rotorfit.identify.fitting.quantities import THRESHOLD, FittedParameter, Quantity
 from rotorfit.identify.fitting.result import FitResult
+from rotorfit.identify.uncertainty.target import caused_problem
 from rotorfit.models import threshold_speed
 from rotorfit.models.motion.stability import least_stable
 from rotorfit.models.parameters import bare_name
@@ -122,10 +126,11 @@ def profiles(
     if executor is not None:
         work = partial(_profiled, fit_to_json(fit), level, points, at)
         return tuple(carry_out(work, tuple(fit.problem.space.names if names is None else names), executor))
-    problem, x = _settled(fit)
+    base = _settled(fit)
+    problem, x = base.problem, base.x
     held = EntryConstraint(problem, np.maximum(np.abs(x), 1e-6 * _sizes(problem, x)))
     lines = [
-        _threshold(fit, problem, x, level, at) if name == THRESHOLD else _parameter(fit, held, problem, x, name, level)
+        _threshold(fit, base, level, at) if name == THRESHOLD else _parameter(fit, held, base, name, level)
         for name in (fit.problem.space.names if names is None else names)
     ]
     curves = [line.curve for line in lines]
@@ -192,14 +197,34 @@ class _Line:
         )
 
 
-def _settled(fit: FitResult) -> tuple[Problem, Float]:
-    """The problem with its noise as widened where priors keep their weight, and its minimum."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Base:
+    """What curves start from."""
+
+    problem: Problem | CausedProblem  # with its noise as widened where priors keep their weight
+    x: Float  # its minimum: the fitted vector, the sizes of causes after it
+    covar: Float  # at the noise of the problem
+
+
+def _settled(fit: FitResult) -> _Base:
+    """The problem of a fit and its minimum, near which the fit is."""
     problem, x = fit.problem, fit.x
+    caused = caused_problem(fit)
+    if caused is not None:
+        y, _ = caused.minimum(np.concatenate([x, caused.causes.at]))
+        return _Base(problem=caused, x=y, covar=_inverse(caused.gauss_newton(y)[2]))
+    covar = fit.covar / fit.widening
     if _is_scaled(problem) or fit.widening == 1 or not problem.priors:
-        return problem, x
+        return _Base(problem=problem, x=x, covar=covar)
     widened = problem.with_noise(math.sqrt(fit.widening))
     lower, upper = box(problem)
-    return widened, minimise(widened, np.clip(x, lower, upper), lower=lower, upper=upper).x
+    x = minimise(widened, np.clip(x, lower, upper), lower=lower, upper=upper).x
+    return _Base(problem=widened, x=x, covar=covar)
+
+
+def _inverse(curvature: Float) -> Float:
+    size = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+    return np.asarray(np.linalg.pinv(curvature / np.outer(size, size), hermitian=True) / np.outer(size, size))
 
 
 def _is_scaled(problem: Problem) -> bool:
@@ -207,31 +232,34 @@ def _is_scaled(problem: Problem) -> bool:
     return problem.loss != "linear" or math.isfinite(freedom_of(problem.blocks))
 
 
-def _sizes(problem: Problem, x: Float) -> Float:
+def _sizes(problem: Problem | CausedProblem, x: Float) -> Float:
     """Sizes of the entries: their own, or what is typical of the parameter."""
+    if isinstance(problem, CausedProblem):
+        own = x[: problem.count]
+        return np.concatenate([_sizes(problem.problem, own), np.ones(x.size - own.size)])
     model, names = problem.space.model, problem.space.names
     typical = [model.parameter(bare_name(name)).scale for name in names] + [0.1] * len(problem.space.nuisance)
     return np.maximum(np.abs(x), typical)
 
 
-def _scale(fit: FitResult, name: str) -> float:
+def _scale(fit: FitResult, base: _Base, name: str) -> float:
     """Factor on the quantile; where the cost's own curvature is not the variance, that as reported over that of the
     curvature: the rise then has mean one (Kent 1982)."""
     if not _is_scaled(fit.problem):
-        return 1.0 if fit.problem.priors else fit.widening
+        return 1.0 if fit.problem.priors or fit.settings.solved is not None else fit.widening
     if name not in fit.var_names:
         return 1.0
     i = fit.var_names.index(name)
-    curvature = fit.problem.hessian(fit.x)
-    size = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
-    inverse = np.linalg.pinv(curvature / np.outer(size, size), hermitian=True) / np.outer(size, size)
+    inverse = _inverse(fit.problem.hessian(fit.x) if fit.settings.solved is None else base.problem.hessian(base.x))
     return float(fit.covar[i, i] / inverse[i, i])
 
 
-def _threshold(fit: FitResult, problem: Problem, x: Float, level: float, at: Mapping[str, Any] | None) -> _Line:
+def _threshold(fit: FitResult, base: _Base, level: float, at: Mapping[str, Any] | None) -> _Line:
     """The threshold speed of a group."""
-    group = fit.group(at)
-    speed, onset = _speed(fit, group), fit.onset(group)
+    group, problem, x = fit.group(at), base.problem, base.x
+    speed, condition, onset = _speed(fit, group), _condition(fit, group), fit.onset(group)
+    if isinstance(problem, CausedProblem):
+        speed, condition, onset = *_beside_causes(fit, group, problem, speed, condition), None
     if onset is not None and np.array_equal(x, fit.x):
         value, slope = onset.speed, fit.problem.space.pull_back(onset.gradient, group)
     else:
@@ -240,37 +268,36 @@ def _threshold(fit: FitResult, problem: Problem, x: Float, level: float, at: Map
         if math.isfinite(fit.stability_band):
             raise ValueError(f"there is no threshold to profile: {fit.onset_note(group)}")
         raise ValueError("the fitted rotor is stable at every speed searched: there is no threshold to profile")
-    covar = fit.covar / fit.widening
+    covar = base.covar
     error = float(standard_error(slope, covar))
     direction = covar @ slope / error**2 if error > 0 else np.zeros_like(x)
-    curve = Curve(QuantityConstraint(problem, speed, _condition(fit, group)), value, x, problem.cost(x), direction)
+    curve = Curve(QuantityConstraint(problem, speed, condition), value, x, problem.cost(x), direction)
     step = error if error > 0 else 0.1 * value
     given: dict[str, Any] = {
         "known": fit.threshold_speed(at),
         "name": THRESHOLD,
-        "scale": _scale(fit, THRESHOLD),
+        "scale": _scale(fit, base, THRESHOLD),
         "level": level,
     }
     reach = limits(0.0, math.inf, value, value, step)
     return _Line(value=value, curve=curve, step=step, reach=reach, beyond=_beyond_tests(fit, at), **given)
 
 
-def _parameter(fit: FitResult, held: EntryConstraint, problem: Problem, x: Float, name: str, level: float) -> _Line:
+def _parameter(fit: FitResult, held: EntryConstraint, base: _Base, name: str, level: float) -> _Line:
     """A fitted parameter."""
     if name not in fit.var_names:
         if name in fit.params:
             raise ValueError(f"{name} is known here, so nothing is fitted that could have a profile")
         raise KeyError(unknown_name("fitted parameter", name, (*fit.var_names, THRESHOLD)))
-    i = fit.var_names.index(name)
+    i, problem, x, covar = fit.var_names.index(name), base.problem, base.x, base.covar
     known, value = fit.params[name], float(x[i])
-    given: dict[str, Any] = {"known": known, "name": name, "scale": _scale(fit, name), "level": level}
-    covar = fit.covar / fit.widening
+    given: dict[str, Any] = {"known": known, "name": name, "scale": _scale(fit, base, name), "level": level}
     error = math.sqrt(max(float(covar[i, i]), 0.0)) if known.resolved else 0.0
-    ratios = _leading(ratios_of(problem), i, x, known, covar)
-    if ratios is not None:
+    ratios = None if isinstance(problem, CausedProblem) else _leading(ratios_of(problem), i, x, known, covar)
+    if ratios is not None and isinstance(problem, Problem):
         return _along_ratios(problem, ratios, x, error, given)
     direction = covar[:, i] / covar[i, i] if error > 0 else np.zeros_like(x)
-    lower, upper = box(problem)
+    lower, upper = bounds_of(problem)
     size = float(_sizes(problem, x)[i])
     step = error if error > 0 else 0.1 * size
     curve = Curve(held, value, x, problem.cost(x), direction, i)
@@ -322,6 +349,27 @@ def _speed(fit: FitResult, group: int) -> ValueAndGradient:
         return found.speed, space.pull_back(found.gradient, group)
 
     return speed
+
+
+def _beside_causes(
+    fit: FitResult, group: int, problem: CausedProblem, speed: ValueAndGradient, condition: Condition | None
+) -> tuple[ValueAndGradient, Condition | None]:
+    """The threshold speed of a vector with the sizes of causes after it, which move it by their slopes."""
+    first, slopes = onset_by_causes(fit, group)
+    slopes, count = slopes * problem.causes.size, problem.count
+
+    def moved(y: Float) -> tuple[float, Float]:
+        value, gradient = speed(y[:count])
+        return value + first + float(slopes @ y[count:]), np.concatenate([gradient, slopes])
+
+    if condition is None:
+        return moved, None
+
+    def held(y: Float, values: Float) -> tuple[Float, Float, Float]:
+        missing, slope, by_value = condition(y[:, :count], values - first - y[:, count:] @ slopes)
+        return missing, np.hstack([slope, -by_value[:, None] * slopes]), by_value
+
+    return moved, held
 
 
 def _condition(fit: FitResult, group: int) -> Condition | None:

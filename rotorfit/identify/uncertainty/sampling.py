@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +15,15 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
 from rotorfit.estimators.blocks.correlated import freedom_of
 from rotorfit.estimators.inference import ensemble_sampler
-from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress
+from rotorfit.estimators.inference.caused_posterior import CausedPosterior
+from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress, WalkerPaths
 from rotorfit.estimators.inference.log_posterior import LogPosterior, Noise
 from rotorfit.identify.fitting.judge import why_not_refined
-from rotorfit.identify.fitting.noise.error_bars import effect_entries
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.refine import refine as refine_fit
 from rotorfit.identify.fitting.structure.refine import structure_name
 from rotorfit.identify.uncertainty.posterior import Posterior, SampleSettings
+from rotorfit.identify.uncertainty.target import posterior_of
 
 WALKERS = 128
 """Walkers by default, enough to keep vectorised likelihoods busy; more where there are many parameters."""
@@ -89,8 +91,11 @@ def sample(
     work = max(ess, (walkers or WALKERS) * typical_steps)
     # The level of the noise is unknown unless the loss has a scale of its own.
     level: Noise = noise or ("marginal" if fit.settings.loss == "linear" else "fixed")
-    effects, inflation = effect_entries(fit.problem, fit.settings.noise), _inflation(fit, level)
-    target = LogPosterior(fit.problem, level, inflation=inflation, effects=effects, accelerate=accelerate, work=work)
+    settings = SampleSettings(
+        noise=level, inflation=_inflation(fit, level), walkers=0, ess=ess, max_steps=max_steps, steps=0,
+        between_runs=True, causes=fit.settings.solved is not None,
+    )  # fmt: skip
+    target = posterior_of(fit, settings, accelerate=accelerate, work=work)
     count = walkers or max(FEW_WALKERS if fit.model.shaft is not None else WALKERS, 2 * target.size)
     centre, covariance = target.laplace(fit.x)
     try:
@@ -119,17 +124,9 @@ def sample(
         burn_in=paths.burn_in,
         converged=paths.converged,
         message=paths.message,
-        treatment=structure + _treatment(fit, target, centre) + _better_optimum(target, centre, paths.log_density),
+        treatment=structure + _treatment(fit, target, centre) + _better_optimum(target, centre, paths),
         seed=paths.seed,
-        settings=SampleSettings(
-            noise=target.noise,
-            inflation=target.inflation,
-            walkers=count,
-            ess=ess,
-            max_steps=max_steps,
-            steps=paths.steps,
-            between_runs=True,
-        ),
+        settings=replace(settings, walkers=count, steps=paths.steps),
     )
 
 
@@ -161,6 +158,8 @@ def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
     """Treatment of noise and model-form error, in words."""
     if not fit.model_limited:
         words = _noise_words(fit, target, centre)
+        if isinstance(target, CausedPosterior):
+            words += f"; {target.causes.at.size} causes beside the model integrated out"
         if fit.noise is not None and fit.noise.effects:
             words += "; variances of what differs from run to run unknown and integrated out"
         elif fit.noise is not None and fit.noise.possible_effects:
@@ -207,9 +206,10 @@ def _noise_words(fit: FitResult, target: LogPosterior, centre: Float) -> str:
     return f"{words}; variances are {significant(target.inflation, 2)} times as large, as readings are correlated"
 
 
-def _better_optimum(target: LogPosterior, centre: Float, log_density: Float) -> str:
+def _better_optimum(target: LogPosterior, centre: Float, paths: WalkerPaths) -> str:
     """Warning where draws are denser than the optimum that the walkers started from can be."""
-    lead = float(log_density.max() - target(centre[None])[0])
+    best = paths.draws[np.unravel_index(np.argmax(paths.log_density), paths.log_density.shape)]
+    lead = float(np.diff(target.height(np.array([centre, best])))[0])
     largest_excess = 0.5  # excess of the log density over that at the optimum that is more than an optimum's inaccuracy
     if not lead > largest_excess:
         return ""

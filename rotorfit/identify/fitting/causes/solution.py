@@ -10,8 +10,9 @@ import numpy as np
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float
 from rotorfit.estimators.inference.causes import Cause, columns, with_causes
-from rotorfit.estimators.inference.covariance import prior_curvature
+from rotorfit.estimators.inference.covariance import prior_curvature, prior_slope
 from rotorfit.estimators.inference.joint_errors import JointErrors, error_factor, joint_step
+from rotorfit.estimators.inference.linear_causes import LinearCauses
 from rotorfit.estimators.misfit.problem import Problem, robust_weights
 from rotorfit.estimators.noise.run_effects import inverse_of_determined
 from rotorfit.identify.fitting.causes.calibration import Calibration
@@ -43,7 +44,8 @@ class JointSearch:
     x: Float
     causes: tuple[Cause, ...]
     sizes: Float  # of the causes
-    columns: ComplexArray  # change of the whitened residuals by a unit of each, shape ``(R, k)``
+    J: ComplexArray  # derivatives of the whitened residuals by the fitted vector where the causes act, shape ``(R, p)``
+    columns: ComplexArray  # likewise by a unit of each cause, shape ``(R, k)``
     shift: tuple[ComplexArray, ...]
     plain: Float  # fitted vector without causes
     plain_square: float  # sum of squares there
@@ -61,22 +63,27 @@ class JointSearch:
         """Standard uncertainties of the causes before the data."""
         return np.array([cause.size for cause in self.causes])
 
-    def errors(self, inverse: Float, widening: float) -> JointErrors:
-        """The errors that the causes leave; ``inverse``: covariance of the fitted vector at unit noise, ``widening``:
-        variance of the residuals over that of the noise. Noise that is larger than given weighs the data less. A misfit
-        that no listed cause explains widens all errors alike, lest causes be found that are not there."""
-        r, J = self.problem.jacobian(self.x)
+    def errors(self, widening: float) -> JointErrors:
+        """The errors that the causes leave, by the derivatives where they act: beside those of the rotor without them,
+        what the fitted values take up would seem to be told by the data. ``widening``: variance of the residuals over
+        that of the noise. Noise that is larger than given weighs the data less. A misfit that no listed cause explains
+        widens all errors alike, lest causes be found that are not there."""
+        r = self.problem.residuals(self.x)
         root = np.sqrt(robust_weights(self.problem.loss, np.abs(r) ** 2)[1])[:, None]
-        return JointErrors.of(
+        J = self.J * root
+        information = np.asarray((J.conj().T @ J).real) + np.diag(prior_curvature(self.problem, self.x))
+        found = JointErrors.of(
             (r - self.columns @ self.sizes) * root[:, 0],
-            J * root,
+            J,
             self.columns * root,
-            inverse=inverse,
+            inverse=inverse_of_determined(information)[0],
             size=self.before,
             one_sided=self.one_sided,
             noise_factor=1.0 if widening > UNLISTED else widening,
             widened=widening if widening > UNLISTED else 1.0,
         )
+        # The sizes that go with the fitted values: along what nothing determines, others are as good.
+        return replace(found, free=self.sizes)
 
 
 PULLED = 3.0
@@ -86,20 +93,36 @@ UNLISTED = 1.3
 
 
 def search(
-    problem: Problem, x: Float, given: Mapping[str, float], calibration: Calibration | None = None
+    problem: Problem,
+    x: Float,
+    given: Mapping[str, float],
+    calibration: Calibration | None = None,
+    *,
+    begin: tuple[Float, JointSearch] | None = None,
 ) -> JointSearch | None:
     """Solve for causes beside fitted values from their optimum without any; nothing where the list is empty.
 
     A size that is too small for what the data show holds the estimate back: it is raised to what was found, and all
     are where they are too small as a whole. Of a misfit that no listed cause explains nothing is concluded.
+
+    Args:
+        problem: what is fitted.
+        x: fitted vector without causes.
+        given, calibration: as for :func:`~rotorfit.identify.fitting.causes.listing.listed`.
+        begin: fitted vector and causes where another search ended: effects of runs, which would pass for causes at
+            their optimum without any, are to be solved about these.
     """
     causes = listed(problem, x, given, calibration)
     if not causes:
         return None
-    found = _solved(problem, x, causes)
+    known = None
+    if begin is not None:
+        before = {cause.name: size for cause, size in zip(begin[1].causes, begin[1].sizes.tolist(), strict=True)}
+        known = begin[0], np.array([before.get(cause.name, 0.0) for cause in causes])
+    found = _solved(problem, x, causes, known)
     raised: dict[str, None] = {}
     for _ in range(3):
-        errors = found.errors(_inverse(found), 1.0)
+        errors = found.errors(1.0)
         if found.square > UNLISTED * (problem.n_data - x.size):
             break
         pulled = np.abs(np.nan_to_num(errors.pull)) > PULLED
@@ -108,26 +131,27 @@ def search(
         raised |= dict.fromkeys(np.array([cause.name for cause in causes])[pulled].tolist())
         sizes = np.where(pulled, np.abs(errors.value), [cause.size for cause in causes]).tolist()
         causes = tuple(replace(cause, size=size) for cause, size in zip(causes, sizes, strict=True))
-        found = _solved(problem, x, causes)
+        found = _solved(problem, x, causes, (found.x, found.sizes))
     told = errors.determined > 0.3  # which the data tell well enough for their pulls to say something
     factor = error_factor(errors.pull[told].tolist()) if found.square <= UNLISTED * (problem.n_data - x.size) else 1.0
     if factor > 1:
-        found = _solved(problem, x, tuple(replace(cause, size=factor * cause.size) for cause in causes))
+        causes = tuple(replace(cause, size=factor * cause.size) for cause in causes)
+        found = _solved(problem, x, causes, (found.x, found.sizes))
     return replace(found, raised=tuple(raised), factor=factor)
 
 
-def _inverse(found: JointSearch) -> Float:
-    """Covariance of the fitted vector at unit noise."""
-    _, J = found.problem.jacobian(found.x)
-    return inverse_of_determined((J.conj().T @ J).real + np.diag(prior_curvature(found.problem, found.x)))[0]
-
-
-def _solved(problem: Problem, x: Float, causes: tuple[Cause, ...]) -> JointSearch:
-    """Gauss-Newton steps on fitted values and causes."""
+def _solved(
+    problem: Problem, x: Float, causes: tuple[Cause, ...], known: tuple[Float, Float] | None = None
+) -> JointSearch:
+    """Gauss-Newton steps on fitted values and causes, from where they are known to be close to, or from none."""
     size = np.array([cause.size for cause in causes])
     one_sided = np.array([cause.one_sided for cause in causes])
     at = begin = _Point.of(problem, x, causes, np.zeros(size.size), size)
-    steps, negligible = 3, 0.01  # more let the search wander along what nothing determines; fall of Q that is none
+    if known is not None:
+        close = _Point.of(problem, known[0], causes, known[1], size)
+        at = close if close.square < begin.square else begin
+    # Mostly three; many more would let the search wander along what nothing determines.
+    steps, negligible = 6, 0.01  # and fall of Q that is none
     B = columns(at.problem, at.x, causes)
     for _ in range(steps):
         r, J = at.problem.jacobian(at.x)
@@ -139,7 +163,7 @@ def _solved(problem: Problem, x: Float, causes: tuple[Cause, ...]) -> JointSearc
             size=size,
             one_sided=one_sided,
             prior=prior_curvature(problem, at.x),
-            prior_slope=_prior_slope(problem, at.x),
+            prior_slope=prior_slope(problem, at.x),
         )
         ahead = _accepted(problem, at, causes, dx, sizes - at.sizes, size)
         if ahead is None:
@@ -156,18 +180,32 @@ def _solved(problem: Problem, x: Float, causes: tuple[Cause, ...]) -> JointSearc
         )
     )
     return JointSearch(
-        problem=shifted(problem, shift), x=at.x, causes=causes, sizes=at.sizes, columns=B, shift=shift,
-        plain=x, plain_square=begin.square, square=at.square,
+        problem=shifted(problem, shift), x=at.x, causes=causes, sizes=at.sizes, J=at.problem.jacobian(at.x)[1],
+        columns=B, shift=shift, plain=x, plain_square=begin.square, square=at.square,
     )  # fmt: skip
 
 
 def solved_before(problem: Problem, x: Float, solved: SolvedCauses) -> JointSearch:
     """Causes that were solved already, beside fitted values of the problem with their effect taken out."""
+    acting = with_causes(problem, x, solved.causes, solved.errors.value)
     return JointSearch(
-        problem=problem, x=x, causes=solved.causes, sizes=solved.errors.value,
-        columns=columns(problem, x, solved.causes), shift=solved.shift, plain=solved.plain,
+        problem=problem, x=x, causes=solved.causes, sizes=solved.errors.value, J=acting.jacobian(x)[1],
+        columns=columns(acting, x, solved.causes), shift=solved.shift, plain=solved.plain,
         plain_square=solved.plain_square, square=math.nan, raised=solved.raised, factor=solved.factor,
     )  # fmt: skip
+
+
+def linear_causes(problem: Problem, x: Float, solved: SolvedCauses) -> LinearCauses:
+    """The causes to first order about the joint optimum, as wide as the errors have them. The columns are of the same
+    predictions as the Jacobian of the problem, which has the causes taken out: what both take up alike must cancel."""
+    size = solved.errors.size
+    found = LinearCauses(
+        columns=columns(problem, x, solved.causes) * size,
+        at=solved.errors.value / size,
+        size=size,
+        one_sided=solved.errors.one_sided,
+    )
+    return found.wider(math.sqrt(solved.errors.widened))
 
 
 def shifted(problem: Problem, shift: Sequence[ComplexArray]) -> Problem:
@@ -207,10 +245,3 @@ def _accepted(
             return ahead
         share /= 4
     return None
-
-
-def _prior_slope(problem: Problem, x: Float) -> Float:
-    slope = np.zeros(x.size)
-    for prior in problem.priors:
-        slope[prior.entry] += prior.terms(float(x[prior.entry]))[1]
-    return slope

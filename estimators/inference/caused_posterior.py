@@ -1,0 +1,122 @@
+"""The posterior of a problem beside causes that are integrated out: no more dimensions, sizes drawn afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from rotorfit.base.array_types import ComplexArray, Float, Index
+from rotorfit.estimators.inference.covariance import prior_curvature, prior_slope
+from rotorfit.estimators.inference.joint_errors import joint_step
+from rotorfit.estimators.inference.linear_causes import CausesGiven, LinearCauses
+from rotorfit.estimators.inference.log_posterior import PRIOR_FREEDOM, LogPosterior, Noise
+from rotorfit.estimators.misfit.problem import Problem, robust_weights
+
+_TOGETHER = 131_072
+"""Readings of all vectors that are evaluated together: more leave the cache."""
+
+
+class CausedPosterior(LogPosterior):
+    """Log posterior density of a problem with causes of sizes ``c`` that change its residuals to first order.
+
+    With residuals ``r`` and columns ``B``, each by a standard uncertainty, sizes are normal given the fitted values.
+    Integrated out whatever their sign they leave ``min |r + B c|^2 + |c|^2``, which is ``|W r|^2`` with
+    ``W = I - U (1 - 1 / sqrt(1 + d^2)) U'`` and ``B = U d V'``; the density is that times the probability that no cause
+    of one sign is negative. Unknown noise is taken at the joint optimum in the weights by which sizes follow residuals.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        noise: Noise,
+        causes: LinearCauses,
+        x: Float,
+        *,
+        inflation: float = 1.0,
+        effects: Sequence[tuple[Index, float]] = (),
+        accelerate: bool | None = None,
+        work: float = np.inf,
+    ) -> None:
+        super().__init__(problem, noise, inflation=inflation, effects=effects, accelerate=accelerate, work=work)
+        self.causes = causes
+        self._to_channel = np.eye(len(problem.channel_names))[problem.channel]
+        size2, slope = robust_weights(problem.loss, np.abs(problem.residuals(x)) ** 2)
+        sums = size2 @ self._to_channel / inflation
+        self._levels = np.zeros(sums.size) if noise == "fixed" else 0.5 * np.log((sums + PRIOR_FREEDOM) / self.counts)
+        self._given = CausesGiven(causes=causes, weight=slope * self._precision(self._levels))
+
+    def _precision(self, levels: Float) -> Float:
+        """Weight of each reading's square by the level of its noise."""
+        return np.exp(-2 * levels)[self.problem.channel] / self.inflation
+
+    def sums_and_beside(self, x: Float) -> tuple[Float, Float | float]:
+        """See :class:`LogPosterior`; sums at the most probable sizes."""
+        sums, sizes = self._at_their_best(x)
+        beside = -0.5 * np.einsum("wk,wk->w", sizes, sizes) + self._given.log_one_sign(sizes)
+        return sums, beside
+
+    def height(self, vectors: Float) -> Float:
+        """See :class:`LogPosterior`: with the sizes at their most probable, not integrated out, as in the fit."""
+        sizes = self._at_their_best(vectors[:, : self.problem.space.size])[1]
+        return self(vectors) - self._given.log_one_sign(sizes) - self._given.fall(sizes)
+
+    def drawn(self, x: Float, rng: np.random.Generator) -> Float:
+        """Sizes of the causes at random given vectors ``(W, p)``, each in its unit, shape ``(W, k)``."""
+        return self._given.drawn(self._at_their_best(x)[1], rng)
+
+    def _at_their_best(self, x: Float) -> tuple[Float, Float]:
+        """Sums of squares of each channel and most probable sizes whatever their sign."""
+        sums, sizes = np.empty((len(x), self._to_channel.shape[1])), np.empty((len(x), self.causes.at.size))
+        for some, r in self._residuals(x):
+            beyond = self._given.beyond(r)
+            left = r.view(float) + beyond @ self.causes.rows.T
+            square = left[:, ::2] ** 2 + left[:, 1::2] ** 2
+            sums[some] = robust_weights(self.problem.loss, square)[0] @ self._to_channel / self.inflation
+            sizes[some] = beyond + self.causes.at
+        return sums, sizes
+
+    def _residuals(self, x: Float) -> Iterator[tuple[slice, ComplexArray]]:
+        step = max(1, 2 * _TOGETHER // self.problem.n_data)
+        for first in range(0, len(x), step):
+            some = slice(first, first + step)
+            yield some, np.ascontiguousarray(self.problem.residuals(x[some]))
+
+    def laplace(self, start: Float) -> tuple[Float, Float]:
+        """See :class:`LogPosterior`: the optimum beside causes that are not below zero, and the covariance there
+        whatever their sign."""
+        x, levels, causes = start, self._levels, self.causes
+        for _ in range(1 if self.noise == "fixed" else 30):
+            r, J = self.problem.jacobian(x)
+            root = np.sqrt(self._precision(levels) * robust_weights(self.problem.loss, np.abs(r) ** 2)[1])[:, None]
+            step, sizes, _ = joint_step(
+                (r - causes.columns @ causes.at) * root[:, 0],
+                J * root,
+                causes.columns * root,
+                size=np.ones(causes.at.size),
+                one_sided=causes.one_sided,
+                prior=prior_curvature(self.problem, x),
+                prior_slope=prior_slope(self.problem, x),
+            )
+            ahead = np.clip(x + step, self.lower, self.upper)
+            if not np.isfinite(self.problem.cost(ahead)):
+                break
+            x = ahead
+            if self.noise == "fixed":
+                break
+            left = self.problem.residuals(x) + causes.columns @ (sizes - causes.at)
+            sums = np.abs(left) ** 2 @ self._to_channel / self.inflation
+            new = 0.5 * np.log((sums + PRIOR_FREEDOM) / self.counts)
+            moved, levels = np.abs(new - levels).max(), new
+            if moved < 1e-3:
+                break
+        return self._normal(x, levels, self._information(x, levels))
+
+    def _information(self, x: Float, levels: Float) -> Float:
+        """Of the vector, the causes taken out."""
+        information = self._weighted(levels).gauss_newton(x)[2]
+        r, J = self.problem.jacobian(x)
+        weight = self._precision(levels) * robust_weights(self.problem.loss, np.abs(r) ** 2)[1]
+        given, weighed = CausesGiven(causes=self.causes, weight=weight), self.causes.columns * weight[:, None]
+        across = (J.conj().T @ weighed).real
+        return information - across @ given.covar @ across.T
