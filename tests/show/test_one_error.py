@@ -1,4 +1,4 @@
-"""One number has one error, whatever prints it: the error of D, lam and the threshold speed goes through every output."""
+"""One number has one error, whatever prints it: D, lam and the threshold speed go through every output."""
 
 from __future__ import annotations
 
