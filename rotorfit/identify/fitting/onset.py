@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.identify.fitting.causes.slopes import onset_term_slopes, onset_with_causes
+from rotorfit.identify.fitting.causes.slopes import onset_slopes, onset_term_slopes, onset_with_causes
 from rotorfit.identify.fitting.judge import why_not_refined
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult

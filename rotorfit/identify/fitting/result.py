@@ -222,7 +222,7 @@ class FitResult:
         """Interval that holds the parameter ``name``, or "threshold_speed" in rad/s, with the probability ``level``.
 
         By Student's t where standard errors have few degrees of freedom; infinite where the data do not determine it.
-        It holds all causes; ``share="noise"`` is by the noise alone.
+        It holds all causes; ``share`` "noise" leaves them out.
 
         Raises:
             KeyError: no such parameter; the message names the nearest.
@@ -316,8 +316,11 @@ class FitResult:
         return self._with_error(value, slope, unit, slopes)
 
     def by_values_of_causes(self, gradient: Float, group: int, speed: float | None = None) -> Float:
-        """Derivatives of a result by the sizes of causes that change values of the model, ``(..., k)``, from those by
-        the model parameters, ``(..., P)``; ``speed`` as for :meth:`propagate_in`."""
+        """Derivatives of a result by the sizes of causes that change values of the model, shape ``(..., k)``.
+
+        ``gradient`` has those by the model parameters of a ``group``, shape ``(..., P)``; ``speed`` as for
+        :meth:`propagate_in`.
+        """
         solved = self.settings.solved
         return value_slopes(self.model, self.thetas[group], gradient, speed, solved) if solved else np.zeros(0)
 
@@ -340,7 +343,8 @@ class FitResult:
         return replace(made, stderr=stderr, freedom=freedom)
 
     def covariance_of(self, slopes: Float, by_causes: Float) -> Float:
-        """Covariance of results by their derivatives by the fitted vector, ``(n, p)``, and by causes, ``(n, k)``."""
+        """Covariance of results, from their derivatives ``slopes`` by the fitted vector, shape ``(n, p)``, and
+        ``by_causes`` by the sizes of causes, ``(n, k)``."""
         solved = self.settings.solved
         if solved is None:
             return np.asarray(slopes @ self.covar @ slopes.T)
