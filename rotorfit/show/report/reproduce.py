@@ -118,7 +118,7 @@ def _given(settings: FitSettings) -> dict[str, Any]:
     usual = FitSettings()
     names = (*(f.name for f in fields(FitOptions)), "baseline", "calibration")
     found = {name: getattr(settings, name) for name in names}
-    return {name: value for name, value in found.items() if value and value != getattr(usual, name)}
+    return {n: v for n, v in found.items() if (v or v is None) and v != getattr(usual, n)}
 
 
 def _own_options(model: RotorModel) -> dict[str, Any]:
