@@ -217,7 +217,8 @@ class _Rig:
         middle, half = self._sweep
         if half > 0:
             act = OfReadings(how="clock", middle=middle, half=half)
-            yield _cause("clock", "delay that grows from the middle of a sweep to its end", act, SIZES["clock"], unit="s")
+            meaning = "delay that grows from the middle of a sweep to its end"
+            yield _cause("clock", meaning, act, SIZES["clock"], unit="s")
         for plane in planes:
             act = OfReadings(how="curve", plane=plane)
             meaning = f"probes at {plane} that are not linear, share at the largest amplitude"
