@@ -144,7 +144,7 @@ def _rows(way: str, results: list[tuple[rf.FitResult, float]]) -> list[Row]:
 def _estimate(fit: rf.FitResult, name: str) -> tuple[float, float]:
     """Value and standard error from the noise alone."""
     if name != SUM:
-        return fit.params[name].value, fit.params[name].stderr_noise
+        return fit.params[name].value, fit.params[name].noise
     gradient = np.array([float(parameter in ("K", "K0")) for parameter in fit.model.parameter_names])
     both = fit.propagate(fit.params["K"].value + fit.params["K0"].value, gradient, "N/m")
     return both.value, both.stderr / np.sqrt(max(1.0, fit.redchi))

@@ -125,7 +125,7 @@ def run(name: str, draws: int, seed: int) -> list[Row]:
         times.append(time.process_time() - begin)
         failures += not fit.success
         errors.append([fit.params[n].value - truth[n] for n in start])
-        stated.append([fit.params[n].stderr_noise for n in start])
+        stated.append([fit.params[n].noise for n in start])
     pull = np.array(errors) / np.array(stated)
     middle = np.median(stated, axis=0)
     return [

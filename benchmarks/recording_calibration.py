@@ -78,7 +78,7 @@ def main() -> int:
         errors.append(ratios(test, values))
         fit = rf.fit(RIG, test, known={"K3": 6e3})
         redchi.append(fit.redchi)
-        pulls.append([(fit.params[n].value - values[n]) / fit.params[n].stderr_noise for n in ("D", "lam", "K1", "Mf")])
+        pulls.append([(fit.params[n].value - values[n]) / fit.params[n].noise for n in ("D", "lam", "K1", "Mf")])
     each = np.array([np.sqrt(np.mean(np.abs(e) ** 2) / 2) for e in errors])
     both = np.concatenate(errors)
     parts = np.concatenate([both.real, both.imag])

@@ -105,7 +105,7 @@ for _ in range(200):
     for name, solve in (("straight lines, weighted", rf.closed_form), ("fit of the responses", rf.fit)):
         found = solve(rotor, test, known=passive)
         ways[name].append([found.params[parameter].value for parameter in truth])
-bound = [found.params[parameter].stderr_noise for parameter in truth]
+bound = [found.params[parameter].noise for parameter in truth]
 for name, estimates in ways.items():
     ratios = errors_over_bound(estimates, list(truth.values()), bound)
     print(f"{name:<27} error over the bound: " + ", ".join(f"{p} {r:.2f}" for p, r in zip(truth, ratios, strict=True)))
@@ -152,7 +152,7 @@ for place, (label, (model, values, frequency, speeds, known)) in enumerate(rotor
         free = [name for name, parameter in found[2].params.items() if parameter.vary]
         for name, result in zip(names, found, strict=True):
             draws[name].append([result.params[parameter].value for parameter in free])
-    bound = [found[2].params[name].stderr_noise for name in free]
+    bound = [found[2].params[name].noise for name in free]
     for k, name in enumerate(names):
         ratio = errors_over_bound(draws[name], [values[parameter] for parameter in free], bound)
         at, middle = place + 0.26 * (k - 1), np.median(ratio)

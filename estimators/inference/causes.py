@@ -115,8 +115,9 @@ class Act:
         """Change of the logarithm of each reading, shape ``(R,)``; nothing for other kinds."""
         return None
 
-    def values_at(self, model: RotorModel, theta: Float, speed: Float | float) -> Float | None:
-        """Change of parameter vectors ``(..., P)`` at speeds by a unit of the size; nothing for other kinds."""
+    def values_at(self, model: RotorModel, theta: Float, speed: Float | float | None) -> Float | None:
+        """Change of parameter vectors ``(..., P)`` at speeds by a unit of the size, without a speed that of the values
+        themselves; nothing for other kinds."""
         return None
 
     def term(self, model: RotorModel, theta: Float, whirl: float) -> LeftOut | None:
@@ -298,8 +299,10 @@ class Changing(OfValues):
         scaled = (np.abs(speed) / self.mean - 1)[:, None] * own
         return scaled, np.zeros_like(scaled)
 
-    def values_at(self, model: RotorModel, theta: Float, speed: Float | float) -> Float | None:
+    def values_at(self, model: RotorModel, theta: Float, speed: Float | float | None) -> Float | None:
         """See :class:`Act`."""
+        if speed is None:
+            return None
         own = np.array([name in self.names for name in model.parameter_names])
         return np.where(own, theta, 0.0) * (np.abs(speed) / self.mean - 1)[..., None]
 
@@ -349,10 +352,10 @@ class Known(OfValues):
         model = motion.block.model if motion.base is None else motion.base.model  # type: ignore[attr-defined]
         return np.asarray(motion.by_values[:, model.parameter_names.index(self.name)])
 
-    def values_at(self, model: RotorModel, theta: Float, speed: Float | float) -> Float | None:
+    def values_at(self, model: RotorModel, theta: Float, speed: Float | float | None) -> Float | None:
         """See :class:`Act`."""
         own = np.array([float(name == self.name) for name in model.parameter_names])
-        return np.asarray(np.ones_like(np.asarray(speed, dtype=float))[..., None] * own)
+        return own if speed is None else np.asarray(np.ones_like(np.asarray(speed, dtype=float))[..., None] * own)
 
 
 # ---- places, labels, the clearance -----------------------------------------------------------------------------------

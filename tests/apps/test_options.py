@@ -8,11 +8,14 @@ from pathlib import Path
 
 import pytest
 from scipy import stats
+from sentences import refuses
 
 from rotorfit.apps.cli.arguments import fit_study
 from rotorfit.apps.cli.main import build_parser
+from rotorfit.apps.store.sources import settings_key
 from rotorfit.apps.study_files import run
 from rotorfit.apps.study_files.study import Study
+from rotorfit.apps.study_files.study_file import study_of
 from rotorfit.identify.fitting.fit import fit
 from rotorfit.identify.fitting.settings import FitKeywords, FitOptions
 from rotorfit.identify.options.table import CAMPAIGN, FIT, LAW, LAW_RANKING, MODEL, UNCERTAINTY, command_words
@@ -31,7 +34,7 @@ SETTINGS = {
     "law": "muszynska",
     "clearance_um": 127.25,
     "probes": {"quarter": {"disk": 0.6, "journal": -0.4}},
-    "known": {"K3": 6000.0, "sigma": None},
+    "known": {"K3": 6000.0, "K1": (16000.0, 80.0), "sigma": None},
     "bounds": {"lam": (0.0, 0.6), "K0": (-float("inf"), 1e5)},
     "priors": {"Mf": stats.norm(0.4, 0.1)},
     "start": {"D": 400.0},
@@ -49,7 +52,7 @@ SETTINGS = {
     "baseline": "dry.csv",
     "stator_mass_kg": 12.5,
     "calibration": {"probe_gain": 0.01},
-    "assumptions": {"Ds[journal]": 2.0},
+    "causes": {"damper[journal]": 2.0},
     "sample": True,
     "ess": 500.0,
     "max_steps": 300,
@@ -99,6 +102,20 @@ def test_what_is_written_as_words_is_read_as_the_same_setting(option: str) -> No
         assert found == value
     rest = {f.name: getattr(study, f.name) for f in fields(Study) if f.name not in (option, "files", "model")}
     assert rest == {name: getattr(Study(files=(), model=""), name) for name in rest}
+
+
+def test_no_causes_at_all_is_a_word_and_a_line_of_toml() -> None:
+    """None of an option is not the option left out."""
+    assert command_words({"causes": None, "known": {}}) == ["--no-causes"]
+    words = ["fit", "rig.csv", "--model", "whirl-whip"]
+    assert fit_study(build_parser().parse_args([*words, "--no-causes"])).causes is None
+    assert fit_study(build_parser().parse_args(words)).causes == {}
+    with refuses(ValueError):
+        fit_study(build_parser().parse_args([*words, "--no-causes", "--cause", "gain=0.01"]))
+    toml = {"files": ["rig.csv"], "model": "whirl-whip"}
+    assert study_of({**toml, "causes": False}).causes is None
+    assert study_of({**toml, "causes": {"gain": 0.005}, "known": {"K3": [6000, 30]}}).sizes == {"K3": 30, "gain": 0.005}
+    assert settings_key(study_of({**toml, "causes": False})) != settings_key(study_of(toml))
 
 
 def test_a_setting_that_words_cannot_say_is_not_half_said() -> None:

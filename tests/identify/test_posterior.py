@@ -67,7 +67,7 @@ def test_unknown_noise_gives_the_exact_student_t(linear, noise):
 
 def test_normal_prior_adds_its_precision(linear):
     fit, X, test, known = linear
-    mean, sd = fit.params["D"].value + 2 * fit.params["D"].stderr_noise, 0.5 * fit.params["D"].stderr_noise
+    mean, sd = fit.params["D"].value + 2 * fit.params["D"].stderr, 0.5 * fit.params["D"].stderr
     informed = rf.fit(OneMode(), test, known=known, priors={"D": stats.norm(mean, sd)}, causes=None)
     place = fit.var_names.index("D")
     precision, pull = X.T @ X, X.T @ X @ fit.x
@@ -111,7 +111,7 @@ def test_marginal_noise_against_quadrature(accelerate):
     target = LogPosterior(fit.problem, "marginal", accelerate=accelerate)
     assert target.batch.compiled is accelerate
     assert len(fit.problem.channel_counts) == 4
-    spread = fit.params["D"].stderr_noise
+    spread = fit.params["D"].stderr
     grid = fit.x[0] + spread * np.linspace(-8, 8, 161)
 
     def log_density(D):

@@ -40,13 +40,21 @@ def fit() -> rf.FitResult:
 def test_a_result_shows_its_parameters(fit: rf.FitResult) -> None:
     reader = Cells()
     reader.feed(fit._repr_html_())
-    rows = [reader.cells[i : i + 5] for i in range(0, len(reader.cells), 5)]
-    assert rows[0] == ["parameter", "value", "standard error", "unit", "meaning"]
+    head = ["parameter", "value", "stderr", "noise", "bounded", "trust", "low", "high", "largest on trust", "plain"]
+    width = len(head) + 2
+    rows = [reader.cells[i : i + width] for i in range(0, len(reader.cells), width)]
+    assert rows[0] == [*head, "unit", "meaning"]
     assert [row[0] for row in rows[1:]] == list(fit.params)
     by_name = {row[0]: row for row in rows}
     assert by_name["K0"][1] == "not determined"
     D = fit.params["D"]
-    assert by_name["D"][1:4] == [f"{D.value:.2f}", f"{D.stderr:.2f}", "N s/m"]  # two digits of the error
+    assert D.error is not None
+    low, high = D.interval(0.95)
+    # two digits of the error
+    shown = [D.value, D.stderr, D.noise, D.bounded, D.trust, low, high, D.error.largest_on_trust, D.plain]
+    for cell, number in zip(by_name["D"][1:], shown, strict=False):
+        assert cell == number if isinstance(number, str) else float(cell) == pytest.approx(number, abs=0.06 * D.stderr)
+    assert by_name["D"][-2] == "N s/m"
     assert "threshold speed" in fit._repr_html_()
 
 
@@ -75,7 +83,8 @@ def test_results_are_a_line_in_a_session_and_their_text_in_a_notebook() -> None:
         fit.predict([100.0, 200.0], 150.0, force_plane="disk"),
         fit.stability_report(),
         fit.profile("lam", points=3),
-        fit.assumptions(),
+        fit.causes,
+        fit.budget(),
         fit.sample(seed=1, walkers=32, ess=100),
         rf.compare([fit]),
         rf.plan(fit.model, fit, design, noise_um=0.5, quantity="lam"),
@@ -84,7 +93,7 @@ def test_results_are_a_line_in_a_session_and_their_text_in_a_notebook() -> None:
         assert "\n" not in repr(result)
         assert len(repr(result)) < 200
         assert str(result).splitlines()[-1].split()[0] in unescape(result._repr_html_())
-    assert repr(fit.params["lam"]).startswith("<lam: 0.475 +- 0.019 (")
+    assert repr(fit.params["lam"]).startswith("<lam: 0.4757 +- 0.00")
     assert repr(fit.params["K3"]) == "<K3: 6000 N/m, known>"
     assert str(fit.threshold_speed()) in repr(fit.threshold_speed())
     assert len(repr(rf.Finding("error", "code", "message", rows=tuple(range(1000))))) < 200

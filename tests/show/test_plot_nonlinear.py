@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from law_data import static, sweep
 from nonlinear_rigs import CLEARANCE_UM, ONE_MODE, POWER, WHIRL_WHIP, rig
+from plain import plain_fit
 from sentences import refuses
 from slow_cases import slow_but
 
@@ -43,7 +44,9 @@ def fitted(planes: int) -> rf.FitResult:
     blows = rf.simulate(
         model, values, "impulse", speed_rpm=[600.0, 1000.0], load=[0.5, 3.0], impulse=4e-4, tolerance=1e-5, noise=0.01
     )
-    return rf.fit(model, [sweep, static, blows], known={name: values[name] for name in known}, start=values_of(values))
+    return plain_fit(
+        model, [sweep, static, blows], known={name: values[name] for name in known}, start=values_of(values)
+    )
 
 
 def values_of(values: dict[str, float]) -> dict[str, float]:
@@ -275,7 +278,9 @@ def test_figures_and_what_they_refuse() -> None:
     radius, frequency = fit.plot.whirl(max_speed_rpm=6000, unit=("hz", "mil")).axes
     assert "mil" in radius.get_ylabel()
     line = frequency.get_lines()[0].get_xydata()
-    assert line[0, 0] == pytest.approx(fit.threshold_speed().value / (2 * np.pi), rel=1e-6)
+    onset = fit.onset(0)  # of the fitted values alone, as the branch
+    assert onset is not None
+    assert line[0, 0] == pytest.approx(onset.speed / (2 * np.pi), rel=1e-6)
     _, load = fit.plot.side_load().axes
     assert "N" in load.get_xlabel()
     with refuses(ValueError):

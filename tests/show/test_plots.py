@@ -11,6 +11,7 @@ from functools import cache
 import law_data
 import numpy as np
 import pytest
+from plain import plain_fit
 from slow_cases import slow_but
 from synthetic import MODELS, SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
@@ -28,7 +29,7 @@ def fitted(name, noise=0.01, lines=40):
     theta = model.vector(TYPICAL[name])
     w = covering_frequencies(model, theta, SPEEDS[name], lines)
     test = circular_test(model, theta, speeds=SPEEDS[name], frequency=w, noise=noise)
-    return rf.fit(model, test, known=known_of(name, TYPICAL[name]))
+    return plain_fit(model, test, known=known_of(name, TYPICAL[name]))
 
 
 @cache
@@ -48,7 +49,7 @@ def fits_of_draws():
         circular_test(model, theta, speeds=(100.0,), frequency=w, noise=0.02, seed=seed, sigma_known=True)
         for seed in range(80)
     )
-    return [rf.fit(model, test, known=known_of("one-mode", truth)) for test in tests]
+    return [plain_fit(model, test, known=known_of("one-mode", truth)) for test in tests]
 
 
 @pytest.mark.parametrize("name", slow_but(MODELS, "whirl-whip", "anisotropic"))

@@ -162,6 +162,8 @@ def add_options(to: argparse._ActionsContainer, names: Iterable[str]) -> None:
         elif one.kind.paired:  # read together, when all of them are known
             shape = {"metavar": one.metavar, "action": "append"}
         to.add_argument(one.word, dest=one.name, help=one.help, **shape)
+        if one.kind.off:
+            to.add_argument(one.kind.off, dest=f"no_{one.name}", action="store_true", help=f"no {one.name} at all")
 
 
 def add_fit_options(fit: argparse.ArgumentParser) -> None:
@@ -250,7 +252,11 @@ def given(options: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for one in map(FIT.__getitem__, names):
         value, parse = getattr(options, one.name), one.kind.word
-        if value is not None:
+        if one.kind.off and getattr(options, f"no_{one.name}"):
+            if value is not None:
+                raise ValueError(f"{one.word} and {one.kind.off} exclude each other")
+            found[one.name] = None
+        elif value is not None:
             found[one.name] = pairs(one.word, value, parse) if one.kind.paired and parse else value
     return found
 

@@ -20,7 +20,7 @@ from rotorfit.apps.study_files.run import for_model
 from rotorfit.apps.study_files.study import Study
 from rotorfit.identify.fitting.json_values import encode
 from rotorfit.identify.options.kinds import is_set
-from rotorfit.identify.options.table import StudyOptions
+from rotorfit.identify.options.table import FIT, StudyOptions
 from rotorfit.lab.data.experiments import Experiment
 from rotorfit.lab.data.findings import Finding
 from rotorfit.lab.recordings.formats.files import ALWAYS_RAW
@@ -30,7 +30,7 @@ from rotorfit.lab.recordings.signals import SAMPLES_OF_A_PIECE
 def settings_key(study: Study) -> tuple[str, str]:
     """Hash of the settings of a study, and the settings as JSON; files and folders do not count."""
     asked = {f.name: getattr(study, f.name) for f in fields(StudyOptions) if getattr(study, f.name) != f.default}
-    given = {name: _sorted(encode(value)) for name, value in asked.items() if is_set(value)}
+    given = {name: _sorted(encode(value)) for name, value in asked.items() if is_set(value, FIT[name].kind)}
     if study.structure:  # what the file holds counts, not where it is
         shaft = Path(study.structure)
         files = sorted(shaft.iterdir()) if shaft.is_dir() else [shaft]

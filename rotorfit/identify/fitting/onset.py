@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.identify.fitting.causes.onset import onset_slopes, onset_with_causes
+from rotorfit.identify.fitting.causes.slopes import onset_slopes, onset_term_slopes, onset_with_causes
 from rotorfit.identify.fitting.judge import why_not_refined
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
@@ -29,12 +29,13 @@ def onset_of(fit: FitResult, group: int) -> Quantity:
         return Quantity(candidate.speed, math.hypot(candidate.stderr, candidate.difference), "rad/s", fit.freedom)
     if onset is None:
         return Quantity(math.nan, _growth_error(fit, group), "rad/s")
-    found = fit.propagate_in(group, onset.speed, onset.gradient, "rad/s")
+    found = fit.propagate_in(group, onset.speed, onset.gradient, "rad/s", speed=onset.speed)
     solved = fit.settings.solved
     if solved is not None:
         theta = fit.thetas[group]
         speed = onset_with_causes(fit.model, theta, onset, solved, fit.stability_band)
-        found = fit.propagate_in(group, speed, onset.gradient, "rad/s", onset_slopes(fit.model, theta, onset, solved))
+        terms = onset_term_slopes(fit.model, theta, onset, solved)
+        found = fit.propagate_in(group, speed, onset.gradient, "rad/s", speed=onset.speed, by_causes=terms)
     if candidate is None or not is_extrapolated(fit, onset.speed, onset.whirl_frequency):
         return found
     there = 0.0  # share of the variance by the choice among candidates that the covariance holds already

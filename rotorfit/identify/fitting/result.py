@@ -17,13 +17,12 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
 from rotorfit.base.executors import executor_of
 from rotorfit.base.names import unknown_name
-from rotorfit.base.version import renamed
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses, freedom_of
 from rotorfit.estimators.inference.covariance import standard_error, widening
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.sweep_noise import READINGS_OF_NOISE
-from rotorfit.identify.fitting.causes.onset import onset_slopes
+from rotorfit.identify.fitting.causes.slopes import onset_slopes, value_slopes
 from rotorfit.identify.fitting.causes.table import Causes, table_of
 from rotorfit.identify.fitting.noise.residual_study import ResidualStudy, is_misfit, largest_redchi
 from rotorfit.identify.fitting.quantities import (
@@ -86,7 +85,7 @@ class FitResult:
             that were used. "closed form" (eqs 5 to 9); "short fit": the best end of a few steps from several closed
             forms; "random starts": the same from many typical rotors, where there is no closed form; "rational fit":
             poles and residues (``Modal``); "spectral lines": linear least squares, line after line; "given": all were;
-            "earlier fit": the optimum of the fit that this one varies; "not recorded": read from an older file.
+            "earlier fit": the optimum of the fit that this one varies.
         perhaps_local: True if another minimum may be as deep or deeper; one of ``warnings`` says why.
         success, message, nfev: how the optimisation ended.
         responses: agreement response by response.
@@ -121,7 +120,7 @@ class FitResult:
     warnings: tuple[str, ...]
     noise: ResidualStudy | None = None
     model_uncertainty: Float | None = None
-    start: str = "not recorded"
+    start: str
     perhaps_local: bool = False
 
     plot = Accessor()
@@ -163,17 +162,6 @@ class FitResult:
         from rotorfit.identify.diagnosis.findings import findings_of
 
         return findings_of(self)
-
-    @property
-    def doubt(self) -> Float | None:
-        """``model_uncertainty`` under the name that it had in version 0.1.0.
-
-        Example:
-            >>> fit.model_uncertainty is None  # fit.doubt warns
-            True
-        """
-        renamed("FitResult.doubt", "model_uncertainty")
-        return self.model_uncertainty
 
     # ---- derived quantities ------------------------------------------------------------------------------------
 
@@ -222,7 +210,7 @@ class FitResult:
         """Interval that holds the parameter ``name``, or "threshold_speed" in rad/s, with the probability ``level``.
 
         By Student's t where standard errors have few degrees of freedom; infinite where the data do not determine it.
-        It holds all causes; ``share="noise"`` is by the noise alone.
+        It holds all causes; ``share`` "noise" leaves them out.
 
         Raises:
             KeyError: no such parameter; the message names the nearest.
@@ -295,21 +283,44 @@ class FitResult:
         return self.propagate_in(self.group(at), value, gradient, unit)
 
     def propagate_in(
-        self, group: int, value: float, gradient: Float, unit: str, by_causes: Float | None = None
+        self,
+        group: int,
+        value: float,
+        gradient: Float,
+        unit: str,
+        *,
+        speed: float | None = None,
+        by_causes: Float | None = None,
     ) -> Quantity:
         """As :meth:`propagate` with ``value``, ``gradient`` and ``unit``, for the ``group`` of that number, from 0.
 
-        ``by_causes`` are derivatives by the sizes of causes, the parameters held.
+        ``speed`` is the rotative speed, rad/s, that it belongs to, with whose values it is made. ``by_causes`` are
+        derivatives by the sizes of causes that do not change values, the parameters held.
         """
-        return self._with_error(value, self.problem.space.pull_back(np.asarray(gradient), group), unit, by_causes)
+        beside = self.by_values_of_causes(np.asarray(gradient), group, speed)
+        beside = beside if by_causes is None else beside + by_causes
+        slope = self.problem.space.pull_back(np.asarray(gradient), group)
+        slopes = dict(zip(self.var_names, slope.tolist(), strict=True)) | self._named_causes(beside)
+        return self._with_error(value, slope, unit, slopes)
 
-    def _with_error(self, value: float, slope: Float, unit: str, by_causes: Float | None = None) -> Quantity:
-        """A quantity with its derivatives by the fitted vector, and by the causes beside it."""
-        slopes = dict(zip(self.var_names, slope.tolist(), strict=True))
+    def by_values_of_causes(self, gradient: Float, group: int, speed: float | None = None) -> Float:
+        """Derivatives of a result by the sizes of causes that change values of the model, shape ``(..., k)``.
+
+        ``gradient`` has those by the model parameters of a ``group``, shape ``(..., P)``; ``speed`` as for
+        :meth:`propagate_in`.
+        """
         solved = self.settings.solved
-        if solved is not None and by_causes is not None:
-            slopes |= dict(zip((f"{CAUSE}{c.name}" for c in solved.causes), by_causes.tolist(), strict=True))
-        made = Quantity(value, math.inf, unit, source=self, slopes=slopes)
+        return value_slopes(self.model, self.thetas[group], gradient, speed, solved) if solved else np.zeros(0)
+
+    def _named_causes(self, by_causes: Float) -> dict[str, float]:
+        """Derivatives by the sizes of causes with the names that :meth:`error_of` knows."""
+        solved = self.settings.solved
+        names = [f"{CAUSE}{cause.name}" for cause in solved.causes] if solved else []
+        return {name: slope for name, slope in zip(names, by_causes.tolist(), strict=True) if slope}
+
+    def _with_error(self, value: float, slope: Float, unit: str, slopes: Mapping[str, float]) -> Quantity:
+        """A quantity with its derivatives by the fitted vector, and those by name of all that it is made of."""
+        made = Quantity(value, math.inf, unit, source=self, slopes=dict(slopes))
         if self.identifiability.leaves_open(np.abs(value), slope[None]).any():
             return made
         if not self.success:
@@ -319,11 +330,22 @@ class FitResult:
         stderr = float(standard_error(slope, self.covar)) if bar is None else bar.stderr
         return replace(made, stderr=stderr, freedom=freedom)
 
+    def covariance_of(self, slopes: Float, by_causes: Float) -> Float:
+        """Covariance of results, from their derivatives ``slopes`` by the fitted vector, shape ``(n, p)``, and
+        ``by_causes`` by the sizes of causes, ``(n, k)``."""
+        solved = self.settings.solved
+        if solved is None:
+            return np.asarray(slopes @ self.covar @ slopes.T)
+        errors = solved.errors
+        along = errors.along(slopes, by_causes)
+        by_noise = slopes @ (self.covar - errors.covariance) @ slopes.T
+        return np.asarray(by_noise + errors.widened * (along @ errors.covar @ along.T))
+
     def error_of(self, slopes: Mapping[str, float]) -> ErrorBar | None:
         """The error of a result by its derivatives, share by share: all that is printed with an error comes from here.
 
         Args:
-            slopes: by names of fitted values, and of causes with ``cause `` before them.
+            slopes: by names of fitted and of known values, and of causes with ``cause `` before them.
 
         Returns:
             ``None`` where no causes were solved.
@@ -333,6 +355,11 @@ class FitResult:
             return None
         slope = np.array([slopes.get(name, 0.0) for name in self.var_names])
         by_causes = np.array([slopes.get(f"{CAUSE}{cause.name}", 0.0) for cause in solved.causes])
+        held = np.array(
+            [0.0 if name in self.var_names else slopes.get(name, 0.0) for name in self.model.parameter_names]
+        )
+        if held.any():
+            by_causes = by_causes + self.by_values_of_causes(held, 0)
         if THRESHOLD in slopes and (onset := self.onset(0)) is not None:
             times = slopes[THRESHOLD]
             slope = slope + times * self.problem.space.pull_back(onset.gradient, 0)
@@ -351,7 +378,7 @@ class FitResult:
         )
 
     def quantity(self, value: float, slopes: Mapping[str, float], unit: str) -> Quantity:
-        """A quantity made of parameters and the threshold speed, with its error and its systematic share.
+        """A quantity made of parameters and the threshold speed, with its error.
 
         ``value`` in ``unit``, ``slopes`` by names in :attr:`params` or that of the threshold speed.
         """
@@ -364,8 +391,8 @@ class FitResult:
             slope = slope + by_onset * along
             own = self.threshold_of(0).stderr  # with the difference between candidates, which parameters do not know
             beside = abs(by_onset) * math.sqrt(max(own**2 - float(standard_error(along, self.covar)) ** 2, 0.0))
-        found = self._with_error(value, slope, unit)
-        return replace(found, stderr=math.hypot(found.stderr, beside), slopes=dict(slopes))
+        found = self._with_error(value, slope, unit, slopes)
+        return replace(found, stderr=math.hypot(found.stderr, beside))
 
     def threshold_speed(self, at: Mapping[str, Any] | None = None, *, eccentricity: float | None = None) -> Quantity:
         """Rotative speed at which the rotor becomes unstable, rad/s, with its standard error.
@@ -385,7 +412,7 @@ class FitResult:
             >>> round(onset.value * 30 / 3.14159), onset.unit
             (2667, 'rad/s')
         """
-        if eccentricity is None:
+        if not eccentricity:  # where the journal is centred
             found = self.threshold_of(self.group(at))
             if not math.isfinite(found.stderr) or len(self.thetas) > 1:
                 return found
@@ -399,7 +426,15 @@ class FitResult:
         onset = off_centre_threshold(self.model, self.theta(at), eccentricity, band=self.stability_band)
         if onset is None:
             return Quantity(math.nan, math.nan, "rad/s")
-        return self.propagate(onset.speed, onset.gradient, "rad/s", at)
+        group, solved = self.group(at), self.settings.solved
+        centred = self.onset(group) if solved is not None else None
+        if centred is None or solved is None:
+            return self.propagate(onset.speed, onset.gradient, "rad/s", at)
+        # Causes change it by the same share as that of the centred journal.
+        share, beside = onset.speed / centred.speed, onset_slopes(self.model, self.thetas[group], centred, solved)
+        slope = self.problem.space.pull_back(onset.gradient, group)
+        slopes = dict(zip(self.var_names, slope.tolist(), strict=True)) | self._named_causes(share * beside)
+        return self._with_error(share * self.threshold_of(group).value, slope, "rad/s", slopes)
 
     def threshold_of(self, group: int) -> Quantity:
         """Threshold speed of the parameter ``group`` of that number, from 0; see :meth:`threshold_speed`."""

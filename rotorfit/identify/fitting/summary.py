@@ -285,16 +285,18 @@ def _stability_lines(fit: FitResult) -> list[str]:
 def fit_html(fit: FitResult) -> str:
     """Parameters as a table, the rest of the summary below it."""
     rows = ""
+    shares = ("stderr", "noise", "bounded", "trust", "low", "high", "largest on trust", "plain")
     for p in in_order(fit.params.values()):
+        value, errors = "not determined", [""] * len(shares)
         if not p.vary:
-            value, error = significant(p.value, 7), "known"
-        elif not p.resolved:
-            value, error = "not determined", ""
-        else:
-            value, error = with_error(p.value, p.stderr)
-        cells = (p.name, value, error, "" if p.unit == "1" else p.unit, p.meaning)
+            value, errors[0] = significant(p.value, 7), "known"
+        elif p.resolved:
+            value, *shown = with_errors(p.value, p.stderr, p.stderr, p.noise, p.bounded, p.trust)
+            low, high, plain = (with_error(number, p.stderr)[0] for number in (*p.interval(0.95), p.plain))
+            errors = [*shown, low, high, p.error.largest_on_trust if p.error else "", plain]
+        cells = (p.name, value, *errors, "" if p.unit == "1" else p.unit, p.meaning)
         rows += "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>"
-    head = "".join(f"<th>{name}</th>" for name in ("parameter", "value", "standard error", "unit", "meaning"))
+    head = "".join(f"<th>{name}</th>" for name in ("parameter", "value", *shares, "unit", "meaning"))
     text = fit.summary().split("\n\n")
     first, last = text[0], "\n".join(text[2:])
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"

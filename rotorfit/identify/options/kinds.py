@@ -286,6 +286,7 @@ class Kind:
     written: Callable[[Any], str | None]  # the word that :attr:`word` reads as this value
     paired: bool = False  # the option is ``NAME=VALUE`` and may be given again
     bare: bool = False  # the option may stand alone, which means true
+    off: str = ""  # option that says none of it, which TOML does by false and Python by None
 
 
 def _digits(value: Any) -> str | None:
@@ -305,9 +306,13 @@ KINDS: Mapping[str, Kind] = {
     **dict.fromkeys(("float", "float | None"), Kind(toml=_positive, word=positive_word, written=_digits)),
     "int": Kind(toml=count, word=count_word, written=str),
     "int | None": Kind(toml=whole, word=whole_word, written=str),
-    **dict.fromkeys(
-        ("Mapping[str, float]", "Mapping[str, float] | None"),
-        Kind(toml=table(number), word=number_word, written=_digits, paired=True),
+    "Mapping[str, float]": Kind(toml=table(number), word=number_word, written=_digits, paired=True),
+    "Mapping[str, float] | None": Kind(
+        toml=lambda key, value: None if value is False else table(number)(key, value),
+        word=number_word,
+        written=_digits,
+        paired=True,
+        off="--no-causes",
     ),
     "Mapping[str, float | tuple[float, float] | None]": Kind(
         toml=table(_known), word=_known_word, written=_known_written, paired=True
@@ -340,6 +345,8 @@ KINDS: Mapping[str, Kind] = {
 
 def written(kind: Kind, name: str, value: Any) -> list[str] | None:
     """Words of the command line that say a value of an option; ``None`` where none can."""
+    if value is None:
+        return [kind.off]
     if kind.word is None or (kind.bare and value is True):
         return [name]
     if not kind.paired:
@@ -354,6 +361,8 @@ def written(kind: Kind, name: str, value: Any) -> list[str] | None:
     return found
 
 
-def is_set(value: Any) -> bool:
-    """True if a setting says anything: not empty, not false, not left out."""
+def is_set(value: Any, kind: Kind | None = None) -> bool:
+    """True if a setting says anything: not empty, not false, not left out; with a kind, none of it may say so."""
+    if value is None and kind is not None:
+        return bool(kind.off)
     return value is not None and value is not False and not (isinstance(value, Mapping | tuple | str) and not value)

@@ -97,7 +97,7 @@ SHAFT = ("structure", "fluid", "supports", "magnetic", "damping", "dofs")
 MODEL = (*SHAFT, "planes", "blocks", "two_lam", "orthotropic", "probes")
 LAW = ("law", "clearance_um")
 PARAMETERS = ("known", "bounds", "priors", "start")
-UNCERTAINTY = ("calibration", "assumptions", "profile", "bootstrap", "sample", "seed", "ess", "max_steps")
+UNCERTAINTY = ("calibration", "causes", "profile", "bootstrap", "sample", "seed", "ess", "max_steps")
 CAMPAIGN = (*MODEL, *PARAMETERS, "loss")
 """Options of ``rotorfit campaign``: what is neither known nor shared has a value of its own for each run."""
 LAW_RANKING = (*MODEL, *PARAMETERS, "per", "loss", "phase_offsets")
@@ -108,7 +108,7 @@ def command_words(settings: Mapping[str, Any]) -> list[str] | None:
     """Words of ``rotorfit fit`` that say some settings; ``None`` where the command line cannot."""
     found: list[str] = []
     for name, item in FIT.items():
-        if not is_set(settings.get(name)):
+        if name not in settings or not is_set(settings[name], item.kind):
             continue
         said = written(item.kind, item.word, settings[name])
         if said is None:

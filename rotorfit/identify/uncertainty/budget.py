@@ -52,7 +52,11 @@ class BudgetRow:
 
 @dataclass(frozen=True, repr=False)
 class Budget(Printed):
-    """Budget of a fit, a row a result: fitted parameters, then the threshold speed."""
+    """Budget of a fit.
+
+    Attributes:
+        rows: one a result: fitted parameters, then the threshold speed.
+    """
 
     rows: tuple[BudgetRow, ...]
 

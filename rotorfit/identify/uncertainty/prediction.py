@@ -40,7 +40,7 @@ class Prediction(Printed):
         response: predicted phasor, m (rad for slopes): of x + j y at the signed frequency, or of one probe, phase lead.
         covariance: of its real and imaginary part, shape ``(N, 2, 2)``; infinite where the data do not determine it.
         systematic: the same by what the model leaves out or takes as known, in proportion to the table of
-            :meth:`FitResult.assumptions`; zero for statistical bands.
+            :attr:`FitResult.causes`; zero for bands by the noise alone.
         noise: standard deviation of each part of a new reading about the truth, NaN where the fit has no readings of
             that plane.
         reach: half-width of the bands in standard errors, by Student's t; larger for bands of whole curves.

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.base.version import __version__
+from rotorfit.base.version import VERSIONS
 from rotorfit.identify.fitting.causes.calibration import Calibration
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitOptions, FitSettings
@@ -33,7 +33,7 @@ def reproduce_section(material: ReportInput) -> Html:
 
     fit = material.fit
     packages = ["casadi", "numpy", "scipy", "matplotlib", *(["emcee"] if material.posterior is not None else [])]
-    versions = [f"rotorfit {__version__}", f"Python {platform.python_version()}"]
+    versions = [f"rotorfit {VERSIONS}", f"Python {platform.python_version()}"]
     versions += [f"{name} {version(name)}" for name in packages]
     command = _command(material)
     shell = [paragraph("On the command line:"), element("pre", command)] if command else []
@@ -118,7 +118,7 @@ def _given(settings: FitSettings) -> dict[str, Any]:
     usual = FitSettings()
     names = (*(f.name for f in fields(FitOptions)), "baseline", "calibration")
     found = {name: getattr(settings, name) for name in names}
-    return {name: value for name, value in found.items() if value and value != getattr(usual, name)}
+    return {n: v for n, v in found.items() if (v or v is None) and v != getattr(usual, n)}
 
 
 def _own_options(model: RotorModel) -> dict[str, Any]:

@@ -205,12 +205,12 @@ def coefficients_of(
     values, slopes = force.values.reshape(-1), force.slopes.reshape(len(COEFFICIENTS), -1)
 
     def propagated(value: float, by_values: Float, unit: str) -> Quantity:
-        return fit.propagate_in(group, value, by_values @ slopes, unit)
+        return fit.propagate_in(group, value, by_values @ slopes, unit, speed=speed)
 
     columns = zip(COEFFICIENTS, values.tolist(), np.eye(values.size), strict=True)
     by_name = {name: propagated(value, unit, UNITS[name[0]]) for name, value, unit in columns}
     pulled = np.array([fit.problem.space.pull_back(row, group) for row in slopes])
-    covariance = pulled @ fit.covar @ pulled.T
+    covariance = fit.covariance_of(pulled, fit.by_values_of_causes(slopes, group, speed))
     for place, name in enumerate(COEFFICIENTS):
         if not math.isfinite(by_name[name].stderr):
             covariance[place, place] = by_name[name].stderr

@@ -14,6 +14,7 @@ from rotorfit.base.digits import plus_minus, significant
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Printed, text_table
 from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.identify.fitting.causes.slopes import eigenvalue_slopes
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.coefficients import central_differences
@@ -143,7 +144,7 @@ def _said(q: Quantity, factor: float = 1.0) -> str:
 def natural_frequencies(fit: FitResult, speed: float, at: Mapping[str, Any] | None) -> list[tuple[Quantity, Quantity]]:
     """Damped natural frequency (rad/s, signed) and damping ratio of each mode; see the result's method."""
     speed = angular_rate(speed)
-    theta, model = fit.theta(at), fit.model
+    theta, model, group = fit.theta(at), fit.model, fit.group(at)
     modes = []
     back = 1j * speed if model.turns else 0.0  # from turning coordinates
     for found in eigenvalues(model, theta, speed).tolist():
@@ -151,18 +152,26 @@ def natural_frequencies(fit: FitResult, speed: float, at: Mapping[str, Any] | No
             continue
         _, by_theta = eigenvalue_gradient(model, theta, speed, found)
         s = found + back
-        size = abs(s)
-        # zeta = -Re s / |s|
-        slope = -by_theta.real / size + s.real * (s.real * by_theta.real + s.imag * by_theta.imag) / size**3
+        solved = fit.settings.solved
+        by_causes = eigenvalue_slopes(model, theta, speed, found, solved) if solved else np.zeros(0, dtype=complex)
         turn = -1.0 if model.frame == "xy" and not whirls_forward(model, theta, speed, np.array([found]))[0] else 1.0
-        frequency = fit.propagate(turn * s.imag, turn * by_theta.imag, "rad/s", at)
-        modes.append((frequency, fit.propagate(-s.real / size, slope, "1", at)))
+        frequency = fit.propagate_in(
+            group, turn * s.imag, turn * by_theta.imag, "rad/s", speed=speed, by_causes=turn * by_causes.imag
+        )
+        slope, beside = _damping_slope(s, by_theta), _damping_slope(s, by_causes)
+        ratio = fit.propagate_in(group, -s.real / abs(s), slope, "1", speed=speed, by_causes=beside)
+        modes.append((frequency, ratio))
     return modes
+
+
+def _damping_slope(s: complex, by: ComplexArray) -> Float:
+    """Derivatives of the damping ratio ``-Re s / |s|`` of an eigenvalue by what it has the derivatives ``by``."""
+    return np.asarray(-by.real / abs(s) + s.real * (s.real * by.real + s.imag * by.imag) / abs(s) ** 3)
 
 
 def modes_of(fit: FitResult, speed: float, normalise: str | None, at: Mapping[str, Any] | None) -> Modes:
     """See :meth:`FitResult.modes`."""
-    speed, theta, model = angular_rate(speed), fit.theta(at), fit.model
+    speed, theta, model, group = angular_rate(speed), fit.theta(at), fit.model, fit.group(at)
     names = [c.plane if c.axis == "z" else f"{c.plane}.{c.axis}" for c in model.coordinates]
     if normalise is not None and normalise not in names:
         raise KeyError(unknown_name("plane of the rotor", normalise, names))
@@ -176,7 +185,12 @@ def modes_of(fit: FitResult, speed: float, normalise: str | None, at: Mapping[st
     for mode, slope in zip(found, slopes, strict=True):
         if abs(mode.s) > fit.stability_band:
             continue
-        own = [fit.propagate(v, s, u, at) for v, s, u in zip(_numbers(mode).tolist(), slope, units, strict=True)]
+        by_causes = _by_causes(fit, theta, speed, mode)
+        made = zip(_numbers(mode).tolist(), slope, units, strict=True)
+        own = [
+            fit.propagate_in(group, v, s, u, speed=speed, by_causes=by_causes.get(row))
+            for row, (v, s, u) in enumerate(made)
+        ]
         frequency = Quantity(own[0].value + back, own[0].stderr, own[0].unit, own[0].freedom)
         mass, stiffness, damping = own[2:5] if np.isfinite(mode.mass) else (None, None, None)
         modes.append(
@@ -230,6 +244,19 @@ def _slopes(fit: FitResult, theta: Float, speed: float, place: int, modes: list[
             change[[5 + place, 5 + mode.shape.size + place]] = 0.0  # normalised there
             slope[:, i] = change / (2 * step[i])
     return found
+
+
+def _by_causes(fit: FitResult, theta: Float, speed: float, mode: VibrationMode) -> dict[int, Float]:
+    """Derivatives of some of a mode's numbers, by their places, by causes that act on the rotor beside its values."""
+    if fit.settings.solved is None:
+        return {}
+    every = eigenvalues(fit.model, theta, speed)
+    s = complex(every[np.nanargmin(np.abs(every - mode.s))])
+    by = eigenvalue_slopes(fit.model, theta, speed, s, fit.settings.solved)
+    ratio = _damping_slope(s, by)
+    if not np.isfinite(mode.mass):
+        return {0: mode.turn * by.imag, 1: ratio}
+    return {0: (np.conj(s) * by).real / abs(s), 1: ratio, 4: 2 * np.sqrt(mode.stiffness * mode.mass) * ratio}
 
 
 def _measured(fit: FitResult) -> Iterator[tuple[Float, Float]]:

@@ -13,7 +13,7 @@ from rotorfit.base.matching import matched
 from rotorfit.base.names import unknown_name
 from rotorfit.estimators.inference.causes import Act
 from rotorfit.estimators.inference.covariance import spreading
-from rotorfit.identify.fitting.causes.onset import onset_slopes
+from rotorfit.identify.fitting.causes.slopes import onset_slopes
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models import RotorModel, eigenvalues
 from rotorfit.models.coefficient_tables import loop_stiffness
