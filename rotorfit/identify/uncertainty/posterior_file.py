@@ -18,6 +18,7 @@ from rotorfit.base.digits import significant, with_error
 from rotorfit.base.file_reading import reading, seal
 from rotorfit.base.text_table import text_table
 from rotorfit.base.version import VERSIONS
+from rotorfit.estimators.inference.caused_posterior import CausedPosterior
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.uncertainty.posterior import Posterior, SampleSettings
 from rotorfit.identify.uncertainty.target import posterior_of
@@ -95,6 +96,8 @@ def datasets(posterior: Posterior) -> dict[str, xr.Dataset]:
         "lp": (("chain", "draw"), np.ascontiguousarray(posterior.log_density.T)),
         "acceptance_rate": (("chain",), posterior.acceptance),
     }
+    if posterior.sizes is not None:
+        stats["causes"] = (("chain", "draw", "cause"), np.ascontiguousarray(posterior.sizes.swapaxes(0, 1)))
     header = {
         "title": _KIND,
         "inference_library": "emcee",
@@ -178,6 +181,7 @@ def _read(path: Path, fit: FitResult) -> Posterior:
         treatment=str(header["treatment"]),
         seed=int(header["seed"]),
         settings=SampleSettings(**json.loads(header["settings"])),
+        sizes=np.ascontiguousarray(stats["causes"].values.swapaxes(0, 1)) if "causes" in stats else None,
     )
 
 
@@ -190,7 +194,10 @@ def _check(posterior: Posterior, source: str) -> None:
             f"{source} holds {', '.join(posterior.names)}, but this fit is of {', '.join(target.names)}: load it with "
             "the fit that was sampled"
         )
-    if not np.allclose(target(posterior.chain[-1]), posterior.log_density[-1], rtol=1e-8, atol=1e-6):
+    last = posterior.chain[-1]
+    if isinstance(target, CausedPosterior) and posterior.sizes is not None:
+        last = target.alone(last, posterior.sizes[-1])
+    if not np.allclose(target(last), posterior.log_density[-1], rtol=1e-8, atol=1e-6):
         raise ValueError(f"{source} is the posterior of another fit: data, model, priors or noise differ")
 
 
