@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,9 @@ class CausedResponses(OnResponses):
         if not self.way.any():
             return own
         names = ("line", "measured", "sigma", "label", "run", "derivative")
-        twice = {name: np.concatenate([one, one]) for name in names if (one := getattr(own, name)) is not None}
+        twice: dict[str, Any] = {
+            name: np.concatenate([one, one]) for name in names if (one := getattr(own, name)) is not None
+        }
         return replace(own, coordinate=np.concatenate([own.coordinate, self.towards]), **twice)
 
     def values(self, theta: Float) -> Float:
