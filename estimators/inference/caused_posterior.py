@@ -68,10 +68,12 @@ class CausedPosterior(LogPosterior):
 
     def drawn(self, vectors: Float, rng: np.random.Generator) -> tuple[Float, Float]:
         """Vectors ``(W, size)`` with what they take up of sizes of causes drawn at random, and these in their units."""
-        sizes = np.empty((len(vectors), self.causes.at.size))
+        # Walkers stay where they are for some steps: what is most probable there is worked out once.
+        distinct, place = np.unique(vectors[:, : self.problem.space.size], axis=0, return_inverse=True)
+        middle, sizes = self._at_their_best(distinct)[1], np.empty((len(vectors), self.causes.at.size))
         for first in range(0, len(vectors), 4096):
             some = slice(first, first + 4096)
-            sizes[some] = self._given.drawn(self._at_their_best(vectors[some, : self.problem.space.size])[1], rng)
+            sizes[some] = self._given.drawn(middle[place[some]], rng)
         return self._moved(vectors, sizes, 1), sizes
 
     def alone(self, vectors: Float, sizes: Float) -> Float:
