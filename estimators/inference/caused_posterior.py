@@ -13,7 +13,7 @@ from rotorfit.estimators.inference.linear_causes import CausesGiven, LinearCause
 from rotorfit.estimators.inference.log_posterior import PRIOR_FREEDOM, LogPosterior, Noise
 from rotorfit.estimators.misfit.problem import Problem, robust_weights
 
-_TOGETHER = 131_072
+_TOGETHER = 32_768
 """Readings of all vectors that are evaluated together: more leave the cache."""
 
 
@@ -91,8 +91,12 @@ class CausedPosterior(LogPosterior):
         for some, r in self._residuals(x):
             beyond = self._given.beyond(r)
             left = r.view(float) + beyond @ self.causes.rows.T
-            square = left[:, ::2] ** 2 + left[:, 1::2] ** 2
-            sums[some] = robust_weights(self.problem.loss, square)[0] @ self._to_channel / self.inflation
+            left *= left
+            if self.problem.loss == "linear":
+                sums[some] = left @ np.repeat(self._to_channel, 2, axis=0) / self.inflation
+            else:
+                rho = robust_weights(self.problem.loss, left[:, ::2] + left[:, 1::2])[0]
+                sums[some] = rho @ self._to_channel / self.inflation
             sizes[some] = beyond + self.causes.at
         return sums, sizes
 
