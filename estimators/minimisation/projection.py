@@ -138,6 +138,17 @@ class Projection:
                     own.append(OwnColumns(readings=readings, rows=whole[~kept]))
         return residuals, rows, tuple(own)
 
+    def information(self, x: Float) -> tuple[Float, dict[int, tuple[Float, Float]]]:
+        """Gauss-Newton matrix of the entries of the search with the linear ones eliminated, shape ``(q, q)``; for each
+        coordinate that of its linear entries, shape ``(k, k)``, and how they follow the others, shape ``(k, q)``."""
+        _, _, matrix, channels = self._sums(x)
+        found = {}
+        for coordinate, sums in channels.items():
+            follow = -solve_symmetric(sums.matrix, sums.cross.T)
+            matrix = matrix + sums.cross @ follow
+            found[coordinate] = sums.matrix, follow
+        return (matrix + matrix.T) / 2, found
+
     def cost(self, y: Float) -> float:
         """Cost of one vector of the search."""
         return self.problem.cost(self.vector(y))

@@ -80,7 +80,7 @@ class LinearisedChannel:
         return np.ascontiguousarray(own * self.scale)
 
     def products(self) -> tuple[Float, Float]:
-        """Sums over readings, of one vector: derivatives times residuals, ``(k,)``, and times each other, ``(k, k)``."""
+        """Sums over readings of one vector: derivatives times residuals, ``(k,)``, and times each other, ``(k, k)``."""
         largest = float(self.scale.max())
         shape = self.scale / largest
         key = self.lines.tobytes() + shape.tobytes()
