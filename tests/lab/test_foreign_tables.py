@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 import rotorfit as rf
 from rotorfit.base.names import nearest, unknown_name
@@ -244,3 +246,22 @@ def test_a_file_that_is_not_read_says_what_its_program_exports(tmp_path: Path, n
     for reader in (read, open_raw):
         with pytest.raises(ValueError, match=f"{name}: .*{words}"):
             reader(tmp_path / name)
+
+
+@pytest.mark.parametrize("names", [("f", "H"), ("freq", "FRF"), ("Hz", "Hxx")])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_frequencies_and_responses_of_matlab_alone_say_what_is_lacking(
+    tmp_path: Path, names: tuple[str, str], channels: int
+) -> None:
+    f = np.linspace(1, 100, 50)
+    savemat(tmp_path / "a.mat", {names[0]: f, names[1]: np.ones((50, channels)) / (4e5 - f[:, None] ** 2 + 3j)})
+    with pytest.raises(
+        ValueError, match=rf"a\.mat holds frequencies \({names[0]}\) and responses \({names[1]}\).*real_um"
+    ):
+        read(tmp_path / "a.mat")
+    with h5py.File(tmp_path / "b.mat", "w", userblock_size=512) as file:
+        file["f"] = f[None]
+    with (tmp_path / "b.mat").open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+    with pytest.raises(ValueError, match=r"b\.mat is a MAT file of version 7.3; save it with save.name, ..., '-v7'"):
+        read(tmp_path / "b.mat")

@@ -13,12 +13,13 @@ import numpy as np
 
 from rotorfit.base.digits import significant
 from rotorfit.base.names import unknown_name
-from rotorfit.base.units import RPM_PER_RAD_S, UNITS
+from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.lab.data.findings import Finding
 from rotorfit.lab.recordings.formats.raw_file import RawChannel, RawFile
 from rotorfit.lab.recordings.rig.rig_toml import flat_setup
 from rotorfit.lab.recordings.rig.setup import (
     ALLOWED,
+    UNITS_OF_CHANNELS,
     ChannelUnit,
     Force,
     ForceSetup,
@@ -209,15 +210,29 @@ def _used(raw: RawFile, whole: RigSetup, source: str, marked: Sequence[str], how
 
 def _complete_probe(raw: RawFile, probe: Probe, setup: RigSetup, how: str) -> Probe:
     unit = _unit_of(raw, probe.channel, probe.unit, setup)
-    sensitivity = probe.sensitivity if probe.sensitivity is not None else setup.sensitivity
-    sensitivity = _scaled(raw, probe.channel, unit, "length", sensitivity)
+    said = (probe.sensitivity, probe.per_velocity, probe.per_acceleration)
+    orders = [order for order, value in enumerate(said) if value is not None]
+    if len(orders) > 1:
+        raise ValueError(
+            f"{raw.name}: the probe {probe.channel} has sensitivities to {len(orders)} quantities; keep one"
+        )
+    order = orders[0] if orders else 0
+    scaled = unit is not None and unit.quantity in _MOTIONS
+    if unit is not None and scaled and not orders:
+        order = _MOTIONS.index(unit.quantity)
+    default = setup.sensitivity if not orders and (order == 0 or not scaled) else None
+    sensitivity = _scaled(raw, probe.channel, unit, _MOTIONS[order], said[order] if orders else default)
     if probe.angle is None or sensitivity is None:
-        lacking = "angle_deg" if probe.angle is None else "sensitivity_V_per_mm (or unit, of a channel that is scaled)"
+        lacking = (
+            "sensitivity_V_per_mm (of an accelerometer _mV_per_g, of a sensor of velocity _mV_per_mm_s; or unit, of a "
+            "channel that is scaled)"
+        )
+        lacking = "angle_deg" if probe.angle is None else lacking
         own = raw.channels[probe.channel].unit
         unknown = f" (its unit in the file, {own!r}, is none of {ALLOWED})" if own and channel_unit(own) is None else ""
         raise ValueError(f"{raw.name}: nothing says the {lacking} of the probe {probe.channel}{unknown}; {how}")
     name = unit.name if unit is not None and unit.quantity != "voltage" else None
-    return replace(probe, sensitivity=sensitivity, unit=name)
+    return replace(probe, sensitivity=sensitivity, unit=name, derivative=order)
 
 
 def _unit_of(raw: RawFile, channel: str, said: str | None, setup: RigSetup) -> ChannelUnit | None:
@@ -235,9 +250,9 @@ def _unit_in_file(raw: RawFile, channel: str) -> ChannelUnit | None:
     return next((unit for unit in found if unit is not None), None)
 
 
-_MEANT = {"length": "a probe reads motion", "force": "[force] takes forces"}
-_VECTORS = {"velocity": "velocity_mm_s", "acceleration": "acceleration_g"}
-"""Columns of tables for vectors of sensors that read no motion."""
+_MOTIONS = ("length", "velocity", "acceleration")
+"""Quantities of a sensor of motion, by how often it differentiates."""
+_MEANT = dict.fromkeys(_MOTIONS, "a probe reads motion") | {"force": "[force] takes forces"}
 
 
 def _scaled(
@@ -247,15 +262,11 @@ def _scaled(
     if unit is None or unit.quantity == "voltage":
         return sensitivity
     if unit.quantity != quantity:
-        way = ""
-        if quantity == "length" and unit.quantity in _VECTORS:
-            way = (
-                f" Vectors of such a sensor, by an analyser, are read from a table (column {_VECTORS[unit.quantity]}), "
-                "where their frequency makes displacements of them."
-            )
+        wanted = _MOTIONS if quantity in _MOTIONS else (quantity,)
+        units = ", ".join(each for one in wanted for each in UNITS_OF_CHANNELS[one])
         raise ValueError(
-            f"{raw.name}: the channel {channel} is in {unit.name}, {unit.quantity}; {_MEANT[quantity]}, in "
-            f"{', '.join(UNITS[quantity])}, or in V or mV with a sensitivity.{way} If the file is wrong, say unit = "
+            f"{raw.name}: the channel {channel} is in {unit.name}, {unit.quantity}; {_MEANT[quantity]}, in {units}, or "
+            "in V or mV with a sensitivity to it. If the file is wrong, say unit = "
             f'"..." of [[channel]] name = "{channel}"'
         )
     if sensitivity is not None and np.isclose(abs(sensitivity) * unit.factor, 1):
