@@ -32,6 +32,8 @@ def integrated(values: Float, rate: float, times: int) -> Float:
     return np.asarray(np.fft.irfft(whole, values.size))
 
 
+LARGEST_SAMPLE = 1e30
+"""Size of a sample, volts or another unit, beyond which squares and products are no numbers any more."""
 SAMPLES_OF_A_PIECE = 1 << 20
 """Samples read at once where a channel is gone through from end to end: 8 MB in double precision."""
 
@@ -161,11 +163,12 @@ class Signals:
     def _stored(self, name: str, first: int, last: int) -> NDArray[Any]:
         """Samples as the file stores them, counts or volts."""
         counts = self.raw.channels[name].samples(first, last)
-        if counts.dtype.kind == "f" and not np.isfinite(counts).all():
-            at = first + int(np.flatnonzero(~np.isfinite(counts))[0])
+        if counts.dtype.kind == "f" and not (np.abs(counts) <= LARGEST_SAMPLE).all():
+            at = first + int(np.flatnonzero(~(np.abs(counts) <= LARGEST_SAMPLE))[0])
+            allowed = f"; samples may be up to {LARGEST_SAMPLE:g} in size" if np.isfinite(counts[at - first]) else ""
             raise ValueError(
                 f"{self.name}: channel {name} is {counts[at - first]} at sample {at} ({at / self.sample_rate:.4f} s); "
-                "cut the recording there or leave the channel out"
+                f"cut the recording there or leave the channel out{allowed}"
             )
         return counts
 

@@ -142,7 +142,9 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
         scales={channel.name: _scale(raw, channel, whole) for channel in used},
         speed=whole.speed,
         attributes=dict(whole.attributes),
-        findings=() if given is None else tuple(_contradictions(given, own, raw, source)),
+        findings=()
+        if given is None
+        else (*_contradictions(given, own, raw, source), *_unused(given, raw, used, source)),
     )
 
 
@@ -399,6 +401,56 @@ def _contradictions(given: RigSetup, own: RigSetup, raw: RawFile, source: str) -
     found += [f"planes of the probes: {words}" for words in _parted(given.probes or (), by_setup, source)]
     told = (f"{raw.name}: {words}; the setup is followed." for words in found)
     return [Finding("warning", "setup-contradicts-file", words) for words in told]
+
+
+def _unused(given: RigSetup, raw: RawFile, used: Sequence[RawChannel], source: str) -> Iterator[Finding]:
+    """What a setup says and nothing is made of, each with why."""
+    said: list[tuple[str, str]] = []
+    for name, mark in (("shaft", given.shaft), ("perturbator", given.perturbator)):
+        if mark is not None and given.speed == 0 and name == "shaft":
+            said.append(("[shaft]", "a rotor at rest (speed_rpm = 0) passes no marks"))
+        elif mark is not None and mark.channel is not None and mark.steady:
+            said.append((f"steady of [{name}]", "its mark says the speed"))
+    said += _unused_of_force(given)
+    names = {channel.name for channel in used}
+    for name, scale in given.scales.items():
+        if name not in names:
+            said.append((f'[[channel]] name = "{name}"', "no probe, mark or force is on it"))
+        elif scale.unit is not None and scale.offset:
+            said.append((f'offset_V of [[channel]] name = "{name}"', "a channel that is scaled has no offset in volts"))
+    if given.sensitivity is not None and given.probes and all(_has_own(probe) for probe in given.probes):
+        said.append(("the sensitivity at the top", "every probe has its own"))
+    for what, why in said:
+        words = f"{raw.name}: {what} in {source} is not used: {why}."
+        yield Finding("note", "setup-unused", words)
+
+
+def _unused_of_force(given: RigSetup) -> Iterator[tuple[str, str]]:
+    """What of the force, or of what else drives the rotor, is not used, and why."""
+    said: list[tuple[str, str]] = []
+    force = given.force
+    keys: dict[str, object]
+    if force is not None and (force.channel_x or force.channel_y):
+        keys = {"mr_...": force.mr, "angle_deg": force.angle, "hole_angle_deg": force.hole_angle, "whirl": force.whirl}
+        said += [(f"{key} of [force]", "the force was measured") for key, value in keys.items() if value is not None]
+    elif force is not None:
+        keys = {"sensitivity_...": force.sensitivity, "unit": force.unit}
+        why = "no channel_x or channel_y measures the force"
+        said += [(f"{key} of [force]", why) for key, value in keys.items() if value is not None]
+        if force.angle is not None and force.hole_angle is not None:
+            said.append(("hole_angle_deg of [force]", "angle_deg says where the heavy spot is"))
+    if force is not None:
+        others = (("[load]", given.load), ("[impulse]", given.impulse))
+        said += [(name, "[force] says what drives the rotor") for name, value in others if value is not None]
+    elif given.load is not None and given.impulse is not None:
+        said.append(("[load]", "[impulse] says what drives the rotor"))
+    yield from said
+
+
+def _has_own(probe: Probe) -> bool:
+    return any(
+        value is not None for value in (probe.sensitivity, probe.per_velocity, probe.per_acceleration, probe.unit)
+    )
 
 
 def _units(given: RigSetup, raw: RawFile) -> Iterator[tuple[str, str, str]]:
