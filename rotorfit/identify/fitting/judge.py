@@ -17,7 +17,9 @@ from rotorfit.estimators.blocks.shaft_lines import LineResponses
 from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.inference.identifiability import Identifiability, along_valley, diagnose
 from rotorfit.estimators.inference.joint_errors import JointErrors
+from rotorfit.estimators.inference.projected_errors import MOST_ENTRIES_TOGETHER, projected_errors
 from rotorfit.estimators.minimisation.least_squares import Solution, Status
+from rotorfit.estimators.minimisation.projection import Projection
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.problem import Derivatives, Problem, robust_weights
 from rotorfit.estimators.starting.closed_form import ClosedForm
@@ -200,10 +202,14 @@ def _standard_errors(
     """Covariance of an estimate by the noise alone, shape ``(p, p)``, and widened where the model or the residuals ask
     for it; degrees of freedom of each entry's error, what the data determine, and the study with its share in it."""
     space = problem.space
-    root, sandwich = covariance.information(problem, x, residuals, derivatives)
     names, base = (*space.names, *space.nuisance), (*space.base, *space.nuisance)
-    scales = covariance.parameter_scales(problem, x)
-    scattered, verdict = diagnose(space.model, names, base, x, root, scales)
+    scales, sandwich = covariance.parameter_scales(problem, x), None
+    projection = Projection.of(problem) if x.size > MOST_ENTRIES_TOGETHER else None
+    if projection is not None:
+        scattered, verdict = projected_errors(projection, x, scales)
+    else:
+        root, sandwich = covariance.information(problem, x, residuals, derivatives)
+        scattered, verdict = diagnose(space.model, names, base, x, root, scales)
     if sandwich is not None:
         weighing = covariance.weighing_error(problem, derivatives.whole, scattered)
         scattered = scattered @ sandwich @ scattered + weighing

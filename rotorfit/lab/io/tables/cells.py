@@ -224,6 +224,21 @@ def read_cells(
     return header[:width], [column.finished(path.name) for column in columns], numbered
 
 
+def first_rows(path: Path, sheet: str | None) -> list[Sequence[str]]:
+    """Rows at the beginning of a text file or a sheet, titles among them."""
+    rows = _sheet(path, sheet) if path.suffix.lower() in EXCEL else _text_rows(path, lambda share: None)
+    return [cells for _, cells in islice(rows, _TITLE_ROWS)]
+
+
+def sheet_names(path: Path) -> list[str]:
+    """Names of the sheets of a workbook."""
+    with path.open("rb") as stream:
+        book = _workbook(path, stream)
+        names = list(book.sheetnames)
+        book.close()
+    return names
+
+
 def frame_cells(frame: DataFrame, is_text: Callable[[str], bool], source: str = "DataFrame") -> Cells:
     """Columns of a table in memory, whose rows have the numbers that they would have below a header."""
     columns = [_Column(name, is_text=is_text(name)) for name in map(shown, map(str, frame.columns))]
