@@ -168,12 +168,7 @@ def test_intervals_hold_the_truth_and_probabilities_are_calibrated(monkeypatch: 
     held = dict.fromkeys(truth, 0)
     place = []
     for fit in fitted():
-        sure = rf.fit(
-            MODEL,
-            fit.experiments,
-            known=KNOWN,
-            assumptions=dict.fromkeys((e.name for e in fit.assumptions().entries), 0.0),
-        )
+        sure = plain_fit(MODEL, fit.experiments, known=KNOWN)
         limit = truth["log. decrement of the least stable forward mode"]
         found = sure.stability_report(min_decrement=limit, **loop)
         for criterion in found.criteria:
@@ -318,7 +313,7 @@ def test_what_is_refused() -> None:
 
 def test_a_rotor_whose_model_misses_the_data_is_judged_with_caution() -> None:
     rig = rf.datasets.rig_open()
-    fit = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6e3})
+    fit = plain_fit(rf.models.WhirlWhip(), rig, known={"K3": 6e3})
     report = fit.stability_report()
     assert "CAUTION: the model misses the data" in str(report).splitlines()[1]
     assert exact().stability_report(max_speed_rpm=2800).caution == ""

@@ -144,7 +144,7 @@ def test_magnets_and_gains_are_told_apart_by_the_delay_alone(fit):
 def test_sensitivity_function_of_the_controller(fit):
     """The loop is opened at the controller, by hand 1/(1 + G C); the magnets' own stiffness stays with the rotor."""
     w = np.array([100.0, 400.0, 1100.0, 2000.0])
-    found = rotors_of(fit, fit.thetas[:1]).sensitivity(np.concatenate([w, -w]), 250.0, "left")[0]
+    found = rotors_of(fit, fit.thetas[:1], 0).sensitivity(np.concatenate([w, -w]), 250.0, "left")[0]
     for one, *pair in zip(w, found[:4], found[4:], strict=True):
         C = held("left", one, True)[0] - MAGNETS["Km_left"]
         opened = dynamic_stiffness(one, 250.0, magnetic=True)
