@@ -123,6 +123,8 @@ def fit_from_json(text: str, *, model: RotorModel | None = None, source: str = "
             own = _read_model(content["model"], model)
             entries = {name: decode(content[name]) for name in names if name in content}
             check_types(FitResult, entries)
+            if "causes" not in content["settings"]["fields"]:  # before there were any
+                entries["settings"] = replace(entries["settings"], causes=None)
             if entries.get("noise") is not None:
                 entries["noise"] = replace(entries["noise"], found=entries["settings"].noise)
             problem = build_problem(own, entries["experiments"], entries["settings"])

@@ -35,7 +35,8 @@ _HOMES = (
 """Modules whose records a file may name; nothing else is ever imported or called for a file."""
 
 _EARLIER: dict[str, tuple[str, dict[str, str | None]]] = {
-    "FitSettings": ("FitSettings", {"levels": "noise_scale"}),
+    "FitSettings": ("FitSettings", {"levels": "noise_scale", "assumptions": None}),
+    "FittedParameter": ("FittedParameter", {"stderr_noise": None}),
     "Noise": (
         "ResidualStudy",
         {
@@ -49,7 +50,7 @@ _EARLIER: dict[str, tuple[str, dict[str, str | None]]] = {
         },
     ),
 }
-"""Records and fields as version 0.1.0 called them, and their names today; sentences are no longer saved."""
+"""Records and fields as version 0.1.0 called them, and their names today; what is none of theirs is no longer saved."""
 
 _KINDS = {"f": "float64", "c": "complex128", "i": "int64", "b": "bool", "U": "str", "O": "object"}
 

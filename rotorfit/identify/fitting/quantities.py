@@ -203,7 +203,7 @@ class Quantity(Number):
 
         Example:
             >>> print(fit.threshold_speed().to("rpm"))
-            2667 +- 76 rpm
+            2654.0 +- 5.8 rpm
         """
         own = si_factor("frequency", "rad_s" if self.unit == "1/s" else self.unit.replace("/", "_"))
         other = si_factor("frequency", unit.replace("/", "_"))
