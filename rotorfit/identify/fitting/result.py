@@ -380,11 +380,12 @@ class FitResult:
         along = errors.along(slope, by_causes)
         noise = math.sqrt(max(float(slope @ (self.covar - errors.covariance) @ slope), 0.0))
         shares = errors.shares(noise, along)
-        names = (cause.name for cause in solved.causes)
+        names = [cause.name for cause in solved.causes]
         return ErrorBar(
             noise=noise,
             bounded=shares.bounded,
             on_trust=dict(zip(names, shares.trust.tolist(), strict=True)),
+            slopes=dict(zip(names, along.tolist(), strict=True)),
             reach=errors.reach(noise, along),
             freedom=self.freedom if self.noise is None else self.noise.degrees(slope),
         )
