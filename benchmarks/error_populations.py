@@ -312,7 +312,8 @@ def responses(rotor: Rotor, sweep: Sweep, acting: Mapping[str, float], row: Row,
         w = way * size
         z = _motion(rotor, sweep, acting, row, w, speed, forced, level)
         turn = acting.get("turned", 0.0) + way * acting.get("phase", 0.0)
-        z = z * np.exp(1j * turn - 1j * w * acting.get("delay", 0.0))[:, None]
+        late = acting.get("delay", 0.0) + acting.get("clock", 0.0) * sweep.progress(w)
+        z = z * np.exp(1j * turn - 1j * w * late)[:, None]
         gain, angle = np.array(row.runs) * rng.normal(size=2)
         by_run.append(z * np.exp(acting.get("gain", 0.0)) * (1 + gain) * np.exp(1j * way * angle))
         told.append((speed, level, forced, w))
@@ -392,7 +393,7 @@ def given_sizes(row: Row, listed: Mapping[str, tuple[float, bool]], sweep: Sweep
             factor = next((f for begin, f in FIRST.items() if name.startswith(begin)), 1.0)
             if name == "gain":
                 factor = 2 / 3 if planes else math.hypot(0.02, 0.01) / math.hypot(0.03, 0.02)
-            if name == "delay":
+            if name in ("delay", "clock"):
                 factor = 2 * math.pi * 100 / sweep.high
             if name.startswith("damper["):
                 factor *= math.sqrt(max(planes, 1))
@@ -569,7 +570,7 @@ def line_of(name: str, row: Row, rigs: int, seed: int) -> tuple[Line, list[Found
 
 
 ALONE = (
-    "K", "gain", "turned", "phase", "delay", "curve", "damper", "loss", "hysteresis", "gyro", "speed label",
+    "K", "gain", "turned", "phase", "delay", "clock", "curve", "damper", "loss", "hysteresis", "gyro", "speed label",
     "speed[lam]", "speed[K0]", "speed[D]", "drift", "lag", "flex", "probe", "force", "mass", "q",
 )  # fmt: skip
 """Beginnings of the names of causes that act alone."""

@@ -13,7 +13,7 @@ from rotorfit.estimators.inference.linear_causes import CausesGiven, LinearCause
 from rotorfit.estimators.inference.log_posterior import PRIOR_FREEDOM, LogPosterior, Noise
 from rotorfit.estimators.misfit.problem import Problem, robust_weights
 
-_TOGETHER = 131_072
+_TOGETHER = 32_768
 """Readings of all vectors that are evaluated together: more leave the cache."""
 
 
@@ -24,6 +24,10 @@ class CausedPosterior(LogPosterior):
     Integrated out whatever their sign they leave ``min |r + B c|^2 + |c|^2``, which is ``|W r|^2`` with
     ``W = I - U (1 - 1 / sqrt(1 + d^2)) U'`` and ``B = U d V'``; the density is that times the probability that no cause
     of one sign is negative. Unknown noise is taken at the joint optimum in the weights by which sizes follow residuals.
+
+    Vectors are less what the fitted values take up of causes, ``x - T c``, and ``B`` is what is left of the columns
+    beside that (:class:`~rotorfit.estimators.inference.caused_problem.CausedProblem`): the density is as narrow as
+    without causes, and what rests on their sizes is added with the sizes that are drawn.
     """
 
     def __init__(
@@ -33,13 +37,14 @@ class CausedPosterior(LogPosterior):
         causes: LinearCauses,
         x: Float,
         *,
+        taken: Float,
         inflation: float = 1.0,
         effects: Sequence[tuple[Index, float]] = (),
         accelerate: bool | None = None,
         work: float = np.inf,
     ) -> None:
         super().__init__(problem, noise, inflation=inflation, effects=effects, accelerate=accelerate, work=work)
-        self.causes = causes
+        self.causes, self.taken = causes, taken
         self._to_channel = np.eye(len(problem.channel_names))[problem.channel]
         size2, slope = robust_weights(problem.loss, np.abs(problem.residuals(x)) ** 2)
         sums = size2 @ self._to_channel / inflation
@@ -61,9 +66,24 @@ class CausedPosterior(LogPosterior):
         sizes = self._at_their_best(vectors[:, : self.problem.space.size])[1]
         return self(vectors) - self._given.log_one_sign(sizes) - self._given.fall(sizes)
 
-    def drawn(self, x: Float, rng: np.random.Generator) -> Float:
-        """Sizes of the causes at random given vectors ``(W, p)``, each in its unit, shape ``(W, k)``."""
-        return self._given.drawn(self._at_their_best(x)[1], rng)
+    def drawn(self, vectors: Float, rng: np.random.Generator) -> tuple[Float, Float]:
+        """Vectors ``(W, size)`` with what they take up of sizes of causes drawn at random, and these in their units."""
+        # Walkers stay where they are for some steps: what is most probable there is worked out once.
+        distinct, place = np.unique(vectors[:, : self.problem.space.size], axis=0, return_inverse=True)
+        middle, sizes = self._at_their_best(distinct)[1], np.empty((len(vectors), self.causes.at.size))
+        for first in range(0, len(vectors), 4096):
+            some = slice(first, first + 4096)
+            sizes[some] = self._given.drawn(middle[place[some]], rng)
+        return self._moved(vectors, sizes, 1), sizes
+
+    def alone(self, vectors: Float, sizes: Float) -> Float:
+        """Vectors less what they take up of causes of given sizes, of which this is the density."""
+        return self._moved(vectors, sizes, -1)
+
+    def _moved(self, vectors: Float, sizes: Float, way: int) -> Float:
+        found = vectors.copy()
+        found[:, : len(self.taken)] += way * (sizes / self.causes.size - self.causes.at) @ self.taken.T
+        return found
 
     def _at_their_best(self, x: Float) -> tuple[Float, Float]:
         """Sums of squares of each channel and most probable sizes whatever their sign."""
@@ -71,8 +91,12 @@ class CausedPosterior(LogPosterior):
         for some, r in self._residuals(x):
             beyond = self._given.beyond(r)
             left = r.view(float) + beyond @ self.causes.rows.T
-            square = left[:, ::2] ** 2 + left[:, 1::2] ** 2
-            sums[some] = robust_weights(self.problem.loss, square)[0] @ self._to_channel / self.inflation
+            left *= left
+            if self.problem.loss == "linear":
+                sums[some] = left @ np.repeat(self._to_channel, 2, axis=0) / self.inflation
+            else:
+                rho = robust_weights(self.problem.loss, left[:, ::2] + left[:, 1::2])[0]
+                sums[some] = rho @ self._to_channel / self.inflation
             sizes[some] = beyond + self.causes.at
         return sums, sizes
 

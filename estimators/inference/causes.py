@@ -132,8 +132,10 @@ class Act:
 class OfReadings(Act):
     """Readings that are off by a factor."""
 
-    how: str  # "gain", "phase", "turned", "delay", "high-pass", "curve"
+    how: str  # "gain", "phase", "turned", "delay", "clock", "high-pass", "curve"
     plane: str = ""  # of the probes, all where it is empty
+    middle: float = 0.0  # of the sweep along which a clock goes off, rad/s
+    half: float = 1.0  # from there to its end, rad/s
 
     def of_readings(self, motion: Motion) -> ComplexArray | None:
         """See :class:`Act`."""
@@ -151,6 +153,8 @@ class OfReadings(Act):
                 factor = np.full(w.size, 1j)
             case "delay":
                 factor = -s
+            case "clock":
+                factor = -s * (np.abs(w) - self.middle) / self.half
             case "high-pass":
                 factor = np.where(turning, -1 / np.where(turning, s, 1.0), 0.0)
             case _:  # the curve of a probe

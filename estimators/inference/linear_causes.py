@@ -14,7 +14,7 @@ import numpy as np
 from rotorfit.base.array_types import Bool, ComplexArray, Float
 from rotorfit.estimators.inference.joint_errors import nearest_of_one_sign
 
-_CANDIDATES = 64
+_CANDIDATES = 8
 """Sizes of one sign from which one is drawn by their weights."""
 
 
@@ -103,7 +103,7 @@ class CausesGiven:
         found = sizes.copy()
         onto = np.zeros((free.size, bound.size))
         if bound.size:
-            weights, trials = self._along(sizes[:, bound], rng.random((_CANDIDATES, bound.size)))
+            weights, trials = self._along(sizes[:, bound], rng.random((len(sizes), _CANDIDATES, bound.size)))
             # The largest of the weights with Gumbel's noise is each with its probability.
             chosen = np.argmax(weights + rng.gumbel(size=weights.shape), axis=1)
             found[:, bound] = np.maximum(trials[np.arange(len(sizes)), chosen], 0.0)
@@ -119,15 +119,15 @@ class CausesGiven:
         return np.asarray(np.linalg.cholesky(self.covar[np.ix_(bound, bound)]))
 
     def _along(self, middle: Float, uniform: Float) -> tuple[Float, Float]:
-        """Normal vectors cut at zero, drawn entry by entry from uniform numbers ``(N, k)``, and the logarithms of their
-        weights (Geweke, Hajivassiliou and Keane); shapes ``(W, N, k)`` and ``(W, N)``."""
+        """Normal vectors cut at zero, drawn entry by entry from uniform numbers ``(W, N, k)``, and the logarithms of
+        their weights (Geweke, Hajivassiliou and Keane); shapes ``(W, N, k)`` and ``(W, N)``."""
         from scipy.special import log_ndtr, ndtr, ndtri  # late: loading it takes longer than a fit
 
         root = self._root
-        weights = np.zeros((len(middle), len(uniform)))
+        weights = np.zeros(uniform.shape[:2])
         white = np.zeros((*weights.shape, len(root)))
         for j, row in enumerate(root):
             room = (middle[:, None, j] + white[..., :j] @ row[:j]) / row[j]
             weights += log_ndtr(room)
-            white[..., j] = -ndtri(np.maximum(uniform[:, j] * ndtr(room), 1e-300))
+            white[..., j] = -ndtri(np.maximum(uniform[..., j] * ndtr(room), 1e-300))
         return weights, middle[:, None, :] + white @ root.T

@@ -19,7 +19,9 @@ from typing import Any
 import numpy as np
 
 from rotorfit.base.atomic_file import whole_file
+from rotorfit.base.caches import cache_home
 from rotorfit.base.file_reading import is_sealed, seal
+from rotorfit.base.version import RESULTS
 
 Kernel = Callable[..., None]
 
@@ -36,14 +38,7 @@ def cache_directory() -> Path | None:
     ``ROTORFIT_CACHE_DIR`` chooses it, else the platform's cache directory of the user. Machine code is loaded from it,
     so a directory that others own or may write, or may replace by another, is refused."""
     chosen = os.environ.get("ROTORFIT_CACHE_DIR")
-    if chosen:
-        path = Path(chosen)
-    elif sys.platform == "win32":
-        path = Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local")) / "rotorfit" / "kernels"
-    elif sys.platform == "darwin":
-        path = Path.home() / "Library" / "Caches" / "rotorfit" / "kernels"
-    else:
-        path = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "rotorfit" / "kernels"
+    path = Path(chosen) if chosen else cache_home() / "rotorfit" / "kernels"
     try:
         for part in (*reversed(path.parents), path, path / "__pycache__"):
             part.mkdir(mode=0o700, exist_ok=True)
@@ -110,7 +105,7 @@ def compile_kernels(source: str) -> dict[str, Kernel]:
     import numba
 
     directory = cache_directory()
-    versions = f"{version('numba')}\n{np.__version__}\n{source}"
+    versions = f"{RESULTS}\n{version('numba')}\n{np.__version__}\n{source}"
     name = f"rotorfit_kernel_{hashlib.sha256(versions.encode()).hexdigest()[:32]}"
     path = (directory or Path()) / f"{name}.py"
     if directory is not None and not path.exists():

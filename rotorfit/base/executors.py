@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from multiprocessing import connection, get_context, parent_process
 from typing import Any, Protocol, TypeVar
 
-from rotorfit.base.version import __version__
+from rotorfit.base.version import VERSIONS
 
 Item = TypeVar("Item")
 T = TypeVar("T")
@@ -201,13 +201,11 @@ def _check_versions(client: Any, address: str) -> None:
         there = client.run(version_here)
     except Exception as problem:
         raise ValueError(f"the workers at {address} cannot run rotorfit: {problem}; install it there") from problem
-    odd = sorted({version for version in there.values() if version != __version__})
+    odd = sorted({version for version in there.values() if version != VERSIONS})
     if odd:
-        raise ValueError(
-            f"workers at {address} have rotorfit {', '.join(odd)}, here is {__version__}; install the same"
-        )
+        raise ValueError(f"workers at {address} have rotorfit {', '.join(odd)}, here is {VERSIONS}; install the same")
 
 
 def version_here() -> str:
     """Version of rotorfit where this runs."""
-    return __version__
+    return VERSIONS

@@ -23,6 +23,7 @@ import numpy as np
 
 from rotorfit.base.atomic_file import note_input
 from rotorfit.base.digits import significant
+from rotorfit.base.faults import of_program
 
 _HEAP = b"GCOL\x01\0\0\0"
 """How a heap of an HDF5 file begins."""
@@ -245,10 +246,12 @@ def shown_lines(text: str) -> str:
 
 
 @contextmanager
-def reading(name: str, kind: str) -> Iterator[None]:
-    """Turn whatever is raised over a file, ``kind`` being what it should be, into one :class:`ValueError` of one line
-    that names it. Sentences that name the file pass, and so does what the system says of a path. A name that is no text
-    of one line is refused: it goes into figures, tables and stores."""
+def reading(name: str, kind: str, *, decoded: bool = False) -> Iterator[None]:
+    """Turn what a library raises over a file, ``kind`` being what it should be, into one :class:`ValueError` of one
+    line that names it. Sentences that name the file pass, and so do what the system says of a path, a missing package
+    and errors of the program; of ``decoded`` content, entries that are missing or of another kind are the file's. A
+    name that is no text of one line is refused: it goes into figures, tables and stores.
+    """
     if shown(name) != name:
         raise ValueError(
             f"{name!a}: names of files and folders must be text in UTF-8 without control characters; rename it"
@@ -262,6 +265,9 @@ def reading(name: str, kind: str) -> Iterator[None]:
     except RecursionError as problem:
         raise ValueError(f"{name} is not a readable {kind}: its content is nested too deeply") from problem
     except Exception as problem:
+        of_content = decoded and isinstance(problem, (LookupError, TypeError, ValueError, AttributeError))
+        if isinstance(problem, ImportError) or (of_program(problem) and not of_content):
+            raise
         words = _PYTHON.sub(r"\1", _LONG.sub(r"\1...", " ".join(str(problem).split())))
         of_a_path = isinstance(problem, OSError) and problem.filename is not None
         sentence = isinstance(problem, ValueError) and name in words

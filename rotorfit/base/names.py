@@ -39,4 +39,6 @@ def _same_unit(name: str, other: str) -> bool:
     last, end = words[-1], others[-1]
     if len(last) >= word and (others[: len(words)] == words or len(end) >= word):
         return True  # the unit is missing, or a word is misspelt
+    if len(end) >= word and words[:-1] == others[:-1]:
+        return True  # a letter of the word is missing
     return sorted(last) == sorted(end) and len(words) == len(others)

@@ -1,13 +1,8 @@
-"""The version, and names of earlier ones, apart from the front so that lower rooms know them without importing it."""
+"""The version of the package and that of its numbers, apart from the front so that lower rooms know them."""
 
-import warnings
-
-__version__ = "0.1.0"
-
-RESULTS = "1"
-"""Version of the numbers that fits give: what a store holds of another one is marked, and fitted again when asked."""
-
-
-def renamed(name: str, today: str) -> None:
-    """Warn the caller of a property that it has another name today; the property goes with the next release."""
-    warnings.warn(f"{name} is called {today} now", DeprecationWarning, stacklevel=3)
+__version__ = "1.0.0.dev0"
+RESULTS = "5997173a"
+"""Digest of the golden numbers, another where fits give other numbers; ``python tests/golden.py --write`` writes it.
+What a store holds of another one is marked, and fitted again when asked."""
+VERSIONS = f"{__version__}, results {RESULTS}"
+"""Both, as files and reports name what wrote them."""

@@ -45,7 +45,7 @@ def test_a_unit_that_its_case_leaves_open_is_refused(quantity, unit):
         si_factor(quantity, unit)
 
 
-def test_an_unknown_unit_names_the_nearest():
+def test_an_unknown_unit_lists_those_there_are():
     with refuses(ValueError):
         si_factor("frequency", "rpn")
 

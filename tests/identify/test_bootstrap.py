@@ -32,7 +32,7 @@ def one_mode_fit(noise, known, seed=0, **options):
     test = circular_test(
         model, model.vector(RIG), speeds=(100.0,), frequency=W, noise=noise, seed=seed, sigma_known=True
     )
-    return rf.fit(model, test, known={name: RIG[name] for name in known}, **options)
+    return rf.fit(model, test, known={name: RIG[name] for name in known}, causes=None, **options)
 
 
 def assert_covariance_agrees(boot, covar, alpha=1e-3):
@@ -49,7 +49,7 @@ def assert_covariance_agrees(boot, covar, alpha=1e-3):
 
 
 def test_small_noise_gives_the_laplace_covariance():
-    fit = rf.fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
+    fit = rf.fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0}, causes=None)
     boot = fit.bootstrap(n=1000, seed=3)
     assert boot.failures == 0
     assert fit.widening > 9  # the model limits this fit: noise and covariance are widened alike
@@ -127,7 +127,7 @@ def test_what_the_data_do_not_determine_has_no_interval():
         force_planes=("journal",),
         sigma_known=True,
     )
-    fit = rf.fit(model, test, known={"K3": 6000.0})
+    fit = rf.fit(model, test, known={"K3": 6000.0}, causes=None)
     boot = fit.bootstrap(n=20)
     assert boot.failures == 0  # minimal along a line is minimal
     assert boot.stderr["sigma"] == np.inf

@@ -111,7 +111,7 @@ def test_standard_errors_cover(name):
     """
     truth, fits = TYPICAL[name], fits_of_draws(name)
     draws = len(fits)
-    pulls = np.array([[(p.value - truth[n]) / p.stderr_noise for n, p in fit.params.items() if p.vary] for fit in fits])
+    pulls = np.array([[(p.value - truth[n]) / p.stderr for n, p in fit.params.items() if p.vary] for fit in fits])
     # Bonferroni over the parameters at 1 %.
     level = 0.01 / pulls.shape[1] / 2
     low, high = stats.chi2.ppf([level, 1 - level], draws)
@@ -174,7 +174,7 @@ def test_joint_fit_of_squeeze_film_and_spinning_tests_is_sharper():
     alone = plain_fit(OneMode(), spinning, known=FLUID)
     joint = plain_fit(OneMode(), [spinning, squeeze], known=FLUID)
     for name in ("K0", "D", "M", "Mf", "lam"):
-        assert joint.params[name].stderr_noise < alone.params[name].stderr_noise
+        assert joint.params[name].stderr < alone.params[name].stderr
         assert abs(joint.params[name].value - truth[name]) < 4 * joint.params[name].stderr
 
 
@@ -246,7 +246,7 @@ def test_phase_reference_offsets_are_found():
 def test_priors_resolve_what_data_leave_open():
     fit = plain_fit(OneMode(), one_mode_test(), known={"Ds": 8.0}, priors={"K": stats.norm(8000.0, 50.0)})
     assert not fit.identifiability.unresolved
-    assert fit.params["K"].stderr_noise == pytest.approx(50.0, rel=0.01)
+    assert fit.params["K"].stderr == pytest.approx(50.0, rel=0.01)
     assert fit.params["K"].value == pytest.approx(8000.0, abs=5.0)
     # A gamma prior of the same mean and spread says nearly the same; a bound by a uniform prior holds.
     gamma = plain_fit(OneMode(), one_mode_test(), known={"Ds": 8.0}, priors={"K": stats.gamma(25600, scale=0.3125)})
@@ -355,7 +355,7 @@ def test_a_fit_cut_short_is_a_result_that_says_so():
     row = next(line for line in fit.summary().splitlines() if line.startswith("lam "))
     assert row.split()[2] == "-"
     assert "threshold speed: not given" in fit.summary()
-    assert all(np.isnan(p.stderr) and np.isnan(p.stderr_noise) for p in fit.params.values() if p.vary)
+    assert all(np.isnan(p.stderr) and np.isnan(p.stderr) for p in fit.params.values() if p.vary)
     assert np.isnan(fit.propagate(1.0, np.ones(len(OneMode().parameters)), "1").stderr)
     assert np.isfinite(fit.x).all()
 
@@ -477,7 +477,7 @@ def test_standard_errors_of_robust_fits_to_few_readings():
     for seed in range(60):
         test = one_mode_test(noise=0.005, seed=seed, speeds=(100.0,), lines=15, sigma_known=True)
         fit = plain_fit(OneMode(), test, known={**FLUID, "M": 1.2}, loss="soft_l1")
-        pulls.append([(fit.params[n].value - TYPICAL["one-mode"][n]) / fit.params[n].stderr_noise for n in PULLED])
+        pulls.append([(fit.params[n].value - TYPICAL["one-mode"][n]) / fit.params[n].stderr for n in PULLED])
     mean_square = (np.array(pulls) ** 2).mean(axis=0)
     low, high = stats.chi2.ppf([5e-4, 1 - 5e-4], len(pulls)) / len(pulls)
     assert (mean_square > low).all()

@@ -125,7 +125,7 @@ def test_runs_that_agree_are_seldom_allowed_to_differ_and_hardly_ever_warned_of(
         assert sentence in fit.summary()
         assert sentence not in fit.warnings
         assert not fit.problem.space.nuisance  # the estimate does without them
-        assert any(p.stderr > 1.2 * p.stderr_noise and p.freedom < 10 for p in fit.params.values() if p.vary)
+        assert any(p.stderr > 1.2 * p.stderr and p.freedom < 10 for p in fit.params.values() if p.vary)
 
 
 def test_errors_allow_for_what_runs_may_differ_by():

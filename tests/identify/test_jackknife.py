@@ -20,7 +20,7 @@ OIL = WORLDS["oil 1 % from run to run"]
 
 def fitted(world: World, seed: int) -> tuple[rf.PerturbationTest, rf.FitResult]:
     test = simulate(world, np.random.default_rng(seed))
-    return test, rf.fit(rf.models.OneMode(), test, known=FLUID)
+    return test, rf.fit(rf.models.OneMode(), test, known=FLUID, causes=None)
 
 
 def test_one_step_is_a_fit_without_the_run() -> None:
@@ -28,7 +28,7 @@ def test_one_step_is_a_fit_without_the_run() -> None:
     test, fit = fitted(World(constant=0.005, sigma_given=True), 1)
     found = fit.jackknife()
     for run, change in zip(found.runs, found.changes, strict=True):
-        without = rf.fit(rf.models.OneMode(), test.select(test.run != run), known=FLUID)
+        without = rf.fit(rf.models.OneMode(), test.select(test.run != run), known=FLUID, causes=None)
         np.testing.assert_allclose((without.x - fit.x - change) / np.sqrt(np.diag(fit.covar)), 0, atol=0.1)
 
 
@@ -51,7 +51,7 @@ def test_what_one_run_alone_determines_has_no_error() -> None:
     test, _ = fitted(World(constant=0.005, sigma_given=True), 2)
     fast = test.speed == test.speed.max()
     kept = test.select(~fast | (test.frequency > 0))
-    fit = rf.fit(rf.models.OneMode(), kept, known=FLUID, per={"D": "speed_rpm"})
+    fit = rf.fit(rf.models.OneMode(), kept, known=FLUID, per={"D": "speed_rpm"}, causes=None)
     slow, alone = sorted((n for n in fit.params if n.startswith("D[")), key=lambda n: float(n[:-1].split("=")[1]))
     found = fit.jackknife()
     assert np.isinf(found.parameter(alone).stderr)

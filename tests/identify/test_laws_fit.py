@@ -24,7 +24,7 @@ from law_data import (
 from plain import plain_fit
 from scipy.stats import binom, chi2
 from sentences import refuses
-from systematic_causes import CAUSES, measured, one_mode
+from synthetic import circular_test
 
 import rotorfit as rf
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
@@ -346,7 +346,7 @@ def test_coverage_of_sweeps(model: OneMode) -> None:
         error = level * (rng.normal(size=len(exact)) + 1j * rng.normal(size=len(exact)))
         test = replace(exact, response=exact.response + error, sigma=level)
         fit = plain_fit(model, test, known={"Ds": 8.0}, start=ONE_MODE_FREE)
-        rows.append([(p.value - ONE_MODE[n]) / p.stderr_noise for n, p in fit.params.items() if p.vary])
+        rows.append([(p.value - ONE_MODE[n]) / p.stderr for n, p in fit.params.items() if p.vary])
     found = np.array(rows)
     low, high = chi2.ppf([1e-4, 1 - 1e-4], 40)
     assert (np.sum(found**2, axis=0) > low).all()
@@ -361,8 +361,12 @@ ONE_MODE_FREE = {name: value for name, value in ONE_MODE.items() if name != "Ds"
 
 
 def test_a_law_of_speed_is_fitted_without_a_remark_on_its_start() -> None:
-    rng = np.random.default_rng(2)
-    rig, test = CAUSES["in proportion to speed, lam +5 % a half threshold, four speeds"][1](one_mode(rng), rng)
-    fit = plain_fit(rf.models.OneMode(**test.model), measured(rig, test, rng), known=rig.known)
+    """lam that grows by a twentieth when the mean speed doubles, at four speeds."""
+    model = rf.models.OneMode(law=rf.models.LinearInSpeed(("lam",)))
+    names = ("M", "K", "Ds", "K0", "D", "lam", "Mf")
+    theta = model.vector({**{name: ONE_MODE[name] for name in names}, "lam_speed": 0.05})
+    w = np.concatenate([-np.linspace(250.0, 15.0, 25), np.linspace(15.0, 250.0, 25)])
+    test = circular_test(model, theta, speeds=(60.0, 90.0, 120.0, 150.0), frequency=w, noise=0.005, seed=2)
+    fit = plain_fit(model, test, known={"K": ONE_MODE["K"], "Ds": ONE_MODE["Ds"]})
     assert fit.success
     assert not [words for words in fit.warnings if "coefficient" in words]

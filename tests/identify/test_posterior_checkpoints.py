@@ -20,7 +20,7 @@ from rotorfit.models import OneMode
 
 
 def test_seed_and_compilation_do_not_matter_for_the_answer():
-    fit = rf.fit(OneMode(), one_mode_test(), known=KNOWN)
+    fit = rf.fit(OneMode(), one_mode_test(), known=KNOWN, causes=None)
     first, again = (quick(fit, max_steps=50, accelerate=False) for _ in range(2))
     np.testing.assert_array_equal(first.chain, again.chain)
     compiled = quick(fit, max_steps=50, accelerate=True)
@@ -30,7 +30,7 @@ def test_seed_and_compilation_do_not_matter_for_the_answer():
 
 
 def test_progress_is_reported(capsys):
-    fit = rf.fit(OneMode(), one_mode_test(), known=KNOWN)
+    fit = rf.fit(OneMode(), one_mode_test(), known=KNOWN, causes=None)
     seen = []
     post = quick(fit, progress=seen.append)
     assert [state.steps for state in seen] == sorted({state.steps for state in seen})
@@ -51,7 +51,7 @@ interrupted(sys.argv[1], lambda state: print(state.steps, flush=True))
 
 def interrupted(path, progress=False):
     """A run that never has enough and ends by its limit of steps."""
-    fit = rf.fit(OneMode(), one_mode_test(), known=KNOWN)
+    fit = rf.fit(OneMode(), one_mode_test(), known=KNOWN, causes=None)
     return fit.sample(seed=7, walkers=16, ess=1e12, max_steps=900, checkpoint=path, progress=progress, accelerate=False)
 
 
@@ -85,7 +85,7 @@ def test_a_killed_run_resumes_where_it_was(tmp_path):
 
 
 def test_checkpoints_of_something_else_are_refused(tmp_path):
-    fit = rf.fit(OneMode(), one_mode_test(), known=KNOWN)
+    fit = rf.fit(OneMode(), one_mode_test(), known=KNOWN, causes=None)
     path = tmp_path / "run.h5"
     options = {"walkers": 16, "checkpoint": path, "max_steps": 50}
     fit.sample(seed=1, **options)
@@ -94,7 +94,7 @@ def test_checkpoints_of_something_else_are_refused(tmp_path):
     with refuses(ValueError):
         fit.sample(**{**options, "walkers": 18})
     with refuses(ValueError):
-        rf.fit(OneMode(), one_mode_test(seed=3), known=KNOWN).sample(**options)
+        rf.fit(OneMode(), one_mode_test(seed=3), known=KNOWN, causes=None).sample(**options)
     with refuses(ValueError):
         fit.sample(**options, noise="fixed")
     path.write_bytes(b"not HDF5")
@@ -103,7 +103,7 @@ def test_checkpoints_of_something_else_are_refused(tmp_path):
 
 
 def test_a_checkpoint_without_a_seed_keeps_the_one_drawn(tmp_path):
-    fit = rf.fit(OneMode(), one_mode_test(), known=KNOWN)
+    fit = rf.fit(OneMode(), one_mode_test(), known=KNOWN, causes=None)
     path = tmp_path / "run.h5"
     first = fit.sample(walkers=16, checkpoint=path, max_steps=50)
     longer = fit.sample(walkers=16, checkpoint=path, max_steps=120)

@@ -15,6 +15,7 @@ from slow_cases import slow_but
 import rotorfit as rf
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.findings import Finding
+from rotorfit.lab.data.probes import correct_channels
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +66,7 @@ def test_a_channel_that_comes_late_is_named_with_its_delay(rig: PerturbationTest
     assert f"The {direction} probe at journal is " in found.message
     said = float(found.message.split(f"delays, journal.{direction} = ")[1].split()[0])
     assert said == pytest.approx(delay, rel=0.02)
-    right = rf.data.probes.correct_channels(wrong, {}, {("journal", direction): said})
+    right = correct_channels(wrong, {}, {("journal", direction): said})
     assert not only(right, "probe-delay")
     assert not {f.code for f in rf.check(wrong)} & {"probe-gain", "anisotropy"}
 

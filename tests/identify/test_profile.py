@@ -48,7 +48,7 @@ def test_a_linear_problem_has_laplace_intervals():
         sigma=np.full(w.size, 1e-3),  # half the true noise: redchi is near 4 and widens both intervals alike
         attributes={},
     )
-    fit = rf.fit(model, test, known={"M": 1.2, "K": 8000.0, "Ds": 8.0, "lam": 0.46})
+    fit = rf.fit(model, test, known={"M": 1.2, "K": 8000.0, "Ds": 8.0, "lam": 0.46}, causes=None)
     assert fit.redchi > 3
     for name in ("K0", "D", "Mf"):
         p, half = fit.params[name], np.sqrt(Q95) * fit.params[name].stderr
@@ -63,7 +63,7 @@ def test_a_linear_problem_has_laplace_intervals():
 
 def test_a_curved_problem_agrees_with_a_dense_grid():
     known = {name: RIG[name] for name in ("M", "K", "Ds", "K0", "Mf")}
-    fit = rf.fit(OneMode(), one_mode_test(noise=1.0, seed=2), known=known)
+    fit = rf.fit(OneMode(), one_mode_test(noise=1.0, seed=2), known=known, causes=None)
     block = fit.problem.blocks[0]
     w, F = block.frequency[block.line], block.force[block.line, 0]
     lam = np.linspace(-0.2, 1.2, 1401)
@@ -92,7 +92,7 @@ def test_the_threshold_speed_has_the_interval_of_the_parameter_it_is_a_function_
     """Without external damping the threshold is sqrt((K + K0)/M)/lam: with these known, one to one with lam."""
     rig = {**RIG, "Ds": 0.0}
     known = {name: rig[name] for name in ("M", "K", "Ds", "K0")}
-    fit = rf.fit(OneMode(), one_mode_test(noise=0.2, seed=4, rig=rig), known=known)
+    fit = rf.fit(OneMode(), one_mode_test(noise=0.2, seed=4, rig=rig), known=known, causes=None)
     lam, speed = fit.profile("lam"), fit.profile("threshold_speed")
     w = np.sqrt((rig["K"] + rig["K0"]) / rig["M"])
     np.testing.assert_allclose(speed.interval, (w / lam.upper, w / lam.lower), rtol=1e-6)
@@ -105,7 +105,9 @@ def test_the_threshold_speed_is_followed_along_a_bound():
     """As above, Mf pressed against a bound all the way."""
     rig = {**RIG, "Ds": 0.0}
     known = {name: rig[name] for name in ("M", "K", "Ds", "K0")}
-    fit = rf.fit(OneMode(), one_mode_test(noise=0.2, seed=4, rig=rig), known=known, bounds={"Mf": (0.6, 2.0)})
+    fit = rf.fit(
+        OneMode(), one_mode_test(noise=0.2, seed=4, rig=rig), known=known, bounds={"Mf": (0.6, 2.0)}, causes=None
+    )
     assert fit.params["Mf"].at_bound
     lam, speed = fit.profile("lam"), fit.profile("threshold_speed")
     w = np.sqrt((rig["K"] + rig["K0"]) / rig["M"])
@@ -116,7 +118,7 @@ def test_the_threshold_speed_is_followed_along_a_bound():
 def test_coverage():
     """Of 100 draws, noise a third of the responses, 95 % intervals cover as often, within binomial error."""
     known = {name: RIG[name] for name in ("K", "Ds", "M", "Mf")}
-    base = rf.fit(OneMode(), one_mode_test(noise=0.3), known=known)
+    base = rf.fit(OneMode(), one_mode_test(noise=0.3), known=known, causes=None)
     truth = np.array([RIG[name] for name in base.var_names])
     block = base.problem.blocks[0]
     exact = base.problem.predict(truth)[0]
@@ -178,7 +180,7 @@ def test_a_normal_prior_counts_in_full_when_the_noise_is_widened():
 
 def test_a_robust_loss_agrees_with_its_standard_error():
     test = one_mode_test(noise=0.003, seed=7, w=np.r_[-np.linspace(20, 250, 80), np.linspace(20, 250, 80)])
-    fit = rf.fit(OneMode(), test, known={"K": 8000.0, "Ds": 8.0}, loss="soft_l1")
+    fit = rf.fit(OneMode(), test, known={"K": 8000.0, "Ds": 8.0}, loss="soft_l1", causes=None)
     for name in fit.var_names:
         p, found = fit.params[name], fit.profile(name)
         np.testing.assert_allclose(found.upper - found.lower, 2 * np.sqrt(Q95) * p.stderr, rtol=5e-3)
@@ -195,11 +197,11 @@ def test_curves_of_a_robust_loss_are_followed_where_full_steps_contract_slowly()
 
 
 def test_the_curve_holds_the_others_at_their_best():
-    fit = rf.fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
+    fit = rf.fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0}, causes=None)
     found = fit.profile("lam", points=5)
     assert found.rise.min() == 0
     for value, rise in zip(found.values, found.rise, strict=True):
-        refit = rf.fit(fit.model, fit.experiments, known={"K3": 6000.0, "lam": float(value)})
+        refit = rf.fit(fit.model, fit.experiments, known={"K3": 6000.0, "lam": float(value)}, causes=None)
         np.testing.assert_allclose((refit.chisqr - fit.chisqr) / fit.redchi, rise, rtol=1e-6, atol=1e-6)
 
 
@@ -217,7 +219,7 @@ def test_profiles_found_together_are_those_found_one_by_one():
 
 def test_the_figure_shows_curve_level_and_ends(tmp_path):
     known = {name: RIG[name] for name in ("M", "K", "Ds", "K0", "Mf")}
-    fit = rf.fit(OneMode(), one_mode_test(noise=0.5, seed=2), known=known)
+    fit = rf.fit(OneMode(), one_mode_test(noise=0.5, seed=2), known=known, causes=None)
     found = fit.profile("D")
     figure = found.plot()
     figure.savefig(tmp_path / "profile.png", dpi=50)
@@ -295,7 +297,7 @@ def test_the_threshold_of_responses_that_noise_hides_is_said_to_be_open():
 
 
 def test_profiles_are_found_elsewhere_as_here():
-    fit = rf.fit(OneMode(), seal_campaign(1)[0], known=KNOWN)
+    fit = rf.fit(OneMode(), seal_campaign(1)[0], known=KNOWN, causes=None)
     with ThreadPoolExecutor(2) as pool:
         there = fit.profiles(["K0", "lam"], points=5, executor=pool)
     for one, other in zip(there, fit.profiles(["K0", "lam"], points=5), strict=True):

@@ -41,7 +41,7 @@ def test_rig_open_as_printed(rig_fit):
     assert any("the model, not the noise" in warning for warning in rig_fit.warnings)
     for name in ("D", "lam", "Mf"):
         parameter = rig_fit.params[name]
-        assert parameter.stderr == pytest.approx(parameter.stderr_noise * np.sqrt(rig_fit.redchi))
+        assert parameter.stderr == pytest.approx(parameter.stderr * np.sqrt(rig_fit.redchi))
     assert "not the fluid's own" in rig_fit.summary()
 
 

@@ -214,6 +214,7 @@ def test_half_a_matrix_is_refused(tmp_path: Path, change: tuple[str, str], words
         ("sample_rate", ["sample_rate_hz"], "sample_rate_hz"),
         ("chanel", ["channel"], "channel"),
         ("force_plne", ["force_plane", "force_n"], "force_plane"),
+        ("coupling_mas", ["coupling_mass", "gyroscopic"], "coupling_mass"),
     ],
 )
 def test_a_hint_keeps_the_unit(name: str, allowed: list[str], hint: str) -> None:

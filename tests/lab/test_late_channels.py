@@ -146,13 +146,13 @@ def test_marks_of_a_clock_of_their_own_are_named_and_put_right_by_the_setup(tmp_
             for name, own in volts.items()
         }
         paths.append(write_hdf5(tmp_path / source.name, channels, attributes))
-    fit = plain_fit(rf.models.WhirlWhip(), vectors(paths), known=KNOWN)
-    assert fit.noise is not None
-    assert [cause.name for cause in fit.noise.causes] == ["clock[all channels]"]
-    assert -2 * fit.noise.causes[0].size / 8.0 == pytest.approx(fast, rel=0.2)  # grows over the eight seconds
+    fit = rf.fit(rf.models.WhirlWhip(), vectors(paths), known=KNOWN)
+    assert [cause.name for cause in fit.causes.found] == ["clock"]
+    assert "clock_ppm" in fit.causes["clock"].remedy
+    assert -2 * fit.causes["clock"].value / 8.0 == pytest.approx(fast, rel=0.2)  # grows over the eight seconds
     told = vectors(paths, "[shaft]\nclock_ppm = 20.0\n[perturbator]\nclock_ppm = 20.0\n")
-    right = plain_fit(rf.models.WhirlWhip(), told, known=KNOWN)
-    assert right.noise is not None
-    assert not right.noise.causes
-    for name in ("D", "lam", "K0", "Mf"):
-        assert abs(right.params[name].value - TRUTH[name]) < 4 * right.params[name].stderr, name
+    right = rf.fit(rf.models.WhirlWhip(), told, known=KNOWN)
+    assert not right.causes.found
+    for one in (fit, right):
+        for name in ("D", "lam", "K0", "Mf"):
+            assert abs(one.params[name].value - TRUTH[name]) < 4 * one.params[name].stderr, name

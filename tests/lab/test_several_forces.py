@@ -131,7 +131,7 @@ def test_start_ups_with_a_kept_weight_are_compared_with_the_reference_and_fitted
     fit = plain_fit(rf.models.TwoDisk(), test)
     truth = {"M1": 0.73, "M2": 0.79, "K1": 18900.0, "K2": 63700.0, "K3": 22600.0, "D11": 14.2, "D22": 14.8}
     for name, value in truth.items():
-        off = (fit.params[name].value - value) / fit.params[name].stderr_noise
+        off = (fit.params[name].value - value) / fit.params[name].stderr
         assert abs(off) < 4.5, name  # 7 of 7 within 4.5 errors in all but 5 of 100000 data sets
     # both differences contain the reference's noise, which the chi square takes as two: below 1 by up to a quarter
     assert 0.6 < fit.redchi < 1.3

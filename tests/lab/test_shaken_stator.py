@@ -37,7 +37,7 @@ def misses(fit: rf.FitResult, wet: bool = True) -> np.ndarray:
     truth = FLUID(3000.0)
     names = [name for name in truth if name[0] in "KD"]
     return np.array(
-        [(fit.params[n].value - truth[n] - (held[n] if wet else 0.0)) / fit.params[n].stderr_noise for n in names]
+        [(fit.params[n].value - truth[n] - (held[n] if wet else 0.0)) / fit.params[n].stderr for n in names]
     )
 
 

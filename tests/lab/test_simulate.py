@@ -112,7 +112,7 @@ def test_the_same_data_by_integration_and_by_the_phasor_equation_give_the_same_f
     for name, parameter in fits[0].params.items():
         if parameter.vary:
             assert abs(parameter.value - VALUES[name]) < 3.5 * parameter.stderr, name
-            moved = abs(parameter.value - fits[1].params[name].value) / parameter.stderr_noise
+            moved = abs(parameter.value - fits[1].params[name].value) / parameter.stderr
             assert moved < 1.1 * change + 1e-4, name
     assert 0.7 < fits[0].redchi < 1.3
 

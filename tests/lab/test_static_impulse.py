@@ -138,10 +138,10 @@ def test_joint_fit_is_sharper_than_any_alone_and_consistent(
             other = alone.params[parameter]
             if not p.vary:
                 continue
-            assert p.stderr_noise < other.stderr_noise, (name, parameter)
+            assert p.stderr < other.stderr, (name, parameter)
             if other.resolved and name != "impulse":
                 # Difference of an estimate and a more efficient one: Hausman's variance.
-                spread = np.sqrt(other.stderr**2 - p.stderr_noise**2)
+                spread = np.sqrt(other.stderr**2 - p.stderr**2)
                 assert abs(other.value - p.value) < 4 * spread, (name, parameter)
 
 
@@ -154,7 +154,7 @@ def test_joint_information_is_the_sum(model: OneMode, tests: dict[str, Experimen
         total = total + (J.conj().T @ J).real
     scale = np.abs(joint.x)
     inverse = np.linalg.inv(total * np.outer(scale, scale)) * np.outer(scale, scale)
-    errors = [p.stderr_noise for p in joint.params.values() if p.vary]
+    errors = [p.stderr for p in joint.params.values() if p.vary]
     np.testing.assert_allclose(errors, np.sqrt(np.diag(inverse)), rtol=1e-6)
 
 

@@ -19,6 +19,8 @@ from typing import TypeVar
 
 import pytest
 
+from rotorfit.base.faults import of_program
+
 FILE = Path(__file__).parents[1] / "data" / "sentences.json"
 FOLDERS = re.compile(r"(?<![\w./)])/(?:[^\s/'\":]+/)+")
 
@@ -32,9 +34,10 @@ Raised = TypeVar("Raised", bound=BaseException)
 
 @contextmanager
 def refuses(kind: type[Raised] | tuple[type[Raised], ...]) -> Iterator[pytest.ExceptionInfo[Raised]]:
-    """The block raises an exception of a type, with the sentence of the file."""
+    """The block raises an exception of a type, with the sentence of the file; not one that a program's error has."""
     with pytest.raises(kind) as caught:
         yield caught
+    assert not of_program(caught.value)
     hear(str(caught.value))
 
 

@@ -123,13 +123,13 @@ def test_shared_parameters_are_those_of_the_joint_fit(small):
     joint = plain_fit(OneMode(), part, known=known, per=dict.fromkeys(FLUID, "run"))
     assert found.success
     assert found.shared["M"].value == pytest.approx(joint.params["M"].value, rel=1e-7)
-    assert found.shared["M"].stderr_noise == pytest.approx(joint.params["M"].stderr_noise, rel=1e-4)
+    assert found.shared["M"].stderr == pytest.approx(joint.params["M"].stderr, rel=1e-4)
     for run in found.runs:
         assert "M" not in run.params
         for name in FLUID:
             other = joint.params[f"{name}[run={run.name}]"]
             assert abs(run.params[name].value - other.value) < 1e-4 * other.stderr
-            assert run.params[name].stderr_noise == pytest.approx(other.stderr_noise, rel=1e-3)
+            assert run.params[name].stderr == pytest.approx(other.stderr, rel=1e-3)
     assert "shared M" in found.summary()
     value, stderr = found.values("M")
     assert np.ptp(value) == 0

@@ -13,8 +13,8 @@ def test_a_posterior_in_an_empty_home_shows_no_banner(tmp_path: Path) -> None:
     kept = {name: os.environ[name] for name in ("PATH", "PYTHONPATH", "OMP_NUM_THREADS") if name in os.environ}
     code = (
         "import rotorfit as rf\n"
-        f"fit = rf.load_fit({str(Path(__file__).parents[1] / 'data' / 'saved-0.1.0' / 'sampled.json')!r})\n"
-        "post = fit.sample(seed=1, walkers=16, max_steps=100)\n"
+        "fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={'K3': 6000.0})\n"
+        "post = fit.sample(seed=1, walkers=24, max_steps=100)\n"
         "post.summary(), post.to_arviz()"
     )
     done = subprocess.run(

@@ -28,6 +28,7 @@ class ExitCode(IntEnum):
     NOT_CONVERGED = 1
     BAD_INPUT = 2
     ALARM = 3
+    ERROR_OF_THE_PROGRAM = 4
     INTERRUPTED = 130
 
 

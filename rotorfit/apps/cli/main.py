@@ -1,7 +1,7 @@
 """The command line: ``rotorfit demo``, ``fit``, ``run``, ``campaign``, ``compare-laws``, ``simulate`` and others.
 
 Exit codes: 0 done, 1 the data have an error or the fit or sampling did not converge, 2 bad input (one sentence on
-stderr), 3 an alarm of a watched machine, 130 interrupted.
+stderr), 3 an alarm of a watched machine, 4 an error of the program, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import traceback
 import warnings
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -21,8 +22,9 @@ from numpy.linalg import LinAlgError
 from rotorfit.apps.cli.answer import Answer, BadInputError, ExitCode, answered, say
 from rotorfit.apps.study_files.wording import sentence
 from rotorfit.base.atomic_file import protected_inputs
+from rotorfit.base.caches import cache_home
 from rotorfit.base.file_reading import shown
-from rotorfit.base.version import __version__
+from rotorfit.base.version import VERSIONS
 
 COMMANDS = {
     "demo": ("fits", "identify the bundled rig and compare with its truth"),
@@ -88,12 +90,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _close_output()
         print(f"rotorfit: the output cannot be written: {shown(sentence(problem))}", file=sys.stderr)
         return ExitCode.BAD_INPUT
+    except ImportError as problem:
+        say(f"{problem}: a package is missing or damaged; install it, or rotorfit anew")
+        return ExitCode.BAD_INPUT
+    except Exception:
+        traceback.print_exc()
+        say(f"this is an error of rotorfit {VERSIONS}, not of your data: please report it, with the lines above")
+        return ExitCode.ERROR_OF_THE_PROGRAM
 
 
 def _carry_out(arguments: Sequence[str] | None) -> int:
     """Do what the words say; what is wrong with them, or with the files that they name, becomes a sentence."""
     words = sys.argv[1:] if arguments is None else arguments
-    parser = build_parser([word for word in words if word in COMMANDS][:1])
+    asked = [word for word in words if word in COMMANDS][:1]
+    if asked:
+        cache_home()  # before packages that have caches are loaded
+    parser = build_parser(asked)
     options = parser.parse_args(words)
     if options.command is None:
         parser.print_help()
@@ -136,9 +148,9 @@ def build_parser(filled: Iterable[str] = tuple(COMMANDS)) -> argparse.ArgumentPa
         allow_abbrev=False,
         description="Identify rotor and fluid-force parameters from rotating-force perturbation tests.",
         epilog="Exit codes: 0 done, 1 the data have an error or the fit or sampling did not converge, 2 bad input, "
-        "3 an alarm.",
+        "3 an alarm, 4 an error of the program.",
     )
-    whole.add_argument("--version", action="version", version=f"rotorfit {__version__}")
+    whole.add_argument("--version", action="version", version=f"rotorfit {VERSIONS}")
     whole.set_defaults(command=None)
     group = whole.add_subparsers(metavar="COMMAND")
     for name, (home, help) in COMMANDS.items():

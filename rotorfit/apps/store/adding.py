@@ -169,7 +169,7 @@ def _fit_of(
             return found, False
         with store.database.look() as ask:
             findings = ask("SELECT findings FROM tests WHERE number = ?", (test,))[0][0]
-        with reading(str(store.path), KIND):
+        with reading(str(store.path), KIND, decoded=True):
             looked_over = stored_findings(findings)
         work = partial(_fitted, progress=progress) if executor is None else _fitted
         [(row, values, files)] = carry_out(work, [(study, store.experiments(test), looked_over)], executor)

@@ -162,7 +162,7 @@ class Store:
             paths: dict[int, list[str]] = {}
             for test, path in ask("SELECT DISTINCT test, path FROM sources WHERE test NOT NULL ORDER BY number"):
                 paths.setdefault(test, []).append(path)
-        with reading(str(self.path), KIND):
+        with reading(str(self.path), KIND, decoded=True):
             return tuple(stored_test(dict(row), paths[row["number"]]) for row in rows)
 
     @property
@@ -174,7 +174,7 @@ class Store:
                 "FROM fits JOIN settings ON key = settings ORDER BY number"
             )
             parameters = ask("SELECT * FROM parameters")
-        with reading(str(self.path), KIND):
+        with reading(str(self.path), KIND, decoded=True):
             values: dict[int, dict[str, StoredValue]] = {}
             for fit, name, *numbers, unit in parameters:
                 value, stderr, systematic = (math.nan if number is None else float(number) for number in numbers)
@@ -201,7 +201,7 @@ class Store:
             ValueError: it is damaged.
         """
         text = self._blob("SELECT data FROM tests WHERE number = ?", test, "test")
-        with reading(f"test {test} of {self.path}", KIND):
+        with reading(f"test {test} of {self.path}", KIND, decoded=True):
             return tuple(decode(json.loads(text)))
 
     def result(self, fit: int, *, model: RotorModel | None = None) -> FitResult:

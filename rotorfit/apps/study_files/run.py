@@ -115,6 +115,9 @@ def _with_uncertainty(
         simulated = best.bootstrap(n=study.bootstrap, seed=study.seed or 0, executor=executor)
     posterior = None
     if study.sample:
+        from rotorfit.identify.uncertainty.posterior_file import load_arviz
+
+        load_arviz()  # what is wrong with it is met here, not after an hour of sampling
         progress("sampling the posterior", 0.0)
 
         def report(state: SamplerProgress) -> None:

@@ -8,9 +8,13 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
 
+from rotorfit.base.faults import of_program
+
 
 def sentence(problem: BaseException) -> str:
-    """Message of an exception as a person would write it."""
+    """Message of an exception as a person would write it. An error of the program is none of theirs: raised again."""
+    if of_program(problem):
+        raise problem
     if isinstance(problem, KeyError) and problem.args:
         return str(problem.args[0])  # str() of a KeyError puts quotes around the sentence
     if isinstance(problem, OSError) and problem.strerror:

@@ -14,6 +14,7 @@ import numpy as np
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float
 from rotorfit.base.digits import significant
+from rotorfit.base.faults import of_program
 from rotorfit.base.significance import SIGNIFICANT_ERRORS
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.misfit.problem import Problem
@@ -179,7 +180,9 @@ def _corrected(fit: FitResult, error: DataError) -> Problem | None:
     try:
         changed = replace(settings, phase_offsets="common") if error.frees_datum else settings
         return build_problem(fit.model, tests, changed)
-    except (ValueError, np.linalg.LinAlgError):  # what cannot be fitted explains nothing
+    except (ValueError, np.linalg.LinAlgError) as problem:  # what cannot be fitted explains nothing
+        if of_program(problem):
+            raise
         return None
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Text
 from rotorfit.base.digits import significant
+from rotorfit.base.faults import of_program
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.row_keys import numbers, rows_by
@@ -59,7 +60,9 @@ def trial(problem: Problem, *, search: bool = True) -> tuple[float, Float]:
         end = np.clip(end, space.lower, space.upper)
         if search:
             (end,) = short_fits(problem, end[None]).x
-    except (ValueError, np.linalg.LinAlgError):  # what cannot be fitted explains nothing
+    except (ValueError, np.linalg.LinAlgError) as reason:  # what cannot be fitted explains nothing
+        if of_program(reason):
+            raise
         return float("inf"), end
     return 2 * problem.cost(end), end
 

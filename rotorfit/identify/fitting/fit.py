@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.base.array_types import Float
+from rotorfit.base.faults import of_program
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.minimisation.objective import Method
@@ -27,7 +28,7 @@ from rotorfit.identify.fitting.causes.solution import JointSearch, search, solve
 from rotorfit.identify.fitting.judge import judge, with_model_uncertainty
 from rotorfit.identify.fitting.noise.error_bars import with_noise
 from rotorfit.identify.fitting.noise.study import study_residuals
-from rotorfit.identify.fitting.problem_setup import as_tuple, build_problem, dry_run
+from rotorfit.identify.fitting.problem_setup import as_tuple, build_problem, check_model, dry_run
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitSettings, PhaseOffsets
 from rotorfit.identify.observing.clearance import usable
@@ -138,13 +139,14 @@ def _solved(
     model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings
 ) -> list[tuple[Problem, Start, Solution]]:
     """The solved problem of a model, or those of its alternatives; of these, such as fit the data at all."""
+    check_model(model)
     found: list[tuple[Problem, Start, Solution]] = []
     for one in model.alternatives or (model,):
         try:
             problem = build_problem(one, experiments, settings)
             start = find_start(problem, settings.start)
-        except ValueError:
-            if not found:
+        except ValueError as reason:
+            if not found or of_program(reason):
                 raise
             continue
         options = Options(max_iterations=settings.max_iterations, method=settings.method)

@@ -34,24 +34,6 @@ _HOMES = (
 )
 """Modules whose records a file may name; nothing else is ever imported or called for a file."""
 
-_EARLIER: dict[str, tuple[str, dict[str, str | None]]] = {
-    "FitSettings": ("FitSettings", {"levels": "noise_scale", "assumptions": None}),
-    "FittedParameter": ("FittedParameter", {"stderr_noise": None}),
-    "Noise": (
-        "ResidualStudy",
-        {
-            "levels": "response_noise",
-            "perhaps": "possible_effects",
-            "between": None,
-            "places": None,
-            "odd_run": None,
-            "sentences": None,
-            "notable": None,
-        },
-    ),
-}
-"""Records and fields as version 0.1.0 called them, and their names today; what is none of theirs is no longer saved."""
-
 _KINDS = {"f": "float64", "c": "complex128", "i": "int64", "b": "bool", "U": "str", "O": "object"}
 
 
@@ -173,12 +155,10 @@ def _encode_own(value: Any) -> Any:
 
 
 def _decode_record(value: Mapping[str, Any]) -> Any:
-    name, fields_today = _EARLIER.get(value["record"], (value["record"], {}))
-    kind = _home(name)
+    kind = _home(value["record"])
     if kind is None or not is_dataclass(kind):
         raise ValueError(f"this version of rotorfit has no record {value['record']!r}")
-    today = {field: fields_today.get(field, field) for field in value["fields"]}
-    given = {name: value["fields"][field] for field, name in today.items() if name is not None}
+    given = value["fields"]
     known = {f.name: f for f in fields(kind) if f.init}
     unknown = sorted(set(given) - set(known))
     missing = [n for n, f in known.items() if n not in given and f.default is MISSING and f.default_factory is MISSING]

@@ -49,10 +49,15 @@ def dry_run(baseline: Experiment | None) -> PerturbationTest | None:
     raise TypeError(f"a baseline is what rf.read returns of a dry run, responses to measured forces, not a {what}")
 
 
-def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experiment], settings: FitSettings) -> Problem:
-    """Lay a fit out as an optimisation problem."""
+def check_model(model: Any) -> None:
+    """Refuse a class, or a name, in place of a model."""
     if not isinstance(model, RotorModel):
         raise TypeError(f"the model must be an instance such as rf.models.WhirlWhip(), not {model!r}")
+
+
+def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experiment], settings: FitSettings) -> Problem:
+    """Lay a fit out as an optimisation problem."""
+    check_model(model)
     several = as_tuple(experiments)
     names = {*settings.known, *settings.bounds, *settings.priors, *settings.per, *settings.start}
     betas = {name for name in names if name.startswith("beta")} - set(model.parameter_names)

@@ -17,7 +17,6 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
 from rotorfit.base.executors import executor_of
 from rotorfit.base.names import unknown_name
-from rotorfit.base.version import renamed
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses, freedom_of
 from rotorfit.estimators.inference.covariance import standard_error, widening
 from rotorfit.estimators.inference.identifiability import Identifiability
@@ -86,7 +85,7 @@ class FitResult:
             that were used. "closed form" (eqs 5 to 9); "short fit": the best end of a few steps from several closed
             forms; "random starts": the same from many typical rotors, where there is no closed form; "rational fit":
             poles and residues (``Modal``); "spectral lines": linear least squares, line after line; "given": all were;
-            "earlier fit": the optimum of the fit that this one varies; "not recorded": read from an older file.
+            "earlier fit": the optimum of the fit that this one varies.
         perhaps_local: True if another minimum may be as deep or deeper; one of ``warnings`` says why.
         success, message, nfev: how the optimisation ended.
         responses: agreement response by response.
@@ -121,7 +120,7 @@ class FitResult:
     warnings: tuple[str, ...]
     noise: ResidualStudy | None = None
     model_uncertainty: Float | None = None
-    start: str = "not recorded"
+    start: str
     perhaps_local: bool = False
 
     plot = Accessor()
@@ -163,17 +162,6 @@ class FitResult:
         from rotorfit.identify.diagnosis.findings import findings_of
 
         return findings_of(self)
-
-    @property
-    def doubt(self) -> Float | None:
-        """``model_uncertainty`` under the name that it had in version 0.1.0.
-
-        Example:
-            >>> fit.model_uncertainty is None  # fit.doubt warns
-            True
-        """
-        renamed("FitResult.doubt", "model_uncertainty")
-        return self.model_uncertainty
 
     # ---- derived quantities ------------------------------------------------------------------------------------
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict
 
 from rotorfit.base.names import unknown_name
-from rotorfit.base.version import renamed
 from rotorfit.estimators.minimisation.objective import Method
 from rotorfit.estimators.misfit.problem import Loss
 
@@ -112,12 +111,6 @@ class FitSettings(FitOptions):
     def asked(self) -> FitSettings:
         """Settings for another model of the same data: without choices of the fit."""
         return replace(self, noise_scale={}, onsets=(), noise=None, solved=None)
-
-    @property
-    def levels(self) -> Mapping[str, float]:
-        """``noise_scale`` under the name that it had in version 0.1.0."""
-        renamed("FitSettings.levels", "noise_scale")
-        return self.noise_scale
 
     @property
     def rescaled(self) -> bool:

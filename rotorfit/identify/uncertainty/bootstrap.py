@@ -170,9 +170,10 @@ def bootstrap(
             samples.append(fit.x + x - part)
         else:
             sizes = caused.causes.before(len(part), rng)
-            moved = caused.moved_by(_simulate(fit, part, rng), sizes)
+            taken = part - caused.taken_up(sizes)
+            moved = caused.moved_by(_simulate(fit, taken, rng), sizes)
             y, found = _fitted(fit, moved, accelerate, executor)
-            samples.append(np.concatenate([fit.x, caused.causes.at]) + y - np.hstack([part, sizes]))
+            samples.append(caused.start + y - np.hstack([part, sizes]))
         good.append(found)
     converged = np.concatenate(good)
     estimates = np.concatenate(samples)[converged]
@@ -199,7 +200,7 @@ def _fitted(
     """Estimates from sets of readings, and which of them converged; beside causes from whitened changes of readings,
     with their sizes."""
     if executor is None and (caused := caused_problem(fit)) is not None:
-        return caused.minima(np.concatenate([fit.x, caused.causes.at]), measured, _OPTIONS)
+        return caused.minima(measured, _OPTIONS)
     if executor is None:
         result = batch_fit(fit.problem, measured, fit.x, accelerate=accelerate, options=_OPTIONS)
         return result.x, result.converged

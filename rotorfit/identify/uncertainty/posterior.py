@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.base.accessors import Accessor
-from rotorfit.base.array_types import Float
+from rotorfit.base.array_types import Float, Index
 from rotorfit.base.names import unknown_name
-from rotorfit.estimators.inference.caused_posterior import CausedPosterior
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import JudgeKeywords, PredictKeywords, check_keywords
 from rotorfit.identify.uncertainty.derived import (
@@ -70,6 +69,8 @@ class Posterior(Draws):
         treatment: what was done about the noise level and about model-form error, in words.
         seed: of the random numbers; the same seed gives the same draws.
         settings: how it was sampled.
+        sizes: of causes beside the model, drawn with the positions, none of one sign below zero, shape
+            ``(steps, walkers, k)``; None without any.
     """
 
     fit: FitResult
@@ -84,6 +85,7 @@ class Posterior(Draws):
     treatment: str
     seed: int
     settings: SampleSettings
+    sizes: Float | None = None
 
     plot = Accessor()
 
@@ -136,25 +138,14 @@ class Posterior(Draws):
             at: group of parameters, ``{"speed_rpm": 1000}``, where some were fitted per attribute.
             draws: how many at most, by default :data:`DERIVED_DRAWS`, fewer for models with a whole shaft.
         """
-        space = self.fit.problem.space
-        return np.asarray(space.theta(self._vectors(draws))[:, space.group(at)])
+        samples, space = self.samples, self.fit.problem.space
+        return np.asarray(space.theta(samples[self._chosen(draws), : space.size])[:, space.group(at)])
 
-    def _vectors(self, draws: int | None = None) -> Float:
-        """Fitted vectors of evenly spaced draws, shape ``(N, p)``."""
+    def _chosen(self, draws: int | None = None) -> Index:
+        """Evenly spaced draws by their numbers."""
         limit = draws or (DERIVED_DRAWS if self.fit.model.shaft is None else SHAFT_DRAWS)
-        samples = self.samples
-        chosen = np.unique(np.linspace(0, len(samples) - 1, min(limit, len(samples))).astype(np.intp))
-        return np.asarray(samples[chosen, : self.fit.problem.space.size])
-
-    @cached_property
-    def _sizes(self) -> Float | None:
-        """Sizes of causes drawn with the vectors of :attr:`thetas`, none of one sign below zero, shape ``(N, k)``."""
-        from rotorfit.identify.uncertainty.target import posterior_of
-
-        target = posterior_of(self.fit, self.settings)
-        if not isinstance(target, CausedPosterior):
-            return None
-        return target.drawn(self._vectors(), np.random.default_rng(self.seed))
+        count = len(self.samples)
+        return np.unique(np.linspace(0, count - 1, min(limit, count)).astype(np.intp))
 
     def threshold_speed(self, at: Mapping[str, Any] | None = None) -> Derived:
         """Rotative speed at which the rotor becomes unstable, rad/s; see :class:`Onsets`.
@@ -199,7 +190,8 @@ class Posterior(Draws):
     def _onsets(self, at: Mapping[str, Any] | None) -> Onsets:
         group = self.fit.group(at)
         if group not in self._cache:
-            self._cache[group] = onsets_of(self.fit, self.thetas(at), group, self.seed, self._sizes)
+            sizes = None if self.sizes is None else self.sizes.reshape(len(self.samples), -1)[self._chosen()]
+            self._cache[group] = onsets_of(self.fit, self.thetas(at), group, self.seed, sizes)
         return self._cache[group]
 
     @cached_property

@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.base.atomic_file import note_input, whole_file
+from rotorfit.base.caches import cache_home
 from rotorfit.base.digits import significant, with_error
 from rotorfit.base.file_reading import reading, seal
 from rotorfit.base.text_table import text_table
-from rotorfit.base.version import __version__
+from rotorfit.base.version import VERSIONS
+from rotorfit.estimators.inference.caused_posterior import CausedPosterior
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.uncertainty.posterior import Posterior, SampleSettings
 from rotorfit.identify.uncertainty.target import posterior_of
@@ -94,10 +96,12 @@ def datasets(posterior: Posterior) -> dict[str, xr.Dataset]:
         "lp": (("chain", "draw"), np.ascontiguousarray(posterior.log_density.T)),
         "acceptance_rate": (("chain",), posterior.acceptance),
     }
+    if posterior.sizes is not None:
+        stats["causes"] = (("chain", "draw", "cause"), np.ascontiguousarray(posterior.sizes.swapaxes(0, 1)))
     header = {
         "title": _KIND,
         "inference_library": "emcee",
-        "created_by": f"rotorfit {__version__}",
+        "created_by": f"rotorfit {VERSIONS}",
         "burn_in": posterior.burn_in,
         "converged": int(posterior.converged),
         "message": posterior.message,
@@ -150,8 +154,10 @@ def load_posterior(path: str | os.PathLike[str], fit: FitResult) -> Posterior:
     """
     path = Path(path)
     note_input(path)
-    with reading(path.name, "posterior saved by rotorfit"):
+    kind = "posterior saved by rotorfit"
+    with reading(path.name, kind, decoded=True):
         posterior = _read(path, fit)
+    with reading(path.name, kind):
         _check(posterior, path.name)
     return posterior
 
@@ -175,6 +181,7 @@ def _read(path: Path, fit: FitResult) -> Posterior:
         treatment=str(header["treatment"]),
         seed=int(header["seed"]),
         settings=SampleSettings(**json.loads(header["settings"])),
+        sizes=np.ascontiguousarray(stats["causes"].values.swapaxes(0, 1)) if "causes" in stats else None,
     )
 
 
@@ -187,7 +194,10 @@ def _check(posterior: Posterior, source: str) -> None:
             f"{source} holds {', '.join(posterior.names)}, but this fit is of {', '.join(target.names)}: load it with "
             "the fit that was sampled"
         )
-    if not np.allclose(target(posterior.chain[-1]), posterior.log_density[-1], rtol=1e-8, atol=1e-6):
+    last = posterior.chain[-1]
+    if isinstance(target, CausedPosterior) and posterior.sizes is not None:
+        last = target.alone(last, posterior.sizes[-1])
+    if not np.allclose(target(last), posterior.log_density[-1], rtol=1e-8, atol=1e-6):
         raise ValueError(f"{source} is the posterior of another fit: data, model, priors or noise differ")
 
 
@@ -195,8 +205,9 @@ def load_arviz() -> Any:
     """The module ``arviz``, imported now if it has not been.
 
     The announcement is for those who write against ArviZ, not for those who fit rotors; which day a machine last saw it
-    must not decide what a user or a test sees.
+    must not decide what a user or a test sees. It keeps that day in the folder for caches.
     """
+    cache_home()
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=r"\s*ArviZ is undergoing", category=FutureWarning)
         import arviz

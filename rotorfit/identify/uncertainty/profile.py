@@ -211,7 +211,7 @@ def _settled(fit: FitResult) -> _Base:
     problem, x = fit.problem, fit.x
     caused = caused_problem(fit)
     if caused is not None:
-        y, _ = caused.minimum(np.concatenate([x, caused.causes.at]))
+        y, _ = caused.minimum()
         return _Base(problem=caused, x=y, covar=_inverse(caused.gauss_newton(y)[2]))
     covar = fit.covar / fit.widening
     if _is_scaled(problem) or fit.widening == 1 or not problem.priors:

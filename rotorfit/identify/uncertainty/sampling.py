@@ -114,10 +114,14 @@ def sample(
     finally:
         if progress is True:
             print(file=sys.stderr)
+    chain, sizes = paths.draws, None
+    if isinstance(target, CausedPosterior):
+        flat, sizes = target.drawn(chain.reshape(-1, target.size), np.random.default_rng(paths.seed))
+        chain, sizes = flat.reshape(chain.shape), sizes.reshape(*chain.shape[:2], -1)
     return Posterior(
         fit=fit,
         names=target.names,
-        chain=paths.draws,
+        chain=chain,
         log_density=paths.log_density,
         acceptance=paths.acceptance,
         tau=paths.tau,
@@ -127,6 +131,7 @@ def sample(
         treatment=structure + _treatment(fit, target, centre) + _better_optimum(target, centre, paths),
         seed=paths.seed,
         settings=replace(settings, walkers=count, steps=paths.steps),
+        sizes=sizes,
     )
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+
+import numpy as np
 
 from rotorfit.estimators.inference.caused_posterior import CausedPosterior
 from rotorfit.estimators.inference.caused_problem import CausedProblem
 from rotorfit.estimators.inference.log_posterior import LogPosterior
-from rotorfit.identify.fitting.causes.solution import linear_causes
+from rotorfit.identify.fitting.causes.solution import SolvedCauses, linear_causes
 from rotorfit.identify.fitting.noise.error_bars import effect_entries
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.uncertainty.posterior import SampleSettings
@@ -18,8 +21,13 @@ def caused_problem(fit: FitResult) -> CausedProblem | None:
     solved = fit.settings.solved
     if solved is None:
         return None
-    found = CausedProblem(problem=fit.problem, causes=linear_causes(fit.problem, fit.x, solved))
+    found = _beside_causes(fit, solved)
     return found if fit.widening == 1 else found.with_noise(math.sqrt(fit.widening))
+
+
+def _beside_causes(fit: FitResult, solved: SolvedCauses) -> CausedProblem:
+    causes = linear_causes(fit.problem, fit.x, solved)
+    return CausedProblem(problem=fit.problem, causes=causes, start=np.concatenate([fit.x, causes.at]))
 
 
 def posterior_of(
@@ -32,8 +40,15 @@ def posterior_of(
         return LogPosterior(
             fit.problem, settings.noise, inflation=inflation, effects=effects, accelerate=accelerate, work=work
         )
-    causes = linear_causes(fit.problem, fit.x, solved)
+    caused = _beside_causes(fit, solved)
     return CausedPosterior(
-        fit.problem, settings.noise, causes, fit.x, inflation=inflation, effects=effects, accelerate=accelerate,
+        fit.problem,
+        settings.noise,
+        replace(caused.causes, columns=caused.beside),
+        fit.x,
+        taken=caused.taken,
+        inflation=inflation,
+        effects=effects,
+        accelerate=accelerate,
         work=work,
-    )  # fmt: skip
+    )

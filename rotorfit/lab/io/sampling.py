@@ -46,6 +46,8 @@ def rate_of_times(times: Float, where: str) -> float:
     """Sampling rate, Hz, of evenly spaced times in s."""
     if not np.isfinite(times).all():
         raise ValueError(f"{where}: a time is not a number at sample {int(np.flatnonzero(~np.isfinite(times))[0]) + 1}")
+    if times.size < 2:
+        raise ValueError(f"{where}: {times.size} times tell no sampling rate")
     steps = np.diff(times)
     step = float(times[-1] - times[0]) / steps.size
     if not step > 0:

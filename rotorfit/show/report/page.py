@@ -12,7 +12,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from rotorfit.base.atomic_file import whole_file
-from rotorfit.base.version import __version__
+from rotorfit.base.version import VERSIONS
 from rotorfit.show.report.html import Html, element, join
 
 
@@ -39,7 +39,7 @@ def page(title: str, source: str, sections: Sequence[Html], scripted: Sequence[H
     banner = element(
         "header",
         element("h1", title),
-        element("p", join([source, f"rotorfit {__version__}", when], " · "), class_="byline"),
+        element("p", join([source, f"rotorfit {VERSIONS}", when], " · "), class_="byline"),
         element("nav", *links) if len(links) > 1 else Html(""),
     )
     whole = element("html", head, element("body", banner, element("main", *explained(sections))), lang="en")

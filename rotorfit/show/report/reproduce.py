@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.base.version import __version__
+from rotorfit.base.version import VERSIONS
 from rotorfit.identify.fitting.causes.calibration import Calibration
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitOptions, FitSettings
@@ -33,7 +33,7 @@ def reproduce_section(material: ReportInput) -> Html:
 
     fit = material.fit
     packages = ["casadi", "numpy", "scipy", "matplotlib", *(["emcee"] if material.posterior is not None else [])]
-    versions = [f"rotorfit {__version__}", f"Python {platform.python_version()}"]
+    versions = [f"rotorfit {VERSIONS}", f"Python {platform.python_version()}"]
     versions += [f"{name} {version(name)}" for name in packages]
     command = _command(material)
     shell = [paragraph("On the command line:"), element("pre", command)] if command else []

@@ -19,8 +19,9 @@ import numpy as np
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.executors import Kept, carry_out
+from rotorfit.base.faults import of_program
 from rotorfit.base.file_reading import decompressed, reading
-from rotorfit.base.version import __version__
+from rotorfit.base.version import RESULTS
 from rotorfit.estimators.blocks.row_keys import rows_by, words
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.identify.fitting.fit import fit
@@ -187,6 +188,8 @@ def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mappin
         given = {name: getattr(settings, name) for name in ("known", "bounds", "priors", "loss")}
         found = fit(model, run.experiment, start=start, **given)
     except (ValueError, KeyError, np.linalg.LinAlgError) as problem:
+        if of_program(problem):
+            raise
         reason = problem.args[0] if isinstance(problem, KeyError) and problem.args else problem
         return RunFit(name=run.name, attributes=run.attributes, message=f"not fitted: {reason}")
     # What differs between the sweeps of a run is in the covariance, and in no parameter.
@@ -246,7 +249,7 @@ class Workers:
             work = _fit_alone  # type: ignore[assignment]
             how = {}
             for option in {id(one): one for one in options}.values():
-                said = [__version__, encode(self.model), encode(dict(option))]
+                said = [RESULTS, encode(self.model), encode(dict(option))]
                 how[id(option)] = json.dumps(said, sort_keys=True)
             whole = (f"{how[id(option)]}{run.readings.content}" for run, option in pairs)
             keys = [hashlib.sha256(one.encode()).hexdigest() for one in whole]
@@ -349,7 +352,7 @@ def _to_bytes(fit: RunFit) -> bytes:
 
 def _from_bytes(data: bytes) -> RunFit:
     name = "a fit that the store keeps"
-    with reading(name, "fit of a run"):
+    with reading(name, "fit of a run", decoded=True):
         return RunFit(**decode(json.loads(decompressed(name, data, len(data)))))
 
 

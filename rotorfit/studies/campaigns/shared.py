@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.base.array_types import Float
+from rotorfit.base.faults import of_program
 from rotorfit.estimators.inference.covariance import (
     Curvature,
     Parts,
@@ -31,7 +32,6 @@ from rotorfit.estimators.inference.covariance import (
 )
 from rotorfit.estimators.minimisation.least_squares import Options
 from rotorfit.estimators.misfit.problem import Problem
-from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.identify.fitting.fit import solve
 from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.quantities import FittedParameter
@@ -290,7 +290,9 @@ def _curvature(
             x = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options()).x
             at = {**dict(zip(names, x.tolist(), strict=True)), **shared}
         problem, names, x = _problem_at(model, run, settings, at)
-    except (ValueError, KeyError, ClosedFormError) as reason:
+    except (ValueError, KeyError) as reason:
+        if of_program(reason):
+            raise
         return str(reason)
     cost, gradient, matrix = problem.gauss_newton(x)
     squares = float(np.sum(np.abs(problem.residuals(x)) ** 2))

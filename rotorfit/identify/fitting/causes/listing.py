@@ -123,6 +123,13 @@ class _Rig:
         return {plane: tuple(axes) for plane, axes in found.items()}
 
     @property
+    def _sweep(self) -> tuple[float, float]:
+        """Middle and half width of the frequencies that turn, rad/s."""
+        w = np.abs(np.concatenate([b.frequency for b in self.blocks]))
+        w = w[w > 0]
+        return (float(w.max() + w.min()) / 2, float(w.max() - w.min()) / 2) if w.size else (0.0, 0.0)
+
+    @property
     def turning(self) -> bool:
         """True for rotors in z = x + jy, whose causes act on the rotor too."""
         return self.model.frame == "z" and all(c.axis == "z" for c in self.model.coordinates) and bool(self.linear)
@@ -209,6 +216,11 @@ class _Rig:
             return
         yield _cause("phase", "lead of the phase reference", OfReadings(how="phase"), SIZES["phase"], unit="rad")
         yield _cause("delay", "delay of readings behind forces", OfReadings(how="delay"), SIZES["delay"], unit="s")
+        middle, half = self._sweep
+        if half > 0:
+            act = OfReadings(how="clock", middle=middle, half=half)
+            meaning = "delay that grows from the middle of a sweep to its end"
+            yield _cause("clock", meaning, act, SIZES["clock"], unit="s")
         for plane in planes:
             act = OfReadings(how="curve", plane=plane)
             meaning = f"probes at {plane} that are not linear, share at the largest amplitude"
@@ -312,8 +324,7 @@ class _Rig:
                 act = Changing(names=own, mean=mean)
                 meaning = f"share by which {name} changes when the mean tested speed doubles"
                 yield _cause(f"speed[{name}]", meaning, act, SIZES[f"speed[{name}]"])
-        w = np.abs(np.concatenate([b.frequency for b in self.linear]))
-        middle, half = float(w.max() + w.min()) / 2, float(w.max() - w.min()) / 2
+        middle, half = self._sweep
         if half > 0:
             drifting = Drifting(name="D", middle=middle, half=half)
             meaning = "share by which D changes from the middle of a sweep to its end"

@@ -46,6 +46,12 @@ SIZES = {
         source="c",
         remedy="undo the filters of the channels at reading",
     ),
+    "clock": Size(
+        size=math.radians(0.5) / (2 * math.pi * 100),
+        reason="marks sampled by a clock of their own",
+        source="j",
+        remedy="sample marks and probes by one clock (clock_ppm in rig.toml)",
+    ),
     "curve": Size(
         size=0.01,
         reason="linearity of a probe, and of the film under its amplitude",

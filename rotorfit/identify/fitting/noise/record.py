@@ -33,26 +33,6 @@ class NoiseVerdict(StrEnum):
     CORRELATED = "correlated"  # noise of the right size that is correlated along the sweeps
     MISFIT = "misfit"  # correlated along the sweeps and larger than the noise: the model does not fit
 
-    @classmethod
-    def _missing_(cls, value: object) -> NoiseVerdict | None:
-        return next((verdict for verdict, sentence in _SAVED_BY_0_1_0.items() if sentence == value), None)
-
-
-_SAVED_BY_0_1_0 = {
-    NoiseVerdict.AS_FOUND: "the residuals are noise, as it was given or found in the data alone",
-    NoiseVerdict.SHAPED: (
-        "the residuals are noise of another size or shape than found in the data alone, and were weighed by it"
-    ),
-    NoiseVerdict.LARGER: "the residuals are noise, but larger than the readings' sigma says",
-    NoiseVerdict.CORRELATED: (
-        "the residuals have the noise's size but follow one another along the sweeps, as overlapping filters do"
-    ),
-    NoiseVerdict.MISFIT: (
-        "the residuals follow one another along the sweeps and exceed the noise: the model does not fit"
-    ),
-}
-"""Values in files of version 0.1.0."""
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RunEffect:

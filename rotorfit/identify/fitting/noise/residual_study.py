@@ -11,7 +11,6 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
 from rotorfit.base.significance import P_WARNING
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.base.version import renamed
 from rotorfit.estimators.noise.run_effects import FEWEST_RUNS
 from rotorfit.identify.fitting.noise.record import RUN_KINDS, FoundNoise, Miss, NoiseVerdict, ResponseNoise, RunEffect
 
@@ -107,20 +106,6 @@ class ResidualStudy:
 
     def __str__(self) -> str:
         return "; ".join([VERDICTS[self.verdict], *self.sentences])
-
-    # ---- names of version 0.1.0 ----------------------------------------------------------------------------------
-
-    @property
-    def levels(self) -> tuple[ResponseNoise, ...]:
-        """``response_noise``."""
-        renamed("fit.noise.levels", "response_noise")
-        return self.response_noise
-
-    @property
-    def perhaps(self) -> tuple[RunEffect, ...]:
-        """``possible_effects``."""
-        renamed("fit.noise.perhaps", "possible_effects")
-        return self.possible_effects
 
 
 def is_misfit(study: ResidualStudy | None, widening: float) -> bool:

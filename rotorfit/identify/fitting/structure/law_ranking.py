@@ -11,9 +11,9 @@ import casadi as ca
 import numpy as np
 
 from rotorfit.base.digits import significant
+from rotorfit.base.faults import of_program
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Printed, Wide, text_table
-from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.identify.fitting.fit import fit, solve_again
 from rotorfit.identify.fitting.problem_setup import as_tuple, build_problem
 from rotorfit.identify.fitting.result import FitResult
@@ -227,7 +227,9 @@ def _try(
         if result.settings.noise is not None:  # laws are compared by one likelihood, with the noise that the data tell
             plain = replace(result.settings, noise=None)
             result = solve_again(replace(result, settings=plain), build_problem(model, experiments, plain))
-    except (ValueError, ClosedFormError, np.linalg.LinAlgError) as reason:
+    except (ValueError, np.linalg.LinAlgError) as reason:
+        if of_program(reason):
+            raise
         return LawFit(law=law, fit=None, reason=str(reason), count=0, aic=np.inf, bic=np.inf)
     if not result.success:
         why = f"the fit did not converge: {result.message}"

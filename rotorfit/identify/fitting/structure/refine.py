@@ -12,7 +12,6 @@ import numpy as np
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
 from rotorfit.base.text_table import Printed, text_table
-from rotorfit.base.version import renamed
 from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.estimators.inference.covariance import excess
 from rotorfit.identify.fitting.fit import fitted, solve_again
@@ -44,12 +43,6 @@ class Refinement(Printed):
     def candidates(self) -> tuple[FitResult, ...]:
         """The steps, the chosen one as it was fitted at last, so that its numbers are those of ``best``."""
         return tuple(self.best if step.model is self.best.model else step for step in self.steps)
-
-    @property
-    def rungs(self) -> tuple[FitResult, ...]:
-        """``candidates`` under the name that they had in version 0.1.0."""
-        renamed("Refinement.rungs", "candidates")
-        return self.candidates
 
     def table(self) -> str:
         """The candidates as a table, the chosen one marked: the block each tried, and the symbols of all its blocks."""

@@ -221,7 +221,7 @@ def _load_rotor(path: Path) -> Any:
     way = "Open it there and write its matrices: rotor.save_mat('shaft.mat', speed), which need no ROSS to be read"
     if here is None:
         raise ValueError(f"{path.name} is a rotor of ROSS {saved}, and ROSS is not installed here. {way}")
-    with reading(path.name, f"rotor saved by ROSS {saved}"):
+    with reading(path.name, f"rotor saved by ROSS {saved}", decoded=True):
         try:
             content = _in_line(content, line_of(saved), line_of(here))
         except ValueError as reason:

@@ -33,6 +33,8 @@ def open_file(path: Path) -> RawFile:
                     f"{path.name}: {name} is a pickled Python object, which is not opened; save its entries as arrays "
                     f"of their own, or as text: {name}=json.dumps(...)"
                 ) from problem
+            if not isinstance(values, np.ndarray):
+                raise ValueError(f"{path.name}: {name} is no array; NumPy's savez writes them")
             value = held(values[()] if values.ndim == 0 else values)
             try:
                 said = json.loads(value) if isinstance(value, str) else None
