@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -35,9 +36,16 @@ class CausedResponses(OnResponses):
         return replace(self.base, beside=beside, group=self.base.condition[0], speed=self.speed, force=self.force)
 
     @cached_property
-    def beyond(self) -> Responses:
-        """The same as the probes would read that are where they are off to."""
-        return replace(self.own, coordinate=self.towards)
+    def seen(self) -> Responses:
+        """:attr:`own`, and after it the same as the probes would read that are where some are off to."""
+        own = self.own
+        if not self.way.any():
+            return own
+        names = ("line", "measured", "sigma", "label", "run", "derivative")
+        twice: dict[str, Any] = {
+            name: np.concatenate([one, one]) for name in names if (one := getattr(own, name)) is not None
+        }
+        return replace(own, coordinate=np.concatenate([own.coordinate, self.towards]), **twice)
 
     def values(self, theta: Float) -> Float:
         """Parameter vectors of the groups of :attr:`own`."""
@@ -46,26 +54,25 @@ class CausedResponses(OnResponses):
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""
         values = self.values(theta)
-        found = self.own.predict(values)
-        if self.way.any():
-            found = (1 - self.way) * found + self._way(values) * self.beyond.predict(values)
-        return np.asarray((found + self.moved) * self.gain)
+        return np.asarray((self._between(self.seen.predict(values), values) + self.moved) * self.gain)
 
     def by_values(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """Predictions, and their derivatives by the values of each reading's own group, shape ``(R, P)``."""
         values = self.values(theta)
-        found, rows = self.own.predict_jacobian(values)
-        if self.way.any():
-            way, (there, more) = self._way(values), self.beyond.predict_jacobian(values)
-            found = (1 - self.way) * found + way * there
-            rows = (1 - self.way)[:, None] * rows + way[..., None] * more
-        return (found + self.moved) * self.gain, rows * self.gain[:, None]
+        found, rows = self.seen.predict_jacobian(values)
+        return (self._between(found, values) + self.moved) * self.gain, self._between(rows, values) * self.gain[:, None]
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""
         predicted, rows = self.by_values(theta)
         return predicted, rows * (1 + self.scaled)[self.own.reading_group]
 
-    def _way(self, values: Float) -> ComplexArray:
-        """Share of the motion at the other plane, read by the probe's own factor."""
-        return np.asarray(self.way * probe_factors(self.own, values) / probe_factors(self.beyond, values))
+    def _between(self, seen: ComplexArray, values: Float) -> ComplexArray:
+        """What probes give that are between two planes, each by its own factor, of values at both, ``(2 R, ...)``."""
+        if not self.way.any():
+            return seen
+        factor, other = np.split(probe_factors(self.seen, values), 2)
+        here, there = np.split(seen, 2)
+        more = self.way * factor / other
+        column = (-1, *(1,) * (seen.ndim - 1))
+        return np.asarray((1 - self.way).reshape(column) * here + more.reshape(column) * there)

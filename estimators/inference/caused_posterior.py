@@ -13,7 +13,7 @@ from rotorfit.estimators.inference.linear_causes import CausesGiven, LinearCause
 from rotorfit.estimators.inference.log_posterior import PRIOR_FREEDOM, LogPosterior, Noise
 from rotorfit.estimators.misfit.problem import Problem, robust_weights
 
-_TOGETHER = 131_072
+_TOGETHER = 32_768
 """Readings of all vectors that are evaluated together: more leave the cache."""
 
 
@@ -68,10 +68,12 @@ class CausedPosterior(LogPosterior):
 
     def drawn(self, vectors: Float, rng: np.random.Generator) -> tuple[Float, Float]:
         """Vectors ``(W, size)`` with what they take up of sizes of causes drawn at random, and these in their units."""
-        sizes = np.empty((len(vectors), self.causes.at.size))
+        # Walkers stay where they are for some steps: what is most probable there is worked out once.
+        distinct, place = np.unique(vectors[:, : self.problem.space.size], axis=0, return_inverse=True)
+        middle, sizes = self._at_their_best(distinct)[1], np.empty((len(vectors), self.causes.at.size))
         for first in range(0, len(vectors), 4096):
             some = slice(first, first + 4096)
-            sizes[some] = self._given.drawn(self._at_their_best(vectors[some, : self.problem.space.size])[1], rng)
+            sizes[some] = self._given.drawn(middle[place[some]], rng)
         return self._moved(vectors, sizes, 1), sizes
 
     def alone(self, vectors: Float, sizes: Float) -> Float:
@@ -89,8 +91,12 @@ class CausedPosterior(LogPosterior):
         for some, r in self._residuals(x):
             beyond = self._given.beyond(r)
             left = r.view(float) + beyond @ self.causes.rows.T
-            square = left[:, ::2] ** 2 + left[:, 1::2] ** 2
-            sums[some] = robust_weights(self.problem.loss, square)[0] @ self._to_channel / self.inflation
+            left *= left
+            if self.problem.loss == "linear":
+                sums[some] = left @ np.repeat(self._to_channel, 2, axis=0) / self.inflation
+            else:
+                rho = robust_weights(self.problem.loss, left[:, ::2] + left[:, 1::2])[0]
+                sums[some] = rho @ self._to_channel / self.inflation
             sizes[some] = beyond + self.causes.at
         return sums, sizes
 

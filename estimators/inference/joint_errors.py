@@ -222,7 +222,7 @@ def joint_step(
     prior: Float,
     prior_slope: Float,
 ) -> tuple[Float, Float, float]:
-    """Step of the fitted values and the sizes of the causes at the optimum of the linearised problem, and its ``Q``.
+    """Step of the fitted values, and the sizes of the causes, at the optimum of the linearised problem, and its ``Q``.
 
     Args:
         r: whitened residuals at no cause.

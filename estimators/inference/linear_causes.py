@@ -14,7 +14,7 @@ import numpy as np
 from rotorfit.base.array_types import Bool, ComplexArray, Float
 from rotorfit.estimators.inference.joint_errors import nearest_of_one_sign
 
-_CANDIDATES = 16
+_CANDIDATES = 8
 """Sizes of one sign from which one is drawn by their weights."""
 
 

@@ -297,7 +297,7 @@ def test_the_threshold_of_responses_that_noise_hides_is_said_to_be_open():
 
 
 def test_profiles_are_found_elsewhere_as_here():
-    fit = rf.fit(OneMode(), seal_campaign(1)[0], known=KNOWN)
+    fit = rf.fit(OneMode(), seal_campaign(1)[0], known=KNOWN, causes=None)
     with ThreadPoolExecutor(2) as pool:
         there = fit.profiles(["K0", "lam"], points=5, executor=pool)
     for one, other in zip(there, fit.profiles(["K0", "lam"], points=5), strict=True):

@@ -88,6 +88,8 @@ class JointSearch:
 
 PULLED = 3.0
 """Pull from which a size is too small for what the data show, once in 370 where it is right. Chosen."""
+NEGLIGIBLE = 0.01
+"""Fall of the sum of squares ahead from which the derivatives are those of the optimum: a tenth of a standard error."""
 UNLISTED = 1.3
 """Mean square of residuals from which no listed cause explains the misfit. Chosen."""
 
@@ -151,26 +153,23 @@ def _solved(
         close = _Point.of(problem, known[0], causes, known[1], size)
         at = close if close.square < begin.square else begin
     # Mostly three; many more would let the search wander along what nothing determines.
-    steps, negligible = 6, 0.01  # and fall of Q that is none
-    B = columns(at.problem, at.x, causes)
-    for _ in range(steps):
-        r, J = at.problem.jacobian(at.x)
-        root = np.sqrt(robust_weights(problem.loss, np.abs(r) ** 2)[1])[:, None]
-        dx, sizes, _ = joint_step(
-            (r - B @ at.sizes) * root[:, 0],
-            J * root,
-            B * root,
+    for _ in range(6):
+        B, (r, J) = columns(at.problem, at.x, causes), at.problem.jacobian(at.x)
+        root = np.sqrt(robust_weights(problem.loss, np.abs(r) ** 2)[1])
+        curvature, slope = prior_curvature(problem, at.x), prior_slope(problem, at.x)
+        dx, sizes, square = joint_step(
+            (r - B @ at.sizes) * root,
+            J * root[:, None],
+            B * root[:, None],
             size=size,
             one_sided=one_sided,
-            prior=prior_curvature(problem, at.x),
-            prior_slope=prior_slope(problem, at.x),
+            prior=curvature,
+            prior_slope=slope,
         )
+        now = float(np.sum(np.abs(r * root) ** 2) + np.sum((at.sizes / size) ** 2) - (2 * slope + curvature * dx) @ dx)
         ahead = _accepted(problem, at, causes, dx, sizes - at.sizes, size)
-        if ahead is None:
-            break
-        fall, at = at.square - ahead.square, ahead
-        B = columns(at.problem, at.x, causes)
-        if fall < negligible:
+        at = ahead or at
+        if ahead is None or now - square < NEGLIGIBLE:
             break
     plain = problem.predict(at.x)
     shift = tuple(
@@ -180,7 +179,7 @@ def _solved(
         )
     )
     return JointSearch(
-        problem=shifted(problem, shift), x=at.x, causes=causes, sizes=at.sizes, J=at.problem.jacobian(at.x)[1],
+        problem=shifted(problem, shift), x=at.x, causes=causes, sizes=at.sizes, J=J,
         columns=B, shift=shift, plain=x, plain_square=begin.square, square=at.square,
     )  # fmt: skip
 
