@@ -1,7 +1,7 @@
 """Columns that act on the readings of one channel alone, taken out of a linearised fit channel by channel.
 
 What a probe's own numbers follow is a subspace of its own readings. Least squares with these columns are least squares
-of what is left of all others without them (Frisch and Waugh 1933), at any weights.
+of what is left of all others without them (Frisch and Waugh's theorem), at any weights.
 """
 
 from __future__ import annotations

@@ -51,15 +51,15 @@ def perturbed() -> rf.PerturbationTest:
 def test_report_of_the_rig_says_what_the_fit_says(rig_fit: FitResult, tmp_path: Path) -> None:
     page = report_of(rig_fit, tmp_path / "report.html")
     onset = rig_fit.threshold_speed()
-    assert f"{onset.value * RPM:.0f} ± {np.hypot(onset.stderr, onset.systematic) * RPM:.0f} rpm" in page.shown
-    assert f"(± {onset.stderr * RPM:.1f} statistical, ± {onset.systematic * RPM:.0f} systematic)" in page.shown
+    assert f"{onset.value * RPM:.1f} ± {onset.stderr * RPM:.1f} rpm" in page.shown
     assert "highest tested speed (2000 rpm), extrapolated." in page.shown
     assert (
         f"{100 * (onset.value / rig_fit.speeds.max() - 1):.1f} % above the highest tested speed (2000 rpm)"
         in page.shown
     )
-    assert "only roughly (redchi 10.6" in page.shown
-    assert "try a refined model" in page.shown
+    assert "explains the data to within their noise" in page.shown
+    for row in rig_fit.causes.found:
+        assert row.words.partition(":")[0] in page.shown
     for title in (
         "Verdict", "Parameters", "95 % intervals", "Identifiability", "Test and data", "Model", "Dynamic stiffness",
         "Bode plots", "Polar plots", "Residuals", "Quality of fit", "Stability", "To reproduce",
@@ -69,7 +69,7 @@ def test_report_of_the_rig_says_what_the_fit_says(rig_fit: FitResult, tmp_path: 
     for p in rig_fit.params.values():
         assert p.meaning in page.shown
         if p.vary:
-            digits = 1 - int(np.floor(np.log10(np.hypot(p.stderr, p.systematic))))
+            digits = 1 - int(np.floor(np.log10(p.stderr)))
             assert f"{round(p.value, digits):.{max(digits, 0)}f}"[:5] in page.shown
     for r in rig_fit.responses:
         assert r.name in page.shown
@@ -119,7 +119,7 @@ def test_refined_report_with_all_extras(rig_refinement: rf.Refinement, tmp_path:
     (row,) = [row for row in intervals.split("</section>")[0].split("<tr>") if "<code>D</code>" in row]
     _, *shown = re.findall(r"\[([0-9.]+), ([0-9.]+)\]", row)
     assert [float(end) for end in shown[0]] == pytest.approx([low, high], abs=0.05 * (high - low))
-    assert "systematic share" in page.shown
+    assert "causes beside the model (type B)" in page.shown
     assert f"[{277 * RPM:.1f}, {279 * RPM:.1f}]" in page.shown
     for words in (
         "split R-hat",
@@ -271,16 +271,20 @@ def test_a_calibration_brings_its_budget(tmp_path: Path) -> None:
     fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0}, calibration=calibration)
     page = report_of(fit, tmp_path / "report.html")
     budget = page.text.partition("<h2>Uncertainty budget</h2>")[2].partition("</section>")[0]
-    (row,) = [row for row in budget.split("<tr>") if "<code>D</code>" in row]
-    combined, random, systematic, *sources = (float(cell) for cell in re.findall(r'number">([0-9.]+)<', row))
+    whole, entries, correlations = (part.partition("</table>")[0] for part in budget.split("<table")[1:])
+    (row,) = [row for row in whole.split("<tr>") if "<code>D</code>" in row]
+    _, combined, noise, bounded, trust, coverage = (float(n) for n in re.findall(r'number">([0-9.]+)<', row)[:6])
     # each number has two digits
     assert combined == pytest.approx(fit.params["D"].stderr, rel=0.05)
-    assert np.hypot(random, systematic) == pytest.approx(combined, rel=0.05)
-    assert np.linalg.norm(sources) == pytest.approx(systematic, rel=0.05)
+    assert np.linalg.norm([noise, bounded, trust]) == pytest.approx(combined, rel=0.05)
+    assert coverage == pytest.approx(1.96, abs=0.005)
     # D is a force over the journal's motion: the mean of its two probes, 1 % each, and half a percent of the force
-    assert systematic == pytest.approx(np.hypot(0.01 / np.sqrt(2), 0.005) * fit.params["D"].value, rel=0.05)
-    for words in ("gain[disk]", "gain[journal]", "keyphasor", "type B", "0 ± 0.50"):
+    own = [row for row in entries.split("<tr>") if "<code>D</code>" in row]
+    shares = [float(re.findall(r'number">([0-9.-]+)<', row)[-1]) for row in own if "gain" in row]
+    assert np.linalg.norm(shares) == pytest.approx(np.hypot(0.01 / np.sqrt(2), 0.005) * fit.params["D"].value, rel=0.05)
+    for words in ("gain[journal]", "type B", "+1.00"):
         assert words in budget
+    assert correlations.count("+1.00") >= len(fit.budget().rows)
     call = "--calibration probe_gain=0.01 --calibration mr=0.005 --calibration keyphasor_deg=0.5"
     assert call in page.shown
 

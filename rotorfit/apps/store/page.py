@@ -65,7 +65,7 @@ def _tests(state: MachineState) -> Html:
     return section(
         "Tests",
         table(["date", "test", "file", *heads, "left out because"], rows),
-        note("Errors are statistical.", more),
+        note("Errors are those of the noise.", more),
     )
 
 

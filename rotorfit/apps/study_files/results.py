@@ -197,10 +197,12 @@ def outcome_values(outcome: Outcome) -> dict[str, Any]:
     def some(of: Any, *names: str) -> dict[str, Any]:
         return {name: getattr(of, name) for name in names}
 
-    numbers = ("value", "stderr", "noise")
+    numbers = ("value", "stderr", "noise", "bounded", "trust", "plain")
     parameters = {
         p.name: {
             **(some(p, *numbers) if p.resolved else dict.fromkeys(numbers)),
+            "interval_95": p.interval(0.95) if p.resolved else None,
+            "largest_on_trust": None if p.error is None else p.error.largest_on_trust,
             **some(p, "systematic", "unit"),
             "status": status(p),
             "closed_form": closed_value(outcome, p.name),

@@ -101,7 +101,7 @@ def fit(
     Example:
         >>> fit = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
         >>> fit.success, round(fit.params["lam"].value, 3), fit.params["lam"].unit
-        (True, 0.473, '1')
+        (True, 0.475, '1')
     """
     settings = FitSettings(
         known={name: tuple(v) if isinstance(v, list) else v for name, v in (known or {}).items()},

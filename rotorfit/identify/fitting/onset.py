@@ -31,7 +31,7 @@ def onset_of(fit: FitResult, group: int) -> Quantity:
         return Quantity(math.nan, _growth_error(fit, group), "rad/s")
     found = fit.propagate_in(group, onset.speed, onset.gradient, "rad/s", speed=onset.speed)
     solved = fit.settings.solved
-    if solved is not None:
+    if solved is not None and onset.speed:  # not unstable from standstill on
         theta = fit.thetas[group]
         speed = onset_with_causes(fit.model, theta, onset, solved, fit.stability_band)
         terms = onset_term_slopes(fit.model, theta, onset, solved)

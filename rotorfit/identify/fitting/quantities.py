@@ -37,6 +37,7 @@ class ErrorBar:
     noise: float  # if every cause were known
     bounded: float  # by causes that had to be found from the data
     on_trust: Mapping[str, float]  # by the size that each cause is given before the data, by name, signed as its slope
+    slopes: Mapping[str, float]  # by a unit of each cause, the fitted values following it
     reach: Reach
     freedom: float  # degrees of freedom
 
@@ -203,7 +204,7 @@ class Quantity(Number):
 
         Example:
             >>> print(fit.threshold_speed().to("rpm"))
-            2667 +- 76 rpm
+            2654.0 +- 5.8 rpm
         """
         own = si_factor("frequency", "rad_s" if self.unit == "1/s" else self.unit.replace("/", "_"))
         other = si_factor("frequency", unit.replace("/", "_"))
@@ -256,6 +257,10 @@ class FittedParameter(Number):
     at_bound: bool = False
     freedom: float = math.inf
     fit: Source | None = field(default=None, init=False, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if math.isnan(self.plain):
+            object.__setattr__(self, "plain", self.value)
 
     @property
     def _quantity(self) -> Quantity:

@@ -6,9 +6,14 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from rotorfit.base.array_types import Float
 from rotorfit.base.digits import two_digits, with_error
+from rotorfit.base.significance import quantile
 from rotorfit.base.text_table import Printed, text_table
 from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.identify.fitting.causes.slopes import onset_slopes
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
 
@@ -26,7 +31,9 @@ class BudgetRow:
         noise: share by the noise of the readings (GUM type A).
         bounded: share by causes that had to be found from the data.
         on_trust: share by the size that each cause is given before the data (type B), by name.
+        slopes: change of the result by a unit of each cause, the fitted values following it, by name.
         low, high: ends of the 95 % interval.
+        freedom: degrees of freedom of the standard error, infinite where the noise is known.
     """
 
     name: str
@@ -36,8 +43,10 @@ class BudgetRow:
     noise: float
     bounded: float
     on_trust: dict[str, float]
+    slopes: dict[str, float]
     low: float
     high: float
+    freedom: float = math.inf
 
     @property
     def trust(self) -> float:
@@ -49,6 +58,11 @@ class BudgetRow:
         """Share by all causes."""
         return math.hypot(self.bounded, self.trust)
 
+    @property
+    def coverage(self) -> float:
+        """Coverage factor of 95 %: 1.96, or that of Student's t where few readings tell the noise."""
+        return quantile(0.95, self.freedom)
+
 
 @dataclass(frozen=True, repr=False)
 class Budget(Printed):
@@ -56,9 +70,11 @@ class Budget(Printed):
 
     Attributes:
         rows: one a result: fitted parameters, then the threshold speed.
+        correlation: of the results, causes included, shape ``(n, n)``.
     """
 
     rows: tuple[BudgetRow, ...]
+    correlation: Float
 
     def __getitem__(self, name: str) -> BudgetRow:
         return {row.name: row for row in self.rows}[name]
@@ -78,7 +94,10 @@ class Budget(Printed):
         from pandas import DataFrame
 
         return DataFrame(
-            [{**{n: v for n, v in vars(row).items() if n != "on_trust"}, **row.on_trust} for row in self.rows]
+            [
+                {**{n: v for n, v in vars(row).items() if n not in ("on_trust", "slopes")}, **row.on_trust}
+                for row in self.rows
+            ]
         )
 
     def __str__(self) -> str:
@@ -93,12 +112,27 @@ class Budget(Printed):
 
 def budget_of(fit: FitResult) -> Budget:
     """The budget of a fit, from its errors share by share."""
-    rows = [_row(name, fit.params[name]._quantity) for name in fit.problem.space.names if fit.params[name].resolved]
+    names = [name for name in fit.problem.space.names if fit.params[name].resolved]
+    rows, solved = [_row(name, fit.params[name]._quantity) for name in names], fit.settings.solved
+    slopes = np.eye(fit.x.size)[[fit.var_names.index(name) for name in names]]
+    by_causes = np.zeros((len(names), len(solved.causes) if solved else 0))
     if fit.model.speed_dependent and len(fit.thetas) == 1 and fit.success:
         onset = fit.threshold_speed()
         if math.isfinite(onset.value) and math.isfinite(onset.stderr):
             rows.append(_row("threshold speed", onset, RPM_PER_RAD_S, "rpm"))
-    return Budget(tuple(rows))
+            there = fit.onset(0)
+            own = np.zeros(fit.x.size) if there is None else fit.problem.space.pull_back(there.gradient, 0)
+            beside = (
+                onset_slopes(fit.model, fit.theta(), there, solved)
+                if solved and there
+                else np.zeros(by_causes.shape[1])
+            )
+            slopes, by_causes = np.vstack([slopes, own]), np.vstack([by_causes, beside])
+    covariance = fit.covariance_of(slopes, by_causes)
+    error = np.sqrt(np.diag(covariance))
+    scale = np.outer(error, error)
+    correlation = np.divide(covariance, scale, out=np.eye(len(rows)), where=scale > 0)
+    return Budget(tuple(rows), correlation)
 
 
 def _row(name: str, found: Quantity, scale: float = 1.0, unit: str = "") -> BudgetRow:
@@ -112,6 +146,8 @@ def _row(name: str, found: Quantity, scale: float = 1.0, unit: str = "") -> Budg
         noise=scale * (found.stderr if bar is None else bar.noise),
         bounded=0.0 if bar is None else scale * bar.bounded,
         on_trust={} if bar is None else {cause: scale * share for cause, share in bar.on_trust.items()},
+        slopes={} if bar is None else {cause: scale * slope for cause, slope in bar.slopes.items()},
         low=low,
         high=high,
+        freedom=found.freedom,
     )

@@ -6,35 +6,53 @@ import math
 
 from rotorfit.base.digits import two_digits
 from rotorfit.models.parameters import bare_name
-from rotorfit.show.report.html import Html, element, table
+from rotorfit.show.report.html import Html, element, paragraph, table
 from rotorfit.show.report.material import ReportInput
 from rotorfit.show.report.numbers import plain, with_error
 from rotorfit.show.report.parts import note, section, symbol, unit_shown
 
+_LEAST = 0.01
+"""Share of the variance of a result from which an entry is listed: a tenth of the error. Chosen."""
+
 
 def budget_section(material: ReportInput) -> Html:
-    """Standard error of every result by its shares, and by the weightiest causes on trust."""
+    """Standard error of every result by its shares, its entries cause by cause, correlations of the results."""
     fit = material.fit
     if not fit.causes.rows:
         return Html("")
     budget = fit.budget()
-    causes = budget.main_causes
-    rows = []
+    rows, entries, names = [], [], []
     for row in budget.rows:
         name = symbol(row.name, fit.model) if bare_name(row.name) in fit.model.parameter_names else row.name
-        shares = (row.noise, row.bounded, row.trust, *(abs(row.on_trust.get(cause, 0.0)) for cause in causes))
+        names.append(name)
         value, error = with_error(row.value, row.stderr)
-        rows.append([name, value, error, *(plain(share, 2) for share in shares), unit_shown(row.unit)])
-    head = ["", "value", "standard error", "noise", "bounded", "on trust", *causes, "unit"]
+        shares = (plain(share, 2) for share in (row.noise, row.bounded, row.trust))
+        degrees = "∞" if math.isinf(row.freedom) else plain(row.freedom, 2)
+        rows.append([name, value, error, *shares, plain(row.coverage, 3), degrees, unit_shown(row.unit)])
+        for cause, share in sorted(row.on_trust.items(), key=lambda entry: -abs(entry[1])):
+            if share**2 >= _LEAST * row.stderr**2:
+                size = two_digits(fit.causes[cause].size)
+                entries.append([name, element("code", cause), size, plain(row.slopes[cause], 3), plain(abs(share), 2)])
+    head = ["", "value", "standard error", "noise", "bounded", "on trust", "k", "degrees of freedom", "unit"]
     words = (
         "Shares add up as squares. Noise: by the readings (GUM type A). Bounded: causes that had to be found from the "
-        "data. On trust: sizes that causes are given before the data (type B), which more readings do not lower. The "
-        "coverage factor of 95 % is 1.96, or Student's t where few readings tell the noise."
+        "data. On trust: sizes that causes are given before the data (type B), which more readings do not lower. "
+        "k is the coverage factor of 95 %: 1.96, or that of Student's t by the degrees of freedom where few readings "
+        "tell the noise. What rests on a cause that is never negative lengthens an interval to one side only."
     )
+    of_entries = (
+        "Entries on trust that are at least a tenth of an error. Size: standard uncertainty of the cause before the "
+        "data. Slope: change of the result by a unit of it, the fitted values following."
+    )
+    correlated = [[name, *(f"{r:+.2f}" for r in line)] for name, line in zip(names, budget.correlation, strict=True)]
     return section(
         "Uncertainty budget",
         table(head, rows, numeric=range(1, len(head) - 1), whole=(len(head) - 1,)),
         note(words),
+        table(["", "cause", "size", "slope", "share"], entries, numeric=(2, 3, 4)),
+        note(of_entries),
+        paragraph("Correlations of the results, causes included:"),
+        table(["", *names], correlated, numeric=range(1, len(names) + 1)),
         folded=True,
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import shlex
 from collections.abc import Iterator, Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -55,7 +55,11 @@ def _origin(material: ReportInput) -> tuple[FitResult, bool]:
     refinement = material.refinement
     if refinement is None or material.fit is not refinement.best:
         return material.fit, False
-    return refinement.steps[0], True
+    first, best = refinement.steps[0], material.fit
+    if best.settings.causes is None:
+        return first, True
+    asked = replace(first.settings, causes=best.settings.causes, start={})  # candidates are compared without causes
+    return replace(first, settings=asked), True
 
 
 def _source(experiment: Experiment) -> str:

@@ -52,8 +52,8 @@ def write_report(
         findings: what the data check found, one sequence for each experiment; by default the check is run.
         profiles: profile likelihoods of some parameters or of the threshold speed, :meth:`FitResult.profile`.
         bootstrap: fits of simulated data, :meth:`FitResult.bootstrap`.
-        shares: random and systematic standard uncertainty by parameter, SI units; by default those of the fit's
-            calibration and of assumptions that were given one.
+        shares: standard uncertainty by the noise and by causes beside the model, by parameter, SI units; by default
+            those of the fit.
         operating_speed: speed, rad/s, to which the stability margin refers beside the tested speeds.
         title: heading of the report.
         figures: folder that is there, to which the figures are also written, each as a file.

@@ -148,7 +148,7 @@ class Plan(Printed):
         Example:
             >>> design = rf.Design(speed_rpm=1000, frequency_rpm=range(200, 2001, 100), force_N=5.0)
             >>> plan = rf.plan(fit.model, fit, design, noise_um=0.2, quantity="lam")
-            >>> found = rf.fit(fit.model, plan.virtual_run(seed=1), known={"K3": 6000.0})
+            >>> found = rf.fit(fit.model, plan.virtual_run(seed=1), known={"K3": 6000.0}, causes=None)
             >>> abs(found.params["lam"].value - fit.params["lam"].value) < 4 * plan.expected["lam"].stderr
             True
         """

@@ -33,9 +33,9 @@ class Calibration:
         keyphasor_deg: uncertainty of the angle between phase reference and force, degrees, the same error in all runs.
 
     Example:
-        >>> gains = rf.Calibration(probe_gain=0.01)
-        >>> wider = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0}, calibration=gains)
-        >>> wider.params["D"].stderr > fit.params["D"].stderr
+        >>> calibrated = rf.Calibration(probe_gain=0.01, mr=0.005)
+        >>> surer = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0}, calibration=calibrated)
+        >>> surer.params["D"].stderr < fit.params["D"].stderr
         True
     """
 

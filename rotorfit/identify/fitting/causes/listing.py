@@ -112,12 +112,14 @@ class _Rig:
 
     @property
     def probes(self) -> dict[str, tuple[str, ...]]:
-        """Directions of the probes of each plane that is read, as the names of responses have them."""
+        """Directions of the probes of each plane that is read; a response without one is the mean of x and y."""
         found: dict[str, dict[str, None]] = {}
         for block in self.blocks:
             for k in np.unique(block.coordinate).tolist():
                 place = self.model.coordinates[k]
-                found.setdefault(place.plane, {})[place.axis] = None
+                names = [str(block.labels[i]) for i in np.unique(block.label[block.coordinate == k])]
+                pair = place.axis == "z" and not any(name.endswith((" x", " y")) for name in names)
+                found.setdefault(place.plane, {}).update(dict.fromkeys("xy" if pair else place.axis))
         return {plane: tuple(axes) for plane, axes in found.items()}
 
     @property
