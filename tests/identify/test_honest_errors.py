@@ -125,7 +125,7 @@ def test_runs_that_agree_are_seldom_allowed_to_differ_and_hardly_ever_warned_of(
         assert sentence in fit.summary()
         assert sentence not in fit.warnings
         assert not fit.problem.space.nuisance  # the estimate does without them
-        alone = dict(zip(fit.var_names, np.sqrt(np.diag(inverse_curvature(fit))), strict=False))
+        alone = dict(zip(fit.var_names, np.sqrt(np.diag(inverse_curvature(fit.problem, fit.x))), strict=False))
         assert any(p.stderr > 1.2 * alone[n] and p.freedom < 10 for n, p in fit.params.items() if p.vary)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from judged_rotor import KNOWN, MODEL, SPEEDS, TRUE, exact, simulated_fit
+from plain import plain_fit
 from report_pages import report_of
 from scipy import optimize, stats
 from scipy.integrate import solve_ivp
@@ -284,6 +285,9 @@ def test_what_the_data_do_not_determine_has_no_probability() -> None:
     assert "K0" in fit.identifiability.unresolved
     report = fit.stability_report(max_speed_rpm=2000)
     assert report.criteria[0].probability > 0.99
+    for mode in report.modes:
+        assert not mode.interval[0] > mode.decrement
+        assert not mode.interval[1] < mode.decrement
     stiffer = fit.stability_report(max_speed_rpm=2000, cases={"half the seal's stiffness": {"K0": 0.5}})
     assert np.isnan(stiffer.criteria[-1].probability)
     assert "not known" in str(stiffer)

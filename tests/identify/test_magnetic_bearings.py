@@ -186,7 +186,7 @@ def test_from_files_to_the_verdict_on_the_loop(tmp_path, capsys):
     s = 1j * np.linspace(1.0, 900.0, 20_001)
     loop = (ALONE["Kp"] + ALONE["Kd"] * s) * np.exp(-s * ALONE["tau"]) / (MASS * s**2 + ALONE["Km"])
     low, high = peak["low"], peak["high"]
-    assert low < np.abs(1 / (1 + loop)).max() < high < 1.1 * low
+    assert low < np.abs(1 / (1 + loop)).max() < high < 1.3 * low  # 3 % of gain, 2 % of the probe's, and more
 
 
 def test_what_a_magnetic_bearing_has_not(fit):

@@ -61,7 +61,7 @@ def judge(
     goodness = _goodness(problem, settings, x, residuals, beside)
     redchi, nfree = goodness["redchi"], goodness["nfree"]
     estimate = solved if isinstance(solved, ClosedForm) else None
-    scattered, covar, degrees, verdict, noise, errors = _standard_errors(
+    covar, degrees, verdict, noise, errors = _standard_errors(
         problem, settings, x, residuals, derivatives, redchi, nfree, estimate, noise, beside
     )
     causes = None
@@ -76,7 +76,7 @@ def judge(
             factor=beside.factor,
         )
     settings = replace(settings, solved=causes)
-    params = _parameters(problem.space, x, start.x, scattered, covar, degrees, verdict.unresolved, causes)
+    params = _parameters(problem.space, x, start.x, covar, degrees, verdict.unresolved, causes)
     warnings = [*notes, *fit_warnings(problem, x, redchi, params, verdict, bool(settings.noise_scale), noise)]
     warnings += table_of(causes).warnings
     success, method, message, evaluations = True, "closed form", "closed form, no iteration", 0
@@ -198,9 +198,9 @@ def _standard_errors(
     estimate: ClosedForm | None,
     noise: ResidualStudy | None,
     beside: JointSearch | None,
-) -> tuple[Float, Float, tuple[float, ...], Identifiability, ResidualStudy | None, JointErrors | None]:
-    """Covariance of an estimate by the noise alone, shape ``(p, p)``, and widened where the model or the residuals ask
-    for it; degrees of freedom of each entry's error, what the data determine, and the study with its share in it."""
+) -> tuple[Float, tuple[float, ...], Identifiability, ResidualStudy | None, JointErrors | None]:
+    """Covariance of an estimate, shape ``(p, p)``, widened where the model or the residuals ask for it and by causes;
+    degrees of freedom of each entry's error, what the data determine, and the study with its share in it."""
     space = problem.space
     names, base = (*space.names, *space.nuisance), (*space.base, *space.nuisance)
     scales, sandwich = covariance.parameter_scales(problem, x), None
@@ -237,14 +237,13 @@ def _standard_errors(
         if noise is not None:
             noise = replace(noise, shares=(*noise.shares, errors.covariance), freedom=(*noise.freedom, math.inf))
     degrees = (freedom,) * space.size if noise is None else noise.own_degrees()
-    return scattered, covar, degrees, verdict, noise, errors
+    return covar, degrees, verdict, noise, errors
 
 
 def _parameters(
     space: ParameterSpace,
     x: Float,
     begin: Float,
-    scattered: Float,
     covar: Float,
     degrees: Sequence[float],
     unresolved: Sequence[str],
