@@ -122,14 +122,22 @@ def _by_draws(fit: FitResult, block: Block, thetas: Float) -> _Mean:
     return response, covariance, np.full(response.size, np.inf), errors
 
 
+def rotor_changes(fit: FitResult, block: Block) -> ComplexArray:
+    """Changes of predictions by a unit of each cause that moves the rotor, the fitted values held, shape ``(N, k)``."""
+    solved = fit.settings.solved
+    if solved is None:
+        return np.zeros((block.measured.size, 0), dtype=complex)
+    motion, still = Motion(block=block, theta=fit.thetas), np.zeros(block.measured.size, dtype=complex)
+    return np.array([c.act.change(motion) if moving(c.act) else still for c in solved.causes]).T
+
+
 def _moved(fit: FitResult, block: Block, slopes: Float, drawn: bool) -> Float:
     """Changes of real and imaginary parts ``(K, N, 2)`` whose squares add up to what causes of the rotor leave open: by
     themselves, and by what they did to the fitted values, which draws of a posterior hold already."""
     solved = fit.settings.solved
     if solved is None:
         return np.zeros((0, block.measured.size, 2))
-    motion = Motion(block=block, theta=fit.thetas)
-    direct = np.array([c.act.change(motion) if moving(c.act) else np.zeros(block.measured.size) for c in solved.causes])
+    direct = rotor_changes(fit, block).T
     change = np.stack([direct.real, direct.imag], axis=2)
     if not drawn:
         change = change + np.einsum("nip,pk->kni", slopes, solved.errors.moves)

@@ -305,7 +305,7 @@ def _work_batch(model: RotorModel | bytes, work: Work[T], item: tuple[Sequence[i
 # ---- fits that are held ----------------------------------------------------------------------------------------------
 
 
-_NUMBERS = ("value", "stderr", "init_value", "freedom")
+_NUMBERS = ("value", "stderr", "plain", "init_value", "freedom")
 _COMMON = ("name", "unit", "meaning", "min", "max", "vary", "resolved", "at_bound")
 
 
