@@ -182,7 +182,9 @@ class Campaign(Printed):
             raise KeyError(unknown_name("run of the campaign", run, named))
         known = {**s.known, **{name: parameter.value for name, parameter in self.shared.items()}}
         test = named[run].experiment
-        return fit_model(self.model, test, known=known, bounds={**s.bounds}, priors=s.priors, loss=s.loss)
+        return fit_model(
+            self.model, test, known=known, bounds={**s.bounds}, priors=s.priors, loss=s.loss, causes=s.causes
+        )
 
     # ---- presentation -------------------------------------------------------------------------------------------
 

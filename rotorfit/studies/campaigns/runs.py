@@ -185,7 +185,7 @@ def distinct(runs: Sequence[Run]) -> Iterator[Run]:
 def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mapping[str, float]) -> RunFit:
     """The fit of one run; of data that cannot be fitted, a result that says why."""
     try:
-        given = {name: getattr(settings, name) for name in ("known", "bounds", "priors", "loss")}
+        given = {name: getattr(settings, name) for name in ("known", "bounds", "priors", "loss", "causes")}
         found = fit(model, run.experiment, start=start, **given)
     except (ValueError, KeyError, np.linalg.LinAlgError) as problem:
         if of_program(problem):
@@ -305,7 +305,7 @@ def _work_batch(model: RotorModel | bytes, work: Work[T], item: tuple[Sequence[i
 # ---- fits that are held ----------------------------------------------------------------------------------------------
 
 
-_NUMBERS = ("value", "stderr", "plain", "init_value", "freedom")
+_NUMBERS = ("value", "stderr", "init_value", "plain", "freedom")
 _COMMON = ("name", "unit", "meaning", "min", "max", "vary", "resolved", "at_bound")
 
 

@@ -13,6 +13,7 @@ from rotorfit.base.array_types import COLLINEAR, Float, Index
 from rotorfit.base.digits import plus_minus, significant
 from rotorfit.base.text_table import Wide, text_table
 from rotorfit.estimators.inference.covariance import standard_error, widening
+from rotorfit.estimators.inference.wandering import walk, wandering
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.lab.data.findings import listed
 
@@ -39,6 +40,7 @@ class Trend:
     # chi-squared of the runs about the line over its degrees of freedom, NaN with no more runs than coefficients; far
     # above one, the parameter depends on more than this attribute, or in another curve
     scatter: float
+    step: float  # by which the parameter wanders from one run to the next, in their order, beside its errors
     _centre: float
     _coefficients: Float  # of the powers of the distance from the centre
     _covar: Float
@@ -86,7 +88,7 @@ class Trend:
 
     def at(self, x: float) -> Quantity:
         """Parameter at a value of the attribute, its error widened where the runs scatter more than their errors
-        say."""
+        say, and where neighbours go together."""
         basis = np.power(x - self._centre, np.arange(self._coefficients.size), dtype=float)
         error = float(standard_error(basis, self._covar))
         return Quantity(float(basis @ self._coefficients), error, self.unit)
@@ -113,7 +115,7 @@ def trends_of(
             f"{which} do not give {parameter} a polynomial of degree {degree}: that needs {degree + 1} values of "
             f"{against[0]} well apart, there are {np.unique(x).size}; give a lower degree"
         )
-    attribute, coefficients_of_all, covar_of_all, scatter = surface
+    attribute, coefficients_of_all, covar_of_all, scatter, step = surface
     found = []
     for k, name in enumerate(against):
         chosen = np.r_[0, np.flatnonzero(attribute == k)]
@@ -135,6 +137,7 @@ def trends_of(
                 runs=tuple(runs[i].name for i in order),
                 slope=Quantity(float(slope[0]), float(slope[1]), f"{unit} per {name}"),
                 scatter=scatter,
+                step=step,
                 _centre=float(centre[k]),
                 _coefficients=coefficients,
                 _covar=covar,
@@ -143,12 +146,12 @@ def trends_of(
     return found
 
 
-def _surface(x: Float, value: Float, stderr: Float, degree: int) -> tuple[Index, Float, Float, float] | None:
+def _surface(x: Float, value: Float, stderr: Float, degree: int) -> tuple[Index, Float, Float, float, float] | None:
     """A constant and a polynomial in each attribute, ``(R, A)`` and counted from the centre, through the values of
     runs: which attribute each coefficient belongs to, -1 for the constant; the value at the centre, then coefficients
     of the powers of each attribute that changes, ascending; their covariance, widened where the runs scatter more than
-    their errors say; chi-squared over the degrees of freedom, NaN where none are left. ``None`` where the terms cannot
-    be separated."""
+    their errors say, and by a walk from run to run; chi-squared over the degrees of freedom, NaN where none are left;
+    the step of the walk. ``None`` where the terms cannot be separated."""
     spread, middle = np.ptp(x, axis=0), x.mean(axis=0)
     moving = np.flatnonzero(spread > COLLINEAR * np.abs(x).max(axis=0))
     attribute, power = np.repeat(moving, degree), np.tile(np.arange(1, degree + 1), moving.size)
@@ -164,8 +167,10 @@ def _surface(x: Float, value: Float, stderr: Float, degree: int) -> tuple[Index,
     for k in moving:
         mine = np.flatnonzero(attribute == k)
         to_centre[np.ix_(np.r_[0, mine], mine)] = _powers(-middle[k] / spread[k], 1 / spread[k], degree)[:, 1:]
-    covar = to_centre @ np.linalg.inv(design.T @ design) @ to_centre.T * widening(scatter, "linear")
-    return attribute, to_centre @ coefficients, covar, scatter
+    covar = np.linalg.inv(design.T @ design) * widening(scatter, "linear")
+    step, onto = wandering(design * stderr[:, None], value, stderr), np.linalg.pinv(design) / stderr
+    covar = to_centre @ (covar + step * onto @ walk(len(x)) @ onto.T) @ to_centre.T
+    return attribute, to_centre @ coefficients, covar, scatter, float(np.sqrt(step))
 
 
 def _powers(shift: float, scale: float, degree: int) -> Float:
