@@ -16,7 +16,7 @@ def columns(fit: rf.FitResult) -> dict[str, np.ndarray]:
 
 
 def test_curves_hold_readings_fit_band_and_residuals() -> None:
-    fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
+    fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0}, causes=None)
     table = columns(fit)
     assert table["run"].size == sum(block.measured.size for block in fit.problem.blocks)
     for part in ("re", "im"):

@@ -19,7 +19,7 @@ from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
-from rotorfit.estimators.inference.causes import Motion, moving
+from rotorfit.estimators.inference.causes import Motion, block_with_causes, moving
 from rotorfit.estimators.inference.covariance import spreading
 from rotorfit.identify.fitting.quantities import Share
 from rotorfit.identify.fitting.result import FitResult
@@ -52,7 +52,7 @@ def predict(
     model, group = fit.model, fit.group(at)
     test = _planned(fit, frequency, speed, force_plane, force, mr, plane, direction)
     _refuse_unstable(fit, group, np.unique(test.speed))
-    block = _block(fit, test, group)
+    block = _with_rotor_causes(fit, _block(fit, test, group))
     response, covariance, freedom, spread = (
         _by_covariance(fit, block, group) if thetas is None else _by_draws(fit, block, thetas)
     )
@@ -120,6 +120,15 @@ def _by_draws(fit: FitResult, block: Block, thetas: Float) -> _Mean:
     errors = np.stack([drawn.real, drawn.imag], axis=2) - np.column_stack([response.real, response.imag])
     covariance = np.einsum("wni,wnj->nij", errors, errors) / (len(errors) - 1)
     return response, covariance, np.full(response.size, np.inf), errors
+
+
+def _with_rotor_causes(fit: FitResult, block: Block) -> Block:
+    """The block with the causes that move the rotor, as they were found, in its predictions."""
+    solved = fit.settings.solved
+    if solved is None:
+        return block
+    sizes = np.where([moving(cause.act) for cause in solved.causes], solved.errors.value, 0.0)
+    return block_with_causes(block, fit.thetas, solved.causes, sizes) if sizes.any() else block
 
 
 def rotor_changes(fit: FitResult, block: Block) -> ComplexArray:
