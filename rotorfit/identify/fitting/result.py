@@ -341,6 +341,19 @@ class FitResult:
         by_noise = slopes @ (self.covar - errors.covariance) @ slopes.T
         return np.asarray(by_noise + errors.widened * (along @ errors.covar @ along.T))
 
+    def stderr_of(self, slopes: Float, by_causes: Float | None = None) -> Float:
+        """Standard errors of many results, from their derivatives as for :meth:`covariance_of`, shape ``(n,)``.
+
+        ``slopes`` and ``by_causes`` as there; without the latter no cause acts on the results but by fitted values.
+        """
+        solved = self.settings.solved
+        if solved is None or by_causes is None:
+            return standard_error(slopes, self.covar)
+        errors = solved.errors
+        by_noise = standard_error(slopes, self.covar - errors.covariance)
+        by_all = standard_error(errors.along(slopes, by_causes), errors.covar * errors.widened)
+        return np.hypot(by_noise, by_all)
+
     def error_of(self, slopes: Mapping[str, float]) -> ErrorBar | None:
         """The error of a result by its derivatives, share by share: all that is printed with an error comes from here.
 
