@@ -358,7 +358,7 @@ def run(name: str, draws: int, seed: int) -> Row:
         test = simulate(world, rng)
         begin = time.process_time()
         known = {"K": world.truth["K"], "Ds": world.truth["Ds"]}
-        fit = rf.fit(rf.models.OneMode(), test, known=known, **world.options)
+        fit = rf.fit(rf.models.OneMode(), test, known=known, causes=None, **world.options)
         times.append(time.process_time() - begin)
         failures += not fit.success
         pairs = [interval(q) for q in (fit.params["D"], fit.params["lam"], fit.threshold_speed())]

@@ -4,11 +4,11 @@ A whirl-and-whip rotor is tested at two speeds, every plane forced and read forw
 The response of the journal to a force at the disk is predicted at a speed a fifth above. Counted over the draws is how
 often the 95 % bands hold the true amplitude and phase, point by point (mean over 40 points) and as whole curves, and
 readings of a new run. Truth and readings come from the model's own matrices. In two cases the model takes something as
-known that is wrong at random, with the standard uncertainty that `assumptions=` names; elsewhere bands are statistical.
+known that is wrong at random, with the standard uncertainty that `causes=` names; elsewhere no cause is listed.
 
     python benchmarks/prediction_bands.py --draws 200
 
-The exit code is 1 where statistical bands of ideal noise hold in less than 93 or more than 97 %, by more than chance.
+The exit code is 1 where bands of ideal noise hold in less than 93 or more than 97 %, by more than chance.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ HALF = np.linspace(30.0, 400.0, 20)
 FREQUENCY = np.linspace(30.0, 400.0, 40)
 WHERE = {"force_plane": "disk", "plane": "journal"}
 LEVEL, NOISE = 0.95, 0.02
-CHANGE = "change with speed[lam]"
+CHANGE = "speed[lam]"
 Complex = NDArray[np.complex128]
 
 
@@ -131,14 +131,14 @@ def draw(case: Case, seed: int) -> list[float]:
         else:
             at, known = dict.fromkeys(at, VALUES | {name: VALUES[name] + size}), known | {name: VALUES[name]}
     test = simulated(case, at, rng)
-    fit = rf.fit(MODEL, test, known=known)
+    fit = rf.fit(MODEL, test, known=known, causes=None)
     if case.assumed is not None:
-        nothing = {entry.name: 0.0 for entry in fit.assumptions().entries}
-        fit = rf.fit(MODEL, test, known=known, assumptions=nothing | dict([case.assumed]))
+        others = {row.name: 0.0 for row in rf.fit(MODEL, test, known=known).causes}
+        fit = rf.fit(MODEL, test, known=known, causes=others | dict([case.assumed]))
     source = fit.sample(seed=seed) if case.posterior else fit
     exact = response(at[ELSEWHERE], FREQUENCY, ELSEWHERE, WHERE["plane"], WHERE["force_plane"])
     reading = noisy(exact, WHERE["plane"], case, rng)[0]
-    keywords = {**WHERE, "level": LEVEL, "statistical": case.assumed is None}
+    keywords = {**WHERE, "level": LEVEL}
     each, whole = (source.predict(FREQUENCY, ELSEWHERE, whole=choice, **keywords) for choice in (False, True))
     inside, new = held(each.band, exact), held(each.band_new, reading)[0]
     return [*inside.mean(axis=1), held(whole.band, exact).all(), new.mean(), held(whole.band_new, reading)[0].all()]

@@ -76,7 +76,7 @@ def main() -> int:
             )
             test = rf.responses([rf.read_recording(path) for path in paths])
         errors.append(ratios(test, values))
-        fit = rf.fit(RIG, test, known={"K3": 6e3})
+        fit = rf.fit(RIG, test, known={"K3": 6e3}, causes=None)
         redchi.append(fit.redchi)
         pulls.append([(fit.params[n].value - values[n]) / fit.params[n].noise for n in ("D", "lam", "K1", "Mf")])
     each = np.array([np.sqrt(np.mean(np.abs(e) ** 2) / 2) for e in errors])

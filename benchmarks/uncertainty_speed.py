@@ -191,11 +191,11 @@ def ways(case: Case, fit: rf.FitResult, size: float) -> list[Way]:
             check=lambda profiles: ends_off(fit, profiles),
         ),
         Way(
-            what="calibration budget",
+            what="fit with causes, and its budget",
             unit="budget",
-            run=lambda: fit.calibration(probe_gain=GAIN, probe_phase_deg=PHASE),
+            run=lambda: rf.fit(fit.model, case.test, known=case.known).budget(),
             units=lambda _: 1,
-            check=lambda budget: budget_off(case, budget),
+            check=lambda budget: budget_off(case, fit, budget),
         ),
         Way(
             what="`rf.refine`",
@@ -279,19 +279,17 @@ def held(fit: rf.FitResult, profile: rf.Profile, x: Float) -> float:
     return float("inf") if onset is None else onset.speed
 
 
-def budget_off(case: Case, budget: rf.Budget) -> str:
-    """Shift of every estimate when the readings of one plane are wrong by one standard deviation, against its share."""
-    fit, off = budget.fit, []
-    late = np.exp(1j * np.radians(PHASE) * np.sign(case.test.frequency))  # backward whirl is read the other way round
+def budget_off(case: Case, fit: rf.FitResult, budget: rf.Budget) -> str:
+    """Shift of every estimate when the readings of one plane are wrong by a known share, against the slope by it."""
+    off = []
     for plane in fit.model.planes:
-        for kind, factor in (("gain", 1 + GAIN), ("probe_phase", late)):
-            wrong = np.where(case.test.plane == plane, factor, 1.0)
-            test = replace(case.test, response=case.test.response * wrong)
-            moved = rf.fit(fit.model, test, known=case.known, calibration=budget.calibration)
-            for i, name in enumerate(fit.problem.space.names):
-                share = budget.share(name)
-                off.append(abs(abs(moved.x[i] - fit.x[i]) - share.sources[f"{kind}[{plane}]"]) / share.combined)
-    return f"shares within {100 * max(off):.2g} % of the combined uncertainty"
+        wrong = np.where(case.test.plane == plane, 1 + GAIN, 1.0)
+        test = replace(case.test, response=case.test.response * wrong)
+        moved = rf.fit(fit.model, test, known=case.known, causes=None)
+        for i, name in enumerate(fit.problem.space.names):
+            row = budget[name]
+            off.append(abs(abs(moved.x[i] - fit.x[i]) - GAIN * abs(row.slopes[f"gain[{plane}]"])) / row.stderr)
+    return f"slopes by gains within {100 * max(off):.2g} % of the standard error"
 
 
 def candidates_off(refinement: rf.Refinement) -> str:
@@ -345,7 +343,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     command = shlex.join(["python", "benchmarks/uncertainty_speed.py", *words])
     case = make_case(options.lines)
-    fit = rf.fit(case.problem.space.model, case.test, known=case.known)
+    fit = rf.fit(case.problem.space.model, case.test, known=case.known, causes=None)
     cost = limits(case)
     rows = []
     for way in ways(case, fit, options.size):

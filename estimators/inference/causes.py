@@ -468,11 +468,12 @@ def with_causes(problem: Problem, x: Float, causes: Sequence[Cause], sizes: Floa
     if not sizes.any():
         return problem
     theta = problem.space.theta(x)
-    blocks = tuple(_with_causes(block, theta, causes, sizes) for block in problem.blocks)
+    blocks = tuple(block_with_causes(block, theta, causes, sizes) for block in problem.blocks)
     return replace(problem, blocks=blocks)
 
 
-def _with_causes(block: Block, theta: Float, causes: Sequence[Cause], sizes: Float) -> Block:
+def block_with_causes(block: Block, theta: Float, causes: Sequence[Cause], sizes: Float) -> Block:
+    """As :func:`with_causes`, of one block at parameter vectors."""
     motion = Motion(block=block, theta=theta)
     acting = [(one.act, size) for one, size in zip(causes, sizes.tolist(), strict=True) if size]
     if not isinstance(block, Responses) or motion.linear is None:

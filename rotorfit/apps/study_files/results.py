@@ -18,11 +18,11 @@ from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import Block
-from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.identify.fitting.quantities import FittedParameter
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.coefficients import measured_by_frequency, of_a_rig
 from rotorfit.identify.fitting.structure.modes import own_modes
+from rotorfit.identify.uncertainty.predict import rotor_changes
 from rotorfit.lab.io.tables.result_tables import rows_csv
 from rotorfit.show.report.material import FigureFormat
 
@@ -165,7 +165,8 @@ def _curve_rows(fit: FitResult) -> Iterator[Sequence[Any]]:
             slope = np.array(
                 [space.pull_back(one, group) for one, group in zip(slope, block.reading_group, strict=True)]
             )
-        half = [CHANCE_ERRORS * standard_error(part, fit.covar) for part in (slope.real, slope.imag)]
+        moved = rotor_changes(fit, block)  # as bands of predictions are
+        half = [CHANCE_ERRORS * fit.stderr_of(*parts) for parts in ((slope.real, moved.real), (slope.imag, moved.imag))]
         speed, frequency = _conditions(block)
         low, high = predicted - half[0] - 1j * half[1], predicted + half[0] + 1j * half[1]
         values = [part for z in (block.measured, predicted, low, high) for part in (z.real, z.imag)]

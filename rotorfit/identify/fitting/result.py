@@ -341,6 +341,19 @@ class FitResult:
         by_noise = slopes @ (self.covar - errors.covariance) @ slopes.T
         return np.asarray(by_noise + errors.widened * (along @ errors.covar @ along.T))
 
+    def stderr_of(self, slopes: Float, by_causes: Float | None = None) -> Float:
+        """Standard errors of many results, from their derivatives as for :meth:`covariance_of`, shape ``(n,)``.
+
+        ``slopes`` and ``by_causes`` as there; without the latter no cause acts on the results but by fitted values.
+        """
+        solved = self.settings.solved
+        if solved is None or by_causes is None:
+            return standard_error(slopes, self.covar)
+        errors = solved.errors
+        by_noise = standard_error(slopes, self.covar - errors.covariance)
+        by_all = standard_error(errors.along(slopes, by_causes), errors.covar * errors.widened)
+        return np.hypot(by_noise, by_all)
+
     def error_of(self, slopes: Mapping[str, float]) -> ErrorBar | None:
         """The error of a result by its derivatives, share by share: all that is printed with an error comes from here.
 
@@ -413,18 +426,18 @@ class FitResult:
             >>> round(onset.value * 30 / 3.14159), onset.unit
             (2654, 'rad/s')
         """
-        if not eccentricity:  # where the journal is centred
+        allowed = "|displacement| / clearance, from 0 to below 1"
+        away = 0.0 if eccentricity is None else real_number(eccentricity, "eccentricity", allowed)
+        if not 0 <= away < 1:
+            raise ValueError(f"eccentricity is {away:g}; it must be {allowed}")
+        if not away:  # where the journal is centred
             found = self.threshold_of(self.group(at))
             if not math.isfinite(found.stderr) or len(self.thetas) > 1:
                 return found
             return replace(found, source=self, slopes={THRESHOLD: 1.0})
         from rotorfit.models.motion.off_centre import off_centre_threshold
 
-        allowed = "|displacement| / clearance, from 0 to below 1"
-        eccentricity = real_number(eccentricity, "eccentricity", allowed)
-        if not 0 <= eccentricity < 1:
-            raise ValueError(f"eccentricity is {eccentricity:g}; it must be {allowed}")
-        onset = off_centre_threshold(self.model, self.theta(at), eccentricity, band=self.stability_band)
+        onset = off_centre_threshold(self.model, self.theta(at), away, band=self.stability_band)
         if onset is None:
             return Quantity(math.nan, math.nan, "rad/s")
         group, solved = self.group(at), self.settings.solved

@@ -19,7 +19,7 @@ from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
-from rotorfit.estimators.inference.causes import Motion, moving
+from rotorfit.estimators.inference.causes import Motion, block_with_causes, moving
 from rotorfit.estimators.inference.covariance import spreading
 from rotorfit.identify.fitting.quantities import Share
 from rotorfit.identify.fitting.result import FitResult
@@ -52,7 +52,7 @@ def predict(
     model, group = fit.model, fit.group(at)
     test = _planned(fit, frequency, speed, force_plane, force, mr, plane, direction)
     _refuse_unstable(fit, group, np.unique(test.speed))
-    block = _block(fit, test, group)
+    block = _with_rotor_causes(fit, _block(fit, test, group))
     response, covariance, freedom, spread = (
         _by_covariance(fit, block, group) if thetas is None else _by_draws(fit, block, thetas)
     )
@@ -122,14 +122,31 @@ def _by_draws(fit: FitResult, block: Block, thetas: Float) -> _Mean:
     return response, covariance, np.full(response.size, np.inf), errors
 
 
+def _with_rotor_causes(fit: FitResult, block: Block) -> Block:
+    """The block with the causes that move the rotor, as they were found, in its predictions."""
+    solved = fit.settings.solved
+    if solved is None:
+        return block
+    sizes = np.where([moving(cause.act) for cause in solved.causes], solved.errors.value, 0.0)
+    return block_with_causes(block, fit.thetas, solved.causes, sizes) if sizes.any() else block
+
+
+def rotor_changes(fit: FitResult, block: Block) -> ComplexArray:
+    """Changes of predictions by a unit of each cause that moves the rotor, the fitted values held, shape ``(N, k)``."""
+    solved = fit.settings.solved
+    if solved is None:
+        return np.zeros((block.measured.size, 0), dtype=complex)
+    motion, still = Motion(block=block, theta=fit.thetas), np.zeros(block.measured.size, dtype=complex)
+    return np.array([c.act.change(motion) if moving(c.act) else still for c in solved.causes]).T
+
+
 def _moved(fit: FitResult, block: Block, slopes: Float, drawn: bool) -> Float:
     """Changes of real and imaginary parts ``(K, N, 2)`` whose squares add up to what causes of the rotor leave open: by
     themselves, and by what they did to the fitted values, which draws of a posterior hold already."""
     solved = fit.settings.solved
     if solved is None:
         return np.zeros((0, block.measured.size, 2))
-    motion = Motion(block=block, theta=fit.thetas)
-    direct = np.array([c.act.change(motion) if moving(c.act) else np.zeros(block.measured.size) for c in solved.causes])
+    direct = rotor_changes(fit, block).T
     change = np.stack([direct.real, direct.imag], axis=2)
     if not drawn:
         change = change + np.einsum("nip,pk->kni", slopes, solved.errors.moves)

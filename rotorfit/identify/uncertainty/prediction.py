@@ -166,7 +166,7 @@ class Prediction(Printed):
             numbers = [*(significant(one, 5) for one in at), significant(abs(self.response[i]) * 1e6, 4)]
             rows.append([*numbers, *cells, f"{np.rad2deg(np.angle(self.seen[i])):.1f}"])
         what = "of whole curves" if self.whole else "at each frequency"
-        by = "statistical errors and what the model leaves out" if self.systematic.any() else "statistical errors"
+        by = "noise and causes beside the model" if self.systematic.any() else "noise"
         count = self.response.size
         points = f"{count} points; first, largest and last" if count > 1 else "one point"
         head = (
