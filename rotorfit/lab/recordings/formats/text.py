@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from rotorfit.base.file_reading import check_unpacked
 from rotorfit.lab.io.sampling import is_stamp, rate_of, rate_of_times, seconds_of, time_factor
-from rotorfit.lab.io.tables.cells import encoding_of
+from rotorfit.lab.io.tables.cells import check_columns, encoding_of
 from rotorfit.lab.recordings.formats import labview
 from rotorfit.lab.recordings.formats.raw_file import RawArray, RawChannel, RawFile, number_or_text, spooled
 
@@ -128,6 +128,7 @@ def _first_lines(path: Path, encoding: str) -> tuple[dict[str, float | str], lis
     with path.open(encoding=encoding) as file:
         for number, line in enumerate(islice(file, looked_at)):
             text = line.strip(" \r\n\ufeff")
+            check_columns(path.name, 1 + max(map(text.count, ",;\t")))
             if text.startswith("#"):
                 key, equals, value = (part.strip() for part in text.lstrip("# ").partition("="))
                 if equals and key.replace("_", "").isalnum():
