@@ -222,7 +222,7 @@ def test_saved_and_on_the_command_line(tmp_path, capsys) -> None:
     words = ["fit", str(tmp_path / "three.csv"), "--model", "whirl-whip", "--law", "muszynska", "--clearance-um", "200"]
     words += ["--probes", "quarter=0.6*disk+0.4*journal", "--known", "K3=6000", "--known", "beta2=free,beta3=free"]
     out = tmp_path / "out"
-    assert main([*words, "--out", str(out), "--no-figures", "--quiet"]) == 0
+    assert main([*words, "--no-causes", "--out", str(out), "--no-figures", "--quiet"]) == 0
     assert rf.load_fit(out / "fit.json").params["beta2"].value == pytest.approx(fit.params["beta2"].value, rel=1e-4)
     report = (out / "report.html").read_text(encoding="utf-8")
     assert "--probes quarter=0.6*disk+0.4*journal" in report.replace("&#x27;", "")
