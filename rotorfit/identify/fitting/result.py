@@ -312,6 +312,18 @@ class FitResult:
         solved = self.settings.solved
         return value_slopes(self.model, self.thetas[group], gradient, speed, solved) if solved else np.zeros(0)
 
+    def theta_at(self, group: int, speed: float) -> Float:
+        """Model parameter vector, shape ``(P,)``, of a ``group`` by number, with what causes change of it at a ``speed``.
+
+        ``speed`` is rotative, rad/s; causes have the sizes that were found.
+        """
+        theta, solved = self.thetas[group], self.settings.solved
+        if solved is None:
+            return np.asarray(theta)
+        return np.asarray(
+            theta + solved.errors.value @ value_slopes(self.model, theta, np.eye(theta.size), speed, solved).T
+        )
+
     def _named_causes(self, by_causes: Float) -> dict[str, float]:
         """Derivatives by the sizes of causes with the names that :meth:`error_of` knows."""
         solved = self.settings.solved
