@@ -429,7 +429,7 @@ def test_joint_fit_from_the_command_line(
     assert main(["fit", *map(str, files), *words]) == 0
     found = json.loads(capsys.readouterr().out)["parameters"]
     for name, parameter in joint.params.items():
-        assert found[name]["value"] == pytest.approx(parameter.value, rel=1e-6)
+        assert found[name]["plain"] == pytest.approx(parameter.value, rel=1e-6)
     study = tmp_path / "study.toml"
     listed = ", ".join(f'"{file.name}"' for file in files)
     settings = 'model = "one-mode"\nlaw = "muszynska"\nclearance_um = 200\nknown = {Ds = 8}\n'

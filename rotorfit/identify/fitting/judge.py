@@ -275,7 +275,7 @@ def _parameters(
     for place, known in enumerate(space.model.parameters):
         if (space.index[:, place] < 0).all():
             said: dict[str, Any] = {"name": known.name, "unit": known.unit, "meaning": known.meaning, "vary": False}
-            numbers = {"value": theta[place], "init_value": theta[place], "plain": theta[place], "stderr": 0.0}
+            numbers = {"value": theta[place], "init_value": theta[place], "stderr": 0.0}
             entries[known.name] = FittedParameter(**said, **numbers, min=known.lower, max=known.upper)
     order = {name: i for i, name in enumerate(space.model.parameter_names)}
     return dict(sorted(entries.items(), key=lambda item: order.get(bare_name(item[0]), len(order))))

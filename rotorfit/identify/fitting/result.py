@@ -438,18 +438,18 @@ class FitResult:
             >>> round(onset.value * 30 / 3.14159), onset.unit
             (2654, 'rad/s')
         """
-        if not eccentricity:  # where the journal is centred
+        allowed = "|displacement| / clearance, from 0 to below 1"
+        away = 0.0 if eccentricity is None else real_number(eccentricity, "eccentricity", allowed)
+        if not 0 <= away < 1:
+            raise ValueError(f"eccentricity is {away:g}; it must be {allowed}")
+        if not away:  # where the journal is centred
             found = self.threshold_of(self.group(at))
             if not math.isfinite(found.stderr) or len(self.thetas) > 1:
                 return found
             return replace(found, source=self, slopes={THRESHOLD: 1.0})
         from rotorfit.models.motion.off_centre import off_centre_threshold
 
-        allowed = "|displacement| / clearance, from 0 to below 1"
-        eccentricity = real_number(eccentricity, "eccentricity", allowed)
-        if not 0 <= eccentricity < 1:
-            raise ValueError(f"eccentricity is {eccentricity:g}; it must be {allowed}")
-        onset = off_centre_threshold(self.model, self.theta(at), eccentricity, band=self.stability_band)
+        onset = off_centre_threshold(self.model, self.theta(at), away, band=self.stability_band)
         if onset is None:
             return Quantity(math.nan, math.nan, "rad/s")
         group, solved = self.group(at), self.settings.solved

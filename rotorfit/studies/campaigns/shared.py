@@ -225,7 +225,6 @@ class _Joint:
             value=value,
             stderr=float(np.sqrt(errors[i, i])),
             init_value=value,
-            plain=value,
             unit=parameter.unit,
             meaning=parameter.meaning,
             min=low,
