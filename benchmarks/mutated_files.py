@@ -190,6 +190,71 @@ def _universal(binary: int) -> Callable[[Path], None]:
     return write
 
 
+def _write_lvm(path: Path) -> None:
+    volts = _volts()
+    head = [
+        "LabVIEW Measurement",
+        "Separator\tTab",
+        "Decimal_Separator\t,",
+        "X_Columns\tOne",
+        "***End_of_Header***",
+        "",
+    ]
+    head += ["Channels\t2", "Samples\t1000\t1000", "Y_Unit_Label\tVolts\tVolts", "X0\t0,0\t0,0"]
+    head += [
+        f"Delta_X\t{1 / _RATE!r}\t{1 / _RATE!r}".replace(".", ","),
+        "***End_of_Header***",
+        "X_Value\tdisk_X\tdisk_Y\tComment",
+    ]
+    rows = zip(np.arange(_SAMPLES) / _RATE, *volts.values(), strict=True)
+    lines = ["\t".join(f"{value:.6f}".replace(".", ",") for value in row) + "\tOK" for row in rows]
+    path.write_text("\n".join([*head, *lines, ""]), encoding="utf-8")
+
+
+def _write_extensible_wav(path: Path) -> None:
+    counts = np.round(np.column_stack(list(_volts().values())) * 4e5).astype("<i4")
+    content = counts.reshape(-1, 1).view(np.uint8)[:, :3].tobytes()
+    form = np.array([0xFFFE, 2], "<u2").tobytes() + np.array([_RATE, 6 * _RATE], "<u4").tobytes()
+    form += np.array([6, 24, 22, 24, 0, 0, 1], "<u2").tobytes() + bytes.fromhex("000000001000800000aa00389b71")
+    body = b"WAVEfmt " + np.uint32(len(form)).tobytes() + form + b"data" + np.uint32(len(content)).tobytes() + content
+    path.write_bytes(b"RIFF" + np.uint32(len(body)).tobytes() + body)
+
+
+def _write_matrix(path: Path) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        file["data"], file["fs"] = np.column_stack(list(_volts().values())), _RATE
+        file["names"] = np.array(list(_volts()), dtype="S")
+
+
+def _write_foreign_uff(path: Path) -> None:
+    w = 2 * np.pi * np.linspace(5.0, 80.0, 25)
+    values = 1 / (4e5 - 12 * w**2 + 60j * w)
+    lines: list[str] = []
+    for axis in (1, 2):
+        lines += ["    -1", "    58", *["NONE"] * 5]
+        lines.append(f"    4         0    0         0 {'bearing housing'}{7:10d}{axis:4d} {'NONE':10s}{7:10d}{axis:4d}")
+        lines.append(f"{6:10d}{25:10d}{1:10d}{5:13.5E}{3.125:13.5E}{1500:13.5E}")
+        labels = (18, "Hz"), (8, "m"), (13, "N"), (19, "rpm")
+        lines += [f"{kind:10d}    0    0    0 {'NONE':20s} {unit:20s}" for kind, unit in labels]
+        lines += [f"{a.real:20.12E}{a.imag:20.12E}{b.real:20.12E}{b.imag:20.12E}".replace("E", "D")
+                  for a, b in zip(values[::2], [*values[1::2], 0j], strict=True)]  # fmt: skip
+        lines.append("    -1")
+    path.write_text("\n".join([*lines, ""]), encoding="ascii")
+
+
+def _write_json(path: Path) -> None:
+    path.write_text(rf.to_dataframe(_test()).to_json(orient="records"), encoding="utf-8")
+
+
+def _write_stiffness(path: Path) -> None:
+    f = np.arange(10.0, 260.0, 10.0)
+    rows = ["frequency_hz,speed_rpm,Re_Hxx_MN_m,Im_Hxx_MN_m,Re_Hxy_MN_m,Im_Hxy_MN_m"]
+    rows += [f"{v},7000,{180 + 2e-4 * v**2:.6g},{1.4 * v:.6g},{60 + np.sin(v):.6g},{-0.1 * v:.6g}" for v in f]
+    path.write_text("\n".join(rows), encoding="utf-8")
+
+
 def _recorded(path: Path) -> list[Any]:
     raw = open_raw(path)
     channels = list(raw.channels.values())
@@ -305,6 +370,12 @@ FORMATS = {
     "shaft": Format(
         suffix=".npz", write=lambda path: np.savez(path, M=np.eye(8), K=np.eye(8), nodes=np.arange(2.0)), read=_shaft
     ),
+    "LabVIEW": Format(suffix=".lvm", write=_write_lvm, read=_recorded),
+    "WAV, extensible": Format(suffix=".wav", write=_write_extensible_wav, read=_recorded),
+    "HDF5 matrix": Format(suffix=".h5", write=_write_matrix, read=_recorded),
+    "UFF, foreign": Format(suffix=".uff", write=_write_foreign_uff, read=_columns),
+    "JSON": Format(suffix=".json", write=_write_json, read=_columns),
+    "dynamic stiffness": Format(suffix=".csv", write=_write_stiffness, read=_columns),
     "plan": Format(suffix=".toml", write=lambda path: [path.write_text(_PLAN)].clear(), read=read_plan),
     "store": Format(suffix=".db", write=_write_store, read=_stored),
 }

@@ -27,9 +27,17 @@ class Channel:
     coordinate: int
     group: int
     readings: Index  # shape ``(m,)``
+    lines: Index  # line of each, shape ``(m,)``
     predicted: ComplexArray  # shape ``(..., m)``
     places: Index  # parameters with derivatives that are not zero, shape ``(k,)``
-    rows: ComplexArray  # the derivatives, shape ``(..., k, m)``
+    base: ComplexArray  # what all channels' derivatives are multiples of, at all lines, shape ``(..., b, L)``
+    columns: Index  # of which each derivative is a multiple, shape ``(k,)``
+    factors: ComplexArray  # by which, shape ``(..., k)``
+
+    @property
+    def rows(self) -> ComplexArray:
+        """The derivatives, shape ``(..., k, m)``."""
+        return np.asarray(self.factors[..., None] * self.base[..., self.columns[:, None], self.lines])
 
 
 def sums_terms(block: Responses) -> bool:
@@ -64,27 +72,33 @@ def sum_of_terms(block: Responses, theta: Float) -> ComplexArray:
 def channels(block: Responses, theta: Float, *, shared: bool = True) -> Iterator[Channel]:
     """Predictions with their derivatives channel by channel; ``shared``: by parameters that all share too."""
     terms, weights = _terms(block, theta), _weights(block)
+    base = np.concatenate([terms.values, terms.slopes], axis=-2) if shared else terms.values
+    count = weights.real.shape[1]
     for coordinate, group, readings in block.channels:
         seen, lines = weights.seen(coordinate), block.line[readings]
         own = weights.of(theta[..., group, :], coordinate)
-        values = terms.values[..., seen[:, None], lines]
         real, imaginary = weights.real[coordinate, seen], weights.imaginary[coordinate, seen]
         places = [real[real >= 0], imaginary[imaginary >= 0]]
-        rows = [values[..., real >= 0, :], 1j * values[..., imaginary >= 0, :]]
+        columns = [seen[real >= 0], seen[imaginary >= 0]]
+        ones = np.ones((*own.shape[:-1], places[0].size), dtype=complex)
+        factors = [ones, np.full((*own.shape[:-1], places[1].size), 1j)]
         if shared:
-            number = np.full(weights.real.shape[1], -1)
+            number = np.full(count, -1)
             number[seen] = np.arange(seen.size)
             mine = np.flatnonzero(number[terms.terms] >= 0)
-            factor = own[..., number[terms.terms[mine]]]
             places.append(terms.inputs[mine])
-            rows.append(factor[..., None] * terms.slopes[..., mine[:, None], lines])
+            columns.append(count + mine)
+            factors.append(own[..., number[terms.terms[mine]]])
         yield Channel(
             coordinate=coordinate,
             group=group,
             readings=readings,
-            predicted=(own[..., None, :] @ values)[..., 0, :],
+            lines=lines,
+            predicted=(own[..., None, :] @ terms.values[..., seen[:, None], lines])[..., 0, :],
             places=np.concatenate(places),
-            rows=np.concatenate(rows, axis=-2),
+            base=base,
+            columns=np.concatenate(columns),
+            factors=np.concatenate(factors, axis=-1),
         )
 
 

@@ -78,10 +78,11 @@ class Projection:
         found = {c: (np.zeros(own.size), np.zeros((own.size, own.size))) for c, own in self.linear.items()}
         for channel in self._channels(x, shared=False):
             gradient, matrix = found[channel.coordinate]
-            mine = ~self._is_kept[channel.entries]
-            rows, place = channel.rows[mine].view(float), self._place[channel.entries[mine]]
-            gradient[place] += rows @ channel.residuals.view(float)
-            matrix[place[:, None], place] += rows @ rows.T
+            slope, products = channel.products()
+            mine = np.flatnonzero(~self._is_kept[channel.entries])
+            place = self._place[channel.entries[mine]]
+            gradient[place] += slope[mine]
+            matrix[place[:, None], place] += products[np.ix_(mine, mine)]
         for coordinate, (gradient, matrix) in found.items():
             x[self.linear[coordinate]] = -solve_symmetric(matrix, gradient)
         return x
@@ -96,10 +97,9 @@ class Projection:
         }
         for channel in self._channels(x, shared=True):
             sums, kept, place = found[channel.coordinate], self._is_kept[channel.entries], self._place[channel.entries]
-            r, rows = channel.residuals.view(float), channel.rows.view(float)
-            slope, products = rows @ r, rows @ rows.T
+            slope, products = channel.products()
             search, own = place[kept], place[~kept]
-            cost += 0.5 * float(r @ r)
+            cost += 0.5 * float(np.vdot(channel.residuals, channel.residuals).real)
             gradient[search] += slope[kept]
             matrix[search[:, None], search] += products[np.ix_(kept, kept)]
             sums.gradient[own] += slope[~kept]
@@ -132,10 +132,22 @@ class Projection:
             for channel in term.channels(x):
                 readings, kept = term.readings.start + channel.readings, self._is_kept[channel.entries]
                 residuals[readings] = channel.residuals
-                rows[readings[:, None], self._place[channel.entries[kept]]] = channel.rows[kept].T
+                whole = channel.rows
+                rows[readings[:, None], self._place[channel.entries[kept]]] = whole[kept].T
                 if not kept.all():
-                    own.append(OwnColumns(readings=readings, rows=channel.rows[~kept]))
+                    own.append(OwnColumns(readings=readings, rows=whole[~kept]))
         return residuals, rows, tuple(own)
+
+    def information(self, x: Float) -> tuple[Float, dict[int, tuple[Float, Float]]]:
+        """Gauss-Newton matrix of the entries of the search with the linear ones eliminated, shape ``(q, q)``; for each
+        coordinate that of its linear entries, shape ``(k, k)``, and how they follow the others, shape ``(k, q)``."""
+        _, _, matrix, channels = self._sums(x)
+        found = {}
+        for coordinate, sums in channels.items():
+            follow = -solve_symmetric(sums.matrix, sums.cross.T)
+            matrix = matrix + sums.cross @ follow
+            found[coordinate] = sums.matrix, follow
+        return (matrix + matrix.T) / 2, found
 
     def cost(self, y: Float) -> float:
         """Cost of one vector of the search."""

@@ -59,13 +59,41 @@ def is_linear_response(block: Block) -> bool:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LinearisedChannel:
-    """Readings of one coordinate in one parameter group, which few entries of the fitted vector act on."""
+    """Readings of one coordinate in one parameter group, which few entries of the fitted vector act on. Derivatives
+    are multiples of functions that all channels share, and so are sums of their products over the readings."""
 
     coordinate: int
     readings: Index  # among those of the block, shape ``(m,)``
     entries: Index  # shape ``(k,)``
     residuals: ComplexArray  # whitened, shape ``(..., m)``
-    rows: ComplexArray  # their derivatives by these entries, shape ``(..., k, m)``
+    base: ComplexArray  # the functions, shape ``(..., b, L)``
+    lines: Index  # line of each reading, shape ``(m,)``
+    columns: Index  # function of each derivative, shape ``(k,)``
+    factors: ComplexArray  # its factor, shape ``(..., k)``
+    scale: Float  # over which residuals were whitened, shape ``(m,)``
+    kept: dict[bytes, ComplexArray]  # products of the functions over lines with these weights, those found last
+
+    @property
+    def rows(self) -> ComplexArray:
+        """Derivatives of the residuals by the entries, shape ``(..., k, m)``."""
+        own = self.factors[..., None] * self.base[..., self.columns[:, None], self.lines]
+        return np.ascontiguousarray(own * self.scale)
+
+    def products(self) -> tuple[Float, Float]:
+        """Sums over readings of one vector: derivatives times residuals, ``(k,)``, and times each other, ``(k, k)``."""
+        largest = float(self.scale.max())
+        shape = self.scale / largest
+        key = self.lines.tobytes() + shape.tobytes()
+        if key not in self.kept:
+            weighed = self.base[:, self.lines] * shape
+            self.kept.clear()
+            self.kept[key] = weighed.conj() @ weighed.T
+            self.kept[b""] = weighed
+        both, weighed = self.kept[key], self.kept[b""]
+        along = (weighed.conj() @ self.residuals)[self.columns] * self.factors.conj() * largest
+        factors = self.factors * largest
+        squares = factors.conj()[:, None] * factors * both[np.ix_(self.columns, self.columns)]
+        return along.real, squares.real
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -118,24 +146,38 @@ class BlockTerm:
         if self.sum is None:
             return
         space, factors, count = self.space, self.factors, len(self.space.names)
+        kept: dict[bytes, ComplexArray] = {}
         for channel in channels(self.sum, space.theta(x), shared=shared):
             entries = space.index[channel.group, channel.places]
             fitted, scale = entries >= 0, 1 / self.block.sigma[channel.readings]
-            entries, rows, predicted = entries[fitted], channel.rows[..., fitted, :], channel.predicted
+            entries, predicted = entries[fitted], channel.predicted
+            base, lines, columns, own = (
+                channel.base,
+                channel.lines,
+                channel.columns[fitted],
+                channel.factors[..., fitted],
+            )
             if factors is not None:
-                own = factors[channel.readings]
-                gain = self._gain(x, own)
-                predicted, rows = predicted * gain, rows * gain[..., None, :]
+                by_nuisance = factors[channel.readings]
+                gain = self._gain(x, by_nuisance)
+                base, predicted = channel.rows[..., fitted, :] * gain[..., None, :], predicted * gain
                 if shared:
-                    entries = np.concatenate([entries, count + np.arange(own.shape[1])])
-                    rows = np.concatenate([rows, own.T * predicted[..., None, :]], axis=-2)
+                    entries = np.concatenate([entries, count + np.arange(by_nuisance.shape[1])])
+                    base = np.concatenate([base, by_nuisance.T * predicted[..., None, :]], axis=-2)
+                lines, columns, kept = np.arange(channel.lines.size), np.arange(entries.size), {}
+                own = np.ones((*base.shape[:-2], entries.size), dtype=complex)
             given = self.block.measured if measured is None else measured[..., self.readings]
             yield LinearisedChannel(
                 coordinate=channel.coordinate,
                 readings=channel.readings,
                 entries=entries,
                 residuals=np.ascontiguousarray((predicted - given[..., channel.readings]) * scale),
-                rows=np.ascontiguousarray(rows * scale),
+                base=base,
+                lines=lines,
+                columns=columns,
+                factors=own,
+                scale=scale,
+                kept=kept,
             )
 
     def linearised(self, x: Float) -> tuple[ComplexArray, ComplexArray]:
@@ -186,8 +228,16 @@ class BlockTerm:
         cost: Float = np.zeros(x.shape[:-1])
         gradient, total = np.zeros(x.shape), np.zeros((*x.shape, x.shape[-1] if matrix else 0))
         for channel in self.channels(x, measured):
+            entries = channel.entries
+            if x.ndim == 1 and self.loss == "linear":
+                slope, products = channel.products()
+                cost = cost + 0.5 * float(np.vdot(channel.residuals, channel.residuals).real)
+                gradient[entries] += slope
+                if matrix:
+                    total[entries[:, None], entries] += products
+                continue
             own, r, rows = self._weighed(channel.residuals, channel.rows)
-            real, entries = rows.view(float), channel.entries
+            real = rows.view(float)
             cost = cost + own
             gradient[..., entries] += (real @ r.view(float)[..., None])[..., 0]
             if matrix:

@@ -143,11 +143,31 @@ def check_hdf5(path: Path) -> None:
                 foreign.append(name)
 
     with h5py.File(path, "r") as file:
+        _refuse_nested(path.name, file)
         file.id.links.visit(look_at_link, info=True)
         file.visititems(look_at)
     if foreign:
         raise ValueError(f"{path.name}: {foreign[0]} is kept in another file, which is not read; copy it into this one")
     check_unpacked(path.name, sum(declared), path.stat().st_size)
+
+
+def _refuse_nested(name: str, file: Any) -> None:
+    """Refuse groups in groups without end: the library goes into each from within the one before, and ends the process.
+    A group that several others hold is looked into once."""
+    from h5py import h5g, h5l, h5o
+
+    deepest = 100  # groups in one another
+    todo, seen = [(file["/"].id, 0)], set()
+    while todo:
+        group, depth = todo.pop()
+        if depth > deepest:
+            raise ValueError(f"{name}: groups stand in one another more than {deepest} deep; no test is kept so")
+        for link in group:
+            if group.links.get_info(link).type == h5l.TYPE_HARD:
+                item = h5o.get_info(group, link)
+                if item.type == h5o.TYPE_GROUP and item.addr not in seen:
+                    seen.add(item.addr)
+                    todo.append((h5g.open(group, link), depth + 1))
 
 
 def _check_heaps(path: Path) -> None:

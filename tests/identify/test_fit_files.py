@@ -64,7 +64,7 @@ def test_a_saved_fit_is_the_same_fit(rig_fit, tmp_path):
     loaded = rf.load_fit(path)
     assert differences(rig_fit, loaded) == []
     assert loaded.summary() == rig_fit.summary()
-    again = plain_fit(loaded.model, loaded.experiments, known=loaded.settings.known)
+    again = rf.fit(loaded.model, loaded.experiments, known=loaded.settings.known)
     # The data came back to the last bit. What is fitted to them anew differs in the last digits all the same, where
     # NumPy's arrays lie elsewhere in memory; both searches end within 1e-10 of the misfit, far below a millionth of an
     # error.

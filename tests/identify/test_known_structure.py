@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from beams import shaft
 from known_shaft import FITTED, PLANES, RIG, TRUTH, known_rig, rig_matrices
-from plain import plain_fit
+from plain import moves_of, plain_fit
 from scipy.linalg import block_diag
 from sentences import refuses
 from synthetic import circular_test
@@ -76,14 +76,17 @@ def test_rig_open_with_its_own_shaft(rig, method):
 
 
 def test_what_rests_on_the_matrices(rig):
-    """Young's modulus taken as known: its row of the assumptions foretells fits with others."""
+    """Young's modulus taken as known: what its cause moves foretells fits with others; the onset is the rig's."""
     model = known_rig(scales={"E_scale": {"K": rig_matrices(support=False)[2]}})
-    entry = plain_fit(model, rig).assumptions()["E_scale"]
+    fit = rf.fit(model, rig)
+    moved = moves_of(fit, "E_scale", "K0")
     step = 4e-5  # twice what the data leave of it: further off the misfit bends the fit
     up, down = (plain_fit(model, rig, known={"E_scale": 1 + sign * step}).params["K0"].value for sign in (1, -1))
     # What Gauss-Newton leaves out, curvature times residual, is a few per cent here.
-    assert entry.shifts["K0"] == pytest.approx((up - down) / (2 * step), rel=0.1)
-    assert entry.plausible == 0.01
+    assert moved == pytest.approx((up - down) / (2 * step), rel=0.1)
+    assert fit.causes["E_scale"].size == 0.01
+    onset = fit.threshold_speed()
+    assert abs(onset.value / RPM - RIG["threshold_rpm"]) < 3 * onset.stderr / RPM < 0.01 * RIG["threshold_rpm"]
 
 
 def test_threshold_of_the_true_rig():

@@ -399,6 +399,30 @@ def test_errors_by_channels_are_those_of_all_unknowns(monkeypatch) -> None:
     np.testing.assert_allclose(by_piece, added, atol=1e-12 * np.abs(added).max())
 
 
+def test_errors_in_parts_are_those_of_all_unknowns_together() -> None:
+    """Covariance and verdict, with a gain that no reading sees left open by both."""
+    from rotorfit.estimators.inference.covariance import parameter_scales
+    from rotorfit.estimators.inference.projected_errors import projected_errors
+    from rotorfit.estimators.minimisation.projection import Projection
+
+    fit = rf.fit(beam(3), eight_sensors(0.1))
+    scales = parameter_scales(fit.problem, fit.x)
+    projection = Projection.of(fit.problem)
+    assert projection is not None
+    covar, verdict = projected_errors(projection, fit.x, scales)
+    whole = np.linalg.inv(fit.problem.gauss_newton(fit.x)[2])
+    sizes = np.sqrt(np.diag(whole))
+    np.testing.assert_allclose(covar / np.outer(sizes, sizes), whole / np.outer(sizes, sizes), atol=1e-6)
+    assert (verdict.rank, verdict.size) == (fit.identifiability.rank, fit.identifiability.size)
+    assert verdict.unresolved == fit.identifiability.unresolved
+
+    dark = fit.x.copy()
+    dark[[fit.problem.space.names.index(name) for name in ("wn2", "M2")]] = 1e6, 1e12
+    covar, verdict = projected_errors(projection, dark, scales)
+    assert verdict.rank < verdict.size
+    assert {"M2", "wn2", "zeta2", "g2_s3", "g2_s3_im"} <= set(verdict.unresolved)
+
+
 # ---- populations -------------------------------------------------------------------------------------------------
 
 

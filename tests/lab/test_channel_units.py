@@ -109,7 +109,7 @@ def test_wav_of_floats_with_units_of_the_setup(tmp_path: Path) -> None:
     ("unit", "setup"),
     [
         ("um", "sensitivity_mV_per_um = 7.87\n"),
-        ("g", ""),
+        ("g", "sensitivity_mV_per_um = 7.87\n"),
         ("N", ""),
         ("", ""),
         ("um pk", ""),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from recorded import RATE, SETUP, volts
@@ -206,3 +207,35 @@ def test_other_sound_files_are_refused_with_what_can_be_read(tmp_path: Path, con
     (tmp_path / "a.wav").write_bytes(content)
     with pytest.raises(ValueError, match=rf"a\.wav.*{words}"):
         open_raw(tmp_path / "a.wav")
+
+
+# ---- a matrix with a list of names -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("where", ["beside", "bytes", "in a group", "attribute", "with units"])
+def test_a_matrix_of_hdf5_with_a_list_of_names(tmp_path: Path, where: str, turned: bool) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        group = file.create_group("run 1") if where == "in a group" else file
+        data = group.create_dataset("data", data=ROWS.T if turned else ROWS)
+        if where == "attribute":
+            data.attrs["labels"] = NAMES
+        elif where == "bytes":
+            group["channel_names"] = np.array(NAMES, dtype="S")
+        else:
+            group["names"] = np.array(NAMES, dtype=h5py.string_dtype())
+        if where == "with units":
+            group["units"] = np.array(["V"] * 4, dtype="S")
+        group["fs"] = RATE
+        file["speed_rpm"] = 1200.0
+    raw = open_raw(tmp_path / "a.h5")
+    assert list(raw.channels) == NAMES
+    assert raw.attributes["speed_rpm"] == 1200.0
+    assert raw.sample_rate == RATE
+    np.testing.assert_array_equal(raw.channels["disk_Y"].samples(3, 90), ROWS[3:90, NAMES.index("disk_Y")])
+
+
+def test_lists_of_other_lengths_name_nothing(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["data"], file["names"], file["fs"] = ROWS, np.array(["a", "b"], dtype="S"), RATE
+    assert list(open_raw(tmp_path / "a.h5").channels) == ["data_1", "data_2", "data_3", "data_4"]

@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
+from openpyxl import Workbook
 from plain import plain_fit
+from scipy.io import savemat
 
 import rotorfit as rf
 from rotorfit.base.names import nearest, unknown_name
@@ -245,3 +248,130 @@ def test_a_file_that_is_not_read_says_what_its_program_exports(tmp_path: Path, n
     for reader in (read, open_raw):
         with pytest.raises(ValueError, match=f"{name}: .*{words}"):
             reader(tmp_path / name)
+
+
+@pytest.mark.parametrize("names", [("f", "H"), ("freq", "FRF"), ("Hz", "Hxx")])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_frequencies_and_responses_of_matlab_alone_say_what_is_lacking(
+    tmp_path: Path, names: tuple[str, str], channels: int
+) -> None:
+    f = np.linspace(1, 100, 50)
+    savemat(tmp_path / "a.mat", {names[0]: f, names[1]: np.ones((50, channels)) / (4e5 - f[:, None] ** 2 + 3j)})
+    with pytest.raises(
+        ValueError, match=rf"a\.mat holds frequencies \({names[0]}\) and responses \({names[1]}\).*real_um"
+    ):
+        read(tmp_path / "a.mat")
+    with h5py.File(tmp_path / "b.mat", "w", userblock_size=512) as file:
+        file["f"] = f[None]
+    with (tmp_path / "b.mat").open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+    with pytest.raises(ValueError, match=r"b\.mat is a MAT file of version 7.3; save it with save.name, ..., '-v7'"):
+        read(tmp_path / "b.mat")
+
+
+# ---- tables of monitors, orders and dates ------------------------------------------------------------------------
+
+SPEEDS = [1500 + 100 * k for k in range(5)]
+
+
+def test_direct_and_gap_beside_the_vector_are_attributes(tmp_path: Path) -> None:
+    probes = [f"Brg1 {axis} {what}" for axis in "XY" for what in (
+        "Direct (um pp)", "Gap (V)", "1X Amp (um pp)", "1X Phase (deg lag)", "Overall (um pp)",
+    )]  # fmt: skip
+    lines = [",".join(["run", "Speed (rpm)", "force_plane", "mr_g_mm", "force_phase_deg", *probes])]
+    for run, weight in (("base", 0), ("trial", 20)):
+        lines.append(f"{run},1500,Brg1,{weight},0," + ",".join(["30,-9.8,20,45,33"] * 2))
+    (tmp_path / "a.csv").write_text("\n".join(lines), encoding="utf-8")
+    test = read(tmp_path / "a.csv")
+    assert isinstance(test, PerturbationTest)
+    np.testing.assert_allclose(test.response, 10e-6 * np.exp(-1j * np.pi / 4))
+    assert {"Brg1 X Direct (um pp)", "Brg1 X Gap (V)", "Brg1 Y Overall (um pp)"} <= set(test.attributes)
+
+
+@pytest.mark.parametrize(
+    "title", ["Point: Brg 1 X", "Channel Name,Brg 1 X", "Measurement point Brg 1 X", "PROBE = Brg 1 X"]
+)
+def test_a_point_above_its_table_says_plane_and_direction(tmp_path: Path, title: str) -> None:
+    rows = [f"06MAY2024 10:00:{k:02d},{rpm},2.5,{2 + k / 7:.3f},{300 + k},-9.8" for k, rpm in enumerate(SPEEDS)]
+    head = "Date Time,Speed (rpm),Direct (mil pp),1X Ampl (mil pp),1X Phase (deg lag),Gap (V)"
+    (tmp_path / "a.csv").write_text("\n".join(["Machine: C-101", title, "", head, *rows]), encoding="utf-8")
+    with pytest.warns(UserWarning, match="holds no weight"):
+        test = read(tmp_path / "a.csv")
+    assert isinstance(test, PerturbationTest)
+    assert test.planes == ("Brg 1",)
+    assert set(test.direction.tolist()) == {"x"}
+    np.testing.assert_allclose(np.abs(test.response), [(2 + k / 7) * 12.7e-6 for k in range(5)], rtol=1e-3)
+    constants = {"force_plane": "Brg 1", "mr_g_mm": 20, "force_phase_deg": 0}
+    assert isinstance(read(tmp_path / "a.csv", constants=constants), PerturbationTest)
+
+
+def book(path: Path, points: list[str], columns: dict[str, list[str]] | None = None) -> Path:
+    workbook = Workbook()
+    workbook.remove(workbook.active)
+    for point in points:
+        sheet = workbook.create_sheet(point.replace(" ", "_"))
+        sheet.append([f"Point: {point}"])
+        sheet.append([])
+        sheet.append((columns or {}).get(point, ["Speed (rpm)", "1X Ampl (um pp)", "1X Phase (deg lag)", "Gap (V)"]))
+        for k, rpm in enumerate(SPEEDS):
+            sheet.append([rpm, 20 + k, 45 + k, -9.8])
+    workbook.save(path)
+    return path
+
+
+def test_sheets_one_a_probe_are_one_test(tmp_path: Path) -> None:
+    path = book(tmp_path / "a.xlsx", ["Brg 1 X", "Brg 1 Y", "Brg 2 X"])
+    test = read(path, on_finding=lambda finding: None)
+    assert isinstance(test, PerturbationTest)
+    assert len(test) == 15
+    assert test.planes == ("Brg 1", "Brg 2")
+    alone = read(path, sheet="Brg_1_Y", on_finding=lambda finding: None)
+    assert isinstance(alone, PerturbationTest)
+    assert set(alone.direction.tolist()) == {"y"}
+    odd = {"Brg 1 Y": ["Speed (rpm)", "1X Ampl (um pp)", "1X Phase (deg lag)", "Temp (C)"]}
+    with pytest.raises(ValueError, match=r"b\.xlsx: sheet 'Brg_1_Y' has other columns than the first: Temp"):
+        read(book(tmp_path / "b.xlsx", ["Brg 1 X", "Brg 1 Y"], odd))
+
+
+@pytest.mark.parametrize("name", ["frequency_order", "Frequency (orders)", "order", "Freq (x)", "frequency_ratio"])
+def test_orders_of_the_speed_are_frequencies(tmp_path: Path, name: str) -> None:
+    header = HEADER.replace("frequency_rpm", name)
+    rows = [[*row[:2], f"{0.25 * (k + 1) * (-1 if k > 5 else 1)}", *row[3:]] for k, row in enumerate(ROWS)]
+    (tmp_path / "a.csv").write_text(table(rows, header), encoding="utf-8")
+    test = read(tmp_path / "a.csv")
+    assert isinstance(test, PerturbationTest)
+    expected = [0.25 * (k + 1) * (-1 if k > 5 else 1) * 1500 * np.pi / 30 for k in range(12)]
+    np.testing.assert_allclose(test.frequency, expected)
+    assert name not in test.attributes
+
+
+@pytest.mark.parametrize("stamp", [
+    "2024-05-06 10:00:{:09.6f}", "2024-05-06T10:00:{:09.6f}", "06.05.2024 10:00:{:09.6f}", "10:00:{:09.6f}",
+    '"5/6/2024 10:00:{:09.6f}"', "2024/05/06 10:00:{:09.6f}Z",
+])  # fmt: skip
+def test_times_of_samples_may_be_dates(tmp_path: Path, stamp: str) -> None:
+    rows = [f"{stamp.format(k / 2000)},{-10 + k % 3},{-9 - k % 4}" for k in range(300)]
+    (tmp_path / "a.csv").write_text("\n".join(["When,disk_X [V],disk_Y [V]", *rows]), encoding="utf-8")
+    raw = open_raw(tmp_path / "a.csv")
+    assert list(raw.channels) == ["disk_X [V]", "disk_Y [V]"]
+    assert raw.sample_rate == pytest.approx(2000, rel=1e-6)
+    np.testing.assert_array_equal(raw.channels["disk_X [V]"].samples(0, 4), [-10, -9, -8, -10])
+
+
+# ---- numbers that are none ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("column", "cell", "words"),
+    [
+        (1, "1e30", "speed is 1.05e.29 rad/s; up to 1e.10 are allowed"),
+        (2, "1e25", "frequency is 1.05e.24 rad/s; up to 1e.10"),
+        (4, "1e-303", "a force of 1e-303 N; forces other than zero are at least 1e-30 N"),
+    ],
+)
+def test_numbers_that_no_machine_has_are_refused(tmp_path: Path, column: int, cell: str, words: str) -> None:
+    rows = [[*row] for row in ROWS]
+    rows[3][column] = cell
+    (tmp_path / "a.csv").write_text(table(rows), encoding="utf-8")
+    with pytest.raises(ValueError, match=rf"a\.csv: reading 4: {words}"):
+        read(tmp_path / "a.csv")

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from recorded import ATTRIBUTES, RATE, SETUP, perturbator_angle, shaft_angle, volts, write_hdf5
 
 import rotorfit as rf
+from rotorfit.apps.cli.main import main
 from rotorfit.estimators.signals.pulses import find_edges, find_levels
 from rotorfit.lab.data.experiments import PerturbationTest
 
@@ -118,3 +120,38 @@ def test_wheels_that_are_counted_wrong_are_an_error(tmp_path: Path, teeth: int, 
     assert found["speed-disagrees"].severity == "error"
     with pytest.warns(rf.DataWarning, match=words):
         rf.responses(record)
+
+
+@pytest.mark.parametrize("size", [1e31, 1e155, 1e300, np.inf])
+def test_samples_without_squares_are_refused_with_their_time(tmp_path: Path, size: float) -> None:
+    broken = CHANNELS["disk_X"].copy()
+    broken[1600] = size
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.attrs.update(ATTRIBUTES)
+        for name, values in {**CHANNELS, "disk_X": broken}.items():
+            file[name] = values
+    for command in ("look", "vectors"):
+        assert main([command, str(tmp_path / "a.h5"), "--out", str(tmp_path / f"{command}.csv")]) == 2
+    with pytest.raises(ValueError, match=r"channel disk_X is (1e\+\d+|inf) at sample 1600 .0.5000 s."):
+        rf.responses(rf.read_recording(tmp_path / "a.h5"))
+
+
+UNUSED = {
+    "[load]": ('[load]\nplane = "disk"\nN = 3.0\nangle_deg = 0.0\n', "[force] says what drives the rotor"),
+    "sensitivity_... of [force]": ("sensitivity_V_per_N = 0.1\n", "no channel_x or channel_y measures the force"),
+    "hole_angle_deg of [force]": ("hole_angle_deg = 10.0\n", "angle_deg says where the heavy spot is"),
+    '[[channel]] name = "spare"': ('[[channel]]\nname = "spare"\nvolts_per_count = 2.0\n', "no probe, mark or force"),
+    "the sensitivity at the top": ("TOP", "every probe has its own"),
+}
+
+
+@pytest.mark.parametrize("what", UNUSED)
+def test_what_a_setup_says_for_nothing_is_said(tmp_path: Path, what: str) -> None:
+    path = write_hdf5(tmp_path / "a.h5", {**CHANNELS, "spare": CHANNELS["disk_X"]}, {"sample_rate_hz": RATE})
+    line, why = UNUSED[what]
+    text = f"sensitivity_V_per_mm = 1.0\n{SETUP}" if line == "TOP" else f"{SETUP}{line}"
+    (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
+    said = [found.message for found in rf.read_recording(path, tmp_path / "rig.toml").findings]
+    assert [f"{what} in rig.toml is not used" in each and why in each for each in said] == [True]
+    (tmp_path / "rig.toml").write_text(SETUP, encoding="utf-8")
+    assert not rf.read_recording(path, tmp_path / "rig.toml").findings

@@ -1,4 +1,4 @@
-"""Fits without causes, of tests that are about estimators, readers and rigs: what the noise alone leaves."""
+"""Fits without causes, of tests that are about estimators, readers and rigs, and what causes move."""
 
 from __future__ import annotations
 
@@ -10,3 +10,11 @@ import rotorfit as rf
 def plain_fit(model: rf.models.RotorModel, experiments: Any, **options: Any) -> rf.FitResult:
     """As ``rf.fit`` with ``causes=None``."""
     return rf.fit(model, experiments, causes=None, **options)
+
+
+def moves_of(fit: rf.FitResult, cause: str, name: str) -> float:
+    """Change of a fitted value by a unit of a cause."""
+    solved = fit.settings.solved
+    assert solved is not None
+    place = [one.name for one in solved.causes].index(cause)
+    return float(solved.errors.moves[fit.var_names.index(name), place])

@@ -271,6 +271,9 @@ def solve(problem: Problem, start: Float, options: Options) -> Solution:
     projection = Projection.of(problem) if options.method != "ipopt" else None
     if projection is not None:
         kept, scale = projection.kept, search_scale(space, start)
+        most_exact = 50  # unknowns up to which second derivatives, by an evaluation each, are sooner found than not
+        if kept.size > most_exact:
+            options = replace(options, hessian="gauss-newton")
         lower, upper = space.lower[kept], space.upper[kept]
         found = minimise(projection, start[kept], lower=lower, upper=upper, scale=scale[kept], options=options)
         return replace(found, x=projection.vector(found.x))

@@ -17,7 +17,9 @@ from rotorfit.estimators.blocks.shaft_lines import LineResponses
 from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.inference.identifiability import Identifiability, along_valley, diagnose
 from rotorfit.estimators.inference.joint_errors import JointErrors
+from rotorfit.estimators.inference.projected_errors import MOST_ENTRIES_TOGETHER, projected_errors
 from rotorfit.estimators.minimisation.least_squares import Solution, Status
+from rotorfit.estimators.minimisation.projection import Projection
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.problem import Derivatives, Problem, robust_weights
 from rotorfit.estimators.starting.closed_form import ClosedForm
@@ -59,7 +61,7 @@ def judge(
     goodness = _goodness(problem, settings, x, residuals, beside)
     redchi, nfree = goodness["redchi"], goodness["nfree"]
     estimate = solved if isinstance(solved, ClosedForm) else None
-    scattered, covar, degrees, verdict, noise, errors = _standard_errors(
+    covar, degrees, verdict, noise, errors = _standard_errors(
         problem, settings, x, residuals, derivatives, redchi, nfree, estimate, noise, beside
     )
     causes = None
@@ -74,7 +76,7 @@ def judge(
             factor=beside.factor,
         )
     settings = replace(settings, solved=causes)
-    params = _parameters(problem.space, x, start.x, scattered, covar, degrees, verdict.unresolved, causes)
+    params = _parameters(problem.space, x, start.x, covar, degrees, verdict.unresolved, causes)
     warnings = [*notes, *fit_warnings(problem, x, redchi, params, verdict, bool(settings.noise_scale), noise)]
     warnings += table_of(causes).warnings
     success, method, message, evaluations = True, "closed form", "closed form, no iteration", 0
@@ -196,14 +198,18 @@ def _standard_errors(
     estimate: ClosedForm | None,
     noise: ResidualStudy | None,
     beside: JointSearch | None,
-) -> tuple[Float, Float, tuple[float, ...], Identifiability, ResidualStudy | None, JointErrors | None]:
-    """Covariance of an estimate by the noise alone, shape ``(p, p)``, and widened where the model or the residuals ask
-    for it; degrees of freedom of each entry's error, what the data determine, and the study with its share in it."""
+) -> tuple[Float, tuple[float, ...], Identifiability, ResidualStudy | None, JointErrors | None]:
+    """Covariance of an estimate, shape ``(p, p)``, widened where the model or the residuals ask for it and by causes;
+    degrees of freedom of each entry's error, what the data determine, and the study with its share in it."""
     space = problem.space
-    root, sandwich = covariance.information(problem, x, residuals, derivatives)
     names, base = (*space.names, *space.nuisance), (*space.base, *space.nuisance)
-    scales = covariance.parameter_scales(problem, x)
-    scattered, verdict = diagnose(space.model, names, base, x, root, scales)
+    scales, sandwich = covariance.parameter_scales(problem, x), None
+    projection = Projection.of(problem) if x.size > MOST_ENTRIES_TOGETHER else None
+    if projection is not None:
+        scattered, verdict = projected_errors(projection, x, scales)
+    else:
+        root, sandwich = covariance.information(problem, x, residuals, derivatives)
+        scattered, verdict = diagnose(space.model, names, base, x, root, scales)
     if sandwich is not None:
         weighing = covariance.weighing_error(problem, derivatives.whole, scattered)
         scattered = scattered @ sandwich @ scattered + weighing
@@ -231,14 +237,13 @@ def _standard_errors(
         if noise is not None:
             noise = replace(noise, shares=(*noise.shares, errors.covariance), freedom=(*noise.freedom, math.inf))
     degrees = (freedom,) * space.size if noise is None else noise.own_degrees()
-    return scattered, covar, degrees, verdict, noise, errors
+    return covar, degrees, verdict, noise, errors
 
 
 def _parameters(
     space: ParameterSpace,
     x: Float,
     begin: Float,
-    scattered: Float,
     covar: Float,
     degrees: Sequence[float],
     unresolved: Sequence[str],

@@ -16,6 +16,7 @@ from rotorfit.base.digits import significant
 from rotorfit.estimators.blocks.correlated import freedom_of
 from rotorfit.estimators.inference import ensemble_sampler
 from rotorfit.estimators.inference.caused_posterior import CausedPosterior
+from rotorfit.estimators.inference.covariance import inverse_curvature
 from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress, WalkerPaths
 from rotorfit.estimators.inference.log_posterior import LogPosterior, Noise
 from rotorfit.identify.fitting.judge import why_not_refined
@@ -152,9 +153,11 @@ def _inflation(fit: FitResult, level: Noise) -> float:
     """Factor on variances that the likelihood lacks: of a model that limits the fit, of readings that are correlated.
     The level of unknown noise is that of the residuals already."""
     if fit.noise is not None and fit.noise.correlated:
-        white = [(i, fit.params[name].noise) for i, name in enumerate(fit.problem.space.names)]
-        within = np.diag(fit.noise.shares[-1])  # all but differences of runs
-        wider = [float(within[i]) / own**2 for i, own in white if 0 < own < np.inf]
+        white = np.diag(inverse_curvature(fit.problem, fit.x)).tolist()
+        others = (fit.settings.solved is not None) + (fit.model_uncertainty is not None)  # after it
+        within = np.diag(fit.noise.shares[-1 - others])  # all but differences of runs
+        told = [i for i, name in enumerate(fit.problem.space.names) if fit.params[name].resolved]
+        wider = [float(within[i]) / white[i] for i in told if white[i] > 0]
         return max(float(np.median(wider)) / (1.0 if level == "fixed" else fit.redchi), 1.0) if wider else 1.0
     return fit.widening if fit.model_limited and level == "fixed" else 1.0
 

@@ -141,10 +141,25 @@ def read(
     return without(test, skip)
 
 
+_FASTEST = 1e10
+"""Speed and frequency, rad/s, beyond which there is none: as the largest sampling rate of a recording."""
+
+
 def _check_sizes(test: Experiment) -> None:
     """Refuse numbers whose products are none any more; those that are only implausible are found by a check."""
     for name in test._columns():
         column = getattr(test, name)
+        if name in ("speed", "frequency") and (rows := np.flatnonzero(np.abs(column) > _FASTEST)).size:
+            raise ValueError(
+                f"{test.source or 'the table'}: reading {rows[0] + 1}: {name} is {column[rows[0]]:.3g} rad/s; up to "
+                f"{_FASTEST:g} are allowed: is its unit right?"
+            )
+        small = (column != 0) & (np.abs(column) < 1 / LARGEST) if name == "force" else np.zeros(0)
+        if (rows := np.flatnonzero(small)).size:
+            raise ValueError(
+                f"{test.source or 'the table'}: reading {rows[0] + 1}: a force of {abs(column[rows[0]]):.3g} N; forces "
+                f"other than zero are at least {1 / LARGEST:g} N"
+            )
         for part in (column.real, column.imag) if column.dtype.kind in "fc" else ():
             if max(np.fmax.reduce(part, initial=0.0), -np.fmin.reduce(part, initial=0.0)) > LARGEST:
                 row = int(np.flatnonzero(np.abs(part) > LARGEST)[0])

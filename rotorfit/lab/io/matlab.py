@@ -66,6 +66,7 @@ def read_mat(path: str | Path) -> Experiment:
     columns = _columns(mat_content(Path(path)), source)
     if "speed" not in columns and any(name.lower().startswith("speed_") for name in columns):
         return experiment_of(_table(columns, source), SPEED_TOLERANCE)
+    _refuse_bare_responses(columns, source)
     names = columns.pop("attribute_names", np.array([], dtype=str)).tolist()
     numbered = [f"attribute_{number}" for number in range(1, len(names) + 1)]
     lost = [name for name in numbered if name not in columns]
@@ -74,6 +75,23 @@ def read_mat(path: str | Path) -> Experiment:
     attributes = {name: columns.pop(stored) for name, stored in zip(names, numbered, strict=True)}
     kind = columns.pop("kind", np.array(["PerturbationTest"]))
     return build(str(kind[0]) if kind.size else "", columns, attributes, source)
+
+
+def _refuse_bare_responses(columns: Mapping[str, NDArray[Any]], source: str) -> None:
+    """Refuse frequencies and complex responses alone, as analysers export f and H, with what makes a test of them."""
+    if "response" in columns or "frequency" in columns:
+        return
+    complex_ones = [name for name, values in columns.items() if values.dtype.kind == "c"]
+    lengths = {name: values.size for name, values in columns.items() if values.dtype.kind in "fiu" and values.size > 1}
+    pairs = [(f, h) for h in complex_ones for f, size in lengths.items() if columns[h].size % size == 0]
+    if pairs:
+        f, h = pairs[0]
+        raise ValueError(
+            f"{source} holds frequencies ({f}) and responses ({h}), but not where, by what and in which unit they were "
+            f"measured. Save beside them, of each response, frequency_hz = {f}; real_um = real({h}) * 1e6 (of m/N); "
+            f"imag_um = imag({h}) * 1e6; force_N = 1; force_phase_deg = 0; force_direction, plane, direction, "
+            "force_plane (text) and speed_rpm; or export a universal file"
+        )
 
 
 def _columns(content: Mapping[str, Any], source: str) -> dict[str, NDArray[Any]]:

@@ -27,6 +27,29 @@ _TIME = re.compile(
 _SECONDS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6}
 
 
+_STAMP = re.compile(
+    r"(?:(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})[T ]+|(\d{1,2})[-/.](\d{1,2})[-/.](\d{4})[T ,]+)?"
+    r"(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)(?:Z|[+-]\d{2}:?\d{2})?"
+)
+"""Time of day, perhaps behind a date."""
+
+
+def is_stamp(cell: str) -> bool:
+    """True for a time of day, with or without a date."""
+    return _STAMP.fullmatch(cell.strip().strip('"')) is not None
+
+
+def seconds_of(cell: str) -> float:
+    """Time of a stamp, s, from a day that all days of a recording are counted from. Whether day or month comes first in
+    a date does not matter, unless a recording goes through midnight."""
+    match = _STAMP.fullmatch(cell.strip().strip('"'))
+    if match is None:
+        raise ValueError(f"{cell[:40]!r} is no time of day")
+    day = match[3] or match[4]
+    hours, minutes, seconds = float(match[7]), float(match[8]), float(match[9].replace(",", "."))
+    return float(day or 0) * 86400 + hours * 3600 + minutes * 60 + seconds
+
+
 def rate_of(said: Mapping[str, Any]) -> float | None:
     """Sampling rate, Hz, that attributes or fields give under one of its usual names; None without."""
     for names, power in ((_RATES, 1), (_STEPS, -1)):

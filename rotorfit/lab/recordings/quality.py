@@ -55,6 +55,8 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
             )
             yield Finding("error", "channel-scale", words)
             continue
+        if probe.derivative:  # no gap, and of any size
+            continue
         yield from _sensitivity(probe, each, where)
         if each.without_gap:
             coupled.append(probe.channel)

@@ -18,6 +18,22 @@ from rotorfit.lab.recordings.formats.raw_file import RawFile
 from rotorfit.lab.recordings.rig.resolve import Rig
 from rotorfit.lab.recordings.rig.setup import Force, Probe, RigSetup
 
+
+def integrated(values: Float, rate: float, times: int) -> Float:
+    """A signal integrated so many times, for figures: without what is slow, and with ends that fade in and out."""
+    from scipy.signal.windows import tukey
+
+    slowest, periods, fading = 2.0, 4, 0.1  # Hz and periods below which nothing is kept, and share that fades
+    spectrum = np.fft.rfft(values * tukey(values.size, fading))
+    lines = np.arange(spectrum.size)
+    w = 2 * np.pi * rate / max(values.size, 1) * lines
+    kept = (lines >= periods) & (w >= 2 * np.pi * slowest)
+    whole = np.divide(spectrum, (1j * w) ** times, out=np.zeros_like(spectrum), where=kept)
+    return np.asarray(np.fft.irfft(whole, values.size))
+
+
+LARGEST_SAMPLE = 1e30
+"""Size of a sample, volts or another unit, beyond which squares and products are no numbers any more."""
 SAMPLES_OF_A_PIECE = 1 << 20
 """Samples read at once where a channel is gone through from end to end: 8 MB in double precision."""
 
@@ -82,6 +98,22 @@ class Signals:
         """Planes that have probes."""
         return tuple(dict.fromkeys(probe.plane for probe in self.probes))
 
+    def derivative(self, plane: str) -> int:
+        """How often the sensors of a plane differentiate its motion: 1 of velocity, 2 of acceleration."""
+        orders = {probe.derivative for probe in self._probes_of(plane)}
+        if len(orders) > 1:
+            raise ValueError(f"{self.name}: {plane} has sensors of different quantities; call them by different planes")
+        return orders.pop()
+
+    def need_displacements(self, what: str) -> None:
+        """Refuse sensors of velocity and acceleration for what they do not tell."""
+        others = [probe.channel for probe in self.probes if probe.derivative]
+        if others:
+            raise ValueError(
+                f"{self.name}: {', '.join(others)} read velocity or acceleration; {what} needs displacement probes. "
+                "Responses to a perturbator or to measured forces, of a hammer for instance, take such sensors"
+            )
+
     @property
     def pairs(self) -> tuple[str, ...]:
         """Planes that have two probes or more, so that the orbit is known."""
@@ -131,11 +163,12 @@ class Signals:
     def _stored(self, name: str, first: int, last: int) -> NDArray[Any]:
         """Samples as the file stores them, counts or volts."""
         counts = self.raw.channels[name].samples(first, last)
-        if counts.dtype.kind == "f" and not np.isfinite(counts).all():
-            at = first + int(np.flatnonzero(~np.isfinite(counts))[0])
+        if counts.dtype.kind == "f" and not (np.abs(counts) <= LARGEST_SAMPLE).all():
+            at = first + int(np.flatnonzero(~(np.abs(counts) <= LARGEST_SAMPLE))[0])
+            allowed = f"; samples may be up to {LARGEST_SAMPLE:g} in size" if np.isfinite(counts[at - first]) else ""
             raise ValueError(
                 f"{self.name}: channel {name} is {counts[at - first]} at sample {at} ({at / self.sample_rate:.4f} s); "
-                "cut the recording there or leave the channel out"
+                f"cut the recording there or leave the channel out{allowed}"
             )
         return counts
 
@@ -159,9 +192,10 @@ class Signals:
         return np.asarray(self._mixing(plane) @ along)
 
     def displacement(self, probe: Probe, start: int = 0, stop: int | None = None) -> Float:
-        """Motion towards one probe, about the mean, m."""
+        """Motion towards one probe, about the mean, m; of velocity and acceleration as far as a stretch tells it."""
         volts = self.without_run_out(probe, start, stop)
-        return np.asarray((volts - self.gap_voltage(probe.channel)) / float(probe.sensitivity or 1.0))
+        values = np.asarray((volts - self.gap_voltage(probe.channel)) / float(probe.sensitivity or 1.0))
+        return integrated(values, self.sample_rate, probe.derivative) if probe.derivative and values.size else values
 
     def without_run_out(self, probe: Probe, start: int = 0, stop: int | None = None) -> Float:
         """Voltage of a probe without the run-out that the setup says slow turning shows."""

@@ -9,6 +9,9 @@ from rotorfit.base.units import RAD_S_PER_RPM
 from rotorfit.lab.recordings.angle_track import AngleTrack
 from rotorfit.lab.recordings.recording import Recording
 
+_UNITS = (("µm", 1e6), ("mm/s", 1e3), ("m/s²", 1.0))
+"""Unit of what a sensor reads, and its share of SI, by how often it differentiates."""
+
 
 def summary(record: Recording) -> str:
     """Length, speeds, force, a line a probe, and what was found."""
@@ -22,11 +25,12 @@ def summary(record: Recording) -> str:
     width = max((len(probe.channel) for probe in record.probes), default=0)
     for probe in record.probes:
         each = record.statistics[probe.channel]
-        scale = 1e6 / abs(float(probe.sensitivity or 1.0))
+        unit, factor = _UNITS[probe.derivative]
+        scale = factor / abs(float(probe.sensitivity or 1.0))
         lines.append(
             f"  {probe.channel:<{width}}  {probe.plane} at {np.degrees(float(probe.angle or 0.0)):g} deg: mean "
             f"{each.mean:.3f} {each.unit}, {each.low:.3f} to {each.high:.3f} {each.unit} "
-            f"({(each.high - each.low) * scale:.1f} µm pk-pk, {each.deviation * scale:.2f} µm rms)"
+            f"({(each.high - each.low) * scale:.1f} {unit} pk-pk, {each.deviation * scale:.2f} {unit} rms)"
         )
     lines += [f"  {finding}" for finding in record.findings] or ["  nothing odd was found"]
     return "\n".join(lines)

@@ -8,7 +8,7 @@ from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.identify.fitting.causes.solution import SolvedCauses
 from rotorfit.models import RotorModel, Threshold
 from rotorfit.models.motion.neglected_terms import eigenvalue_shift, onset_shift
-from rotorfit.models.motion.stability import SPEEDS, fastest_growth, first_growth, search_limits
+from rotorfit.models.motion.stability import SPEEDS, fastest_growth, first_growth, search_limits, seats
 
 
 def value_slopes(model: RotorModel, theta: Float, gradient: Float, speed: float | None, solved: SolvedCauses) -> Float:
@@ -40,7 +40,9 @@ def onset_slopes(model: RotorModel, theta: Float, onset: Threshold, solved: Solv
 
 
 def onset_term_slopes(model: RotorModel, theta: Float, onset: Threshold, solved: SolvedCauses) -> Float:
-    """Those of causes that act on the rotor beside its values."""
+    """Those of causes that act on the rotor beside its values; none of a rotor unstable from standstill on."""
+    if not onset.speed:
+        return np.zeros(len(solved.causes))
     terms = (cause.act.term(model, theta, onset.whirl_frequency) for cause in solved.causes)
     return np.array([0.0 if term is None else onset_shift(model, theta, onset, term) for term in terms])
 
@@ -53,7 +55,7 @@ def onset_with_causes(model: RotorModel, theta: Float, onset: Threshold, solved:
     beyond = [(term, size) for term, size in terms if max(power for _, power, _ in term.terms) > model.order]
     terms = [one for one in terms if one not in beyond]
     more = sum(size * onset_shift(model, theta, onset, term) for term, size in beyond)
-    highest, round_off = search_limits(model, theta, band)
+    (highest, round_off), at = search_limits(model, theta, band), seats(model)
 
     def growth(speed: Float) -> Float:
         moved = np.tile(theta, (speed.size, 1))
@@ -64,7 +66,7 @@ def onset_with_causes(model: RotorModel, theta: Float, onset: Threshold, solved:
         for term, size in terms:
             for row, column, weight in term.entries:
                 for factor, power, speeds in term.terms:
-                    coefficients[:, power, row, column] += weight * size * factor * speed**speeds
+                    coefficients[:, power, at[row], at[column]] += weight * size * factor * speed**speeds
         return fastest_growth(model, coefficients, band) - round_off
 
     found = first_growth(growth, np.geomspace(1e-4 * highest, highest, SPEEDS)) if acting else onset.speed

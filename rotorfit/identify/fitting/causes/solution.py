@@ -152,9 +152,11 @@ def _solved(
     if known is not None:
         close = _Point.of(problem, known[0], causes, known[1], size)
         at = close if close.square < begin.square else begin
+    told = _told(problem, x)
     # Mostly three; many more would let the search wander along what nothing determines.
     for _ in range(6):
         B, (r, J) = columns(at.problem, at.x, causes), at.problem.jacobian(at.x)
+        J = J @ told
         root = np.sqrt(robust_weights(problem.loss, np.abs(r) ** 2)[1])
         curvature, slope = prior_curvature(problem, at.x), prior_slope(problem, at.x)
         dx, sizes, square = joint_step(
@@ -184,11 +186,20 @@ def _solved(
     )  # fmt: skip
 
 
+def _told(problem: Problem, x: Float) -> Float:
+    """Projection of the fitted vector onto what the data tell where no cause acts, shape ``(p, p)``. A cause may make
+    alike values act apart, but says nothing of them: it is not known itself."""
+    J = problem.jacobian(x)[1]
+    information = np.asarray((J.conj().T @ J).real) + np.diag(prior_curvature(problem, x))
+    return np.asarray(inverse_of_determined(information)[0] @ information)
+
+
 def solved_before(problem: Problem, x: Float, solved: SolvedCauses) -> JointSearch:
     """Causes that were solved already, beside fitted values of the problem with their effect taken out."""
     acting = with_causes(problem, x, solved.causes, solved.errors.value)
+    J = acting.jacobian(x)[1] @ _told(problem, x)
     return JointSearch(
-        problem=problem, x=x, causes=solved.causes, sizes=solved.errors.value, J=acting.jacobian(x)[1],
+        problem=problem, x=x, causes=solved.causes, sizes=solved.errors.value, J=J,
         columns=columns(acting, x, solved.causes), shift=solved.shift, plain=solved.plain,
         plain_square=solved.plain_square, square=math.nan, raised=solved.raised, factor=solved.factor,
     )  # fmt: skip

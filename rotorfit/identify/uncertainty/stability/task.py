@@ -134,6 +134,7 @@ class Task:
         """Modes at the highest running speed, the least damped first."""
         speed = self.running[1]
         reference = one.modes(speed)
+        values = one.eigenvalues(speed, reference)[0]  # with the causes, as the bands
         bands = self.quantiles(decrement(many.eigenvalues(speed, reference))).T
         forward = whirls_forward(self.fit.model, one.theta[0], speed, reference)
         found = [
@@ -144,7 +145,7 @@ class Task:
                 damping_ratio=float(-s.real / abs(s)),
                 direction="forward" if ahead else "backward",
             )
-            for s, band, ahead in zip(reference, bands, forward, strict=True)
+            for s, band, ahead in zip(values, bands, forward, strict=True)
         ]
         return tuple(sorted(found, key=lambda mode: mode.decrement))
 

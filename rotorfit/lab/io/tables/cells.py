@@ -185,6 +185,13 @@ class _Column:
         return next((cell for cell in self._meant.values() if _is_decimal(cell, mark)), "")
 
 
+def check_columns(name: str, width: int) -> None:
+    """Refuse a table that is wider than any is."""
+    most = 16384  # columns, as many as Excel has
+    if width > most:
+        raise ValueError(f"{name} has {width} columns; up to {most} are read")
+
+
 def read_cells(
     path: Path,
     sheet: str | None,
@@ -206,6 +213,7 @@ def read_cells(
         return None
     header = [shown(_as_written(cell.strip())) for cell in first[0][1]]
     width = max((i + 1 for i, name in enumerate(header) if name), default=0)
+    check_columns(path.name, width)
     if units := _units_below(path.name, [row for row in first[1:] if any(row[1])][:4], width, is_unit):
         header = [f"{name} ({unit})" if unit else name for name, unit in zip(header, units, strict=False)]
         del first[: 1 + next(i for i, row in enumerate(first[1:]) if any(row[1]))]
@@ -222,6 +230,21 @@ def read_cells(
     numbered = np.concatenate(lines) if lines else np.zeros(0, dtype=np.intp)
     _refuse_thousands(path.name, columns, numbered)
     return header[:width], [column.finished(path.name) for column in columns], numbered
+
+
+def first_rows(path: Path, sheet: str | None) -> list[Sequence[str]]:
+    """Rows at the beginning of a text file or a sheet, titles among them."""
+    rows = _sheet(path, sheet) if path.suffix.lower() in EXCEL else _text_rows(path, lambda share: None)
+    return [cells for _, cells in islice(rows, _TITLE_ROWS)]
+
+
+def sheet_names(path: Path) -> list[str]:
+    """Names of the sheets of a workbook."""
+    with path.open("rb") as stream:
+        book = _workbook(path, stream)
+        names = list(book.sheetnames)
+        book.close()
+    return names
 
 
 def frame_cells(frame: DataFrame, is_text: Callable[[str], bool], source: str = "DataFrame") -> Cells:
@@ -323,6 +346,11 @@ def encoding_of(path: Path) -> str:
         head = stream.read(400)
         if head.startswith((_ARCHIVE, _OLD_EXCEL)):
             raise ValueError(f"{path.name} is no text but a workbook, as Excel writes them: {_workbook_advice(head)}")
+        stream.seek(0)
+        longest = 1 << 24  # bytes of a first line
+        begin = stream.read(longest)
+        if len(begin) == longest and b"\n" not in begin and b"\r" not in begin:
+            raise ValueError(f"{path.name} is no table: its first line is longer than {longest} bytes")
         marked, reason = marked_encoding(head), ""
         for encoding in (marked,) if marked else ("utf-8", "cp1252"):
             reason = _undecodable(stream, encoding)

@@ -195,6 +195,9 @@ _OTHER_ORDER = re.compile(r"(\d+|n)x|0?\.?5x")  # 1x is dropped before
 _TEXT = ("run", "plane", "direction", "force_plane", "force_direction", "load_plane", "line", "coherence")
 _DIRECTIONS = ("x", "y", "z", "rx", "ry")
 _OTHER_DIRECTIONS = ("h", "v", "horizontal", "vertical", "left", "right")
+_BESIDE = ("direct", "overall", "gap", "bias")
+"""Words for what monitors give beside the 1x vector of a probe: attributes of the test."""
+_ORDERS = ("frequency_order", "frequency_orders", "frequency_x", "frequency_ratio", "order", "orders")
 _NO_MOTION = ("v", "mv", "volt", "volts", "vdc", "mm_s", "in_s", "g", "n", "c", "f", "bar", "kpa", "psi")
 """Units of what stands in columns that are named after a probe, but is no reading of its vibration."""
 
@@ -209,6 +212,25 @@ def understood(table: Table) -> Table:
         if name and name.lower() not in (*table.names, *(taken.lower() for taken in new.values())):
             new[key] = name
     return table.renamed(new) if new else table
+
+
+def with_orders(table: Table) -> Table:
+    """The table with frequencies in place of orders of the speed, negative for backward ones."""
+    named = {
+        "_".join([*words, *unit]).lower(): key for key in table.cells for words, unit in [_apart(table.names[key])]
+    }
+    orders = [named[name] for name in _ORDERS if name in named]
+    speeds = table.find("speed", UNITS["frequency"])
+    if not orders or len(speeds) != 1 or table.find("frequency", UNITS["frequency"]):
+        return table
+    if len(orders) > 1:
+        both = " and ".join(map(table.spelled, orders))
+        raise ValueError(f"{table.source}: frequencies are given twice, as {both}; keep one of them")
+    speed = next(iter(speeds))
+    values = table.number((orders[0], 1.0)) * np.abs(table.number((speed, 1.0)))
+    kept = table.rows(np.arange(len(table.lines)), without={orders[0]})
+    unit = table.names[speed][len("speed_") :]
+    return kept.with_columns({f"frequency_{unit}": Numbers(values)})
 
 
 def with_given_names(table: Table, columns: Mapping[str, str]) -> Table:
@@ -281,10 +303,13 @@ def quantity_meant(spelled: str) -> str:
     if not spelled[:1].isalnum():
         return ""
     words, unit = _apart(spelled)
+    if words[:1] == ["1X"] or words[:1] == ["1x"]:  # the order of the vibration that a weight makes
+        words = words[1:]
     base = [word.lower() for word in words]
     if not unit and "_".join(base) in _TEXT:
         return "_".join(base)
-    name = "_".join([*(words if not unit else base), *unit])
+    lags = [word for word in unit if word.lower() == "lag"]  # which stands before the unit
+    name = "_".join([*(words if not unit else base), *lags, *(word for word in unit if word.lower() != "lag")])
     for prefix, units in PREFIXES.items():
         rest = name[len(prefix) + 1 :]
         if name.lower().startswith(f"{prefix}_") and rest.lower() in {unit.lower() for unit in units}:
@@ -315,6 +340,8 @@ def _is_doubtful(table: Table, name: str) -> bool:
     """True if a column that is no probe's holds numbers under the name of a reading."""
     words, unit = _apart(table.spelled(name).lower())
     if is_probe(name) or quantity_meant(name) or words[:1] == [] or words[0] in NOT_PLANES:
+        return False
+    if any(word in _BESIDE for word in words):
         return False
     given = np.flatnonzero(~lacking(table.cells[name], NOT_TAKEN))
     if not given.size or floats(taken(table.cells[name], given)) is None:

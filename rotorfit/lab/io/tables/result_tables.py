@@ -28,5 +28,6 @@ def records_csv(records: Sequence[Mapping[str, Any]]) -> str:
 
 
 def frame_csv(frame: DataFrame) -> str:
-    """A DataFrame without its index; NaN is a blank cell."""
-    return str(frame.map(as_text).rename(columns=as_text).to_csv(index=False, lineterminator="\n"))
+    """A DataFrame without its index, 15 significant digits; NaN is a blank cell."""
+    told = frame.map(as_text).rename(columns=as_text)
+    return str(told.to_csv(index=False, lineterminator="\n", float_format="%.15g"))

@@ -51,10 +51,12 @@ from rotorfit.lab.io.tables.headers import (
     understood,
     with_force_rows,
     with_given_names,
+    with_orders,
 )
 from rotorfit.lab.io.tables.kinds import columns_of, kind_of, line_test, read_kind
 from rotorfit.lab.io.tables.machine_tables import BODE_HEADER, bode_table, is_sample_table, sample_table, with_weight
 from rotorfit.lab.io.tables.motion import noise, response, with_amplitudes
+from rotorfit.lab.io.tables.point_tables import point_table, points_above
 from rotorfit.lab.io.tables.skipped_rows import (
     completed,
     with_reference_rows,
@@ -94,13 +96,17 @@ def read_csv(
     columns, constants = columns or {}, constants or {}
     if exported := sheet is None and isinstance(path, str | Path) and is_sample_table(Path(path)):
         table = sample_table(Path(path), columns)
+    elif not {"plane", "direction"} & set(constants) and (points := points_above(path, sheet)):
+        table = point_table(path, points, columns)
     else:
         table = read_table(
             path, sheet, lambda spelled: is_text(spelled, columns), is_unit, progress or (lambda share: None)
         )
         exported = set(BODE_HEADER) <= set(table.cells)
         table = with_given_names(table, columns) if columns else table
-        table = bode_table(table, {"plane", "direction"} <= set(constants)) if exported else understood(table)
+        table = (
+            bode_table(table, {"plane", "direction"} <= set(constants)) if exported else with_orders(understood(table))
+        )
     if taken := [name for name in constants if name.lower() in table.cells]:
         raise ValueError(f"{table.source} has a column {taken[0]!r} of its own; no constant may take its place")
     table = table.with_columns({name: [str(value)] * len(table.lines) for name, value in constants.items()})

@@ -2,7 +2,8 @@
 
 A dataset may say ``volts_per_count`` and ``offset_V``, its ``unit``, its rate (``sample_rate_hz``, ``fs``) or step
 (``dt``, ``wf_increment``); a dataset ``time`` gives it too. A group of one dataset a channel is what most loggers
-write; of a matrix each column is one.
+write; of a matrix each column is one, called as a list of as many names beside it or among its attributes says. Single
+numbers and texts beside signals are attributes too.
 """
 
 from __future__ import annotations
@@ -23,6 +24,14 @@ def open_file(path: Path) -> RawFile:
     """Content of an HDF5 file; its samples are read later, piece by piece."""
     found: list[tuple[str, RawChannel]] = []
     rates: list[float] = []
+    lists: dict[str, list[list[str]]] = {}  # of names, by group
+    single: dict[str, Any] = {}
+
+    def look_at_words(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.size == 1:
+            single[name.rpartition("/")[2]] = item[()]
+        elif isinstance(item, h5py.Dataset) and item.ndim == 1 and item.dtype.kind in "SO":
+            lists.setdefault(name.rpartition("/")[0], []).append(_words(item[()]))
 
     def visit(name: str, item: Any) -> None:
         if not (isinstance(item, h5py.Dataset) and item.dtype.kind in "iuf"):
@@ -34,8 +43,11 @@ def open_file(path: Path) -> RawFile:
         elif array.size >= FEWEST and item.ndim <= 2:
             said = plain(item.attrs)
             scale = said.get("volts_per_count")
+            own = [_words(value) for value in item.attrs.values() if isinstance(value, np.ndarray)]
+            names = [each for each in (*own, *lists.get(group, ())) if len(set(each)) == len(each) == array.count > 1]
+            numbered = [base] if item.ndim == 1 else [f"{base}_{i + 1}" for i in range(array.count)]
             channels = array.channels(
-                [base] if item.ndim == 1 else [f"{base}_{i + 1}" for i in range(array.count)],
+                names[0] if names and item.ndim == 2 else numbered,
                 volts_per_count=float(scale) if isinstance(scale, int | float) else None,
                 offset=float(said.get("offset_V", 0.0)),
                 sample_rate=rate_of(said),
@@ -45,7 +57,8 @@ def open_file(path: Path) -> RawFile:
 
     check_hdf5(path)
     with h5py.File(path, "r") as file:
-        attributes = plain(file.attrs)
+        file.visititems(look_at_words)
+        attributes = {**plain(single), **plain(file.attrs)}
         for group in file.values():
             if isinstance(group, h5py.Group):
                 attributes = {**plain(group.attrs), **attributes}
@@ -58,3 +71,10 @@ def open_file(path: Path) -> RawFile:
     }
     rate = rate_of(attributes) or (rates[0] if rates else None)
     return RawFile(name=path.name, channels=channels, attributes=attributes, sample_rate=rate)
+
+
+def _words(values: Any) -> list[str]:
+    """An array of texts, none of them empty; nothing for any other."""
+    listed = [one.decode("utf-8", "replace") if isinstance(one, bytes) else one for one in np.ravel(values).tolist()]
+    names = [one.strip() for one in listed if isinstance(one, str)]
+    return names if len(names) == len(listed) and all(names) else []

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.base.file_reading import check_unpacked
-from rotorfit.lab.io.sampling import rate_of, rate_of_times, time_factor
-from rotorfit.lab.io.tables.cells import encoding_of
+from rotorfit.lab.io.sampling import is_stamp, rate_of, rate_of_times, seconds_of, time_factor
+from rotorfit.lab.io.tables.cells import check_columns, encoding_of
 from rotorfit.lab.recordings.formats import labview
 from rotorfit.lab.recordings.formats.raw_file import RawArray, RawChannel, RawFile, number_or_text, spooled
 
@@ -37,6 +37,7 @@ class _Head:
     comma: bool  # whether numbers have a decimal comma
     trailing: bool  # whether every row ends with a delimiter
     lines: int  # before the first row of numbers
+    stamps: tuple[int, ...]  # columns of times of day, with or without a date
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,9 +51,13 @@ class _Line:
 
     @property
     def numeric(self) -> tuple[bool, ...]:
-        """Which of its cells that are not empty are numbers."""
+        """Which of its cells that are not empty are numbers, or times of day."""
         comma = self.delimiter != "," and "," in self.text
-        return tuple(isinstance(number_or_text(c.replace(",", ".") if comma else c), float) for c in self.cells if c)
+        return tuple(
+            isinstance(number_or_text(c.replace(",", ".") if comma else c), float) or is_stamp(c)
+            for c in self.cells
+            if c
+        )
 
 
 def open_file(path: Path) -> RawFile:
@@ -71,7 +76,7 @@ def open_file(path: Path) -> RawFile:
     rate = rate_of(head.attributes)
     channels: dict[str, RawChannel] = {}
     for name, unit, values in zip(head.names, head.units, columns.T if columns.size else (), strict=False):
-        factor = time_factor(name)
+        factor = 1.0 if head.names.index(name) in head.stamps else time_factor(name)
         if factor is not None:
             rate = rate_of_times(np.asarray(values) * factor, f"{path.name}, column {name}")
         else:
@@ -110,6 +115,7 @@ def _head(path: Path, encoding: str) -> _Head:
         comma=numbers[0].delimiter != "," and any("," in line.text for line in numbers),
         trailing=trailing,
         lines=numbers[0].number,
+        stamps=tuple(i for i, cell in enumerate(numbers[0].cells[:width]) if is_stamp(cell)),
     )
 
 
@@ -122,6 +128,7 @@ def _first_lines(path: Path, encoding: str) -> tuple[dict[str, float | str], lis
     with path.open(encoding=encoding) as file:
         for number, line in enumerate(islice(file, looked_at)):
             text = line.strip(" \r\n\ufeff")
+            check_columns(path.name, 1 + max(map(text.count, ",;\t")))
             if text.startswith("#"):
                 key, equals, value = (part.strip() for part in text.lstrip("# ").partition("="))
                 if equals and key.replace("_", "").isalnum():
@@ -159,6 +166,7 @@ def _first_numbers(path: Path, lines: list[_Line]) -> int:
 
 def _rows(path: Path, file: TextIOBase, head: _Head) -> Iterator[NDArray[Any]]:
     begin = head.lines
+    converters: dict[int | str, Any] = dict.fromkeys(head.stamps, seconds_of)
     for _ in range(begin):
         file.readline()
     while lines := list(islice(file, _ROWS)):
@@ -168,7 +176,15 @@ def _rows(path: Path, file: TextIOBase, head: _Head) -> Iterator[NDArray[Any]]:
             with warnings.catch_warnings():
                 warnings.filterwarnings("ignore", message=".*input contained no data", category=UserWarning)
                 kept = range(len(head.names)) if head.trailing else None
-                rows = np.loadtxt(lines, delimiter=head.delimiter, ndmin=2, comments="#", usecols=kept)
+                rows = np.loadtxt(
+                    lines,
+                    delimiter=head.delimiter,
+                    ndmin=2,
+                    comments="#",
+                    usecols=kept,
+                    converters=converters or None,
+                    quotechar='"',
+                )
         except ValueError as problem:
             raise ValueError(f"{path.name}: after line {begin}: {str(problem).split('; use')[0]}") from problem
         if rows.size and rows.shape[1] != len(head.names):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rotorfit.base.array_types import Bool, ComplexArray, Float
 from rotorfit.base.digits import significant
 from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra, local_response
-from rotorfit.lab.data.experiments import PerturbationTest, perturbation_test
+from rotorfit.lab.data.experiments import DERIVATIVES, MEASURED, PerturbationTest, perturbation_test
 from rotorfit.lab.data.findings import Finding
 from rotorfit.lab.recordings.recording import Recording
 from rotorfit.lab.recordings.reduction.reduced_record import ReducedRecord
@@ -163,6 +163,9 @@ def rows(
     reference = force if unit is None else unit.astype(complex)
     planes, directions, responses, sigmas = zip(*probes, strict=True)
     count = int(kept.sum())
+    orders = [record.derivative(plane) for plane in planes]
+    gains = [(1j * np.abs(frequency)) ** order for order in orders]  # of what a sensor reads of a motion of a metre
+    said = {MEASURED: np.repeat([DERIVATIVES[order] for order in orders], count)} if any(orders) else {}
 
     def each(values: NDArray[np.generic]) -> NDArray[np.generic]:
         return np.tile(values[kept], len(probes))
@@ -175,9 +178,11 @@ def rows(
         force=each(force),
         plane=np.repeat(planes, count),
         direction=np.repeat(directions, count),
-        response=np.concatenate([(response * reference)[kept] for response in responses]),
-        sigma=np.concatenate([(sigma * np.abs(reference))[kept] for sigma in sigmas]),
-        attributes={name: np.full(len(probes) * count, value) for name, value in record.attributes.items()},
+        response=np.concatenate([(each * reference / gain)[kept] for each, gain in zip(responses, gains, strict=True)]),
+        sigma=np.concatenate(
+            [(each * np.abs(reference / gain))[kept] for each, gain in zip(sigmas, gains, strict=True)]
+        ),
+        attributes={**{name: np.full(len(probes) * count, value) for name, value in record.attributes.items()}, **said},
         force_direction=force_direction,
         source=record.name,
     )

@@ -192,6 +192,7 @@ def ring_downs(
     parts: list[tuple[str, float, Float, ComplexArray]] = []
     jobs = []
     for record in listed:
+        record.need_displacements("free vibration")
         said = None if record.rig.impulse is None else record.rig.impulse.highest
         highest = HIGHEST_HZ if said is None else said / (2 * np.pi)
         jobs.append((record, _plane(record, plane), highest if highest_hz is None else highest_hz))

@@ -86,6 +86,7 @@ def shaft_lines(
     parts: list[dict[str, NDArray[Any]]] = []
     counts = []
     for record in several:
+        record.need_displacements("a shaft that is not round")
         if record.attributes.keys() != several[0].attributes.keys():
             raise ValueError(
                 f"{record.name} has the attributes {', '.join(record.attributes) or 'none'}, {several[0].name} has "

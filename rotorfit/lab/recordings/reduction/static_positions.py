@@ -75,6 +75,7 @@ def static_positions(
     report = on_finding or (lambda finding: None)
     rests: list[RestPosition] = []
     for record in listed:
+        record.need_displacements("a static position")
         load_of(record)
     reduced = carry_out(rest_positions, listed, executor_of(executor, client))
     for record, (found, left_out) in zip(listed, reduced, strict=True):

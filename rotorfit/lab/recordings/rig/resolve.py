@@ -13,12 +13,13 @@ import numpy as np
 
 from rotorfit.base.digits import significant
 from rotorfit.base.names import unknown_name
-from rotorfit.base.units import RPM_PER_RAD_S, UNITS
+from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.lab.data.findings import Finding
 from rotorfit.lab.recordings.formats.raw_file import RawChannel, RawFile
 from rotorfit.lab.recordings.rig.rig_toml import flat_setup
 from rotorfit.lab.recordings.rig.setup import (
     ALLOWED,
+    UNITS_OF_CHANNELS,
     ChannelUnit,
     Force,
     ForceSetup,
@@ -141,7 +142,9 @@ def complete(raw: RawFile, setup: RigSetup | None) -> Rig:
         scales={channel.name: _scale(raw, channel, whole) for channel in used},
         speed=whole.speed,
         attributes=dict(whole.attributes),
-        findings=() if given is None else tuple(_contradictions(given, own, raw, source)),
+        findings=()
+        if given is None
+        else (*_contradictions(given, own, raw, source), *_unused(given, raw, used, source)),
     )
 
 
@@ -209,15 +212,29 @@ def _used(raw: RawFile, whole: RigSetup, source: str, marked: Sequence[str], how
 
 def _complete_probe(raw: RawFile, probe: Probe, setup: RigSetup, how: str) -> Probe:
     unit = _unit_of(raw, probe.channel, probe.unit, setup)
-    sensitivity = probe.sensitivity if probe.sensitivity is not None else setup.sensitivity
-    sensitivity = _scaled(raw, probe.channel, unit, "length", sensitivity)
+    said = (probe.sensitivity, probe.per_velocity, probe.per_acceleration)
+    orders = [order for order, value in enumerate(said) if value is not None]
+    if len(orders) > 1:
+        raise ValueError(
+            f"{raw.name}: the probe {probe.channel} has sensitivities to {len(orders)} quantities; keep one"
+        )
+    order = orders[0] if orders else 0
+    scaled = unit is not None and unit.quantity in _MOTIONS
+    if unit is not None and scaled and not orders:
+        order = _MOTIONS.index(unit.quantity)
+    default = setup.sensitivity if not orders and (order == 0 or not scaled) else None
+    sensitivity = _scaled(raw, probe.channel, unit, _MOTIONS[order], said[order] if orders else default)
     if probe.angle is None or sensitivity is None:
-        lacking = "angle_deg" if probe.angle is None else "sensitivity_V_per_mm (or unit, of a channel that is scaled)"
+        lacking = (
+            "sensitivity_V_per_mm (of an accelerometer _mV_per_g, of a sensor of velocity _mV_per_mm_s; or unit, of a "
+            "channel that is scaled)"
+        )
+        lacking = "angle_deg" if probe.angle is None else lacking
         own = raw.channels[probe.channel].unit
         unknown = f" (its unit in the file, {own!r}, is none of {ALLOWED})" if own and channel_unit(own) is None else ""
         raise ValueError(f"{raw.name}: nothing says the {lacking} of the probe {probe.channel}{unknown}; {how}")
     name = unit.name if unit is not None and unit.quantity != "voltage" else None
-    return replace(probe, sensitivity=sensitivity, unit=name)
+    return replace(probe, sensitivity=sensitivity, unit=name, derivative=order)
 
 
 def _unit_of(raw: RawFile, channel: str, said: str | None, setup: RigSetup) -> ChannelUnit | None:
@@ -235,9 +252,9 @@ def _unit_in_file(raw: RawFile, channel: str) -> ChannelUnit | None:
     return next((unit for unit in found if unit is not None), None)
 
 
-_MEANT = {"length": "a probe reads motion", "force": "[force] takes forces"}
-_VECTORS = {"velocity": "velocity_mm_s", "acceleration": "acceleration_g"}
-"""Columns of tables for vectors of sensors that read no motion."""
+_MOTIONS = ("length", "velocity", "acceleration")
+"""Quantities of a sensor of motion, by how often it differentiates."""
+_MEANT = dict.fromkeys(_MOTIONS, "a probe reads motion") | {"force": "[force] takes forces"}
 
 
 def _scaled(
@@ -247,15 +264,11 @@ def _scaled(
     if unit is None or unit.quantity == "voltage":
         return sensitivity
     if unit.quantity != quantity:
-        way = ""
-        if quantity == "length" and unit.quantity in _VECTORS:
-            way = (
-                f" Vectors of such a sensor, by an analyser, are read from a table (column {_VECTORS[unit.quantity]}), "
-                "where their frequency makes displacements of them."
-            )
+        wanted = _MOTIONS if quantity in _MOTIONS else (quantity,)
+        units = ", ".join(each for one in wanted for each in UNITS_OF_CHANNELS[one])
         raise ValueError(
-            f"{raw.name}: the channel {channel} is in {unit.name}, {unit.quantity}; {_MEANT[quantity]}, in "
-            f"{', '.join(UNITS[quantity])}, or in V or mV with a sensitivity.{way} If the file is wrong, say unit = "
+            f"{raw.name}: the channel {channel} is in {unit.name}, {unit.quantity}; {_MEANT[quantity]}, in {units}, or "
+            "in V or mV with a sensitivity to it. If the file is wrong, say unit = "
             f'"..." of [[channel]] name = "{channel}"'
         )
     if sensitivity is not None and np.isclose(abs(sensitivity) * unit.factor, 1):
@@ -388,6 +401,56 @@ def _contradictions(given: RigSetup, own: RigSetup, raw: RawFile, source: str) -
     found += [f"planes of the probes: {words}" for words in _parted(given.probes or (), by_setup, source)]
     told = (f"{raw.name}: {words}; the setup is followed." for words in found)
     return [Finding("warning", "setup-contradicts-file", words) for words in told]
+
+
+def _unused(given: RigSetup, raw: RawFile, used: Sequence[RawChannel], source: str) -> Iterator[Finding]:
+    """What a setup says and nothing is made of, each with why."""
+    said: list[tuple[str, str]] = []
+    for name, mark in (("shaft", given.shaft), ("perturbator", given.perturbator)):
+        if mark is not None and given.speed == 0 and name == "shaft":
+            said.append(("[shaft]", "a rotor at rest (speed_rpm = 0) passes no marks"))
+        elif mark is not None and mark.channel is not None and mark.steady:
+            said.append((f"steady of [{name}]", "its mark says the speed"))
+    said += _unused_of_force(given)
+    names = {channel.name for channel in used}
+    for name, scale in given.scales.items():
+        if name not in names:
+            said.append((f'[[channel]] name = "{name}"', "no probe, mark or force is on it"))
+        elif scale.unit is not None and scale.offset:
+            said.append((f'offset_V of [[channel]] name = "{name}"', "a channel that is scaled has no offset in volts"))
+    if given.sensitivity is not None and given.probes and all(_has_own(probe) for probe in given.probes):
+        said.append(("the sensitivity at the top", "every probe has its own"))
+    for what, why in said:
+        words = f"{raw.name}: {what} in {source} is not used: {why}."
+        yield Finding("note", "setup-unused", words)
+
+
+def _unused_of_force(given: RigSetup) -> Iterator[tuple[str, str]]:
+    """What of the force, or of what else drives the rotor, is not used, and why."""
+    said: list[tuple[str, str]] = []
+    force = given.force
+    keys: dict[str, object]
+    if force is not None and (force.channel_x or force.channel_y):
+        keys = {"mr_...": force.mr, "angle_deg": force.angle, "hole_angle_deg": force.hole_angle, "whirl": force.whirl}
+        said += [(f"{key} of [force]", "the force was measured") for key, value in keys.items() if value is not None]
+    elif force is not None:
+        keys = {"sensitivity_...": force.sensitivity, "unit": force.unit}
+        why = "no channel_x or channel_y measures the force"
+        said += [(f"{key} of [force]", why) for key, value in keys.items() if value is not None]
+        if force.angle is not None and force.hole_angle is not None:
+            said.append(("hole_angle_deg of [force]", "angle_deg says where the heavy spot is"))
+    if force is not None:
+        others = (("[load]", given.load), ("[impulse]", given.impulse))
+        said += [(name, "[force] says what drives the rotor") for name, value in others if value is not None]
+    elif given.load is not None and given.impulse is not None:
+        said.append(("[load]", "[impulse] says what drives the rotor"))
+    yield from said
+
+
+def _has_own(probe: Probe) -> bool:
+    return any(
+        value is not None for value in (probe.sensitivity, probe.per_velocity, probe.per_acceleration, probe.unit)
+    )
 
 
 def _units(given: RigSetup, raw: RawFile) -> Iterator[tuple[str, str, str]]:

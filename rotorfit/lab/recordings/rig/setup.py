@@ -14,21 +14,22 @@ from contextlib import suppress
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
-from rotorfit.base.units import RAD_S_PER_RPM, UNITS, find_unit
+from rotorfit.base.units import RAD_S_PER_RPM, STANDARD_GRAVITY, UNITS, find_unit
 
-_UNITS = {
+UNITS_OF_CHANNELS = {
     "voltage": {"V": 1.0, "mV": 1e-3, "uV": 1e-6},
     "length": UNITS["length"],
     "force": UNITS["force"],
     "velocity": {"m/s": 1.0, "mm/s": 1e-3, "in/s": 0.0254, "ips": 0.0254},
     "acceleration": {"g": 9.80665, "m/s2": 1.0, "mm/s2": 1e-3},
 }
+"""Factor to SI by unit that a channel may have, by quantity."""
 _LONG = {
     "volt": "V", "volts": "V", "micron": "um", "microns": "um", "micrometer": "um", "micrometre": "um", "mils": "mil",
     "inch": "in", "newton": "N", "newtons": "N", "lb": "lbf", "gn": "g", "g's": "g",
 }  # fmt: skip
 _IN_NAME = re.compile(r"^(.*?)(?:[ _]*[\[(]([^\])]+)[\])]|_(um|µm|mm|mil|mV|V|N|g))$")
-ALLOWED = ", ".join(unit for units in _UNITS.values() for unit in units)
+ALLOWED = ", ".join(unit for units in UNITS_OF_CHANNELS.values() for unit in units)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +45,7 @@ def channel_unit(text: str) -> ChannelUnit | None:
     """The unit that a text names, None where it names none of ours."""
     word = re.sub(r"[ ^*]", "", text.strip().replace("²", "2"))
     word = _LONG.get(word.lower(), word)
-    for quantity, units in _UNITS.items():
+    for quantity, units in UNITS_OF_CHANNELS.items():
         with suppress(ValueError):
             if (factor := find_unit(word, units)) is not None:
                 return ChannelUnit(name=text.strip(), quantity=quantity, factor=factor)
@@ -72,7 +73,19 @@ SENSITIVITIES = {
     "mV_per_mil": 1e-3 / 25.4e-6,
 }
 """Factor to V/m by unit of a probe's sensitivity."""
-_FORCE_SENSITIVITIES = {"V_per_N": 1.0, "mV_per_N": 1e-3, "V_per_lbf": 1 / 4.4482216152605}
+_IN_S = 0.0254
+_VELOCITY_SENSITIVITIES = {
+    "V_per_m_s": 1.0, "V_per_mm_s": 1e3, "mV_per_mm_s": 1.0, "V_per_in_s": 1 / _IN_S, "mV_per_in_s": 1e-3 / _IN_S,
+    "V_per_ips": 1 / _IN_S, "mV_per_ips": 1e-3 / _IN_S,
+}  # fmt: skip
+_ACCELERATION_SENSITIVITIES = {
+    "V_per_m_s2": 1.0, "mV_per_m_s2": 1e-3, "V_per_g": 1 / STANDARD_GRAVITY, "mV_per_g": 1e-3 / STANDARD_GRAVITY,
+}  # fmt: skip
+_LBF = UNITS["force"]["lbf"]
+_FORCE_SENSITIVITIES = {
+    "V_per_N": 1.0, "mV_per_N": 1e-3, "V_per_kN": 1e-3, "mV_per_kN": 1e-6, "V_per_lbf": 1 / _LBF,
+    "mV_per_lbf": 1e-3 / _LBF,
+}  # fmt: skip
 
 
 def number(where: str, value: Any) -> float:
@@ -160,7 +173,7 @@ _unbalance = _in_units("mr", UNITS["unbalance"], _size)
 
 @dataclass(frozen=True, kw_only=True)
 class Probe:
-    """A displacement probe."""
+    """A sensor of motion: a displacement probe, or a sensor of velocity or acceleration."""
 
     plane: str = _said(_plane, default=MISSING)  # where it looks at the shaft
     channel: str = _said(_channel, default=MISSING)  # of the recording
@@ -174,6 +187,11 @@ class Probe:
     delay: float | None = _said(_in_units("delay", {"s": 1.0, "ms": 1e-3, "us": 1e-6}))
     # V/m; positive: the signal rises as the target approaches
     sensitivity: float | None = _said(_in_units("sensitivity", SENSITIVITIES, _nonzero))
+    # of a sensor of velocity, V s/m, and of an accelerometer, V s^2/m; positive along its angle
+    per_velocity: float | None = _said(_in_units("sensitivity", _VELOCITY_SENSITIVITIES, _nonzero))
+    per_acceleration: float | None = _said(_in_units("sensitivity", _ACCELERATION_SENSITIVITIES, _nonzero))
+    # how often it differentiates the motion, once it is complete: its sensitivity is per m/s^derivative
+    derivative: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)

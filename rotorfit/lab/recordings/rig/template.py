@@ -86,7 +86,8 @@ def _probe(probe: Probe, own: RigSetup, raw: RawFile) -> list[str]:
     unit = next((each.name for each in said if each is not None and each.quantity == "length"), "")
     angle = None if probe.angle is None else math.degrees(probe.angle)
     sensitivity = None if own.sensitivity is None else own.sensitivity / 1e3
-    scale = _line("sensitivity_V_per_mm", sensitivity, 7.87, 'or _mV_per_mil, ...; or unit = "um" if it is scaled')
+    others = 'or _mV_per_mil, ..., _mV_per_g or _mV_per_mm_s of other sensors; or unit = "um" if it is scaled'
+    scale = _line("sensitivity_V_per_mm", sensitivity, 7.87, others)
     return [
         "",
         "[[probe]]",
@@ -106,7 +107,9 @@ def _unknown_probes(raw: RawFile) -> list[str]:
             '# plane = "disk"',
             f"# channel = {_quoted(name)}",
             "# angle_deg = 0.0",
-            '# sensitivity_V_per_mm = 7.87   # or unit = "um" for a channel that is scaled already',
+            "# sensitivity_V_per_mm = 7.87   # of an accelerometer sensitivity_mV_per_g = 100.0,",
+            "#                               # of a sensor of velocity sensitivity_mV_per_mm_s = 4.0;",
+            '#                               # or unit = "um" for a channel that is scaled already',
         ]
     return lines
 
@@ -121,6 +124,11 @@ def _force(known: ForceSetup | None) -> list[str]:
         _line("mr_kg_m", force.mr, 2e-5, "unbalance of the perturbator or trial weight"),
         _line(key, None if angle is None else math.degrees(angle), 33.0, "heavy spot ahead of the mark", must=False),
         _line("whirl", whirl, "forward", "or backward: which way the perturbator turns", must=False),
+    ]
+    lines += [
+        "#                                # instead of mr_kg_m a measured force, of a hammer, a shaker or a load cell:",
+        '#   channel_x = "hammer"         # or channel_y, along y',
+        '#   sensitivity_mV_per_N = 2.25  # or _V_per_N, _mV_per_lbf, ...; or unit = "N"',
     ]
     words = "FILL IN if the rotor is driven, else leave out" if known is None else "said by the recording:"
     return ["", f"{'# [force]':<32} # {words}", *lines]

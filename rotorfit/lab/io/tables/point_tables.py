@@ -1,0 +1,83 @@
+"""Tables of one probe each, whose point stands above the header: ``Point: Brg 1 X``; in a workbook one a sheet.
+
+Their columns are speed, amplitude and phase of the 1x vector, without plane and direction. The name of the point ends
+with the axis of the probe.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rotorfit.lab.io.tables.cells import EXCEL, Numbers, first_rows, sheet_names
+from rotorfit.lab.io.tables.headers import is_text, is_unit, quantity_meant, understood, with_given_names
+from rotorfit.lab.io.tables.table import Table, read_table
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+_TITLE = re.compile(r"(?i)^(?:measurement )?(?:point|channel|probe|location|sensor)(?: name)?\s*[:=]?\s*(.*)$")
+_POINT = re.compile(r"(?P<plane>.*[^A-Za-z])(?P<axis>[XYxy])")
+
+Points = Mapping[str | None, tuple[str, str]]
+"""Plane and direction of a probe by sheet; of a text file by None."""
+
+
+def points_above(path: str | Path | DataFrame, sheet: str | None) -> Points:
+    """The points of a file whose sheets, or which itself, are tables of one probe; nothing for others."""
+    if not isinstance(path, str | Path) or Path(path).suffix.lower() not in (*EXCEL, ".csv", ".txt", ".tsv"):
+        return {}
+    file = Path(path)
+    excel = file.suffix.lower() in EXCEL
+    sheets: Sequence[str | None] = [sheet] if sheet is not None or not excel else sheet_names(file)
+    found = {name: place for name in sheets if (place := _point(first_rows(file, name))) is not None}
+    return found
+
+
+def _point(rows: Sequence[Sequence[str]]) -> tuple[str, str] | None:
+    """Plane and direction that the titles say, above a header without them."""
+    for number, row in enumerate(rows):
+        cells = [cell.strip() for cell in row if cell.strip()]
+        named = {quantity_meant(cell).partition("_")[0] for cell in cells}
+        if len(cells) > 2:  # the header
+            if not {"amplitude", "phase", "speed"} <= named or {"plane", "direction"} & named:
+                return None
+            titles = [[cell.strip() for cell in above if cell.strip()] for above in rows[:number]]
+            break
+    else:
+        return None
+    for title in titles:
+        match = _TITLE.match(title[0]) if title else None
+        name = match[1].strip() or (title[1] if len(title) > 1 else "") if match else ""
+        place = _POINT.fullmatch(name)
+        if place and place["plane"].strip(" _-.:"):
+            return place["plane"].strip(" _-.:"), place["axis"].lower()
+    return None
+
+
+def point_table(path: str | Path | DataFrame, points: Points, columns: Mapping[str, str]) -> Table:
+    """The tables of all points as one."""
+    tables = []
+    for sheet, (plane, direction) in points.items():
+        table = read_table(path, sheet, lambda spelled: is_text(spelled, columns), is_unit, lambda share: None)
+        table = understood(with_given_names(table, columns) if columns else table)
+        count = len(table.lines)
+        tables.append(table.with_columns({"plane": [plane] * count, "direction": [direction] * count}))
+    first = tables[0]
+    for sheet, table in zip(points, tables, strict=True):
+        if set(table.cells) != set(first.cells):
+            other = ", ".join(table.names[name] for name in table.cells if name not in first.cells) or "fewer"
+            raise ValueError(f"{first.source}: sheet {sheet!r} has other columns than the first: {other}")
+    cells = {name: _joined([table.cells[name] for table in tables]) for name in first.cells}
+    return replace(first, cells=cells, lines=np.concatenate([table.lines for table in tables]))
+
+
+def _joined(parts: Sequence[Sequence[str]]) -> Sequence[str]:
+    if all(isinstance(part, Numbers) for part in parts):
+        return Numbers(np.concatenate([part.values for part in parts if isinstance(part, Numbers)]))
+    return [cell for part in parts for cell in part]

@@ -1,0 +1,61 @@
+"""What is no test, nested, junk or too wide, is refused soon and in little memory."""
+
+from __future__ import annotations
+
+import resource
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import rotorfit as rf
+
+
+@contextmanager
+def soon() -> Iterator[None]:
+    """A few seconds of processor time and a tenth of a gigabyte."""
+    begin, before = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    yield
+    assert time.process_time() - begin < 5
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2e5  # kB
+
+
+@pytest.mark.parametrize("read", [rf.read, rf.read_recording])
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (lambda: f"{','.join(f'c{i}' for i in range(300000))}\n{','.join('1' * 300000)}\n", "has 300000 columns"),
+        (lambda: "1,2;" * (1 << 23), "is no table: its first line is longer than 16777216 bytes"),
+    ],
+)
+def test_tables_that_are_none(
+    read: Callable[[Path], object], text: Callable[[], str], said: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(text(), encoding="utf-8")
+    with soon(), pytest.raises(ValueError, match=rf"^a\.csv {said}"):
+        read(path)
+
+
+def test_groups_in_groups_without_end(tmp_path: Path) -> None:
+    """Over 20,000 of them the library ends the process; groups that hold each other have an end."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        group = file
+        for _ in range(5000):
+            group = group.create_group("g")
+    with soon(), pytest.raises(ValueError, match=r"^a\.h5: groups stand in one another more than 100 deep"):
+        rf.read_recording(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "b.h5", "w") as file:
+        before = file.create_group("g0")
+        for number in range(1, 60):  # 2 to the power of 59 ways to the first
+            group = file.create_group(f"g{number}")
+            group["left"] = group["right"] = before
+            before = group
+        before["again"] = file["/"]
+        file["disk_X"] = np.zeros(4)
+    with soon(), pytest.raises(ValueError, match=r"b\.h5"):
+        rf.read_recording(tmp_path / "b.h5")
