@@ -21,7 +21,7 @@ def wandering(design: Float, value: Float, stderr: Float) -> float:
 
     The mean of what the restricted likelihood leaves of it, averaged over the scatter that the values may have beside
     it. Before the data a walk is there or not with equal chance, so is scatter; one that is has a size of half-Cauchy
-    density, whose middle is the error of a value. The best size instead of the mean held a slope in 72 to 97 of 100.
+    density, whose middle is the error of a value. The best size instead of the mean held a slope in 70 to 98 of 100.
     """
     rows, columns = design.shape
     if rows - columns < _FEWEST:

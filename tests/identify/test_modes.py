@@ -50,7 +50,10 @@ def test_the_papers_numbers_come_out(fit: rf.FitResult) -> None:
 def test_the_command_gives_the_modes_too(fit: rf.FitResult, tmp_path: Path) -> None:
     """As columns, and in the report as they are printed."""
     data = str(rf.datasets.path("two_disk.csv"))
-    assert main(["fit", data, "--model", "two-disk", "--out", str(tmp_path), "--no-figures", "--quiet"]) == 0
+    assert (
+        main(["fit", data, "--model", "two-disk", "--out", str(tmp_path), "--no-figures", "--quiet", "--no-causes"])
+        == 0
+    )
     table = pd.read_csv(tmp_path / "modes.csv")
     fit = rf.fit(fit.model, fit.experiments, known=fit.settings.known)  # as the command has it, with causes
     for number, (mode, row) in enumerate(zip(fit.modes(), table.itertuples(), strict=True), 1):

@@ -66,8 +66,9 @@ def test_away_from_the_mean_speed_coefficients_hold_what_changes_with_speed(fit:
     """The same by the sizes: D changes by the share ``speed[D]`` when the speed doubles."""
     speed = 1.5 * mean_speed(fit)
     at = fit.coefficients(speed)["Cxx"]
-    D = fit.params["D"]
-    made = fit.quantity(D.value, {"D": 1.0, "cause speed[D]": 0.5 * D.value}, "N s/m")
+    D, share = fit.params["D"], 0.5 * fit.causes["speed[D]"].value
+    assert at.value == pytest.approx((1 + share) * D.value, rel=SAME)
+    made = fit.quantity(at.value, {"D": 1.0, "cause speed[D]": 0.5 * D.value}, "N s/m")  # slopes at no cause
     assert at.stderr == pytest.approx(made.stderr, rel=SAME)
     assert at.stderr != pytest.approx(D.stderr, rel=SAME)
 

@@ -218,7 +218,7 @@ class FitResult:
 
         Example:
             >>> [round(end, 4) for end in fit.interval("lam", 0.95, share="noise")]
-            [0.4745, 0.4748]
+            [0.4745, 0.4747]
         """
         if name != THRESHOLD and name not in self.params:
             raise KeyError(unknown_name("parameter", name, self.params))
@@ -311,6 +311,18 @@ class FitResult:
         """
         solved = self.settings.solved
         return value_slopes(self.model, self.thetas[group], gradient, speed, solved) if solved else np.zeros(0)
+
+    def theta_at(self, group: int, speed: float) -> Float:
+        """Parameter vector, shape ``(P,)``, of a ``group`` by number, with what causes change of it at a ``speed``.
+
+        ``speed`` is rotative, rad/s; causes have the sizes that were found.
+        """
+        theta, solved = self.thetas[group], self.settings.solved
+        if solved is None:
+            return np.asarray(theta)
+        return np.asarray(
+            theta + solved.errors.value @ value_slopes(self.model, theta, np.eye(theta.size), speed, solved).T
+        )
 
     def _named_causes(self, by_causes: Float) -> dict[str, float]:
         """Derivatives by the sizes of causes with the names that :meth:`error_of` knows."""
@@ -660,7 +672,7 @@ class FitResult:
         Example:
             >>> prediction = fit.predict(None, [150.0, 160.0], force_plane="disk", mr=3e-5, plane="journal")
             >>> [round(1e6 * abs(z)) for z in prediction.response]
-            [36, 49]
+            [36, 48]
         """
         from rotorfit.identify.uncertainty.predict import predict
 

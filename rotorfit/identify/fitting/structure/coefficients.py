@@ -201,7 +201,7 @@ def coefficients_of(
         raise ValueError(f"{fit.model.name} has forces at {', '.join(planes)}: say at which, plane={planes[0]!r}")
     where = plane or planes[0]
     group = fit.group(_at_speed(fit, speed) if at is None else at)
-    force = plane_force(fit.model, fit.thetas[group], speed, where, eccentricity)
+    force = plane_force(fit.model, fit.theta_at(group, speed), speed, where, eccentricity)
     values, slopes = force.values.reshape(-1), force.slopes.reshape(len(COEFFICIENTS), -1)
 
     def propagated(value: float, by_values: Float, unit: str) -> Quantity:

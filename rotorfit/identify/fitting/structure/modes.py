@@ -144,16 +144,17 @@ def _said(q: Quantity, factor: float = 1.0) -> str:
 def natural_frequencies(fit: FitResult, speed: float, at: Mapping[str, Any] | None) -> list[tuple[Quantity, Quantity]]:
     """Damped natural frequency (rad/s, signed) and damping ratio of each mode; see the result's method."""
     speed = angular_rate(speed)
-    theta, model, group = fit.theta(at), fit.model, fit.group(at)
+    model, group = fit.model, fit.group(at)
+    theta = fit.theta_at(group, speed)
     modes = []
     back = 1j * speed if model.turns else 0.0  # from turning coordinates
     for found in eigenvalues(model, theta, speed).tolist():
         if not np.isfinite(found) or abs(found) > fit.stability_band or is_image(model, theta, speed, found):
             continue
         _, by_theta = eigenvalue_gradient(model, theta, speed, found)
-        s = found + back
         solved = fit.settings.solved
         by_causes = eigenvalue_slopes(model, theta, speed, found, solved) if solved else np.zeros(0, dtype=complex)
+        s = found + back + (by_causes @ solved.errors.value if solved else 0.0)
         turn = -1.0 if model.frame == "xy" and not whirls_forward(model, theta, speed, np.array([found]))[0] else 1.0
         frequency = fit.propagate_in(
             group, turn * s.imag, turn * by_theta.imag, "rad/s", speed=speed, by_causes=turn * by_causes.imag
@@ -171,7 +172,8 @@ def _damping_slope(s: complex, by: ComplexArray) -> Float:
 
 def modes_of(fit: FitResult, speed: float, normalise: str | None, at: Mapping[str, Any] | None) -> Modes:
     """See :meth:`FitResult.modes`."""
-    speed, theta, model, group = angular_rate(speed), fit.theta(at), fit.model, fit.group(at)
+    speed, model, group = angular_rate(speed), fit.model, fit.group(at)
+    theta = fit.theta_at(group, speed)
     names = [c.plane if c.axis == "z" else f"{c.plane}.{c.axis}" for c in model.coordinates]
     if normalise is not None and normalise not in names:
         raise KeyError(unknown_name("plane of the rotor", normalise, names))
@@ -188,7 +190,7 @@ def modes_of(fit: FitResult, speed: float, normalise: str | None, at: Mapping[st
         by_causes = _by_causes(fit, theta, speed, mode)
         made = zip(_numbers(mode).tolist(), slope, units, strict=True)
         own = [
-            fit.propagate_in(group, v, s, u, speed=speed, by_causes=by_causes.get(row))
+            fit.propagate_in(group, v + _shift(fit, by_causes, row), s, u, speed=speed, by_causes=by_causes.get(row))
             for row, (v, s, u) in enumerate(made)
         ]
         frequency = Quantity(own[0].value + back, own[0].stderr, own[0].unit, own[0].freedom)
@@ -257,6 +259,12 @@ def _by_causes(fit: FitResult, theta: Float, speed: float, mode: VibrationMode) 
     if not np.isfinite(mode.mass):
         return {0: mode.turn * by.imag, 1: ratio}
     return {0: (np.conj(s) * by).real / abs(s), 1: ratio, 4: 2 * np.sqrt(mode.stiffness * mode.mass) * ratio}
+
+
+def _shift(fit: FitResult, by_causes: Mapping[int, Float], row: int) -> float:
+    """What causes that were found add to a mode's number, by its place."""
+    solved = fit.settings.solved
+    return float(by_causes[row] @ solved.errors.value) if solved and row in by_causes else 0.0
 
 
 def _measured(fit: FitResult) -> Iterator[tuple[Float, Float]]:
