@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from rotorfit.base.digits import two_digits
+from rotorfit.identify.fitting.summary import correction_names
 from rotorfit.models.parameters import bare_name
 from rotorfit.show.report.html import Html, element, paragraph, table
 from rotorfit.show.report.material import ReportInput
@@ -44,7 +45,9 @@ def budget_section(material: ReportInput) -> Html:
         "Entries on trust that are at least a tenth of an error. Size: standard uncertainty of the cause before the "
         "data. Slope: change of the result by a unit of it, the fitted values following."
     )
-    correlated = [[name, *(f"{r:+.2f}" for r in line)] for name, line in zip(names, budget.correlation, strict=True)]
+    corrections = correction_names(fit.model)  # many, which would make the table too wide
+    kept = [place for place, row in enumerate(budget.rows) if bare_name(row.name) not in corrections]
+    correlated = [[names[i], *(f"{budget.correlation[i, j]:+.2f}" for j in kept)] for i in kept]
     return section(
         "Uncertainty budget",
         table(head, rows, numeric=range(1, len(head) - 1), whole=(len(head) - 1,)),
@@ -52,7 +55,7 @@ def budget_section(material: ReportInput) -> Html:
         table(["", "cause", "size", "slope", "share"], entries, numeric=(2, 3, 4)),
         note(of_entries),
         paragraph("Correlations of the results, causes included:"),
-        table(["", *names], correlated, numeric=range(1, len(names) + 1)),
+        table(["", *(names[i] for i in kept)], correlated, numeric=range(1, len(kept) + 1)),
         folded=True,
     )
 
