@@ -1,10 +1,11 @@
 """Time of one fit beside lmfit with a hand-vectorised NumPy residual, on the same data and to the same optimum.
 
-Eq. (18) with ten free parameters, four responses of 400 lines, 1 % noise. Warm times are medians of processor time over
-rounds in which all contenders take turns, everything imported and used before; "one of 500" is the share of one fit in
-500 data sets that differ by their noise, fitted at once. Cold times are processor times of whole fresh processes, from
-the interpreter through imports and reading to one fit. Accuracy stands beside time: distance from the exact optimum.
-An experiment met before keeps its layout; every fit makes a closed form of its own.
+Without causes beside the model, which lmfit has not. Eq. (18) with ten free parameters, four responses of 400 lines,
+1 % noise. Warm times are medians of processor time over rounds in which all contenders take turns, everything
+imported and used before; "one of 500" is the share of one fit in 500 data sets that differ by their noise, fitted at
+once. Cold times are processor times of whole fresh processes, from the interpreter through imports and reading to one
+fit. Accuracy stands beside time: distance from the exact optimum. An experiment met before keeps its layout; every
+fit makes a closed form of its own.
 
     python benchmarks/fit_speed.py
 """
@@ -53,7 +54,7 @@ import numpy as np
 import rotorfit as rf
 columns = dict(np.load(sys.argv[1]))
 known = {"K3": float(columns.pop("K3"))}
-fit = rf.fit(rf.models.WhirlWhip(), rf.perturbation_test(**columns), known=known)
+fit = rf.fit(rf.models.WhirlWhip(), rf.perturbation_test(**columns), known=known, causes=None)
 print(*[p.value for p in fit.params.values() if p.vary])
 """
 
@@ -152,18 +153,18 @@ def contenders(case: Case) -> dict[tuple[str, str], Contender]:
         return engine(find_start(replace(case.problem, blocks=fresh), {}).x)
 
     def whole() -> tuple[Float, int | None]:
-        result = rf_fit(space.model, replace(case.test), known=case.known)
+        result = rf_fit(space.model, replace(case.test), known=case.known, causes=None)
         return result.x, result.nfev
 
     def again() -> tuple[Float, int | None]:
-        result = rf_fit(space.model, case.test, known=case.known)
+        result = rf_fit(space.model, case.test, known=case.known, causes=None)
         return result.x, result.nfev
 
     turn, other = count(1), replace(case.test)  # met before as well, and not by the others
 
     def otherwise() -> tuple[Float, int | None]:
         known = {name: value * (1 + 1e-12 * next(turn)) for name, value in case.known.items()}
-        result = rf_fit(space.model, other, known=known)
+        result = rf_fit(space.model, other, known=known, causes=None)
         return result.x, result.nfev
 
     return {

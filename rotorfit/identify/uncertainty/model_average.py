@@ -9,6 +9,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rotorfit.base.array_types import ComplexArray
 from rotorfit.base.digits import significant, with_error
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import text_table
@@ -162,8 +163,10 @@ def sample_models(fits: Sequence[FitResult], **options: Unpack[SamplerKeywords])
             raise ValueError(f"{name} does not go with several models: sample them one by one")
     if not fits:
         raise ValueError("no fits to average over")
-    measured = [fit.problem.measured for fit in fits]
-    if any(not np.array_equal(readings, measured[0]) for readings in measured):
+    measured = [_readings(fit) for fit in fits]
+    if any(
+        each.shape != measured[0].shape or not np.allclose(each, measured[0], rtol=1e-9, atol=0) for each in measured
+    ):
         raise ValueError("the fits are of different data: only models of the same readings can be averaged over")
     losses = sorted({fit.settings.loss for fit in fits})
     if len(losses) > 1:
@@ -175,3 +178,9 @@ def sample_models(fits: Sequence[FitResult], **options: Unpack[SamplerKeywords])
     posteriors = tuple(sample(fits[i], **options) for i in counted)
     total = float(weight[counted].sum())
     return ModelAverage(posteriors, tuple(float(weight[i]) / total for i in counted))
+
+
+def _readings(fit: FitResult) -> ComplexArray:
+    """The readings with what causes were found to add to them."""
+    solved = fit.settings.solved
+    return fit.problem.measured if solved is None else fit.problem.measured + np.concatenate(solved.shift)
