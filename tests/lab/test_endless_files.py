@@ -17,10 +17,10 @@ import rotorfit as rf
 
 @contextmanager
 def soon() -> Iterator[None]:
-    """A few seconds of processor time and a tenth of a gigabyte."""
+    """The ten seconds of processor time that are promised, and a fifth of a gigabyte."""
     begin, before = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     yield
-    assert time.process_time() - begin < 5
+    assert time.process_time() - begin < 10
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2e5  # kB
 
 

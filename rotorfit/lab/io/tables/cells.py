@@ -348,8 +348,7 @@ def encoding_of(path: Path) -> str:
             raise ValueError(f"{path.name} is no text but a workbook, as Excel writes them: {_workbook_advice(head)}")
         stream.seek(0)
         longest = 1 << 24  # bytes of a first line
-        begin = stream.read(longest)
-        if len(begin) == longest and b"\n" not in begin and b"\r" not in begin:
+        if _first_line_is_longer(stream, longest):
             raise ValueError(f"{path.name} is no table: its first line is longer than {longest} bytes")
         marked, reason = marked_encoding(head), ""
         for encoding in (marked,) if marked else ("utf-8", "cp1252"):
@@ -360,6 +359,15 @@ def encoding_of(path: Path) -> str:
             if marked or any(b"\0" in block for block in iter(partial(stream.read, _BLOCK), b"")):
                 raise ValueError(f"{path.name} is not text: {reason}")
     raise ValueError(f"{path.name} is neither UTF-8 nor Windows-1252 text ({reason}); save it as CSV UTF-8")
+
+
+def _first_line_is_longer(stream: BinaryIO, longest: int) -> bool:
+    for block in iter(partial(stream.read, _BLOCK), b""):
+        if b"\n" in block or b"\r" in block:
+            return False
+        if stream.tell() >= longest:
+            return True
+    return False
 
 
 def _undecodable(stream: BinaryIO, encoding: str) -> str:
