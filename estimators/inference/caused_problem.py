@@ -10,6 +10,7 @@ import numpy as np
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.estimators.blocks.correlated import whiten
 from rotorfit.estimators.inference.constrained_minima import damped_steps, kept_of_one_sign, solved
+from rotorfit.estimators.inference.covariance import prior_curvature
 from rotorfit.estimators.inference.linear_causes import LinearCauses
 from rotorfit.estimators.inference.log_posterior import box
 from rotorfit.estimators.minimisation.least_squares import Options, Status, minimise
@@ -57,7 +58,8 @@ class CausedProblem:
         or near a bound."""
         _, J = self.problem.jacobian(self.start[: self.count])
         rows = np.ascontiguousarray(J.T).view(float)
-        covar, _ = inverse_of_determined(rows @ rows.T)
+        known = np.diag(prior_curvature(self.problem, self.start[: self.count]))
+        covar, _ = inverse_of_determined(rows @ rows.T + known)
         taken = -covar @ (rows @ self.causes.rows)
         taken[[prior.entry for prior in self.problem.priors]] = 0.0
         x, (lower, upper), far = self.start[: self.count], box(self.problem), 6 * np.linalg.norm(taken, axis=1)

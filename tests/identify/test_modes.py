@@ -55,7 +55,6 @@ def test_the_command_gives_the_modes_too(fit: rf.FitResult, tmp_path: Path) -> N
         == 0
     )
     table = pd.read_csv(tmp_path / "modes.csv")
-    fit = rf.fit(fit.model, fit.experiments, known=fit.settings.known)  # as the command has it, with causes
     for number, (mode, row) in enumerate(zip(fit.modes(), table.itertuples(), strict=True), 1):
         assert mode.mass is not None
         assert row.mode == number

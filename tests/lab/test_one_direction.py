@@ -208,7 +208,8 @@ def test_accelerances_of_universal_files_have_even_noise_in_acceleration_too(tmp
         "data": -(one.frequency**2) * one.response / 5.0, "binary": 0,
     }  # fmt: skip
     pyuff.UFF(str(tmp_path / "a.uff")).write_sets([record], mode="overwrite")
-    found = rf.read(tmp_path / "a.uff")
+    with pytest.warns(UserWarning, match="no unit is said"):
+        found = rf.read(tmp_path / "a.uff")
     assert isinstance(found, PerturbationTest)
     assert (found.derivative == 2).all()
     np.testing.assert_allclose(found.response, one.response / 5.0, rtol=1e-5)

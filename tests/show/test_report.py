@@ -253,7 +253,7 @@ def test_groups_outliers_priors_and_closed_form(tmp_path: Path) -> None:
     assert "start={'D': 300.0}" in page.shown
     closed = rf.closed_form(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
     page = report_of(closed, tmp_path / "report.html")
-    assert "fit = rf.closed_form(model, experiments, known={'K3': 6000.0})" in page.shown
+    assert "fit = rf.closed_form(model, experiments, known={'K3': 6000.0}" in page.shown
     assert "rotorfit fit" not in page.shown
 
 

@@ -176,17 +176,21 @@ def judged(
     beside = _beside(problem, solution, settings)
     at = problem if beside is None else beside.problem
     study = study_residuals(at, solution.x, beside) if studied else None
-    if beside is not None:
-        solution = replace(solution, x=beside.x)
     if study is not None and study.found is not None:
         offsets, settings = settings.phase_offsets, replace(settings, noise=study.found)
-        before = dict(zip((*problem.space.names, *problem.space.nuisance), solution.x.tolist(), strict=True))
-        model = problem.space.model
+        names, model = (*problem.space.names, *problem.space.nuisance), problem.space.model
         problem = build_problem(model, experiments, settings) if offsets else with_noise(problem, study.found)
-        begin = np.array([before.get(name, 0.0) for name in (*problem.space.names, *problem.space.nuisance)])
-        again = solve(problem, begin, Options(max_iterations=settings.max_iterations, method=settings.method))
+        now = (*problem.space.names, *problem.space.nuisance)
+
+        def named(x: Float) -> Float:
+            before = dict(zip(names, x.tolist(), strict=True))
+            return np.array([before.get(name, 0.0) for name in now])
+
+        again = solve(
+            problem, named(solution.x), Options(max_iterations=settings.max_iterations, method=settings.method)
+        )
         solution = replace(again, n_evaluations=solution.n_evaluations + again.n_evaluations)
-        beside = _beside(problem, solution, settings, None if beside is None else (begin, beside))
+        beside = _beside(problem, solution, settings, None if beside is None else (named(beside.x), beside))
     if beside is not None:
         problem, solution = beside.problem, replace(solution, x=beside.x)
     return judge(problem, experiments, settings, start, solution, notes, study, beside)

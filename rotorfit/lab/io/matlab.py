@@ -79,7 +79,7 @@ def read_mat(path: str | Path) -> Experiment:
 
 def _refuse_bare_responses(columns: Mapping[str, NDArray[Any]], source: str) -> None:
     """Refuse frequencies and complex responses alone, as analysers export f and H, with what makes a test of them."""
-    if "response" in columns or "frequency" in columns:
+    if {"response", "frequency", "kind"} & columns.keys():
         return
     complex_ones = [name for name, values in columns.items() if values.dtype.kind == "c"]
     lengths = {name: values.size for name, values in columns.items() if values.dtype.kind in "fiu" and values.size > 1}
