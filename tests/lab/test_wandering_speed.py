@@ -207,7 +207,8 @@ def test_responses_of_a_recording_have_the_speed_at_their_own_moment(tmp_path: P
     """A wander of 1 % in eight seconds: with the mean speed lam is 0.23 % off and redchi 45."""
     paths = recorded_sweeps(tmp_path, 0.01, measured=measured)
     setup = tmp_path / "rig.toml" if measured else None
-    test = rf.responses([rf.read_recording(path, setup) for path in paths])
+    # A rotor without unbalance moves once per turn by the backward sweep alone: as probes exchanged.
+    test = rf.responses([rf.read_recording(path, setup) for path in paths], on_finding=lambda finding: None)
     assert 0.005 < np.std(test.speed) / np.mean(test.speed) < 0.02
     fit = plain_fit(rf.models.OneMode(planes=("disk",)), test, known=KNOWN)
     steady = plain_fit(rf.models.OneMode(planes=("disk",)), replace(test, speed=test.set_speed), known=KNOWN)
