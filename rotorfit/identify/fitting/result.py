@@ -370,7 +370,7 @@ class FitResult:
         """The error of a result by its derivatives, share by share: all that is printed with an error comes from here.
 
         Args:
-            slopes: by names of fitted and of known values, and of causes with ``cause `` before them.
+            slopes: by names of fitted and of known values, and by ``"cause NAME"`` of causes.
 
         Returns:
             ``None`` where no causes were solved.

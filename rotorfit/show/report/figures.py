@@ -38,7 +38,10 @@ def figure_sections(material: ReportInput) -> tuple[list[Html], list[Html]]:
     fit = material.fit
     of_data = []
     for figure in figures_of(fit) if material.figure_format != "none" else ():
-        picture_in = embedded(material, figure.name, getattr(fit.plot, figure.name), figure.caption)
+        words = figure.caption
+        if fit.settings.solved is not None and "Points: measured" in words:
+            words += " What causes beside the model were found to add is taken out of the points."
+        picture_in = embedded(material, figure.name, getattr(fit.plot, figure.name), words)
         of_data.append(section(figure.title, picture_in, figure=True))
     first, further = [*of_data[:1], section("Stability", *_stability(material))], of_data[1:]
     if fit.responses:
