@@ -68,6 +68,21 @@ def test_the_fit_in_the_store_is_that_of_the_test(store: rf.Store, tmp_path: Pat
     assert store.problems() == ()
 
 
+def test_what_tests_of_a_machine_have_in_common_is_no_scatter(store: rf.Store, tmp_path: Path) -> None:
+    """Gains on trust are the same in every test: trends and alarms weigh a value by the rest of its error."""
+    [file] = days(tmp_path, 1)
+    store.add([file], STUDY)
+    [fit] = store.fits
+    own = rf.fit(rf.models.OneMode(), rf.read(file), known=STUDY["known"])
+    for name, p in own.params.items():
+        if p.vary:
+            assert fit.params[name].scatter == pytest.approx(np.hypot(p.noise, p.bounded), rel=1e-6), name
+    onset = own.threshold_speed().error
+    assert onset is not None
+    assert fit.params["threshold_speed"].scatter == pytest.approx(np.hypot(onset.noise, onset.bounded), rel=1e-3)
+    assert fit.params["D"].scatter < 0.5 * fit.params["D"].stderr
+
+
 def test_settings_are_the_same_in_any_order(store: rf.Store, tmp_path: Path) -> None:
     [file] = days(tmp_path, 1)
     (tmp_path / "study.toml").write_text(

@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 from plain import plain_fit
+from sentences import refuses
 from synthetic import SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
@@ -40,6 +41,8 @@ def test_summary_profile_and_budget_have_one_unit_and_say_what_is_extrapolated(o
     row = next(line for line in str(open_sum.budget()).splitlines() if line.startswith("threshold speed"))
     assert row.endswith("rpm")
     assert float(row.split()[2]) == rpm
+    with refuses(KeyError):
+        open_sum.budget()["lamda"]
 
 
 def test_groups_stand_in_the_order_of_their_numbers():

@@ -34,8 +34,13 @@ class StoredValue:
 
     value: float  # estimate, NaN where the data do not determine it
     stderr: float  # its standard error
-    systematic: float  # standard uncertainty by what the model leaves out or takes as known
+    systematic: float  # share of it on trust: sizes of causes, which the tests of a machine have in common
     unit: str  # SI unit
+
+    @property
+    def scatter(self) -> float:
+        """What differs from test to test: the noise, and causes that each test finds anew."""
+        return math.sqrt(max(self.stderr**2 - self.systematic**2, 0.0))
 
     def __str__(self) -> str:
         if not math.isfinite(self.value):
@@ -178,12 +183,13 @@ def fit_row(outcome: Outcome | str) -> dict[str, Any]:
 
 
 def values_of(fit: FitResult) -> list[tuple[str, float | None, float | None, float | None, str]]:
-    """Name, value, standard error, systematic share and unit of what was fitted, and of the threshold speed."""
-    rows = [(p.name, p.value, p.stderr, p.systematic, p.unit, p.resolved) for p in fit.params.values() if p.vary]
+    """Name, value, standard error, its share on trust and unit of what was fitted, and of the threshold speed."""
+    rows = [(p.name, p.value, p.stderr, p.trust, p.unit, p.resolved) for p in fit.params.values() if p.vary]
     if fit.model.speed_dependent and fit.success and fit.problem.space.index.shape[0] == 1:
         onset = fit.threshold_speed()
         known = math.isfinite(onset.value) and math.isfinite(onset.stderr)
-        rows.append((THRESHOLD, onset.value, onset.stderr, onset.systematic, "rad/s", known))
+        trust = 0.0 if onset.error is None else onset.error.trust
+        rows.append((THRESHOLD, onset.value, onset.stderr, trust, "rad/s", known))
     return [
         (name, *((value, error, share) if known and math.isfinite(error) else (None, None, None)), unit)
         for name, value, error, share, unit, known in rows

@@ -326,7 +326,7 @@ class Store:
         for test, fit in self.history(study=study, machine=machine, since=since):
             if fit.good:
                 chosen = {name: fit.params[name] for name in followed(names, fit)}
-                values = {name: (value.value, value.stderr) for name, value in chosen.items()}
+                values = {name: (value.value, value.scatter) for name, value in chosen.items()}
                 units = {name: value.unit for name, value in chosen.items()}
                 source = test.sources[0]
                 entries.append(

@@ -89,7 +89,7 @@ def _watched(name: str, history: History) -> WatchedValues:
         unit=rows[0][1].unit if rows else "",
         tests=tuple(number for number, _ in rows),
         value=np.array([value.value for _, value in rows]),
-        stderr=np.array([value.stderr for _, value in rows]),
+        stderr=np.array([value.scatter for _, value in rows]),
         systematic=np.array([value.systematic for _, value in rows]),
     )
 
@@ -107,7 +107,7 @@ def _alarm_json(state: MachineState, rule: Rule) -> dict[str, Any]:
         "date": test.date,
         "source": test.sources[0],
         "value": float(rule.watched.value[place]),
-        "stderr": float(rule.watched.stderr[place]),
+        "stderr": float(np.hypot(rule.watched.stderr[place], rule.watched.systematic[place])),
         "unit": rule.watched.unit,
         "evidence": float(rule.evidence[place]),
         "limit": rule.limit,

@@ -10,6 +10,7 @@ import numpy as np
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import two_digits, with_error
+from rotorfit.base.names import unknown_name
 from rotorfit.base.significance import quantile
 from rotorfit.base.text_table import Printed, text_table
 from rotorfit.base.units import RPM_PER_RAD_S
@@ -77,7 +78,10 @@ class Budget(Printed):
     correlation: Float
 
     def __getitem__(self, name: str) -> BudgetRow:
-        return {row.name: row for row in self.rows}[name]
+        for row in self.rows:
+            if row.name == name:
+                return row
+        raise KeyError(unknown_name("result", name, [row.name for row in self.rows]))
 
     @property
     def main_causes(self) -> tuple[str, ...]:

@@ -27,8 +27,8 @@ class WatchedValues:
     unit: str  # its unit
     tests: tuple[int, ...]  # numbers of the tests, shape ``(N,)`` like all that follow
     value: Float  # estimates
-    stderr: Float  # their standard errors
-    systematic: Float  # standard uncertainties by what the model leaves out or takes as known
+    stderr: Float  # their standard errors, without what all tests have in common
+    systematic: Float  # standard uncertainties by that
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
