@@ -77,7 +77,7 @@ def find_change(values: Float, *, orders: int = 1999, seed: int = 0) -> Change:
     statistic = _distances(white)
     split = int(np.argmax(statistic))
     random = np.random.default_rng(seed)
-    chance = _distances(white[random.permuted(np.tile(np.arange(n), (orders, 1)), axis=1)]).max(axis=-1)
+    chance = _by_chance(white, orders, random)
     index = split + FEWEST_DATES
     before, after = values[:index], values[index:]
     residual = np.vstack([before - before.mean(axis=0), after - after.mean(axis=0)])
@@ -91,6 +91,18 @@ def find_change(values: Float, *, orders: int = 1999, seed: int = 0) -> Change:
         freedom=n - 2,
         p_value=float((1 + np.sum(chance >= statistic[split] * (1 - 1e-12))) / (1 + orders)),
     )
+
+
+def _by_chance(white: Float, orders: int, random: np.random.Generator) -> Float:
+    """Largest squared distance in each of so many orders of the dates, a few at a time: all would take orders x N."""
+    numbers = 1 << 18  # taken at a time. Chosen
+    at_a_time = max(1, numbers // white.size)
+    found = np.empty(orders)
+    for begin in range(0, orders, at_a_time):
+        part = found[begin : begin + at_a_time]
+        order = random.permuted(np.tile(np.arange(len(white)), (len(part), 1)), axis=1)
+        part[:] = _distances(white[order]).max(axis=-1)
+    return found
 
 
 def _distances(white: Float) -> Float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -73,6 +75,17 @@ def test_a_change_without_cause_is_as_rare_as_promised() -> None:
     low, high = stats.binom.interval(0.9999, 300, 0.05)
     assert low <= np.sum(p <= 0.05) <= high
     assert stats.kstest(p, "uniform").pvalue > 1e-4
+
+
+def test_thousands_of_dates_take_no_room_for_every_order() -> None:
+    """The orders of 4,000 dates, all at once, would be 64 MB of indices alone."""
+    values = np.random.default_rng(7).normal(size=(4000, 4))
+    tracemalloc.start()
+    found = find_change(values)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2e7
+    assert found.p_value > 0.01
 
 
 def test_a_support_that_loosens_is_found_dated_and_named() -> None:
