@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -346,3 +347,27 @@ def test_a_report_says_why_a_rotor_cannot_be_judged(tmp_path: Path, monkeypatch:
     with refuses(ValueError):
         fit.stability_report(max_speed_rpm=RUNNING * RPM)
     assert "cannot be judged" in report_of(fit, tmp_path / "report.html").shown
+
+
+def test_many_rotors_of_a_few_modes_are_judged_in_little_memory() -> None:
+    """Amplitudes by the dynamic stiffness of each rotor alone; a modal rotor has auxiliary coordinates."""
+    model = rf.models.Modal(planes=("inner", "outer"), modes=2)
+    size = np.array([q.scale for q in model.parameters])
+    rng, count = np.random.default_rng(0), 2000
+    theta = size * (1 + 0.1 * rng.normal(size=(count, size.size)))
+    speed = np.linspace(20.0, 200.0, 400)
+    rotors = Rotors(model=model, theta=theta, terms=(), sizes=np.zeros((count, 0)), coupling={})
+    tracemalloc.start()
+    try:
+        found = rotors.response(speed, "outer", {"inner": 3e-5})
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 5 * found.nbytes
+    force = model.force_vector("inner", speed, 3e-5 * speed**2)
+    for number in (0, count - 1):
+        motion = np.linalg.solve(model.dynamic_stiffness(theta[number], speed, speed), force[..., None])[..., 0]
+        x, y = (motion[:, model.coordinate("outer", axis)] for axis in ("x", "y"))
+        turn = np.exp(1j * np.linspace(0.0, 2 * np.pi, 721))[:, None]
+        orbit = np.hypot((x * turn).real, (y * turn).real).max(axis=0)
+        assert found[number] == pytest.approx(orbit, rel=1e-5)  # by half a degree of the turn

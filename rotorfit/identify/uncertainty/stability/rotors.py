@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,11 +17,12 @@ from rotorfit.identify.fitting.causes.slopes import onset_slopes
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models import RotorModel, eigenvalues
 from rotorfit.models.coefficient_tables import loop_stiffness
+from rotorfit.models.line_terms import Weights
 from rotorfit.models.motion.neglected_terms import LeftOut, eigenvalues_with
 from rotorfit.models.motion.stability import counted, spectrum, whirls_forward
 
-_BLOCK = 200
-"""Rotors whose responses at all speeds are computed together, some tens of megabytes."""
+_BLOCK = 1 << 19
+"""Numbers that the coefficients of all rotors of a block hold at all speeds, eight megabytes."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -105,14 +106,14 @@ class Rotors:
         return [(term, size) for term, size in zip(self.terms, self.sizes.T, strict=True) if isinstance(term, LeftOut)]
 
     def at(self, speed: Float, some: slice = slice(None)) -> Float:
-        """Parameter vectors at speeds ``(S,)``, shape ``(W, S, P)``."""
+        """Parameter vectors at speeds ``(S,)``, shape ``(W, S, P)``, ``(W, 1, P)`` where they are the same at all."""
         theta = self.theta[some, None]
-        changes = np.zeros((len(theta), speed.size, theta.shape[-1]))
+        at = theta
         for act, size in zip(self.terms, self.sizes[some].T, strict=True):
             values = None if isinstance(act, LeftOut) else act.values_at(self.model, theta, speed)
             if values is not None:
-                changes += size[:, None, None] * values
-        return theta + changes
+                at = at + size[:, None, None] * values
+        return np.asarray(at)
 
     def _motion(self, speed: float) -> ComplexArray:
         """Coefficient matrices of free motion with the coupling, shape ``(W, order + 1, n, n)``."""
@@ -127,19 +128,28 @@ class Rotors:
     def response(self, speed: Float, plane: str, unbalance: Mapping[str, float]) -> Float:
         """Largest deflection, m, over a turn, by unbalances, kg m at planes, at speeds ``(S,)``; shape ``(W, S)``."""
         model = self.model
-        force = sum((model.force_vector(at, speed, mr * speed**2) for at, mr in unbalance.items()), start=np.zeros(1))
+        force = np.zeros((speed.size, len(model.coordinates)), dtype=complex)
+        for at, mr in unbalance.items():
+            force += model.force_vector(at, speed, mr * speed**2)
         read = [i for i, c in enumerate(model.coordinates) if c.plane == plane and c.axis in "zxy"]
-        blocks = []
-        for first in range(0, len(self.theta), _BLOCK):
-            some = slice(first, first + _BLOCK)
-            stiffness: ComplexArray = model.dynamic_stiffness(self.at(speed, some), speed, speed)
-            stiffness = stiffness + self._added(np.asarray(1j * speed), speed, some)
-            phasors = np.linalg.solve(stiffness, np.broadcast_to(force[..., None], (*stiffness.shape[:-1], 1)))
-            x, y = phasors[..., read[0], 0], phasors[..., read[-1], 0]
+        weights = model.weights
+
+        def largest(some: slice) -> Float:
+            theta, s = self.at(speed, some), np.asarray(1j * speed)
+            if weights is not None:
+                values = model.line_terms(theta, s, force).values
+                first, last = (_seen(weights, theta[:, 0], values, i) for i in (read[0], read[-1]))
+            else:
+                stiffness: ComplexArray = model.dynamic_stiffness(theta, speed, speed)
+                stiffness = stiffness + self._added(s, speed, some)
+                phasors = np.linalg.solve(stiffness, force[..., None])
+                first, last = (np.asarray(phasors[..., i, 0], dtype=complex) for i in (read[0], read[-1]))
             # Major half-axis of the orbit, of phasors of z or of x and y.
-            own = np.abs(x) if len(read) == 1 else (np.abs(x + 1j * y) + np.abs(x - 1j * y)) / 2
-            blocks.append(np.asarray(own))
-        return np.concatenate(blocks)
+            if len(read) == 1:
+                return np.abs(first)
+            return np.asarray(np.abs(first + 1j * last) + np.abs(first - 1j * last)) / 2
+
+        return np.concatenate([largest(some) for some in self._blocks(speed.size)])
 
     def sensitivity(self, w: Float, speed: float, plane: str) -> Float:
         """Modulus of the sensitivity function of the force at a plane at frequencies ``(N,)``, shape ``(W, N)``.
@@ -149,14 +159,19 @@ class Rotors:
         """
         model, at, s = self.model, self.model.coordinate(plane, "z"), np.asarray(1j * w)
         speeds, blocks = np.full(w.size, speed), []
-        for first in range(0, len(self.theta), _BLOCK):
-            some = slice(first, first + _BLOCK)
+        for some in self._blocks(w.size):
             theta = self.at(np.array([speed]), some)
             stiffness: ComplexArray = model.dynamic_stiffness(theta, w, speeds)
             stiffness = stiffness + self._added(s, speeds, some)
             force = loop_stiffness(model, theta[:, 0], s, speed, plane)
             blocks.append(np.abs(1 - np.linalg.inv(stiffness)[..., at, at] * force))
         return np.concatenate(blocks)
+
+    def _blocks(self, lines: int) -> Iterator[slice]:
+        """Rotors that are computed together at some lines."""
+        size = lines * (self.model.order + 1) * len(self.model.coordinates) ** 2
+        step = max(_BLOCK // size, 1)
+        return (slice(first, first + step) for first in range(0, len(self.theta), step))
 
     def _added(self, s: ComplexArray, speed: Float, some: slice) -> ComplexArray:
         """Dynamic stiffness of the terms and the coupling at the coordinates, shape ``(W, S, n, n)``."""
@@ -170,6 +185,12 @@ class Rotors:
             for i, j, unit in _skew(self.model, plane):
                 total[..., i, j] += unit * stiffness[some, None]
         return total
+
+
+def _seen(weights: Weights, theta: Float, values: ComplexArray, coordinate: int) -> ComplexArray:
+    """What a coordinate does by sums of terms ``(W, T, S)`` of rotors ``(W, P)``, shape ``(W, S)``."""
+    own = weights.of(theta, coordinate)
+    return np.asarray((own[:, None] @ values[:, weights.seen(coordinate)])[:, 0])
 
 
 def decrement(s: ComplexArray) -> Float:
