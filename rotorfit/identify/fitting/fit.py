@@ -24,7 +24,7 @@ from rotorfit.estimators.starting.shaft_line_starts import has_lines
 from rotorfit.estimators.starting.start_points import CLOSED_FORM, EARLIER_FIT, Start, search_scale
 from rotorfit.estimators.starting.starts import find_start
 from rotorfit.identify.fitting.causes.calibration import Calibration
-from rotorfit.identify.fitting.causes.solution import JointSearch, search, solved_before
+from rotorfit.identify.fitting.causes.solution import NEGLIGIBLE, JointSearch, search, solved_before
 from rotorfit.identify.fitting.judge import judge, with_model_uncertainty
 from rotorfit.identify.fitting.noise.error_bars import with_noise
 from rotorfit.identify.fitting.noise.study import study_residuals
@@ -173,9 +173,10 @@ def judged(
     notes = (*left_out, *start.notes)
     # A minimum along a whole line is one.
     studied = settings.loss == "linear" and (solution.success or solution.status is Status.SINGULAR)
-    beside = _beside(problem, solution, settings)
+    beside = _beside(problem, solution, settings, for_noise=studied)
     at = problem if beside is None else beside.problem
     study = study_residuals(at, solution.x, beside) if studied else None
+    begin, again = None if beside is None else beside.x, beside is not None and beside.missed >= NEGLIGIBLE
     if study is not None and study.found is not None:
         offsets, settings = settings.phase_offsets, replace(settings, noise=study.found)
         names, model = (*problem.space.names, *problem.space.nuisance), problem.space.model
@@ -186,23 +187,29 @@ def judged(
             before = dict(zip(names, x.tolist(), strict=True))
             return np.array([before.get(name, 0.0) for name in now])
 
-        again = solve(
-            problem, named(solution.x), Options(max_iterations=settings.max_iterations, method=settings.method)
-        )
-        solution = replace(again, n_evaluations=solution.n_evaluations + again.n_evaluations)
-        beside = _beside(problem, solution, settings, None if beside is None else (named(beside.x), beside))
+        options = Options(max_iterations=settings.max_iterations, method=settings.method)
+        closer = solve(problem, named(solution.x), options)
+        solution = replace(closer, n_evaluations=solution.n_evaluations + closer.n_evaluations)
+        begin, again = None if begin is None else named(begin), True
+    if again:
+        beside = _beside(problem, solution, settings, None if begin is None or beside is None else (begin, beside))
     if beside is not None:
         problem, solution = beside.problem, replace(solution, x=beside.x)
     return judge(problem, experiments, settings, start, solution, notes, study, beside)
 
 
 def _beside(
-    problem: Problem, solution: Solution, settings: FitSettings, begin: tuple[Float, JointSearch] | None = None
+    problem: Problem,
+    solution: Solution,
+    settings: FitSettings,
+    begin: tuple[Float, JointSearch] | None = None,
+    *,
+    for_noise: bool = False,
 ) -> JointSearch | None:
     """The fitted values solved with causes, where these were asked for and the search found an optimum."""
     if settings.causes is None or not (solution.success or solution.status is Status.SINGULAR):
         return None
-    return search(problem, solution.x, settings.sizes, settings.calibration, begin=begin)
+    return search(problem, solution.x, settings.sizes, settings.calibration, begin=begin, for_noise=for_noise)
 
 
 def closed_form(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -50,6 +51,7 @@ class JointSearch:
     plain: Float  # fitted vector without causes
     plain_square: float  # sum of squares there
     square: float  # sum of squares with them, what is known of them before the data included
+    missed: float  # square by which the residuals miss those that the derivatives promised
     raised: tuple[str, ...] = ()  # as of :class:`SolvedCauses`
     factor: float = 1.0  # likewise
 
@@ -68,6 +70,16 @@ class JointSearch:
         what the fitted values take up would seem to be told by the data. ``widening``: variance of the residuals over
         that of the noise. Noise that is larger than given weighs the data less. A misfit that no listed cause explains
         widens all errors alike, lest causes be found that are not there."""
+        if widening > UNLISTED:
+            return replace(self._as_weighed, widened=widening)
+        return self._as_weighed if widening == 1 else self._errors(widening)
+
+    @cached_property
+    def _as_weighed(self) -> JointErrors:
+        """The errors where the noise is what the problem takes it for."""
+        return self._errors(1.0)
+
+    def _errors(self, noise_factor: float) -> JointErrors:
         r = self.problem.residuals(self.x)
         root = np.sqrt(robust_weights(self.problem.loss, np.abs(r) ** 2)[1])[:, None]
         J = self.J * root
@@ -79,8 +91,7 @@ class JointSearch:
             inverse=inverse_of_determined(information)[0],
             size=self.before,
             one_sided=self.one_sided,
-            noise_factor=1.0 if widening > UNLISTED else widening,
-            widened=widening if widening > UNLISTED else 1.0,
+            noise_factor=noise_factor,
         )
         # The sizes that go with the fitted values: along what nothing determines, others are as good.
         return replace(found, free=self.sizes)
@@ -89,7 +100,9 @@ class JointSearch:
 PULLED = 3.0
 """Pull from which a size is too small for what the data show, once in 370 where it is right. Chosen."""
 NEGLIGIBLE = 0.01
-"""Fall of the sum of squares ahead from which the derivatives are those of the optimum: a tenth of a standard error."""
+"""Square by which residuals may miss those that the derivatives promise: a tenth of a standard error of any result."""
+NOISE_LIKE = 0.2
+"""The same over the scatter of the sum of squares, where the residuals are only to be studied. Chosen."""
 UNLISTED = 1.3
 """Mean square of residuals from which no listed cause explains the misfit. Chosen."""
 
@@ -101,6 +114,7 @@ def search(
     calibration: Calibration | None = None,
     *,
     begin: tuple[Float, JointSearch] | None = None,
+    for_noise: bool = False,
 ) -> JointSearch | None:
     """Solve for causes beside fitted values from their optimum without any; nothing where the list is empty.
 
@@ -113,6 +127,7 @@ def search(
         given, calibration: as for :func:`~rotorfit.identify.fitting.causes.listing.listed`.
         begin: fitted vector and causes where another search ended: effects of runs, which would pass for causes at
             their optimum without any, are to be solved about these.
+        for_noise: solve only as closely as a study of the residuals asks for.
     """
     causes = listed(problem, x, given, calibration)
     if not causes:
@@ -121,7 +136,8 @@ def search(
     if begin is not None:
         before = {cause.name: size for cause, size in zip(begin[1].causes, begin[1].sizes.tolist(), strict=True)}
         known = begin[0], np.array([before.get(cause.name, 0.0) for cause in causes])
-    found = _solved(problem, x, causes, known)
+    near = NOISE_LIKE * math.sqrt(2 * problem.n_data) if for_noise else NEGLIGIBLE
+    found = _solved(problem, x, causes, near, known)
     raised: dict[str, None] = {}
     for _ in range(3):
         errors = found.errors(1.0)
@@ -133,32 +149,36 @@ def search(
         raised |= dict.fromkeys(np.array([cause.name for cause in causes])[pulled].tolist())
         sizes = np.where(pulled, np.abs(errors.value), [cause.size for cause in causes]).tolist()
         causes = tuple(replace(cause, size=size) for cause, size in zip(causes, sizes, strict=True))
-        found = _solved(problem, x, causes, (found.x, found.sizes))
+        found = _solved(problem, x, causes, near, (found.x, found.sizes))
     told = errors.determined > 0.3  # which the data tell well enough for their pulls to say something
     factor = error_factor(errors.pull[told].tolist()) if found.square <= UNLISTED * (problem.n_data - x.size) else 1.0
     if factor > 1:
         causes = tuple(replace(cause, size=factor * cause.size) for cause in causes)
-        found = _solved(problem, x, causes, (found.x, found.sizes))
-    return replace(found, raised=tuple(raised), factor=factor)
+        found = _solved(problem, x, causes, near, (found.x, found.sizes))
+    return replace(found, raised=tuple(raised), factor=factor) if raised or factor > 1 else found
 
 
 def _solved(
-    problem: Problem, x: Float, causes: tuple[Cause, ...], known: tuple[Float, Float] | None = None
+    problem: Problem, x: Float, causes: tuple[Cause, ...], near: float, known: tuple[Float, Float] | None = None
 ) -> JointSearch:
-    """Gauss-Newton steps on fitted values and causes, from where they are known to be close to, or from none."""
+    """Gauss-Newton steps on fitted values and causes, from where they are known to be close to, or from none, until the
+    residuals are those that the derivatives promised but for a square of ``near``. What one more step would gain is at
+    most that."""
     size = np.array([cause.size for cause in causes])
     one_sided = np.array([cause.one_sided for cause in causes])
     at = begin = _Point.of(problem, x, causes, np.zeros(size.size), size)
     if known is not None:
         close = _Point.of(problem, known[0], causes, known[1], size)
         at = close if close.square < begin.square else begin
-    told = _told(problem, x)
-    # Mostly three; many more would let the search wander along what nothing determines.
+    told, left = None, math.inf
+    # Mostly one or two; many more would let the search wander along what nothing determines.
     for _ in range(6):
         B, (r, J) = columns(at.problem, at.x, causes), at.problem.jacobian(at.x)
+        curvature, slope = prior_curvature(problem, at.x), prior_slope(problem, at.x)
+        if told is None:
+            told = _told(J, curvature) if at is begin else _told(problem.jacobian(x)[1], prior_curvature(problem, x))
         J = J @ told
         root = np.sqrt(robust_weights(problem.loss, np.abs(r) ** 2)[1])
-        curvature, slope = prior_curvature(problem, at.x), prior_slope(problem, at.x)
         dx, sizes, square = joint_step(
             (r - B @ at.sizes) * root,
             J * root[:, None],
@@ -170,8 +190,12 @@ def _solved(
         )
         now = float(np.sum(np.abs(r * root) ** 2) + np.sum((at.sizes / size) ** 2) - (2 * slope + curvature * dx) @ dx)
         ahead = _accepted(problem, at, causes, dx, sizes - at.sizes, size)
-        at = ahead or at
-        if ahead is None or now - square < NEGLIGIBLE:
+        if ahead is None:
+            left = 0.0
+            break
+        missed = (ahead.residuals - r - J @ dx - B @ (sizes - at.sizes)) * root
+        at, left = ahead, min(now - square, float(np.vdot(missed, missed).real))
+        if left < near:
             break
     plain = problem.predict(at.x)
     shift = tuple(
@@ -182,26 +206,25 @@ def _solved(
     )
     return JointSearch(
         problem=shifted(problem, shift), x=at.x, causes=causes, sizes=at.sizes, J=J,
-        columns=B, shift=shift, plain=x, plain_square=begin.square, square=at.square,
+        columns=B, shift=shift, plain=x, plain_square=begin.square, square=at.square, missed=left,
     )  # fmt: skip
 
 
-def _told(problem: Problem, x: Float) -> Float:
+def _told(J: ComplexArray, curvature: Float) -> Float:
     """Projection of the fitted vector onto what the data tell where no cause acts, shape ``(p, p)``. A cause may make
     alike values act apart, but says nothing of them: it is not known itself."""
-    J = problem.jacobian(x)[1]
-    information = np.asarray((J.conj().T @ J).real) + np.diag(prior_curvature(problem, x))
+    information = np.asarray((J.conj().T @ J).real) + np.diag(curvature)
     return np.asarray(inverse_of_determined(information)[0] @ information)
 
 
 def solved_before(problem: Problem, x: Float, solved: SolvedCauses) -> JointSearch:
     """Causes that were solved already, beside fitted values of the problem with their effect taken out."""
     acting = with_causes(problem, x, solved.causes, solved.errors.value)
-    J = acting.jacobian(x)[1] @ _told(problem, x)
+    J = acting.jacobian(x)[1] @ _told(problem.jacobian(x)[1], prior_curvature(problem, x))
     return JointSearch(
         problem=problem, x=x, causes=solved.causes, sizes=solved.errors.value, J=J,
         columns=columns(acting, x, solved.causes), shift=solved.shift, plain=solved.plain,
-        plain_square=solved.plain_square, square=math.nan, raised=solved.raised, factor=solved.factor,
+        plain_square=solved.plain_square, square=math.nan, missed=0.0, raised=solved.raised, factor=solved.factor,
     )  # fmt: skip
 
 
@@ -231,16 +254,18 @@ class _Point:
     problem: Problem
     x: Float
     sizes: Float
+    residuals: ComplexArray
     square: float
 
     @classmethod
     def of(cls, problem: Problem, x: Float, causes: Sequence[Cause], sizes: Float, before: Float) -> _Point:
         """Evaluate."""
         own = with_causes(problem, x, causes, sizes)
-        rho = robust_weights(problem.loss, np.abs(own.residuals(x)) ** 2)[0]
+        residuals = own.residuals(x)
+        rho = robust_weights(problem.loss, np.abs(residuals) ** 2)[0]
         priors = sum(2 * float(prior.terms(float(x[prior.entry]))[0]) for prior in problem.priors)
         square = float(rho.sum()) + float(np.sum((sizes / before) ** 2)) + priors
-        return cls(problem=own, x=x, sizes=sizes, square=square)
+        return cls(problem=own, x=x, sizes=sizes, residuals=residuals, square=square)
 
 
 def _accepted(
