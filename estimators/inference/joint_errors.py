@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -88,8 +88,6 @@ class JointErrors:
         inverse: Float,
         size: Float,
         one_sided: Bool,
-        noise_factor: float = 1.0,
-        widened: float = 1.0,
     ) -> JointErrors:
         """Solve for causes beside fitted values.
 
@@ -99,19 +97,22 @@ class JointErrors:
             inverse: covariance of the fitted vector by the noise alone, at unit noise, priors of the vector included.
             size: standard uncertainty of each cause before the data.
             one_sided: causes that are never negative.
-            noise_factor: variance of the residuals over that of the noise.
-            widened: factor on all variances.
         """
         rows, own = _real(J), _real(B)
         moves = -inverse @ (rows.T @ own)
         seen = own + rows @ moves  # what the fitted values do not take up
         scaled = seen * size
-        covar = _inverse_beside_one(scaled / math.sqrt(noise_factor))
+        covar = _inverse_beside_one(scaled)
         residual = np.concatenate([r.real, r.imag])
-        free = -size * (covar @ (scaled.T @ residual)) / noise_factor
-        return cls(
-            size=size, one_sided=one_sided, free=free, covar=covar * np.outer(size, size), moves=moves, widened=widened
-        )
+        free = -size * (covar @ (scaled.T @ residual))
+        return cls(size=size, one_sided=one_sided, free=free, covar=covar * np.outer(size, size), moves=moves)
+
+    def in_noise(self, factor: float) -> JointErrors:
+        """The same where the variance of the noise is a factor larger, at the same sizes."""
+        unit = np.outer(self.size, self.size)
+        left, basis = np.linalg.eigh(self.covar / unit)
+        left = np.clip(left, 0.0, 1.0)
+        return replace(self, covar=((basis * (factor * left / (1 + (factor - 1) * left))) @ basis.T) * unit)
 
     @cached_property
     def value(self) -> Float:

@@ -85,6 +85,14 @@ def test_the_share_on_trust_is_what_the_size_of_a_cause_brings(seed: int) -> Non
             assert trust[other] * step == pytest.approx(moved * problem.size[other], rel=1e-6, abs=1e-12)
 
 
+@pytest.mark.parametrize("factor", [1.2, 7.0])
+def test_larger_noise_is_the_same_as_readings_that_weigh_less(factor: float) -> None:
+    problem, less = Linear(3), Linear(3)
+    less.r, less.J, less.B = (part / np.sqrt(factor) for part in (less.r, less.J, less.B))
+    found, unit = problem.errors().in_noise(factor), np.outer(problem.size, problem.size)
+    np.testing.assert_allclose(found.covar / unit, less.errors().covar / unit, rtol=1e-8, atol=1e-12)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_a_cause_of_no_size_is_as_if_it_were_not_there(seed: int) -> None:
     problem = Linear(seed)

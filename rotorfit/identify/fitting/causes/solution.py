@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rotorfit.base.array_types import Bool, ComplexArray, Float
+from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.estimators.inference.causes import Cause, columns, with_causes
 from rotorfit.estimators.inference.covariance import prior_curvature, prior_slope
 from rotorfit.estimators.inference.joint_errors import JointErrors, error_factor, joint_step
@@ -56,30 +56,22 @@ class JointSearch:
     factor: float = 1.0  # likewise
 
     @property
-    def one_sided(self) -> Bool:
-        """Causes that are never negative."""
-        return np.array([cause.one_sided for cause in self.causes])
-
-    @property
     def before(self) -> Float:
         """Standard uncertainties of the causes before the data."""
         return np.array([cause.size for cause in self.causes])
 
     def errors(self, widening: float) -> JointErrors:
-        """The errors that the causes leave, by the derivatives where they act: beside those of the rotor without them,
-        what the fitted values take up would seem to be told by the data. ``widening``: variance of the residuals over
-        that of the noise. Noise that is larger than given weighs the data less. A misfit that no listed cause explains
-        widens all errors alike, lest causes be found that are not there."""
+        """The errors that the causes leave. ``widening``: variance of the residuals over that of the noise. Noise that
+        is larger than given weighs the data less. A misfit that no listed cause explains widens all errors alike, lest
+        causes be found that are not there."""
         if widening > UNLISTED:
-            return replace(self._as_weighed, widened=widening)
-        return self._as_weighed if widening == 1 else self._errors(widening)
+            return replace(self.weighed, widened=widening)
+        return self.weighed if widening == 1 else self.weighed.in_noise(widening)
 
     @cached_property
-    def _as_weighed(self) -> JointErrors:
-        """The errors where the noise is what the problem takes it for."""
-        return self._errors(1.0)
-
-    def _errors(self, noise_factor: float) -> JointErrors:
+    def weighed(self) -> JointErrors:
+        """The errors where the noise is what the problem takes it for, by the derivatives where the causes act: beside
+        those of the rotor without them, what the fitted values take up would seem to be told by the data."""
         r = self.problem.residuals(self.x)
         root = np.sqrt(robust_weights(self.problem.loss, np.abs(r) ** 2)[1])[:, None]
         J = self.J * root
@@ -90,8 +82,7 @@ class JointSearch:
             self.columns * root,
             inverse=inverse_of_determined(information)[0],
             size=self.before,
-            one_sided=self.one_sided,
-            noise_factor=noise_factor,
+            one_sided=np.array([cause.one_sided for cause in self.causes]),
         )
         # The sizes that go with the fitted values: along what nothing determines, others are as good.
         return replace(found, free=self.sizes)
@@ -140,7 +131,7 @@ def search(
     found = _solved(problem, x, causes, near, known)
     raised: dict[str, None] = {}
     for _ in range(3):
-        errors = found.errors(1.0)
+        errors = found.weighed
         if found.square > UNLISTED * (problem.n_data - x.size):
             break
         pulled = np.abs(np.nan_to_num(errors.pull)) > PULLED
