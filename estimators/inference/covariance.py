@@ -68,7 +68,9 @@ def information(
         curvature = (problem.gauss_newton(x)[2] - np.diag(prior)) / widening + np.diag(prior)
         size = np.sqrt(np.diag(curvature))
         least_eigenvalue = 1e-5  # of a curvature of unit diagonal from which its inverse has ten digits
-        if size.all() and np.linalg.eigvalsh(curvature / (size[:, None] * size))[0] >= least_eigenvalue:
+        safe = np.where(size > 0, size, 1.0)
+        unit = curvature / safe[:, None] / safe  # one after the other: the product of tiny sizes is zero
+        if size.all() and np.isfinite(unit).all() and np.linalg.eigvalsh(unit)[0] >= least_eigenvalue:
             root = np.asarray(np.linalg.cholesky(curvature).T)
         else:  # the product hides weak directions in round-off
             root = _root(derivatives.whole / np.sqrt(widening), prior)

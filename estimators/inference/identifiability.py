@@ -17,6 +17,9 @@ from rotorfit.models import RotorModel
 
 UNRESOLVED_ERROR = 1.0
 """A direction is unresolved when its standard error exceeds this multiple of the parameters' own size."""
+_SILENT = 1e-150
+"""Change of whitened readings by a parameter's own size, up to which it has no influence: the square of its error
+overflows."""
 UNSEEN_CHANGE = 1e-4
 """Relative change of a result, by parameters' own sizes that no datum notices, from which it is left open."""
 
@@ -92,7 +95,7 @@ def covariance(root: Float, scales: Float) -> tuple[Float, Float, Float, Bool]:
     """Covariance of the determined combinations; errors, directions and unresolved mask of scaled ones."""
     scaled = root * scales
     norm = np.linalg.norm(scaled, axis=0)
-    silent = norm == 0
+    silent = norm < _SILENT
     safe = np.where(silent, 1.0, norm)
     # Columns of equal length: a singular value then tells dependence, not the units.
     fewer = len(root) < scales.size  # data than parameters

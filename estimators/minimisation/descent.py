@@ -36,11 +36,12 @@ def solve_symmetric(matrix: Matrix, right: Vector) -> Vector:
         solution = np.full_like(right, np.nan)
     if math.isfinite(float(solution.sum())):
         return np.asarray(solution)
-    if not math.isfinite(float(matrix.sum())):
-        return np.full_like(right, np.nan)
     # Unit diagonal first, so that what counts as singular does not depend on the units.
     scale = 1 / np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))
-    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
+    unit = matrix * scale[:, None] * scale
+    if not math.isfinite(float(unit.sum())):
+        return np.full_like(right, np.nan)
+    values, vectors = np.linalg.eigh(unit)
     keep = values > ROUND_OFF
     weights = np.zeros_like(values)
     weights[keep] = 1 / values[keep]
@@ -275,7 +276,7 @@ class Minimisation:
         matrix, size = point.matrix, np.sqrt(diagonal[seen])
         if size.size < free.size:
             matrix = matrix[np.ix_(seen, seen)]
-        matrix = matrix / (size[:, None] * size)
+        matrix = matrix / size[:, None] / size
         return int(dead.sum()) + int((np.linalg.eigvalsh(matrix) < ROUND_OFF).sum())
 
     def status(self) -> Status:

@@ -1,14 +1,19 @@
 """Starts where there is no closed form: many, with short fits, until one is deep enough and found twice.
 
-The first of them are for tests that do not read every coordinate of the rotor. Where force and probe are at the
-journal, zeros of its response are the frequencies at which the rest of the rotor would vibrate with the journal held. A
-rotor whose rest has these frequencies gives the motion that was not read, and with both the closed form gives all else.
+The first of them follow the poles of a rational fit: ratios of polynomials go on from j w into the half plane of
+motion that grows, ``s = decay + j w``, where every resonance is as wide as one likes. A rotor is fitted there, where
+minima are few, and again ever nearer to the axis (a homotopy); its poles then are those of the data.
+
+The next are for tests that do not read every coordinate of the rotor. Where force and probe are at the journal, zeros
+of its response are the frequencies at which the rest of the rotor would vibrate with the journal held. A rotor whose
+rest has these frequencies gives the motion that was not read, and with both the closed form gives all else.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from itertools import chain, islice
 
 import numpy as np
@@ -77,7 +82,8 @@ def best_of_many(problem: Problem, reason: str) -> Start:
     limits = _limits(problem, ratios)
     candidates = random_starts(problem, _MOST_STARTS)
     if ratios is not None:
-        candidates = islice(chain(unread_starts(problem, blocks, ratios), candidates), _MOST_STARTS)
+        first = chain(starts_by_poles(problem, blocks, ratios), unread_starts(problem, blocks, ratios))
+        candidates = islice(chain(first, candidates), _MOST_STARTS)
     ends = _none(problem)
     at_once = 4  # starts fitted before the ends are looked at
     while starts := list(islice(candidates, at_once)):
@@ -88,8 +94,20 @@ def best_of_many(problem: Problem, reason: str) -> Start:
     ends = _beside(problem, ends, limits[0])
     note = f"no closed form ({reason}); the best of {ends.far.sum()} starts was taken"
     doubt = _doubt(problem, ends, limits, ratios)
-    x = ends.x[0, : len(problem.space.names)]
+    x = _by_convention(problem, ends.x[0])[: len(problem.space.names)]
     return Start(x=x, kind=RANDOM, notes=(note, *doubt), perhaps_local=bool(doubt))
+
+
+def _by_convention(problem: Problem, x: Float) -> Float:
+    """A vector with the sign that values typically have where data leave it open, as that of a coupling whose square
+    alone they hold."""
+    cost, scale = problem.cost(x), problem.space.typical
+    for entry in np.flatnonzero(x[: scale.size] * scale < 0).tolist():
+        other = x.copy()
+        other[entry] = -x[entry]
+        if problem.space.lower[entry] <= other[entry] <= problem.space.upper[entry]:
+            x = other if abs(problem.cost(other) - cost) < _SAME_COST else x
+    return x
 
 
 def _refuse_undetermined(problem: Problem, blocks: Sequence[Responses]) -> None:
@@ -188,6 +206,31 @@ def _apart(problem: Problem, best: ComplexArray, x: Float, least: float) -> bool
     return distance > _RIVAL_COST + 4 * (0.5 * float(np.sum(np.abs(other) ** 2)) - least)
 
 
+def starts_by_poles(problem: Problem, blocks: Sequence[Responses], fit: RationalFit) -> Iterator[Float]:
+    """Starts, shape ``(p,)`` each, the best first: of rotors whose response is that of a rational fit off the axis."""
+    if len(blocks) < len(problem.blocks):
+        return
+    starts = np.array([full_vector(problem, problem.space.typical), *random_starts(problem, FEW_STARTS - 1)])
+    best = 4  # ends that are followed to the axis
+    top = max(ratio.top for ratio in fit.ratios)
+    for decay in (0.3, 0.1, 0.03):  # of the highest frequency: resonances from far wider than their distances
+        ends = short_fits(replace(problem, loss="soft_l1", blocks=fit.off_axis(blocks, decay * top)), starts)
+        starts = ends.x[np.argsort(ends.cost, kind="stable")[: best if decay < 0.3 else 2 * best]]
+    yield from starts
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _GrowingResponses(Responses):
+    """Responses to forces that grow, ``exp(decay t)``."""
+
+    decay: float  # 1/s
+
+    @cached_property
+    def s(self) -> ComplexArray:
+        """The variable decay + j w of each line."""
+        return np.asarray(self.decay + 1j * self.frequency)
+
+
 def unread_starts(problem: Problem, blocks: Sequence[Responses], fit: RationalFit) -> Iterator[Float]:
     """Starts, shape ``(p,)`` each, the likeliest first; none where force and probe are never at one coordinate."""
     read = np.concatenate([np.isfinite(block.amplitudes()[0]) for block in blocks])
@@ -235,14 +278,65 @@ def _completed(block: Responses, theta: Float, unread: Index) -> Responses:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Ratios:
+    """Ratios of polynomials with one denominator, fitted to the readings of one condition."""
+
+    block: int  # number of the block
+    readings: Index  # which of its readings, shape ``(m,)``
+    frequency: Float  # of each over the largest, ``top``, shape ``(m,)``
+    force: ComplexArray  # on each, shape ``(m,)``
+    pair: Index  # number of the numerator of each, shape ``(m,)``
+    denominator: ComplexArray  # coefficients of Chebyshev's polynomials
+    numerators: ComplexArray  # those of each pair of probe and plane, shape ``(pairs, zeros + 1)``
+    top: float  # largest frequency, rad/s
+    cost: float  # half the sum of squares that they leave
+    unknowns: int  # real unknowns
+    zeros: tuple[float, ...]  # frequencies in the band at which a driven plane stands still, rad/s
+
+    def response(self, decay: float) -> ComplexArray:
+        """Readings of forces that grow with so many 1/s."""
+        powers = np.polynomial.chebyshev.chebvander(self.frequency - 1j * decay / self.top, self.denominator.size - 1)
+        own = self.numerators[self.pair]
+        over = np.sum(powers[:, : own.shape[1]] * own, axis=1)
+        return np.asarray(over / (powers @ self.denominator) * self.force)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class RationalFit:
     """Ratios of polynomials fitted to responses."""
 
-    cost: float  # half the sum of squares that they leave
-    unknowns: int  # real unknowns
-    data: int  # real numbers of the data
-    zeros: tuple[float, ...]  # their frequencies, rad/s, ascending
+    ratios: tuple[_Ratios, ...]  # those of each condition
+    zeros: tuple[float, ...]  # frequencies of their zeros, rad/s, ascending
+
+    @property
+    def cost(self) -> float:
+        """Half the sum of squares that they leave."""
+        return sum(one.cost for one in self.ratios)
+
+    @property
+    def unknowns(self) -> int:
+        """Real unknowns."""
+        return sum(one.unknowns for one in self.ratios)
+
+    @property
+    def data(self) -> int:
+        """Real numbers of the data."""
+        return sum(2 * one.readings.size for one in self.ratios)
+
+    def off_axis(self, blocks: Sequence[Responses], decay: float) -> tuple[Responses, ...]:
+        """Blocks as they would be of forces that grow with so many 1/s, each reading as sure as the others."""
+        share = 0.02  # of each reading, its noise: only ratios of noises matter
+        found = []
+        for number, block in enumerate(blocks):
+            columns = {f.name: getattr(block, f.name) for f in fields(block)}
+            measured = block.measured.copy()
+            for ratio in self.ratios:
+                if ratio.block == number:
+                    measured[ratio.readings] = ratio.response(decay)
+            noise = share * np.abs(measured)
+            found.append(_GrowingResponses(**{**columns, "measured": measured, "sigma": noise, "decay": decay}))
+        return tuple(found)
 
     def limit(self, unknowns: int, deviations: float) -> float:
         """Cost that a rotor with so many poles leaves, to so many standard deviations of chi-squared."""
@@ -256,14 +350,14 @@ def rational_fit(blocks: Sequence[Responses]) -> RationalFit | None:
     ratios. At one speed every response is ``N(w)/d(w)`` with one denominator for all of them. With the last denominator
     as weight the fit is linear (Sanathanan and Koerner 1963): no start, no local minimum. It holds every rotor with so
     many poles, so that a fit of the rotor which misses the data by much more has not found them."""
-    fits: list[RationalFit] = []
-    for block in blocks:
+    fits: list[_Ratios] = []
+    for number, block in enumerate(blocks):
         if block.model.frame != "z" or block.model.shaft is not None or block.imposed:
             return None
         if (np.count_nonzero(block.force, axis=1) != 1).any() or not block.frequency.any():
             return None
         for readings in block.at_set_speed().condition_readings:
-            fit = _fit(block, readings)
+            fit = _fit(block, number, readings)
             if fit is None:
                 return None
             fits.append(fit)
@@ -272,15 +366,10 @@ def rational_fit(blocks: Sequence[Responses]) -> RationalFit | None:
     for w in sorted(w for fit in fits for w in fit.zeros):
         if not zeros or w > (1 + same_frequency) * zeros[-1]:  # those that two speeds or directions share are one
             zeros.append(w)
-    return RationalFit(
-        cost=sum(fit.cost for fit in fits),
-        unknowns=sum(fit.unknowns for fit in fits),
-        data=sum(fit.data for fit in fits),
-        zeros=tuple(zeros),
-    )
+    return RationalFit(ratios=tuple(fits), zeros=tuple(zeros))
 
 
-def _fit(block: Responses, readings: Index) -> RationalFit | None:
+def _fit(block: Responses, number: int, readings: Index) -> _Ratios | None:
     order, size = block.model.order, len(block.model.coordinates)
     poles, zeros = order * size, order * (size - 1)
     line, probe = block.line[readings], block.coordinate[readings]
@@ -296,12 +385,19 @@ def _fit(block: Responses, readings: Index) -> RationalFit | None:
     numerators = np.zeros((readings.size, pairs.size, zeros + 1))
     numerators[np.arange(readings.size), pair.reshape(-1)] = powers[:, : zeros + 1]
     response, sigma = block.measured[readings] / force, block.sigma[readings] / np.abs(force)
-    _, numerator, cost = best_ratio(response, sigma, powers, numerators.reshape(readings.size, -1))
+    denominator, numerator, cost = best_ratio(response, sigma, powers, numerators.reshape(readings.size, -1))
     seen = numerator.reshape(pairs.size, zeros + 1)[pairs // size == pairs % size]
     zeros_seen = [float(abs(w)) for own in seen for w in np.polynomial.chebyshev.chebroots(own)]
-    return RationalFit(
+    return _Ratios(
+        block=number,
+        readings=readings,
+        frequency=block.frequency[line] / top,
+        force=force,
+        pair=pair.reshape(-1),
+        denominator=denominator,
+        numerators=numerator.reshape(pairs.size, zeros + 1),
+        top=top,
         cost=cost,
         unknowns=unknowns,
-        data=2 * readings.size,
         zeros=tuple(w * top for w in zeros_seen if 0 < w < 1),  # in the band
     )

@@ -222,3 +222,106 @@ def test_what_may_be_a_local_minimum_is_called_so():
     assert fit.chisqr > best_from_the_truth(truth, test) + 10  # if ever a start finds it, this needs another rotor
     (doubt,) = (warning for warning in fit.warnings if "perhaps a local minimum" in warning)
     assert doubt in fit.summary()
+
+
+# ---- start values that were given -----------------------------------------------------------------------------------
+
+
+def in_noise(name, seed, **changed):
+    """A rotor's model and true values, and its test with 1 % noise."""
+    model, truth = MODELS[name](), TYPICAL[name] | changed
+    theta, speeds = model.vector(truth), SPEEDS[name]
+    frequency = covering_frequencies(model, theta, speeds, 60)
+    return model, truth, circular_test(model, theta, speeds=speeds, frequency=frequency, noise=0.01, seed=seed)
+
+
+def near(fit, truth, most=6.0):
+    """Whether all fitted values are within stated errors of the truth."""
+    return all(abs(p.value - truth[n]) < most * p.stderr for n, p in fit.params.items() if p.vary and n in truth)
+
+
+@pytest.mark.parametrize("name", ["one-mode", "whirl-whip"])
+def test_start_values_that_are_off_never_end_in_another_rotor_without_a_word(name):
+    model, truth, test = in_noise(name, 3)
+    known, rng = known_of(name, truth), np.random.default_rng(11)
+    names, said = [n for n in truth if n not in known], 0
+    for factors in ([0.5, 2, 3, 1 / 3], [1e3, 1e-3, 25.4]) * 6:
+        some = [n for n in names if rng.random() < 0.6] or names[:1]
+        start = {n: truth[n] * float(rng.choice(factors)) for n in some}
+        start |= {n: min(start[n], 1.9) for n in start if n == "lam"}
+        fit = rf.fit(model, test, known=known, start=start)
+        assert near(fit, truth), start
+        assert fit.success
+        assert fit.redchi < fit.largest_redchi
+        from_data = any("the start that was given" in words for words in fit.warnings)
+        assert from_data == (not fit.settings.start)
+        said += from_data
+    assert said  # some of them lead astray
+
+
+@pytest.mark.parametrize(
+    ("method", "loss"), [("auto", "linear"), ("auto", "cauchy"), ("gauss-newton", "soft_l1"), ("ipopt", "linear")]
+)
+def test_absurd_start_values_end_in_the_rotor_by_every_method(method, loss):
+    rng = np.random.default_rng(8)
+    for name in ("one-mode", "whirl-whip"):
+        model, truth, test = in_noise(name, 4)
+        known = known_of(name, truth)
+        for _ in range(2):
+            start = {n: float(rng.choice([-1, 1]) * 10 ** rng.uniform(-30, 30)) for n in truth if n not in known}
+            limits = {n: (max(model.parameter(n).lower, -1e30), min(model.parameter(n).upper, 1e30)) for n in start}
+            start = {n: float(np.clip(value, *limits[n])) for n, value in start.items() if rng.random() < 0.5}
+            assert near(rf.fit(model, test, known=known, start=start, method=method, loss=loss), truth), start
+
+
+def test_a_start_from_which_the_model_is_not_to_blame_is_kept():
+    # Rotors with a mode more than the model: the start is as good as the data's own, and nothing is said of it.
+    model, truth = MODELS["whirl-whip"](), TYPICAL["whirl-whip"]
+    frequency = covering_frequencies(model, model.vector(truth), SPEEDS["whirl-whip"], 60)
+    test = circular_test(
+        model, model.vector(truth), speeds=SPEEDS["whirl-whip"], frequency=frequency, noise=0.01, force_planes=["disk"]
+    )
+    test = test.select(test.plane == "disk")
+    one = rf.models.OneMode(planes=("disk",))
+    free = rf.fit(one, test, known={"K": 8000.0})
+    given = rf.fit(one, test, known={"K": 8000.0}, start={"M": 1.1 * free.params["M"].value})
+    assert free.redchi > free.largest_redchi
+    assert given.settings.start
+    assert not any("the start that was given" in words for words in given.warnings)
+
+
+# ---- from poles ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", range(8))
+def test_an_overhung_rotor_whose_modes_cross_is_found_from_its_displacement(number):
+    rng = np.random.default_rng(40 + number)
+    truth = {"M": 5.0, "It": 0.05, "Ip": 0.09, "k11": 4e6, "k12": 2e5, "k22": 4e4, "d1": 60.0, "d2": 0.6}
+    truth = {name: value * 10 ** rng.uniform(-0.2, 0.2) for name, value in truth.items()}
+    model, w = rf.models.Overhung(), np.linspace(120.0, 1860.0, 70)
+    test = circular_test(
+        model, model.vector(truth), speeds=np.array([500, 1500, 3000, 6000]) * np.pi / 30,
+        frequency=np.concatenate([-w[::-1], w]), noise=0.005, seed=number, force_planes=["disk"],
+    )  # fmt: skip
+    fit = rf.fit(model, test.select(~np.char.startswith(test.direction, "r")), known={"It": truth["It"]})
+    assert fit.redchi < 1.5
+    assert near(fit, truth)
+    assert not fit.perhaps_local
+
+
+def test_weakly_damped_chains_read_at_one_plane_are_found_or_called_in_doubt():
+    rng, wrong = np.random.default_rng(12), 0
+    for number in range(6):
+        model = rf.models.Chain(3)
+        sizes = {"M": 1.0, "K": 2e4, "Ds": 1.0}
+        truth = {q.name: sizes[q.name[:-1]] * 10 ** rng.uniform(-0.3, 0.3) for q in model.parameters}
+        theta = model.vector(truth)
+        frequency = covering_frequencies(model, theta, (0.0,), 80)
+        plane = f"mass-{number % 3 + 1}"
+        test = circular_test(
+            model, theta, speeds=(0.0,), frequency=frequency, noise=0.01, seed=number, force_planes=[plane]
+        )
+        fit = rf.fit(model, test.select(test.plane == plane), known={n: truth[n] for n in ("K1", "M1")})
+        wrong += fit.redchi > 1.5
+        assert fit.redchi < 1.5 or fit.perhaps_local
+    assert wrong <= 1

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from rotorfit.base.array_types import Float
+from rotorfit.base.digits import significant
 from rotorfit.base.faults import of_program
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
@@ -25,7 +26,7 @@ from rotorfit.estimators.starting.start_points import CLOSED_FORM, EARLIER_FIT, 
 from rotorfit.estimators.starting.starts import find_start
 from rotorfit.identify.fitting.causes.calibration import Calibration
 from rotorfit.identify.fitting.causes.solution import NEGLIGIBLE, JointSearch, search, solved_before
-from rotorfit.identify.fitting.judge import judge, with_model_uncertainty
+from rotorfit.identify.fitting.judge import explains, judge, redchi_of, with_model_uncertainty
 from rotorfit.identify.fitting.noise.error_bars import with_noise
 from rotorfit.identify.fitting.noise.study import study_residuals
 from rotorfit.identify.fitting.problem_setup import as_tuple, build_problem, check_model, dry_run
@@ -71,7 +72,8 @@ def fit(
         per: parameters that take one value for each value of a test attribute, ``{"D": "speed_rpm"}``, or of several
             together, ``{"D": "speed_rpm+pressure_bar"}``.
         loss: "linear", or "soft_l1", "huber", "cauchy" against outliers.
-        start: start values that replace those that are found from the data (:attr:`FitResult.start`).
+        start: start values that replace those that are found from the data (:attr:`FitResult.start`). Where they lead
+            to a fit that does not explain the data, it is tried without them; the better of the two is the result.
         phase_offsets: fit an offset of the phase reference for every run but the first, or for every run about their
             mean where their scatter tells how far the first one's may be off; "common": one angle ``datum``
             between all forces and all responses, where weight holes, Keyphasor and probes have no common zero. It is
@@ -118,7 +120,7 @@ def fit(
         method=method,
         max_iterations=max_iterations,
     )
-    return fitted(model, runs_apart(as_tuple(experiments)), settings)
+    return fitted(model, runs_apart(as_tuple(experiments)), settings, or_from_data=True)
 
 
 def _numbers(pair: Any) -> Any:
@@ -129,18 +131,58 @@ def _numbers(pair: Any) -> Any:
     return (-np.inf if low is None else low, np.inf if high is None else high)
 
 
-def fitted(model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings) -> FitResult:
-    """The fit of a model with given settings."""
-    problem, start, solution = min(_solved(model, experiments, settings), key=_bic)
+_Solved: TypeAlias = tuple[Problem, Start, Solution]
+
+
+def fitted(
+    model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings, *, or_from_data: bool = False
+) -> FitResult:
+    """The fit of a model with given settings; ``or_from_data``: start values that do not lead to a fit that explains
+    the data are tried without."""
+    problem, start, solution = found = min(_solved(model, experiments, settings), key=_bic)
+    if or_from_data and settings.start and not explains(problem, solution):
+        problem, start, solution = _or_from_data(found, model, experiments, settings)
+        settings = settings if start is found[1] else replace(settings, start={})
     return judged(problem, experiments, settings, start, solution)
 
 
-def _solved(
-    model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings
-) -> list[tuple[Problem, Start, Solution]]:
+def _or_from_data(
+    found: _Solved, model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings
+) -> _Solved:
+    """What start values that were given lead to, or, where it is better, what those that the data give lead to, with a
+    sentence that says so."""
+    try:
+        free = min(_solved(model, experiments, replace(settings, start={})), key=_bic)
+    except ValueError as reason:  # where data alone give no start
+        if of_program(reason):
+            raise
+        return found
+
+    def doubt(solved: _Solved) -> tuple[bool, bool, float]:
+        problem, _, solution = solved
+        return not explains(problem, solution), not _is_minimum(solution), np.nan_to_num(solution.cost, nan=np.inf)
+
+    same = 1e-3  # relative difference of costs within which two searches ended in one minimum
+    one = doubt(free)[:2] == doubt(found)[:2] and free[2].cost > (1 - same) * found[2].cost
+    if one or not doubt(free) < doubt(found):
+        return found
+    redchi, own = (significant(redchi_of(problem, solution), 3) for problem, _, solution in (found, free))
+    given = ", ".join(f"{name} {value:g}" for name, value in settings.start.items())
+    local = "" if explains(free[0], free[2]) else ". Neither explains the data: perhaps a local minimum"
+    minimum = "" if _is_minimum(found[2]) else ", no minimum"
+    note = (
+        f"the start that was given ({given}) leads to redchi {redchi}{minimum}, the one found from the data to {own}: "
+        f"this is the fit from the data. Check the start values and their units{local}"
+    )
+    problem, start, solution = free
+    local_too = start.perhaps_local or bool(local)
+    return problem, replace(start, notes=(note, *start.notes), perhaps_local=local_too), solution
+
+
+def _solved(model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings) -> list[_Solved]:
     """The solved problem of a model, or those of its alternatives; of these, such as fit the data at all."""
     check_model(model)
-    found: list[tuple[Problem, Start, Solution]] = []
+    found: list[_Solved] = []
     for one in model.alternatives or (model,):
         try:
             problem = build_problem(one, experiments, settings)
@@ -154,11 +196,15 @@ def _solved(
     return found
 
 
-def _bic(solved: tuple[Problem, Start, Solution]) -> tuple[bool, float]:
+def _is_minimum(solution: Solution) -> bool:
+    """True of a minimum, also of one along a whole line."""
+    return solution.success or solution.status is Status.SINGULAR
+
+
+def _bic(solved: _Solved) -> tuple[bool, float]:
     """What tells the better of two solved problems of the same readings: whether it has a minimum, and its BIC."""
     problem, _, solution = solved
-    minimal = solution.success or solution.status is Status.SINGULAR
-    return not minimal, 2 * solution.cost + problem.space.size * float(np.log(problem.n_data))
+    return not _is_minimum(solution), 2 * solution.cost + problem.space.size * float(np.log(problem.n_data))
 
 
 def judged(
@@ -171,8 +217,7 @@ def judged(
     """The result of a solved problem, solved again with the noise that its residuals show."""
     left_out = (sentence for test in experiments for sentence in usable(problem.space.model, test)[1])
     notes = (*left_out, *start.notes)
-    # A minimum along a whole line is one.
-    studied = settings.loss == "linear" and (solution.success or solution.status is Status.SINGULAR)
+    studied = settings.loss == "linear" and _is_minimum(solution)
     beside = _beside(problem, solution, settings, for_noise=studied)
     at = problem if beside is None else beside.problem
     study = study_residuals(at, solution.x, beside) if studied else None
@@ -207,7 +252,7 @@ def _beside(
     for_noise: bool = False,
 ) -> JointSearch | None:
     """The fitted values solved with causes, where these were asked for and the search found an optimum."""
-    if settings.causes is None or not (solution.success or solution.status is Status.SINGULAR):
+    if settings.causes is None or not _is_minimum(solution):
         return None
     return search(problem, solution.x, settings.sizes, settings.calibration, begin=begin, for_noise=for_noise)
 

@@ -28,10 +28,15 @@ from rotorfit.identify.fitting.causes.solution import JointSearch, SolvedCauses,
 from rotorfit.identify.fitting.causes.table import table_of
 from rotorfit.identify.fitting.noise.error_bars import shares_of_possible_effects, with_scatter, with_shares
 from rotorfit.identify.fitting.noise.record import is_run_effect
-from rotorfit.identify.fitting.noise.residual_study import MODEL_LIMITED_REDCHI, ResidualStudy, is_misfit
+from rotorfit.identify.fitting.noise.residual_study import (
+    MODEL_LIMITED_REDCHI,
+    ResidualStudy,
+    is_misfit,
+    largest_redchi,
+)
 from rotorfit.identify.fitting.problem_setup import with_noise_of_data
 from rotorfit.identify.fitting.quantities import FittedParameter, ResponseQuality
-from rotorfit.identify.fitting.result import FitResult
+from rotorfit.identify.fitting.result import FitResult, noise_known_from
 from rotorfit.identify.fitting.settings import FitSettings
 from rotorfit.lab.data.experiments import Experiment
 from rotorfit.models import BLOCKS, Modal, RotorModel
@@ -131,6 +136,17 @@ def inverse_curvature(fit: FitResult) -> Float:
     wider = noise is not None and (noise.robust or noise.correlated or bool(noise.possible_effects))
     wider = wider or fit.model_uncertainty is not None or fit.settings.solved is not None
     return fit.covar if fit.problem.loss == "linear" and not wider else covariance.inverse_curvature(fit.problem, fit.x)
+
+
+def redchi_of(problem: Problem, solution: Solution) -> float:
+    """redchi of a solution before anything is known of its noise."""
+    return 2 * solution.cost * covariance.per_freedom(problem.loss, problem.n_data - problem.space.size)
+
+
+def explains(problem: Problem, solution: Solution) -> bool:
+    """True of a solution that leaves no more than noise does, by :attr:`FitResult.largest_redchi`."""
+    most = largest_redchi(None, problem.n_data - problem.space.size, noise_known_from(problem))
+    return redchi_of(problem, solution) <= most
 
 
 # ---- goodness of fit -------------------------------------------------------------------------------------------------

@@ -65,6 +65,12 @@ if TYPE_CHECKING:
     from rotorfit.lab.io.shafts.ross_elements import ElementKind, RossElement
 
 
+def noise_known_from(problem: Problem) -> float:
+    """Readings that the noise of the data is known from, infinite where it was given."""
+    given = all(block.sigma_given for block in problem.responses)
+    return min(math.inf if given else READINGS_OF_NOISE * problem.n_data, freedom_of(problem.blocks))
+
+
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class FitResult:
     """Result of :func:`rotorfit.fit` or :func:`rotorfit.closed_form`. Frozen; a failed fit is a result that says so.
@@ -196,9 +202,7 @@ class FitResult:
             >>> fit.redchi < fit.largest_redchi  # causes beside the chain of two masses explain that rotor
             True
         """
-        given = all(block.sigma_given for block in self.problem.responses)
-        known_from = math.inf if given else READINGS_OF_NOISE * self.ndata
-        return largest_redchi(self.noise, self.nfree, min(known_from, freedom_of(self.problem.blocks)))
+        return largest_redchi(self.noise, self.nfree, noise_known_from(self.problem))
 
     @property
     def freedom(self) -> float:

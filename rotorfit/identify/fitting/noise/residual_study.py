@@ -130,8 +130,11 @@ def largest_redchi(study: ResidualStudy | None, nfree: int, known_from: float) -
 def _satterthwaite(parts: Sequence[float], freedom: Sequence[float]) -> float:
     """Degrees of freedom of a sum of variances, which are known with so many each."""
     parts = [max(part, 0.0) for part in parts]
-    uncertain = sum(part**2 / own for part, own in zip(parts, freedom, strict=True))
-    return sum(parts) ** 2 / uncertain if uncertain > 0 else float("inf")
+    total = sum(parts)
+    if not 0 < total < float("inf"):
+        return float("inf")
+    uncertain = sum((part / total) ** 2 / own for part, own in zip(parts, freedom, strict=True))
+    return 1 / uncertain if uncertain > 0 else float("inf")
 
 
 # ---- sentences -------------------------------------------------------------------------------------------------------
