@@ -202,12 +202,13 @@ def study(name: str, draws: int) -> list[Row]:
     """All quantities of a case."""
     case = CASES[name]()
     free = {key: value for key, value in case.truth.items() if key not in case.known}
-    plan = rf.plan(case.model, free, case.pattern, known=case.known, **case.noise)
+    plan = rf.plan(case.model, free, case.pattern, known=case.known, causes=None, **case.noise)
     wanted = [key for key in plan.expected if np.isfinite(plan.expected[key].stderr)]
     differing = {f"run_{kind}" for kind in case.noise.get("runs", ())}
     found, failures, renamed = [], 0, 0
     for seed in range(1, draws + 1):
-        fit = rf.fit(case.model, case.draw(seed), known=case.known, **({"start": free} if case.start else {}))
+        options = {"known": case.known, "causes": None} | ({"start": free} if case.start else {})
+        fit = rf.fit(case.model, case.draw(seed), **options)
         failures += not fit.success
         if differing and {effect.kind for effect in fit.noise.effects} - differing:
             renamed += 1

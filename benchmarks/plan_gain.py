@@ -61,7 +61,8 @@ def planned(
         clearance_um=CLEARANCE_UM,
     )
     given = {name: truth[name] for name in known}
-    return rf.plan(model, values, design, noise_um=NOISE_UM, quantity=QUANTITIES, known=given, even=even)
+    options = {"noise_um": NOISE_UM, "quantity": QUANTITIES, "known": given, "causes": None}
+    return rf.plan(model, values, design, even=even, **options)
 
 
 def simulated(model: rf.models.RotorModel, theta: Float, test: PerturbationTest, seed: int) -> PerturbationTest:
@@ -85,7 +86,7 @@ def spread(name: str, plan: rf.Plan, draws: int) -> Float:
     theta, given = model.vector(truth), {key: truth[key] for key in known}
     found = []
     for seed in range(draws):
-        fit = rf.fit(model, simulated(model, theta, plan.test, seed), known=given)
+        fit = rf.fit(model, simulated(model, theta, plan.test, seed), known=given, causes=None)
         found.append([fit.params["lam"].value, fit.threshold_speed().value])
     return np.asarray(np.std(found, axis=0, ddof=1))
 

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal, Protocol, Self, TypeAlias
 
+from rotorfit.base.array_types import Float
 from rotorfit.base.digits import plus_minus
 from rotorfit.base.significance import quantile
 from rotorfit.base.units import si_factor
-from rotorfit.estimators.inference.joint_errors import Reach
+from rotorfit.estimators.inference.joint_errors import JointErrors, Reach
 
 Share: TypeAlias = Literal["all", "noise"]
 """Part of an error that an interval is of."""
@@ -40,6 +41,21 @@ class ErrorBar:
     slopes: Mapping[str, float]  # by a unit of each cause, the fitted values following it
     reach: Reach
     freedom: float  # degrees of freedom
+
+    @classmethod
+    def of(
+        cls, errors: JointErrors, names: Sequence[str], noise: float, along: Float, freedom: float = math.inf
+    ) -> ErrorBar:
+        """That of a result by its error by the noise and its slopes along the causes of these names, ``(k,)``."""
+        shares = errors.shares(noise, along)
+        return cls(
+            noise=noise,
+            bounded=shares.bounded,
+            on_trust=dict(zip(names, shares.trust.tolist(), strict=True)),
+            slopes=dict(zip(names, along.tolist(), strict=True)),
+            reach=errors.reach(noise, along),
+            freedom=freedom,
+        )
 
     @property
     def trust(self) -> float:

@@ -396,16 +396,9 @@ class FitResult:
         errors = solved.errors
         along = errors.along(slope, by_causes)
         noise = math.sqrt(max(float(slope @ (self.covar - errors.covariance) @ slope), 0.0))
-        shares = errors.shares(noise, along)
         names = [cause.name for cause in solved.causes]
-        return ErrorBar(
-            noise=noise,
-            bounded=shares.bounded,
-            on_trust=dict(zip(names, shares.trust.tolist(), strict=True)),
-            slopes=dict(zip(names, along.tolist(), strict=True)),
-            reach=errors.reach(noise, along),
-            freedom=self.freedom if self.noise is None else self.noise.degrees(slope),
-        )
+        freedom = self.freedom if self.noise is None else self.noise.degrees(slope)
+        return ErrorBar.of(errors, names, noise, along, freedom)
 
     def quantity(self, value: float, slopes: Mapping[str, float], unit: str) -> Quantity:
         """A quantity made of parameters and the threshold speed, with its error.

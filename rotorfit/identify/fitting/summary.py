@@ -19,6 +19,7 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.starting.start_points import EARLIER_FIT, GIVEN
 from rotorfit.identify.fitting.anisotropy import lines_cut_off
+from rotorfit.identify.fitting.causes.table import size_of
 from rotorfit.identify.fitting.noise.record import NoiseVerdict, is_run_effect
 from rotorfit.identify.fitting.noise.residual_study import VERDICTS
 from rotorfit.identify.fitting.quantities import FittedParameter, Number, Quantity
@@ -103,13 +104,23 @@ def _cause_lines(fit: FitResult) -> list[str]:
     for p in fit.params.values():
         if p.vary and p.error is not None and p.error.trust > p.error.noise:
             shares.setdefault(p.error.largest_on_trust, []).append(p.name)
+    onset = _shown_onset(fit) if fit.success else None
+    if onset is not None and onset.error is not None and onset.error.trust > onset.error.noise:
+        shares.setdefault(onset.error.largest_on_trust, []).append("threshold speed")
     if shares:
         lines.append("errors rest on these sizes, which the data cannot check (fit.causes has all):")
     for name, moved in shares.items():
         row = rows[name]
-        size = f"{two_digits(row.size)} {'' if row.unit == '1' else row.unit}".rstrip()
-        lines.append(f"  {name} {size} ({row.meaning}): {', '.join(moved)}")
+        lines.append(f"  {name} {size_of(row)} ({row.meaning}): {', '.join(moved)}; to bound it, {row.remedy}")
     return lines
+
+
+def _shown_onset(fit: FitResult) -> Quantity | None:
+    """The threshold speed, where the summary prints one."""
+    if not fit.model.speed_dependent or fit.problem.space.index.shape[0] > 1:
+        return None
+    found = fit.threshold_speed()
+    return found if np.isfinite(found.stderr) and np.isfinite(found.value) and found.value else None
 
 
 def start_words(fit: FitResult) -> str:

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from rotorfit.base.array_types import ComplexArray, Float, Index
+from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.small_motion import FreeVibrations, JournalCoefficients
 from rotorfit.estimators.inference import covariance
+from rotorfit.estimators.inference.causes import Cause, columns
 from rotorfit.estimators.inference.identifiability import Identifiability, diagnose
 from rotorfit.estimators.minimisation.batch import with_measured
 from rotorfit.estimators.misfit.problem import Derivatives, Problem
 from rotorfit.estimators.noise.residuals import scatter
 from rotorfit.estimators.noise.run_effects import real_rows
+from rotorfit.identify.fitting.causes.listing import listed
+from rotorfit.identify.fitting.causes.solution import SolvedCauses, not_found_yet
 from rotorfit.identify.fitting.noise.noise_fit import channels_of, lines_in
 from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.settings import FitSettings
@@ -28,6 +32,7 @@ from rotorfit.models import RotorModel, threshold_speed
 from rotorfit.models.motion.stability import decay_rate
 from rotorfit.studies.planning.guesses import Guess, Values, guess
 from rotorfit.studies.planning.noise import PlannedNoise, with_differences
+from rotorfit.studies.planning.targets import Target
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -40,6 +45,18 @@ class Expectation:
     band: float  # modulus of eigenvalues that count, rad/s
     constant: Float  # noise of each reading that does not depend on it, shape ``(R,)``
     relative: Float  # noise of each reading over its size, shape ``(R,)``
+    causes: tuple[Cause, ...]  # beside the model, that its fit will solve with the values
+
+    @cached_property
+    def solved(self) -> SolvedCauses | None:
+        """The causes as the fit will have them if none of them shows."""
+        return not_found_yet(self.problem, self.guess.centre, self.causes) if self.causes else None
+
+    @property
+    def told(self) -> Bool:
+        """Causes that the test tells rather than leaves on trust, shape ``(k,)``."""
+        half = 0.5  # share of what was open of a cause
+        return np.zeros(0, dtype=bool) if self.solved is None else self.solved.errors.determined > half
 
     @property
     def line(self) -> Index:
@@ -83,12 +100,22 @@ class Expectation:
     def rows(self, draws: Float) -> Float:
         """Derivatives of whitened readings at vectors ``(D, p)``, real and imaginary parts, shape ``(D, 2 R, p)``.
         Those at which the rotor is unstable at the speed of a response are zero: such a line gives nothing."""
-        found = []
-        for x in draws:
-            own = np.hypot(self.constant, self.relative * np.abs(np.concatenate(self.problem.predict(x))))
-            jacobian = self.problem.jacobian(x)[1] * (self.problem.sigma / own * self.steady(x))[:, None]
-            found.append(real_rows(jacobian).T)
-        return np.array(found)
+        return np.array([real_rows(self.problem.jacobian(x)[1] * self._weight(x)).T for x in draws])
+
+    def columns(self, draws: Float) -> Float:
+        """The same derivatives by one size of each cause, shape ``(D, 2 R, k)``."""
+        size = np.array([cause.size for cause in self.causes])
+        return np.array([real_rows(columns(self.problem, x, self.causes) * size * self._weight(x)).T for x in draws])
+
+    def slopes(self, target: Target, x: Float) -> Float:
+        """Derivatives of a quantity by the fitted vector and by one size of each cause, shape ``(p + k,)``."""
+        own, solved = target.at(x)[1], self.solved
+        return own if solved is None else np.append(own, target.by_causes(x, solved) * solved.errors.size)
+
+    def _weight(self, x: Float) -> Float:
+        """Noise at the guess over that at a vector, zero where the rotor is unstable, shape ``(R, 1)``."""
+        own = np.hypot(self.constant, self.relative * np.abs(np.concatenate(self.problem.predict(x))))
+        return np.asarray(self.problem.sigma / own * self.steady(x))[:, None]
 
     def steady(self, x: Float) -> Float:
         """One for readings whose rotor is stable, zero for others, shape ``(R,)``."""
@@ -107,8 +134,10 @@ def expect(
     draws: int,
     seed: int,
     band: float,
+    before: Mapping[str, float] | None = None,
 ) -> Expectation:
-    """The problem of tests that were not made yet."""
+    """The problem of tests that were not made yet. ``before``: sizes of causes that an earlier fit had, of whatever
+    tests."""
     planned = [_unread(test, noise.of_rows(test)) for test in tests]
     problem = build_problem(model, planned, settings)
     vectors = guess(problem.space, values, draws, seed)
@@ -119,13 +148,18 @@ def expect(
     unit = build_problem(model, [_unread(test, np.ones(len(test))) for test in tests], settings)
     constant = problem.sigma
     pairs = unit.sigma  # below one where two probes share a reading
-    relative = np.hypot(pairs * noise.share, noise.common) * _of_motion(problem)
+    shares = [np.full(b.measured.size, noise.share_of(t)) for b, t in zip(problem.blocks, tests, strict=True)]
+    relative = np.hypot(pairs * np.concatenate(shares), noise.common) * _of_motion(problem)
     sizes = np.abs(np.concatenate(predicted))
     problem = problem.with_noise(np.hypot(constant, relative * sizes) / constant)
     problem = with_measured(problem, np.concatenate(predicted))
     problem, centre = with_differences(problem, vectors.centre, noise.runs)
     wider = np.zeros((len(vectors.draws), centre.size))
     wider[:, : vectors.centre.size] = vectors.draws
+    causes: tuple[Cause, ...] = ()
+    if settings.causes is not None:
+        given = {**settings.sizes, **(before or {})}
+        causes = listed(problem, centre, given, settings.calibration, of_another=before is not None)
     return Expectation(
         problem=problem,
         guess=Guess(centre=centre, draws=wider),
@@ -133,6 +167,7 @@ def expect(
         band=band,
         constant=constant,
         relative=relative,
+        causes=causes,
     )
 
 

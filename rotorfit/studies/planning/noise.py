@@ -2,22 +2,99 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from numbers import Real
+from typing import TypeAlias, TypeGuard
 
 import numpy as np
 
-from rotorfit.base.array_types import Float
+from rotorfit.base.array_types import Bool, Float
 from rotorfit.base.names import unknown_name
 from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.identify.fitting.noise.error_bars import with_noise
 from rotorfit.identify.fitting.noise.noise_fit import effects_of_runs
-from rotorfit.identify.fitting.noise.record import RUN_KINDS, FoundNoise, RunEffect
+from rotorfit.identify.fitting.noise.record import RUN_KINDS, FoundNoise, NoiseVerdict, RunEffect
+from rotorfit.identify.fitting.problem_setup import build_problem
+from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.experiments import DisplacementTest, Experiment, PerturbationTest, RingDownTest, StaticTest
 
 _RUN_SHARES = {kind.removeprefix("run_"): kind for kind in RUN_KINDS}
+
+
+Place: TypeAlias = tuple[str, str, bool]
+"""Run, plane, and whether a slope is read there."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseOfFit:
+    """Noise of readings that an earlier fit found, ``sigma^2 = constant^2 + (share |reading|)^2``."""
+
+    constant: Mapping[Place, float]  # by response
+    share: float
+    memory: tuple[float, ...]  # correlations of neighbouring lines
+    runs: Mapping[str, float]  # differences of runs
+
+    @classmethod
+    def of(cls, fit: FitResult) -> NoiseOfFit:
+        """That of its readings as they were made, x and y apart."""
+        tests = [_with_unit_noise(test) for test in fit.experiments]
+        alone = build_problem(fit.model, tests, replace(fit.settings, noise=None, noise_scale={}))
+        places: list[Place] = []
+        parts = []
+        for block, one, test in zip(fit.problem.blocks, alone.blocks, tests, strict=True):
+            base, unit = responses_of(block), responses_of(one)
+            if base is None or unit is None or not _is_swept(test):
+                continue
+            at = [base.model.coordinates[k] for k in base.coordinate.tolist()]
+            places += [(run, c.plane, c.axis == "r") for run, c in zip(base.run.tolist(), at, strict=True)]
+            parts.append([(base.sigma / unit.sigma) ** 2 * fit.widening, np.abs(base.measured) ** 2])
+        constant, share = _constant_and_share(places, *np.hstack(parts)) if parts else ({}, 0.0)
+        study = fit.noise
+        return cls(
+            constant=constant,
+            share=share,
+            memory=study.lags if study is not None and study.verdict is NoiseVerdict.CORRELATED else (),
+            runs={
+                effect.kind.removeprefix("run_"): effect.sd
+                for effect in (() if study is None else study.effects)
+                if effect.kind in RUN_KINDS
+            },
+        )
+
+    def of_rows(self, test: PerturbationTest) -> Float:
+        """What of it does not grow with the readings, for the rows of a test: that of the same response, else the
+        median of those of its plane; NaN at planes that were not read."""
+        found = []
+        for run, plane, direction in zip(test.run.tolist(), test.plane.tolist(), test.direction.tolist(), strict=True):
+            tilt = direction.startswith("r")
+            alike = [size for (_, *where), size in self.constant.items() if where == [plane, tilt]]
+            found.append(self.constant.get((run, plane, tilt), float(np.median(alike)) if alike else math.nan))
+        return np.array(found)
+
+
+def _is_swept(test: Experiment) -> TypeGuard[PerturbationTest]:
+    return isinstance(test, PerturbationTest)
+
+
+def _with_unit_noise(test: Experiment) -> Experiment:
+    return replace(test, sigma=np.ones(len(test))) if _is_swept(test) else test
+
+
+def _constant_and_share(places: Sequence[Place], square: Float, size: Float) -> tuple[dict[Place, float], float]:
+    """Constant noise of each response, and the share of the readings in all, by their variances and squares."""
+    from scipy.optimize import nnls  # late: loading it takes longer than a plan
+
+    names = list(dict.fromkeys(places))
+    number = np.array([names.index(place) for place in places])
+    columns = np.hstack([np.eye(len(names))[number], size[:, None]]) / square[:, None]
+    # Each part in its own measure, lest one look like nothing beside the other.
+    scale = np.abs(columns).max(axis=0)
+    found = np.sqrt(nnls(columns / scale, np.ones(square.size))[0] / scale)
+    least = 1e-30  # noise, m, where all of it is a share of the readings
+    return {name: max(float(one), least) for name, one in zip(names, found, strict=False)}, float(found[-1])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +107,7 @@ class PlannedNoise:
     # correlation of the readings of neighbouring lines, falling as its powers, or those at distances of 1, 2, ... lines
     memory: float | Sequence[float] = 0.0
     runs: Mapping[str, float] = field(default_factory=dict)  # relative differences of runs (rad for phase), by kind
+    found: NoiseOfFit | None = None  # by an earlier fit, for responses of which nothing else is said
 
     def __post_init__(self) -> None:
         memory = self.memory if isinstance(self.memory, Sequence) else (self.memory,)
@@ -52,6 +130,8 @@ class PlannedNoise:
         if isinstance(test, RingDownTest):
             return np.full(len(test), np.nan)  # its records tell
         given = np.array(getattr(test, "sigma", np.full(len(test), np.nan)), dtype=float)
+        if self.found is not None and _is_swept(test):
+            given = np.where(self.is_found(test), self.found.of_rows(test), given)
         if isinstance(test, PerturbationTest | StaticTest) and self.additive is not None:
             planes = test.plane.tolist()
             sizes = self.additive if isinstance(self.additive, Mapping) else dict.fromkeys(planes, self.additive)
@@ -66,6 +146,19 @@ class PlannedNoise:
             return np.where(np.isfinite(given), given, no_noise)
         way_out = "noise_um= or noise_share=" if isinstance(test, PerturbationTest | StaticTest) else "its sigma"
         raise ValueError(f"{test.source or test.title}: the noise of its readings is not known; give {way_out}")
+
+    def is_found(self, test: Experiment) -> Bool:
+        """Rows of a test whose noise is that of the earlier fit: of its responses, and where the test says none."""
+        if self.found is None or not _is_swept(test):
+            return np.zeros(len(test), dtype=bool)
+        names = [(run, plane) for run, plane, _ in self.found.constant]
+        read = [pair in names for pair in zip(test.run.tolist(), test.plane.tolist(), strict=True)]
+        return np.array(read) | np.isnan(test.sigma)
+
+    def share_of(self, test: Experiment) -> float:
+        """Noise of each reading of a test over its size."""
+        found = self.found.share if self.found is not None and self.is_found(test).all() else 0.0
+        return math.hypot(self.share, found)
 
     def lags(self) -> tuple[float, ...]:
         """Correlations along a sweep at distances of 1, 2, ... lines, as long as they count."""

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from rotorfit.models import RotorModel
 from rotorfit.models.motion.stability import stability_band
 from rotorfit.studies.planning.design import Design
 from rotorfit.studies.planning.guesses import Values
-from rotorfit.studies.planning.noise import PlannedNoise
+from rotorfit.studies.planning.noise import NoiseOfFit, PlannedNoise
 from rotorfit.studies.planning.record import Plan
 from rotorfit.studies.planning.suggestions import Choices, suggest
 from rotorfit.studies.planning.targets import Wanted, all_targets
@@ -42,11 +43,12 @@ def plan(
     runs: Mapping[str, float] | None = None,
     quantity: Wanted = None,
     wanted: float | None = None,
-    known: Mapping[str, float | None] | None = None,
+    known: Mapping[str, float | tuple[float, float] | None] | None = None,
     priors: Mapping[str, Any] | None = None,
     per: Mapping[str, str] | None = None,
     phase_offsets: PhaseOffsets = False,
     calibration: Calibration | None = None,
+    causes: Mapping[str, float] | None = MappingProxyType({}),
     even: float = 0.3,
     draws: int = 16,
     seed: int = 0,
@@ -58,11 +60,12 @@ def plan(
     Args:
         model: the rotor.
         values: its parameters by name, SI: a number, a range ``(low, high)`` or a frozen ``scipy.stats`` distribution;
-            or an earlier fit or posterior.
+            or an earlier fit or posterior, whose known values, causes and noise then hold where nothing else is said.
         tests: experiments as patterns, whose readings do not count, and at most one :class:`Design`: what the rig can
             do beyond these. Frequencies of an impulse test say which mode it excites.
         noise_um: standard deviation of the real and of the imaginary part of a reading, um (urad for slopes), one or by
-            plane; unless given, the patterns' sigma, which other tests than those of responses need in any case.
+            plane; unless given, the noise that the earlier fit found, or the patterns' sigma, which other tests than
+            those of responses need in any case.
         noise_share: further noise of each reading, over its size.
         common_share: the same, common to all probes of a line: jitter of force or speed.
         memory: correlation of the noise of neighbouring lines, as by overlapping filters, falling as its powers; or the
@@ -71,7 +74,8 @@ def plan(
         quantity: what the test is for: a name, several, a function of the parameters, or functions by name; unless
             given, all parameters together.
         wanted: relative standard error that the quantity is to have.
-        known, priors, per, phase_offsets, calibration: as the fit will have them; see :func:`rotorfit.fit`.
+        known, priors, per, phase_offsets, calibration, causes: as the fit will have them; see :func:`rotorfit.fit`.
+            Errors are those that it will print, causes included.
         even: part of the averaging time that is spread over all lines alike, against errors of the model.
         draws: vectors drawn where values are not numbers.
         seed: of the draws.
@@ -98,24 +102,42 @@ def plan(
         raise TypeError(f"the model must be an instance such as rf.models.WhirlWhip(), not {model!r}")
     patterns, design = _apart(tests)
     earlier = values.fit if isinstance(values, Posterior) else values
-    if known is None and isinstance(earlier, FitResult):
-        known = earlier.settings.held
+    given = (noise_um, runs, memory) != (None, None, 0.0) or bool(noise_share or common_share)
+    found = before = None
+    if isinstance(earlier, FitResult):
+        known = earlier.settings.known if known is None else known
+        calibration = earlier.settings.calibration if calibration is None else calibration
+        causes = None if earlier.settings.causes is None and not causes else causes
+        found = None if given else NoiseOfFit.of(earlier)
+        before = None if causes else _sizes_of(earlier)
     settings = FitSettings(
         known=known or {},
         priors=priors or {},
         per=per or {},
         phase_offsets=phase_offsets,
         calibration=calibration,
-        causes=None,
+        causes=None if causes is None else dict(causes),
     )
-    noise = PlannedNoise(additive=noise_um, share=noise_share, common=common_share, memory=memory, runs=runs or {})
+    noise = PlannedNoise(
+        additive=noise_um, share=noise_share, common=common_share, memory=memory if found is None else found.memory,
+        runs=(runs or {}) if found is None else found.runs, found=found,
+    )  # fmt: skip
     task = Task(
         model=model, values=values, patterns=patterns, settings=settings, noise=noise, quantity=quantity,
-        even=float(even), draws=draws, seed=seed, band=_band(model, earlier, patterns, design),
+        even=float(even), draws=draws, seed=seed, band=_band(model, earlier, patterns, design), before=before,
     )  # fmt: skip
     chosen, choices = (None, []) if design is None else with_best_speeds(task, design)
     made = task.solved(chosen)
     return replace(made, suggestions=suggest(task, made, chosen, choices, wanted))
+
+
+def _sizes_of(fit: FitResult) -> Mapping[str, float]:
+    """Sizes of causes that an earlier fit was given, and those that its data raised."""
+    solved, given = fit.settings.solved, fit.settings.sizes
+    if solved is None:
+        return given
+    every = solved.factor > 1
+    return {**given, **{c.name: c.size for c in solved.causes if every or c.name in solved.raised}}
 
 
 def _band(model: RotorModel, earlier: Any, patterns: Sequence[Experiment], design: Design | None) -> float:
@@ -154,7 +176,8 @@ def with_best_speeds(task: Task, design: Design) -> tuple[Design, Choices]:
     targets, names = all_targets(found.problem.space, task.quantity, task.band)
     first = sum(block.measured.size for block in found.problem.blocks[: len(task.patterns)])
     errors = errors_of(found, targets)
-    lines, _ = task.lines(found, [targets[name] for name in names if math.isfinite(errors[name].stderr)], first)
+    asked = [name for name in names or tuple(targets) if math.isfinite(errors[name].stderr)]
+    lines, _ = task.lines(found, [targets[name] for name in asked if names or found.causes], first, found.told | True)
     speed = test.speed[test.lines.apart()[1]]
     order = sorted(_compared(lines, speed, design.speeds, count).items(), key=lambda choice: choice[1])
     speeds, best = order[0]

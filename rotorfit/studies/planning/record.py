@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.atomic_file import whole_file
-from rotorfit.base.digits import significant, with_error
+from rotorfit.base.digits import significant, with_errors
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Printed, text_table
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.inference.optimal_shares import Shares
-from rotorfit.identify.fitting.quantities import Quantity
+from rotorfit.identify.fitting.quantities import ErrorBar, Quantity
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.models import RotorModel
 from rotorfit.studies.planning.expectation import Expectation
@@ -32,11 +32,23 @@ class ExpectedError(Quantity):
 
     low: float = math.nan  # low, high: range of the standard error over the draws of what is not known
     high: float = math.nan
+    bar: ErrorBar | None = field(default=None, compare=False, repr=False)
+    floor: ErrorBar | None = field(default=None, compare=False, repr=False)  # what of it no averaging lowers
+
+    @property
+    def error(self) -> ErrorBar | None:
+        """The error share by share; None without causes."""
+        return self.bar
 
     @property
     def relative(self) -> float:
         """Standard error over value; infinite where the test does not determine the quantity."""
         return abs(self.stderr / self.value) if self.value else math.inf
+
+    @property
+    def at_floor(self) -> ExpectedError:
+        """With what of the error no averaging lowers."""
+        return self if self.floor is None else replace(self, stderr=self.floor.stderr, bar=self.floor)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -165,18 +177,21 @@ class Plan(Printed):
         return virtual_run(self.model, theta, self.test, self.expectation.noise, weight, seed)
 
     def __str__(self) -> str:
-        rows = [["", "value", "std error", "relative", "over the draws", "all lines alike", "unit"]]
+        more = ["noise", "bounded", "on trust"] * bool(self.expectation.causes)
+        rows = [["", "value", "std error", *more, "relative", "over the draws", "all lines alike", "unit"]]
         for name, one in self.expected.items():
-            value, error = with_error(one.value, one.stderr)
+            bar = one.error
+            parts = [math.nan] * len(more) if bar is None else [bar.noise, bar.bounded, bar.trust]
+            value, error, *sizes = with_errors(one.value, one.stderr, one.stderr, *parts)
             found = math.isfinite(one.stderr)
             shares = [f"{significant(100 * which.relative, 2)} %" if found else "-" for which in (one, self.even[name])]
             ends = [significant(100 * abs(end / one.value), 2) if one.value else "-" for end in (one.low, one.high)]
             span = f"{ends[0]} to {ends[1]} %" if found and one.low < one.high else "-"
-            rows.append([name, value, error if found else "open", shares[0], span, shares[1], one.unit])
+            rows.append([name, value, error if found else "open", *sizes, shares[0], span, shares[1], one.unit])
         aim = " and ".join(self.quantity) if self.quantity else "all parameters together"
         hours = "" if math.isnan(self.time_s) else f", {duration(self.time_s)}"
         head = f"plan of a test of {self.model.name} for {aim}: {self.share.size} lines{hours}"
-        table = text_table(rows, "<16 >12 >12 >10 >18 >16 <8")
+        table = text_table(rows, " ".join(["<16 >12 >12", *[">10"] * len(more), ">10 >18 >16 <8"]))
         return "\n".join([head, *table, f"{self.certificate}", *self.suggestions, *self.notes])
 
 

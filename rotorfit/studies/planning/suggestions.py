@@ -12,6 +12,7 @@ import numpy as np
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.identify.fitting.causes.table import size_of
 from rotorfit.identify.observing.circular import first_rows
 from rotorfit.lab.data.experiments import Experiment, PerturbationTest
 from rotorfit.models.motion.stability import decay_rate
@@ -183,7 +184,7 @@ def suggest(task: Task, plan: Plan, design: Design | None, choices: Choices, wan
     elif len(shares) > 1:  # tests are given as they are
         best, share = max(shares.items(), key=lambda one: one[1])
         found.append(f"Run {best} determines most of {_aim(plan)}: {share:.0%} of any further time would go there.")
-    found += _for_wanted(plan, wanted)
+    found += [*_for_wanted(task, plan, wanted), *_floors(plan)]
     return (*found, *(additions(task, plan, wanted) if design is None else _whole_rig(task, plan, design)))
 
 
@@ -216,27 +217,62 @@ def _runs(plan: Plan, shares: Mapping[str, float]) -> list[str]:
         where = f", most at {', '.join(f'{w:g}' for w in at[:NAMED])} rpm" if at else ""
         sentences.append(f"{name}: {shares[name]:.0%} of the averaging time{where}.")
     if plan.quantity:
-        gains = [plan.even[name].stderr / plan.expected[name].stderr for name in plan.quantity]
+        gains = [plan.even[name].noise / plan.expected[name].noise for name in plan.quantity]
         if all(math.isfinite(gain) for gain in gains):
             factor = math.exp(sum(map(math.log, gains)) / len(gains))
+            by_noise = "by the noise " if plan.expectation.causes else ""
             sentences.append(
-                f"With as much time for every line the errors of {_aim(plan)} would be {significant(factor, 2)} "
-                "times as large."
+                f"With as much time for every line the errors of {_aim(plan)} {by_noise}would be "
+                f"{significant(factor, 2)} times as large."
             )
     return sentences
 
 
-def _for_wanted(plan: Plan, wanted: float | None) -> list[str]:
+def _floors(plan: Plan) -> list[str]:
+    """What no averaging lowers, by the cause on trust that it mostly rests on, and what would tell that cause."""
+    weighty = 0.5  # share of a floor in an error from which more averaging is hardly worth it
+    resting: dict[str, list[str]] = {}
+    for name in plan.quantity or tuple(plan.expected):
+        one = plan.expected[name]
+        if one.floor is not None and math.isfinite(one.stderr) and one.floor.stderr > weighty * one.stderr:
+            resting.setdefault(one.floor.largest_on_trust, []).append(f"{name} at {percent(one.at_floor)}")
+    causes = {cause.name: cause for cause in plan.expectation.causes}
+    return [
+        f"However long such lines are averaged, errors stay: {', '.join(names)}, resting on {cause} "
+        f"{size_of(causes[cause])} ({causes[cause].meaning}); to bound it, {causes[cause].remedy}."
+        for cause, names in resting.items()
+    ]
+
+
+def _averaging(task: Task, plan: Plan, name: str, wanted: float) -> float:
+    """Times the averaging that brings a quantity to a relative error, infinite where none does."""
+    one, found = plan.expected[name], plan.expectation
+    if one.floor is None:
+        return (one.relative / wanted) ** 2
+    if one.floor.stderr >= wanted * abs(one.value):
+        return math.inf
+    target = {name: all_targets(found.problem.space, task.quantity, task.band)[0][name]}
+    low, high = 1.0, 1e8
+    for _ in range(20):  # to a factor of one in a hundred thousand
+        middle = math.sqrt(low * high)
+        longer = errors_of(found.longer(np.full(found.constant.size, middle)), target)[name]
+        low, high = (middle, high) if longer.relative > wanted else (low, middle)
+    return high
+
+
+def _for_wanted(task: Task, plan: Plan, wanted: float | None) -> list[str]:
     if wanted is None:
         return []
     sentences, goal = [], f"{significant(100 * wanted, 2)} %"
     for name in plan.quantity or tuple(plan.expected):
         one, average = plan.expected[name], float(plan.lines.average.sum())
-        factor = (one.relative / wanted) ** 2
+        factor = _averaging(task, plan, name, wanted)
         if not math.isfinite(one.stderr):
             sentences.append(f"No averaging brings {name} to {goal}: this test leaves it open.")
-        elif factor <= 1:
+        elif one.relative <= wanted:
             sentences.append(f"{name} comes to {percent(one)}, within the {goal} that are wanted.")
+        elif math.isinf(factor):
+            sentences.append(f"No averaging brings {name} from {percent(one)} to {goal}: causes on trust hold it.")
         else:
             more = "" if math.isnan(average) else f", {duration(average * (factor - 1))} more"
             take = f"{goal} take {significant(factor, 3)} times the averaging{more}"

@@ -13,9 +13,11 @@ import numpy as np
 from rotorfit.base.array_types import Float
 from rotorfit.base.names import unknown_name
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
+from rotorfit.identify.fitting.causes.slopes import onset_slopes, value_slopes
+from rotorfit.identify.fitting.causes.solution import SolvedCauses
 from rotorfit.identify.fitting.derived import value_and_gradient
 from rotorfit.identify.fitting.quantities import THRESHOLD
-from rotorfit.models import threshold_speed
+from rotorfit.models import Threshold, threshold_speed
 
 Wanted: TypeAlias = str | Callable[[Any], Any] | Sequence[str] | Mapping[str, Callable[[Any], Any]] | None
 """Names, a function of the parameters, or functions by name."""
@@ -27,6 +29,12 @@ class Target:
 
     unit: str
     at: Callable[[Float], tuple[float, Float]]
+    # derivatives by the sizes of causes that act on it itself, shape ``(k,)``; nothing for what causes move by values
+    beside: Callable[[Float, SolvedCauses], Float] | None = None
+
+    def by_causes(self, x: Float, solved: SolvedCauses) -> Float:
+        """Derivatives by the sizes of causes, the fitted values held, shape ``(k,)``."""
+        return np.zeros(len(solved.causes)) if self.beside is None else self.beside(x, solved)
 
 
 def all_targets(space: ParameterSpace, quantity: Wanted, band: float) -> tuple[dict[str, Target], tuple[str, ...]]:
@@ -65,13 +73,22 @@ def _parameter(space: ParameterSpace, entry: int) -> Target:
 
 def _threshold(space: ParameterSpace, group: int, band: float) -> Target:
     @cache
-    def found(x: tuple[float, ...]) -> tuple[float, Float]:
-        onset = threshold_speed(space.model, space.theta(np.array(x))[group], band=band)
-        if onset is None:
-            return math.nan, np.zeros(space.size)
-        return onset.speed, space.pull_back(onset.gradient, group)
+    def onset(x: tuple[float, ...]) -> Threshold | None:
+        return threshold_speed(space.model, space.theta(np.array(x))[group], band=band)
 
-    return Target(unit="rad/s", at=lambda x: found(tuple(x.tolist())))
+    def at(x: Float) -> tuple[float, Float]:
+        found = onset(tuple(x.tolist()))
+        if found is None:
+            return math.nan, np.zeros(space.size)
+        return found.speed, space.pull_back(found.gradient, group)
+
+    def beside(x: Float, solved: SolvedCauses) -> Float:
+        found = onset(tuple(x.tolist()))
+        if found is None:
+            return np.zeros(len(solved.causes))
+        return onset_slopes(space.model, space.theta(x)[group], found, solved)
+
+    return Target(unit="rad/s", at=at, beside=beside)
 
 
 def _function(space: ParameterSpace, name: str, function: Callable[[Any], Any]) -> Target:
@@ -83,4 +100,8 @@ def _function(space: ParameterSpace, name: str, function: Callable[[Any], Any]) 
         value, gradient = evaluate(space.theta(x)[0])
         return value, space.pull_back(gradient, 0)
 
-    return Target(unit="", at=at)
+    def beside(x: Float, solved: SolvedCauses) -> Float:
+        theta = space.theta(x)[0]
+        return value_slopes(space.model, theta, evaluate(theta)[1], None, solved)
+
+    return Target(unit="", at=at, beside=beside)

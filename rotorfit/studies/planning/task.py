@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.base.array_types import Float, Index
+from rotorfit.base.array_types import Bool, Float, Index
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.blocks.nonlinear import responses_of
@@ -18,6 +18,8 @@ from rotorfit.estimators.inference.identifiability import UNSEEN_CHANGE
 from rotorfit.estimators.inference.optimal_shares import Lines, optimal_shares
 from rotorfit.estimators.misfit.parameter_space import parameter_space
 from rotorfit.identify.diagnosis.orbits import SYNCHRONOUS_DISTANCE
+from rotorfit.identify.fitting.causes.solution import SolvedCauses
+from rotorfit.identify.fitting.quantities import ErrorBar
 from rotorfit.identify.fitting.settings import FitSettings
 from rotorfit.identify.observing.circular import first_rows
 from rotorfit.lab.data.experiments import Experiment, PerturbationTest
@@ -44,11 +46,13 @@ class Task:
     draws: int
     seed: int
     band: float  # modulus of eigenvalues that count, rad/s
+    before: Mapping[str, float] | None = None  # sizes of causes of an earlier fit
 
     def expect(self, *further: Experiment, draws: int | None = None) -> Expectation:
         """The problem of the patterns and further tests."""
         tests, count = (*self.patterns, *further), self.draws if draws is None else draws
-        return expect(self.model, tests, self.settings, self.values, self.noise, count, self.seed, self.band)
+        how = (self.noise, count, self.seed, self.band, self.before)
+        return expect(self.model, tests, self.settings, self.values, *how)
 
     def candidates(self, design: Design) -> PerturbationTest:
         """All lines of a design."""
@@ -59,17 +63,25 @@ class Task:
         space = parameter_space(self.model, known=self.settings.held, bounds={}, groups=[{}])
         return np.asarray(space.theta(guess(space, self.values, self.draws, self.seed).centre)[0])
 
-    def lines(self, found: Expectation, asked: Sequence[Target], first: int) -> tuple[Lines, Float]:
+    def lines(
+        self, found: Expectation, asked: Sequence[Target], first: int, beside: Bool | None = None
+    ) -> tuple[Lines, Float]:
         """Lines from the first reading of the design on, those before it as information that is there; and their draws.
         Draws at which less is determined than at others, because the rotor is unstable, are left out, and those without
-        a threshold speed where it is asked for."""
+        a threshold speed where it is asked for. ``beside``: causes that are further entries, each in its own size."""
         draws = found.guess.draws
         rows, line = found.rows(draws), np.repeat(found.line, 2)
+        known = prior_curvature(found.problem, found.guess.centre)
+        entries = np.arange(known.size)
+        if beside is not None and beside.any():
+            entries = np.append(entries, known.size + np.flatnonzero(beside))
+            known = np.concatenate([known, np.ones(int(beside.sum()))])
+            rows = np.concatenate([rows, found.columns(draws)[:, :, beside]], axis=2)
+        gradients = np.array([[found.slopes(target, x)[entries] for target in asked] for x in draws])
+        gradients = gradients.reshape(len(draws), len(asked), known.size)
         own = slice(2 * first, None)
         earlier = rows[:, : 2 * first]
-        fixed = np.diag(prior_curvature(found.problem, found.guess.centre)) + np.swapaxes(earlier, 1, 2) @ earlier
-        gradients = np.array([[target.at(x)[1] for target in asked] for x in draws])
-        gradients = gradients.reshape(len(draws), len(asked), draws.shape[1])
+        fixed = np.diag(known) + np.swapaxes(earlier, 1, 2) @ earlier
         whole = Lines(rows=rows[:, own], line=line[own] - line[own].min(), fixed=fixed, gradients=gradients)
         rank = whole.rank()
         kept = np.asarray((rank == rank.max()) & np.all(np.any(gradients != 0, axis=2), axis=1))
@@ -89,7 +101,9 @@ class Task:
         alike = errors_of(found, targets)
         open_ = [name for name in names if not math.isfinite(alike[name].stderr)]
         asked = [targets[name] for name in names if name not in open_]
-        lines, draws = self.lines(found, asked, first)
+        # What no line tells no line lowers: it has no say in what deserves the time.
+        lines, _ = self.lines(found, asked, first, found.told if asked else None)
+        whole = self.lines(found, asked, first, found.told | True)
         shares = optimal_shares(lines, self.even if not open_ or asked else 1.0)
         factor = np.ones(found.constant.size)
         table = _table(found, first)
@@ -105,7 +119,7 @@ class Task:
         return Plan(
             model=self.model,
             quantity=names,
-            expected=_with_ranges(expected, targets, lines, weight, draws),
+            expected=_with_ranges(with_floors(expected, found, targets), found, targets, *whole, weight),
             even=alike,
             lines=table,
             share=shares.share,
@@ -126,19 +140,43 @@ class Task:
 def errors_of(found: Expectation, targets: Mapping[str, Target]) -> dict[str, ExpectedError]:
     """Expected errors of quantities, infinite where the test leaves them open."""
     covar, verdict = found.errors()
-    null = verdict.null_space
+    null, centre = verdict.null_space, found.guess.centre
     result = {}
     for name, target in targets.items():
-        value, slope = target.at(found.guess.centre)
+        value, slope = target.at(centre)
         leak = float(np.abs(slope[: null.shape[0]] @ null).max(initial=0.0)) if null.size else 0.0
-        undetermined = leak > UNSEEN_CHANGE * abs(value) or math.isnan(value)
-        error = math.inf if undetermined else float(standard_error(slope, covar))
-        result[name] = ExpectedError(value, error, target.unit)
+        if leak > UNSEEN_CHANGE * abs(value) or math.isnan(value):
+            result[name] = ExpectedError(value, math.inf, target.unit)
+            continue
+        noise, bar = float(standard_error(slope, covar)), None
+        if found.solved is not None:
+            bar = _bar(found.solved, noise, slope, target.by_causes(centre, found.solved))
+        result[name] = ExpectedError(value, noise if bar is None else bar.stderr, target.unit, bar=bar)
     return result
 
 
+def with_floors(
+    expected: Mapping[str, ExpectedError], found: Expectation, targets: Mapping[str, Target]
+) -> dict[str, ExpectedError]:
+    """The errors with what of them stays however long is averaged."""
+    ages = 1e4  # of averaging: noise falls to a hundredth
+    ahead = found.longer(np.full(found.constant.size, ages))
+    floors = errors_of(ahead, targets) if found.causes else {}
+    return {name: replace(one, floor=floors[name].bar) if name in floors else one for name, one in expected.items()}
+
+
+def _bar(solved: SolvedCauses, noise: float, by_values: Float, by_causes: Float) -> ErrorBar:
+    names = [cause.name for cause in solved.causes]
+    return ErrorBar.of(solved.errors, names, noise, solved.errors.along(by_values, by_causes))
+
+
 def _with_ranges(
-    expected: Mapping[str, ExpectedError], targets: Mapping[str, Target], lines: Lines, weight: Float, draws: Float
+    expected: Mapping[str, ExpectedError],
+    found: Expectation,
+    targets: Mapping[str, Target],
+    lines: Lines,
+    draws: Float,
+    weight: Float,
 ) -> dict[str, ExpectedError]:
     """The errors with their ranges over the draws."""
     result = {name: replace(one, low=one.stderr, high=one.stderr) for name, one in expected.items()}
@@ -146,7 +184,7 @@ def _with_ranges(
         covar = lines.covariance(weight)
         for name, one in expected.items():
             if math.isfinite(one.stderr):
-                slopes = np.array([targets[name].at(x)[1] for x in draws])
+                slopes = np.array([found.slopes(targets[name], x) for x in draws])
                 errors = np.sqrt(np.einsum("di,dij,dj->d", slopes, covar, slopes))
                 result[name] = replace(one, low=float(errors.min()), high=float(errors.max()))
     return result
@@ -179,7 +217,7 @@ def _timed(
     settle, average = line_times(design, task.model, task.vector(), test, first, task.band)
     line: Index = test.lines.apart()[0]
     shared = (average * weight)[line]
-    relative = math.hypot(task.noise.share, task.noise.common)
+    relative = math.hypot(task.noise.share_of(test), task.noise.common)
     sigma = np.hypot(task.noise.of_rows(test), relative * sizes) / np.sqrt(weight[line])
     planned = replace(test, sigma=sigma, attributes={"average_s": shared}, source="plan")
     return replace(table, settle=settle, average=average * weight), planned

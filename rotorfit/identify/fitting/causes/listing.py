@@ -41,9 +41,15 @@ _OF_FLUID = ("K0", "D", "lam", "lam_D", "lam_M", "Mf")
 
 
 def listed(
-    problem: Problem, x: Float, given: Mapping[str, float], calibration: Calibration | None = None
+    problem: Problem,
+    x: Float,
+    given: Mapping[str, float],
+    calibration: Calibration | None = None,
+    *,
+    of_another: bool = False,
 ) -> tuple[Cause, ...]:
-    """Causes of a problem at fitted values, those that were given with their sizes; none without a size.
+    """Causes of a problem at fitted values, those that were given with their sizes; none without a size. Of sizes that
+    were given for another test, those of causes that this one cannot have do not count.
 
     Raises:
         KeyError: a name that is not in the list; the message names the nearest.
@@ -60,6 +66,8 @@ def listed(
         given = {**sizes, **given}
     names = [cause.name for cause in found]
     for name, size in given.items():
+        if name not in names and of_another:
+            continue
         if name not in names:
             raise KeyError(unknown_name("cause", name, names))
         if not 0 <= size < math.inf:

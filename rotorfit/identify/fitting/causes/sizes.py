@@ -13,12 +13,15 @@ class Size:
     size: float
     reason: str
     source: str  # "c" for arithmetic or a convention that can be checked, "m" measured, "j" judgement
-    remedy: str = ""
+    remedy: str
 
 
 _CALIBRATE = "calibrate the probes on the shaft (calibration=)"
 _SPEEDS = "test at a second speed, or fit a law of speed (law=rf.models.LinearInSpeed)"
 _RING_DOWN = "measure a ring-down without fluid"
+_ERROR = "give its own error (known={NAME: (value, error)}), or fit it"
+_BLOCKS = "let rf.refine fit it, or bring the shaft's matrices (KnownStructure)"
+_SHAFT = "bring the shaft's matrices (KnownStructure), or test further up"
 
 SIZES = {
     "gain": Size(
@@ -39,7 +42,12 @@ SIZES = {
         source="j",
         remedy="measure the angles of the probes from the zero of the force",
     ),
-    "lead": Size(size=0.0, reason="listed by a calibration", source="j"),
+    "lead": Size(
+        size=0.0,
+        reason="listed by a calibration",
+        source="j",
+        remedy="compare the phases of two probes at one plane",
+    ),
     "delay": Size(
         size=math.radians(0.5) / (2 * math.pi * 100),
         reason="unequal filters, 0.5 deg at 100 Hz",
@@ -61,7 +69,7 @@ SIZES = {
     "damper": Size(
         size=0.05, reason="damping ratio of rotors without fluid 2.5 %", source="m", remedy=f"{_RING_DOWN} (known=)"
     ),
-    "damping": Size(size=0.20, reason="a damping that was measured by a ring-down", source="j"),
+    "damping": Size(size=0.20, reason="a damping that was measured by a ring-down", source="j", remedy=_ERROR),
     "loss": Size(size=0.005, reason="loss factor of built-up rotors", source="m", remedy=_RING_DOWN),
     "gyro": Size(
         size=0.02,
@@ -69,12 +77,12 @@ SIZES = {
         source="c",
         remedy="fit a model with tilt, or the known shaft",
     ),
-    "known": Size(size=0.01, reason="a value that was measured", source="j"),
+    "known": Size(size=0.01, reason="a value that was measured", source="j", remedy=_ERROR),
     "lag": Size(
         size=math.radians(2.0),
         reason="compliance in series, 30 times the fluid's at the top",
         source="j",
-        remedy="take Mf for an effective one",
+        remedy="take Mf for an effective one, or measure the stiffness of what holds the fluid",
     ),
     "speed[lam]": Size(size=0.05, reason="swirl, when the speed doubles", source="c", remedy=_SPEEDS),
     "speed[K0]": Size(size=0.30, reason="pressure is constant, the speed doubles", source="c", remedy=_SPEEDS),
@@ -88,13 +96,24 @@ SIZES = {
     "speed label": Size(
         size=0.002, reason="a speed of unknown origin", source="j", remedy="check the counter against a reference"
     ),
-    "mass": Size(size=0.005, reason="a mass that was weighed", source="j"),
-    "mass between": Size(size=0.05, reason="the shaft's own mass between planes, of the mean of theirs", source="c"),
-    "between": Size(size=0.01, reason="coupling that a lumped chain leaves out, of the stiffness", source="j"),
-    "offset": Size(size=0.02, reason="2 mm of 100 mm on the way to the next plane", source="c"),
-    "q": Size(size=0.003, reason="modes above the band, of the stiffness at its top", source="c"),
-    "flex": Size(size=0.01, reason="modes above the band, of the static compliance", source="c"),
-    "flex[journal]": Size(size=0.03, reason="the same where a journal or a bare shaft is forced", source="c"),
-    "clearance": Size(size=0.02, reason="heat and measurement", source="c"),
+    "mass": Size(size=0.005, reason="a mass that was weighed", source="j", remedy=_ERROR),
+    "mass between": Size(
+        size=0.05, reason="the shaft's own mass between planes, of the mean of theirs", source="c", remedy=_BLOCKS
+    ),
+    "between": Size(
+        size=0.01, reason="coupling that a lumped chain leaves out, of the stiffness", source="j", remedy=_BLOCKS
+    ),
+    "offset": Size(
+        size=0.02,
+        reason="2 mm of 100 mm on the way to the next plane",
+        source="c",
+        remedy="measure how far probes and weights are off the planes",
+    ),
+    "q": Size(size=0.003, reason="modes above the band, of the stiffness at its top", source="c", remedy=_SHAFT),
+    "flex": Size(size=0.01, reason="modes above the band, of the static compliance", source="c", remedy=_SHAFT),
+    "flex[journal]": Size(
+        size=0.03, reason="the same where a journal or a bare shaft is forced", source="c", remedy=_SHAFT
+    ),
+    "clearance": Size(size=0.02, reason="heat and measurement", source="c", remedy="measure the clearance warm"),
 }
 """Usual sizes, which the user may replace; docs/uncertainty.md says where they come from."""

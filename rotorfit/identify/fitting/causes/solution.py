@@ -219,6 +219,17 @@ def solved_before(problem: Problem, x: Float, solved: SolvedCauses) -> JointSear
     )  # fmt: skip
 
 
+def not_found_yet(problem: Problem, x: Float, causes: tuple[Cause, ...]) -> SolvedCauses:
+    """Causes that readings will be solved with which are as the fitted values predict them: none is found, and the
+    errors are those that a fit of such readings prints."""
+    none, same = np.zeros(len(causes)), tuple(np.zeros_like(block.measured) for block in problem.blocks)
+    ahead = JointSearch(
+        problem=problem, x=x, causes=causes, sizes=none, J=problem.jacobian(x)[1] @ _told(problem, x),
+        columns=columns(problem, x, causes), shift=same, plain=x, plain_square=0.0, square=0.0,
+    )  # fmt: skip
+    return SolvedCauses(causes=causes, errors=ahead.errors(1.0), shift=same, plain=x, plain_square=0.0)
+
+
 def linear_causes(problem: Problem, x: Float, solved: SolvedCauses) -> LinearCauses:
     """The causes to first order about the joint optimum, as wide as the errors have them. The columns are of the same
     predictions as the Jacobian of the problem, which has the causes taken out: what both take up alike must cancel."""

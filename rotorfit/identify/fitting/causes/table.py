@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from rotorfit.base.digits import significant, two_digits
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Printed, text_table
+from rotorfit.estimators.inference.causes import Cause
 from rotorfit.identify.fitting.causes.solution import SolvedCauses
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ class CauseRow:
     stderr: float
     z: float
     pull: float
-    remedy: str = ""
+    remedy: str
 
     @property
     def found(self) -> bool:
@@ -94,7 +95,7 @@ class Causes(Printed):
     @property
     def notes(self) -> tuple[str, ...]:
         """Those that the data show, in words; they are in the estimate and in its error already."""
-        return tuple(f"the data show {row.words}{_remedy(row)}" for row in self.found)
+        return tuple(f"the data show {row.words}; {row.remedy}" for row in self.found)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -124,8 +125,9 @@ class Causes(Printed):
         return "\n".join(text_table(rows, "<22 >10 >10 >10 >6 >6 >6 <8 <1"))
 
 
-def _remedy(row: CauseRow) -> str:
-    return f"; {row.remedy}" if row.remedy else ""
+def size_of(row: CauseRow | Cause) -> str:
+    """The size of a cause with its unit."""
+    return f"{two_digits(row.size)} {'' if row.unit == '1' else row.unit}".rstrip()
 
 
 def table_of(solved: SolvedCauses | None) -> Causes:
