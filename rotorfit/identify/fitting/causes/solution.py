@@ -223,9 +223,10 @@ def not_found_yet(problem: Problem, x: Float, causes: tuple[Cause, ...]) -> Solv
     """Causes that readings will be solved with which are as the fitted values predict them: none is found, and the
     errors are those that a fit of such readings prints."""
     none, same = np.zeros(len(causes)), tuple(np.zeros_like(block.measured) for block in problem.blocks)
+    J = problem.jacobian(x)[1]
     ahead = JointSearch(
-        problem=problem, x=x, causes=causes, sizes=none, J=problem.jacobian(x)[1] @ _told(problem, x),
-        columns=columns(problem, x, causes), shift=same, plain=x, plain_square=0.0, square=0.0,
+        problem=problem, x=x, causes=causes, sizes=none, J=J @ _told(J, prior_curvature(problem, x)),
+        columns=columns(problem, x, causes), shift=same, plain=x, plain_square=0.0, square=0.0, missed=0.0,
     )  # fmt: skip
     return SolvedCauses(causes=causes, errors=ahead.errors(1.0), shift=same, plain=x, plain_square=0.0)
 
