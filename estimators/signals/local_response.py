@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rotorfit.base.array_types import Bool, ComplexArray, Float
+from rotorfit.base.array_types import ROUND_OFF, Bool, ComplexArray, Float
 from rotorfit.base.digits import significant
 from rotorfit.base.significance import SIGNIFICANT_ERRORS
 
@@ -206,7 +206,13 @@ def _solver(
             matrix[row : row + len(p), column : column + some.shape[1]] = some
         measured = np.hstack([r.outputs[:, part] for r, part in zip(records, lines, strict=True)]).T
         scale = np.linalg.norm(matrix, axis=0)
-        q, r = np.linalg.qr(matrix / scale)
+        q, r = np.linalg.qr(matrix / np.where(scale > 0, scale, 1.0))
+        if np.abs(np.diag(r)).min(initial=1.0) < ROUND_OFF:
+            raise ValueError(
+                f"most spectral lines from {significant(edges[first], 4)} to {significant(edges[last], 4)} rad/s are "
+                "without force, as of periods that repeat exactly: give one period, or a test that begins and ends "
+                "elsewhere"
+            )
         noise = [np.sqrt(r.force_noise) * p for r, p in zip(records, powers, strict=True)]
         solving = _without_noise(r, np.vstack(noise), scale[:known]) if records[0].force_noise else np.linalg.inv(r)
         inverse = solving[:known] / scale[:known, None]

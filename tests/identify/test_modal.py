@@ -11,6 +11,7 @@ from plain import plain_fit
 from sentences import refuses
 
 import rotorfit as rf
+from rotorfit.identify.fitting.structure.modes import own_modes
 
 RPM = np.pi / 30
 
@@ -148,6 +149,14 @@ def test_two_modes_of_start_ups_give_the_disks() -> None:
         assert found[name].stderr < 0.05 * abs(found[name].value)
     assert abs(found["M12"].value) < 4 * found["M12"].stderr + 0.01
     assert truth
+
+
+def test_modes_that_are_parameters_are_asked_for_as_such() -> None:
+    """Nor are they a table beside the fit: writing it ended in an IndexError where one direction was measured."""
+    fit = plain_fit(rf.models.Modal(EIGHT, modes=3, gains="plane", force_planes=("s0",)), hammer_test(400, 0.95, 1))
+    with refuses(ValueError):
+        fit.modes()
+    assert own_modes(fit) is None
 
 
 def test_other_models_have_no_modes_to_turn_into_disks() -> None:

@@ -173,6 +173,8 @@ def _damping_slope(s: complex, by: ComplexArray) -> Float:
 def modes_of(fit: FitResult, speed: float, normalise: str | None, at: Mapping[str, Any] | None) -> Modes:
     """See :meth:`FitResult.modes`."""
     speed, model, group = angular_rate(speed), fit.model, fit.group(at)
+    if _are_parameters(model):
+        raise ValueError(f"the modes of {model.name} are its parameters, see fit.params; fit.plot.mode_shapes() draws them")
     theta = fit.theta_at(group, speed)
     names = [c.plane if c.axis == "z" else f"{c.plane}.{c.axis}" for c in model.coordinates]
     if normalise is not None and normalise not in names:
@@ -210,10 +212,17 @@ def modes_of(fit: FitResult, speed: float, normalise: str | None, at: Mapping[st
     return Modes(tuple(modes), speed)
 
 
+def _are_parameters(model: RotorModel) -> bool:
+    """True if a model is written in modes, which are coordinates beside its planes."""
+    return any(coordinate.plane not in model.planes for coordinate in model.coordinates)
+
+
 def own_modes(fit: FitResult) -> Modes | None:
     """Modes of a passive rotor that rotation does not change, each with a mass of its own; None of other rotors."""
     model = fit.model
     if model.frame != "z" or model.shaft is not None or model.speed_dependent or len(fit.thetas) > 1:
+        return None
+    if _are_parameters(model):
         return None
     found = fit.modes() if len(model.coordinates) > 1 else ()
     return found if isinstance(found, Modes) and found and found[0].mass is not None else None
