@@ -53,7 +53,7 @@ WAITED = 60.0
 OUTCOMES = ("read", "refused", "unclear", "traceback", "hang", "crash", "other numbers")
 HARMLESS = ("read", "refused")
 
-_RATE, _SAMPLES = 3200.0, 1000
+_RATE, _SAMPLES = 1000.0, 2500
 _PYTHON = re.compile(r"Traceback|<class|object at 0x|numpy\.|np\.|NoneType|list index")
 _LONGEST = 1500
 """Characters of a sentence that lists the allowed keys of a table."""
@@ -78,9 +78,9 @@ class Format:
 
 
 def _test() -> PerturbationTest:
-    rig = rf.datasets.rig_open()
+    rig = rf.datasets.rig_lumped()
     assert isinstance(rig, PerturbationTest)
-    return rig.select(np.arange(0, len(rig), len(rig) // 40))
+    return rig.select(np.flatnonzero(np.isin(rig.frequency, np.unique(rig.frequency)[::6])))
 
 
 def _columns(path: Path) -> list[Any]:
@@ -104,12 +104,15 @@ def _write_unsealed(path: Path) -> None:
 
 
 def _volts() -> dict[str, Any]:
+    """A disk at rest that a hammer strikes: its probe, and the force."""
+    from scipy.signal import lfilter
+
     t = np.arange(_SAMPLES) / _RATE
-    rng = np.random.default_rng(5)
-    return {
-        f"disk_{axis}": -10.0 + 0.4 * np.cos(2 * np.pi * 20 * t + shift) + 3e-3 * rng.normal(size=t.size)
-        for axis, shift in (("X", 0.0), ("Y", -1.57))
-    }
+    force = sum(np.exp(-0.5 * ((t - hit) / 1.5e-3) ** 2) for hit in (0.1, 0.57, 1.13, 1.58, 2.11))
+    force = force + 1e-4 * np.random.default_rng(7).normal(size=_SAMPLES)
+    pole = 0.98 * np.exp(2j * np.pi * 40.0 / _RATE)
+    moved = lfilter([0.01], [1.0, -2 * pole.real, abs(pole) ** 2], force)
+    return {"disk_X": -10.0 + moved + 1e-4 * np.random.default_rng(5).normal(size=_SAMPLES), "disk_Y": force}
 
 
 def _write_h5(path: Path) -> None:
@@ -130,7 +133,7 @@ def _write_tdms(path: Path) -> None:
 def _write_wav(path: Path) -> None:
     from scipy.io import wavfile
 
-    wavfile.write(path, int(_RATE), np.round(np.column_stack(list(_volts().values())) * 1000).astype("i2"))
+    wavfile.write(path, int(_RATE), np.round(np.column_stack(list(_volts().values())) * 3000).astype("i2"))
 
 
 def _write_float_wav(path: Path) -> None:
@@ -200,7 +203,7 @@ def _write_lvm(path: Path) -> None:
         "***End_of_Header***",
         "",
     ]
-    head += ["Channels\t2", "Samples\t1000\t1000", "Y_Unit_Label\tVolts\tVolts", "X0\t0,0\t0,0"]
+    head += ["Channels\t2", f"Samples\t{_SAMPLES}\t{_SAMPLES}", "Y_Unit_Label\tVolts\tVolts", "X0\t0,0\t0,0"]
     head += [
         f"Delta_X\t{1 / _RATE!r}\t{1 / _RATE!r}".replace(".", ","),
         "***End_of_Header***",
@@ -319,18 +322,22 @@ speed_count = 2
 frequency_rpm = {from = 100, to = 3000, count = 40}
 force_N = 5.0
 """
-_SETUP = """rotation = "ccw"
-sample_rate_hz = 3200.0
-speed_rpm = 1200.0
-[shaft]
-channel = "keyphasor_shaft"
+RIG = """rotation = "ccw"
+speed_rpm = 0.0
 [[probe]]
 plane = "disk"
 channel = "disk_X"
 angle_deg = 0.0
 sensitivity_V_per_mm = 7.87
+[force]
+plane = "disk"
+channel_x = "disk_Y"
+sensitivity_mV_per_N = 2.25
 [[channel]]
 name = "disk_X"
+volts_per_count = 1e-3
+[[channel]]
+name = "disk_Y"
 volts_per_count = 1e-3
 """
 
@@ -364,7 +371,7 @@ FORMATS = {
         suffix=".h5", write=lambda path: [_sample(path)].clear(), read=lambda path: _draws(_sample(path)), checked=True
     ),
     "study": Format(suffix=".toml", write=lambda path: [path.write_text(_STUDY)].clear(), read=read_study),
-    "rig.toml": Format(suffix=".toml", write=lambda path: [path.write_text(_SETUP)].clear(), read=read_setup),
+    "rig.toml": Format(suffix=".toml", write=lambda path: [path.write_text(RIG)].clear(), read=read_setup),
     "MAT 5, not packed": Format(suffix=".mat", write=lambda path: _write_mat(path, packed=False), read=_recorded),
     "npz": Format(suffix=".npz", write=lambda path: np.savez(path, **_volts(), fs=_RATE), read=_recorded),
     "shaft": Format(
@@ -468,11 +475,13 @@ def serve(folder: Path) -> None:
 class Reader:
     """A process that reads files, made anew where one ended it or took too long."""
 
+    script = __file__
+
     def __init__(self, folder: Path) -> None:
         self._folder, self._process = folder, self._started(folder)
 
     def _started(self, folder: Path) -> subprocess.Popen[str]:
-        command = [sys.executable, __file__, "--serve", str(folder)]
+        command = [sys.executable, self.script, "--serve", str(folder)]
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "agg"}
         environment |= {"ARROW_DEFAULT_MEMORY_POOL": "system", "PYTHONPATH": os.pathsep.join(sys.path)}
         return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
@@ -507,8 +516,12 @@ class Reader:
             ending = ("hang", f"more than {seconds:g} s of processor time, or {WAITED:g} s in all")
         self.close()
         self._process = self._started(self._folder)
-        self.outcome(name, str(Path(file).with_stem("whole")), seconds=60.0)  # imports take their time once
+        self.prepare(name, file)
         return ending
+
+    def prepare(self, name: str = "", file: str = "") -> None:
+        """Read a whole file: imports take their time once."""
+        self.outcome(name, str(Path(file).with_stem("whole")), seconds=60.0)
 
     def close(self) -> None:
         """End the process."""

@@ -20,5 +20,13 @@ def of_program(problem: BaseException) -> bool:
     return _ours(str(trace.tb_frame.f_globals.get("__name__"))) and code[line] != opmap["RAISE_VARARGS"]
 
 
+def of_library(problem: BaseException) -> bool:
+    """True where a line of a library raised it, in words that say nothing of a rotor."""
+    trace = problem.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return trace is not None and not _ours(str(trace.tb_frame.f_globals.get("__name__")))
+
+
 def _ours(module: str, *others: str) -> bool:
     return module.partition(".")[0] in ("rotorfit", *others)

@@ -17,6 +17,7 @@ from importlib import import_module
 from io import UnsupportedOperation
 from typing import NoReturn
 
+from numpy import errstate
 from numpy.linalg import LinAlgError
 
 from rotorfit.apps.cli.answer import Answer, BadInputError, ExitCode, answered, say
@@ -111,10 +112,11 @@ def _carry_out(arguments: Sequence[str] | None) -> int:
         parser.print_help()
         return ExitCode.DONE
     named = (getattr(options, name, None) for name in ("setup", "study", "fit"))
-    given = (*getattr(options, "files", ()), *named)
+    read = [path for path in (*getattr(options, "files", ()), *named) if path is not None]
     try:
-        with warnings.catch_warnings(), protected_inputs([path for path in given if path is not None]):
-            # As a sentence, without the file and line of the program that it comes from.
+        with warnings.catch_warnings(), errstate(all="ignore"), protected_inputs(read):
+            # As a sentence, without the file and line of the program that it comes from; what NumPy says of single
+            # operations is none.
             warnings.showwarning = lambda message, *_, **__: say(str(message))
             return int(options.command(options))
     except BadInputError as problem:

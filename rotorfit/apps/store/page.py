@@ -42,9 +42,9 @@ def _machine(state: MachineState) -> list[Html]:
     name = state.machine or "The machine"
     verdict = "ALARM" if state.alarms else "no alarm"
     parts = [section(f"{name}: {verdict}", bullets(sentence(state.sentence(rule)) for rule in state.rules))]
-    if state.history:
+    rules = [rule for rule in state.rules if len(rule.evidence)]
+    if rules:
         dates = {test.number: test.date for test, _ in state.history}
-        rules = [rule for rule in state.rules if len(rule.evidence)]
         figure = plot_rules(rules, dates)
         caption = "Values by date with their standard errors, and the evidence after each test that they have changed."
         parts.append(section("History", picture(picture_of(figure, dpi=150), caption, figure.get_figwidth())))

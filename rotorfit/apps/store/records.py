@@ -40,7 +40,7 @@ class StoredValue:
     @property
     def scatter(self) -> float:
         """What differs from test to test: the noise, and causes that each test finds anew."""
-        return math.sqrt(max(self.stderr**2 - self.systematic**2, 0.0))
+        return math.sqrt(max((self.stderr - self.systematic) * (self.stderr + self.systematic), 0.0))
 
     def __str__(self) -> str:
         if not math.isfinite(self.value):

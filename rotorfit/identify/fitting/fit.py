@@ -11,7 +11,7 @@ import numpy as np
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
-from rotorfit.base.faults import of_program
+from rotorfit.base.faults import of_library, of_program
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.minimisation.objective import Method
@@ -139,11 +139,19 @@ def fitted(
 ) -> FitResult:
     """The fit of a model with given settings; ``or_from_data``: start values that do not lead to a fit that explains
     the data are tried without."""
-    problem, start, solution = found = min(_solved(model, experiments, settings), key=_bic)
-    if or_from_data and settings.start and not explains(problem, solution):
-        problem, start, solution = _or_from_data(found, model, experiments, settings)
-        settings = settings if start is found[1] else replace(settings, start={})
-    return judged(problem, experiments, settings, start, solution)
+    try:
+        problem, start, solution = found = min(_solved(model, experiments, settings), key=_bic)
+        if or_from_data and settings.start and not explains(problem, solution):
+            problem, start, solution = _or_from_data(found, model, experiments, settings)
+            settings = settings if start is found[1] else replace(settings, start={})
+        return judged(problem, experiments, settings, start, solution)
+    except np.linalg.LinAlgError as reason:
+        if not of_library(reason):
+            raise
+        raise np.linalg.LinAlgError(
+            f"the equations of {model.name} cannot be solved with these numbers ({reason}): look at the units of "
+            "forces, responses, known and start values, which are many powers of ten apart"
+        ) from reason
 
 
 def _or_from_data(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rotorfit.base.array_types import Float
 from rotorfit.base.atomic_file import note_input, whole_file
 from rotorfit.base.caches import cache_home
 from rotorfit.base.digits import significant, with_error
@@ -171,9 +172,9 @@ def _read(path: Path, fit: FitResult) -> Posterior:
     return Posterior(
         fit=fit,
         names=tuple(str(v.attrs["parameter"]) for v in variables),
-        chain=np.stack([v.values.T for v in variables], axis=-1),
-        log_density=np.ascontiguousarray(stats["lp"].values.T),
-        acceptance=stats["acceptance_rate"].values,
+        chain=np.stack([_numbers(v).T for v in variables], axis=-1),
+        log_density=np.ascontiguousarray(_numbers(stats["lp"]).T),
+        acceptance=_numbers(stats["acceptance_rate"]),
         tau=np.array([float(v.attrs["autocorrelation_time"]) for v in variables]),
         burn_in=int(header["burn_in"]),
         converged=bool(header["converged"]),
@@ -181,8 +182,15 @@ def _read(path: Path, fit: FitResult) -> Posterior:
         treatment=str(header["treatment"]),
         seed=int(header["seed"]),
         settings=SampleSettings(**json.loads(header["settings"])),
-        sizes=np.ascontiguousarray(stats["causes"].values.swapaxes(0, 1)) if "causes" in stats else None,
+        sizes=np.ascontiguousarray(_numbers(stats["causes"]).swapaxes(0, 1)) if "causes" in stats else None,
     )
+
+
+def _numbers(variable: Any) -> Float:
+    """Values of a variable, refused where they are text."""
+    if variable.dtype.kind not in "fiu":
+        raise TypeError(f"{variable.name} is not of numbers")
+    return np.asarray(variable.values, dtype=float)
 
 
 def _check(posterior: Posterior, source: str) -> None:

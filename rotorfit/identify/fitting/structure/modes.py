@@ -18,7 +18,7 @@ from rotorfit.identify.fitting.causes.slopes import eigenvalue_slopes
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.coefficients import central_differences
-from rotorfit.models import Modal, eigenvalues
+from rotorfit.models import Modal, RotorModel, eigenvalues
 from rotorfit.models.motion.modes import VibrationMode, modal_assurance, vibration_modes
 from rotorfit.models.motion.stability import eigenvalue_gradient, is_image, whirls_forward
 from rotorfit.models.parameters import MATRIX_UNITS
@@ -174,7 +174,9 @@ def modes_of(fit: FitResult, speed: float, normalise: str | None, at: Mapping[st
     """See :meth:`FitResult.modes`."""
     speed, model, group = angular_rate(speed), fit.model, fit.group(at)
     if _are_parameters(model):
-        raise ValueError(f"the modes of {model.name} are its parameters, see fit.params; fit.plot.mode_shapes() draws them")
+        raise ValueError(
+            f"the modes of {model.name} are its parameters, see fit.params; fit.plot.mode_shapes() draws them"
+        )
     theta = fit.theta_at(group, speed)
     names = [c.plane if c.axis == "z" else f"{c.plane}.{c.axis}" for c in model.coordinates]
     if normalise is not None and normalise not in names:

@@ -138,9 +138,10 @@ def with_force_rows(table: Table) -> Table:
     size, phase = (np.stack([table.number(found[k]) for found in given.values()], axis=1) for k in (0, 1))
     # first that of the shaker that drives the run, then its cross-talk
     runs = table.cells.get("run", [""] * len(table.lines))
+    unit = np.nanmax(np.abs(size), initial=0.0) or 1.0  # squares of what is refused later would overflow
     power: dict[str, Float] = {}
     for run, row in zip(runs, size, strict=True):
-        power[run] = power.get(run, 0.0) + row**2
+        power[run] = power.get(run, 0.0) + (row / unit) ** 2
     order = {run: np.argsort(-own, kind="stable") for run, own in power.items()}
     place = np.array([order[run] for run in runs])
     new = {
