@@ -27,6 +27,16 @@ class CausedResponses(OnResponses):
     moved: ComplexArray  # motion beside the rotor's, in units of its readings, shape ``(R,)``
     gain: ComplexArray  # factor of each reading, shape ``(R,)``
 
+    @property
+    def responses(self) -> Responses:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return self.base
+
+    @property
+    def linear(self) -> Responses:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return self.own
+
     @cached_property
     def own(self) -> Responses:
         """The responses with the stiffness, each (group, speed) a group of its own."""

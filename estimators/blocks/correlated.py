@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from rotorfit.base.array_types import ComplexArray, Float
-from rotorfit.estimators.blocks.observations import Block, OnResponses
+from rotorfit.estimators.blocks.observations import Block, OnResponses, Responses
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -21,9 +21,51 @@ class CorrelatedResponses(OnResponses):
 
     correlation: ComplexArray  # what the fit is weighted by, unit diagonal, shape ``(R, R)``, Hermitian
     covariance: ComplexArray  # of the readings over sigma, shape ``(R, R)``, Hermitian
-    freedom: float  # degrees of freedom behind ``covariance``
+    degrees: float  # degrees of freedom behind ``covariance``
     weight_freedom: float  # those behind the weight of each channel
-    remarks: tuple[str, ...] = ()  # sentences on where the errors come from
+    notes: tuple[str, ...] = ()  # sentences on where the errors come from
+
+    @property
+    def responses(self) -> Responses:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return self.base
+
+    @property
+    def linear(self) -> Responses:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return self.base
+
+    @property
+    def uncorrelated(self) -> Responses:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return self.base
+
+    @property
+    def freedom(self) -> float:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return self.degrees
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return self.notes
+
+    @property
+    def independent(self) -> bool:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return False
+
+    def unmixed(self, scaled: ComplexArray) -> ComplexArray:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return np.asarray(scaled @ self.mixing.T)
+
+    def scattered(self, rows: ComplexArray) -> ComplexArray:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return np.asarray(self.scatter @ rows)
+
+    def drawn(self, noise: ComplexArray) -> ComplexArray:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return np.asarray(noise @ self.spread.T)
 
     def predict(self, theta: Float) -> ComplexArray:
         """See :class:`~rotorfit.estimators.blocks.observations.Block`."""
@@ -48,7 +90,7 @@ class CorrelatedResponses(OnResponses):
         """Correlation in size of two channels' errors at one line, less what chance adds to its square, ``(C, C)``."""
         numbers = np.unique(self.base.coordinate)
         found = np.eye(numbers.size)
-        chance = min(2.0 / self.freedom, 1.0)  # of |r|^2 between complex errors that have nothing in common
+        chance = min(2.0 / self.degrees, 1.0)  # of |r|^2 between complex errors that have nothing in common
         for i, one in enumerate(numbers):
             for k, other in enumerate(numbers[:i]):
                 a, b = (np.flatnonzero(self.base.coordinate == channel) for channel in (one, other))
@@ -81,10 +123,9 @@ def _by_component(matrix: ComplexArray, function: Callable[[Float], Float]) -> C
 
 def whiten(block: Block, misses: ComplexArray) -> ComplexArray:
     """Residuals of a block, shape ``(..., R)``, over their noise and free of what they have in common."""
-    scaled = misses / block.sigma
-    return np.asarray(scaled @ block.mixing.T) if isinstance(block, CorrelatedResponses) else scaled
+    return block.unmixed(misses / block.sigma)
 
 
 def freedom_of(blocks: Iterable[Block]) -> float:
     """Degrees of freedom from which the noise of the readings is known; infinite where it was given or sampled well."""
-    return min((b.freedom for b in blocks if isinstance(b, CorrelatedResponses)), default=math.inf)
+    return min((block.freedom for block in blocks), default=math.inf)

@@ -9,7 +9,6 @@ from typing import Literal
 import numpy as np
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
-from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.observations import OnResponses, Responses
 from rotorfit.estimators.blocks.response import inverse_of_lines, read_by_probes, read_by_probes_jacobian
 from rotorfit.models import RotorModel
@@ -44,8 +43,14 @@ class OrbitResponses(OnResponses):
         """Where the eccentricity enters."""
         return journal(self.model)
 
+    @property
+    def responses(self) -> Responses:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return self.base
+
+    @property
     def frozen(self) -> OrbitResponses:
-        """The same with the measured eccentricities taken as given: explicit, a good place to start a fit from."""
+        """The same with the measured eccentricities taken as given."""
         return replace(self, mode="given", eccentricity=np.nan_to_num(self.eccentricity))
 
     def lines(self, keep: Bool) -> OrbitResponses:
@@ -57,6 +62,16 @@ class OrbitResponses(OnResponses):
         if self.base.imposed:
             return self.eccentricity
         return eccentricity_of_reading(self.model, theta, self.base.group, self.eccentricity)[0]
+
+    def at_small_orbits(self, limit: float) -> Responses:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        eps = np.where(np.isfinite(self.eccentricity), self.eccentricity, 0.0)
+        return self.lines(eps <= max(limit, float(np.median(eps)))).base
+
+    def in_clearance(self, factor: float) -> OrbitResponses:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        base = replace(self.base, model=resized(self.model, factor))
+        return replace(self, base=base, eccentricity=self.eccentricity / factor)
 
     def orbits(self, theta: Float) -> Float:
         """Eccentricity of the journal in each line, shape ``(..., L)``."""
@@ -218,8 +233,6 @@ def eccentricity_of_reading(model: RotorModel, theta: Float, group: Index, readi
     return np.minimum(eps, LARGEST_ECCENTRICITY), by_theta
 
 
-def responses_of(block: object) -> Responses | None:
-    """The responses to circular forces or constant loads that a block holds, if any."""
-    if isinstance(block, OrbitResponses | CorrelatedResponses):
-        return block.base
-    return block if isinstance(block, Responses) else None
+def resized(model: RotorModel, factor: float) -> RotorModel:
+    """The model in a bearing of another clearance."""
+    return model.variant(clearance_um=1e6 * factor * (model.clearance or 0.0))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,7 +23,78 @@ from rotorfit.estimators.blocks.set_speeds import set_speeds
 from rotorfit.models import RotorModel
 
 
-class Block(Protocol):
+class Asked(Protocol):
+    """What every kind of block is asked, with the plain answers: a kind overrides what is its own."""
+
+    @property
+    def responses(self) -> Responses | None:
+        """The responses to forces, circular or constant, that the block holds."""
+        return None
+
+    @property
+    def linear(self) -> Responses | None:
+        """The responses of a linear rotor that its predictions are."""
+        return None
+
+    @property
+    def uncorrelated(self) -> Block:
+        """The same readings as if their errors had nothing in common."""
+        return self  # type: ignore[return-value]
+
+    @property
+    def frozen(self) -> Block:
+        """The same without branches and jumps, where eccentricities were measured: a good place to start a fit from."""
+        return self  # type: ignore[return-value]
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom from which its noise is known; infinite where it was given or sampled well."""
+        return math.inf
+
+    @property
+    def independent(self) -> bool:
+        """True if the errors of its readings have nothing in common."""
+        return True
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences on where its errors come from."""
+        return ()
+
+    def unmixed(self, scaled: ComplexArray) -> ComplexArray:
+        """Misses over their noise, shape ``(..., R)``, free of what they have in common."""
+        return scaled
+
+    def scattered(self, rows: ComplexArray) -> ComplexArray:
+        """Covariance of the whitened residuals times rows of whitened derivatives, shape ``(R, p)``."""
+        return rows
+
+    def drawn(self, noise: ComplexArray) -> ComplexArray:
+        """Noise over sigma from independent numbers, shape ``(..., R)``."""
+        return noise
+
+    def split(self, readings: int) -> Sequence[Block]:
+        """The same observations in pieces of about so many readings, where they can be taken apart."""
+        return [self]  # type: ignore[list-item]
+
+    def at_set_speed(self) -> Block:
+        """The observations as if the speed had not wandered, for what holds for every set speed alike."""
+        return self  # type: ignore[return-value]
+
+    def at_small_orbits(self, limit: float) -> Responses | None:
+        """Responses at eccentricities up to a limit, or, where there are too few, those of the smaller half."""
+        return None
+
+    def measured_eccentricity(self, theta: Float) -> Float:
+        """Eccentricity of the journal as its probe read it, the factor of the probe taken out; empty where none did."""
+        return np.zeros(0)
+
+    def in_clearance(self, factor: float) -> Block:
+        """The same in a bearing of another clearance, positions in metres kept."""
+        return self  # type: ignore[return-value]
+
+
+class Block(Asked, Protocol):
     """Complex observations that depend on the parameter vectors of some groups; ``theta`` has shape ``(..., G, P)``."""
 
     @property
@@ -62,7 +135,7 @@ class Block(Protocol):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Observed:
+class Observed(Asked):
     """Columns of readings that every kind of test has, shape ``(R,)``."""
 
     model: RotorModel  # the rotor whose coordinates these are
@@ -100,6 +173,16 @@ class Responses(Observed):
     beside: ComplexArray | None = None  # known dynamic stiffness that acts beside the model's, shape ``(L, n, n)``
     force_noise: ComplexArray | None = None  # covariance of each line's forces, of either part, shape ``(L, n, n)``
     derivative: Index | None = None  # how often each reading's sensor differentiated the motion; None is not at all
+
+    @property
+    def responses(self) -> Responses:
+        """See :class:`Asked`."""
+        return self
+
+    @property
+    def linear(self) -> Responses:
+        """See :class:`Asked`."""
+        return self
 
     @property
     def reading_group(self) -> Index:
@@ -186,6 +269,10 @@ class Responses(Observed):
         size = number.size // pairs
         return size if np.array_equal(number, np.repeat(np.arange(pairs), size)) else 0
 
+    def at_small_orbits(self, limit: float) -> Responses:
+        """See :class:`Asked`."""
+        return self
+
     def split(self, readings: int) -> list[Responses]:
         """The same observations in pieces of whole lines."""
         if self.measured.size <= readings:
@@ -231,7 +318,7 @@ class Responses(Observed):
 
 
 @dataclass(frozen=True, eq=False)
-class OnResponses:
+class OnResponses(Asked):
     """Observations that are responses seen in another way: their labels, runs and noise are those of the responses."""
 
     base: Responses  # the readings as of a linear rotor

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
-from rotorfit.estimators.blocks.nonlinear import eccentricity_of_reading
-from rotorfit.estimators.blocks.observations import Observed
+from rotorfit.estimators.blocks.nonlinear import eccentricity_of_reading, resized
+from rotorfit.estimators.blocks.observations import Observed, Responses
 from rotorfit.estimators.blocks.response import inverse_of_lines, read_by_probes, read_by_probes_jacobian
 from rotorfit.models.motion.journal import journal, known_structure, line_stiffness
 from rotorfit.models.motion.off_centre import coupled_stiffness, off_centre_eigenvalues, off_centre_gradient
@@ -36,6 +36,17 @@ class OffCentreResponses(Observed):
     def measured_eccentricity(self, theta: Float) -> Float:
         """Static eccentricity of the journal in each line, the factor of its probe taken out, shape ``(..., L)``."""
         return eccentricity_of_reading(self.model, theta, self.group, self.eccentricity)[0]
+
+    def at_small_orbits(self, limit: float) -> Responses:
+        """Readings of each probe as of circular orbits: what is anisotropic cancels between x and y."""
+        turned = np.where(self.vertical, 1j * self.measured, self.measured)
+        turned = np.where(self.frequency[self.line] < 0, np.where(self.vertical, -turned, turned).conj(), turned)
+        columns = {f.name: getattr(self, f.name) for f in fields(Responses) if hasattr(self, f.name)}
+        return Responses(**{**columns, "measured": turned})
+
+    def in_clearance(self, factor: float) -> OffCentreResponses:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return replace(self, model=resized(self.model, factor), eccentricity=self.eccentricity / factor)
 
     def _solve(self, theta: Float, eps: Float) -> tuple[Float, ComplexArray, ComplexArray]:
         """Vectors of the lines, receptance ``(2n, 2n, ..., L)`` of (A, conj(B)), and amplitudes, ``(2n, ..., L)``."""
@@ -102,6 +113,11 @@ class FreeVibrations(Observed):
         """Static eccentricity of the journal, the factor of its probe taken out, shape ``(..., R)``."""
         return self._at_rest(theta)[0]
 
+    def in_clearance(self, factor: float) -> FreeVibrations:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`; eccentricities that were given stay."""
+        eccentricity = np.where(self.position_read, self.eccentricity / factor, self.eccentricity)
+        return replace(self, model=resized(self.model, factor), eccentricity=eccentricity)
+
     def _at_rest(self, theta: Float) -> tuple[Float, Float]:
         """Static eccentricities and their derivatives, those that were given being what they are."""
         eps, by_theta = eccentricity_of_reading(self.model, theta, self.reading_group, self.eccentricity)
@@ -148,6 +164,10 @@ class JournalCoefficients(Observed):
     def reading_group(self) -> Index:
         """Group of each observation."""
         return np.tile(self.group, 3)
+
+    def measured_eccentricity(self, theta: Float) -> Float:
+        """Eccentricity of each row."""
+        return self.eccentricity
 
     @property
     def _at(self) -> int:

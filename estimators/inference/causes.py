@@ -14,11 +14,9 @@ import numpy as np
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float
 from rotorfit.estimators.blocks.caused import CausedResponses
-from rotorfit.estimators.blocks.correlated import CorrelatedResponses, whiten
-from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.correlated import whiten
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse, probe_factors
-from rotorfit.estimators.blocks.small_motion import FreeVibrations, OffCentreResponses
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.models import RotorModel
 from rotorfit.models.motion.neglected_terms import Entries, LeftOut
@@ -37,16 +35,13 @@ class Motion:
     @cached_property
     def base(self) -> Responses | None:
         """Its responses to forces; nothing for other blocks."""
-        return self.block.base if isinstance(self.block, CausedResponses) else responses_of(self.block)
+        return self.block.responses
 
     @cached_property
     def linear(self) -> Responses | None:
         """Responses of a linear rotor to circular forces, with what acts beside it; nothing for other blocks."""
-        block = self.block.base if isinstance(self.block, CorrelatedResponses) else self.block
-        base = block.own if isinstance(block, CausedResponses) else block
-        if not isinstance(base, Responses) or base.imposed or not base.frequency.any():
-            return None
-        return base
+        base = self.block.linear
+        return None if base is None or base.imposed or not base.frequency.any() else base
 
     @cached_property
     def values(self) -> Float:
@@ -423,21 +418,8 @@ class OfClearance(Act):
 
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
-        up, down = (_resized(motion.block, 1 + way * _STEP).predict(motion.theta) for way in (1, -1))
+        up, down = (motion.block.in_clearance(1 + way * _STEP).predict(motion.theta) for way in (1, -1))
         return np.asarray((up - down) / (2 * _STEP))
-
-
-def _resized(block: Block, factor: float) -> Block:
-    """A block in a bearing of another clearance, positions in metres kept; eccentricities that were given stay."""
-    if not isinstance(block, OrbitResponses | OffCentreResponses | FreeVibrations):
-        return block
-    model = block.model.variant(clearance_um=1e6 * factor * (block.model.clearance or 0.0))
-    eccentricity = block.eccentricity / factor
-    if isinstance(block, OrbitResponses):
-        return replace(block, base=replace(block.base, model=model), eccentricity=eccentricity)
-    if isinstance(block, FreeVibrations):
-        eccentricity = np.where(block.position_read, eccentricity, block.eccentricity)
-    return replace(block, model=model, eccentricity=eccentricity)
 
 
 def moving(act: Act) -> bool:

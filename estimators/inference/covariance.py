@@ -16,7 +16,6 @@ import numpy as np
 from rotorfit.base.array_types import RANK_TOLERANCE, ComplexArray, Float, Index
 from rotorfit.base.significance import P_CHANCE
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
-from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.inference.identifiability import covariance as inverse
 from rotorfit.estimators.inference.identifiability import natural_scales
 from rotorfit.estimators.misfit.problem import Derivatives, Loss, Problem, robust_weights
@@ -138,7 +137,7 @@ def weighing_error(problem: Problem, J: ComplexArray, covar: Float) -> Float:
     correlation (benchmarks/mounting_coverage.py)."""
     total = np.zeros_like(covar)
     for block, rows in zip(problem.blocks, problem.by_block(J), strict=True):
-        if not isinstance(block, CorrelatedResponses) or not math.isfinite(block.freedom):
+        if not (isinstance(block, CorrelatedResponses) and math.isfinite(block.freedom)):
             continue
         number = block.base.coordinate
         parts = [np.where((number == channel)[:, None], rows, 0.0) for channel in np.unique(number)]
@@ -153,12 +152,11 @@ def weighing_error(problem: Problem, J: ComplexArray, covar: Float) -> Float:
 
 def _common_scatter(problem: Problem, x: Float, derivatives: Derivatives) -> Float | None:
     """Scatter of the cost's gradient where readings of one mounting err together, None where all are independent."""
-    if not any(isinstance(block, CorrelatedResponses) for block in problem.blocks):
+    if all(block.independent for block in problem.blocks):
         return None
     total = np.diag(prior_curvature(problem, x))
     for block, rows in zip(problem.blocks, problem.by_block(derivatives.whole), strict=True):
-        errors = block.scatter @ rows if isinstance(block, CorrelatedResponses) else rows
-        total = total + (rows.conj().T @ errors).real
+        total = total + (rows.conj().T @ block.scattered(rows)).real
     return np.asarray(total)
 
 
@@ -180,7 +178,7 @@ def excess(wide: Float, own: Float) -> Float:
 def parameter_scales(problem: Problem, x: Float) -> Float:
     """Size of each parameter that would matter in these data."""
     space = problem.space
-    responses = [b for b in map(responses_of, problem.blocks) if b is not None]
+    responses = problem.responses
     if not responses:
         typical = np.concatenate([space.typical, np.ones(len(space.nuisance))])
         return np.maximum(np.abs(x), 0.1 * typical)

@@ -9,14 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
-from rotorfit.estimators.blocks.correlated import CorrelatedResponses
-from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.minimisation.least_squares import Options, Status, minimise
 from rotorfit.estimators.misfit.kernels import Batch
 from rotorfit.estimators.misfit.problem import Problem
@@ -38,13 +35,8 @@ class BatchFit:
 
 def with_measured(problem: Problem, measured: ComplexArray) -> Problem:
     """The same problem with other readings; the orbit that a nonlinear rotor is taken to run on stays the same."""
-    blocks: list[Any] = []
-    for block, own in zip(problem.blocks, problem.by_block(measured), strict=True):
-        if isinstance(block, OrbitResponses | CorrelatedResponses):
-            blocks.append(replace(block, base=replace(block.base, measured=own)))
-        else:
-            blocks.append(replace(block, measured=own))  # type: ignore[type-var]
-    return replace(problem, blocks=tuple(blocks))
+    parts = zip(problem.blocks, problem.by_block(measured), strict=True)
+    return replace(problem, blocks=tuple(block.with_measured(own) for block, own in parts))
 
 
 def batch_fit(

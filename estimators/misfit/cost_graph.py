@@ -12,7 +12,6 @@ import casadi as ca
 import numpy as np
 
 from rotorfit.base.array_types import ComplexArray
-from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.misfit.codegen import robust_cost
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
@@ -35,8 +34,8 @@ def cost_graph(problem: Problem) -> ca.Function | None:
     for block, responses, gains in zip(problem.blocks, blocks, factors, strict=True):
         if responses is not None:
             real, imag = _misses(problem.space, responses, x, gains)
-            if isinstance(block, CorrelatedResponses):  # free of what their errors have in common
-                mixing = block.mixing.T
+            if not block.independent:  # free of what their errors have in common
+                mixing = block.unmixed(np.eye(responses.measured.size, dtype=complex))
                 real, imag = real @ mixing.real - imag @ mixing.imag, real @ mixing.imag + imag @ mixing.real
             cost += ca.sum2(robust_cost(problem.loss, real**2 + imag**2)) / 2
     for prior, moments in zip(problem.priors, priors, strict=True):
@@ -47,8 +46,8 @@ def cost_graph(problem: Problem) -> ca.Function | None:
 
 def _linear(block: Block) -> Responses | None:
     """The responses to forces that a block holds, None if they are others or their model has no closed graph."""
-    base = block.base if isinstance(block, CorrelatedResponses) else block
-    if not isinstance(base, Responses) or base.beside is not None:
+    base = block.linear
+    if base is None or base.beside is not None:
         return None
     return None if base.model.shaft is not None or base.model.eccentricity_dependent else base
 

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from rotorfit.base.array_types import ComplexArray, Float, Index, Text
 from rotorfit.estimators.blocks.correlated import whiten
-from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.response import Sensitivities, by_condition, response_sensitivities
 from rotorfit.estimators.blocks.term_sums import channels, sums_terms
@@ -136,7 +135,8 @@ class BlockTerm:
     @cached_property
     def sum(self) -> Responses | None:
         """The block where its readings are sums of terms that each probe weighs with numbers of its own."""
-        return self.block if isinstance(self.block, Responses) and sums_terms(self.block) else None
+        block = self.block.linear
+        return block if block is self.block and block is not None and sums_terms(block) else None
 
     def channels(
         self, x: Float, measured: ComplexArray | None = None, *, shared: bool = True
@@ -338,7 +338,7 @@ class Problem:
     @property
     def responses(self) -> list[Responses]:
         """Responses to circular forces or constant loads, of the blocks that hold some."""
-        return [found for found in map(responses_of, self.blocks) if found is not None]
+        return [found for block in self.blocks if (found := block.responses) is not None]
 
     @cached_property
     def terms(self) -> tuple[BlockTerm, ...]:
@@ -362,7 +362,7 @@ class Problem:
         pieces: list[BlockTerm] = []
         for term in self.terms:
             start = term.readings.start
-            for block in term.block.split(READINGS_OF_A_PIECE) if isinstance(term.block, Responses) else [term.block]:
+            for block in term.block.split(READINGS_OF_A_PIECE):
                 rows = slice(start - term.readings.start, start - term.readings.start + block.measured.size)
                 pieces.append(self._term(block, None if term.factors is None else term.factors[rows], start))
                 start += block.measured.size

@@ -74,18 +74,18 @@ def closed_forms(
 ) -> Iterator[ClosedForm]:
     """Closed forms after several numbers of passes, ascending, up to where they settle; see :func:`closed_form`. They
     are of set speeds: speeds that wander are too near to one another to tell what changes with speed."""
-    steady = tuple(block.at_set_speed() if isinstance(block, Responses) else block for block in blocks)
+    steady = tuple(block.at_set_speed() for block in blocks)
     if any(own is not block for own, block in zip(steady, blocks, strict=True)):
         rough = next(_closed_forms(space, steady, weighted, (min(passes),)))
         theta = space.theta(np.append(rough.x, np.zeros(len(space.nuisance))))
         found: list[Block] = []  # with the readings that a rotor of about the same values would have given there
         for block, own in zip(blocks, steady, strict=True):
-            if own is block or not isinstance(own, Responses):
+            if own is block:
                 found.append(own)
                 continue
             here = block.predict(theta)
             factor = np.divide(own.predict(theta), here, out=np.ones_like(here), where=here != 0)
-            found.append(replace(own, measured=block.measured * factor))
+            found.append(own.with_measured(block.measured * factor))
         steady = tuple(found)
     yield from _closed_forms(space, steady, weighted, passes)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from numbers import Real
 from types import SimpleNamespace
 
@@ -12,10 +12,8 @@ import numpy as np
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.names import unknown_name
-from rotorfit.estimators.blocks.correlated import CorrelatedResponses
-from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
-from rotorfit.estimators.blocks.observations import Block, Responses
-from rotorfit.estimators.blocks.small_motion import FreeVibrations, OffCentreResponses
+from rotorfit.estimators.blocks.observations import Block
+from rotorfit.estimators.blocks.small_motion import FreeVibrations
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.problem import LOSS_SCALE, Problem
@@ -70,16 +68,14 @@ def _guess_with_datum(problem: Problem) -> tuple[Start, float]:
     """Start values and the common datum angle, rad; zero where none is fitted."""
     model, space = problem.space.model, problem.space
     if isinstance(model, Modal):
-        blocks = [block for block in map(responses_of, problem.blocks) if block is not None]
         unknown = {name for name in model.parameter_names if name.startswith("wn")} <= set(space.base)
         has_datum = DATUM in space.nuisance
-        values, datum = modal_start(model, blocks, turned=has_datum, unknown=unknown)
+        values, datum = modal_start(model, problem.responses, turned=has_datum, unknown=unknown)
         typical = np.array([values.get(name, model.parameter(name).scale) for name in space.base])
         return Start(x=typical, kind=RATIONAL_FIT), datum if has_datum else 0.0
     uncorrelated = problem  # the same object where nothing changes: it keeps what it evaluated last
-    if any(isinstance(block, CorrelatedResponses) for block in problem.blocks):
-        without = (b.base if isinstance(b, CorrelatedResponses) else b for b in problem.blocks)
-        uncorrelated = replace(problem, blocks=tuple(without))
+    if not all(block.independent for block in problem.blocks):
+        uncorrelated = replace(problem, blocks=tuple(block.uncorrelated for block in problem.blocks))
     if DATUM not in space.nuisance:
         return _guess(uncorrelated), 0.0
     count = 12  # datum angles tried where no model of modes gives it: one is within 15 degrees
@@ -106,10 +102,8 @@ def _turned(problem: Problem, datum: float) -> Problem:
     entry = problem.space.nuisance.index(DATUM)
     blocks: list[Block] = []
     for block, factor in zip(problem.blocks, problem.factors, strict=True):
-        if isinstance(block, Responses) and factor is not None:
-            blocks.append(replace(block, measured=block.measured * np.exp(-factor[:, entry] * datum)))
-        else:
-            blocks.append(block)
+        turned = None if factor is None else np.exp(-factor[:, entry] * datum)
+        blocks.append(block if turned is None else block.with_measured(block.measured * turned))
     return replace(problem, blocks=tuple(blocks))
 
 
@@ -171,8 +165,7 @@ def _nonlinear_guess(problem: Problem) -> Start:
     """Closed form at small eccentricity, then a fit with the measured eccentricities taken as given. Measured
     eccentricities carry noise, so that what they give is checked, and improved, against the orbits that the rotor
     itself would run on."""
-    blocks = (b.frozen() if isinstance(b, OrbitResponses) else b for b in problem.blocks)
-    explicit = replace(problem, blocks=tuple(blocks))  # without branches and jumps
+    explicit = replace(problem, blocks=tuple(block.frozen for block in problem.blocks))  # without branches and jumps
     size = len(problem.space.names)
     starts = [full_vector(problem, x) for x in linear_starts(problem)]
     found: Solution | None = None
@@ -240,7 +233,7 @@ def without_outliers(problem: Problem) -> tuple[Block, ...]:
 
 def are_linear_responses(problem: Problem) -> bool:
     """True if all observations are responses of a linear rotor."""
-    return all(isinstance(block, Responses) for block in problem.blocks)
+    return all(block.linear is block for block in problem.blocks)
 
 
 def explicit_with_sense(problem: Problem) -> Problem:
@@ -260,8 +253,10 @@ def linear_starts(problem: Problem) -> list[Float]:
     begin = law.start(typical.get("K0", 1.0), typical.get("D", 1.0))
     _check_start(law, begin, typical)
     reduced = space.holding({entry: begin[base] for entry, base in enumerate(space.base) if base in begin})
+    parts = (block.at_small_orbits(_LINEAR_ECCENTRICITY) for block in problem.blocks)
+    small = tuple(part for part in parts if part is not None)
     try:
-        candidates = list(dict.fromkeys(closed_forms(reduced, _small_orbits(problem.blocks), passes=_PASSES)))
+        candidates = list(dict.fromkeys(closed_forms(reduced, small, passes=_PASSES)))
     except ClosedFormError:
         return []
     return [_with_law(space, reduced, found.x, law) for found in candidates]
@@ -277,25 +272,6 @@ def _check_start(law: Law, begin: Mapping[str, float], typical: Mapping[str, flo
             f"law {law.name} gives no finite K0, D and lam where a fit begins, at {said} and eccentricity "
             f"{_LINEAR_ECCENTRICITY:g}: give its parameters a scale, or the law a start(), at which it does"
         )
-
-
-def _small_orbits(blocks: tuple[Block, ...]) -> tuple[Block, ...]:
-    """Responses at small eccentricity, or, where there are too few, those of the smaller half."""
-    chosen: list[Block] = []
-    for block in blocks:
-        if isinstance(block, Responses):
-            chosen.append(block)
-        if isinstance(block, OrbitResponses):
-            eps = np.where(np.isfinite(block.eccentricity), block.eccentricity, 0.0)
-            limit = max(_LINEAR_ECCENTRICITY, float(np.median(eps)))
-            chosen.append(block.lines(eps <= limit).base)
-        if isinstance(block, OffCentreResponses):
-            # Readings of each probe as of circular orbits: what is anisotropic cancels between x and y.
-            turned = np.where(block.vertical, 1j * block.measured, block.measured)
-            turned = np.where(block.frequency[block.line] < 0, np.where(block.vertical, -turned, turned).conj(), turned)
-            columns = {f.name: getattr(block, f.name) for f in fields(Responses) if hasattr(block, f.name)}
-            chosen.append(Responses(**{**columns, "measured": turned}))
-    return tuple(chosen)
 
 
 def _with_law(space: ParameterSpace, reduced: ParameterSpace, x: Float, law: Law) -> Float:

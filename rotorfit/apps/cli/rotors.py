@@ -14,7 +14,6 @@ from rotorfit.apps.cli.answer import Answer, answered, checked, result_files
 from rotorfit.apps.cli.arguments import add_group, add_output, group, numbers, option
 from rotorfit.apps.study_files.plan_file import read_plan, run_plan
 from rotorfit.base.units import RAD_S_PER_RPM, RPM_PER_RAD_S
-from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.identify.fitting.fit_file import load_fit
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.options.kinds import number_word, pairs, positive_word, probability_word
@@ -141,7 +140,7 @@ def _prediction(fit: FitResult, options: argparse.Namespace) -> Prediction:
 
 def _tested(fit: FitResult) -> Any:
     """Forward frequencies of the tested band, or backward ones where only these were tested, rad/s."""
-    known = [base.frequency for base in map(responses_of, fit.problem.blocks) if base is not None]
+    known = [base.frequency for base in fit.problem.responses]
     tested = np.concatenate([*known, np.zeros(0)])
     forward = tested[tested > 0] if (tested > 0).any() else tested[tested < 0]
     if not forward.size:

@@ -15,8 +15,6 @@ from rotorfit.apps.study_files.text import summary
 from rotorfit.base.array_types import Float
 from rotorfit.base.significance import CHANCE_ERRORS
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.estimators.blocks.correlated import CorrelatedResponses
-from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.identify.fitting.quantities import FittedParameter
 from rotorfit.identify.fitting.result import FitResult
@@ -157,9 +155,7 @@ def _curve_rows(fit: FitResult) -> Iterator[Sequence[Any]]:
     for block, predicted in zip(fit.problem.blocks, fit.problem.predict(fit.x), strict=True):
         here = slice(begin, begin + block.measured.size)
         begin = here.stop
-        mixed = isinstance(
-            block, CorrelatedResponses
-        )  # whose residuals are mixed: errors of predictions come from these
+        mixed = not block.independent  # residuals are mixed then: errors of predictions come from these
         slope = block.predict_jacobian(fit.thetas)[1] if mixed else rows[here] * block.sigma[:, None]
         if mixed:
             slope = np.array(
@@ -178,7 +174,7 @@ def _curve_rows(fit: FitResult) -> Iterator[Sequence[Any]]:
 
 def _conditions(block: Block) -> tuple[Float, Float]:
     """Speed and frequency of each reading, rad/s, NaN where a kind of test has none."""
-    base: Any = responses_of(block) or block
+    base: Any = block.responses or block
     line = getattr(base, "line", None)
     lines = line if isinstance(line, np.ndarray) and line.dtype.kind == "i" else slice(None)
     found = [

@@ -11,7 +11,6 @@ import numpy as np
 
 from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.base.names import unknown_name
-from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace, parameter_space
@@ -154,7 +153,7 @@ def _phase_entries(
 def _by_phase(block: Block) -> ComplexArray | None:
     """Sensitivity of the logarithm of each prediction to a turning reference of phases, in complex coordinates the
     conjugate for a backward run, as its amplitude is of its phasors; None where there is no such reference."""
-    circular, off_centre = responses_of(block), isinstance(block, OffCentreResponses)
+    circular, off_centre = block.responses, isinstance(block, OffCentreResponses)
     if circular is None:
         return np.full(block.measured.size, 1j) if off_centre else None
     return circular.by_phase if off_centre or circular.frequency.any() else None

@@ -17,7 +17,7 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
 from rotorfit.base.executors import executor_of
 from rotorfit.base.names import unknown_name
-from rotorfit.estimators.blocks.correlated import CorrelatedResponses, freedom_of
+from rotorfit.estimators.blocks.correlated import freedom_of
 from rotorfit.estimators.inference.covariance import standard_error, widening
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
@@ -242,8 +242,7 @@ class FitResult:
     @property
     def remarks(self) -> tuple[str, ...]:
         """Sentences on the data's errors: how far mountings and repeats scatter."""
-        blocks = [block for block in self.problem.blocks if isinstance(block, CorrelatedResponses)]
-        return tuple(dict.fromkeys(remark for block in blocks for remark in block.remarks))
+        return tuple(dict.fromkeys(remark for block in self.problem.blocks for remark in block.remarks))
 
     @property
     def band(self) -> float:

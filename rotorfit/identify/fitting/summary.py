@@ -14,7 +14,7 @@ import numpy as np
 from rotorfit.base.digits import plus_minus, significant, two_digits, with_error, with_errors
 from rotorfit.base.text_table import Wide, text_html, text_table
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.starting.start_points import EARLIER_FIT, GIVEN
@@ -354,7 +354,7 @@ def structure_error(fit: FitResult) -> StructureError | None:
     worst, checked, theta = 0.0, 0, fit.thetas
     lines = 8  # lines of each experiment: few enough to be condensed exactly
     for block in fit.problem.blocks:
-        base = responses_of(block)
+        base = block.responses
         if base is None or not isinstance(block, Responses | OrbitResponses):
             continue
         some = np.unique(np.linspace(0, base.frequency.size - 1, lines).astype(int))

@@ -262,9 +262,9 @@ def _correlated(block: Responses, test: PerturbationTest, dry: _Dry | None) -> B
         base=replace(block, sigma=sigma),
         correlation=correlation,
         covariance=correlation,
-        freedom=math.inf,
+        degrees=math.inf,
         weight_freedom=math.inf,
-        remarks=() if dry is None else (f"{source} is taken out, its noise counts", *dry.remarks),
+        notes=() if dry is None else (f"{source} is taken out, its noise counts", *dry.remarks),
     )
 
 

@@ -176,9 +176,9 @@ def correlated(base: Responses, influences: Influences) -> CorrelatedResponses:
         base=replace(base, sigma=sigma),
         correlation=working / scale,
         covariance=covariance / scale,
-        freedom=solved.freedom,
+        degrees=solved.freedom,
         weight_freedom=solved.weight_freedom,
-        remarks=influences.remarks,
+        notes=influences.remarks,
     )
 
 

@@ -16,7 +16,6 @@ from rotorfit.base.digits import interval, significant, with_error
 from rotorfit.base.executors import carry_out
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Wide, text_table
-from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.minimisation.batch import batch_fit
 from rotorfit.estimators.minimisation.least_squares import Options
 from rotorfit.estimators.misfit.problem import Problem
@@ -231,7 +230,6 @@ def _simulate(fit: FitResult, truth: Float, rng: np.random.Generator) -> Complex
     stop = 0
     for block in problem.blocks:
         start, stop = stop, stop + block.measured.size
-        if isinstance(block, CorrelatedResponses):
-            noise[:, start:stop] = noise[:, start:stop] @ block.spread.T
+        noise[:, start:stop] = block.drawn(noise[:, start:stop])
     sigma = problem.sigma * math.sqrt(fit.widening)
     return np.asarray(exact + sigma * noise)

@@ -13,7 +13,6 @@ from rotorfit.base.array_types import ROUND_OFF, Float
 from rotorfit.base.digits import interval, significant, with_error
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Printed, text_table
-from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.inference.covariance import prior_curvature
 from rotorfit.estimators.misfit.problem import robust_weights
 from rotorfit.estimators.noise.run_effects import FEWEST_RUNS
@@ -88,7 +87,7 @@ def jackknife(fit: FitResult) -> Jackknife:
     problem = fit.problem
     if not fit.success:
         raise ValueError("the fit did not converge: what a run changes is not known")
-    if any(isinstance(block, CorrelatedResponses) for block in problem.blocks):
+    if not all(block.independent for block in problem.blocks):
         raise ValueError(
             "runs of this fit share errors, of a mounting, of measured forces or of a dry run, which its standard "
             "errors count already: leaving one run out does not show them"

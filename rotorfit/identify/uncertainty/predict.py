@@ -15,7 +15,7 @@ from rotorfit.base.digits import significant
 from rotorfit.base.names import unknown_name
 from rotorfit.base.significance import quantile
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
@@ -257,7 +257,7 @@ def _noise(fit: FitResult, test: PerturbationTest, coordinate: int, response: Co
     """Noise of a new reading: that of the fitted readings of its coordinate, a constant and a share of the response."""
     sigma, size = [], []
     for block, predicted in zip(fit.problem.blocks, fit.problem.predict(fit.x), strict=True):
-        base = responses_of(block)
+        base = block.responses
         if base is not None and not base.imposed:
             rows = base.coordinate == coordinate
             sigma.append(base.sigma[rows])
@@ -275,7 +275,7 @@ def _noise(fit: FitResult, test: PerturbationTest, coordinate: int, response: Co
 
 def _notes(fit: FitResult, test: PerturbationTest, noise: Float) -> tuple[str, ...]:
     """Notes on the bands."""
-    bases = [base for base in map(responses_of, fit.problem.blocks) if base is not None]
+    bases = fit.problem.responses
     found: list[str] = []
     for what, values, tested in (
         ("speeds", test.speed, [base.speed for base in bases]),

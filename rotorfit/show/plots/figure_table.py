@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses
 from rotorfit.estimators.blocks.small_motion import FreeVibrations
@@ -26,7 +26,7 @@ class ReportFigure(NamedTuple):
 
 def _kinds(block: Block) -> Iterator[str]:
     """Kinds of data that a block of observations holds, for the figures that show them."""
-    responses = responses_of(block)
+    responses = block.responses
     turning = responses is not None and bool(responses.frequency.any())
     if turning:  # circular forces, or forces under imposed orbits
         yield "responses"

@@ -10,7 +10,7 @@ import numpy as np
 
 from rotorfit.base.array_types import ComplexArray, Float, Index, Text
 from rotorfit.base.significance import CHANCE_ERRORS
-from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.response import probe_factors
 from rotorfit.estimators.blocks.small_motion import FreeVibrations, JournalCoefficients, OffCentreResponses
@@ -47,7 +47,7 @@ def journal_lines(fit: FitResult, *, static: bool) -> Iterator[JournalLines]:
     stiffness is ``A0 / (h A_b)``: it is force over response where the journal itself is forced.
     """
     for block in fit.problem.blocks:
-        base = responses_of(block)
+        base = block.responses
         if base is None or base.imposed or not isinstance(block, OrbitResponses):
             continue
         seat = block.journal
@@ -148,6 +148,6 @@ def law_series(fit: FitResult) -> list[tuple[int, float | None]]:
 
 def speeds_of(block: Block, group: int) -> Float:
     """Rotative speeds of the readings of a group, rad/s."""
-    source: Any = responses_of(block) or block
+    source: Any = block.responses or block
     line = getattr(source, "line", np.arange(np.size(source.speed)))
     return np.asarray(source.speed[line][block.reading_group == group], dtype=float)

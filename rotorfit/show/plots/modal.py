@@ -7,7 +7,6 @@ from matplotlib.figure import Figure
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.significance import CHANCE_ERRORS
-from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.starting.modal_start import stabilisation
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models import Modal
@@ -24,7 +23,7 @@ def _modal(fit: FitResult) -> Modal:
 def plot_stabilisation(fit: FitResult, most: int | None = None, *, sheet: style.Sheet) -> Figure:
     """Natural frequencies of poles against how many pairs are looked for, over the size of all responses."""
     model = _modal(fit)
-    blocks = [block for block in map(responses_of, fit.problem.blocks) if block is not None]
+    blocks = fit.problem.responses
     figure, axes = sheet.grid(1, 1, "Stabilisation diagram", size=(6.5, 3.6))
     axis, scale = axes[0, 0], sheet.per_rad_s
     w, size = _responses(blocks)

@@ -12,7 +12,6 @@ from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.base.digits import interval as interval_words
 from rotorfit.base.digits import with_error
 from rotorfit.base.matching import cheapest_rows
-from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models import AnisotropicShaft, Turning, eigenvalues
@@ -120,7 +119,7 @@ def _nearest(speeds: Float, to: Float) -> Index:
 def _resonances(fit: FitResult, group: int, tested: Float, span: float) -> tuple[Float, Float]:
     """Tested speeds and the frequencies, rad/s, at which measured responses peak there (Fig. 32)."""
     found: list[tuple[float, float]] = []
-    for base in (b for b in map(responses_of, fit.problem.blocks) if b is not None and not b.imposed):
+    for base in (b for b in fit.problem.responses if not b.imposed):
         drive = np.abs(base.force).max(axis=1)[base.line]
         nearest = _nearest(tested, base.speed)
         for number, speed in enumerate(tested.tolist()):

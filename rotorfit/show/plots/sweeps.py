@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.base.digits import significant
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
-from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
 from rotorfit.identify.fitting.result import FitResult
@@ -62,7 +62,7 @@ def sweeps(fit: FitResult, sheet: Sheet) -> tuple[list[SweepCondition], list[Swe
     theta = fit.thetas
     for number, (given, predicted) in enumerate(zip(fit.problem.blocks, fit.problem.predict(fit.x), strict=True)):
         block = given.base if isinstance(given, CorrelatedResponses) else given
-        base = responses_of(block)
+        base = block.responses
         if base is None or not isinstance(block, Responses | OrbitResponses) or not base.frequency.any():
             continue
         plain = block.predict(theta)

@@ -12,7 +12,6 @@ import numpy as np
 
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.experiments import Experiment, PerturbationTest
@@ -94,7 +93,7 @@ def _panels(fit: FitResult, found: Sequence[SweepCurve]) -> tuple[list[tuple[Any
 
     readings = {
         number: _readings(fit.experiments[number], base)
-        for number, base in enumerate(map(responses_of, fit.problem.blocks))
+        for number, base in enumerate(block.responses for block in fit.problem.blocks)
         if base is not None and any((curve.block == number).any() for curve in found)
     }
     panels: list[tuple[Any, Any]] = []

@@ -11,7 +11,7 @@ import numpy as np
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.small_motion import FreeVibrations, JournalCoefficients
 from rotorfit.estimators.inference import covariance
@@ -209,7 +209,7 @@ def _unstable(problem: Problem, x: Float, band: float) -> Iterator[tuple[Index, 
     """Readings at a speed at which the rotor whirls by itself, its parameters and the speed."""
     theta, readings = problem.space.theta(x), problem.by_block(np.arange(problem.sigma.size))
     for block, places in zip(problem.blocks, readings, strict=True):
-        base = responses_of(block)
+        base = block.responses
         if base is not None and not base.imposed:
             _, group, speed = base.condition
             for number in np.flatnonzero(decay_rate(base.model, theta[group], speed, band) < 0).tolist():

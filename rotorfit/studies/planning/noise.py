@@ -12,7 +12,6 @@ import numpy as np
 
 from rotorfit.base.array_types import Bool, Float
 from rotorfit.base.names import unknown_name
-from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.identify.fitting.noise.error_bars import with_noise
 from rotorfit.identify.fitting.noise.noise_fit import effects_of_runs
@@ -45,7 +44,7 @@ class NoiseOfFit:
         places: list[Place] = []
         parts = []
         for block, one, test in zip(fit.problem.blocks, alone.blocks, tests, strict=True):
-            base, unit = responses_of(block), responses_of(one)
+            base, unit = block.responses, one.responses
             if base is None or unit is None or not _is_swept(test):
                 continue
             at = [base.model.coordinates[k] for k in base.coordinate.tolist()]
@@ -175,7 +174,7 @@ def with_differences(problem: Problem, x: Float, runs: Mapping[str, float]) -> t
     """The problem and a vector of it with differences of runs as entries that have priors, as fits have them."""
     if not runs:
         return problem, x
-    if any(responses_of(block) is None for block in problem.blocks):
+    if any(block.responses is None for block in problem.blocks):
         raise ValueError("runs= is for responses to forces; give the sigma of eigenvalues and the like as it is")
     names = tuple(dict.fromkeys(problem.run.tolist()))
     predicted, jacobian = np.concatenate(problem.predict(x)), problem.jacobian(x)[1]

@@ -12,7 +12,6 @@ import numpy as np
 from rotorfit.base.array_types import Bool, Float, Index
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.inference.covariance import prior_curvature, standard_error
 from rotorfit.estimators.inference.identifiability import UNSEEN_CHANGE
 from rotorfit.estimators.inference.optimal_shares import Lines, optimal_shares
@@ -201,7 +200,7 @@ def _table(found: Expectation, first: int) -> PlannedLines:
 
 def _places(block: Any) -> Float:
     """Speed, NaN where there is none, and frequency of readings, of free vibration its own, shape ``(2, R)``."""
-    base = responses_of(block) or block
+    base = block.responses or block
     line = getattr(base, "line", None)
     at = line if line is not None and line.dtype.kind == "i" else slice(None)
     speed, frequency = getattr(base, "speed", None), getattr(base, "frequency", None)
@@ -225,7 +224,7 @@ def _timed(
 
 def _sizes(found: Expectation, test: PerturbationTest) -> Float:
     """Expected size of each row of the design's test, m."""
-    model, block = found.problem.space.model, responses_of(found.problem.blocks[-1])
+    model, block = found.problem.space.model, found.problem.blocks[-1].responses
     if block is None:
         raise ValueError(f"a design needs responses to turning forces, which {model.name} does not give")
     size = np.zeros((block.speed.size, len(model.coordinates)))
@@ -240,7 +239,7 @@ def _sizes(found: Expectation, test: PerturbationTest) -> Float:
 def _largest_motion(found: Expectation, first: int, design: Design) -> str:
     """How far the planned forces move the rotor."""
     size = np.abs(found.problem.measured[first:])
-    block = responses_of(found.problem.blocks[-1])
+    block = found.problem.blocks[-1].responses
     if block is not None:
         size = np.where([block.model.coordinates[i].axis == "r" for i in block.coordinate.tolist()], 0.0, size)
     top = int(np.argmax(size))

@@ -10,7 +10,7 @@ import numpy as np
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.names import unknown_name
-from rotorfit.estimators.blocks.nonlinear import OrbitResponses, responses_of
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
@@ -100,7 +100,7 @@ class _Rig:
     def of(cls, problem: Problem, x: Float, given: frozenset[str]) -> _Rig:
         """Measure a problem."""
         thetas, model = problem.space.theta(x), problem.space.model
-        blocks = tuple(found for found in map(responses_of, problem.blocks) if found is not None)
+        blocks = tuple(problem.responses)
         motions = (Motion(block=block, theta=thetas) for block in problem.blocks)
         linear = tuple(motion.linear for motion in motions if motion.linear is not None)
         top = max((float(np.abs(b.frequency).max()) for b in blocks), default=0.0)

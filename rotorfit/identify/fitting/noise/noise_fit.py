@@ -9,8 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from rotorfit.base.array_types import ComplexArray, Float, Index
-from rotorfit.estimators.blocks.correlated import CorrelatedResponses
-from rotorfit.estimators.blocks.nonlinear import responses_of
 from rotorfit.estimators.blocks.observations import force_plane, sweeps_of
 from rotorfit.estimators.blocks.row_keys import rows_by, words
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
@@ -86,7 +84,7 @@ def linearise(problem: Problem, x: Float, beside: JointSearch | None = None) -> 
     blocks, channels = problem.responses, channels_of(problem)
     if len(blocks) < len(problem.blocks) or not all(block.frequency.any() for block in blocks) or not any(channels):
         return None
-    if any(isinstance(block, CorrelatedResponses) for block in problem.blocks):
+    if not all(block.independent for block in problem.blocks):
         return None
     sigma = problem.sigma
     # Runs that may differ, with the readings of each; none where they are one, too many, or one has too few.
@@ -155,7 +153,7 @@ def channels_of(problem: Problem) -> tuple[list[Index], ...]:
     channels: list[list[Index]] = []
     start = 0
     for whole in problem.blocks:
-        block = responses_of(whole)
+        block = whole.responses
         if block is not None:
             groups: dict[tuple[int, int], list[Index]] = {}
             plane = force_plane(block)
@@ -172,7 +170,7 @@ def lines_in(problem: Problem) -> Index:
     """Number of the line of each reading, readings that are no responses each on their own."""
     parts, start = [], 0
     for whole in problem.blocks:
-        block = responses_of(whole)
+        block = whole.responses
         own = np.arange(whole.measured.size) if block is None else block.line
         parts.append(start + own)
         start += int(own.max(initial=-1)) + 1
