@@ -20,8 +20,6 @@ from functools import cached_property
 import numpy as np
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float
-from rotorfit.base.significance import chance_of_square
-from rotorfit.estimators.minimisation.non_negative import non_negative
 from rotorfit.estimators.noise.run_effects import inverse_of_determined
 
 TOLD = 0.05
@@ -200,14 +198,17 @@ def _inverse_beside_one(columns: Float) -> Float:
 
 def nearest_of_one_sign(free: Float, covar: Float, one_sided: Bool) -> Float:
     """Most probable vector of a normal distribution with the entries of one sign not below zero."""
+    from scipy.optimize import nnls  # late: loading it takes longer than a fit
+
     bound = np.flatnonzero(one_sided)
     sd = np.sqrt(np.diag(covar))
     scaled = covar / np.outer(sd, sd)
     # The others follow freely: the distribution of the bound ones alone is their block of the covariance.
-    weight = np.linalg.inv(scaled[np.ix_(bound, bound)])
+    root = np.linalg.cholesky(np.linalg.inv(scaled[np.ix_(bound, bound)]))
     start = free[bound] / sd[bound]
-    found = non_negative(weight, weight @ start, start > 0)
-    value = free + sd * (scaled[:, bound] @ (weight @ (found - start)))
+    found, _ = nnls(root.T, root.T @ start)
+    onto = scaled[:, bound] @ np.linalg.solve(scaled[np.ix_(bound, bound)], found - start)
+    value = free + sd * onto
     value[bound] = sd[bound] * found
     return np.asarray(value)
 
@@ -248,9 +249,11 @@ def joint_step(
 
 def error_factor(pulls: Sequence[float]) -> float:
     """Factor by which sizes are too small, by pulls that should be of unit variance; one where they are not."""
+    from scipy.special import gammaincc  # late: loading it takes longer than a fit
+
     square, count = float(np.sum(np.square(pulls))), len(pulls)
     too_small = 0.01  # probability of pulls so large where the sizes are right. Chosen.
-    if not count or chance_of_square(square, count) >= too_small:
+    if not count or gammaincc(count / 2, square / 2) >= too_small:
         return 1.0
     return math.sqrt(square / count)
 

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -104,7 +105,7 @@ def compile_kernels(source: str) -> dict[str, Kernel]:
     import numba
 
     directory = cache_directory()
-    versions = f"{RESULTS}\n{numba.__version__}\n{np.__version__}\n{source}"
+    versions = f"{RESULTS}\n{version('numba')}\n{np.__version__}\n{source}"
     name = f"rotorfit_kernel_{hashlib.sha256(versions.encode()).hexdigest()[:32]}"
     path = (directory or Path()) / f"{name}.py"
     if directory is not None and not path.exists():

@@ -18,7 +18,7 @@ from typing import TypeAlias
 import numpy as np
 
 from rotorfit.base.array_types import ComplexArray, Float, Index
-from rotorfit.base.significance import CHANCE_ERRORS, P_UNLIKELY, chance_of_square
+from rotorfit.base.significance import CHANCE_ERRORS, P_UNLIKELY
 from rotorfit.estimators.noise.run_effects import LEAST_RESIDUAL_SHARE, powers, real_rows
 from rotorfit.estimators.noise.sweep_noise import LINES_OF_A_LEVEL, NOISE_FLOOR
 
@@ -53,13 +53,15 @@ def fit_probes(
     probes: Sequence[Sequence[Index]], power: Float, weight: Float, size2: Float, *, along: str = ""
 ) -> list[list[Shape]]:
     """Noise of several probes by restricted likelihood; sweeps share both parts, unless the data refuse it."""
+    from scipy.special import gammaincc  # late: loading it takes longer than a fit
+
     found = [[shape] for shape in _fit_groups([np.concatenate(s) for s in probes], power, weight, size2, along)]
     several = [i for i, s in enumerate(probes) if len(s) > 1 and min(rows.size for rows in s) >= LINES_OF_A_LEVEL]
     singly = iter(_fit_groups([rows for i in several for rows in probes[i]], power, weight, size2, along))
     for i in several:
         own = [next(singly) for _ in probes[i]]
         gain = sum(shape.log_likelihood for shape in own) - found[i][0].log_likelihood  # half of a chi-squared
-        if chance_of_square(2 * gain, 2 * (len(own) - 1)) < P_UNLIKELY:
+        if gammaincc(len(own) - 1, max(gain, 0.0)) < P_UNLIKELY:
             found[i] = own
     return found
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotorfit.base.array_types import COLLINEAR, ComplexArray, Float, Index
-from rotorfit.base.significance import chance_of_square
 from rotorfit.estimators.noise.sweep_noise import SMOOTH_CORRELATION
 
 FEWEST_RUNS = 3
@@ -89,6 +88,8 @@ class MixedModel:
 
     def score_p_values(self) -> Float:
         """Probability of scores at least as large where runs agree, ``(k,)``: chi-squared by mean and variance."""
+        from scipy.special import gammaincc  # late: loading it takes longer than a fit
+
         outer, _ = inverse_of_determined(self.information)
         C, own = np.swapaxes(self.cross, 0, 1), np.einsum("ikk->ki", self.gram)
         size = np.sqrt(np.where(own > 0, own, 1.0))  # every run has the same weight
@@ -99,9 +100,8 @@ class MixedModel:
         mean, variance = np.einsum("kii->k", S), np.sum(S**2, axis=(1, 2))
         blind = mean <= COLLINEAR * own.shape[1]
         over = np.where(blind, 0.0, mean) / np.where(blind, 1.0, variance)
-        squares, freedom = (np.sum(score**2, axis=1) * over).tolist(), (mean * over).tolist()
-        chances = [chance_of_square(*one) if one[1] else 1.0 for one in zip(squares, freedom, strict=True)]
-        return np.array(chances)
+        p = gammaincc(np.where(blind, 1.0, mean * over / 2), np.sum(score**2, axis=1) * over / 2)
+        return np.where(blind, 1.0, p)
 
     def freedom(self, variance: Float) -> Float:
         """Degrees of freedom that each estimated variance has, at least two (one for two runs), shape ``(k,)``. A

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.base.array_types import ROUND_OFF, Bool, ComplexArray, Float, Index
-from rotorfit.base.roots import crossing
 from rotorfit.models.model import RotorModel
 from rotorfit.models.shafts.angular_rates import angular_rate, angular_rates
 from rotorfit.models.shafts.turning import unstable_bands
@@ -203,6 +202,8 @@ def least_stable(
 
 def growing_bands(model: RotorModel, theta: ArrayLike, max_speed: float) -> list[tuple[float, float]]:
     """Ranges of speed, rad/s, in which free motion of any model grows; some narrower than a step are passed over."""
+    from scipy.optimize import brentq
+
     max_speed = angular_rate(max_speed, "max_speed", positive=True)
     values = np.asarray(theta, dtype=float)
 
@@ -212,7 +213,7 @@ def growing_bands(model: RotorModel, theta: ArrayLike, max_speed: float) -> list
     speeds = np.linspace(max_speed / SPEEDS, max_speed, SPEEDS)
     grows = np.concatenate([growth_rate(model, values, part) > 0 for part in np.array_split(speeds, 10)])
     edges = [
-        crossing(rate, speeds[i], speeds[i + 1], 1e-12 * max_speed)
+        float(brentq(rate, speeds[i], speeds[i + 1], xtol=1e-12 * max_speed))
         for i in np.flatnonzero(grows[1:] != grows[:-1]).tolist()
     ]
     edges = [*([0.0] if grows[0] else []), *edges, *([max_speed] if grows[-1] else [])]
@@ -258,6 +259,8 @@ def threshold_speed(
 
 def first_growth(rate: Callable[[Float], Float], speeds: Float) -> float | None:
     """Lowest speed, rad/s, from which motion grows, zero before those searched; None if it does at none of them."""
+    from scipy.optimize import brentq  # loads much of SciPy
+
     at_once = 60  # a scan mostly ends in the first part
     for start in range(0, speeds.size, at_once):
         grows = rate(speeds[start : start + at_once]) > 0
@@ -269,7 +272,7 @@ def first_growth(rate: Callable[[Float], Float], speeds: Float) -> float | None:
         def at(speed: float) -> float:
             return float(rate(np.array([speed]))[0])
 
-        return low if at(low) >= 0 else crossing(at, low, high, 1e-12 * high)
+        return low if at(low) >= 0 else float(brentq(at, low, high, xtol=1e-12 * high, rtol=1e-13))
     return None
 
 

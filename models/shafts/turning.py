@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike
 
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.names import unknown_name
-from rotorfit.base.roots import crossing
 from rotorfit.models.coefficients import CoefficientJacobian
 from rotorfit.models.complexes import Complex, J, Number
 from rotorfit.models.model import Coordinate, Matrix, RotorModel
@@ -168,7 +167,7 @@ def unstable_bands(model: RotorModel, theta: ArrayLike, max_speed: float) -> lis
     Raises:
         ValueError: no positive speed to search up to.
     """
-    from scipy.optimize import minimize_scalar
+    from scipy.optimize import brentq, minimize_scalar
 
     max_speed = angular_rate(max_speed, "max_speed", positive=True)
     frame = TurningFrame(model)
@@ -196,7 +195,7 @@ def unstable_bands(model: RotorModel, theta: ArrayLike, max_speed: float) -> lis
                 speeds.insert(at, float(dip.x))
                 heights.insert(at, float(dip.fun))
     edges = [
-        crossing(determinant, low, high, 1e-13 * max_speed)
+        float(brentq(determinant, low, high, xtol=1e-13 * max_speed, rtol=1e-14))
         for low, high, a, b in zip(speeds, speeds[1:], heights, heights[1:], strict=False)
         if a * b < 0
     ]

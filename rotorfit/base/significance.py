@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import count
 from statistics import NormalDist
 
 P_CHANCE = 0.05
@@ -35,37 +34,3 @@ def quantile(level: float, freedom: float) -> float:
     from scipy.special import stdtrit  # late: loading it takes longer than a fit
 
     return float(stdtrit(freedom, reach))
-
-
-def chance_of_square(square: float, freedom: float) -> float:
-    """Probability that chi-squared is larger, for any positive degrees of freedom, by the power series and the
-    continued fraction of the incomplete gamma function (DLMF 8.7.1 and 8.9.2).
-
-    A fit asks for nothing else of SciPy, the loading of which takes a quarter of the command's time.
-    """
-    a, x = freedom / 2, square / 2
-    if x <= 0:
-        return 1.0
-    size = math.exp(a * math.log(x) - x - math.lgamma(a))
-    exact = 1e-15
-    if x < a + 1:
-        total = term = 1 / a
-        place = a
-        while term > exact * total:
-            place += 1
-            term *= x / place
-            total += term
-        return 1 - size * total
-    # Lentz's way through x + 1 - a - 1 (1 - a) / (x + 3 - a - 2 (2 - a) / (x + 5 - a - ...)).
-    below = x + 1 - a
-    above, inverse = math.inf, 1 / below
-    total = inverse
-    for n in count(1):
-        step = n * (a - n)
-        below += 2
-        inverse = 1 / (step * inverse + below)
-        above = below + step / above
-        total *= above * inverse
-        if abs(above * inverse - 1) < exact:
-            break
-    return size * total

@@ -12,14 +12,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
-from rotorfit.base.roots import crossing
 from rotorfit.estimators.blocks.shaft_lines import PairResponses
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.identify.fitting.quantities import Quantity
@@ -106,6 +105,7 @@ def turning_anisotropy(
 
 def magnitude_interval(v: Float, covar: Float, level: float) -> tuple[float, float]:
     """Interval of the length of a vector in the plane that is known with a covariance."""
+    from scipy.optimize import brentq
 
     size = float(np.hypot(*v))
     spread = float(np.linalg.det(covar)) ** 0.25 if np.linalg.det(covar) > 0 else 0.0
@@ -128,22 +128,23 @@ def magnitude_interval(v: Float, covar: Float, level: float) -> tuple[float, flo
     # The nearest direction on the grid stands for that of the estimate: refine where v is far from zero.
     angles = np.linspace(-0.02, 0.02, 401) + math.atan2(v[1], v[0]) if size > _FAR * reach / 4 else angles
     directions = np.array([np.cos(angles), np.sin(angles)])
-    high = crossing(excess, size, size + reach, 1e-12 * (size + reach))
-    low = crossing(excess, 0.0, size, 1e-12 * size) if excess(0.0) > 0 else 0.0
+    high = float(brentq(excess, size, size + reach))
+    low = float(brentq(excess, 0.0, size)) if excess(0.0) > 0 else 0.0
     return low, high
 
 
 @cache
 def _critical_table(level: float) -> tuple[Float, Float]:
     """Lengths, and the distance from each that a Rice variable of unit spread stays within with the probability."""
+    from scipy.optimize import brentq
     from scipy.stats import norm, rice
 
-    def missed(length: float, distance: float) -> float:
+    def missed(distance: float, length: float) -> float:
         inside = rice.cdf(length + distance, length) - rice.cdf(max(length - distance, 0.0), length)
         return float(inside) - level
 
     lengths = np.linspace(0.0, _FAR, 121)
-    found = [crossing(partial(missed, length), 1e-6, 20.0, 1e-12) for length in lengths[:-1].tolist()]
+    found = [float(brentq(missed, 1e-6, 20.0, args=(length,))) for length in lengths[:-1].tolist()]
     return lengths, np.array([*found, float(norm.ppf((1 + level) / 2))])
 
 

@@ -21,7 +21,6 @@ from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
 from rotorfit.estimators.inference.causes import Motion, block_with_causes, moving
 from rotorfit.estimators.inference.covariance import spreading
-from rotorfit.estimators.minimisation.non_negative import non_negative
 from rotorfit.identify.fitting.quantities import Share
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.observing.observations import observe_any
@@ -265,11 +264,12 @@ def _noise(fit: FitResult, test: PerturbationTest, coordinate: int, response: Co
     variance, power = np.concatenate([*sigma, []]) ** 2, np.concatenate([*size, []]) ** 2
     if not variance.size:
         return np.full(response.size, np.nan)
+    from scipy.optimize import nnls
+
     # Relative errors of the variances count, which span decades where noise is proportional.
     columns = np.column_stack([np.ones_like(power), power]) / variance[:, None]
     top = columns.max(axis=0)
-    columns /= top
-    shares = non_negative(columns.T @ columns, columns.sum(axis=0), np.full(2, True)) / top
+    shares = nnls(columns / top, np.ones(variance.size))[0] / top
     return np.asarray(np.sqrt(fit.widening * (shares[0] + shares[1] * np.abs(response) ** 2)))
 
 

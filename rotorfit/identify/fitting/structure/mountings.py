@@ -18,7 +18,6 @@ import numpy as np
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import plus_minus, significant
-from rotorfit.base.roots import crossing
 from rotorfit.base.text_table import text_table
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
@@ -152,6 +151,7 @@ def _over_mountings(name: str, condition: str, rows: Sequence[Coefficients]) -> 
 
 def _variance_at(wanted: float, y: Float, within: Float) -> float:
     """Variance between mountings at which the weighted sum of squares about the mean is as wanted, zero if none is."""
+    from scipy.optimize import brentq  # late: it loads much of SciPy
 
     def excess(between: float) -> float:
         weight = 1 / (between + within)
@@ -160,4 +160,4 @@ def _variance_at(wanted: float, y: Float, within: Float) -> float:
     if excess(0.0) <= 0:
         return 0.0
     high = float(np.sum((y - y.mean()) ** 2)) / wanted  # there the sum is less, whatever the errors within
-    return crossing(excess, 0.0, high, 1e-12 * high)
+    return float(brentq(excess, 0.0, high, xtol=1e-12 * high))
