@@ -252,7 +252,8 @@ class RotorModel(ABC):
         if self.shaft is None:
             return stiffness
         lines = np.broadcast_shapes(stiffness.shape[:-2], s.shape, np.shape(speed))
-        vectors = np.broadcast_to(theta, (*lines, len(self.parameters))).reshape(-1, len(self.parameters))
+        count = len(self.parameters)  # none where all is known
+        vectors = np.broadcast_to(theta, (*lines, count)).reshape(int(np.prod(lines)), count)
         speeds = np.broadcast_to(np.asarray(speed, dtype=float), lines).ravel()
         known = self.known_stiffness(vectors, np.broadcast_to(s, lines).ravel(), speeds)
         return stiffness + known.values.reshape(*lines, *known.values.shape[1:])

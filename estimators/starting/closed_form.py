@@ -13,7 +13,7 @@ from zlib import crc32
 
 import numpy as np
 
-from rotorfit.base.array_types import ComplexArray, Float
+from rotorfit.base.array_types import Bool, ComplexArray, Float
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
@@ -218,6 +218,8 @@ def parameters_from(
     if information is not None:
         x = _one_step(lumped, values, information, x)
     inside = np.clip(x, space.lower[:size], space.upper[:size])
+    if information is not None and np.isfinite(x).all():
+        inside = _beside_bounds(space, lumped, values, information, inside, held=inside != x)
     return np.where(np.isfinite(inside), inside, np.nan), notes
 
 
@@ -251,6 +253,29 @@ def typical_values(space: ParameterSpace) -> Float:
     guess = np.array([p.scale if p.nominal is None else p.nominal for p in parameters])
     inside = np.clip(guess, space.lower[:size], space.upper[:size])
     return np.where(inside == 0, 1e-3, inside)
+
+
+def _beside_bounds(
+    space: ParameterSpace, lumped: Lumped, values: Float, information: Float, x: Float, *, held: Bool
+) -> Float:
+    """The other parameters solved again where some are ``held`` at a bound that they had crossed: a mass that shares a
+    sum with another takes its part of it along."""
+    size = x.size
+
+    def miss(y: Float) -> Float:
+        return np.asarray(lumped.back @ (values - lumped.linearise(y)[0]))
+
+    for _ in range(5 if held.any() and not held.all() else 0):
+        J = (lumped.back @ lumped.linearise(x)[1])[:, ~held]
+        root = np.sqrt(np.maximum(np.einsum("ij,ik,kj->j", J, information, J), 1e-300))
+        unit, right = (J / root).T @ information @ (J / root), (J / root).T @ information @ miss(x)
+        other = x.copy()
+        other[~held] += np.linalg.lstsq(unit, right, rcond=1e-10)[0] / root
+        other = np.clip(other, space.lower[:size], space.upper[:size])
+        if not miss(other) @ information @ miss(other) < miss(x) @ information @ miss(x):
+            break
+        x = other
+    return x
 
 
 def _one_step(lumped: Lumped, values: Float, information: Float, x: Float) -> Float:

@@ -18,7 +18,10 @@ from slow_cases import slow_but
 from synthetic import circular_test, covering_frequencies
 
 import rotorfit as rf
+from rotorfit.identify.diagnosis import findings
 from rotorfit.identify.diagnosis.findings import explained
+from rotorfit.identify.fitting.fit import fitted
+from rotorfit.identify.fitting.settings import FitSettings
 from rotorfit.lab.data.experiments import PerturbationTest
 
 Slip = Callable[[PerturbationTest], PerturbationTest]
@@ -245,3 +248,62 @@ def test_wrong_known_values_are_no_slip_of_the_readings(known: dict[str, float],
 def test_a_known_damping_twice_too_large_is_said_beside_the_scale_that_it_asks_for(rig: PerturbationTest) -> None:
     fit = plain_fit(rf.models.WhirlWhip(), rig, known={"K3": K3, "D": 2 * TYPICAL["D"]})
     assert any("unless what was given as known (K3, D) is wrong" in told for told in said(fit))
+
+
+@pytest.mark.parametrize("start", [{"lam": 1.9}, {"K0": 5e8, "D": 4e6, "M": 12e3, "Mf": 1.5e3}])
+def test_a_search_that_went_astray_blames_itself_and_not_the_data(start: dict[str, float]) -> None:
+    """Trial fits start anew: without any error undone the model explains the data from where they ended."""
+    truth = {"M": 12.0, "K": 2e6, "Ds": 600.0, "K0": 5e5, "D": 4000.0, "lam": 0.46, "Mf": 1.5}
+    model, speeds = rf.models.OneMode(), (157.0, 314.0)
+    theta = model.vector(truth)
+    frequency = covering_frequencies(model, theta, speeds, 60)
+    test = circular_test(model, theta, speeds=speeds, frequency=frequency, noise=0.005, seed=3)
+    astray = fitted(model, (test,), FitSettings(known={"K": 2e6, "Ds": 600.0}, start=start))  # as no user's fit ends
+    assert astray.redchi > 1000
+    found = explained(astray)
+    assert [(one.severity, one.code) for one in found] in ([], [("warning", "local-minimum")])
+    if found:
+        values = {name: float(value) for name, value in re.findall(r"(\w+)=(-?[\d.e+-]+\d)", found[0].undo or "")}
+        assert values == pytest.approx({name: truth[name] for name in values}, rel=0.2)
+        assert set(values) == {"M", "K0", "D", "lam", "Mf"}
+
+
+def test_an_internal_problem_of_the_diagnosis_is_the_programs_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, theta = rf.models.OneMode(), np.array([1.2, 8000.0, 8.0, 9000.0, 450.0, 0.46, 0.4])
+    frequency = covering_frequencies(model, theta, (100.0, 180.0), 40)
+    test = circular_test(model, theta, speeds=(100.0, 180.0), frequency=frequency, noise=0.01)
+    fit = plain_fit(model, test.select(test.frequency > 0), known={"K": 8000.0, "Ds": 8.0})
+    shown = fit.findings
+    empty: list[int] = []
+    monkeypatch.setattr(findings, "explained", lambda *_: empty[len(shown)])
+    again = replace(fit).findings
+    assert set(shown) <= set(again)
+    assert [one.code for one in again if one not in shown] == ["internal-problem"]
+    (own,) = [one for one in again if one.code == "internal-problem"]
+    assert own.severity == "warning"
+    assert "not of these data" in own.message
+    assert "IndexError" in own.message
+
+
+def test_a_rotor_that_is_not_found_is_diagnosed_without_an_exception() -> None:
+    """A trial without a finite result is no explanation."""
+    model, speeds = rf.models.Overhung(), (52.0, 157.0, 628.0)
+    truth = {"M": 5.0, "It": 0.05, "Ip": 0.09, "k11": 4e6, "k12": 3e5, "k22": 4e4, "d1": 6.0, "d2": 0.06}
+    w = np.linspace(120.0, 1860.0, 30)
+    test = circular_test(
+        model, model.vector(truth), speeds=speeds, frequency=np.concatenate([-w[::-1], w]), noise=0.05, seed=1,
+        force_planes=["disk"],
+    )  # fmt: skip
+    test = test.select(~np.char.startswith(test.direction, "r"))
+    start = {"M": 9.0, "Ip": 0.9, "k11": 1e7, "k12": 2.7e6, "k22": 9e5, "d1": 100.0, "d2": 1.6}
+    lost = fitted(model, (test,), FitSettings(known={"It": 0.05}, start=start))
+    assert lost.redchi > 10
+    assert "internal-problem" not in {one.code for one in lost.findings}
+
+
+def test_a_table_of_one_frequency_is_diagnosed_without_an_exception(rig: PerturbationTest) -> None:
+    w = np.abs(rig.frequency)
+    one = rig.select(w == np.unique(w)[7])
+    wrong = {"K3": K3, "Md": 40.0, "Mb": 9.0, "Ds": 0.0, "sigma": 1.0, "Mf": 0.0, "lam": 0.4}
+    fit = plain_fit(rf.models.WhirlWhip(), one, known=wrong)
+    assert "internal-problem" not in {found.code for found in fit.findings}

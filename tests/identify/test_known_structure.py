@@ -474,3 +474,15 @@ def test_a_fit_with_a_factor_states_its_reduction():
     stated = structure_error(free)
     assert stated.over_noise < 1e-3  # 1e-7 of the stiffness, times resonances of Q 100, over noise of 1e-2
     assert stated.estimate < BASIS_TOLERANCE
+
+
+@pytest.mark.parametrize("lines", [1, 3])
+def test_a_structure_with_nothing_unknown_still_answers(lines):
+    model = rf.models.KnownStructure(
+        np.diag([1.0, 2.0]), None, None, np.eye(2) * 1e4, planes={"a": 0, "b": 1}, dofs=("z",)
+    )
+    w = np.linspace(10.0, 30.0, lines)
+    found = model.receptance(model.vector({}), w, 0.0)
+    assert found.shape == (lines, 2, 2)
+    assert np.allclose(found[:, 0, 0], 1 / (1e4 - w**2))
+    assert np.allclose(found[:, 1, 1], 1 / (1e4 - 2 * w**2))

@@ -311,3 +311,9 @@ def test_inflated_noise_moves_the_optimum_towards_the_priors():
     step = 0.1 * np.sqrt(np.diag(covariance)) * np.eye(centre.size)
     assert (target(centre + np.concatenate([step, -step])) < target(centre[None])).all()
     assert target(fit.x[None]) < target(centre[None]) - 0.1
+
+
+@pytest.mark.parametrize("ess", [float("nan"), float("inf"), 0.0, -5.0, "many"])
+def test_a_number_of_effective_samples_that_is_none_is_refused(linear, ess):
+    with refuses(ValueError):
+        rf.sample(linear[0], ess=ess, max_steps=60, seed=1)

@@ -268,8 +268,9 @@ def test_rotors_that_cannot_be_taken(rotor, options):
         KnownStructure.from_ross(rotor, **{"planes": {"disk": 2}, **options})
 
 
-def test_a_bearing_that_differs_in_x_and_y_is_named(ross, rotor):
-    odd = ross.BearingElement(n=0, kxx=3e6, kyy=2e6, cxx=0.0, tag="feet")
+@pytest.mark.parametrize("coefficients", [{"kxx": 3e6, "kyy": 2e6}, {"kxx": 3e6, "kyy": 3e6, "kxy": 4e5, "kyx": -3e5}])
+def test_a_bearing_that_differs_in_x_and_y_is_named(ross, rotor, coefficients):
+    odd = ross.BearingElement(n=0, **coefficients, cxx=0.0, tag="feet")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         changed = ross.Rotor(rotor.shaft_elements, rotor.disk_elements, [odd])

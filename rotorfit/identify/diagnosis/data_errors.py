@@ -81,10 +81,10 @@ class DataError:
         """True if the data as given say all that the right ones need."""
         return not (self.frees_datum or self.leaves_scale_open)
 
-    def explains(self, left: float) -> Explanation:
-        """The error as an explanation of the misfit but for a share that is left."""
+    def explains(self, left: float, end: Float | None = None) -> Explanation:
+        """The error as an explanation of the misfit but for a share that is left by a trial fit, and its end."""
         name = self.name if self.can_be_undone else None
-        return Explanation(left=left, code=self.code, message=self.message, undo=self.undo, correction=name)
+        return Explanation(left=left, code=self.code, message=self.message, undo=self.undo, correction=name, end=end)
 
 
 def filtered_probes(uneven: Mapping[str, FilteredProbe | None]) -> Iterator[DataError]:

@@ -16,6 +16,7 @@ from rotorfit.base.array_types import Bool, ComplexArray, Float
 from rotorfit.base.digits import significant
 from rotorfit.base.faults import of_program
 from rotorfit.base.significance import SIGNIFICANT_ERRORS
+from rotorfit.estimators.minimisation.least_squares import Options
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.force_balance import stiffness_matrices
@@ -42,7 +43,7 @@ from rotorfit.identify.diagnosis.trial_fits import (
     readings_of,
     trial,
 )
-from rotorfit.identify.fitting.fit import fitted
+from rotorfit.identify.fitting.fit import fitted, solve
 from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.experiments import PerturbationTest
@@ -52,7 +53,24 @@ from rotorfit.models.parameters import bare_name
 
 
 def findings_of(fit: FitResult) -> tuple[Finding, ...]:
-    """Findings about the data of a fit, errors first, and of these first the ones that explain its misfit."""
+    """Findings about the data of a fit, errors first, and of these first the ones that explain its misfit. A diagnosis
+    that fails says so and leaves the rest: the fit stands without it."""
+    found: list[Finding] = []
+    try:
+        found = _shown(fit)
+        found = [*other_rig(fit), *explained(_as_asked(fit), {finding.code for finding in found}), *found]
+    except Exception as problem:
+        text = (
+            f"Internal problem of rotorfit, not of these data: a check of the fit failed ({type(problem).__name__}: "
+            f"{problem}). The fit stands; errors of the data that only trial fits show were not looked for. Please "
+            "report it."
+        )
+        found.append(Finding("warning", "internal-problem", text))
+    return tuple(found)
+
+
+def _shown(fit: FitResult) -> list[Finding]:
+    """What the data show themselves."""
     datum = fit.params[DATUM].value if DATUM in fit.params else 0.0
     experiments = at_common_zero(fit.experiments, datum) if datum else fit.experiments
     sources = [test.source or test.title for test in experiments]
@@ -60,13 +78,17 @@ def findings_of(fit: FitResult) -> tuple[Finding, ...]:
     if fit.model.frame == "z" and fit.success and len(fit.thetas) == 1:
         # Anisotropy is a warning where an isotropic fit does not bear it, and nothing where it does.
         shown = [replace(one, severity="warning") if one.code == UNEVEN else one for one in shown]
-    given = fit
-    if fit.model_uncertainty is not None:  # blocks that were chosen for its model may follow an error of the data
-        model, asked = fit.model.variant(blocks=()), fit.settings.asked
-        own = {name: prior for name, prior in asked.priors.items() if bare_name(name) in model.parameter_names}
-        known = {name: value for name, value in asked.known.items() if name in model.parameter_names}
-        given = fitted(model, fit.experiments, replace(asked, known=known, priors=own, start={}))
-    return (*other_rig(fit), *explained(given, {finding.code for finding in shown}), *shown)
+    return shown
+
+
+def _as_asked(fit: FitResult) -> FitResult:
+    """The fit without blocks that were chosen for its model, which may follow an error of the data."""
+    if fit.model_uncertainty is None:
+        return fit
+    model, asked = fit.model.variant(blocks=()), fit.settings.asked
+    own = {name: prior for name, prior in asked.priors.items() if bare_name(name) in model.parameter_names}
+    known = {name: value for name, value in asked.known.items() if name in model.parameter_names}
+    return fitted(model, fit.experiments, replace(asked, known=known, priors=own, start={}))
 
 
 def other_rig(fit: FitResult) -> Iterator[Finding]:
@@ -144,27 +166,68 @@ def explained(fit: FitResult, shown: Collection[str] = ()) -> list[Finding]:
             turning.append(error.explains(trial(problem)[0] / _power(problem)))
     if found := _findings(turning):
         return found
-    return _findings(list(_explanations(fit, tests, orbits))) if fit.redchi >= _LEAST_REDCHI else []
+    if not fit.redchi >= _LEAST_REDCHI:
+        return []
+    changed = fit.settings.rescaled or fit.settings.solved is not None  # by noise and causes found at a wrong optimum
+    asked = build_problem(fit.model, fit.experiments, fit.settings.asked) if changed else fit.problem
+    tried = [one for one in _explanations(fit, asked, tests, orbits) if np.isfinite(one.left)]
+    if np.min([one.left for one in tried], initial=np.inf) >= EXPLAINING_MISFIT_SHARE:
+        return []
+    astray = _elsewhere(fit, asked, tried)
+    return [astray] if astray is not None else _findings(tried)
 
 
-def _explanations(fit: FitResult, tests: Sequence[PerturbationTest], orbits: Sequence[Orbits]) -> Iterator[Explanation]:
+def _elsewhere(fit: FitResult, problem: Problem, tried: Sequence[Explanation]) -> Finding | None:
+    """That the search had gone astray, not the data: where the data as they are, fitted from where trial fits ended,
+    leave as little."""
+    size, names = problem.space.size, fit.model.parameter_names
+    best: tuple[float, Float] = (np.inf, np.zeros(0))
+    for one in sorted(tried, key=lambda one: one.left)[:3]:
+        if one.end is None or one.left >= EXPLAINING_MISFIT_SHARE:
+            continue
+        begin = np.concatenate([one.end, np.zeros(size)])[:size]
+        begin[len(problem.space.names) :] = 0.0
+        end = solve(problem, np.clip(begin, problem.space.lower, problem.space.upper), Options()).x
+        left = 2 * problem.cost(end)
+        if left < best[0]:
+            best = left, end
+    if not best[0] < EXPLAINING_MISFIT_SHARE * fit.chisqr:
+        return None
+    values = zip(problem.space.names, problem.space.base, best[1].tolist(), strict=False)
+    start = ", ".join(f"{name}={value:.4g}" for name, base, value in values if base in names)
+    redchi = significant(best[0] / max(fit.nfree, 1), 3)
+    text = (
+        f"The search ended in a local minimum (redchi {significant(fit.redchi, 3)}): from other start values the same "
+        f"data and model have redchi {redchi}. Fit again from these (start=, --start {start}), and look at the units "
+        "of forces, readings and known values if they surprise."
+    )
+    return Finding("warning", "local-minimum", text, undo=f"start from {start}")
+
+
+def _explanations(
+    fit: FitResult, problem: Problem, tests: Sequence[PerturbationTest], orbits: Sequence[Orbits]
+) -> Iterator[Explanation]:
     settings, rescaled = fit.settings.asked, fit.settings.rescaled
-    problem = build_problem(fit.model, fit.experiments, settings) if rescaled else fit.problem
     far = fit.chisqr > _UNEXPLAINED_SHARE * _power(problem)
     uneven = uneven_planes(orbits)
     candidates = [*filtered_probes(uneven), *backward_angles(tests), *(data_errors(tests) if far else ())]
     missed = min(fit.chisqr, trial(problem)[0]) if candidates else fit.chisqr  # a search that went astray is no error
     for error in candidates:
         corrected = _corrected(fit, error)
-        left = np.inf if corrected is None else trial(corrected)[0] / missed
+        if corrected is None:
+            continue
+        left, end = trial(corrected)
+        left = left / missed
         if left < error.leaves_at_most:
-            yield error.explains(left)
+            yield error.explains(left, end)
             if left < EXPLAINED_MISFIT_SHARE:
                 return
     readings = None if fit.model.eccentricity_dependent else readings_of(problem)
     if readings is not None:
         known = [name for name, value in settings.known.items() if value]
-        yield from _of_readings(readings, None if rescaled else fit.x, far, uneven, known)
+        solved = fit.settings.solved
+        x = fit.x if solved is None else solved.plain[: fit.x.size]
+        yield from _of_readings(readings, None if rescaled else x, far, uneven, known)
 
 
 def _power(problem: Problem) -> float:
@@ -194,6 +257,8 @@ def _of_readings(
     if far or x is None:
         tried, end = trial(readings.problem)
         least, x = (tried, end) if tried < least or x is None else (least, x)
+    if not np.isfinite(least):
+        return
     hint = (lambda log: True) if far else _promised(readings, x)
     found = list(filters(readings, least, hint, uneven))
     yield from found
@@ -254,9 +319,9 @@ def filters(readings: Readings, missed: float, hint: Hint, uneven: Collection[st
         least = np.inf
         if hint(np.where(rows, np.log(whole), 0.0)[:, None]):
             for power, (code, what, undo) in POWERS.items():
-                left = trial(readings.corrected(np.where(rows, whole**power, 1.0)))[0] / missed
-                least = min(left, least)
-                yield Explanation(left=left, code=code, message=f"{who} are {what}", undo=undo)
+                left, end = trial(readings.corrected(np.where(rows, whole**power, 1.0)))
+                least = min(left / missed, least)
+                yield Explanation(left=left / missed, code=code, message=f"{who} are {what}", undo=undo, end=end)
         for kind in CHANNEL_FILTERS if least > EXPLAINED_MISFIT_SHARE else ():
             if hint(np.where(rows, kind.slope(readings.s), 0.0)[:, None]):
                 yield from _searched(readings, kind, who, rows, missed)

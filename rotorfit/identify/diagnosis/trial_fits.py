@@ -47,6 +47,7 @@ class Explanation:
     undo: str
     correction: str | None = None  # name of the error in the table of those that can be undone
     free: int = 0  # values that were searched for; of errors that explain the data alike, those with the fewest count
+    end: Float | None = None  # where the trial fit ended, nuisance entries of its own behind the others
 
 
 def trial(problem: Problem, *, search: bool = True) -> tuple[float, Float]:
@@ -64,7 +65,8 @@ def trial(problem: Problem, *, search: bool = True) -> tuple[float, Float]:
         if of_program(reason):
             raise
         return float("inf"), end
-    return 2 * problem.cost(end), end
+    left = 2 * problem.cost(end)
+    return left if np.isfinite(left) else float("inf"), end
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -178,7 +180,10 @@ def _of_group(readings: Readings, group: _Group, missed: float) -> Iterator[tupl
     left, x = trial(readings.without(group.rows))
     if left > PROMISING_MISFIT_SHARE * missed:
         return
-    power, factor, unlike = _factor(readings, group.rows, np.concatenate(readings.problem.predict(x)))
+    expected = np.concatenate(readings.problem.predict(x))
+    if not (np.isfinite(left) and np.isfinite(expected).all() and expected[group.rows].any()):
+        return  # a trial without a finite result explains nothing
+    power, factor, unlike = _factor(readings, group.rows, expected)
     if unlike > EXPLAINING_MISFIT_SHARE or (not power and abs(np.log(factor)) < INSTRUMENT_SCATTER):
         return
     either = [(group, factor)]
@@ -194,10 +199,12 @@ def _of_group(readings: Readings, group: _Group, missed: float) -> Iterator[tupl
         others = np.unique(readings.problem.run[~one.rows]).tolist()
         if np.unique(readings.problem.run[one.rows]).size == 1 and len(others) >= fewest_other_runs:
             corrected, expected = replace(readings, problem=problem), np.concatenate(problem.predict(x))
+            if not np.isfinite(expected).all():
+                continue
             apart = (abs(np.log(_factor(corrected, readings.problem.run == run, expected, (0,))[1])) for run in others)
             if max(apart) >= abs(np.log(own)) / least_difference_ratio:
                 continue
-        yield one, _explanation(one, power, own, left / missed)
+        yield one, replace(_explanation(one, power, own, left / missed), end=x)
 
 
 def _levels(readings: Readings, known: Sequence[str]) -> Iterator[list[_Group]]:

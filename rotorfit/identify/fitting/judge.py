@@ -34,6 +34,7 @@ from rotorfit.identify.fitting.noise.residual_study import (
     is_misfit,
     largest_redchi,
 )
+from rotorfit.identify.fitting.possible import impossible
 from rotorfit.identify.fitting.problem_setup import with_noise_of_data
 from rotorfit.identify.fitting.quantities import FittedParameter, ResponseQuality
 from rotorfit.identify.fitting.result import FitResult, noise_known_from
@@ -84,6 +85,9 @@ def judge(
     params = _parameters(problem.space, x, start.x, covar, degrees, verdict.unresolved, causes)
     warnings = [*notes, *fit_warnings(problem, x, redchi, params, verdict, bool(settings.noise_scale), noise)]
     warnings += table_of(causes).warnings
+    if redchi <= max(largest_redchi(noise, nfree, noise_known_from(problem)), MODEL_LIMITED_REDCHI):
+        plain = problem if beside is None else shifted(problem, [-part for part in beside.shift])
+        warnings += impossible(plain, x if beside is None else beside.plain[: x.size], params)
     success, method, message, evaluations = True, "closed form", "closed form, no iteration", 0
     if isinstance(solved, Solution):
         # A minimum along a whole line is one: the identifiability verdict names the line.

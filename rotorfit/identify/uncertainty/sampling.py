@@ -25,6 +25,7 @@ from rotorfit.identify.fitting.structure.refine import refine as refine_fit
 from rotorfit.identify.fitting.structure.refine import structure_name
 from rotorfit.identify.uncertainty.posterior import Posterior, SampleSettings
 from rotorfit.identify.uncertainty.target import posterior_of
+from rotorfit.models.shafts.angular_rates import real_number
 
 WALKERS = 128
 """Walkers by default, enough to keep vectorised likelihoods busy; more where there are many parameters."""
@@ -75,13 +76,16 @@ def sample(
     Raises:
         ValueError: a closed-form result or a fit that did not converge, noise that few mountings of weights tell, an
             unknown noise treatment or one that the loss rules out, a posterior without limits in some direction, too
-            few walkers, a checkpoint of another run.
+            few walkers, ``ess`` that is no positive number, a checkpoint of another run.
 
     Example:
         >>> posterior = rf.sample(fit, seed=1, walkers=32, ess=100)
         >>> posterior.converged
         True
     """
+    allowed = "a positive number of effective samples (ess=, --ess)"
+    if real_number(ess, "ess", allowed) <= 0:
+        raise ValueError(f"ess is {ess:g}; it must be {allowed}")
     structure = ""
     if refine:
         refinement = refine_fit(fit)

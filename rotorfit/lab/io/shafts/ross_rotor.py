@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.base.array_types import ROUND_OFF
+from rotorfit.base.array_types import ROUND_OFF, Float
 from rotorfit.base.atomic_file import note_input
 from rotorfit.base.digits import significant
 from rotorfit.base.file_reading import read_toml, reading
@@ -281,6 +281,17 @@ def _plane_of(name: str, option: str, nodes: dict[str, int], tags: Mapping[str, 
     return name
 
 
+def _unequal(K: Float, C: Float) -> str:
+    """Coefficients of a bearing that differ between x and y."""
+    found = []
+    for letter, m in (("k", K), ("c", C)):
+        if not np.isclose(m[0, 0], m[1, 1]):
+            found.append(f"{letter}xx {m[0, 0]:g}, {letter}yy {m[1, 1]:g}")
+        if not np.isclose(m[0, 1], -m[1, 0]):
+            found.append(f"{letter}xy {m[0, 1]:g}, {letter}yx {m[1, 0]:g}")
+    return ", ".join(found)
+
+
 def _check_kept(rotor: Any, nodes: Mapping[str, int], fluid: Iterable[str], speed: float | None) -> None:
     """Elements that stay must be known at all speeds, the same in x and y, and no fluid themselves."""
     at_fluid = {nodes[plane] for plane in fluid}
@@ -301,7 +312,7 @@ def _check_kept(rotor: Any, nodes: Mapping[str, int], fluid: Iterable[str], spee
             )
         if not all(np.isclose(m[0, 0], m[1, 1]) and np.isclose(m[0, 1], -m[1, 0]) for m in (K, C)):
             raise ValueError(
-                f"{name} is not the same in x and y (kxx {K[0, 0]:g}, kyy {K[1, 1]:g}, cxx {C[0, 0]:g}, cyy "
-                f"{C[1, 1]:g}); a known structure is. supports={str(element.tag)!r} takes it out, and "
+                f"{name} is not the same in x and y ({_unequal(K, C)}); a known structure is, with kxx = kyy and "
+                f"kxy = -kyx. supports={str(element.tag)!r} takes it out, and "
                 "rf.models.Orthotropic(model, at=...) has what is put in its place"
             )
